@@ -1,0 +1,5 @@
+//! Pure functions on points.
+
+mod similarity;
+
+pub use similarity::{Similarity, SimilarityError};

@@ -1,0 +1,127 @@
+//! Least-squares similarity between two planar point sets.
+
+use nalgebra::{Point2, Rotation2, Vector2};
+
+/// `p -> scale * R(angle) * p + translation`, without reflection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Similarity {
+    /// Positive scale, target unit per source unit.
+    pub scale: f64,
+    /// Rotation angle in radians, from the x axis towards the y axis of the target space.
+    pub angle: f64,
+    /// Translation in the target's unit.
+    pub translation: Vector2<f64>,
+}
+
+/// Why no similarity is determined.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SimilarityError {
+    /// The two sets differ in size, or there are fewer than two pairs with a positive weight.
+    #[error("a similarity needs at least 2 point pairs, found {found}")]
+    TooFewPairs {
+        /// Pairs with a positive weight.
+        found: usize,
+    },
+    /// All points of one set coincide, or a coordinate is not finite.
+    #[error("a similarity needs points that do not all coincide")]
+    Coincident,
+}
+
+impl Similarity {
+    /// The identity.
+    pub fn identity() -> Self {
+        Self { scale: 1.0, angle: 0.0, translation: Vector2::zeros() }
+    }
+
+    /// The similarity that minimises `sum_i w_i |target_i - S(source_i)|^2` (closed form, Umeyama 1991 without reflection).
+    ///
+    /// # Errors
+    /// [`SimilarityError`] for fewer than two pairs or coincident points.
+    pub fn fit(source: &[Point2<f64>], target: &[Point2<f64>], weights: Option<&[f64]>) -> Result<Self, SimilarityError> {
+        let weight = |i: usize| weights.map_or(1.0, |w| w.get(i).copied().unwrap_or(0.0));
+        let count = source.len().min(target.len());
+        let used = (0..count).filter(|&i| weight(i) > 0.0).count();
+        if used < 2 || source.len() != target.len() {
+            return Err(SimilarityError::TooFewPairs { found: used });
+        }
+        let total: f64 = (0..count).map(weight).sum();
+        let mean = |points: &[Point2<f64>]| -> Vector2<f64> {
+            (0..count).map(|i| points[i].coords * weight(i)).sum::<Vector2<f64>>() / total
+        };
+        let (source_mean, target_mean) = (mean(source), mean(target));
+        let (mut dot, mut cross, mut source_square) = (0.0, 0.0, 0.0);
+        for i in 0..count {
+            let (a, b) = (source[i].coords - source_mean, target[i].coords - target_mean);
+            dot += weight(i) * a.dot(&b);
+            cross += weight(i) * a.perp(&b);
+            source_square += weight(i) * a.norm_squared();
+        }
+        let scale = dot.hypot(cross) / source_square;
+        if !scale.is_finite() || scale <= 0.0 {
+            return Err(SimilarityError::Coincident);
+        }
+        let angle = cross.atan2(dot);
+        let translation = target_mean - Rotation2::new(angle) * source_mean * scale;
+        Ok(Self { scale, angle, translation })
+    }
+
+    /// The image of a point.
+    pub fn apply(&self, point: &Point2<f64>) -> Point2<f64> {
+        Rotation2::new(self.angle) * point * self.scale + self.translation
+    }
+
+    /// The image of a vector (no translation).
+    pub fn apply_vector(&self, vector: &Vector2<f64>) -> Vector2<f64> {
+        Rotation2::new(self.angle) * vector * self.scale
+    }
+
+    /// The similarity that undoes this one.
+    pub fn inverse(&self) -> Self {
+        let scale = 1.0 / self.scale;
+        let translation = -(Rotation2::new(-self.angle) * self.translation) * scale;
+        Self { scale, angle: -self.angle, translation }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    #[test]
+    fn quarter_turn_doubling_and_shift_are_found() {
+        // (1,0) -> (5,2+... ): rotate 90 degrees, double, add (5, 0).
+        let source = [Point2::new(0.0, 0.0), Point2::new(1.0, 0.0), Point2::new(0.0, 1.0)];
+        let target = [Point2::new(5.0, 0.0), Point2::new(5.0, 2.0), Point2::new(3.0, 0.0)];
+        let s = Similarity::fit(&source, &target, None).unwrap();
+        assert_relative_eq!(s.scale, 2.0, epsilon = 1e-12);
+        assert_relative_eq!(s.angle, FRAC_PI_2, epsilon = 1e-12);
+        assert_relative_eq!(s.translation, Vector2::new(5.0, 0.0), epsilon = 1e-12);
+        let back = s.inverse();
+        for (p, q) in source.iter().zip(&target) {
+            assert_relative_eq!(s.apply(p), *q, epsilon = 1e-12);
+            assert_relative_eq!(back.apply(q), *p, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn zero_weight_ignores_a_point() {
+        let source = [Point2::new(0.0, 0.0), Point2::new(1.0, 0.0), Point2::new(0.0, 1.0)];
+        let target = [Point2::new(0.0, 0.0), Point2::new(1.0, 0.0), Point2::new(50.0, 70.0)];
+        let s = Similarity::fit(&source, &target, Some(&[1.0, 1.0, 0.0])).unwrap();
+        assert_relative_eq!(s.scale, 1.0, epsilon = 1e-12);
+        assert_relative_eq!(s.angle, 0.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn too_few_or_coincident_points_are_refused() {
+        let p = Point2::new(1.0, 1.0);
+        assert_eq!(Similarity::fit(&[p], &[p], None), Err(SimilarityError::TooFewPairs { found: 1 }));
+        assert_eq!(Similarity::fit(&[p, p], &[p, p], None), Err(SimilarityError::Coincident));
+        let nan = Point2::new(f64::NAN, 1.0);
+        assert_eq!(Similarity::fit(&[p, nan], &[p, p], None), Err(SimilarityError::Coincident));
+    }
+}

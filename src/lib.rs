@@ -1,0 +1,36 @@
+//! Representative facial expressions from image sequences.
+//!
+//! Data flow, one owned type per step, the unit part of the model's type:
+//!
+//! ```text
+//! frames + correspondences -> fitted wireframe -> DynamicExpressionModel<Px> (tracked)
+//!   -> DynamicExpressionModel<FaceUnit> (normalized) -> models of one expression, trimmed
+//!   -> Representative { generalized median, dispersion } -> FAP file, report
+//! ```
+//!
+//! Axes and units are those of [`units`]. Left and right are always the subject's own.
+//!
+//! # References
+//! - **\[KP\]** S. Krinidis, I. Pitas: *Facial expression synthesis through facial expressions statistical analysis*, EUSIPCO 2006.
+//! - **\[ZL\]** L. Zhu, W.-S. Lee: *Facial expression via genetic algorithms*.
+//! - **\[Candide-3\]** J. Ahlberg: *Candide-3 - an updated parameterised face*, report LiTH-ISY-R-2326, 2001.
+//! - **\[MPEG-4\]** ISO/IEC 14496-2 (Visual), Annex C: FAPs, FAPUs, feature points.
+//! - **\[Bouguet\]** J.-Y. Bouguet: *Pyramidal implementation of the Lucas Kanade feature tracker*, Intel, 1999.
+#![forbid(unsafe_code)]
+#![warn(missing_docs, clippy::pedantic)]
+#![allow(clippy::module_name_repetitions, clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+
+pub mod dataset;
+pub mod fap;
+pub mod fit;
+pub mod geometry;
+pub mod model;
+pub mod normalize;
+pub mod output;
+pub mod report;
+pub mod sequence;
+pub mod simulate;
+pub mod statistics;
+pub mod track;
+pub mod units;
+pub mod wireframe;

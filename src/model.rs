@@ -1,0 +1,170 @@
+//! Frame and dynamic facial expression models [KP, section 1 and eq. 2].
+
+use std::marker::PhantomData;
+
+use nalgebra::{Point2, Vector2};
+
+use crate::units::{NodeId, Unit};
+
+/// The wireframe in one video frame: the position of every node, in unit `U`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameExpressionModel<U: Unit> {
+    nodes: Vec<Point2<f64>>,
+    unit: PhantomData<U>,
+}
+
+impl<U: Unit> FrameExpressionModel<U> {
+    /// A frame model over all N nodes of a wireframe, in node order.
+    pub fn new(nodes: Vec<Point2<f64>>) -> Self {
+        Self { nodes, unit: PhantomData }
+    }
+
+    /// Positions in node order.
+    pub fn nodes(&self) -> &[Point2<f64>] {
+        &self.nodes
+    }
+
+    /// Position of one node, or `None` for a node that the wireframe does not have.
+    pub fn node(&self, node: NodeId) -> Option<Point2<f64>> {
+        self.nodes.get(node.index()).copied()
+    }
+
+    /// Number of nodes N (all, live or not).
+    pub fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+}
+
+/// Why frame models do not make a dynamic model.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// Fewer than two frames: nothing moves.
+    #[error("a dynamic model needs at least 2 frames, found {found}")]
+    TooFewFrames {
+        /// Frames given.
+        found: usize,
+    },
+    /// Frames over different wireframes.
+    #[error("frame {frame} has {found} nodes where frame 0 has {expected}")]
+    NodeCount {
+        /// Frame index, from 0.
+        frame: usize,
+        /// Its nodes.
+        found: usize,
+        /// Nodes of frame 0.
+        expected: usize,
+    },
+    /// A coordinate that is NaN or infinite.
+    #[error("node {node} of frame {frame} is at ({x}, {y}), which is not a finite position")]
+    NotFinite {
+        /// Frame index, from 0.
+        frame: usize,
+        /// The node.
+        node: NodeId,
+        /// Its x coordinate.
+        x: f64,
+        /// Its y coordinate.
+        y: f64,
+    },
+}
+
+/// The frame models of one sequence, from the neutral to the apex frame.
+///
+/// At least two frames, all over the same nodes, all coordinates finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DynamicExpressionModel<U: Unit> {
+    frames: Vec<FrameExpressionModel<U>>,
+}
+
+impl<U: Unit> DynamicExpressionModel<U> {
+    /// A dynamic model of the given frame models, neutral first, apex last.
+    ///
+    /// # Errors
+    /// [`ModelError`] for fewer than two frames, differing node counts, or coordinates that are not finite.
+    pub fn new(frames: Vec<FrameExpressionModel<U>>) -> Result<Self, ModelError> {
+        if frames.len() < 2 {
+            return Err(ModelError::TooFewFrames { found: frames.len() });
+        }
+        let expected = frames[0].node_count();
+        for (index, frame) in frames.iter().enumerate() {
+            if frame.node_count() != expected {
+                return Err(ModelError::NodeCount { frame: index, found: frame.node_count(), expected });
+            }
+            if let Some(k) = frame.nodes.iter().position(|p| !(p.x.is_finite() && p.y.is_finite())) {
+                let (x, y) = (frame.nodes[k].x, frame.nodes[k].y);
+                return Err(ModelError::NotFinite { frame: index, node: NodeId(k as u16), x, y });
+            }
+        }
+        Ok(Self { frames })
+    }
+
+    /// Frame models in order.
+    pub fn frames(&self) -> &[FrameExpressionModel<U>] {
+        &self.frames
+    }
+
+    /// The neutral frame model.
+    pub fn neutral(&self) -> &FrameExpressionModel<U> {
+        &self.frames[0]
+    }
+
+    /// The apex frame model.
+    pub fn apex(&self) -> &FrameExpressionModel<U> {
+        &self.frames[self.frames.len() - 1]
+    }
+
+    /// Number of frames N'.
+    pub fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Number of nodes N (all, live or not).
+    pub fn node_count(&self) -> usize {
+        self.frames[0].node_count()
+    }
+
+    /// Displacement vectors tau of all nodes from frame `m` to `m + 1`, `m` in `0..frame_count() - 1`.
+    ///
+    /// Implements [KP, eq. (2)].
+    ///
+    /// # Panics
+    /// If `m + 1` is not a frame (a programmer's error).
+    pub fn displacement_field(&self, m: usize) -> Vec<Vector2<f64>> {
+        let (from, to) = (&self.frames[m].nodes, &self.frames[m + 1].nodes);
+        from.iter().zip(to).map(|(a, b)| b - a).collect()
+    }
+
+    /// Neutral offsets of all nodes in frame `m`: position minus the neutral position (what a FAP measures).
+    ///
+    /// # Panics
+    /// If `m` is not a frame (a programmer's error).
+    pub fn neutral_offsets(&self, m: usize) -> Vec<Vector2<f64>> {
+        self.neutral().nodes.iter().zip(&self.frames[m].nodes).map(|(a, b)| b - a).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::units::Px;
+
+    fn frame(points: &[(f64, f64)]) -> FrameExpressionModel<Px> {
+        FrameExpressionModel::new(points.iter().map(|&(x, y)| Point2::new(x, y)).collect())
+    }
+
+    #[test]
+    fn displacements_are_to_the_next_frame_and_offsets_from_neutral() {
+        let model = DynamicExpressionModel::new(vec![frame(&[(0.0, 0.0)]), frame(&[(1.0, 0.0)]), frame(&[(3.0, 1.0)])]).unwrap();
+        assert_eq!(model.displacement_field(1), [Vector2::new(2.0, 1.0)]);
+        assert_eq!(model.neutral_offsets(2), [Vector2::new(3.0, 1.0)]);
+    }
+
+    #[test]
+    fn bad_frames_are_named() {
+        assert_eq!(DynamicExpressionModel::new(vec![frame(&[(0.0, 0.0)])]), Err(ModelError::TooFewFrames { found: 1 }));
+        let uneven = DynamicExpressionModel::new(vec![frame(&[(0.0, 0.0)]), frame(&[])]);
+        assert_eq!(uneven, Err(ModelError::NodeCount { frame: 1, found: 0, expected: 1 }));
+        let nan = DynamicExpressionModel::new(vec![frame(&[(0.0, 0.0)]), frame(&[(0.0, f64::NAN)])]);
+        assert!(matches!(nan, Err(ModelError::NotFinite { frame: 1, node: NodeId(0), .. })));
+    }
+}

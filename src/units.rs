@@ -1,0 +1,114 @@
+//! Units and identifiers shared by every stage.
+//!
+//! Two spaces exist. *Image space*: pixels, x right, y **down**, the centre of the top-left pixel is (0, 0). *Face space*:
+//! Candide-3's axes, x to the subject's left, y **up**. A model carries its unit in its type ([`Px`], [`FaceUnit`]), so that a
+//! tracked model in pixels can not be handed to a statistic in face units.
+
+use std::{fmt, str::FromStr};
+
+use serde::{Deserialize, Serialize};
+
+/// A unit of length that a model can be expressed in.
+pub trait Unit: Copy + Send + Sync + 'static {
+    /// The unit as it is written in reports and JSON files.
+    const NAME: &'static str;
+}
+
+/// Image pixels, y down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Px;
+
+/// Face units: the canonical neutral Candide-3 scaled so that ES0 = 1024, y up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaceUnit;
+
+impl Unit for Px {
+    const NAME: &'static str = "px";
+}
+
+impl Unit for FaceUnit {
+    const NAME: &'static str = "face unit (ES0/1024)";
+}
+
+/// Index of a wireframe node, from 0, in the order of the wireframe file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct NodeId(pub u16);
+
+impl NodeId {
+    /// The node's place in an array over all nodes.
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// An MPEG-4 feature point, `group.point`, such as `8.3` (left mouth corner).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FeaturePoint {
+    /// FDP group, 2 to 11.
+    pub group: u8,
+    /// Number within the group, from 1.
+    pub point: u8,
+}
+
+impl fmt::Display for FeaturePoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.group, self.point)
+    }
+}
+
+/// A text that is not a feature point of the form `group.point`.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is not an MPEG-4 feature point such as `8.3`")]
+pub struct ParseFeaturePointError(pub String);
+
+impl FromStr for FeaturePoint {
+    type Err = ParseFeaturePointError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let error = || ParseFeaturePointError(text.to_owned());
+        let (group, point) = text.split_once('.').ok_or_else(error)?;
+        let number = |part: &str| part.parse::<u8>().ok().filter(|&n| n > 0);
+        match (number(group), number(point)) {
+            (Some(group), Some(point)) => Ok(Self { group, point }),
+            _ => Err(error()),
+        }
+    }
+}
+
+/// Identity of one sequence: who, and which recording.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct SequenceId {
+    /// Subject, as in the manifest or the folder name.
+    pub subject: String,
+    /// Sequence of that subject.
+    pub sequence: String,
+}
+
+impl fmt::Display for SequenceId {
+    /// `SUBJECT_SEQUENCE`, the stem of every file made from the sequence.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}_{}", self.subject, self.sequence)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn feature_points_parse_and_print() {
+        let fp: FeaturePoint = "2.10".parse().unwrap();
+        assert_eq!(fp, FeaturePoint { group: 2, point: 10 });
+        assert_eq!(fp.to_string(), "2.10");
+        for bad in ["", "8", "8.", ".3", "8.0", "8.3.1", "a.b", "-8.3", "8.300"] {
+            assert!(bad.parse::<FeaturePoint>().is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Facial animation parameter units (FAPUs) of a neutral wireframe (MPEG-4 Visual, Annex C).
+
+use std::{fmt, str::FromStr};
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use crate::units::NodeId;
+
+/// A facial animation parameter unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
+pub enum Fapu {
+    /// Iris diameter, IRISD0.
+    Irisd,
+    /// Eye separation, ES0.
+    Es,
+    /// Eye-nose separation, ENS0.
+    Ens,
+    /// Mouth-nose separation, MNS0.
+    Mns,
+    /// Mouth width, MW0.
+    Mw,
+    /// Angular unit, 1e-5 rad.
+    Au,
+}
+
+impl Fapu {
+    /// The five lengths, in the order of the standard.
+    pub const LENGTHS: [Self; 5] = [Self::Irisd, Self::Es, Self::Ens, Self::Mns, Self::Mw];
+}
+
+impl fmt::Display for Fapu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Irisd => "IRISD",
+            Self::Es => "ES",
+            Self::Ens => "ENS",
+            Self::Mns => "MNS",
+            Self::Mw => "MW",
+            Self::Au => "AU",
+        })
+    }
+}
+
+impl FromStr for Fapu {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let all = [Self::Irisd, Self::Es, Self::Ens, Self::Mns, Self::Mw, Self::Au];
+        all.into_iter().find(|u| u.to_string() == text).ok_or_else(|| format!("`{text}` is not a FAPU"))
+    }
+}
+
+/// A coordinate axis of face space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Axis {
+    /// To the subject's left.
+    X,
+    /// Up.
+    Y,
+    /// Out of the face.
+    Z,
+}
+
+/// How a FAPU length is measured: the mean of some nodes minus the mean of others, along an axis of face space.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FapuDefinition {
+    /// The unit defined.
+    pub fapu: Fapu,
+    /// x or y.
+    pub axis: Axis,
+    /// Nodes whose mean coordinate counts positive.
+    pub plus_nodes: Vec<NodeId>,
+    /// Nodes whose mean coordinate counts negative.
+    pub minus_nodes: Vec<NodeId>,
+}
+
+/// The five FAPU lengths of one neutral face, in the unit of the points they were measured on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fapus {
+    /// Iris diameter (lid opening).
+    pub irisd: f64,
+    /// Eye separation.
+    pub es: f64,
+    /// Eye-nose separation.
+    pub ens: f64,
+    /// Mouth-nose separation.
+    pub mns: f64,
+    /// Mouth width.
+    pub mw: f64,
+}
+
+/// Why FAPUs can not be measured.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FapusError {
+    /// A length that is zero, negative or not a number: the neutral wireframe is folded there.
+    #[error("{fapu}0 of the neutral face is {value:.3}; it must be positive: check the marks around it")]
+    NotPositive {
+        /// The FAPU.
+        fapu: Fapu,
+        /// What was measured.
+        value: f64,
+    },
+    /// The wireframe lacks a node that a FAPU is measured on.
+    #[error("{fapu}0 is measured at node {node}, which the wireframe does not have")]
+    NoSuchNode {
+        /// The FAPU.
+        fapu: Fapu,
+        /// The node.
+        node: NodeId,
+    },
+}
+
+impl Fapus {
+    /// Measures the five lengths on an upright frontal neutral face, `positions` in face axes (y up), any unit.
+    ///
+    /// # Errors
+    /// [`FapusError`] when a length is not positive or a node is missing.
+    pub fn measure(definitions: &[FapuDefinition], positions: &[Point2<f64>]) -> Result<Self, FapusError> {
+        let mut lengths = [f64::NAN; 5];
+        for definition in definitions {
+            let fapu = definition.fapu;
+            let mean = |nodes: &[NodeId]| -> Result<f64, FapusError> {
+                let mut sum = 0.0;
+                for &node in nodes {
+                    let point = positions.get(node.index()).ok_or(FapusError::NoSuchNode { fapu, node })?;
+                    sum += if definition.axis == Axis::X { point.x } else { point.y };
+                }
+                Ok(sum / nodes.len() as f64)
+            };
+            if let Some(slot) = Fapu::LENGTHS.iter().position(|&u| u == fapu) {
+                lengths[slot] = mean(&definition.plus_nodes)? - mean(&definition.minus_nodes)?;
+            }
+        }
+        for (fapu, value) in Fapu::LENGTHS.into_iter().zip(lengths) {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(FapusError::NotPositive { fapu, value });
+            }
+        }
+        let [irisd, es, ens, mns, mw] = lengths;
+        Ok(Self { irisd, es, ens, mns, mw })
+    }
+
+    /// The length of one FAPU; `None` for the angular unit, which is no length.
+    pub fn length(&self, fapu: Fapu) -> Option<f64> {
+        match fapu {
+            Fapu::Irisd => Some(self.irisd),
+            Fapu::Es => Some(self.es),
+            Fapu::Ens => Some(self.ens),
+            Fapu::Mns => Some(self.mns),
+            Fapu::Mw => Some(self.mw),
+            Fapu::Au => None,
+        }
+    }
+
+    /// All lengths times `factor`.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let Self { irisd, es, ens, mns, mw } = *self;
+        Self { irisd: irisd * factor, es: es * factor, ens: ens * factor, mns: mns * factor, mw: mw * factor }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+    use crate::wireframe::{Tables, Wireframe};
+
+    #[test]
+    fn candide3_has_the_lengths_of_the_report() {
+        let fapus = Fapus::measure(&Tables::candide3().fapus, &Wireframe::candide3().frontal()).unwrap();
+        // LiTH-ISY-R-2326, Table 2, on the undeformed mesh.
+        assert_relative_eq!(fapus.irisd, 0.085, epsilon = 1e-12);
+        assert_relative_eq!(fapus.es, 0.613, epsilon = 1e-12);
+        assert_relative_eq!(fapus.ens, 0.4225, epsilon = 1e-12);
+        assert_relative_eq!(fapus.mns, 0.196, epsilon = 1e-12);
+        assert_relative_eq!(fapus.mw, 0.492, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn a_folded_face_is_refused_by_name() {
+        let mirrored: Vec<_> = Wireframe::candide3().frontal().iter().map(|p| Point2::new(-p.x, p.y)).collect();
+        let error = Fapus::measure(&Tables::candide3().fapus, &mirrored).unwrap_err();
+        assert!(error.to_string().starts_with("ES0 of the neutral face is -0.613"), "{error}");
+    }
+}

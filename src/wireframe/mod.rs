@@ -1,0 +1,266 @@
+//! The Candide wireframe: nodes, triangles, springs, motion units, and the tables that tie MPEG-4 to its nodes.
+
+mod fapu;
+mod tables;
+mod wfm;
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Point2, Point3, Vector3};
+
+use crate::units::NodeId;
+
+pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError};
+pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
+pub use wfm::{WfmError, WfmErrorKind, read_wfm};
+
+/// What a motion unit of a wireframe stands for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum UnitKind {
+    /// A Candide action unit vector, with its number in the list of Rydfalk (AUV).
+    Action {
+        /// AUV number.
+        number: u16,
+    },
+    /// An MPEG-4 FAP: displacement per FAPU length.
+    Fap {
+        /// FAP number, 3 to 68.
+        number: u16,
+        /// The FAPU, where the file names it.
+        fapu: Option<Fapu>,
+    },
+    /// A shape unit: how people differ.
+    Shape,
+    /// An animation unit whose name says neither.
+    Other,
+}
+
+/// A set of node offsets that are applied together, times a parameter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionUnit {
+    /// Name as in the file.
+    pub name: String,
+    /// What the unit stands for.
+    pub kind: UnitKind,
+    /// Offsets at parameter value 1, in model units of face space. A node may be listed twice: offsets add up.
+    pub offsets: Vec<(NodeId, Vector3<f64>)>,
+}
+
+/// A node in no triangle, and the live nodes whose mean position it takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Follower {
+    /// The node that no triangle uses.
+    pub node: NodeId,
+    /// The nearest live nodes (several when equally near), in the neutral wireframe.
+    pub leaders: Vec<NodeId>,
+}
+
+/// A wireframe: the neutral geometry in face space and its topology.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wireframe {
+    vertices: Vec<Point3<f64>>,
+    triangles: Vec<[NodeId; 3]>,
+    edges: Vec<(NodeId, NodeId)>,
+    live: Vec<NodeId>,
+    followers: Vec<Follower>,
+    action_units: Vec<MotionUnit>,
+    shape_units: Vec<MotionUnit>,
+}
+
+/// Why vertices and triangles do not make a wireframe.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum WireframeError {
+    /// No triangle at all: there are no springs.
+    #[error("the wireframe has no triangles")]
+    NoTriangles,
+    /// More nodes than a [`NodeId`] can number.
+    #[error("the wireframe has {found} nodes; at most 65535 are supported")]
+    TooManyNodes {
+        /// Nodes given.
+        found: usize,
+    },
+    /// An index past the vertex list.
+    #[error("{place} refers to node {node}, but there are {count} nodes (0 to {})", count.saturating_sub(1))]
+    NoSuchNode {
+        /// Triangle or unit that refers to it.
+        place: String,
+        /// The index.
+        node: NodeId,
+        /// Nodes there are.
+        count: usize,
+    },
+    /// A coordinate that is NaN or infinite.
+    #[error("node {node} has a coordinate that is not a finite number")]
+    NotFinite {
+        /// The node.
+        node: NodeId,
+    },
+}
+
+impl Wireframe {
+    /// A wireframe from its parts. Edges, live nodes and followers are derived.
+    ///
+    /// # Errors
+    /// [`WireframeError`] for indices out of range, coordinates that are not finite, or no triangles.
+    pub fn new(
+        vertices: Vec<Point3<f64>>,
+        triangles: Vec<[NodeId; 3]>,
+        action_units: Vec<MotionUnit>,
+        shape_units: Vec<MotionUnit>,
+    ) -> Result<Self, WireframeError> {
+        let count = vertices.len();
+        if count > usize::from(u16::MAX) {
+            return Err(WireframeError::TooManyNodes { found: count });
+        }
+        if triangles.is_empty() {
+            return Err(WireframeError::NoTriangles);
+        }
+        if let Some(k) = vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
+            return Err(WireframeError::NotFinite { node: NodeId(k as u16) });
+        }
+        for (index, triangle) in triangles.iter().enumerate() {
+            if let Some(&node) = triangle.iter().find(|n| n.index() >= count) {
+                return Err(WireframeError::NoSuchNode { place: format!("triangle {index}"), node, count });
+            }
+        }
+        for unit in action_units.iter().chain(&shape_units) {
+            if let Some(&(node, _)) = unit.offsets.iter().find(|(n, _)| n.index() >= count) {
+                return Err(WireframeError::NoSuchNode { place: format!("unit `{}`", unit.name), node, count });
+            }
+        }
+        let mut edges = BTreeSet::new();
+        let mut live = BTreeSet::new();
+        for &[a, b, c] in &triangles {
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                edges.insert((from.min(to), from.max(to)));
+            }
+            live.extend([a, b, c]);
+        }
+        let live: Vec<NodeId> = live.into_iter().collect();
+        let followers = followers(&vertices, &live);
+        Ok(Self {
+            vertices,
+            triangles,
+            edges: edges.into_iter().filter(|(a, b)| a != b).collect(),
+            live,
+            followers,
+            action_units,
+            shape_units,
+        })
+    }
+
+    /// Candide-3 v3.1.6, from the tables in `candide/` (J. Ahlberg, LiTH-ISY-R-2326).
+    pub fn candide3() -> Self {
+        tables::candide3()
+    }
+
+    /// Neutral positions in face space, model units.
+    pub fn vertices(&self) -> &[Point3<f64>] {
+        &self.vertices
+    }
+
+    /// Number of nodes N, live or not.
+    pub fn node_count(&self) -> usize {
+        self.vertices.len()
+    }
+
+    /// Triangles as node triples; counter-clockwise seen from outside where the source says so.
+    pub fn triangles(&self) -> &[[NodeId; 3]] {
+        &self.triangles
+    }
+
+    /// The springs: every triangle edge once, `(smaller, larger)`, sorted.
+    pub fn edges(&self) -> &[(NodeId, NodeId)] {
+        &self.edges
+    }
+
+    /// Nodes that at least one triangle uses, ascending (104 of Candide-3's 113).
+    pub fn live_nodes(&self) -> &[NodeId] {
+        &self.live
+    }
+
+    /// Nodes that no triangle uses, each with the live nodes it follows.
+    pub fn followers(&self) -> &[Follower] {
+        &self.followers
+    }
+
+    /// Animation units in file order: action unit vectors and FAPs.
+    pub fn action_units(&self) -> &[MotionUnit] {
+        &self.action_units
+    }
+
+    /// Shape units in file order.
+    pub fn shape_units(&self) -> &[MotionUnit] {
+        &self.shape_units
+    }
+
+    /// Frontal view of the neutral wireframe in face space (x to the subject's left, y up), model units.
+    pub fn frontal(&self) -> Vec<Point2<f64>> {
+        self.vertices.iter().map(|v| v.xy()).collect()
+    }
+
+    /// Moves every follower to the mean position of its leaders.
+    pub fn place_followers(&self, nodes: &mut [Point2<f64>]) {
+        for Follower { node, leaders } in &self.followers {
+            let sum: nalgebra::Vector2<f64> = leaders.iter().map(|n| nodes[n.index()].coords).sum();
+            nodes[node.index()] = Point2::from(sum / leaders.len() as f64);
+        }
+    }
+}
+
+/// Distance in model units below which two nodes count as equally near.
+const SAME_DISTANCE: f64 = 1e-9;
+
+fn followers(vertices: &[Point3<f64>], live: &[NodeId]) -> Vec<Follower> {
+    let mut is_live = vec![false; vertices.len()];
+    live.iter().for_each(|n| is_live[n.index()] = true);
+    let dead = (0..vertices.len()).filter(|&k| !is_live[k]);
+    dead.map(|k| {
+        let distance = |n: &NodeId| (vertices[n.index()] - vertices[k]).norm();
+        let nearest = live.iter().map(distance).fold(f64::INFINITY, f64::min);
+        let leaders = live.iter().copied().filter(|n| distance(n) <= nearest + SAME_DISTANCE).collect();
+        Follower { node: NodeId(k as u16), leaders }
+    })
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn candide3_has_the_published_counts() {
+        let w = Wireframe::candide3();
+        assert_eq!((w.node_count(), w.triangles().len()), (113, 184));
+        assert_eq!((w.action_units().len(), w.shape_units().len()), (65, 14));
+        assert_eq!(w.live_nodes().len(), 104);
+        // 264 interior and 24 boundary edges (report LiTH-ISY-R-2326).
+        assert_eq!(w.edges().len(), 288);
+    }
+
+    #[test]
+    fn the_nine_nodes_in_no_triangle_follow_their_twins() {
+        let w = Wireframe::candide3();
+        let ids = |list: &[u16]| list.iter().map(|&n| NodeId(n)).collect::<Vec<_>>();
+        let expected: [(u16, &[u16]); 9] = [
+            (4, &[77, 78]),
+            (35, &[2]),
+            (36, &[3]),
+            (37, &[77, 78]),
+            (38, &[5]),
+            (39, &[6]),
+            (41, &[8]),
+            (42, &[9]),
+            (43, &[10]),
+        ];
+        let expected: Vec<_> = expected.iter().map(|&(n, l)| Follower { node: NodeId(n), leaders: ids(l) }).collect();
+        assert_eq!(w.followers(), expected);
+    }
+
+    #[test]
+    fn indices_out_of_range_are_named() {
+        let vertices = vec![Point3::origin(); 3];
+        let error = Wireframe::new(vertices, vec![[NodeId(0), NodeId(1), NodeId(7)]], vec![], vec![]).unwrap_err();
+        assert_eq!(error.to_string(), "triangle 0 refers to node 7, but there are 3 nodes (0 to 2)");
+    }
+}
