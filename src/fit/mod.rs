@@ -1,1 +1,177 @@
-//! fit
+//! Fitting the wireframe to a neutral face from a few marked points [KP, section 2].
+//!
+//! 1. A least-squares similarity places the frontal wireframe on the marks: KP's scaling pre-step.
+//! 2. A [`ShapePrior`] may adapt the neutral shape to the marks first (beyond KP, `Prior::None` is the paper).
+//! 3. The springs deform the wireframe: every marked node is pulled to its mark, the others follow.
+//!
+//! The wireframe of the result is in image space: here the y axis is flipped.
+
+mod correspondence;
+mod prior;
+mod spring;
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    geometry::{Similarity, SimilarityError},
+    model::FrameExpressionModel,
+    units::{NodeId, Px},
+    wireframe::Wireframe,
+};
+
+pub use correspondence::{Correspondence, CorrespondenceKind};
+pub use prior::ShapePrior;
+pub use spring::{Pull, SpringError, Springs, Target};
+
+/// Fewest marks that a fit accepts.
+pub const MIN_CORRESPONDENCES: usize = 3;
+
+/// Default gain of the force on a marked node, in units of the springs' stiffness k [KP leave both open].
+pub const FIT_FORCE: f64 = 20.0;
+
+/// Which shape prior stands ahead of the springs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PriorKind {
+    /// None: similarity and springs only, as in KP.
+    None,
+    /// Candide's neutral and shape units.
+    #[default]
+    Candide,
+}
+
+/// Options of a fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FitOptions {
+    /// Gain of the force on a marked node over the stiffness of a spring, > 0.
+    pub force: f64,
+    /// Shape prior.
+    pub prior: PriorKind,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self { force: FIT_FORCE, prior: PriorKind::default() }
+    }
+}
+
+/// Why a wireframe can not be fitted.
+#[derive(Debug, thiserror::Error)]
+pub enum FitError {
+    /// Too few marks.
+    #[error("{found} marks; a fit needs at least {MIN_CORRESPONDENCES}, and 5 to 8 for a good one")]
+    TooFewMarks {
+        /// Marks given.
+        found: usize,
+    },
+    /// The similarity is not determined.
+    #[error("the marks do not determine a placement: {0}")]
+    Placement(#[from] SimilarityError),
+    /// The springs have no equilibrium.
+    #[error(transparent)]
+    Springs(#[from] SpringError),
+    /// A mark at a node that the wireframe does not have.
+    #[error("mark at node {node}, but the wireframe has nodes 0 to {}", count.saturating_sub(1))]
+    NoSuchNode {
+        /// The node.
+        node: NodeId,
+        /// Nodes there are.
+        count: usize,
+    },
+    /// The wireframe lies mirrored or upside down in the image.
+    #[error(
+        "the marks place the face upside down (roll {degrees:.0} degrees): left and right are the subject's own, are marks exchanged?"
+    )]
+    UpsideDown {
+        /// Angle of the face's up against the image's up.
+        degrees: f64,
+    },
+}
+
+/// A wireframe fitted to the neutral frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedWireframe {
+    /// All node positions, px, y down.
+    pub model: FrameExpressionModel<Px>,
+    /// Placement of the frontal wireframe (y flipped) in the image, before any deformation.
+    pub image_from_face: Similarity,
+    /// The correspondences used.
+    pub correspondences: Vec<Correspondence>,
+    /// Distance of every correspondence's node to its mark after the fit, px, in the order of `correspondences`.
+    pub residuals: Vec<f64>,
+}
+
+/// Fits wireframes of one topology; holds what does not change from face to face.
+#[derive(Clone, Debug)]
+pub struct Fitter {
+    springs: Springs,
+    prior: Option<ShapePrior>,
+    options: FitOptions,
+}
+
+/// Largest roll of a plausible portrait, radians; beyond it left and right were exchanged or the picture stands on its head.
+const MAX_ROLL: f64 = std::f64::consts::FRAC_PI_2;
+
+impl Fitter {
+    /// A fitter for a wireframe.
+    pub fn new(wireframe: &Wireframe, options: FitOptions) -> Self {
+        let prior = match options.prior {
+            PriorKind::None => None,
+            PriorKind::Candide => Some(ShapePrior::candide(wireframe)),
+        };
+        Self { springs: Springs::new(wireframe), prior, options }
+    }
+
+    /// Fits the wireframe to the marks.
+    ///
+    /// # Errors
+    /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that are not there, or an upside-down placement.
+    pub fn fit(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
+        if marks.len() < MIN_CORRESPONDENCES {
+            return Err(FitError::TooFewMarks { found: marks.len() });
+        }
+        let count = wireframe.node_count();
+        if let Some(mark) = marks.iter().find(|m| m.node.index() >= count) {
+            return Err(FitError::NoSuchNode { node: mark.node, count });
+        }
+        let seen: Vec<_> = marks.iter().map(|m| flip(m.position)).collect();
+        let place = |shape: &[Point2<f64>]| -> Result<Similarity, FitError> {
+            let source: Vec<_> = marks.iter().map(|m| shape[m.node.index()]).collect();
+            Ok(Similarity::fit(&source, &seen, None)?)
+        };
+        let frontal = wireframe.frontal();
+        let image_from_face = place(&frontal)?;
+        if image_from_face.angle.abs() > MAX_ROLL {
+            return Err(FitError::UpsideDown { degrees: image_from_face.angle.to_degrees() });
+        }
+        let shape = match &self.prior {
+            Some(prior) => prior.adapt(marks, place)?,
+            None => frontal,
+        };
+        let placed = place(&shape)?;
+        let rest: Vec<_> = shape.iter().map(|p| flip(placed.apply(p))).collect();
+        let targets: Vec<_> = marks.iter().map(|m| self.target(m)).collect();
+        let nodes = self.springs.deform(wireframe, &rest, &targets)?;
+        let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
+        Ok(FittedWireframe {
+            model: FrameExpressionModel::new(nodes),
+            image_from_face,
+            correspondences: marks.to_vec(),
+            residuals,
+        })
+    }
+
+    fn target(&self, mark: &Correspondence) -> Target {
+        let pull = match mark.kind {
+            CorrespondenceKind::Mark => Pull::Force(self.options.force),
+            CorrespondenceKind::Hard => Pull::Hard,
+        };
+        Target { node: mark.node, position: mark.position, pull }
+    }
+}
+
+/// Image space (y down) to the y-up plane in which shapes are compared, and back.
+fn flip(point: Point2<f64>) -> Point2<f64> {
+    Point2::new(point.x, -point.y)
+}

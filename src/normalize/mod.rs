@@ -1,1 +1,218 @@
-//! normalize
+//! Normalization of a tracked model: N' frames, upright, equal FAPUs [KP, section 4.1].
+//!
+//! The steps are KP's three: number of frames ([`resample`]), orientation and rigid motion (`orientation`), size (`size`). The last one
+//! leaves pixels: here the y axis turns up and lengths become face units.
+
+mod orientation;
+mod size;
+mod time;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    geometry::SimilarityError,
+    model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
+    units::{FaceUnit, Px},
+    wireframe::{Fapus, FapusError, Tables, Wireframe},
+};
+
+pub use time::{Resample, resample};
+
+/// Frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
+pub const FRAMES_PER_MODEL: usize = 5;
+
+/// Eye separation ES0 of the canonical neutral, face units.
+pub const CANONICAL_ES: f64 = 1024.0;
+
+/// How sizes are made equal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SizeMode {
+    /// Every node's offset by the FAPUs of its region: all models get equal FAPUs (KP).
+    #[default]
+    Fapu,
+    /// All offsets by ES0 alone.
+    Uniform,
+}
+
+/// Options of the normalization.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NormalizeOptions {
+    /// How frames are sampled.
+    pub resample: Resample,
+    /// How sizes are made equal.
+    pub size: SizeMode,
+}
+
+impl Default for NormalizeOptions {
+    fn default() -> Self {
+        Self { resample: Resample::Nearest, size: SizeMode::Fapu }
+    }
+}
+
+/// Why a track can not be normalized.
+#[derive(Debug, thiserror::Error)]
+pub enum NormalizeError {
+    /// The points that expressions do not move determine no similarity.
+    #[error("the head's motion is not determined: {0}")]
+    Rigid(#[from] SimilarityError),
+    /// The neutral frame has no FAPUs.
+    #[error(transparent)]
+    Fapus(#[from] FapusError),
+    /// The frames do not make a model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The track is of another wireframe.
+    #[error("the track has {found} nodes, the wireframe {expected}")]
+    NodeCount {
+        /// Nodes of the track.
+        found: usize,
+        /// Nodes of the wireframe.
+        expected: usize,
+    },
+}
+
+/// The canonical neutral: the frontal wireframe scaled so that ES0 = 1024 face units, and its FAPUs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Canonical {
+    /// All nodes, face units, y up.
+    pub neutral: FrameExpressionModel<FaceUnit>,
+    /// Its FAPU lengths, face units.
+    pub fapus: Fapus,
+}
+
+impl Canonical {
+    /// The canonical neutral of a wireframe.
+    ///
+    /// # Errors
+    /// [`FapusError`] when the wireframe has no FAPUs.
+    pub fn new(wireframe: &Wireframe, tables: &Tables) -> Result<Self, FapusError> {
+        let frontal = wireframe.frontal();
+        let fapus = Fapus::measure(&tables.fapus, &frontal)?;
+        let scale = CANONICAL_ES / fapus.es;
+        let neutral = FrameExpressionModel::new(frontal.iter().map(|p| p * scale).collect());
+        Ok(Self { neutral, fapus: fapus.scaled(scale) })
+    }
+}
+
+/// Normalizes tracked models of one wireframe.
+#[derive(Clone, Debug)]
+pub struct Normalizer<'a> {
+    wireframe: &'a Wireframe,
+    tables: &'a Tables,
+    canonical: Canonical,
+    options: NormalizeOptions,
+}
+
+impl<'a> Normalizer<'a> {
+    /// A normalizer for a wireframe.
+    ///
+    /// # Errors
+    /// [`FapusError`] when the wireframe has no FAPUs.
+    pub fn new(wireframe: &'a Wireframe, tables: &'a Tables, options: NormalizeOptions) -> Result<Self, FapusError> {
+        Ok(Self { wireframe, tables, canonical: Canonical::new(wireframe, tables)?, options })
+    }
+
+    /// The canonical neutral that every normalized model starts from.
+    pub fn canonical(&self) -> &Canonical {
+        &self.canonical
+    }
+
+    /// The normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright, without head motion, with canonical FAPUs.
+    ///
+    /// # Errors
+    /// [`NormalizeError`].
+    pub fn normalize(&self, track: &DynamicExpressionModel<Px>) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
+        let expected = self.wireframe.node_count();
+        if track.node_count() != expected {
+            return Err(NormalizeError::NodeCount { found: track.node_count(), expected });
+        }
+        let sampled = resample(track, FRAMES_PER_MODEL, self.options.resample)?;
+        let upright = orientation::upright(&sampled, &self.wireframe.frontal(), self.tables)?;
+        size::equalize(&upright, self.tables, &self.canonical, self.wireframe, self.options.size)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+    use nalgebra::{Point2, Vector2};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::geometry::Similarity;
+
+    /// Candide-3 in pixels, 100 px between the eyes, the mouth corners (31, 64) moving by `smile` px out and up over `frames` frames,
+    /// each frame seen through `view`.
+    fn track(frames: usize, smile: f64, view: impl Fn(usize) -> Similarity) -> DynamicExpressionModel<Px> {
+        let scale = 100.0 / 0.613;
+        let frame = |m: usize| {
+            let share = m as f64 / (frames - 1) as f64;
+            let mut nodes: Vec<Point2<f64>> =
+                Wireframe::candide3().vertices().iter().map(|v| Point2::new(v.x * scale, -v.y * scale)).collect();
+            nodes[31] += Vector2::new(smile, -smile) * share;
+            nodes[64] += Vector2::new(-smile, -smile) * share;
+            FrameExpressionModel::new(nodes.iter().map(|p| view(m).apply(p)).collect())
+        };
+        DynamicExpressionModel::new((0..frames).map(frame).collect()).unwrap()
+    }
+
+    fn normalized(track: &DynamicExpressionModel<Px>) -> DynamicExpressionModel<FaceUnit> {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        Normalizer::new(&w, &t, NormalizeOptions::default()).unwrap().normalize(track).unwrap()
+    }
+
+    #[test]
+    fn a_smile_comes_out_in_face_units_with_y_up() {
+        let model = normalized(&track(9, 5.0, |_| Similarity::identity()));
+        assert_eq!(model.frame_count(), FRAMES_PER_MODEL);
+        // 5 px of a face with ES0 = 100 px are 5 * 1024 / 100 = 51.2 face units; the FAPUs of this face are Candide's own.
+        let offsets = model.neutral_offsets(4);
+        assert_relative_eq!(offsets[31], Vector2::new(51.2, 51.2), epsilon = 1e-9);
+        assert_relative_eq!(offsets[64], Vector2::new(-51.2, 51.2), epsilon = 1e-9);
+        assert_relative_eq!(offsets[16], Vector2::zeros(), epsilon = 1e-9);
+        // Frame 2 of 5 is frame 4 of 9: half the motion.
+        assert_relative_eq!(model.neutral_offsets(2)[31].x, 25.6, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn a_still_face_has_no_offsets() {
+        let model = normalized(&track(6, 0.0, |m| Similarity {
+            scale: 1.0 + 0.01 * m as f64,
+            angle: 0.02 * m as f64,
+            translation: Vector2::new(m as f64, 2.0),
+        }));
+        for m in 0..FRAMES_PER_MODEL {
+            assert!(model.neutral_offsets(m).iter().all(|v| v.norm() < 1e-9));
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        #[test]
+        fn roll_size_and_place_do_not_matter(angle in -0.5..0.5f64, scale in 0.2..5.0f64, x in -500.0..500.0f64, y in -500.0..500.0f64) {
+            let plain = normalized(&track(7, 6.0, |_| Similarity::identity()));
+            let seen = normalized(&track(7, 6.0, |_| Similarity { scale, angle, translation: Vector2::new(x, y) }));
+            for (a, b) in plain.frames().iter().zip(seen.frames()) {
+                for (p, q) in a.nodes().iter().zip(b.nodes()) {
+                    prop_assert!((p - q).norm() < 1e-6);
+                }
+            }
+        }
+
+        #[test]
+        fn normalizing_twice_equals_once(smile in -8.0..8.0f64) {
+            let once = normalized(&track(5, smile, |_| Similarity::identity()));
+            let as_pixels = |f: &FrameExpressionModel<FaceUnit>| {
+                FrameExpressionModel::new(f.nodes().iter().map(|p| Point2::new(p.x, -p.y)).collect())
+            };
+            let twice = normalized(&DynamicExpressionModel::new(once.frames().iter().map(as_pixels).collect()).unwrap());
+            for (a, b) in once.frames().iter().zip(twice.frames()) {
+                for (p, q) in a.nodes().iter().zip(b.nodes()) {
+                    prop_assert!((p - q).norm() < 1e-6);
+                }
+            }
+        }
+    }
+}

@@ -1,1 +1,467 @@
-//! track
+//! Tracking the fitted wireframe from the neutral to the apex frame [KP, section 3].
+//!
+//! From frame to frame every live node is followed by pyramidal KLT, forward and back. A node is *lost* when KLT says so, when the way
+//! back does not return to where it came from, when it leaves the image, or when its displacement is extreme against its neighbours'
+//! (KP want "a uniform distribution" of displacements and give no rule; see [`recover`]). After each step the springs re-deform the
+//! wireframe, driven by the displacements of the nodes that were not lost; the lost ones take their place from it and are tracked
+//! again in the next frame.
+
+mod klt;
+mod recover;
+
+use std::{collections::BTreeMap, fmt, str::FromStr};
+
+use nalgebra::{Point2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    fit::{CorrespondenceKind, FittedWireframe, Pull, SpringError, Springs, Target},
+    model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
+    sequence::{Frame, ImageSize, SequenceError},
+    units::{NodeId, Px},
+    wireframe::{Tables, Wireframe},
+};
+
+pub use klt::Klt;
+
+/// Why a node was lost in a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum LossReason {
+    /// KLT found no match.
+    Klt,
+    /// Tracked back, the node did not return to where it came from.
+    ForwardBackward,
+    /// It left the image.
+    Outside,
+    /// Its displacement was extreme against its neighbours'.
+    Extreme,
+}
+
+/// How a node came to its position in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum NodeState {
+    /// Neutral frame: pulled to a mark.
+    Marked,
+    /// Neutral frame: placed by the fit.
+    Fitted,
+    /// Set by hand.
+    Corrected,
+    /// Followed by KLT.
+    Tracked,
+    /// Lost, and placed by the springs.
+    Recovered(LossReason),
+    /// In no triangle: takes the mean position of the nodes it follows.
+    Follows,
+}
+
+impl NodeState {
+    const NAMES: [(Self, &'static str); 9] = [
+        (Self::Marked, "marked"),
+        (Self::Fitted, "fitted"),
+        (Self::Corrected, "corrected"),
+        (Self::Tracked, "tracked"),
+        (Self::Recovered(LossReason::Klt), "recovered_klt"),
+        (Self::Recovered(LossReason::ForwardBackward), "recovered_forward_backward"),
+        (Self::Recovered(LossReason::Outside), "recovered_outside"),
+        (Self::Recovered(LossReason::Extreme), "recovered_extreme"),
+        (Self::Follows, "follows"),
+    ];
+
+    /// The word in the `state` column of a track file.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(state, _)| *state == self).map_or("", |(_, name)| name)
+    }
+}
+
+impl fmt::Display for NodeState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for NodeState {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::NAMES.iter().find(|(_, name)| *name == text).map(|(state, _)| *state);
+        let names = || Self::NAMES.map(|(_, name)| name).join(", ");
+        found.ok_or_else(|| format!("`{text}` is not a node state; the states are {}", names()))
+    }
+}
+
+/// One node in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackedNode {
+    /// Where it is, px.
+    pub position: Point2<f64>,
+    /// How it got there.
+    pub state: NodeState,
+    /// Px. Neutral frame: distance of a marked node to its mark. Later: distance between the start of a step and its end tracked back
+    /// (forward-backward). `None` where there is nothing to measure.
+    pub residual: Option<f64>,
+}
+
+/// The wireframe in one frame, all N nodes in order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackedFrame {
+    /// Frame number.
+    pub number: u32,
+    /// Its nodes.
+    pub nodes: Vec<TrackedNode>,
+}
+
+/// A tracked sequence, neutral frame first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Size of its frames.
+    pub size: ImageSize,
+    /// Its frames, at least two.
+    pub frames: Vec<TrackedFrame>,
+}
+
+impl Track {
+    /// The dynamic facial expression model of the track, pixels.
+    ///
+    /// # Errors
+    /// [`ModelError`] when there are fewer than two frames or they are uneven (only for tracks not made by [`track_sequence`]).
+    pub fn model(&self) -> Result<DynamicExpressionModel<Px>, ModelError> {
+        let frame = |f: &TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
+        DynamicExpressionModel::new(self.frames.iter().map(frame).collect())
+    }
+}
+
+/// Options of the tracker. Lengths relative to the eye distance ES0 of the neutral frame make small and large faces alike.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrackOptions {
+    /// Side of the KLT window over the eye distance; the result is odd and at least [`MIN_WINDOW_PX`].
+    pub window: f64,
+    /// Pyramid levels, the image itself included.
+    pub levels: u32,
+    /// Largest forward-backward distance over the eye distance.
+    pub forward_backward: f64,
+    /// A displacement is extreme when it differs from the neighbours' by more than this many robust standard deviations.
+    pub extreme: f64,
+    /// Gain of the force on a node that was not lost, over the stiffness of a spring.
+    pub force: f64,
+    /// Re-deform after each step. Without it lost nodes stay where they were (for comparison only).
+    pub deform: bool,
+}
+
+impl Default for TrackOptions {
+    fn default() -> Self {
+        Self { window: 0.12, levels: 4, forward_backward: 0.02, extreme: 6.0, force: 40.0, deform: true }
+    }
+}
+
+/// Smallest KLT window, px.
+pub const MIN_WINDOW_PX: u32 = 9;
+
+/// Why a sequence can not be tracked.
+#[derive(Debug, thiserror::Error)]
+pub enum TrackError {
+    /// A frame does not read.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
+    /// Fewer than two frames.
+    #[error("a track needs at least 2 frames, from neutral to apex; found {found}")]
+    TooFewFrames {
+        /// Frames found.
+        found: usize,
+    },
+    /// So few nodes are left that the springs have nothing to hold on.
+    #[error("frame {frame}: only {found} of {live} nodes could be tracked; the face is lost")]
+    FaceLost {
+        /// Frame number.
+        frame: u32,
+        /// Nodes not lost.
+        found: usize,
+        /// Live nodes.
+        live: usize,
+    },
+    /// The springs have no equilibrium.
+    #[error(transparent)]
+    Springs(#[from] SpringError),
+    /// OpenCV failed.
+    #[error("OpenCV: {0}")]
+    OpenCv(#[from] opencv::Error),
+    /// The caller asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// Which prepared frame a [`PointTracker`] works on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slot {
+    /// The first frame given.
+    Neutral,
+    /// The frame before the current one.
+    Previous,
+    /// The frame given last.
+    Current,
+}
+
+/// A point to find again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probe {
+    /// Where it is in the frame it comes from, px.
+    pub position: Point2<f64>,
+    /// Where the search starts, px.
+    pub guess: Point2<f64>,
+}
+
+/// What a search gave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Found {
+    /// A match.
+    At {
+        /// Where, px.
+        position: Point2<f64>,
+        /// Mean absolute grey difference of the two windows, 0 to 255.
+        difference: f64,
+    },
+    /// No match.
+    Lost,
+}
+
+/// Finds points of one frame in another: the seam between the method and the native library.
+pub trait PointTracker {
+    /// Takes the next frame: it becomes the current one, the current one the previous, the first one stays the neutral.
+    ///
+    /// # Errors
+    /// [`TrackError`] when the frame can not be prepared.
+    fn advance(&mut self, frame: &Frame) -> Result<(), TrackError>;
+
+    /// Finds the probes of frame `from` in frame `to`, with a square window and that many pyramid levels; one answer per probe.
+    ///
+    /// # Errors
+    /// [`TrackError`] when the search can not run at all.
+    fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError>;
+}
+
+/// Fewest nodes that must not be lost in a step.
+const MIN_TRACKED: usize = 8;
+
+/// What a tracker knows beforehand about a wireframe.
+#[derive(Clone, Debug)]
+pub struct TrackPlan {
+    springs: Springs,
+    neighbours: recover::Neighbours,
+    lips: Vec<LipTwin>,
+    tables: Tables,
+}
+
+/// An inner-lip node and the outer-lip node of the same lip.
+///
+/// The inner-lip nodes of upper and lower lip coincide when the mouth is closed (40/87, 81/83, 82/84). KLT would see the same patch
+/// twice and the mouth would never open: each of them is searched for by a patch inside its own lip instead.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct LipTwin {
+    inner: NodeId,
+    outer: NodeId,
+}
+
+/// Inner and outer nodes of the lips, by feature point: upper middle, upper left and right, lower middle, lower left and right.
+const LIPS: [(&str, &str); 6] = [("2.2", "8.1"), ("2.6", "8.5"), ("2.7", "8.6"), ("2.3", "8.2"), ("2.8", "8.7"), ("2.9", "8.8")];
+
+impl TrackPlan {
+    /// The plan for a wireframe.
+    pub fn new(wireframe: &Wireframe, tables: &Tables) -> Self {
+        let single = |fp: &str| match fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)) {
+            Some(&[node]) if node.index() < wireframe.node_count() => Some(node),
+            _ => None,
+        };
+        let lips = LIPS.iter().filter_map(|(i, o)| Some(LipTwin { inner: single(i)?, outer: single(o)? })).collect();
+        Self { springs: Springs::new(wireframe), neighbours: recover::Neighbours::new(wireframe), lips, tables: tables.clone() }
+    }
+}
+
+/// Share of the way from the inner to the outer edge of a lip at which an inner-lip node is searched for.
+const LIP_PROBE: f64 = 0.5;
+
+/// Tracks a fitted wireframe through the frames; the first is the neutral frame it was fitted to.
+///
+/// `tick` is called after every frame and may return `false` to stop.
+///
+/// # Errors
+/// [`TrackError`] for frames that do not read, a lost face, or an interruption.
+pub fn track_sequence(
+    wireframe: &Wireframe,
+    plan: &TrackPlan,
+    fitted: &FittedWireframe,
+    frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
+    options: &TrackOptions,
+    tick: impl FnMut(u32) -> bool,
+) -> Result<Track, TrackError> {
+    let window_px = window_px(&plan.tables, fitted, options);
+    let mut tracker = Klt::new(options.levels, window_px);
+    track_with(&mut tracker, wireframe, plan, fitted, frames, options, tick)
+}
+
+/// Eye distance of the fitted wireframe, px: the unit of the relative options.
+pub fn eye_distance_px(tables: &Tables, nodes: &[Point2<f64>]) -> Option<f64> {
+    // Only the length counts here, so roll is undone by taking both axes of the vector between the pupils.
+    let definition = tables.fapus.iter().find(|d| d.fapu == crate::wireframe::Fapu::Es)?;
+    let mean = |ids: &[NodeId]| -> Option<Vector2<f64>> {
+        let points: Option<Vec<_>> = ids.iter().map(|n| nodes.get(n.index()).map(|p| p.coords)).collect();
+        Some(points?.iter().sum::<Vector2<f64>>() / ids.len() as f64)
+    };
+    Some((mean(&definition.plus_nodes)? - mean(&definition.minus_nodes)?).norm()).filter(|d| *d > 0.0)
+}
+
+fn window_px(tables: &Tables, fitted: &FittedWireframe, options: &TrackOptions) -> u32 {
+    let eye_distance = eye_distance_px(tables, fitted.model.nodes()).unwrap_or(0.0);
+    let half = (options.window * eye_distance / 2.0).round().clamp(0.0, 100.0) as u32;
+    (2 * half + 1).max(MIN_WINDOW_PX)
+}
+
+/// [`track_sequence`] with any tracker.
+///
+/// # Errors
+/// As [`track_sequence`].
+pub fn track_with(
+    tracker: &mut impl PointTracker,
+    wireframe: &Wireframe,
+    plan: &TrackPlan,
+    fitted: &FittedWireframe,
+    frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
+    options: &TrackOptions,
+    mut tick: impl FnMut(u32) -> bool,
+) -> Result<Track, TrackError> {
+    let eye_distance = eye_distance_px(&plan.tables, fitted.model.nodes()).unwrap_or(100.0);
+    let window = window_px(&plan.tables, fitted, options);
+    let mut out: Vec<TrackedFrame> = Vec::new();
+    let mut size = None;
+    for frame in frames {
+        let frame = frame?;
+        size.get_or_insert(frame.size());
+        tracker.advance(&frame)?;
+        let nodes = match out.last() {
+            None => neutral_nodes(wireframe, fitted),
+            Some(previous) => {
+                let step = Step { wireframe, plan, options, window, eye_distance, size: frame.size(), number: frame.number() };
+                step.run(tracker, previous)?
+            }
+        };
+        out.push(TrackedFrame { number: frame.number(), nodes });
+        if !tick(frame.number()) {
+            return Err(TrackError::Interrupted);
+        }
+    }
+    match size {
+        Some(size) if out.len() >= 2 => Ok(Track { size, frames: out }),
+        _ => Err(TrackError::TooFewFrames { found: out.len() }),
+    }
+}
+
+fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<TrackedNode> {
+    let fit = |position: &Point2<f64>| TrackedNode { position: *position, state: NodeState::Fitted, residual: None };
+    let mut nodes: Vec<_> = fitted.model.nodes().iter().map(fit).collect();
+    for follower in wireframe.followers() {
+        nodes[follower.node.index()].state = NodeState::Follows;
+    }
+    for (mark, residual) in fitted.correspondences.iter().zip(&fitted.residuals) {
+        let node = &mut nodes[mark.node.index()];
+        node.residual = Some(*residual);
+        node.state = match mark.kind {
+            CorrespondenceKind::Mark => NodeState::Marked,
+            CorrespondenceKind::Hard => NodeState::Corrected,
+        };
+    }
+    nodes
+}
+
+/// One step from the previous to the current frame.
+struct Step<'a> {
+    wireframe: &'a Wireframe,
+    plan: &'a TrackPlan,
+    options: &'a TrackOptions,
+    window: u32,
+    eye_distance: f64,
+    size: ImageSize,
+    number: u32,
+}
+
+impl Step<'_> {
+    fn run(&self, tracker: &mut impl PointTracker, previous: &TrackedFrame) -> Result<Vec<TrackedNode>, TrackError> {
+        let live = self.wireframe.live_nodes();
+        let positions: Vec<_> = previous.nodes.iter().map(|n| n.position).collect();
+        let starts: Vec<_> = live.iter().map(|&n| positions[n.index()] + self.probe_offset(n, &positions)).collect();
+        let probes: Vec<_> = starts.iter().map(|&p| Probe { position: p, guess: p }).collect();
+        let levels = self.options.levels;
+        let forward = tracker.find(Slot::Previous, Slot::Current, self.window, levels, &probes)?;
+        let back: Vec<_> = forward
+            .iter()
+            .zip(&starts)
+            .map(|(found, start)| match found {
+                Found::At { position, .. } => Probe { position: *position, guess: *position },
+                Found::Lost => Probe { position: *start, guess: *start },
+            })
+            .collect();
+        let backward = tracker.find(Slot::Current, Slot::Previous, self.window, levels, &back)?;
+
+        let mut steps: Vec<recover::NodeStep> = Vec::with_capacity(live.len());
+        for (i, &node) in live.iter().enumerate() {
+            steps.push(self.judge(node, starts[i], forward[i], backward[i]));
+        }
+        recover::reject_extremes(&self.plan.neighbours, &mut steps, self.options.extreme, self.eye_distance);
+
+        let tracked = steps.iter().filter(|s| s.loss.is_none()).count();
+        if tracked < MIN_TRACKED.min(live.len()) {
+            return Err(TrackError::FaceLost { frame: self.number, found: tracked, live: live.len() });
+        }
+        let moved = self.place(&positions, &steps)?;
+        let mut nodes: Vec<_> =
+            moved.iter().map(|&position| TrackedNode { position, state: NodeState::Follows, residual: None }).collect();
+        for step in &steps {
+            let node = &mut nodes[step.node.index()];
+            node.state = step.loss.map_or(NodeState::Tracked, NodeState::Recovered);
+            node.residual = step.residual;
+        }
+        Ok(nodes)
+    }
+
+    /// Where a node is searched for, relative to it.
+    fn probe_offset(&self, node: NodeId, positions: &[Point2<f64>]) -> Vector2<f64> {
+        let lip = self.plan.lips.iter().find(|lip| lip.inner == node);
+        lip.map_or_else(Vector2::zeros, |lip| (positions[lip.outer.index()] - positions[node.index()]) * LIP_PROBE)
+    }
+
+    fn judge(&self, node: NodeId, start: Point2<f64>, forward: Found, backward: Found) -> recover::NodeStep {
+        let lost = |reason, residual| recover::NodeStep { node, displacement: Vector2::zeros(), residual, loss: Some(reason) };
+        let Found::At { position, .. } = forward else { return lost(LossReason::Klt, None) };
+        if !self.size.contains(&position) {
+            return lost(LossReason::Outside, None);
+        }
+        let Found::At { position: returned, .. } = backward else { return lost(LossReason::ForwardBackward, None) };
+        let residual = (returned - start).norm();
+        if residual > self.options.forward_backward * self.eye_distance {
+            return lost(LossReason::ForwardBackward, Some(residual));
+        }
+        recover::NodeStep { node, displacement: position - start, residual: Some(residual), loss: None }
+    }
+
+    fn place(&self, positions: &[Point2<f64>], steps: &[recover::NodeStep]) -> Result<Vec<Point2<f64>>, TrackError> {
+        let kept = steps.iter().filter(|s| s.loss.is_none());
+        if !self.options.deform {
+            let mut nodes = positions.to_vec();
+            kept.for_each(|s| nodes[s.node.index()] += s.displacement);
+            self.wireframe.place_followers(&mut nodes);
+            return Ok(nodes);
+        }
+        let pull = Pull::Force(self.options.force);
+        let targets: Vec<_> =
+            kept.map(|s| Target { node: s.node, position: positions[s.node.index()] + s.displacement, pull }).collect();
+        Ok(self.plan.springs.deform(self.wireframe, positions, &targets)?)
+    }
+}
+
+/// Recovered (node, frame) pairs by state name, over the frames after the neutral one.
+pub fn recovered_by_reason(track: &Track) -> BTreeMap<String, usize> {
+    let mut counts = BTreeMap::new();
+    for node in track.frames.iter().skip(1).flat_map(|f| &f.nodes) {
+        if let NodeState::Recovered(_) = node.state {
+            *counts.entry(node.state.name().trim_start_matches("recovered_").to_owned()).or_insert(0) += 1;
+        }
+    }
+    counts
+}

@@ -1,0 +1,233 @@
+//! Spring deformation of a wireframe [KP, section 2].
+//!
+//! Every wireframe edge is a spring of stiffness k that resists a *difference of displacement* between its ends, so that at rest the
+//! wireframe keeps its shape. Every driven node is pulled by a force proportional to its distance from its target (gain f). With the
+//! displacements u of the live nodes from rest, the equilibrium is the linear system
+//!
+//! ```text
+//! (k L + F) u = F d        L: graph Laplacian of the springs, F: diag(f of the driven nodes, 0 elsewhere), d: target - rest
+//! ```
+//!
+//! which is symmetric and positive definite as soon as one node of every connected part is driven; it is solved once, by Cholesky. x
+//! and y do not interact. KP do not say how springs act along and across themselves; this membrane is the linear choice that has one
+//! equilibrium for any target and never folds on small forces.
+
+use nalgebra::{Cholesky, DMatrix, Dyn, Point2};
+
+use crate::{units::NodeId, wireframe::Wireframe};
+
+/// How a node is driven.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pull {
+    /// By a force of this gain (per unit of distance, in units of the springs' stiffness), > 0.
+    Force(f64),
+    /// To its target exactly.
+    Hard,
+}
+
+/// A driven node and the position it is driven to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// The node.
+    pub node: NodeId,
+    /// Where it is pulled, in the unit of the rest positions.
+    pub position: Point2<f64>,
+    /// How hard.
+    pub pull: Pull,
+}
+
+/// A deformation that has no unique answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SpringError {
+    /// Nothing drives the wireframe.
+    #[error("no node drives the deformation")]
+    NoTarget,
+    /// A target at a node that does not exist or is in no triangle.
+    #[error("node {node} is in no triangle; it can not drive the springs")]
+    NotLive {
+        /// The node.
+        node: NodeId,
+    },
+    /// A target, a gain or a rest position is not a finite number.
+    #[error("the target of node {node} is not a finite position with a positive gain")]
+    NotFinite {
+        /// The node.
+        node: NodeId,
+    },
+    /// The system could not be factored.
+    #[error("the spring system is singular: a position is not finite")]
+    Singular,
+}
+
+/// Gain that stands for an exact position; relative to the stiffness it leaves less than 1e-6 of the distance.
+const HARD_GAIN: f64 = 1e8;
+
+/// Tie of every node to its rest position, relative to the stiffness: it only matters for a part of the wireframe that nothing drives.
+const REST_GAIN: f64 = 1e-9;
+
+/// The springs of a wireframe.
+#[derive(Clone, Debug)]
+pub struct Springs {
+    /// Place of every node among the live ones.
+    place: Vec<Option<usize>>,
+    live: Vec<NodeId>,
+    /// k L over the live nodes, k = 1 for every spring.
+    laplacian: DMatrix<f64>,
+}
+
+impl Springs {
+    /// One spring of stiffness 1 for every edge.
+    pub fn new(wireframe: &Wireframe) -> Self {
+        let live = wireframe.live_nodes().to_vec();
+        let mut place = vec![None; wireframe.node_count()];
+        live.iter().enumerate().for_each(|(i, n)| place[n.index()] = Some(i));
+        let mut laplacian = DMatrix::zeros(live.len(), live.len());
+        for &(a, b) in wireframe.edges() {
+            if let (Some(i), Some(j)) = (place[a.index()], place[b.index()]) {
+                laplacian[(i, i)] += 1.0;
+                laplacian[(j, j)] += 1.0;
+                laplacian[(i, j)] -= 1.0;
+                laplacian[(j, i)] -= 1.0;
+            }
+        }
+        Self { place, live, laplacian }
+    }
+
+    /// Equilibrium of the wireframe at `rest` (all N nodes) under the targets; nodes in no triangle take their leaders' mean.
+    ///
+    /// A node may have several targets; their forces add up.
+    ///
+    /// # Errors
+    /// [`SpringError`].
+    pub fn deform(
+        &self,
+        wireframe: &Wireframe,
+        rest: &[Point2<f64>],
+        targets: &[Target],
+    ) -> Result<Vec<Point2<f64>>, SpringError> {
+        if targets.is_empty() {
+            return Err(SpringError::NoTarget);
+        }
+        let n = self.live.len();
+        let mut system = self.laplacian.clone();
+        let mut right = DMatrix::zeros(n, 2);
+        for i in 0..n {
+            system[(i, i)] += REST_GAIN;
+        }
+        for target in targets {
+            let node = target.node;
+            let i = self.place.get(node.index()).copied().flatten().ok_or(SpringError::NotLive { node })?;
+            let gain = match target.pull {
+                Pull::Force(gain) => gain,
+                Pull::Hard => HARD_GAIN,
+            };
+            let distance = target.position - rest[node.index()];
+            if !(gain > 0.0 && gain.is_finite() && distance.x.is_finite() && distance.y.is_finite()) {
+                return Err(SpringError::NotFinite { node });
+            }
+            system[(i, i)] += gain;
+            right[(i, 0)] += gain * distance.x;
+            right[(i, 1)] += gain * distance.y;
+        }
+        let factor: Cholesky<f64, Dyn> = Cholesky::new(system).ok_or(SpringError::Singular)?;
+        factor.solve_mut(&mut right);
+        let mut nodes = rest.to_vec();
+        for (i, node) in self.live.iter().enumerate() {
+            nodes[node.index()].x += right[(i, 0)];
+            nodes[node.index()].y += right[(i, 1)];
+        }
+        for target in targets.iter().filter(|t| t.pull == Pull::Hard) {
+            nodes[target.node.index()] = target.position;
+        }
+        wireframe.place_followers(&mut nodes);
+        Ok(nodes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+    use nalgebra::{Point3, Vector2};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Nodes 0, 1, 2 in one triangle.
+    fn triangle() -> Wireframe {
+        let vertices = vec![Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 1.0, 0.0)];
+        Wireframe::new(vertices, vec![[NodeId(0), NodeId(1), NodeId(2)]], vec![], vec![]).unwrap()
+    }
+
+    fn target(node: u16, x: f64, y: f64, pull: Pull) -> Target {
+        Target { node: NodeId(node), position: Point2::new(x, y), pull }
+    }
+
+    #[test]
+    fn hard_ends_put_the_free_node_in_the_middle() {
+        // Node 0 fixed, node 1 moved by (0.6, 0): the free node 2 is tied to both by equal springs and moves by their mean.
+        let (w, rest) = (triangle(), triangle().frontal());
+        let moved =
+            Springs::new(&w).deform(&w, &rest, &[target(0, 0.0, 0.0, Pull::Hard), target(1, 1.6, 0.0, Pull::Hard)]).unwrap();
+        assert_relative_eq!(moved[2], Point2::new(0.3, 1.0), epsilon = 1e-6);
+        assert_eq!(moved[1], Point2::new(1.6, 0.0));
+    }
+
+    #[test]
+    fn force_balances_the_springs() {
+        // Node 0 hard at rest, node 1 pulled by gain 1 to (2, 0) from (1, 0); node 2 free.
+        // u2 = u1 / 2; force on 1: (1 - u1) = 1 (u1 - 0) + 1 (u1 - u2) = 1.5 u1, so u1 = 0.4.
+        let (w, rest) = (triangle(), triangle().frontal());
+        let targets = [target(0, 0.0, 0.0, Pull::Hard), target(1, 2.0, 0.0, Pull::Force(1.0))];
+        let moved = Springs::new(&w).deform(&w, &rest, &targets).unwrap();
+        assert_relative_eq!(moved[1].x, 1.4, epsilon = 1e-6);
+        assert_relative_eq!(moved[2].x, 0.2, epsilon = 1e-6);
+    }
+
+    #[test]
+    fn bad_targets_are_refused() {
+        let w = Wireframe::candide3();
+        let (springs, rest) = (Springs::new(&w), w.frontal());
+        assert_eq!(springs.deform(&w, &rest, &[]), Err(SpringError::NoTarget));
+        let dead = springs.deform(&w, &rest, &[target(4, 0.0, 0.0, Pull::Hard)]);
+        assert_eq!(dead, Err(SpringError::NotLive { node: NodeId(4) }));
+        let nan = springs.deform(&w, &rest, &[target(5, f64::NAN, 0.0, Pull::Hard)]);
+        assert_eq!(nan, Err(SpringError::NotFinite { node: NodeId(5) }));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+
+        #[test]
+        fn a_common_shift_moves_the_wireframe_rigidly(dx in -5.0..5.0f64, dy in -5.0..5.0f64, gain in 0.1..100.0f64) {
+            let w = Wireframe::candide3();
+            let rest = w.frontal();
+            let shift = Vector2::new(dx, dy);
+            let targets: Vec<_> = [20, 31, 53, 64, 10]
+                .map(|n| Target { node: NodeId(n), position: rest[n as usize] + shift, pull: Pull::Force(gain) })
+                .into();
+            let moved = Springs::new(&w).deform(&w, &rest, &targets).unwrap();
+            for (a, b) in rest.iter().zip(&moved) {
+                prop_assert!((b - a - shift).norm() < 1e-6);
+            }
+        }
+
+        #[test]
+        fn small_forces_flip_no_triangle(seed in prop::collection::vec(-0.01..0.01f64, 14)) {
+            let w = Wireframe::candide3();
+            let rest = w.frontal();
+            let targets: Vec<_> = [20usize, 31, 53, 64, 10, 16, 49].iter().enumerate()
+                .map(|(i, &n)| Target {
+                    node: NodeId(n as u16),
+                    position: rest[n] + Vector2::new(seed[2 * i], seed[2 * i + 1]),
+                    pull: Pull::Force(20.0),
+                })
+                .collect();
+            let moved = Springs::new(&w).deform(&w, &rest, &targets).unwrap();
+            let area = |p: &[Point2<f64>], t: &[NodeId; 3]| (p[t[1].index()] - p[t[0].index()]).perp(&(p[t[2].index()] - p[t[0].index()]));
+            // Slivers of the closed mouth and the lids have almost no area in the frontal view and are left out.
+            for t in w.triangles().iter().filter(|t| area(&rest, t).abs() > 2e-3) {
+                prop_assert!(area(&rest, t) * area(&moved, t) > 0.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Frames of a video file.
+
+use std::path::{Path, PathBuf};
+
+use opencv::{
+    core::Mat,
+    imgproc::{COLOR_BGR2GRAY, cvt_color_def},
+    prelude::*,
+    videoio::{CAP_ANY, CAP_PROP_FPS, VideoCapture},
+};
+
+use super::SequenceError;
+
+/// Decodes a video from its first to its last wanted frame.
+pub struct VideoReader {
+    path: PathBuf,
+    capture: VideoCapture,
+    first: u32,
+    last: Option<u32>,
+    next: u32,
+    given: usize,
+    ended: bool,
+}
+
+impl VideoReader {
+    /// Opens the file.
+    pub fn open(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<Self, SequenceError> {
+        let error = |reason: String| SequenceError::Video { path: path.to_owned(), reason };
+        std::fs::File::open(path).map_err(|e| error(format!("cannot be read: {e}")))?;
+        let capture = VideoCapture::from_file(path, CAP_ANY)?;
+        if !capture.is_opened()? {
+            return Err(error(
+                "not a video that OpenCV can decode; convert it (for example to H.264 in MP4) or to images".into(),
+            ));
+        }
+        let first = first.unwrap_or(1);
+        Ok(Self { path: path.to_owned(), capture, first, last, next: 1, given: 0, ended: false })
+    }
+
+    /// Frames per second stated by the file.
+    pub fn fps(&self) -> Option<f64> {
+        self.capture.get(CAP_PROP_FPS).ok().filter(|fps| fps.is_finite() && *fps > 0.0)
+    }
+
+    /// The next wanted frame and its number.
+    pub fn next_frame(&mut self) -> Option<Result<(u32, Mat), SequenceError>> {
+        if self.ended {
+            return None;
+        }
+        let result = self.advance();
+        self.ended = !matches!(result, Some(Ok(_)));
+        result
+    }
+
+    fn advance(&mut self) -> Option<Result<(u32, Mat), SequenceError>> {
+        loop {
+            let number = self.next;
+            if self.last.is_some_and(|last| number > last) {
+                return None;
+            }
+            let mut colour = Mat::default();
+            match self.capture.read(&mut colour) {
+                Ok(true) if !colour.empty() => {}
+                Ok(_) => return self.end(number - 1).map(Err),
+                Err(error) => return Some(Err(error.into())),
+            }
+            self.next += 1;
+            if number < self.first {
+                continue;
+            }
+            self.given += 1;
+            if colour.channels() == 1 {
+                return Some(Ok((number, colour)));
+            }
+            let mut gray = Mat::default();
+            return Some(cvt_color_def(&colour, &mut gray, COLOR_BGR2GRAY).map(|()| (number, gray)).map_err(Into::into));
+        }
+    }
+
+    /// The error, if any, of a video that ended after `count` frames.
+    fn end(&self, count: u32) -> Option<SequenceError> {
+        let error = |reason: String| Some(SequenceError::Video { path: self.path.clone(), reason });
+        match self.last {
+            Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
+            None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
+            None if self.given < 2 => Some(SequenceError::TooFewFrames { found: self.given }),
+            None => None,
+        }
+    }
+}

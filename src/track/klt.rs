@@ -1,0 +1,98 @@
+//! Pyramidal KLT [Bouguet] by OpenCV. Pyramids are built once per frame and serve as next, then as previous image.
+
+use nalgebra::Point2;
+use opencv::{
+    core::{Mat, Point2f, Size, TermCriteria, TermCriteria_Type, Vector},
+    video::{OPTFLOW_USE_INITIAL_FLOW, build_optical_flow_pyramid, calc_optical_flow_pyr_lk},
+};
+
+use super::{Found, PointTracker, Probe, Slot, TrackError};
+use crate::sequence::Frame;
+
+/// Iterations and step (px) at which the search at one pyramid level ends: OpenCV's defaults.
+const MAX_ITERATIONS: i32 = 30;
+const STEP_PX: f64 = 0.01;
+
+/// Smallest normalized eigenvalue of a window's gradient matrix: OpenCV's default.
+const MIN_EIGENVALUE: f64 = 1e-4;
+
+/// The tracker of OpenCV.
+#[derive(Debug)]
+pub struct Klt {
+    levels: i32,
+    max_window: i32,
+    neutral: Vector<Mat>,
+    previous: Vector<Mat>,
+    current: Vector<Mat>,
+}
+
+impl Klt {
+    /// A tracker with `levels` pyramid levels (1: the image itself only), padded for windows up to `max_window_px`.
+    pub fn new(levels: u32, max_window_px: u32) -> Self {
+        let (levels, max_window) = (levels.clamp(1, 8) as i32, (max_window_px as i32).clamp(3, 255));
+        Self { levels, max_window, neutral: Vector::new(), previous: Vector::new(), current: Vector::new() }
+    }
+
+    fn pyramid(&self, frame: &Frame) -> Result<Vector<Mat>, TrackError> {
+        let mut pyramid = Vector::<Mat>::new();
+        let window = Size::new(self.max_window, self.max_window);
+        let (reflect, constant) = (opencv::core::BORDER_REFLECT_101, opencv::core::BORDER_CONSTANT);
+        build_optical_flow_pyramid(frame.mat(), &mut pyramid, window, self.levels - 1, true, reflect, constant, true)?;
+        Ok(pyramid)
+    }
+
+    fn slot(&self, slot: Slot) -> &Vector<Mat> {
+        match slot {
+            Slot::Neutral => &self.neutral,
+            Slot::Previous => &self.previous,
+            Slot::Current => &self.current,
+        }
+    }
+}
+
+impl PointTracker for Klt {
+    fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
+        let pyramid = self.pyramid(frame)?;
+        if self.neutral.is_empty() {
+            self.neutral = pyramid.clone();
+        }
+        self.previous = std::mem::replace(&mut self.current, pyramid);
+        Ok(())
+    }
+
+    fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+        if probes.is_empty() {
+            return Ok(Vec::new());
+        }
+        let single = |p: &Point2<f64>| Point2f::new(p.x as f32, p.y as f32);
+        let points: Vector<Point2f> = probes.iter().map(|p| single(&p.position)).collect();
+        let mut found: Vector<Point2f> = probes.iter().map(|p| single(&p.guess)).collect();
+        let (mut status, mut error) = (Vector::<u8>::new(), Vector::<f32>::new());
+        let window = (window_px as i32).clamp(3, self.max_window);
+        let kind = TermCriteria_Type::COUNT as i32 + TermCriteria_Type::EPS as i32;
+        let criteria = TermCriteria { typ: kind, max_count: MAX_ITERATIONS, epsilon: STEP_PX };
+        calc_optical_flow_pyr_lk(
+            self.slot(from),
+            self.slot(to),
+            &points,
+            &mut found,
+            &mut status,
+            &mut error,
+            Size::new(window, window),
+            (levels as i32).clamp(1, self.levels) - 1,
+            criteria,
+            OPTFLOW_USE_INITIAL_FLOW,
+            MIN_EIGENVALUE,
+        )?;
+        let answers = found.iter().zip(status.iter()).zip(error.iter());
+        Ok(answers
+            .map(|((point, status), error)| {
+                if status == 1 && point.x.is_finite() && point.y.is_finite() {
+                    Found::At { position: Point2::new(f64::from(point.x), f64::from(point.y)), difference: f64::from(error) }
+                } else {
+                    Found::Lost
+                }
+            })
+            .collect())
+    }
+}

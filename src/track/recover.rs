@@ -1,0 +1,117 @@
+//! Which displacements are extreme, and therefore lost.
+//!
+//! KP ask for "a uniform distribution" of displacements and treat nodes "with extreme displacement as lost", without a rule. Here a
+//! node's displacement is compared with the component-wise median of its neighbours' (nodes one or two springs away); it is extreme
+//! when the difference exceeds `extreme` robust standard deviations (1.4826 MAD) of all nodes' differences. A floor in the size of the
+//! face keeps a perfectly still face from losing its nodes to sub-pixel noise.
+
+use nalgebra::Vector2;
+
+use super::LossReason;
+use crate::{units::NodeId, wireframe::Wireframe};
+
+/// Standard deviation of a normal distribution over its median absolute deviation.
+const MAD_TO_SIGMA: f64 = 1.4826;
+
+/// Smallest standard deviation assumed, over the eye distance.
+const SIGMA_FLOOR: f64 = 0.004;
+
+/// What a step gave for one live node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeStep {
+    /// The node.
+    pub node: NodeId,
+    /// Displacement found, px; zero when lost.
+    pub displacement: Vector2<f64>,
+    /// Forward-backward distance, px, where it could be measured.
+    pub residual: Option<f64>,
+    /// Why the node was lost, if it was.
+    pub loss: Option<LossReason>,
+}
+
+/// For every live node (by place), the places of the live nodes one or two springs away.
+#[derive(Clone, Debug)]
+pub struct Neighbours(Vec<Vec<usize>>);
+
+impl Neighbours {
+    pub fn new(wireframe: &Wireframe) -> Self {
+        let live = wireframe.live_nodes();
+        let mut place = vec![usize::MAX; wireframe.node_count()];
+        live.iter().enumerate().for_each(|(i, n)| place[n.index()] = i);
+        let mut near = vec![Vec::new(); live.len()];
+        for &(a, b) in wireframe.edges() {
+            let (i, j) = (place[a.index()], place[b.index()]);
+            near[i].push(j);
+            near[j].push(i);
+        }
+        let within_two = (0..live.len()).map(|i| {
+            let mut set: Vec<usize> = near[i].iter().flat_map(|&j| near[j].iter().copied().chain([j])).collect();
+            set.sort_unstable();
+            set.dedup();
+            set.retain(|&j| j != i);
+            set
+        });
+        Self(within_two.collect())
+    }
+}
+
+/// Marks extreme displacements as lost; `steps` in the order of the live nodes.
+pub fn reject_extremes(neighbours: &Neighbours, steps: &mut [NodeStep], extreme: f64, eye_distance: f64) {
+    let differences: Vec<Option<f64>> = (0..steps.len())
+        .map(|i| {
+            steps[i].loss.is_none().then_some(())?;
+            let near = neighbours.0[i].iter().filter(|&&j| steps[j].loss.is_none());
+            let (mut x, mut y): (Vec<f64>, Vec<f64>) = near.map(|&j| (steps[j].displacement.x, steps[j].displacement.y)).unzip();
+            let expected = Vector2::new(median(&mut x)?, median(&mut y)?);
+            Some((steps[i].displacement - expected).norm())
+        })
+        .collect();
+    let mut sizes: Vec<f64> = differences.iter().copied().flatten().collect();
+    let Some(spread) = median(&mut sizes) else { return };
+    let limit = extreme * (spread * MAD_TO_SIGMA).max(SIGMA_FLOOR * eye_distance);
+    for (step, difference) in steps.iter_mut().zip(differences) {
+        if difference.is_some_and(|d| d > limit) {
+            step.loss = Some(LossReason::Extreme);
+            step.displacement = Vector2::zeros();
+        }
+    }
+}
+
+/// Median (mean of the two middle values for an even count); `None` for an empty slice.
+fn median(values: &mut [f64]) -> Option<f64> {
+    let n = values.len();
+    if n == 0 {
+        return None;
+    }
+    let (below, middle, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let middle = *middle;
+    if n % 2 == 1 {
+        return Some(middle);
+    }
+    below.iter().copied().max_by(f64::total_cmp).map(|lower| (lower + middle) / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_node_running_away_is_lost_and_the_others_are_not() {
+        let wireframe = Wireframe::candide3();
+        let neighbours = Neighbours::new(&wireframe);
+        let step = |node: &NodeId| NodeStep { node: *node, displacement: Vector2::new(1.0, 0.5), residual: None, loss: None };
+        let mut steps: Vec<_> = wireframe.live_nodes().iter().map(step).collect();
+        steps[20].displacement = Vector2::new(9.0, 0.5);
+        reject_extremes(&neighbours, &mut steps, 6.0, 100.0);
+        let lost: Vec<usize> = (0..steps.len()).filter(|&i| steps[i].loss.is_some()).collect();
+        assert_eq!(lost, [20]);
+        assert_eq!(steps[20].loss, Some(LossReason::Extreme));
+    }
+
+    #[test]
+    fn medians_of_odd_and_even_counts() {
+        assert_eq!(median(&mut [3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&mut [4.0, 1.0, 2.0, 3.0]), Some(2.5));
+        assert_eq!(median(&mut []), None);
+    }
+}
