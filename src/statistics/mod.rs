@@ -1,6 +1,18 @@
 //! Statistics of normalized dynamic models of one expression [KP, section 4.2 to 4.4].
 //!
-//! Letters as in [KP]: N live nodes, N' frames per model, N'' models. All lengths are face units.
+//! [`group_models`] splits labelled models into classes; [`representative`] takes one class through [`distance`] (eq. 2 to 5),
+//! [`trimming`] (eq. 6), [`median`] (eq. 7) and [`dispersion`] (eq. 8).
+//!
+//! Letters as in [KP]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
+//! order in which models are given nor on the number of threads.
+
+pub mod dispersion;
+pub mod distance;
+mod groups;
+pub mod median;
+mod representative;
+mod sum;
+pub mod trimming;
 
 use std::collections::BTreeMap;
 
@@ -10,6 +22,10 @@ use crate::{
     model::DynamicExpressionModel,
     units::{FaceUnit, NodeId, SequenceId},
 };
+use median::Ending;
+
+pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, group_models};
+pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, representative};
 
 /// A normalized model and the sequence it was made from.
 #[derive(Clone, Debug)]
@@ -49,6 +65,17 @@ pub struct StatisticsOptions {
     pub median: MedianKind,
 }
 
+impl StatisticsOptions {
+    /// The default of [`StatisticsOptions::alpha`]: a tenth of the models; [KP] names no number.
+    pub const DEFAULT_ALPHA: f64 = 0.1;
+}
+
+impl Default for StatisticsOptions {
+    fn default() -> Self {
+        Self { alpha: Self::DEFAULT_ALPHA, median: MedianKind::Greedy }
+    }
+}
+
 /// One line of the trimming trace: how far one model's displacement field is from the others' [KP, eq. 6].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrimmingRow {
@@ -77,6 +104,19 @@ pub struct MedianSums {
     pub certificate_gap: f64,
 }
 
+/// How the searches for the medians after trimming went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct MedianSearch {
+    /// Displacement vectors that the greedy search replaced.
+    pub greedy_replacements: usize,
+    /// How the greedy search ended.
+    pub greedy_ending: Ending,
+    /// Steps of the exact search over all slots.
+    pub exact_steps: usize,
+    /// How the exact search ended: the worst over the slots.
+    pub exact_ending: Ending,
+}
+
 /// A representative dynamic expression with its dispersion.
 #[derive(Clone, Debug)]
 pub struct Representative {
@@ -90,6 +130,8 @@ pub struct Representative {
     pub trimming: Vec<TrimmingRow>,
     /// Sums of distances and gaps, after trimming.
     pub sums: MedianSums,
+    /// How the searches for the medians went.
+    pub search: MedianSearch,
     /// Dispersion [KP, eq. 8] after trimming, face units; `None` for a single model.
     pub dispersion: Option<f64>,
     /// Dispersion before trimming, around the median of all models; `None` for a single model.
@@ -119,33 +161,57 @@ pub enum StatisticsError {
         /// The value.
         alpha: f64,
     },
+    /// Two models of one sequence.
+    #[error("two models of sequence {id}; every sequence counts once, so remove or rename one")]
+    DuplicateSequence {
+        /// The sequence.
+        id: SequenceId,
+    },
     /// Models of different shape.
-    #[error("{id}: {found} {what} where the others have {expected}")]
+    #[error("{id}: {found} {what} where the others have {expected}; normalize all sequences with the same options")]
     Shape {
         /// The odd one.
         id: SequenceId,
-        /// `frames` or `nodes`.
+        /// `frames` or `nodes`; for nodes the others are the wireframe too.
         what: &'static str,
         /// Its count.
         found: usize,
         /// The others'.
         expected: usize,
     },
+    /// A neutral frame that is not the canonical one that normalized models share.
+    #[error(
+        "{id}: node {node} of the neutral frame is {distance} face units from where the other models have it (at most {tolerance} is \
+         rounding); normalize all sequences with the same wireframe and options"
+    )]
+    Neutral {
+        /// The odd one.
+        id: SequenceId,
+        /// The live node that is farthest off.
+        node: NodeId,
+        /// How far, face units.
+        distance: f64,
+        /// Largest distance allowed.
+        tolerance: f64,
+    },
+    /// A displacement that no face makes.
+    #[error(
+        "{id}: node {node} moves by {found} face units from frame {field} to {}; {limit:e} is more than any face moves, so the model is wrong",
+        field + 1
+    )]
+    Displacement {
+        /// The sequence.
+        id: SequenceId,
+        /// The live node.
+        node: NodeId,
+        /// Displacement field, from 0.
+        field: usize,
+        /// The coordinate of the displacement vector that is too large.
+        found: f64,
+        /// Magnitudes must be below this.
+        limit: f64,
+    },
     /// The result is not a model.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
-}
-
-/// Computes the representative of one class.
-///
-/// # Errors
-/// [`StatisticsError`].
-pub fn representative(
-    label: ClassLabel,
-    models: &[SequenceModel],
-    live: &[NodeId],
-    options: &StatisticsOptions,
-) -> Result<Representative, StatisticsError> {
-    let _ = (label, models, live, options);
-    unimplemented!()
 }

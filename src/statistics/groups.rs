@@ -1,0 +1,141 @@
+//! Classes of models: every emotion, and every emotion within every group of people.
+
+use std::collections::BTreeMap;
+
+use super::{ClassLabel, SequenceModel};
+
+/// The emotion labels of the project in the order of every table; other labels follow alphabetically.
+pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadness", "surprise", "contempt", "neutral"];
+
+/// Group of the models whose metadata column is missing or empty.
+pub const UNKNOWN_GROUP: &str = "unknown";
+
+/// A model with what its sequence is labelled with.
+#[derive(Clone, Debug)]
+pub struct LabelledModel {
+    /// The model and its sequence.
+    pub model: SequenceModel,
+    /// Emotion label.
+    pub emotion: String,
+    /// Value by metadata column of the manifest.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// Why models can not be grouped.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GroupError {
+    /// A column that no sequence has.
+    #[error("no sequence has a metadata column `{column}` to group by; there is: {}", list(known))]
+    UnknownColumn {
+        /// The column asked for.
+        column: String,
+        /// Columns that at least one sequence has, sorted.
+        known: Vec<String>,
+    },
+}
+
+fn list(columns: &[String]) -> String {
+    if columns.is_empty() { "none".to_owned() } else { columns.join(", ") }
+}
+
+/// Splits models into classes: one for every emotion and, with columns in `by`, one for every emotion and combination of the
+/// columns' values that occurs.
+///
+/// A missing or blank value is the group [`UNKNOWN_GROUP`]. Emotions are in the order of [`EMOTIONS`], then alphabetical; within
+/// an emotion the whole of it comes first, then its groups, alphabetically by the values in the order of `by`. A class's models
+/// keep the order of `models`.
+///
+/// # Errors
+/// [`GroupError::UnknownColumn`] for a column that no model's metadata has.
+pub fn group_models<'a>(
+    models: &'a [LabelledModel],
+    by: &[String],
+) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
+    if let Some(column) = by.iter().find(|&column| !models.is_empty() && models.iter().all(|m| !m.metadata.contains_key(column)))
+    {
+        let mut known: Vec<String> = models.iter().flat_map(|m| m.metadata.keys().cloned()).collect();
+        known.sort_unstable();
+        known.dedup();
+        return Err(GroupError::UnknownColumn { column: column.clone(), known });
+    }
+    // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
+    let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&SequenceModel>> = BTreeMap::new();
+    for labelled in models {
+        let rank = EMOTIONS.iter().position(|&e| e == labelled.emotion).unwrap_or(EMOTIONS.len());
+        let value = |column: &String| {
+            let value = labelled.metadata.get(column).map_or("", |value| value.trim());
+            if value.is_empty() { UNKNOWN_GROUP } else { value }
+        };
+        classes.entry((rank, &labelled.emotion, Vec::new())).or_default().push(&labelled.model);
+        if !by.is_empty() {
+            classes.entry((rank, &labelled.emotion, by.iter().map(value).collect())).or_default().push(&labelled.model);
+        }
+    }
+    let label = |emotion: &str, values: &[&str]| ClassLabel {
+        emotion: emotion.to_owned(),
+        group: by.iter().zip(values).map(|(column, &value)| (column.clone(), value.to_owned())).collect(),
+    };
+    Ok(classes.into_iter().map(|((_, emotion, values), models)| (label(emotion, &values), models)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point2;
+
+    use super::*;
+    use crate::{
+        model::{DynamicExpressionModel, FrameExpressionModel},
+        units::SequenceId,
+    };
+
+    fn labelled(subject: &str, emotion: &str, metadata: &[(&str, &str)]) -> LabelledModel {
+        let frame = FrameExpressionModel::new(vec![Point2::origin()]);
+        let model = DynamicExpressionModel::new(vec![frame; 2]).unwrap();
+        let id = SequenceId { subject: subject.to_owned(), sequence: "1".to_owned() };
+        let metadata = metadata.iter().map(|&(k, v)| (k.to_owned(), v.to_owned())).collect();
+        LabelledModel { model: SequenceModel { id, model }, emotion: emotion.to_owned(), metadata }
+    }
+
+    fn classes(models: &[LabelledModel], by: &[&str]) -> Vec<String> {
+        let by: Vec<String> = by.iter().map(|&c| c.to_owned()).collect();
+        let text = |(label, models): (ClassLabel, Vec<&SequenceModel>)| {
+            let group: Vec<_> = label.group.values().map(String::as_str).collect();
+            let subjects: String = models.iter().map(|m| m.id.subject.as_str()).collect();
+            format!("{}/{}: {subjects}", label.emotion, group.join("+"))
+        };
+        group_models(models, &by).unwrap().into_iter().map(text).collect()
+    }
+
+    fn sample() -> Vec<LabelledModel> {
+        vec![
+            labelled("a", "zest", &[("sex", "f"), ("age", "old")]),
+            labelled("b", "surprise", &[("sex", "m"), ("age", "young")]),
+            labelled("c", "anger", &[("sex", "m"), ("age", "")]),
+            labelled("d", "bliss", &[]),
+            labelled("e", "anger", &[("sex", "f"), ("age", "old")]),
+            labelled("f", "anger", &[("sex", "m"), ("age", "old")]),
+        ]
+    }
+
+    #[test]
+    fn emotions_are_in_the_order_of_the_tables() {
+        assert_eq!(classes(&sample(), &[]), ["anger/: cef", "surprise/: b", "bliss/: d", "zest/: a"]);
+        assert_eq!(classes(&[], &["sex"]), [""; 0]);
+    }
+
+    #[test]
+    fn groups_follow_their_emotion_and_missing_values_are_unknown() {
+        let expected =
+            ["anger/: cef", "anger/f: e", "anger/m: cf", "surprise/: b", "surprise/m: b", "bliss/: d", "bliss/unknown: d"];
+        assert_eq!(classes(&sample(), &["sex"])[..7], expected);
+        let both = classes(&sample(), &["sex", "age"]);
+        // Label values are in column order (age, sex); the classes are in the order of the columns asked for.
+        assert_eq!(both[..4], ["anger/: cef", "anger/old+f: e", "anger/old+m: f", "anger/unknown+m: c"]);
+    }
+
+    #[test]
+    fn a_column_that_no_sequence_has_is_an_error() {
+        let error = group_models(&sample(), &["nationality".to_owned()]).unwrap_err();
+        assert_eq!(error.to_string(), "no sequence has a metadata column `nationality` to group by; there is: age, sex");
+    }
+}

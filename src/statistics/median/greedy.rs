@@ -1,0 +1,204 @@
+//! The greedy generalized median [KP, section 4.4].
+//!
+//! From the set median on, one displacement vector at a time is replaced by whatever lowers the sum of distances most, until
+//! nothing lowers it noticeably. Two choices that [KP] leaves open:
+//!
+//! - "Whatever" is, for each slot, the better of two: the vector of a member with the smallest sum in this slot, and the
+//!   Weiszfeld step from the slot's current vector. The first makes large moves, the second leaves the members' vectors behind.
+//! - After trimming at frame level each field has its own members, so the set median that the search starts at is taken field by
+//!   field: the field of the kept model with the smallest sum of distances d_f to the other kept ones.
+
+use std::{cmp::Ordering, collections::BinaryHeap};
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use super::{Ending, Median, PointSet, Slots};
+
+/// When the greedy search stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GreedyOptions {
+    /// Smallest gain of a replacement that is still made, as a share of the sum of distances at the start.
+    pub gain_tolerance: f64,
+    /// Replacements per slot, on average, after which the search gives up.
+    pub max_replacements_per_slot: usize,
+}
+
+impl Default for GreedyOptions {
+    fn default() -> Self {
+        Self { gain_tolerance: 1e-10, max_replacements_per_slot: 1000 }
+    }
+}
+
+/// One displacement vector under search.
+struct Slot<'a> {
+    points: PointSet<'a>,
+    current: Vector2<f64>,
+    sum: f64,
+    best_member: (Vector2<f64>, f64),
+}
+
+impl<'a> Slot<'a> {
+    fn new(points: PointSet<'a>, current: Vector2<f64>) -> Self {
+        let (member, least) = points.best_member();
+        Self { points, current, sum: points.evaluate(current).sum, best_member: (points.points()[member], least) }
+    }
+
+    /// The vector that lowers the slot's sum most, and the sum there.
+    fn best_replacement(&self) -> (Vector2<f64>, f64) {
+        let stepped = self.current + self.points.evaluate(self.current).weiszfeld_step();
+        let sum = self.points.evaluate(stepped).sum;
+        if self.best_member.1 <= sum { self.best_member } else { (stepped, sum) }
+    }
+}
+
+/// A replacement that waits in the queue. The largest gain comes first, of equal gains the first slot.
+struct Replacement {
+    gain: f64,
+    slot: usize,
+    vector: Vector2<f64>,
+    sum: f64,
+}
+
+impl Replacement {
+    fn of(index: usize, slot: &Slot) -> Self {
+        let (vector, sum) = slot.best_replacement();
+        Self { gain: slot.sum - sum, slot: index, vector, sum }
+    }
+}
+
+impl Ord for Replacement {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.gain.total_cmp(&other.gain).then(other.slot.cmp(&self.slot))
+    }
+}
+
+impl PartialOrd for Replacement {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Replacement {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Replacement {}
+
+/// The greedy generalized median from the given start, one vector per slot.
+///
+/// A queue holds the best replacement of every slot; a replacement changes the gain of its own slot only, so each costs one pass
+/// over one slot's points.
+///
+/// # Panics
+/// If `start` has not one vector per slot (a programmer's error).
+pub fn greedy_median(slots: &Slots, start: &[Vector2<f64>], options: &GreedyOptions) -> Median {
+    assert_eq!(start.len(), slots.len(), "a start vector for every slot");
+    let mut search: Vec<Slot> =
+        (0..slots.len()).into_par_iter().map(|index| Slot::new(slots.points(index), start[index])).collect();
+    let least_gain = least_gain(&search, options);
+    let mut queue: BinaryHeap<_> =
+        search.par_iter().enumerate().map(|(index, slot)| Replacement::of(index, slot)).collect::<Vec<_>>().into();
+    let limit = options.max_replacements_per_slot.saturating_mul(slots.len());
+    let mut iterations = 0;
+    let mut ending = Ending::Converged;
+    while let Some(Replacement { slot: index, vector, sum, .. }) = queue.pop().filter(|best| best.gain > least_gain) {
+        if iterations == limit {
+            ending = Ending::IterationLimit;
+            break;
+        }
+        let slot = &mut search[index];
+        (slot.current, slot.sum) = (vector, sum);
+        queue.push(Replacement::of(index, slot));
+        iterations += 1;
+    }
+    Median {
+        vectors: search.iter().map(|slot| slot.current).collect(),
+        sums: search.iter().map(|slot| slot.points.sum_of_distances(slot.current)).collect(),
+        lower_bounds: vec![0.0; slots.len()],
+        iterations,
+        ending,
+    }
+}
+
+/// The gain below which the search stops, in the points' unit.
+fn least_gain(search: &[Slot], options: &GreedyOptions) -> f64 {
+    options.gain_tolerance * search.iter().map(|slot| slot.sum).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::{
+        super::{ExactOptions, exact_median},
+        *,
+    };
+    use crate::statistics::distance::{DisplacementFields, tests::vectors};
+
+    fn slots(values: &[Vector2<f64>], nodes: usize, fields: usize) -> Slots {
+        let models: Vec<_> = values.chunks(nodes * fields).map(|v| DisplacementFields::from_vectors(nodes, v)).collect();
+        Slots::new(&models, &vec![(0..models.len()).collect(); fields])
+    }
+
+    /// The search as [KP] words it: look at every slot before every replacement.
+    fn naive(slots: &Slots, start: &[Vector2<f64>], options: &GreedyOptions) -> (Vec<Vector2<f64>>, usize) {
+        let mut search: Vec<Slot> = start.iter().enumerate().map(|(index, &v)| Slot::new(slots.points(index), v)).collect();
+        let least_gain = least_gain(&search, options);
+        for iterations in 0.. {
+            let replacements = search.iter().enumerate().map(|(index, slot)| Replacement::of(index, slot));
+            let best = replacements.max().unwrap();
+            if best.gain <= least_gain || iterations == options.max_replacements_per_slot * slots.len() {
+                return (search.iter().map(|slot| slot.current).collect(), iterations);
+            }
+            (search[best.slot].current, search[best.slot].sum) = (best.vector, best.sum);
+        }
+        unreachable!()
+    }
+
+    #[test]
+    fn the_middle_of_three_on_a_line_is_one_replacement_away() {
+        // Sums on the line: 12 at 0, 11 at 1, 21 at 11. From 11 the best member, 1, gains 10; from there nothing does.
+        let line = [0.0, 1.0, 11.0].map(|x| Vector2::new(x, 0.0));
+        let median = greedy_median(&slots(&line, 1, 1), &[line[2]], &GreedyOptions::default());
+        assert_eq!((median.vectors, median.sums), (vec![line[1]], vec![11.0]));
+        assert_eq!((median.iterations, median.ending), (1, Ending::Converged));
+    }
+
+    #[test]
+    fn the_answer_is_not_confined_to_members() {
+        // Corners of a square: the centre has the sum 4 sqrt 2, any corner 2 + 2 + 2 sqrt 2.
+        let square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)].map(|(x, y)| Vector2::new(x, y));
+        let median = greedy_median(&slots(&square, 1, 1), &square[..1], &GreedyOptions::default());
+        approx::assert_relative_eq!(median.sums[0], 32f64.sqrt(), max_relative = 1e-8);
+    }
+
+    #[test]
+    fn a_still_face_needs_no_replacement() {
+        let median = greedy_median(&slots(&[Vector2::zeros(); 12], 2, 2), &[Vector2::zeros(); 4], &GreedyOptions::default());
+        assert_eq!((median.sums, median.iterations, median.ending), (vec![0.0; 4], 0, Ending::Converged));
+    }
+
+    proptest! {
+        #[test]
+        fn the_queue_replaces_in_the_order_of_the_naive_search(values in vectors(6 * 8), limit in 0..12usize) {
+            let slots = slots(&values, 4, 2);
+            // The limit cuts both short at the same replacement: the order is the same, not only the end.
+            let options = GreedyOptions { max_replacements_per_slot: limit, ..GreedyOptions::default() };
+            let queued = greedy_median(&slots, &values[..8], &options);
+            prop_assert_eq!((queued.vectors, queued.iterations), naive(&slots, &values[..8], &options));
+        }
+
+        #[test]
+        fn greedy_is_close_to_exact_and_never_below_its_bound(values in vectors(15 * 6)) {
+            let slots = slots(&values, 3, 2);
+            let greedy = greedy_median(&slots, &values[..6], &GreedyOptions::default());
+            let exact = exact_median(&slots, &ExactOptions::default());
+            prop_assert_eq!(greedy.ending, Ending::Converged);
+            prop_assert!(slots.total(&exact.lower_bounds) <= slots.total(&greedy.sums));
+            prop_assert!(slots.total(&greedy.sums) <= slots.total(&exact.sums) * 1.001);
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Generalized medians of sets of displacement fields [KP, section 4.4 and eq. (7)].
+//!
+//! A *slot* is one displacement vector of the answer: node k of field m. Its points are the vectors that the models kept in field m
+//! have there. The sum of distances of eq. (7) is, up to the factor 1 / ((N' - 1) N), the sum over slots of the distances from the
+//! slot's vector to its points.
+
+mod exact;
+mod greedy;
+mod points;
+
+use nalgebra::Vector2;
+use serde::Serialize;
+
+use super::{distance::DisplacementFields, sum::CompensatedSum};
+
+pub use exact::{ExactOptions, GeometricMedian, exact_median, geometric_median};
+pub use greedy::{GreedyOptions, greedy_median};
+pub use points::{PointSet, PointSetError};
+
+/// How a search for a median ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// Within its tolerance.
+    #[default]
+    Converged,
+    /// No step in double precision lowers the sum any more, though the tolerance is not met.
+    Stalled,
+    /// After the largest number of iterations allowed.
+    IterationLimit,
+}
+
+/// A generalized median: one displacement vector per slot, and its sums of distances.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Median {
+    /// The vectors in slot order: field 0 of all live nodes, then field 1, and so on.
+    pub vectors: Vec<Vector2<f64>>,
+    /// Sum of distances from each vector to its slot's points.
+    pub sums: Vec<f64>,
+    /// Proven lower bound of each sum; 0 where the search proves none.
+    pub lower_bounds: Vec<f64>,
+    /// Steps or replacements over all slots.
+    pub iterations: usize,
+    /// How the search ended: the worst over the slots.
+    pub ending: Ending,
+}
+
+impl Median {
+    /// Takes the other median's vector in every slot where its sum is smaller (by rounding, if this one is exact).
+    pub fn improve_with(&mut self, other: &Median) {
+        for slot in 0..self.sums.len().min(other.sums.len()) {
+            if other.sums[slot] < self.sums[slot] {
+                self.sums[slot] = other.sums[slot];
+                self.vectors[slot] = other.vectors[slot];
+                self.lower_bounds[slot] = self.lower_bounds[slot].min(other.sums[slot]);
+            }
+        }
+    }
+}
+
+/// The points of every slot, copied together slot by slot.
+#[derive(Clone, Debug)]
+pub struct Slots {
+    node_count: usize,
+    /// By field: node 0's points, then node 1's, and so on, each as many as the field has members.
+    fields: Vec<Vec<Vector2<f64>>>,
+}
+
+impl Slots {
+    /// The slots of the given models, of which `members[m]` count in field m.
+    ///
+    /// # Panics
+    /// If a field has no member, a member is not in `models`, shapes differ, or a vector is not finite (programmer's errors).
+    pub fn new(models: &[DisplacementFields], members: &[Vec<usize>]) -> Self {
+        let node_count = models[0].node_count();
+        let gather = |(m, members): (usize, &Vec<usize>)| {
+            assert!(!members.is_empty(), "field {m} has no member");
+            (0..node_count).flat_map(|k| members.iter().map(move |&i| models[i].vector(m, k))).collect::<Vec<_>>()
+        };
+        let fields: Vec<_> = members.iter().enumerate().map(gather).collect();
+        assert!(fields.iter().flatten().all(|v| PointSet::new(std::slice::from_ref(v)).is_ok()), "a vector is not finite");
+        Self { node_count, fields }
+    }
+
+    /// Number of slots, (N' - 1) N.
+    pub fn len(&self) -> usize {
+        self.fields.len() * self.node_count
+    }
+
+    /// Whether there is no slot.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Number of live nodes N.
+    pub fn node_count(&self) -> usize {
+        self.node_count
+    }
+
+    /// The points of one slot.
+    ///
+    /// # Panics
+    /// If there is no such slot (a programmer's error).
+    pub fn points(&self, slot: usize) -> PointSet<'_> {
+        let field = &self.fields[slot / self.node_count];
+        let count = field.len() / self.node_count;
+        let k = slot % self.node_count;
+        PointSet::unweighted(&field[k * count..(k + 1) * count])
+    }
+
+    /// Sum of distances [KP, eq. (7)] from sums by slot: their sum over (N' - 1) N, in the models' unit.
+    pub fn total(&self, sums: &[f64]) -> f64 {
+        CompensatedSum::of(sums.iter().copied()) / self.len() as f64
+    }
+}

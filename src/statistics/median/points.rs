@@ -1,0 +1,332 @@
+//! The sum of distances to a set of planar points, and its derivatives.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::super::{distance::length, sum::CompensatedSum};
+
+/// Relative error allowed for in [`PointSet::best_member`] when a bound decides that a member need not be looked at. Rounding stays
+/// below it for fewer than 10^7 points.
+const BOUND_ERROR: f64 = 1e-9;
+
+/// Why points and weights do not make a set to take a median of.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PointSetError {
+    /// No point.
+    #[error("a median needs at least one point")]
+    Empty,
+    /// Not one weight per point.
+    #[error("{found} weights for {expected} points")]
+    WeightCount {
+        /// Weights given.
+        found: usize,
+        /// Points given.
+        expected: usize,
+    },
+    /// A weight that is not a positive number.
+    #[error("weight {index} is {weight}; weights must be finite and greater than 0")]
+    Weight {
+        /// Place in the list, from 0.
+        index: usize,
+        /// The weight.
+        weight: f64,
+    },
+    /// A coordinate that is NaN, infinite, or too large to be squared.
+    #[error("point {index} is ({x}, {y}); coordinates must be finite and below {limit:e}")]
+    Coordinate {
+        /// Place in the list, from 0.
+        index: usize,
+        /// x.
+        x: f64,
+        /// y.
+        y: f64,
+        /// Largest magnitude.
+        limit: f64,
+    },
+}
+
+/// Magnitude from which coordinates are refused: their squares and sums of these must stay finite.
+const COORDINATE_LIMIT: f64 = 1e100;
+
+/// Points of one slot, at least one, optionally with weights (a weight of 2 is the point twice).
+#[derive(Clone, Copy, Debug)]
+pub struct PointSet<'a> {
+    points: &'a [Vector2<f64>],
+    weights: Option<&'a [f64]>,
+    total_weight: f64,
+}
+
+/// The sum of distances f(x) = sum w |x - p| and its derivatives at x, over the points that are not at x.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Evaluation {
+    /// f(x).
+    pub sum: f64,
+    /// sum w (x - p) / |x - p|.
+    pub gradient: Vector2<f64>,
+    /// sum w / |x - p|: the trace of the Hessian.
+    pub inverse_distances: f64,
+    /// sum w / |x - p| (I - u u^T), u the unit vector from p to x.
+    pub hessian: Matrix2<f64>,
+    /// Weight of the points at x.
+    pub weight_here: f64,
+    /// The point nearest to x but not at x, if there is one.
+    pub nearest: Option<usize>,
+}
+
+impl Evaluation {
+    /// Whether x is a point of the set, and the median: no direction leads down [Vardi & Zhang 2000].
+    pub(super) fn is_optimal_vertex(&self) -> bool {
+        self.weight_here > 0.0 && self.gradient.norm() <= self.weight_here
+    }
+
+    /// The Weiszfeld step from x, in the form of Vardi & Zhang (2000), which also leaves points of the set; zero where x is optimal.
+    pub(super) fn weiszfeld_step(&self) -> Vector2<f64> {
+        let slope = self.gradient.norm();
+        if slope <= self.weight_here || self.inverse_distances <= 0.0 {
+            return Vector2::zeros();
+        }
+        self.gradient * (-(1.0 - self.weight_here / slope) / self.inverse_distances)
+    }
+}
+
+impl<'a> PointSet<'a> {
+    /// A set of points of weight 1.
+    ///
+    /// # Errors
+    /// [`PointSetError`] for an empty set, or coordinates that are not finite or at least 1e100.
+    pub fn new(points: &'a [Vector2<f64>]) -> Result<Self, PointSetError> {
+        Self::checked(points, None)
+    }
+
+    /// A set of points with a weight each.
+    ///
+    /// # Errors
+    /// [`PointSetError`] as for [`PointSet::new`], and for weights that are not one per point, finite and positive.
+    pub fn weighted(points: &'a [Vector2<f64>], weights: &'a [f64]) -> Result<Self, PointSetError> {
+        Self::checked(points, Some(weights))
+    }
+
+    /// A set of points that are known to be at least one and finite.
+    pub(super) fn unweighted(points: &'a [Vector2<f64>]) -> Self {
+        Self { points, weights: None, total_weight: points.len() as f64 }
+    }
+
+    fn checked(points: &'a [Vector2<f64>], weights: Option<&'a [f64]>) -> Result<Self, PointSetError> {
+        if points.is_empty() {
+            return Err(PointSetError::Empty);
+        }
+        let outside = |c: f64| !(c.abs() < COORDINATE_LIMIT);
+        if let Some(index) = points.iter().position(|p| outside(p.x) || outside(p.y)) {
+            return Err(PointSetError::Coordinate { index, x: points[index].x, y: points[index].y, limit: COORDINATE_LIMIT });
+        }
+        let mut total_weight = points.len() as f64;
+        if let Some(weights) = weights {
+            if weights.len() != points.len() {
+                return Err(PointSetError::WeightCount { found: weights.len(), expected: points.len() });
+            }
+            if let Some(index) = weights.iter().position(|w| !(w.is_finite() && *w > 0.0)) {
+                return Err(PointSetError::Weight { index, weight: weights[index] });
+            }
+            total_weight = CompensatedSum::of(weights.iter().copied());
+        }
+        Ok(Self { points, weights, total_weight })
+    }
+
+    /// The points.
+    pub fn points(&self) -> &'a [Vector2<f64>] {
+        self.points
+    }
+
+    /// Sum of the weights: the number of points where they have none.
+    pub fn total_weight(&self) -> f64 {
+        self.total_weight
+    }
+
+    #[inline]
+    pub(super) fn weight(&self, index: usize) -> f64 {
+        self.weights.map_or(1.0, |weights| weights[index])
+    }
+
+    /// Sum of distances from `x` to the points, in their unit.
+    pub fn sum_of_distances(&self, x: Vector2<f64>) -> f64 {
+        CompensatedSum::of(self.points.iter().enumerate().map(|(i, p)| self.weight(i) * length(x.x - p.x, x.y - p.y)))
+    }
+
+    /// The sum of distances and its derivatives at `x`, in one pass over the points.
+    pub(super) fn evaluate(&self, x: Vector2<f64>) -> Evaluation {
+        let (mut sum, mut gx, mut gy) = (0.0, 0.0, 0.0);
+        let (mut hxx, mut hxy, mut hyy, mut weight_here) = (0.0, 0.0, 0.0, 0.0);
+        let (mut nearest, mut nearest_distance) = (None, f64::INFINITY);
+        for (i, p) in self.points.iter().enumerate() {
+            let w = self.weight(i);
+            let (dx, dy) = (x.x - p.x, x.y - p.y);
+            let r = length(dx, dy);
+            if r == 0.0 {
+                weight_here += w;
+                continue;
+            }
+            if r < nearest_distance {
+                (nearest, nearest_distance) = (Some(i), r);
+            }
+            let (ux, uy) = (dx / r, dy / r);
+            let per_length = w / r;
+            sum += w * r;
+            gx += w * ux;
+            gy += w * uy;
+            hxx += per_length * uy * uy;
+            hxy -= per_length * ux * uy;
+            hyy += per_length * ux * ux;
+        }
+        Evaluation {
+            sum,
+            gradient: Vector2::new(gx, gy),
+            inverse_distances: hxx + hyy,
+            hessian: Matrix2::new(hxx, hxy, hxy, hyy),
+            weight_here,
+            nearest,
+        }
+    }
+
+    /// Weighted mean of the points.
+    pub(super) fn mean(&self) -> Vector2<f64> {
+        // Around the first point, so that a common translation costs no digits.
+        let origin = self.points[0];
+        let (mut x, mut y) = (CompensatedSum::default(), CompensatedSum::default());
+        for (i, p) in self.points.iter().enumerate() {
+            x.add(self.weight(i) * (p.x - origin.x));
+            y.add(self.weight(i) * (p.y - origin.y));
+        }
+        origin + Vector2::new(x.value(), y.value()) / self.total_weight
+    }
+
+    /// Median of each coordinate: the mean of the lower and the upper one where half the weight is on either side.
+    ///
+    /// For points on one line it is on that line and already the geometric median.
+    pub(super) fn componentwise_median(&self) -> Vector2<f64> {
+        Vector2::new(self.coordinate_median(0), self.coordinate_median(1))
+    }
+
+    fn coordinate_median(&self, axis: usize) -> f64 {
+        if self.weights.is_none() {
+            let mut values: Vec<f64> = self.points.iter().map(|p| p[axis]).collect();
+            return super::super::dispersion::median(&mut values).unwrap_or(0.0);
+        }
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        order.sort_by(|&a, &b| self.points[a][axis].total_cmp(&self.points[b][axis]));
+        let half = self.total_weight / 2.0;
+        let mut below = 0.0;
+        for (place, &i) in order.iter().enumerate() {
+            below += self.weight(i);
+            let value = self.points[i][axis];
+            if below > half || place + 1 == order.len() {
+                return value;
+            }
+            if below == half {
+                return f64::midpoint(value, self.points[order[place + 1]][axis]);
+            }
+        }
+        0.0
+    }
+
+    /// The point of the set with the smallest sum of distances to all of them, and that sum; the first of several.
+    ///
+    /// The same answer as trying every point, for far fewer sums: the sum is convex, so each one looked at bounds all others from
+    /// below by its tangent plane, and members whose bound is above the best sum are never looked at (Kelley's cutting planes on a
+    /// finite set).
+    pub fn best_member(&self) -> (usize, f64) {
+        let start = self.componentwise_median();
+        let mut bounds = vec![0.0; self.points.len()];
+        let distance = |i: usize| (self.points[i] - start).norm_squared();
+        let mut next = (0..self.points.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+        let mut best: Option<(usize, f64)> = None;
+        while let Some(member) = next {
+            let evaluation = self.evaluate(self.points[member]);
+            let sum = evaluation.sum;
+            if best.is_none_or(|(i, least)| sum < least || (sum == least && member < i)) {
+                best = Some((member, sum));
+            }
+            let limit = best.map_or(sum, |(_, least)| least);
+            let mut lowest = limit;
+            next = None;
+            bounds[member] = f64::INFINITY;
+            for (i, bound) in bounds.iter_mut().enumerate() {
+                let step = self.points[i] - self.points[member];
+                let error = BOUND_ERROR * (sum + self.total_weight * (step.x.abs() + step.y.abs()));
+                *bound = bound.max(sum + evaluation.gradient.dot(&step) - error);
+                if *bound <= lowest {
+                    // The first of equal bounds: `<=` on entry only, `<` afterwards.
+                    if next.is_none() || *bound < lowest {
+                        (next, lowest) = (Some(i), *bound);
+                    }
+                }
+            }
+        }
+        best.unwrap_or((0, 0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::{super::super::distance::tests::vectors, *};
+
+    fn points(list: &[(f64, f64)]) -> Vec<Vector2<f64>> {
+        list.iter().map(|&(x, y)| Vector2::new(x, y)).collect()
+    }
+
+    #[test]
+    fn derivatives_at_a_point_between_three() {
+        // x = (0, 0); p = (3, 4), (0, -2), (0, 0). Sum 5 + 2; gradient -(0.6, 0.8) + (0, 1) = (-0.6, 0.2).
+        // Hessian: 1/5 [0.64 -0.48; -0.48 0.36] + 1/2 [1 0; 0 0].
+        let p = points(&[(3.0, 4.0), (0.0, -2.0), (0.0, 0.0)]);
+        let e = PointSet::new(&p).unwrap().evaluate(Vector2::zeros());
+        assert_eq!((e.sum, e.weight_here, e.nearest), (7.0, 1.0, Some(1)));
+        approx::assert_relative_eq!(e.gradient, Vector2::new(-0.6, 0.2), epsilon = 1e-15);
+        approx::assert_relative_eq!(e.hessian, Matrix2::new(0.628, -0.096, -0.096, 0.072), epsilon = 1e-15);
+        approx::assert_relative_eq!(e.inverse_distances, 0.7, epsilon = 1e-15);
+        assert!(e.is_optimal_vertex());
+        assert_eq!(e.weiszfeld_step(), Vector2::zeros());
+    }
+
+    #[test]
+    fn weiszfeld_steps_are_means_weighted_by_inverse_distance() {
+        // From (0, 0) among (1, 0), (2, 0) and (-4, 0): (1/1 + 2/2 - 4/4) / (1 + 1/2 + 1/4) = 1 / 1.75.
+        let p = points(&[(1.0, 0.0), (2.0, 0.0), (-4.0, 0.0)]);
+        let step = PointSet::new(&p).unwrap().evaluate(Vector2::zeros()).weiszfeld_step();
+        approx::assert_relative_eq!(step, Vector2::new(1.0 / 1.75, 0.0), epsilon = 1e-15);
+    }
+
+    #[test]
+    fn a_weight_of_two_is_the_point_twice() {
+        let (once, twice) =
+            (points(&[(0.0, 0.0), (6.0, 1.0), (2.0, 5.0)]), points(&[(0.0, 0.0), (6.0, 1.0), (6.0, 1.0), (2.0, 5.0)]));
+        let (w, c) = (PointSet::weighted(&once, &[1.0, 2.0, 1.0]).unwrap(), PointSet::new(&twice).unwrap());
+        let x = Vector2::new(1.0, 1.0);
+        assert_eq!((w.total_weight(), w.sum_of_distances(x)), (4.0, c.sum_of_distances(x)));
+        // x: 0 2 6 6 -> (2 + 6) / 2; y: 0 1 1 5 -> 1.
+        assert_eq!((w.componentwise_median(), c.componentwise_median()), (Vector2::new(4.0, 1.0), Vector2::new(4.0, 1.0)));
+        assert_eq!(w.mean(), c.mean());
+        assert_eq!(w.best_member(), (1, c.best_member().1));
+    }
+
+    #[test]
+    fn bad_sets_are_refused_with_their_values() {
+        let p = points(&[(0.0, 0.0), (f64::NAN, 1.0)]);
+        assert_eq!(PointSet::new(&[]).unwrap_err(), PointSetError::Empty);
+        assert!(matches!(PointSet::new(&p).unwrap_err(), PointSetError::Coordinate { index: 1, .. }));
+        assert_eq!(PointSet::weighted(&p[..1], &[]).unwrap_err(), PointSetError::WeightCount { found: 0, expected: 1 });
+        for bad in [0.0, -1.0, f64::INFINITY, f64::NAN] {
+            assert!(matches!(PointSet::weighted(&p[..1], &[bad]).unwrap_err(), PointSetError::Weight { index: 0, .. }), "{bad}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_best_member_is_the_one_that_trying_all_finds(points in (1..60usize).prop_flat_map(vectors)) {
+            let set = PointSet::new(&points).unwrap();
+            let sums: Vec<f64> = points.iter().map(|&p| set.evaluate(p).sum).collect();
+            let least = sums.iter().copied().fold(f64::INFINITY, f64::min);
+            prop_assert_eq!(set.best_member(), (sums.iter().position(|&s| s == least).unwrap(), least));
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! The representative of one class: distances, trimming, medians and dispersion in order.
+
+use std::{borrow::Borrow, collections::BTreeMap};
+
+use nalgebra::{Point2, Vector2};
+use rayon::prelude::*;
+
+use super::{
+    ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
+    TrimmingRow,
+    dispersion::{KeptFields, median},
+    distance::DisplacementFields,
+    median::{ExactOptions, GreedyOptions, Median, Slots, exact_median, greedy_median},
+    trimming::{Trimming, sums_of_distances, trim_outliers},
+};
+use crate::{
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    units::{FaceUnit, NodeId, SequenceId},
+    wireframe::Wireframe,
+};
+
+/// Largest distance of a model's neutral node from the other models' that counts as rounding, face units: files carry nine
+/// digits of coordinates of about a thousand face units.
+pub const NEUTRAL_TOLERANCE: f64 = 1e-3;
+
+/// Displacements from this size on (a million eye distances) are refused, face units.
+pub const MAX_DISPLACEMENT: f64 = 1e9;
+
+/// Computes the representative of one class: its trimmed generalized median and its dispersion.
+///
+/// Implements [KP, section 4.2 to 4.4]. `models` are N'' normalized models of N' frames over all nodes of `wireframe`, face units,
+/// in any order; distances are over the wireframe's live nodes. The answer starts at the models' common neutral frame, adds the
+/// median displacement vectors field by field, and moves followers with their leaders. Both medians are computed whichever is
+/// chosen, so that the gap is always known; where rounding makes the greedy vector of a slot better than the exact one, it is
+/// the exact one too. Both dispersions are around medians of the chosen kind.
+///
+/// # Errors
+/// [`StatisticsError`] for no models, alpha outside 0 <= alpha < 0.5, two models of one sequence, models whose shape or neutral
+/// frame differs from the others', and displacements of [`MAX_DISPLACEMENT`] or more.
+pub fn representative<M: Borrow<SequenceModel>>(
+    label: ClassLabel,
+    models: &[M],
+    wireframe: &Wireframe,
+    options: &StatisticsOptions,
+) -> Result<Representative, StatisticsError> {
+    if !(0.0..0.5).contains(&options.alpha) {
+        return Err(StatisticsError::AlphaOutOfRange { alpha: options.alpha });
+    }
+    let models = sorted(&label, models)?;
+    check_shapes(&models, wireframe)?;
+    let live = wireframe.live_nodes();
+    let neutral = common_neutral(&models, live)?;
+    let fields = displacement_fields(&models, live)?;
+
+    let everything: Vec<Vec<usize>> = vec![(0..models.len()).collect(); fields[0].field_count()];
+    let row_sums = sums_of_distances(&fields, &everything);
+    let trimming = trim_outliers(&row_sums, options.alpha);
+
+    let slots = Slots::new(&fields, &trimming.kept);
+    let kept_sums = if trimming.is_empty() { row_sums.clone() } else { sums_of_distances(&fields, &trimming.kept) };
+    let greedy = greedy_median(&slots, &set_median(&fields, &trimming.kept, &kept_sums), &GreedyOptions::default());
+    let mut exact = exact_median(&slots, &ExactOptions::default());
+    exact.improve_with(&greedy);
+    let chosen = match options.median {
+        MedianKind::Greedy => &greedy,
+        MedianKind::Exact => &exact,
+    };
+    let center = DisplacementFields::from_vectors(live.len(), &chosen.vectors);
+    let center_untrimmed = if trimming.is_empty() {
+        center.clone()
+    } else {
+        let vectors = untrimmed_median(&fields, &everything, &row_sums, options.median);
+        DisplacementFields::from_vectors(live.len(), &vectors)
+    };
+
+    let kept = KeptFields::by_model(&trimming.kept, models.len());
+    let distances = kept.distances(&fields, &center);
+    let distances_untrimmed: Vec<f64> = fields.iter().map(|model| model.distance(&center_untrimmed)).collect();
+    let dispersion_of = |mut distances: Vec<f64>| if models.len() > 1 { median(&mut distances) } else { None };
+    Ok(Representative {
+        model: model_from_displacements(neutral, &center, wireframe)?,
+        trimming: trimming_rows(&models, &trimming),
+        sums: median_sums(&slots, &greedy, &exact),
+        search: MedianSearch {
+            greedy_replacements: greedy.iterations,
+            greedy_ending: greedy.ending,
+            exact_steps: exact.iterations,
+            exact_ending: exact.ending,
+        },
+        dispersion: dispersion_of(distances.iter().flatten().copied().collect()),
+        dispersion_untrimmed: dispersion_of(distances_untrimmed.clone()),
+        node_dispersion: at_all_nodes(&kept.node_dispersion(&fields, &center), wireframe),
+        sequences: models.iter().map(|m| m.id.clone()).collect(),
+        label,
+        distances,
+        distances_untrimmed,
+    })
+}
+
+/// The models by sequence id, which must be different.
+fn sorted<'a, M: Borrow<SequenceModel>>(label: &ClassLabel, models: &'a [M]) -> Result<Vec<&'a SequenceModel>, StatisticsError> {
+    let mut models: Vec<&SequenceModel> = models.iter().map(Borrow::borrow).collect();
+    models.sort_by(|a, b| a.id.cmp(&b.id));
+    if models.is_empty() {
+        return Err(StatisticsError::Empty { emotion: label.emotion.clone() });
+    }
+    match models.windows(2).find(|pair| pair[0].id == pair[1].id) {
+        Some(pair) => Err(StatisticsError::DuplicateSequence { id: pair[0].id.clone() }),
+        None => Ok(models),
+    }
+}
+
+/// Checks node counts against the wireframe and frame counts against most of the models.
+fn check_shapes(models: &[&SequenceModel], wireframe: &Wireframe) -> Result<(), StatisticsError> {
+    let mut frame_counts: BTreeMap<usize, usize> = BTreeMap::new();
+    models.iter().for_each(|m| *frame_counts.entry(m.model.frame_count()).or_default() += 1);
+    // Of equally frequent counts the larger: a sequence that was cut short is the likelier mistake.
+    let frames = frame_counts.iter().max_by_key(|&(frames, models)| (models, frames)).map_or(0, |(&frames, _)| frames);
+    let shape = |id: &SequenceId, what, found, expected| {
+        if found == expected { Ok(()) } else { Err(StatisticsError::Shape { id: id.clone(), what, found, expected }) }
+    };
+    for SequenceModel { id, model } in models {
+        shape(id, "nodes", model.node_count(), wireframe.node_count())?;
+        shape(id, "frames", model.frame_count(), frames)?;
+    }
+    Ok(())
+}
+
+/// The neutral frame that the models share: the componentwise median, from which no model may differ by more than rounding.
+fn common_neutral(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<Point2<f64>>, StatisticsError> {
+    let mut values = vec![0.0; models.len()];
+    let mut coordinate = |k: usize, axis: usize| {
+        values.iter_mut().zip(models).for_each(|(value, m)| *value = m.model.neutral().nodes()[k][axis]);
+        median(&mut values).unwrap_or(0.0)
+    };
+    let nodes = (0..models[0].model.node_count()).map(|k| Point2::new(coordinate(k, 0), coordinate(k, 1)));
+    let neutral: Vec<Point2<f64>> = nodes.collect();
+    for SequenceModel { id, model } in models {
+        let off = |n: &NodeId| (model.neutral().nodes()[n.index()] - neutral[n.index()]).norm();
+        let worst = live.iter().map(|n| (*n, off(n))).max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((node, distance)) = worst.filter(|(_, distance)| !(*distance <= NEUTRAL_TOLERANCE)) {
+            return Err(StatisticsError::Neutral { id: id.clone(), node, distance, tolerance: NEUTRAL_TOLERANCE });
+        }
+    }
+    Ok(neutral)
+}
+
+/// Every model's displacement fields over the live nodes, checked for magnitude.
+fn displacement_fields(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<DisplacementFields>, StatisticsError> {
+    let fields: Vec<_> = models.par_iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
+    for (m, fields) in models.iter().zip(&fields) {
+        if let Some((field, k, found)) = fields.first_beyond(MAX_DISPLACEMENT) {
+            let (id, node, limit) = (m.id.clone(), live[k], MAX_DISPLACEMENT);
+            return Err(StatisticsError::Displacement { id, node, field, found, limit });
+        }
+    }
+    Ok(fields)
+}
+
+/// For every field the vectors of the member with the smallest sum of distances to the others, the first of several.
+fn set_median(fields: &[DisplacementFields], members: &[Vec<usize>], sums: &[Vec<f64>]) -> Vec<Vector2<f64>> {
+    let of_field = |(m, (members, sums)): (usize, (&Vec<usize>, &Vec<f64>))| {
+        let best = members.iter().zip(sums).min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(&i, _)| i);
+        (0..fields[best].node_count()).map(|k| fields[best].vector(m, k)).collect::<Vec<_>>()
+    };
+    members.iter().zip(sums).enumerate().flat_map(of_field).collect()
+}
+
+/// The median of all models, before trimming, of the chosen kind.
+fn untrimmed_median(
+    fields: &[DisplacementFields],
+    everything: &[Vec<usize>],
+    row_sums: &[Vec<f64>],
+    kind: MedianKind,
+) -> Vec<Vector2<f64>> {
+    let slots = Slots::new(fields, everything);
+    match kind {
+        MedianKind::Greedy => greedy_median(&slots, &set_median(fields, everything, row_sums), &GreedyOptions::default()).vectors,
+        MedianKind::Exact => exact_median(&slots, &ExactOptions::default()).vectors,
+    }
+}
+
+fn trimming_rows(models: &[&SequenceModel], trimming: &Trimming) -> Vec<TrimmingRow> {
+    let row = |field: usize, i: usize| TrimmingRow {
+        field,
+        id: models[i].id.clone(),
+        distance: trimming.distances[field][i],
+        dropped: trimming.kept[field].binary_search(&i).is_err(),
+    };
+    (0..trimming.kept.len()).flat_map(|field| (0..models.len()).map(move |i| row(field, i))).collect()
+}
+
+fn median_sums(slots: &Slots, greedy: &Median, exact: &Median) -> MedianSums {
+    let (greedy, lower_bound) = (slots.total(&greedy.sums), slots.total(&exact.lower_bounds));
+    let exact = slots.total(&exact.sums);
+    let gap = |upper: f64, lower: f64| if upper == lower { 0.0 } else { (upper - lower) / exact };
+    MedianSums { greedy, exact, lower_bound, greedy_gap: gap(greedy, exact), certificate_gap: gap(exact, lower_bound) }
+}
+
+/// The neutral frame and, frame by frame, the displacement vectors added to it.
+fn model_from_displacements(
+    neutral: Vec<Point2<f64>>,
+    center: &DisplacementFields,
+    wireframe: &Wireframe,
+) -> Result<DynamicExpressionModel<FaceUnit>, StatisticsError> {
+    let mut nodes = neutral;
+    wireframe.place_followers(&mut nodes);
+    let mut frames = vec![FrameExpressionModel::new(nodes.clone())];
+    for m in 0..center.field_count() {
+        for (k, n) in wireframe.live_nodes().iter().enumerate() {
+            nodes[n.index()] += center.vector(m, k);
+        }
+        wireframe.place_followers(&mut nodes);
+        frames.push(FrameExpressionModel::new(nodes.clone()));
+    }
+    Ok(DynamicExpressionModel::new(frames)?)
+}
+
+/// Values of live nodes at their place among all nodes, 0 elsewhere.
+fn at_all_nodes(values: &[f64], wireframe: &Wireframe) -> Vec<f64> {
+    let mut all = vec![0.0; wireframe.node_count()];
+    wireframe.live_nodes().iter().zip(values).for_each(|(n, &value)| all[n.index()] = value);
+    all
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,198 @@
+//! Rejection of outlying displacement fields [KP, section 4.3 and eq. (6)].
+//!
+//! Trimming is at frame level, as [KP] uses it: each of the N' - 1 displacement fields has its own order of the N'' models and
+//! loses its own floor(alpha N''). A model may thus stay in one field and be dropped from another.
+
+use rayon::prelude::*;
+
+use super::distance::DisplacementFields;
+
+/// Models per block of the pairwise distances: two blocks of one field stay in the cache, and the order of summation depends on
+/// nothing but this number.
+const BLOCK: usize = 32;
+
+/// What is left of every displacement field, and why.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trimming {
+    /// d_tf [KP, eq. (6)] by field, then by model: mean distance to the other models, in the models' unit; 0 for a single model,
+    /// where the equation has 0 / 0.
+    pub distances: Vec<Vec<f64>>,
+    /// Indices of the models kept, by field, ascending. Never empty.
+    pub kept: Vec<Vec<usize>>,
+}
+
+impl Trimming {
+    /// Whether no field of any model was dropped.
+    pub fn is_empty(&self) -> bool {
+        self.kept.iter().zip(&self.distances).all(|(kept, all)| kept.len() == all.len())
+    }
+}
+
+/// Drops from every displacement field the floor(alpha N'') models with the largest d_tf.
+///
+/// Implements [KP, section 4.3]. Of two models at exactly the same distance the later one in `models` is dropped first; the
+/// caller sorts by sequence id, so the larger id goes. `row_sums` are those of [`sums_of_distances`] over all models.
+pub fn trim_outliers(row_sums: &[Vec<f64>], alpha: f64) -> Trimming {
+    let distances: Vec<Vec<f64>> = row_sums
+        .iter()
+        .map(|sums| sums.iter().map(|sum| if sums.len() > 1 { sum / (sums.len() - 1) as f64 } else { 0.0 }).collect())
+        .collect();
+    let kept = distances.iter().map(|d: &Vec<f64>| keep(d, trimmed_count(alpha, d.len()))).collect();
+    Trimming { distances, kept }
+}
+
+/// floor(alpha N''): how many of `model_count` models are trimmed from a field.
+///
+/// A product that misses a whole number by rounding counts as that number: 0.29 of 100 models is 29, though the product of the two
+/// doubles is 28.999999999999996.
+pub fn trimmed_count(alpha: f64, model_count: usize) -> usize {
+    let product = alpha * model_count as f64;
+    // alpha and the product are each rounded by at most half an epsilon.
+    (product * (1.0 + 2.0 * f64::EPSILON)).floor() as usize
+}
+
+fn keep(distances: &[f64], dropped: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..distances.len()).collect();
+    order.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
+    order.truncate(distances.len() - dropped);
+    order.sort_unstable();
+    order
+}
+
+/// For every field m and every model of `members[m]`: the sum of its distances d_f to the other members, in that order.
+///
+/// O(sum of squares of the member counts times N). Each pair is computed once, in parallel over pairs of blocks, and the sums of a
+/// model's blocks are added in block order: the bits do not depend on the thread count. Equal models get equal sums.
+///
+/// # Panics
+/// If a member is not in `models`, or the models differ in shape (a programmer's error).
+pub fn sums_of_distances(models: &[DisplacementFields], members: &[Vec<usize>]) -> Vec<Vec<f64>> {
+    let mut pairs = Vec::new();
+    for (m, members) in members.iter().enumerate() {
+        let blocks = members.len().div_ceil(BLOCK);
+        pairs.extend((0..blocks).flat_map(|row| (row..blocks).map(move |column| (m, row, column))));
+    }
+    let partial: Vec<_> = pairs.par_iter().map(|&(m, row, column)| block_sums(models, &members[m], m, row, column)).collect();
+    let mut sums: Vec<Vec<f64>> = members.iter().map(|members| vec![0.0; members.len()]).collect();
+    let add = |sums: &mut [f64], block: usize, partial: &[f64]| {
+        sums[block * BLOCK..].iter_mut().zip(partial).for_each(|(sum, partial)| *sum += partial);
+    };
+    // Row r receives its blocks in the order (0, r), ..., (r - 1, r), (r, r), (r, r + 1), ...
+    for (&(m, row, column), (to_row, to_column)) in pairs.iter().zip(&partial) {
+        add(&mut sums[m], row, to_row);
+        if row != column {
+            add(&mut sums[m], column, to_column);
+        }
+    }
+    sums
+}
+
+/// Sums of distances between the members of two blocks: for the row block's members and for the column block's.
+fn block_sums(
+    models: &[DisplacementFields],
+    members: &[usize],
+    m: usize,
+    row: usize,
+    column: usize,
+) -> ([f64; BLOCK], [f64; BLOCK]) {
+    let block = |b: usize| &members[b * BLOCK..members.len().min((b + 1) * BLOCK)];
+    let (mut to_row, mut to_column) = ([0.0; BLOCK], [0.0; BLOCK]);
+    for (r, &a) in block(row).iter().enumerate() {
+        let first = if row == column { r + 1 } else { 0 };
+        for (c, &b) in block(column).iter().enumerate().skip(first) {
+            let distance = models[a].frame_distance(&models[b], m);
+            to_row[r] += distance;
+            let mirrored = if row == column { &mut to_row } else { &mut to_column };
+            mirrored[c] += distance;
+        }
+    }
+    (to_row, to_column)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+    use proptest::prelude::*;
+
+    use super::{super::distance::tests::vectors, *};
+
+    fn models(xs: &[f64]) -> Vec<DisplacementFields> {
+        xs.iter().map(|&x| DisplacementFields::from_vectors(1, &[Vector2::new(x, 0.0)])).collect()
+    }
+
+    fn all(models: &[DisplacementFields]) -> Vec<Vec<usize>> {
+        models.first().map_or(Vec::new(), |model| vec![(0..models.len()).collect(); model.field_count()])
+    }
+
+    fn trim(models: &[DisplacementFields], alpha: f64) -> Trimming {
+        trim_outliers(&sums_of_distances(models, &all(models)), alpha)
+    }
+
+    #[test]
+    fn the_farthest_is_dropped() {
+        // One node, one field, vectors 0, 1, 2, 9 on a line.
+        // d_tf: (1+2+9)/3 = 4, (1+1+8)/3, (2+1+7)/3, (9+8+7)/3 = 8.
+        let trimming = trim(&models(&[0.0, 1.0, 9.0, 2.0]), 0.25);
+        assert_eq!(trimming.distances, [[4.0, 10.0 / 3.0, 8.0, 10.0 / 3.0]]);
+        assert_eq!(trimming.kept, [[0, 1, 3]]);
+    }
+
+    #[test]
+    fn of_two_tied_models_the_later_is_dropped() {
+        // 0 and 2 are equally far (3) from the rest {0, 1, 1, 2}: (1+1+2)/3.
+        let tied = models(&[0.0, 1.0, 1.0, 2.0]);
+        let trimming = trim(&tied, 0.25);
+        assert_eq!(trimming.distances[0][0], trimming.distances[0][3]);
+        assert_eq!(trimming.kept, [[0, 1, 2]]);
+        assert_eq!(trim(&models(&[5.0; 10]), 0.3).kept, [(0..7).collect::<Vec<_>>()]);
+    }
+
+    #[test]
+    fn a_single_model_is_kept_at_distance_zero() {
+        let trimming = trim(&models(&[7.0]), 0.49);
+        assert_eq!((trimming.distances.clone(), trimming.kept.clone()), (vec![vec![0.0]], vec![vec![0]]));
+        assert!(trimming.is_empty());
+    }
+
+    #[test]
+    fn the_number_trimmed_is_the_floor() {
+        let cases =
+            [(0.1, 9, 0), (0.1, 10, 1), (0.1, 19, 1), (0.1, 20, 2), (0.29, 100, 29), (0.07, 100, 7), (0.0, 50, 0), (0.49, 1, 0)];
+        for (alpha, n, expected) in cases {
+            assert_eq!(trimmed_count(alpha, n), expected, "{alpha} of {n}");
+        }
+    }
+
+    #[test]
+    fn blocks_cover_every_pair_once() {
+        // 0, 1, ..., 99 on a line, more than three blocks: the sum for i is i (i + 1) / 2 + (99 - i)(100 - i) / 2, exact in doubles.
+        let line = models(&(0..100).map(f64::from).collect::<Vec<_>>());
+        let sums = sums_of_distances(&line, &all(&line));
+        let expected: Vec<f64> = (0..100).map(|i| f64::from(i * (i + 1) / 2 + (99 - i) * (100 - i) / 2)).collect();
+        assert_eq!(sums, [expected]);
+        // Only the members count: 3, 50 and 90 are 47 + 87, 47 + 40 and 87 + 40 apart.
+        assert_eq!(sums_of_distances(&line, &[vec![3, 50, 90]]), [[134.0, 87.0, 127.0]]);
+    }
+
+    proptest! {
+        #[test]
+        fn a_larger_alpha_trims_a_superset(values in vectors(40 * 6), small in 0.0..0.5f64, large in 0.0..0.5f64) {
+            let models: Vec<_> = values.chunks(6).map(|v| DisplacementFields::from_vectors(3, v)).collect();
+            let (small, large) = (small.min(large), small.max(large));
+            let (few, many) = (trim(&models, small), trim(&models, large));
+            for (few, many) in few.kept.iter().zip(&many.kept) {
+                prop_assert_eq!(few.len(), 40 - trimmed_count(small, 40));
+                prop_assert!(many.iter().all(|i| few.contains(i)));
+            }
+            prop_assert!(trim(&models, 0.0).is_empty());
+        }
+
+        #[test]
+        fn equal_models_have_equal_sums(values in vectors(70 * 5), copy in 0..69usize) {
+            let mut models: Vec<_> = values.chunks(5).map(|v| DisplacementFields::from_vectors(5, v)).collect();
+            models[69] = models[copy].clone();
+            let sums = sums_of_distances(&models, &all(&models));
+            prop_assert_eq!(sums[0][69], sums[0][copy]);
+        }
+    }
+}
