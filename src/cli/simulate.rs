@@ -1,12 +1,174 @@
 //! `grimace simulate`.
 
+use std::{
+    io::IsTerminal,
+    path::PathBuf,
+    sync::OnceLock,
+    time::{Duration, Instant},
+};
+
+use anyhow::Context;
+use clap::ValueEnum;
+use grimace::simulate::{Emotion, FrameFormat, SimulateOptions, simulate_dataset};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
 use super::Outcome;
+
+/// A bar appears when the work takes longer than this.
+const QUIET: Duration = Duration::from_secs(1);
+
+const EXAMPLE: &str = "\
+Example:
+  grimace simulate -o faces --subjects 6 --emotions happiness,surprise --frames 12 --size 320x240 --seed 7
+
+Writes faces/manifest.csv (with columns sex and cohort to group by), faces/S001/005/S001_005_00000001.png and so on with
+correspondences.csv beside the frames, faces/truth/S001_005.csv with the exact position of every node in every frame (pixels),
+and faces/simulate.json with all options. The sequence number is the Cohn-Kanade emotion code: 1 anger, 2 contempt, 3 disgust,
+4 fear, 5 happiness, 6 sadness, 7 surprise. The same options give the same files.";
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
-pub struct Args {}
+#[command(after_help = EXAMPLE)]
+pub struct Args {
+    /// Folder of the dataset; must be new or empty.
+    #[arg(short, long, value_name = "DATASET")]
+    output: PathBuf,
+    /// Number of subjects.
+    #[arg(long, default_value_t = 4, value_name = "N")]
+    subjects: u32,
+    /// Emotions, separated by commas: anger, contempt, disgust, fear, happiness, sadness, surprise.
+    #[arg(long, value_delimiter = ',', value_name = "LIST", default_value = "anger,disgust,fear,happiness,sadness,surprise")]
+    emotions: Vec<Emotion>,
+    /// Frames per sequence, from the neutral to the apex frame.
+    #[arg(long, default_value_t = 24, value_name = "N")]
+    frames: usize,
+    /// Size of the frames in pixels.
+    #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = parse_size)]
+    size: (u32, u32),
+    /// Seed of identities, expressions, motion and noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Standard deviation of the pixel noise, in grey levels of 0 to 255.
+    #[arg(long, default_value_t = 1.5, value_name = "SIGMA")]
+    noise: f64,
+    /// Largest roll of the head, in degrees.
+    #[arg(long, default_value_t = 4.0, value_name = "DEG")]
+    roll: f64,
+    /// Largest yaw of the head, in degrees.
+    #[arg(long, default_value_t = 0.0, value_name = "DEG")]
+    yaw: f64,
+    /// Largest pitch of the head, in degrees.
+    #[arg(long, default_value_t = 0.0, value_name = "DEG")]
+    pitch: f64,
+    /// Largest shift of the head, in pixels.
+    #[arg(long, default_value_t = 6.0, value_name = "PX")]
+    shift: f64,
+    /// Largest relative change of the head's size.
+    #[arg(long, default_value_t = 0.02, value_name = "SHARE")]
+    scale_change: f64,
+    /// File format of the frames.
+    #[arg(long, value_enum, default_value_t = Format::Png)]
+    format: Format,
+    /// Quality of JPEG frames, 1 to 100.
+    #[arg(long, default_value_t = 90, value_name = "Q")]
+    quality: u8,
+    /// Standard deviation of the error of each mark in correspondences.csv, in pixels.
+    #[arg(long, default_value_t = 0.5, value_name = "PX")]
+    marks_noise: f64,
+    /// Frame rate stated in the manifest.
+    #[arg(long, default_value_t = 25.0)]
+    fps: f64,
+    /// Number of threads (default: one per processor).
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Write into a folder that is not empty.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Format {
+    Png,
+    Jpg,
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let error = || format!("`{text}` is not a size such as 640x480");
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(error)?;
+    Ok((width.trim().parse().map_err(|_| error())?, height.trim().parse().map_err(|_| error())?))
+}
 
 /// Runs the command.
-pub fn run(_args: Args) -> anyhow::Result<Outcome> {
-    anyhow::bail!("not built yet")
+pub fn run(args: Args) -> anyhow::Result<Outcome> {
+    let options = SimulateOptions {
+        subjects: args.subjects,
+        emotions: args.emotions,
+        frames: args.frames,
+        width: args.size.0,
+        height: args.size.1,
+        seed: args.seed,
+        noise_sigma: args.noise,
+        roll_degrees: args.roll,
+        yaw_degrees: args.yaw,
+        pitch_degrees: args.pitch,
+        shift_px: args.shift,
+        scale_change: args.scale_change,
+        format: match args.format {
+            Format::Png => FrameFormat::Png,
+            Format::Jpg => FrameFormat::Jpg { quality: args.quality },
+        },
+        marks_noise_px: args.marks_noise,
+        fps: args.fps,
+    };
+    let mut pool = rayon::ThreadPoolBuilder::new();
+    if let Some(threads) = args.threads {
+        anyhow::ensure!(threads > 0, "--threads is 0; it must be at least 1");
+        pool = pool.num_threads(threads);
+    }
+    let pool = pool.build().context("cannot start the threads")?;
+    let progress = Progress::new();
+    let summary =
+        pool.install(|| simulate_dataset(&options, &args.output, args.force, |done, total| progress.show(done, total)))?;
+    progress.finish();
+    println!(
+        "{} sequences of {} subjects, {} frames, written to {}",
+        summary.sequences,
+        options.subjects,
+        summary.frames,
+        args.output.display()
+    );
+    Ok(Outcome::Done)
+}
+
+/// A bar on a terminal's stderr, once the work has taken a while.
+struct Progress {
+    start: Instant,
+    terminal: bool,
+    bar: OnceLock<ProgressBar>,
+}
+
+impl Progress {
+    fn new() -> Self {
+        Self { start: Instant::now(), terminal: std::io::stderr().is_terminal(), bar: OnceLock::new() }
+    }
+
+    fn show(&self, done: usize, total: usize) {
+        if !self.terminal || self.start.elapsed() < QUIET {
+            return;
+        }
+        let bar = self.bar.get_or_init(|| {
+            let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr());
+            if let Ok(style) = ProgressStyle::with_template("simulating {bar:40} {pos}/{len} frames, {eta} left") {
+                bar.set_style(style);
+            }
+            bar
+        });
+        bar.set_position(done as u64);
+    }
+
+    fn finish(&self) {
+        if let Some(bar) = self.bar.get() {
+            bar.finish_and_clear();
+        }
+    }
 }

@@ -1,0 +1,107 @@
+//! How the head moves over a sequence, and where face space lands in the image.
+
+use nalgebra::{Matrix2, Point2, Point3, Rotation3, Vector2};
+use rand::RngExt;
+
+use super::{
+    SimulateOptions,
+    expression::Emotion,
+    random::{Purpose, generator},
+};
+
+/// Share of the image height that one model unit takes.
+const PX_PER_UNIT: f64 = 0.335;
+/// The same for the width: narrow pictures show the face smaller.
+const PX_PER_UNIT_OF_WIDTH: f64 = 0.45;
+/// Point of face space that stands at the middle of the image, and about which the head turns (model units).
+const IMAGE_MIDDLE: Point3<f64> = Point3::new(0.0, -0.03, -0.25);
+
+/// An orthographic view of face space: `image = origin + scale * (x, -y)` of the turned head.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadPose {
+    turn: Rotation3<f64>,
+    scale: f64,
+    origin: Point2<f64>,
+}
+
+impl HeadPose {
+    /// Image position (pixels) of a point of face space (model units).
+    pub fn project(&self, point: &Point3<f64>) -> Point2<f64> {
+        let turned = self.turn * (point - IMAGE_MIDDLE);
+        self.origin + Vector2::new(turned.x, -turned.y) * self.scale
+    }
+
+    /// Pixels from plane, for points of one depth: the linear part of the view.
+    pub fn image_from_plane(&self) -> Matrix2<f64> {
+        let m = self.turn.matrix();
+        Matrix2::new(m[(0, 0)], m[(0, 1)], -m[(1, 0)], -m[(1, 1)]) * self.scale
+    }
+
+    /// The same view of a body that does not turn.
+    pub fn without_turn(&self) -> Self {
+        Self { turn: Rotation3::identity(), ..*self }
+    }
+
+    /// Rotation of the head.
+    pub fn turn(&self) -> Rotation3<f64> {
+        self.turn
+    }
+}
+
+/// Pixels per model unit before any change of scale.
+pub fn px_per_unit(options: &SimulateOptions) -> f64 {
+    (PX_PER_UNIT * f64::from(options.height)).min(PX_PER_UNIT_OF_WIDTH * f64::from(options.width))
+}
+
+/// The course of one sequence: head pose and share of the expression in every frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Course {
+    /// Roll, yaw, pitch in radians; shift in pixels; scale: at the first and the last frame.
+    ends: [[f64; 6]; 2],
+    /// Exponent on time that makes an onset early (below 1) or late.
+    onset: f64,
+    middle: Point2<f64>,
+    px_per_unit: f64,
+    frames: usize,
+}
+
+impl Course {
+    /// The seeded course of a subject's sequence.
+    pub fn new(options: &SimulateOptions, subject: u32, emotion: Emotion) -> Self {
+        let mut random = generator(options.seed, Purpose::Motion, subject, emotion.code(), 0);
+        let mut within = |limit: f64| limit * random.random_range(-1.0..=1.0);
+        let [roll, yaw, pitch] = [options.roll_degrees, options.yaw_degrees, options.pitch_degrees].map(f64::to_radians);
+        let mut end = |scale: f64| {
+            [within(roll), within(yaw), within(pitch), within(options.shift_px), within(options.shift_px), 1.0 + within(scale)]
+        };
+        let ends = [end(options.scale_change), end(options.scale_change)];
+        let middle = Point2::new(f64::from(options.width - 1) / 2.0, f64::from(options.height - 1) / 2.0);
+        let onset = random.random_range(0.85..=1.2);
+        Self { ends, onset, middle, px_per_unit: px_per_unit(options), frames: options.frames }
+    }
+
+    /// Share of the expression in a frame, 0 in the first to 1 in the last, without a jump in speed at either end.
+    pub fn intensity(&self, frame: usize) -> f64 {
+        smooth_step(self.time(frame).powf(self.onset))
+    }
+
+    /// The pose in a frame.
+    pub fn pose(&self, frame: usize) -> HeadPose {
+        let t = smooth_step(self.time(frame));
+        let [roll, yaw, pitch, dx, dy, scale] =
+            std::array::from_fn(|k| self.ends[0][k] + (self.ends[1][k] - self.ends[0][k]) * t);
+        let turn = Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), roll)
+            * Rotation3::from_axis_angle(&nalgebra::Vector3::y_axis(), yaw)
+            * Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), pitch);
+        HeadPose { turn, scale: self.px_per_unit * scale, origin: self.middle + Vector2::new(dx, dy) }
+    }
+
+    fn time(&self, frame: usize) -> f64 {
+        frame as f64 / (self.frames - 1) as f64
+    }
+}
+
+/// Cubic step from (0, 0) to (1, 1) with zero slope at both ends.
+fn smooth_step(t: f64) -> f64 {
+    t * t * (3.0 - 2.0 * t)
+}

@@ -1,0 +1,182 @@
+//! What can be asked for, and what can go wrong.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::expression::Emotion;
+use crate::{output::OutputError, wireframe::FapusError};
+
+/// File format of the frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase", tag = "name")]
+pub enum FrameFormat {
+    /// Lossless.
+    Png,
+    /// JPEG of the given quality, 1 to 100.
+    Jpg {
+        /// 1 (small) to 100 (good).
+        quality: u8,
+    },
+}
+
+impl FrameFormat {
+    /// File name extension.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Jpg { .. } => "jpg",
+        }
+    }
+}
+
+/// What to simulate.
+///
+/// | option | default | range |
+/// | --- | --- | --- |
+/// | `subjects` | 4 | 1 to 999 |
+/// | `emotions` | the six basic ones | at least one, each once |
+/// | `frames` | 24 | 2 to 9999, neutral and apex included |
+/// | `width`, `height` | 640 x 480 px | 64 to 4096 |
+/// | `seed` | 1 | |
+/// | `noise_sigma` | 1.5 grey levels | 0 to 64 |
+/// | `roll_degrees` | 4 | 0 to 30 |
+/// | `yaw_degrees`, `pitch_degrees` | 0 | 0 to 15 |
+/// | `shift_px` | 6 | 0 to 200 |
+/// | `scale_change` | 0.02 | 0 to 0.2 |
+/// | `marks_noise_px` | 0.5 | 0 to 50 |
+/// | `fps` | 25 | above 0 |
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SimulateOptions {
+    /// Number of subjects.
+    pub subjects: u32,
+    /// Emotions each subject performs.
+    pub emotions: Vec<Emotion>,
+    /// Frames per sequence N', the neutral and the apex frame included.
+    pub frames: usize,
+    /// Image width, pixels.
+    pub width: u32,
+    /// Image height, pixels.
+    pub height: u32,
+    /// Seed of everything.
+    pub seed: u64,
+    /// Standard deviation of the Gaussian pixel noise, grey levels of 0 to 255.
+    pub noise_sigma: f64,
+    /// Largest roll of the head, degrees; every sequence goes from one seeded angle within it to another.
+    pub roll_degrees: f64,
+    /// Largest yaw, degrees.
+    pub yaw_degrees: f64,
+    /// Largest pitch, degrees.
+    pub pitch_degrees: f64,
+    /// Largest shift of the head from the middle of the picture, pixels, in x and in y.
+    pub shift_px: f64,
+    /// Largest relative change of scale.
+    pub scale_change: f64,
+    /// File format of the frames.
+    pub format: FrameFormat,
+    /// Standard deviation of the error of a mark, pixels, in x and in y.
+    pub marks_noise_px: f64,
+    /// Frame rate that the manifest states.
+    pub fps: f64,
+}
+
+impl Default for SimulateOptions {
+    fn default() -> Self {
+        Self {
+            subjects: 4,
+            emotions: Emotion::BASIC.to_vec(),
+            frames: 24,
+            width: 640,
+            height: 480,
+            seed: 1,
+            noise_sigma: 1.5,
+            roll_degrees: 4.0,
+            yaw_degrees: 0.0,
+            pitch_degrees: 0.0,
+            shift_px: 6.0,
+            scale_change: 0.02,
+            format: FrameFormat::Png,
+            marks_noise_px: 0.5,
+            fps: 25.0,
+        }
+    }
+}
+
+/// Why nothing could be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulateError {
+    /// An option outside its range.
+    #[error("--{option} is {value}; it must be {range}")]
+    OutOfRange {
+        /// Option as on the command line.
+        option: &'static str,
+        /// What was asked for.
+        value: String,
+        /// What is possible.
+        range: &'static str,
+    },
+    /// The same emotion twice: both would be the same sequence.
+    #[error("emotion {0} is listed twice; name each emotion once")]
+    DuplicateEmotion(Emotion),
+    /// The output folder has something in it.
+    #[error("{} is not empty; choose a new folder, or add --force to write into it", path.display())]
+    NotEmpty {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A file that could not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A face whose FAPUs can not be measured.
+    #[error(transparent)]
+    Fapus(#[from] FapusError),
+}
+
+impl SimulateOptions {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`SimulateError::OutOfRange`] and [`SimulateError::DuplicateEmotion`].
+    pub fn check(&self) -> Result<(), SimulateError> {
+        let bad =
+            |option, value: &dyn ToString, range| Err(SimulateError::OutOfRange { option, value: value.to_string(), range });
+        if !(1..=999).contains(&self.subjects) {
+            return bad("subjects", &self.subjects, "1 to 999");
+        }
+        if self.emotions.is_empty() {
+            return bad("emotions", &"empty", "at least one emotion");
+        }
+        if let Some((_, &twice)) = self.emotions.iter().enumerate().find(|(k, e)| self.emotions[..*k].contains(e)) {
+            return Err(SimulateError::DuplicateEmotion(twice));
+        }
+        if !(2..=9999).contains(&self.frames) {
+            return bad("frames", &self.frames, "2 to 9999: the neutral frame and the apex at least");
+        }
+        if ![self.width, self.height].iter().all(|side| (64..=4096).contains(side)) {
+            return bad("size", &format!("{}x{}", self.width, self.height), "64 to 4096 pixels in each direction");
+        }
+        if let FrameFormat::Jpg { quality } = self.format {
+            if !(1..=100).contains(&quality) {
+                return bad("quality", &quality, "1 to 100");
+            }
+        }
+        let numbers = [
+            ("noise", self.noise_sigma, 64.0, "0 to 64 grey levels"),
+            ("roll", self.roll_degrees, 30.0, "0 to 30 degrees"),
+            ("yaw", self.yaw_degrees, 15.0, "0 to 15 degrees"),
+            ("pitch", self.pitch_degrees, 15.0, "0 to 15 degrees"),
+            ("shift", self.shift_px, 200.0, "0 to 200 pixels"),
+            ("scale-change", self.scale_change, 0.2, "0 to 0.2"),
+            ("marks-noise", self.marks_noise_px, 50.0, "0 to 50 pixels"),
+        ];
+        for (option, value, limit, range) in numbers {
+            if !(0.0..=limit).contains(&value) {
+                return bad(option, &value, range);
+            }
+        }
+        if !(self.fps > 0.0 && self.fps <= 1000.0) {
+            return bad("fps", &self.fps, "above 0, at most 1000");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,31 @@
+//! One independent stream of chance for every unit of work, so that neither the order of the work nor the number of threads
+//! changes a result.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// What a stream is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Shape units of a subject.
+    Shape = 1,
+    /// Colours and surface of a subject.
+    Appearance = 2,
+    /// Strength and asymmetry of one expression.
+    Expression = 3,
+    /// Head motion of one sequence.
+    Motion = 4,
+    /// Pixel noise of one frame.
+    Noise = 5,
+    /// Errors of the marks of one sequence.
+    Marks = 6,
+}
+
+/// The generator of one unit of work: purpose, subject (below 2^24 of them), emotion code, frame.
+pub fn generator(seed: u64, purpose: Purpose, subject: u32, emotion_code: u8, frame: u32) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let part = |value: u64, bits: u32, shift: u32| (value & ((1 << bits) - 1)) << shift;
+    let frame = part(frame.into(), 28, 0);
+    random.set_stream(frame | part(emotion_code.into(), 4, 28) | part(subject.into(), 24, 32) | part(purpose as u64, 8, 56));
+    random
+}

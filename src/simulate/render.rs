@@ -1,0 +1,261 @@
+//! From nodes to pixels.
+//!
+//! The inverse warp is piecewise linear on the refined surface: a sample of the picture looks up its place on the plane and the
+//! texture there. Two samples per pixel and direction; pixel (i, j) is the mean of the samples at `i ± 1/4`, `j ± 1/4`, so the centre
+//! of the top-left pixel is (0, 0).
+
+use image::RgbImage;
+use nalgebra::{Point2, Point3, Vector3};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::{
+    SimulateOptions,
+    eye::draw_eyes,
+    mesh::{Anchor, SkinMesh},
+    motion::HeadPose,
+    mouth::draw_mouth,
+    random::{Purpose, generator},
+    subject::Subject,
+    texture::{Texture, brightness},
+};
+
+/// Samples per pixel and direction.
+pub const SAMPLES: usize = 2;
+/// Depth of the skirt, model units: a little behind the border of the face.
+const SKIRT_DEPTH: f64 = -0.40;
+/// How much a change of the surface's direction may change its brightness.
+const SHADE_RANGE: (f64, f64) = (0.80, 1.20);
+
+/// What stays the same in every frame of a subject.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Refined vertices of the neutral face, face space.
+    neutral: Vec<Vector3<f64>>,
+    /// How much each refined vertex belongs to the body that does not roll, 0 to 1.
+    body: Vec<f64>,
+    /// Brightness of the neutral surface at each refined vertex.
+    brightness: Vec<f64>,
+}
+
+impl Surface {
+    /// The neutral surface of a subject.
+    pub fn new(mesh: &SkinMesh, neutral: &[Point3<f64>]) -> Self {
+        let coarse: Vec<Vector3<f64>> = mesh
+            .anchors()
+            .iter()
+            .map(|anchor| match anchor {
+                Anchor::Node(n) => Vector3::new(neutral[n.index()].z, 0.0, 0.0),
+                Anchor::Head => Vector3::new(SKIRT_DEPTH, 0.0, 0.0),
+                Anchor::Body => Vector3::new(SKIRT_DEPTH, 1.0, 0.0),
+            })
+            .collect();
+        let fine = mesh.refine(&coarse);
+        let vertices: Vec<Vector3<f64>> = mesh.plane().iter().zip(&fine).map(|(p, f)| Vector3::new(p.x, p.y, f.x)).collect();
+        let shade = normals(mesh, &vertices).into_iter().map(|n| f64::from(brightness(n.cast()))).collect();
+        Self { neutral: vertices, body: fine.iter().map(|f| f.y.clamp(0.0, 1.0)).collect(), brightness: shade }
+    }
+}
+
+/// Unit normals at the refined vertices.
+fn normals(mesh: &SkinMesh, vertices: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let mut sums = vec![Vector3::zeros(); vertices.len()];
+    for triangle in mesh.triangles() {
+        let [a, b, c] = triangle.map(|k| vertices[k as usize]);
+        let normal = (b - a).cross(&(c - a));
+        // The winding of a few triangles of Candide-3 is reversed; the face looks towards the viewer everywhere.
+        let normal = if normal.z < 0.0 { -normal } else { normal };
+        for &k in triangle {
+            sums[k as usize] += normal;
+        }
+    }
+    sums.into_iter().map(|n| n.try_normalize(1e-12).unwrap_or_else(Vector3::z)).collect()
+}
+
+/// A vertex in the picture: sample coordinates, plane coordinates, brightness relative to neutral.
+#[derive(Clone, Copy, Debug)]
+struct Corner {
+    x: f64,
+    y: f64,
+    plane: Point2<f64>,
+    shade: f64,
+}
+
+/// Samples of the picture, premultiplied RGBA; alpha 0 is background.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    /// Samples per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row by row.
+    pub data: Vec<[u8; 4]>,
+}
+
+impl Samples {
+    /// Sample coordinates of an image point.
+    pub fn from_image(p: Point2<f64>) -> Point2<f64> {
+        Point2::from(p.coords * SAMPLES as f64).map(|c| c + (SAMPLES as f64 - 1.0) / 2.0)
+    }
+
+    /// Image point of a sample.
+    pub fn to_image(x: usize, y: usize) -> Point2<f64> {
+        Point2::new(x as f64, y as f64).map(|c| (c - (SAMPLES as f64 - 1.0) / 2.0) / SAMPLES as f64)
+    }
+
+    /// The samples inside a box of image points, as ranges of x and y.
+    pub fn window(&self, points: &[Point2<f64>], margin_px: f64) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
+        let range = |values: &mut dyn Iterator<Item = f64>, size: usize| {
+            let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            let to_sample = |v: f64| Self::from_image(Point2::new(v, v)).x;
+            let from = to_sample(low - margin_px).floor().clamp(0.0, size as f64) as usize;
+            let to = to_sample(high + margin_px).ceil().clamp(from as f64, size as f64) as usize;
+            from..to
+        };
+        (range(&mut points.iter().map(|p| p.x), self.width), range(&mut points.iter().map(|p| p.y), self.height))
+    }
+
+    /// Lays an opaque colour (0 to 255) over a sample with the given coverage.
+    pub fn lay(&mut self, x: usize, y: usize, coverage: f64, colour: [f32; 3]) {
+        let sample = &mut self.data[y * self.width + x];
+        let coverage = coverage.clamp(0.0, 1.0) as f32;
+        for (channel, value) in sample.iter_mut().zip([colour[0], colour[1], colour[2], 255.0]) {
+            *channel = (f32::from(*channel) * (1.0 - coverage) + value.clamp(0.0, 255.0) * coverage + 0.5) as u8;
+        }
+    }
+}
+
+/// The picture of a subject whose nodes are moved by `offsets` (face space, model units) and seen under `pose`.
+pub fn render(subject: &Subject, texture: &Texture, offsets: &[Vector3<f64>], pose: &HeadPose, size: (u32, u32)) -> Samples {
+    let mesh = &subject.mesh;
+    let surface = &subject.surface;
+    let coarse: Vec<Vector3<f64>> = mesh
+        .anchors()
+        .iter()
+        .map(|anchor| if let Anchor::Node(n) = anchor { offsets[n.index()] } else { Vector3::zeros() })
+        .collect();
+    let moved: Vec<Vector3<f64>> = mesh.refine(&coarse).iter().zip(&surface.neutral).map(|(d, n)| n + d).collect();
+    let shades = normals(mesh, &moved);
+    let still = pose.without_turn();
+    let corners: Vec<Corner> = (0..moved.len())
+        .map(|k| {
+            let point = Point3::from(moved[k]);
+            let head = pose.project(&point);
+            let body = surface.body[k];
+            let image = if body > 0.0 { head + (still.project(&point) - head) * body } else { head };
+            let sample = Samples::from_image(image);
+            let shade = f64::from(brightness((pose.turn() * shades[k]).cast())) / surface.brightness[k].max(0.1);
+            Corner { x: sample.x, y: sample.y, plane: mesh.plane()[k], shade: shade.clamp(SHADE_RANGE.0, SHADE_RANGE.1) }
+        })
+        .collect();
+    let (width, height) = (size.0 as usize * SAMPLES, size.1 as usize * SAMPLES);
+    let mut samples = Samples { width, height, data: vec![[0; 4]; width * height] };
+    for eye in crate::simulate::mesh::LID_MARGINS {
+        // Under the lids the skin goes on, so that no crack opens between a lid's curve and its triangles.
+        let [upper, lower] = eye;
+        for k in 0..4 {
+            let quad = [upper[k], upper[k + 1], lower[k], lower[k + 1]].map(|n| {
+                let n = usize::from(n);
+                let sample = Samples::from_image(pose.project(&(subject.neutral()[n] + offsets[n])));
+                Corner { x: sample.x, y: sample.y, plane: subject.neutral()[n].xy(), shade: 1.0 }
+            });
+            fill(&mut samples, texture, [quad[0], quad[1], quad[2]]);
+            fill(&mut samples, texture, [quad[1], quad[2], quad[3]]);
+        }
+    }
+    for triangle in mesh.triangles() {
+        fill(&mut samples, texture, triangle.map(|k| corners[k as usize]));
+    }
+    draw_mouth(&mut samples, subject, offsets, pose);
+    draw_eyes(&mut samples, subject, offsets, pose);
+    samples
+}
+
+/// Fills one triangle with the texture.
+fn fill(samples: &mut Samples, texture: &Texture, [a, b, c]: [Corner; 3]) {
+    let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
+    if area.abs() < 1e-9 {
+        return;
+    }
+    let clip = |value: f64, size: usize| value.clamp(0.0, size as f64) as usize;
+    let low_y = clip(a.y.min(b.y).min(c.y).ceil(), samples.height);
+    let high_y = clip(a.y.max(b.y).max(c.y).floor() + 1.0, samples.height);
+    // Any quantity is linear over the triangle: value at a, and slopes in x and y.
+    let plane_of = |qa: f64, qb: f64, qc: f64| {
+        let dx = ((qb - qa) * (c.y - a.y) - (qc - qa) * (b.y - a.y)) / area;
+        let dy = ((qc - qa) * (b.x - a.x) - (qb - qa) * (c.x - a.x)) / area;
+        move |x: f64, y: f64| (qa + dx * (x - a.x) + dy * (y - a.y), dx)
+    };
+    let u = plane_of(a.plane.x, b.plane.x, c.plane.x);
+    let v = plane_of(a.plane.y, b.plane.y, c.plane.y);
+    let shade = plane_of(a.shade, b.shade, c.shade);
+    for y in low_y..high_y {
+        let Some((from, to)) = span([a, b, c], y as f64) else { continue };
+        // A hair's breadth more on both sides: neighbours overlap rather than leave a crack.
+        let (from, to) = (clip((from - 1e-6).ceil(), samples.width), clip((to + 1e-6).floor() + 1.0, samples.width));
+        let ((mut pu, du), (mut pv, dv), (mut ps, ds)) =
+            (u(from as f64, y as f64), v(from as f64, y as f64), shade(from as f64, y as f64));
+        for sample in &mut samples.data[y * samples.width + from..y * samples.width + to.max(from)] {
+            let [r, g, b, alpha] = texture.sample(pu as f32, pv as f32);
+            let s = ps as f32;
+            *sample = [r * s, g * s, b * s, alpha].map(|c| (c.min(255.0) + 0.5) as u8);
+            pu += du;
+            pv += dv;
+            ps += ds;
+        }
+    }
+}
+
+/// Where a row crosses a triangle.
+fn span(corners: [Corner; 3], y: f64) -> Option<(f64, f64)> {
+    let mut range: Option<(f64, f64)> = None;
+    for k in 0..3 {
+        let (p, q) = (corners[k], corners[(k + 1) % 3]);
+        let (p, q) = if p.y <= q.y { (p, q) } else { (q, p) };
+        if y < p.y || y > q.y {
+            continue;
+        }
+        let ends = if q.y > p.y { [p.x + (q.x - p.x) * (y - p.y) / (q.y - p.y); 2] } else { [p.x, q.x] };
+        for x in ends {
+            range = Some(range.map_or((x, x), |(low, high)| (low.min(x), high.max(x))));
+        }
+    }
+    range
+}
+
+/// Samples to pixels, over a soft studio background, with the sensor's noise.
+pub fn develop(samples: &Samples, subject: &Subject, options: &SimulateOptions, emotion_code: u8, frame: usize) -> RgbImage {
+    let (width, height) = (options.width as usize, options.height as usize);
+    let mut random = generator(options.seed, Purpose::Noise, subject.index(), emotion_code, frame as u32);
+    let base = subject.appearance().background;
+    let mut pixels = Vec::with_capacity(width * height * 3);
+    let quota = (SAMPLES * SAMPLES) as f32;
+    for y in 0..height {
+        let v = y as f32 / height as f32 - 0.4;
+        for x in 0..width {
+            let mut sum = [0_u32; 4];
+            for row in 0..SAMPLES {
+                let start = (y * SAMPLES + row) * samples.width + x * SAMPLES;
+                for sample in &samples.data[start..start + SAMPLES] {
+                    for (total, &channel) in sum.iter_mut().zip(sample) {
+                        *total += u32::from(channel);
+                    }
+                }
+            }
+            let empty = 1.0 - sum[3] as f32 / (quota * 255.0);
+            let u = (x as f32 - width as f32 * 0.42) / height as f32;
+            let light = 255.0 * (1.06 - 0.42 * (u * u + v * v)).max(0.5) * empty;
+            let noise = if options.noise_sigma > 0.0 {
+                let z: f32 = StandardNormal.sample(&mut random);
+                z * options.noise_sigma as f32
+            } else {
+                0.0
+            };
+            for n in 0..3 {
+                let value = sum[n] as f32 / quota + base[n] * light + noise;
+                pixels.push((value.clamp(0.0, 255.0) + 0.5) as u8);
+            }
+        }
+    }
+    // The buffer has exactly width x height x 3 bytes.
+    RgbImage::from_raw(options.width, options.height, pixels).unwrap_or_default()
+}
