@@ -1,0 +1,225 @@
+//! The data that the page's script draws from, as compact JSON.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Point3, Vector3};
+use serde_json::{Map, Value, json};
+
+use super::{
+    ReportData, TrackQuality,
+    numbers::{length, rounded},
+    view::group_text,
+};
+use crate::{
+    statistics::Representative,
+    units::{NodeId, SequenceId},
+    wireframe::{Tables, Wireframe},
+};
+
+/// Feature contours as node chains, `contour,nodes`.
+const CONTOURS: &str = include_str!("assets/contours.csv");
+/// Shades of a triangle, from dark to lit.
+const SHADES: usize = 10;
+/// Direction to the light: from the viewer's upper left.
+const LIGHT: [f64; 3] = [-0.45, 0.55, 0.7];
+
+/// Lists of names that rows refer to by index.
+struct Index<'a> {
+    ids: BTreeMap<&'a SequenceId, usize>,
+    emotions: BTreeMap<&'a str, usize>,
+    reasons: BTreeMap<&'a str, usize>,
+}
+
+/// The data as JSON that is safe inside a script element: `<` is escaped wherever it occurs.
+pub(super) fn json(data: &ReportData<'_>) -> String {
+    let live = data.wireframe.live_nodes();
+    let index = Index::new(data);
+    let mut faps: BTreeMap<u8, &str> = BTreeMap::new();
+    for (number, name, _) in data.apex_faps.iter().flatten() {
+        faps.entry(*number).or_insert(name);
+    }
+    let no_faps = Vec::new();
+    let representatives: Vec<Value> = data
+        .representatives
+        .iter()
+        .enumerate()
+        .map(|(k, r)| representative(r, live, &index, data.apex_faps.get(k).unwrap_or(&no_faps)))
+        .collect();
+    let value = json!({
+        "ids": index.ids.keys().map(|id| [&id.subject, &id.sequence]).collect::<Vec<_>>(),
+        "emotions": index.emotions.keys().collect::<Vec<_>>(),
+        "reasons": index.reasons.keys().collect::<Vec<_>>(),
+        "wireframe": wireframe(data.wireframe),
+        "nodes": node_names(data.wireframe, data.tables),
+        "faps": faps,
+        "representatives": representatives,
+        "tracks": data.tracks.iter().map(|t| track(t, &index)).collect::<Vec<_>>(),
+    });
+    // `<` occurs inside strings only, where JSON allows the escape.
+    value.to_string().replace('<', "\\u003c")
+}
+
+impl<'a> Index<'a> {
+    fn new(data: &ReportData<'a>) -> Self {
+        fn number<T: Ord>(set: BTreeSet<T>) -> BTreeMap<T, usize> {
+            set.into_iter().enumerate().map(|(k, item)| (item, k)).collect()
+        }
+        let (representatives, tracks) = (data.representatives, data.tracks);
+        let ids = tracks.iter().map(|t| &t.id).chain(representatives.iter().flat_map(|r| &r.sequences));
+        let emotions = tracks.iter().map(|t| t.emotion.as_str());
+        let emotions = emotions.chain(representatives.iter().map(|r| r.label.emotion.as_str()));
+        Self {
+            ids: number(ids.collect()),
+            emotions: number(emotions.collect()),
+            reasons: number(tracks.iter().flat_map(|t| t.recovered.keys().map(String::as_str)).collect()),
+        }
+    }
+}
+
+/// Triangles and contours over live nodes (by their place in the list of live nodes), and a fixed shade per triangle.
+fn wireframe(wireframe: &Wireframe) -> Value {
+    let place: BTreeMap<NodeId, usize> = wireframe.live_nodes().iter().enumerate().map(|(k, &n)| (n, k)).collect();
+    let corners = wireframe.triangles().iter().flatten().filter_map(|n| place.get(n));
+    json!({
+        "live": wireframe.live_nodes(),
+        "triangles": corners.collect::<Vec<_>>(),
+        "shades": wireframe.triangles().iter().map(|t| shade(wireframe.vertices(), *t)).collect::<Vec<_>>(),
+        "shadeCount": SHADES,
+        "contours": contours(&place),
+    })
+}
+
+/// Contours of which the wireframe has every node.
+fn contours(place: &BTreeMap<NodeId, usize>) -> Vec<Vec<usize>> {
+    let chains = CONTOURS.lines().skip(1).filter_map(|line| line.split_once(','));
+    chains
+        .filter_map(|(_, nodes)| nodes.split_whitespace().map(|n| place.get(&NodeId(n.parse().ok()?)).copied()).collect())
+        .collect()
+}
+
+/// Lambert shade of a neutral triangle under [`LIGHT`], 0 to `SHADES` - 1; windings do not matter.
+fn shade(vertices: &[Point3<f64>], triangle: [NodeId; 3]) -> usize {
+    let [a, b, c] = triangle.map(|n| vertices[n.index()]);
+    let normal = (b - a).cross(&(c - a));
+    let normal = if normal.z < 0.0 { -normal } else { normal };
+    let lit = normal.try_normalize(1e-12).map_or(0.0, |n| n.dot(&Vector3::from(LIGHT).normalize()).max(0.0));
+    ((lit * SHADES as f64) as usize).min(SHADES - 1)
+}
+
+/// What a live node is called: its feature point, else its region.
+fn node_names(wireframe: &Wireframe, tables: &Tables) -> Vec<String> {
+    let mut names: BTreeMap<NodeId, String> = BTreeMap::new();
+    for row in &tables.feature_points {
+        for &node in &row.nodes {
+            names.entry(node).or_insert_with(|| format!("{} ({})", row.description, row.fp));
+        }
+    }
+    let name = |n: &NodeId| names.get(n).cloned().unwrap_or_else(|| tables.region(*n).to_string());
+    wireframe.live_nodes().iter().map(name).collect()
+}
+
+fn representative(r: &Representative, live: &[NodeId], index: &Index<'_>, faps: &[(u8, String, i32)]) -> Value {
+    let at = |m: usize, n: NodeId| r.model.frames()[m].node(n).unwrap_or_default();
+    let neutral = live.iter().flat_map(|&n| [length(at(0, n).x), length(at(0, n).y)]);
+    let offsets = |m: usize| -> Vec<Value> {
+        live.iter()
+            .flat_map(|&n| {
+                let offset = at(m, n) - at(0, n);
+                [length(offset.x), length(offset.y)]
+            })
+            .collect()
+    };
+    let mut map = Map::new();
+    let mut set = |key: &str, value: Value| map.insert(key.to_owned(), value);
+    set("emotion", json!(index.emotions.get(r.label.emotion.as_str())));
+    set("group", json!(group_text(&r.label)));
+    set("neutral", neutral.collect());
+    set("offsets", (1..r.model.frame_count()).map(offsets).collect());
+    set("sequences", r.sequences.iter().map(|id| json!(index.ids.get(id))).collect());
+    set("faps", faps.iter().map(|(number, _, value)| json!([number, value])).collect());
+    if r.sequences.len() > 1 {
+        let per_node = |n: &NodeId| length(r.node_dispersion.get(n.index()).copied().unwrap_or(0.0));
+        set("nodeDispersion", live.iter().map(per_node).collect());
+        set("dispersion", r.dispersion.map_or(Value::Null, length));
+        set("dispersionUntrimmed", r.dispersion_untrimmed.map_or(Value::Null, length));
+        set("distances", r.distances.iter().map(|d| d.map_or(Value::Null, length)).collect());
+        set("distancesUntrimmed", r.distances_untrimmed.iter().copied().map(length).collect());
+        let (distances, dropped) = trimming(r);
+        set("fieldDistances", distances);
+        set("dropped", dropped);
+    }
+    Value::Object(map)
+}
+
+/// The trimming trace by field: the distance of every sequence (in the order of `sequences`), and the places of the dropped ones.
+fn trimming(r: &Representative) -> (Value, Value) {
+    let place: BTreeMap<&SequenceId, usize> = r.sequences.iter().enumerate().map(|(k, id)| (id, k)).collect();
+    let fields = r.model.frame_count() - 1;
+    let mut distances = vec![vec![Value::Null; r.sequences.len()]; fields];
+    let mut dropped: Vec<BTreeSet<usize>> = vec![BTreeSet::new(); fields];
+    for row in r.trimming.iter().filter(|row| row.field < fields) {
+        if let Some(&k) = place.get(&row.id) {
+            distances[row.field][k] = length(row.distance);
+            if row.dropped {
+                dropped[row.field].insert(k);
+            }
+        }
+    }
+    (json!(distances), json!(dropped))
+}
+
+/// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn.
+fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
+    let reasons = t.recovered.iter().filter(|&(_, &n)| n > 0);
+    json!([
+        index.ids.get(&t.id),
+        index.emotions.get(t.emotion.as_str()),
+        t.frames,
+        rounded(t.eye_distance_px, 1),
+        rounded(t.tracked_share * 100.0, 2),
+        rounded(t.mean_residual_px, 3),
+        reasons.flat_map(|(reason, &n)| [index.reasons.get(reason.as_str()).copied().unwrap_or(0), n]).collect::<Vec<_>>(),
+        t.worst_nodes.iter().flat_map(|&(node, n)| [usize::from(node.0), n]).collect::<Vec<_>>(),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_contour_is_a_chain_of_candide3_edges() {
+        let w = Wireframe::candide3();
+        let place: BTreeMap<NodeId, usize> = w.live_nodes().iter().enumerate().map(|(k, &n)| (n, k)).collect();
+        let chains = contours(&place);
+        assert_eq!(chains.len(), CONTOURS.lines().count() - 1);
+        for pair in chains.iter().flat_map(|chain| chain.windows(2)) {
+            let (a, b) = (w.live_nodes()[pair[0]], w.live_nodes()[pair[1]]);
+            assert!(w.edges().contains(&(a.min(b), a.max(b))), "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn a_wireframe_without_the_nodes_has_no_contours() {
+        assert!(contours(&BTreeMap::from([(NodeId(0), 0)])).is_empty());
+    }
+
+    #[test]
+    fn shades_do_not_depend_on_the_winding() {
+        // A triangle in the plane z = 0: its normal is (0, 0, 1); lit = 0.7 / |(0.45, 0.55, 0.7)| = 0.7 / 0.9975 = 0.70, shade 7.
+        let v = [Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 1.0, 0.0)];
+        let [a, b, c] = [NodeId(0), NodeId(1), NodeId(2)];
+        assert_eq!(shade(&v, [a, b, c]), 7);
+        assert_eq!(shade(&v, [a, c, b]), 7);
+        assert_eq!(shade(&v, [a, a, b]), 0);
+    }
+
+    #[test]
+    fn nodes_are_named_by_feature_point_or_region() {
+        let names = node_names(&Wireframe::candide3(), &Tables::candide3());
+        let live = Wireframe::candide3().live_nodes().to_vec();
+        let name = |n: u16| names[live.iter().position(|&l| l == NodeId(n)).unwrap()].as_str();
+        assert_eq!(name(31), "outer mouth corner L (8.3)");
+        assert_eq!(name(14), "contour");
+    }
+}

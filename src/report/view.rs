@@ -1,0 +1,222 @@
+//! What the template shows as text: the summary, the dispersion table, and one card per representative.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+
+use super::{
+    Failure, ReportData,
+    numbers::{MISSING, count, fixed, fixed_or_dash, ratio},
+};
+use crate::{
+    statistics::{ClassLabel, Representative},
+    wireframe::Fapu,
+};
+
+/// Classes of fewer sequences are marked as small.
+const SMALL_CLASS: usize = 5;
+/// Bars in the chart of FAPs, as in the script.
+const TOP_FAPS: usize = 20;
+/// Dispersions published in [KP, Table 1]; laughter stands for happiness.
+const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
+    [("anger", 11.13), ("disgust", 9.80), ("fear", 11.39), ("happiness", 10.89), ("sadness", 13.46), ("surprise", 13.57)];
+
+/// The report's text.
+#[derive(Serialize)]
+pub(super) struct View<'a> {
+    title: &'a str,
+    version: &'static str,
+    summary: String,
+    options: &'a [(String, String)],
+    failures: &'a [Failure],
+    failure_count: String,
+    table: DispersionTable<'a>,
+    cards: Vec<Card>,
+    track_count: String,
+    fapus: Vec<(String, String)>,
+    small_class: usize,
+}
+
+/// Dispersions in the form of [KP, Table 1]: a column per emotion, a block of rows per group.
+#[derive(Serialize)]
+struct DispersionTable<'a> {
+    emotions: Vec<&'a str>,
+    grouped: bool,
+    blocks: Vec<Block>,
+    published: Option<Vec<String>>,
+    has_single: bool,
+    has_small: bool,
+}
+
+/// One group's rows.
+#[derive(Default, Serialize)]
+struct Block {
+    group: String,
+    cells: Vec<Cell>,
+}
+
+/// One class in the dispersion table.
+#[derive(Clone, Serialize)]
+struct Cell {
+    sequences: String,
+    after: String,
+    before: String,
+    single: bool,
+    small: bool,
+}
+
+/// One representative.
+#[derive(Serialize)]
+struct Card {
+    anchor: String,
+    emotion: String,
+    group: String,
+    label: String,
+    sequence_count: String,
+    n: usize,
+    frames: usize,
+    apex: usize,
+    single: bool,
+    small: bool,
+    after: String,
+    before: String,
+    greedy: String,
+    exact: String,
+    bound: String,
+    gap: String,
+    certificate: String,
+    dropped: usize,
+    dropped_per_field: String,
+    has_faps: bool,
+    fap_rows: usize,
+}
+
+impl<'a> View<'a> {
+    pub(super) fn new(data: &'a ReportData<'_>) -> Self {
+        let emotions: BTreeSet<&str> = data.representatives.iter().map(|r| r.label.emotion.as_str()).collect();
+        let failures = count(data.failures.len(), "failure", "failures");
+        let summary = [
+            count(data.tracks.len(), "sequence tracked", "sequences tracked"),
+            count(emotions.len(), "emotion", "emotions"),
+            count(data.representatives.len(), "representative", "representatives"),
+            if data.failures.is_empty() { "no failures".to_owned() } else { failures.clone() },
+        ];
+        let fapus = Fapu::LENGTHS.iter().filter_map(|&u| Some((format!("{u}0"), fixed(data.fapus.length(u)?, 1))));
+        Self {
+            title: &data.title,
+            version: env!("CARGO_PKG_VERSION"),
+            summary: summary.join(" \u{b7} "),
+            options: &data.options,
+            failures: data.failures,
+            failure_count: failures,
+            table: DispersionTable::new(data.representatives),
+            cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data)).collect(),
+            track_count: count(data.tracks.len(), "sequence", "sequences"),
+            fapus: fapus.collect(),
+            small_class: SMALL_CLASS,
+        }
+    }
+}
+
+impl<'a> DispersionTable<'a> {
+    fn new(representatives: &'a [Representative]) -> Self {
+        let emotions: BTreeSet<&str> = representatives.iter().map(|r| r.label.emotion.as_str()).collect();
+        let emotions: Vec<&str> = emotions.into_iter().collect();
+        let missing = MISSING.to_owned();
+        let empty = Cell { sequences: missing.clone(), after: missing.clone(), before: missing, single: false, small: false };
+        // Groups in the order of first appearance: the caller sorted them.
+        let mut groups: Vec<&BTreeMap<String, String>> = Vec::new();
+        for r in representatives {
+            if !groups.contains(&&r.label.group) {
+                groups.push(&r.label.group);
+            }
+        }
+        let mut blocks = Vec::new();
+        for group in groups {
+            let cell = |emotion: &&str| {
+                let r = representatives.iter().find(|r| &r.label.group == group && r.label.emotion == *emotion);
+                r.map_or_else(|| empty.clone(), Cell::new)
+            };
+            blocks.push(Block { group: pairs_text(group), cells: emotions.iter().map(cell).collect() });
+        }
+        let value = |emotion: &&str| PUBLISHED_DISPERSIONS.iter().find(|(e, _)| e.eq_ignore_ascii_case(emotion)).map(|&(_, v)| v);
+        let published = emotions.iter().any(|e| value(e).is_some());
+        let cells = || blocks.iter().flat_map(|b| &b.cells);
+        Self {
+            grouped: blocks.iter().any(|b| !b.group.is_empty()),
+            published: published.then(|| emotions.iter().map(|e| fixed_or_dash(value(e), 2)).collect()),
+            has_single: cells().any(|c| c.single),
+            has_small: cells().any(|c| c.small),
+            emotions,
+            blocks,
+        }
+    }
+}
+
+impl Cell {
+    fn new(r: &Representative) -> Self {
+        Self {
+            sequences: r.sequences.len().to_string(),
+            after: fixed_or_dash(r.dispersion, 2),
+            before: fixed_or_dash(r.dispersion_untrimmed, 2),
+            single: r.sequences.len() == 1,
+            small: (2..SMALL_CLASS).contains(&r.sequences.len()),
+        }
+    }
+}
+
+impl Card {
+    fn new(index: usize, r: &Representative, data: &ReportData<'_>) -> Self {
+        let group = group_text(&r.label);
+        let emotion = r.label.emotion.clone();
+        let label = if group.is_empty() { emotion.clone() } else { format!("{emotion}, {group}") };
+        let Cell { after, before, single, small, .. } = Cell::new(r);
+        let fields = r.model.frame_count() - 1;
+        let per_field: Vec<String> =
+            (0..fields).map(|m| r.trimming.iter().filter(|t| t.dropped && t.field == m).count().to_string()).collect();
+        Self {
+            anchor: format!("r{index}"),
+            emotion,
+            group,
+            label,
+            sequence_count: count(r.sequences.len(), "sequence", "sequences"),
+            n: r.sequences.len(),
+            frames: r.model.frame_count(),
+            apex: fields,
+            single,
+            small,
+            after,
+            before,
+            greedy: fixed(r.sums.greedy, 4),
+            exact: fixed(r.sums.exact, 4),
+            bound: fixed(r.sums.lower_bound, 4),
+            gap: ratio(r.sums.greedy_gap * 100.0),
+            certificate: ratio(r.sums.certificate_gap),
+            dropped: r.trimming.iter().filter(|t| t.dropped).count(),
+            dropped_per_field: per_field.join(", "),
+            fap_rows: data.apex_faps.get(index).map_or(0, |f| f.iter().filter(|(_, _, v)| *v != 0).count().min(TOP_FAPS)),
+            has_faps: data.apex_faps.get(index).is_some_and(|f| !f.is_empty()),
+        }
+    }
+}
+
+/// A class's group as `column = value, ...`; empty when not grouped.
+pub(super) fn group_text(label: &ClassLabel) -> String {
+    pairs_text(&label.group)
+}
+
+fn pairs_text(group: &BTreeMap<String, String>) -> String {
+    group.iter().map(|(column, value)| format!("{column} = {value}")).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn groups_read_as_pairs() {
+        let group = [("sex", "f"), ("age", "30")].map(|(c, v)| (c.to_owned(), v.to_owned()));
+        assert_eq!(group_text(&ClassLabel { emotion: "fear".into(), group: group.into() }), "age = 30, sex = f");
+        assert_eq!(group_text(&ClassLabel { emotion: "fear".into(), group: BTreeMap::new() }), "");
+    }
+}

@@ -1,0 +1,232 @@
+//! Made-up but plausible input for the report: models from Candide-3's own action units, with seeded scatter between people.
+//!
+//! The median here is taken per coordinate: good enough to draw, and independent of the statistics part.
+
+use std::collections::BTreeMap;
+
+use grimace::{
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    report::{Failure, ReportData, TrackQuality},
+    statistics::{ClassLabel, MedianSums, Representative, TrimmingRow},
+    units::{FaceUnit, NodeId, SequenceId},
+    wireframe::{Fapu, Fapus, Tables, Wireframe},
+};
+use nalgebra::{Point2, Vector2};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+/// Frames per model N'.
+const FRAMES: usize = 5;
+/// Share trimmed per field.
+const ALPHA: f64 = 0.1;
+
+/// Action unit names and intensities of six emotions.
+const RECIPES: [(&str, &[(&str, f64)]); 6] = [
+    ("anger", &[("Brow lowerer", 0.9), ("Lid tightener", 0.5), ("Lip presser", 0.5), ("Upper lid raiser", 0.3)]),
+    ("disgust", &[("Nose wrinkler", 0.8), ("Upper lip raiser", 0.6), ("Lid tightener", 0.5), ("Brow lowerer", 0.4)]),
+    ("fear", &[("Outer brow raiser", 0.5), ("Upper lid raiser", 0.6), ("Lip stretcher", 0.6), ("Jaw drop", 0.25)]),
+    ("happiness", &[("Lip stretcher", 0.7), ("Lip corner depressor", -0.7), ("Lid tightener", 0.5), ("Jaw drop", 0.15)]),
+    ("sadness", &[("Lip corner depressor", 0.7), ("Brow lowerer", 0.3), ("Lip presser", 0.3)]),
+    ("surprise", &[("Outer brow raiser", 1.0), ("Upper lid raiser", 0.7), ("Jaw drop", 0.8)]),
+];
+
+/// Owns what [`ReportData`] borrows.
+pub struct Fixture {
+    pub title: String,
+    pub representatives: Vec<Representative>,
+    pub tracks: Vec<TrackQuality>,
+    pub failures: Vec<Failure>,
+    pub wireframe: Wireframe,
+    pub tables: Tables,
+    pub fapus: Fapus,
+}
+
+impl Fixture {
+    /// A report of the six emotions with `counts` sequences each; one class per emotion and group, where groups are given.
+    pub fn new(title: &str, counts: [usize; 6], groups: &[&str]) -> Self {
+        let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+        let model_units = Fapus::measure(&tables.fapus, &wireframe.frontal()).unwrap();
+        let scale = 1024.0 / model_units.es;
+        let (mut representatives, mut tracks) = (Vec::new(), Vec::new());
+        let mut stream = 0;
+        for ((emotion, recipe), count) in RECIPES.iter().zip(counts) {
+            for group in if groups.is_empty() { &["" as &str][..] } else { groups } {
+                let mut rng = ChaCha8Rng::seed_from_u64(2006);
+                rng.set_stream(stream);
+                stream += 1;
+                let models: Vec<_> = (0..count).map(|k| model(&wireframe, scale, recipe, k, &mut rng)).collect();
+                let id = |k: usize| SequenceId { subject: format!("S{:03}", k + 1), sequence: format!("{group}{emotion}") };
+                let ids: Vec<_> = (0..count).map(id).collect();
+                let group = if group.is_empty() { BTreeMap::new() } else { BTreeMap::from([("sex".into(), (*group).into())]) };
+                let label = ClassLabel { emotion: (*emotion).into(), group };
+                tracks.extend(ids.iter().map(|id| track(id, emotion, wireframe.live_nodes(), &mut rng)));
+                representatives.push(representative(label, ids, &models, &wireframe));
+            }
+        }
+        tracks.sort_by(|a, b| a.id.cmp(&b.id));
+        let failures = Vec::new();
+        Self { title: title.into(), representatives, tracks, failures, fapus: model_units.scaled(scale), wireframe, tables }
+    }
+
+    pub fn fail(mut self, subject: &str, sequence: &str, stage: &str, reason: &str) -> Self {
+        let [subject, sequence, stage, reason] = [subject, sequence, stage, reason].map(str::to_owned);
+        self.failures.push(Failure { subject, sequence, stage, reason });
+        self
+    }
+
+    pub fn data(&self) -> ReportData<'_> {
+        let options =
+            [("grimace", "0.1.0"), ("alpha", "0.1"), ("median", "greedy"), ("resample", "nearest frame"), ("size", "region")];
+        ReportData {
+            title: self.title.clone(),
+            options: options.map(|(label, value)| (label.to_owned(), value.to_owned())).into(),
+            representatives: &self.representatives,
+            tracks: &self.tracks,
+            failures: &self.failures,
+            wireframe: &self.wireframe,
+            tables: &self.tables,
+            fapus: self.fapus,
+            apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
+        }
+    }
+}
+
+fn gauss(rng: &mut ChaCha8Rng, mean: f64, deviation: f64) -> f64 {
+    Normal::new(mean, deviation).unwrap().sample(rng)
+}
+
+type Model = DynamicExpressionModel<FaceUnit>;
+
+fn model(wireframe: &Wireframe, scale: f64, recipe: &[(&str, f64)], k: usize, rng: &mut ChaCha8Rng) -> Model {
+    // Every eleventh person overdoes it: something to trim.
+    let strength = if k % 11 == 5 { 1.9 } else { gauss(rng, 1.0, 0.18).clamp(0.4, 1.5) };
+    let pace = gauss(rng, 1.0, 0.25).clamp(0.5, 1.8);
+    let neutral: Vec<Point2<f64>> = wireframe.frontal().iter().map(|p| p * scale).collect();
+    let mut apex = vec![Vector2::zeros(); neutral.len()];
+    for (name, intensity) in recipe {
+        let unit = wireframe.action_units().iter().find(|u| u.name.starts_with(name)).unwrap();
+        let intensity = intensity * strength * gauss(rng, 1.0, 0.25);
+        for (node, offset) in &unit.offsets {
+            apex[node.index()] += offset.xy() * intensity * scale;
+        }
+    }
+    let still: Vec<Vector2<f64>> =
+        (0..FRAMES * neutral.len()).map(|_| Vector2::new(gauss(rng, 0.0, 4.0), gauss(rng, 0.0, 4.0))).collect();
+    let frames = (0..FRAMES).map(|m| {
+        let part = (m as f64 / (FRAMES - 1) as f64).powf(pace);
+        let noise = |n: usize| if m == 0 { Vector2::zeros() } else { still[m * neutral.len() + n] };
+        FrameExpressionModel::new(neutral.iter().enumerate().map(|(n, p)| p + apex[n] * part + noise(n)).collect())
+    });
+    Model::new(frames.collect()).unwrap()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    if n == 0 { 0.0 } else { f64::midpoint(values[(n - 1) / 2], values[n / 2]) }
+}
+
+fn representative(label: ClassLabel, sequences: Vec<SequenceId>, models: &[Model], wireframe: &Wireframe) -> Representative {
+    let (live, n) = (wireframe.live_nodes(), models.len());
+    let field_distance = |a: &[Vector2<f64>], b: &[Vector2<f64>]| {
+        live.iter().map(|k| (a[k.index()] - b[k.index()]).norm()).sum::<f64>() / live.len() as f64
+    };
+    let fields: Vec<Vec<Vec<Vector2<f64>>>> =
+        (0..FRAMES - 1).map(|m| models.iter().map(|model| model.displacement_field(m)).collect()).collect();
+    let mut trimming = Vec::new();
+    let mut kept: Vec<Vec<usize>> = Vec::new();
+    for (m, field) in fields.iter().enumerate() {
+        let distance = |i: usize| {
+            let sum: f64 = (0..n).filter(|&j| j != i).map(|j| field_distance(&field[i], &field[j])).sum();
+            sum / (n.max(2) - 1) as f64
+        };
+        let distances: Vec<f64> = (0..n).map(distance).collect();
+        let mut order: Vec<usize> = (0..n).collect();
+        order.sort_by(|&a, &b| distances[b].total_cmp(&distances[a]));
+        let drop = &order[..(ALPHA * n as f64) as usize];
+        kept.push((0..n).filter(|i| !drop.contains(i)).collect());
+        let row =
+            |i: usize| TrimmingRow { field: m, id: sequences[i].clone(), distance: distances[i], dropped: drop.contains(&i) };
+        trimming.extend((0..n).map(row));
+    }
+    let medians = |chosen: &dyn Fn(usize) -> Vec<usize>| -> Vec<Vec<Vector2<f64>>> {
+        let coordinate = |m: usize, k: usize, axis: usize| median(chosen(m).into_iter().map(|i| fields[m][i][k][axis]).collect());
+        let field =
+            |m: usize| (0..wireframe.node_count()).map(|k| Vector2::new(coordinate(m, k, 0), coordinate(m, k, 1))).collect();
+        (0..FRAMES - 1).map(field).collect()
+    };
+    let (of_kept, of_all) = (medians(&|m| kept[m].clone()), medians(&|_| (0..n).collect()));
+    let mut nodes = models[0].neutral().nodes().to_vec();
+    let mut frames = vec![FrameExpressionModel::new(nodes.clone())];
+    for field in &of_kept {
+        nodes.iter_mut().zip(field).for_each(|(p, v)| *p += v);
+        frames.push(FrameExpressionModel::new(nodes.clone()));
+    }
+    let mean = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+    let own = |i: usize| (0..FRAMES - 1).filter(|&m| kept[m].contains(&i)).collect::<Vec<_>>();
+    let distances: Vec<Option<f64>> =
+        (0..n).map(|i| mean(own(i).into_iter().map(|m| field_distance(&fields[m][i], &of_kept[m])).collect())).collect();
+    let distances_untrimmed: Vec<f64> =
+        (0..n).map(|i| (0..FRAMES - 1).map(|m| field_distance(&fields[m][i], &of_all[m])).sum::<f64>() / 4.0).collect();
+    let node_dispersion = (0..wireframe.node_count())
+        .map(|k| {
+            let scatter = |i: usize| mean(own(i).into_iter().map(|m| (fields[m][i][k] - of_kept[m][k]).norm()).collect());
+            if live.contains(&NodeId(k as u16)) { median((0..n).filter_map(scatter).collect()) } else { 0.0 }
+        })
+        .collect();
+    let sum: f64 = distances.iter().flatten().sum();
+    let many = n > 1;
+    Representative {
+        label,
+        model: Model::new(frames).unwrap(),
+        sequences,
+        trimming,
+        sums: MedianSums {
+            greedy: sum * 1.000_031,
+            exact: sum,
+            lower_bound: sum * (1.0 - 3.2e-10),
+            greedy_gap: if many { 3.1e-5 } else { 0.0 },
+            certificate_gap: if many { 3.2e-10 } else { 0.0 },
+        },
+        dispersion: many.then(|| median(distances.iter().flatten().copied().collect())),
+        dispersion_untrimmed: many.then(|| median(distances_untrimmed.clone())),
+        distances,
+        distances_untrimmed,
+        node_dispersion,
+    }
+}
+
+fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) -> TrackQuality {
+    let frames = 8 + gauss(rng, 8.0, 3.0).clamp(0.0, 20.0) as usize;
+    let loss = gauss(rng, 0.0, 0.04).abs().min(0.6);
+    let pairs = ((frames - 1) * live.len()) as f64 * loss;
+    let pick = |rng: &mut ChaCha8Rng| live[(gauss(rng, 0.0, 40.0).abs() as usize) % live.len()];
+    let worst = ((pairs / 8.0) as usize).min(5);
+    let share = (pairs * 0.7) as usize;
+    TrackQuality {
+        id: id.clone(),
+        emotion: emotion.into(),
+        frames,
+        tracked_share: 1.0 - loss,
+        mean_residual_px: gauss(rng, 0.08, 0.03).abs(),
+        eye_distance_px: gauss(rng, 118.0, 14.0),
+        recovered: BTreeMap::from([("forward-backward".into(), share), ("extreme displacement".into(), pairs as usize - share)]),
+        worst_nodes: (0..worst).map(|k| (pick(rng), (frames - 1).saturating_sub(2 * k).max(1))).collect(),
+    }
+}
+
+/// FAP values by the table of the repository: offset of the FAP's node along its axis, times 1024 over the FAPU.
+fn apex_faps(r: &Representative, fapus: Fapus) -> Vec<(u8, String, i32)> {
+    let offsets = r.model.neutral_offsets(FRAMES - 1);
+    let mut reader = csv::Reader::from_path(concat!(env!("CARGO_MANIFEST_DIR"), "/candide/faps.csv")).unwrap();
+    let rows = reader.deserialize::<BTreeMap<String, String>>().map(Result::unwrap).filter(|row| row["frontal"] == "yes");
+    rows.map(|row| {
+        let node: usize = row["nodes"].split(' ').next().unwrap().parse().unwrap();
+        let offset = if row["axis"] == "x" { offsets[node].x } else { offsets[node].y };
+        let unit = fapus.length(row["fapu"].parse::<Fapu>().unwrap()).unwrap();
+        let value = row["sign"].parse::<f64>().unwrap() * offset * 1024.0 / unit;
+        (row["fap"].parse().unwrap(), row["name"].clone(), value.round() as i32)
+    })
+    .collect()
+}
