@@ -27,6 +27,7 @@ pub mod geometry;
 pub mod model;
 pub mod normalize;
 pub mod output;
+pub mod overlay;
 pub mod report;
 pub mod sequence;
 pub mod simulate;

@@ -1,7 +1,13 @@
 //! The command line: parse, call the library, print.
 
+mod analyze;
 mod fap;
+mod fit;
+mod progress;
+mod run;
+mod shared;
 mod simulate;
+mod track;
 
 use std::process::ExitCode;
 
@@ -9,14 +15,30 @@ use clap::{Parser, Subcommand};
 
 /// Representative facial expressions from image sequences, as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
-#[command(name = "grimace", version, about, propagate_version = true)]
+#[command(name = "grimace", version, about, propagate_version = true, after_help = AFTER_HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
 }
 
+const AFTER_HELP: &str = "\
+Example, from nothing to a report:
+  grimace simulate -o faces --subjects 4
+  grimace run faces -o results
+  then open results/report.html
+
+Exit status: 0 done, 1 failed, 2 bad usage, 3 done but some sequences failed.";
+
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// The main job: every stage over a dataset, to representatives, FAP files and a report.
+    Run(run::Args),
+    /// Fit the wireframe to one neutral face from marked points.
+    Fit(fit::Args),
+    /// Track one sequence from its neutral to its apex frame.
+    Track(track::Args),
+    /// Statistics, FAP files and report from tracks already there.
+    Analyze(analyze::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
     /// Make synthetic sequences with exact ground truth.
@@ -28,6 +50,8 @@ enum Command {
 pub enum Outcome {
     /// Exit status 0.
     Done,
+    /// Exit status 1, everything worth saying having been said.
+    Failed,
     /// Exit status 3: done, but some sequences failed.
     SomeFailed,
 }
@@ -37,11 +61,16 @@ pub enum Outcome {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
+        Command::Run(args) => run::run(&args),
+        Command::Fit(args) => fit::run(&args),
+        Command::Track(args) => track::run(&args),
+        Command::Analyze(args) => analyze::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Simulate(args) => simulate::run(args),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Failed) => ExitCode::FAILURE,
         Ok(Outcome::SomeFailed) => ExitCode::from(3),
         Err(error) => {
             eprintln!("error: {error:#}");

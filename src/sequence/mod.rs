@@ -239,6 +239,14 @@ pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
     Ok(Frame { number: 0, mat })
 }
 
+/// The first frame of a sequence.
+///
+/// # Errors
+/// [`SequenceError`] when it does not read.
+pub fn read_first_frame(source: &FrameSource) -> Result<Frame, SequenceError> {
+    SequenceReader::open(source)?.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }))
+}
+
 /// Makes OpenCV quiet and single-threaded: rayon spreads the work over sequences, and results must not depend on threads.
 ///
 /// # Errors

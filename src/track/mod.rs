@@ -6,10 +6,12 @@
 //! wireframe, driven by the displacements of the nodes that were not lost; the lost ones take their place from it and are tracked
 //! again in the next frame.
 
+mod file;
 mod klt;
+mod quality;
 mod recover;
 
-use std::{collections::BTreeMap, fmt, str::FromStr};
+use std::{fmt, str::FromStr};
 
 use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -22,7 +24,9 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
+pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
+pub use quality::{TrackSummary, summarize};
 
 /// Why a node was lost in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -35,6 +39,18 @@ pub enum LossReason {
     Outside,
     /// Its displacement was extreme against its neighbours'.
     Extreme,
+}
+
+impl LossReason {
+    /// The reason in a word, as in the `state` column behind `recovered_`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Klt => "klt",
+            Self::ForwardBackward => "forward_backward",
+            Self::Outside => "outside",
+            Self::Extreme => "extreme",
+        }
+    }
 }
 
 /// How a node came to its position in a frame.
@@ -101,6 +117,15 @@ pub struct TrackedNode {
     pub residual: Option<f64>,
 }
 
+/// The dynamic facial expression model of tracked frames, pixels.
+///
+/// # Errors
+/// [`ModelError`] for fewer than two frames, differing node counts, or positions that are not finite.
+pub fn track_model(frames: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, ModelError> {
+    let frame = |f: &TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
+    DynamicExpressionModel::new(frames.iter().map(frame).collect())
+}
+
 /// The wireframe in one frame, all N nodes in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackedFrame {
@@ -117,17 +142,6 @@ pub struct Track {
     pub size: ImageSize,
     /// Its frames, at least two.
     pub frames: Vec<TrackedFrame>,
-}
-
-impl Track {
-    /// The dynamic facial expression model of the track, pixels.
-    ///
-    /// # Errors
-    /// [`ModelError`] when there are fewer than two frames or they are uneven (only for tracks not made by [`track_sequence`]).
-    pub fn model(&self) -> Result<DynamicExpressionModel<Px>, ModelError> {
-        let frame = |f: &TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
-        DynamicExpressionModel::new(self.frames.iter().map(frame).collect())
-    }
 }
 
 /// Options of the tracker. Lengths relative to the eye distance ES0 of the neutral frame make small and large faces alike.
@@ -453,15 +467,4 @@ impl Step<'_> {
             kept.map(|s| Target { node: s.node, position: positions[s.node.index()] + s.displacement, pull }).collect();
         Ok(self.plan.springs.deform(self.wireframe, positions, &targets)?)
     }
-}
-
-/// Recovered (node, frame) pairs by state name, over the frames after the neutral one.
-pub fn recovered_by_reason(track: &Track) -> BTreeMap<String, usize> {
-    let mut counts = BTreeMap::new();
-    for node in track.frames.iter().skip(1).flat_map(|f| &f.nodes) {
-        if let NodeState::Recovered(_) = node.state {
-            *counts.entry(node.state.name().trim_start_matches("recovered_").to_owned()).or_insert(0) += 1;
-        }
-    }
-    counts
 }

@@ -1,0 +1,97 @@
+//! `grimace fit`.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use grimace::{
+    fit::{MarkKind, read_correspondences, validate_correspondences},
+    output::{self, nine_digits},
+    overlay::{draw_overlay, png_bytes},
+    pipeline::PipelineOptions,
+    sequence::read_frame,
+    track::{NodeState, eye_distance_px, neutral_nodes},
+};
+use serde::Serialize;
+
+use super::{
+    Outcome,
+    shared::{FitArgs, GeneralArgs},
+};
+
+/// Fit the wireframe to one neutral face.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png
+
+marks.csv has the columns node,x,y: a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3, and its place in pixels, the
+centre of the top-left pixel being 0,0. Left and right are the subject's own. 5 to 8 marks make a good fit: the four eye corners
+(20,23,53,56), the mouth corners (31,64) and the chin (10) are a good choice.")]
+pub struct Args {
+    /// Image of a neutral, frontal face
+    image: PathBuf,
+    /// Marked points: node,x,y
+    #[arg(short, long, value_name = "C.csv")]
+    correspondences: PathBuf,
+    /// Positions of all nodes: node,x,y,state,residual
+    #[arg(short, long, value_name = "FIT.csv")]
+    output: PathBuf,
+    /// Picture of the wireframe on the image, PNG
+    #[arg(long, value_name = "PNG")]
+    overlay: Option<PathBuf>,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+#[derive(Serialize)]
+struct Row {
+    node: usize,
+    x: String,
+    y: String,
+    state: NodeState,
+    residual: String,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    args.general.check_free(&args.output)?;
+    if let Some(path) = &args.overlay {
+        args.general.check_free(path)?;
+    }
+    let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
+    let frame = read_frame(&args.image)?;
+    let marks = read_correspondences(&args.correspondences, &bench.tables, bench.wireframe.node_count())?;
+    let in_file = || args.correspondences.display().to_string();
+    let size = frame.size();
+    validate_correspondences(&marks, size.width, size.height).with_context(in_file)?;
+    let fitted = bench.fitter().fit(&bench.wireframe, &marks).with_context(in_file)?;
+    let nodes = neutral_nodes(&bench.wireframe, &fitted);
+    let rows = nodes.iter().enumerate().map(|(node, n)| Row {
+        node,
+        x: nine_digits(n.position.x),
+        y: nine_digits(n.position.y),
+        state: n.state,
+        residual: n.residual.map(nine_digits).unwrap_or_default(),
+    });
+    output::write_csv(&args.output, rows)?;
+    if let Some(path) = &args.overlay {
+        let points: Vec<_> = marks.iter().map(|m| m.position).collect();
+        output::write_bytes(path, &png_bytes(&draw_overlay(&frame, &bench.wireframe, &nodes, &points)?)?)?;
+    }
+    if !args.general.quiet {
+        let eye_distance = eye_distance_px(&bench.tables, fitted.model.nodes()).unwrap_or(0.0);
+        let worst = fitted.residuals.iter().copied().fold(0.0, f64::max);
+        let hard = marks.iter().filter(|m| m.kind == MarkKind::Hard).count();
+        println!(
+            "{} marks ({hard} set by hand), eye distance {eye_distance:.1} px, roll {:.1} degrees, largest distance of a node to its mark {worst:.2} px",
+            marks.len(),
+            -fitted.image_from_face.angle.to_degrees(),
+        );
+        if marks.len() < 5 {
+            println!("note: 5 to 8 marks make a good fit");
+        }
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,58 @@
+//! Progress bars on a terminal, on standard error.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use grimace::pipeline::Event;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Bar over sequences with a count of frames and the time left. Hidden when standard error is no terminal.
+#[derive(Debug)]
+pub struct SequenceBar {
+    bar: ProgressBar,
+    frames: AtomicU64,
+}
+
+impl SequenceBar {
+    pub fn new(quiet: bool) -> Self {
+        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let bar = ProgressBar::with_draw_target(Some(0), target);
+        let template = "{bar:32.cyan/blue} {pos}/{len} sequences  {msg}  {elapsed} elapsed, {eta} left";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        Self { bar, frames: AtomicU64::new(0) }
+    }
+
+    pub fn show(&self, event: &Event) {
+        match event {
+            Event::Started { sequences } => self.bar.set_length(*sequences as u64),
+            Event::Frame => {
+                let frames = self.frames.fetch_add(1, Ordering::Relaxed) + 1;
+                if frames % 16 == 0 {
+                    self.bar.set_message(format!("{frames} frames"));
+                }
+            }
+            Event::Finished { id, failure, .. } => {
+                if let Some(reason) = failure {
+                    self.bar.suspend(|| eprintln!("{id}: {reason}"));
+                }
+                self.bar.inc(1);
+            }
+            Event::Analyzing => self.bar.set_message("statistics and report"),
+        }
+    }
+
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Bar over the frames of one sequence.
+pub fn frame_bar(quiet: bool, frames: Option<u64>) -> ProgressBar {
+    let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let bar = ProgressBar::with_draw_target(frames, target);
+    if let Ok(style) = ProgressStyle::with_template("{bar:32.cyan/blue} {pos}/{len} frames  {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}

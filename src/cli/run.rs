@@ -1,0 +1,97 @@
+//! `grimace run`.
+
+use std::path::PathBuf;
+
+use grimace::pipeline::{self, PipelineOptions, RunSummary};
+
+use super::{
+    Outcome,
+    progress::SequenceBar,
+    shared::{AnalysisArgs, FitArgs, GeneralArgs, MarksArgs, TrackArgs, set_threads, stop_flag},
+};
+
+/// The main job: every stage over a dataset.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace run faces -o results --by cohort --overlay results/overlays
+
+A DATASET is a folder with manifest.csv (subject,sequence,emotion and more) or with the layout of Cohn-Kanade. Interrupted or run
+again, it goes on where it stopped: what is done and unchanged, by content, is not done again. One bad sequence costs that sequence:
+it is named in failures.csv and the exit status is 3.")]
+pub struct Args {
+    /// Dataset folder, or its manifest file
+    dataset: PathBuf,
+    /// Folder for tracks, models, representatives, FAP files, tables and the report
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Folder for pictures of the wireframe on the neutral and apex frame of every sequence
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+    /// Threads; 0 for one per processor
+    #[arg(short = 'j', long, default_value_t = 0)]
+    threads: usize,
+    #[command(flatten)]
+    marks: MarksArgs,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    track: TrackArgs,
+    #[command(flatten)]
+    analysis: AnalysisArgs,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    set_threads(args.threads)?;
+    let mut options = PipelineOptions {
+        fit: args.fit.options(),
+        track: args.track.options(),
+        marks: args.marks.marks.clone(),
+        ..PipelineOptions::default()
+    };
+    args.analysis.fill(&mut options);
+    let bench = args.general.workbench(options)?;
+    let stop = stop_flag()?;
+    let bar = SequenceBar::new(args.general.quiet);
+    let result = pipeline::run(
+        &args.dataset,
+        &args.output,
+        &bench,
+        args.overlay.as_deref(),
+        args.general.force,
+        &stop,
+        |event| bar.show(&event),
+    );
+    bar.finish();
+    let summary = result?;
+    if !args.general.quiet {
+        print_summary(&summary, &args.output);
+    }
+    Ok(if summary.failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
+}
+
+fn print_summary(summary: &RunSummary, out: &std::path::Path) {
+    let out = out.display();
+    let RunSummary { sequences, tracked, reused, failures, skipped, .. } = summary;
+    if summary.unchanged {
+        println!("nothing changed since the last run: {sequences} sequences, nothing written");
+    } else {
+        println!("{sequences} sequences: {tracked} tracked, {reused} unchanged, {} failed", failures.len());
+    }
+    if !skipped.is_empty() {
+        println!("{} sequences left out: {}", skipped.len(), skipped[0].1);
+    }
+    for (stem, count) in &summary.representatives {
+        println!("  {stem:<12} {count:>4} sequences  {out}/fap/{stem}.fap");
+    }
+    for warning in &summary.warnings {
+        println!("note: {warning}");
+    }
+    for failure in failures {
+        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
+    }
+    println!("report: {out}/report.html");
+}

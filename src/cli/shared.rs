@@ -1,0 +1,185 @@
+//! Flags that several commands share.
+
+use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, sync::atomic::Ordering};
+
+use anyhow::Context;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use grimace::{
+    dataset::LandmarkMarks,
+    fit::{FitOptions, PriorKind},
+    normalize::{NormalizeOptions, Resample, SizeMode},
+    pipeline::{FapOptions, PipelineOptions, Workbench},
+    sequence::configure_opencv,
+    statistics::{MedianKind, StatisticsOptions},
+    track::TrackOptions,
+};
+use serde::de::DeserializeOwned;
+
+/// One of some words, turned into the library's enum of the same words.
+fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(list: &'static [&'static str]) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(list).try_map(|word| serde_json::from_value::<T>(serde_json::Value::String(word)))
+}
+
+/// A number for which `fits` holds.
+fn number(text: &str, fits: impl Fn(f64) -> bool, expected: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && fits(value) => Ok(value),
+        _ => Err(format!("expected {expected}")),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number(text, |v| v > 0.0, "a number greater than 0")
+}
+
+fn alpha(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
+}
+
+fn landmark_marks(text: &str) -> Result<LandmarkMarks, String> {
+    text.parse()
+}
+
+/// Options of the fit.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Fit")]
+pub struct FitArgs {
+    /// Shape prior ahead of the springs
+    #[arg(long, default_value = "candide", value_parser = words::<PriorKind>(&["none", "candide"]))]
+    prior: PriorKind,
+    /// Force on a marked node per pixel, over the stiffness of a spring
+    #[arg(long, default_value_t = FitOptions::default().force, value_parser = positive, value_name = "GAIN")]
+    fit_force: f64,
+}
+
+impl FitArgs {
+    pub fn options(&self) -> FitOptions {
+        FitOptions { force: self.fit_force, prior: self.prior }
+    }
+}
+
+/// Options of the tracker.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Track")]
+pub struct TrackArgs {
+    /// Side of the KLT window, over the eye distance
+    #[arg(long, default_value_t = TrackOptions::default().window, value_parser = positive, value_name = "SHARE")]
+    window: f64,
+    /// Pyramid levels, the image itself included
+    #[arg(long, default_value_t = TrackOptions::default().levels, value_parser = clap::value_parser!(u32).range(1..=8))]
+    levels: u32,
+    /// Largest forward-backward distance, over the eye distance
+    #[arg(long, default_value_t = TrackOptions::default().forward_backward, value_parser = positive, value_name = "SHARE")]
+    forward_backward: f64,
+    /// A displacement is extreme beyond this many robust standard deviations from its neighbours'
+    #[arg(long, default_value_t = TrackOptions::default().extreme, value_parser = positive, value_name = "FACTOR")]
+    extreme: f64,
+    /// Force on a tracked node per pixel, over the stiffness of a spring
+    #[arg(long, default_value_t = TrackOptions::default().force, value_parser = positive, value_name = "GAIN")]
+    track_force: f64,
+}
+
+impl TrackArgs {
+    pub fn options(&self) -> TrackOptions {
+        TrackOptions {
+            window: self.window,
+            levels: self.levels,
+            forward_backward: self.forward_backward,
+            extreme: self.extreme,
+            force: self.track_force,
+            ..TrackOptions::default()
+        }
+    }
+}
+
+/// Options of normalization, statistics and FAP files.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Normalization and statistics")]
+pub struct AnalysisArgs {
+    /// How the five frames are taken from a sequence: the nearest frame, or linear interpolation
+    #[arg(long, default_value = "nearest", value_parser = words::<Resample>(&["nearest", "linear"]))]
+    resample: Resample,
+    /// Sizes made equal by the FAPUs of each facial region, or by the eye separation alone
+    #[arg(long, default_value = "fapu", value_parser = words::<SizeMode>(&["fapu", "uniform"]))]
+    size: SizeMode,
+    /// Share of models trimmed per displacement field
+    #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
+    alpha: f64,
+    /// Which generalized median becomes the representative; the gap between the two is always reported
+    #[arg(long, default_value = "greedy", value_parser = words::<MedianKind>(&["greedy", "exact"]))]
+    median: MedianKind,
+    /// Columns of the manifest to group by, besides the emotion
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
+    by: Vec<String>,
+    /// Interpolated frames between two of the five key frames of a FAP file
+    #[arg(long, default_value_t = FapOptions::default().between, value_name = "FRAMES")]
+    between: usize,
+    /// Frame rate of the FAP files
+    #[arg(long, default_value_t = FapOptions::default().fps, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    fps: u32,
+}
+
+impl AnalysisArgs {
+    pub fn fill(&self, options: &mut PipelineOptions) {
+        options.normalize = NormalizeOptions { resample: self.resample, size: self.size };
+        options.statistics = StatisticsOptions { alpha: self.alpha, median: self.median };
+        options.by.clone_from(&self.by);
+        options.fap = FapOptions { between: self.between, fps: self.fps };
+    }
+}
+
+/// Where marks come from when a sequence has landmarks only.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Marks")]
+pub struct MarksArgs {
+    /// Landmarks used as marks where a sequence has no correspondences: `seven` (eye corners, mouth corners, chin), `high`, `all`, or
+    /// a list of nodes such as 20,23,53,56,31,64,10
+    #[arg(long, default_value = "seven", value_parser = landmark_marks, value_name = "WHICH")]
+    pub marks: LandmarkMarks,
+}
+
+/// The machine and the wireframe.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "General")]
+pub struct GeneralArgs {
+    /// A .wfm wireframe with Candide-3's node numbers, instead of Candide-3
+    #[arg(long, value_name = "FILE")]
+    wireframe: Option<PathBuf>,
+    /// Write over results that are there
+    #[arg(long)]
+    pub force: bool,
+    /// No progress bar, no summary
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl GeneralArgs {
+    pub fn workbench(&self, options: PipelineOptions) -> anyhow::Result<Workbench> {
+        configure_opencv()?;
+        Ok(Workbench::new(self.wireframe.as_deref(), options)?)
+    }
+
+    /// Refuses to write over a file unless `--force` is given.
+    pub fn check_free(&self, path: &std::path::Path) -> anyhow::Result<()> {
+        anyhow::ensure!(self.force || !path.exists(), "{} is there already; --force writes over it", path.display());
+        Ok(())
+    }
+}
+
+/// Uses `threads` threads for everything that runs in parallel; 0 for one per processor.
+pub fn set_threads(threads: usize) -> anyhow::Result<()> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start the threads")
+}
+
+/// A flag that is set when the user interrupts (Ctrl-C) or the system asks to end; a second time ends at once.
+pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::SeqCst) {
+            std::process::exit(1);
+        }
+    })
+    .context("cannot watch for interruptions")?;
+    Ok(stop)
+}

@@ -1,0 +1,111 @@
+//! `grimace track`.
+
+use std::path::PathBuf;
+
+use grimace::{
+    dataset::frame_source,
+    fit::read_correspondences,
+    output,
+    overlay::png_bytes,
+    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, Stage, id_of, overlay_pictures, track_one},
+    sequence::FrameSource,
+    track::write_track,
+};
+
+use super::{
+    Outcome,
+    progress::frame_bar,
+    shared::{FitArgs, GeneralArgs, TrackArgs, stop_flag},
+};
+
+/// Track one sequence.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace track faces/S001/001 --correspondences faces/S001/001/correspondences.csv -o S001_001.csv --emotion happiness --overlay pictures
+
+The track has one row for every node of every frame: frame,node,x,y,state,residual. Lost nodes are placed by the springs and say so in
+their state. Beside it stands a .json with the source, the options and what it was made from.")]
+pub struct Args {
+    /// Folder of images in order, or a video; the first frame is neutral, the last the apex
+    sequence: PathBuf,
+    /// Marked points on the first frame: node,x,y
+    #[arg(short, long, value_name = "C.csv")]
+    correspondences: PathBuf,
+    /// The track; SUBJECT_SEQUENCE.csv names subject and sequence
+    #[arg(short, long, value_name = "TRACK.csv")]
+    output: PathBuf,
+    /// Emotion label, for `analyze`
+    #[arg(long, default_value = "unlabelled")]
+    emotion: String,
+    /// Number of the neutral frame, as in the file name
+    #[arg(long)]
+    first_frame: Option<u32>,
+    /// Number of the apex frame, as in the file name
+    #[arg(long)]
+    last_frame: Option<u32>,
+    /// Frames per second, where the source does not say
+    #[arg(long)]
+    fps: Option<f64>,
+    /// Folder for a picture of the wireframe on every frame
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    track: TrackArgs,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    args.general.check_free(&args.output)?;
+    let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
+    let bench = args.general.workbench(options)?;
+    let source = SequenceSource {
+        id: id_of(&args.output),
+        emotion: args.emotion.trim().to_lowercase(),
+        metadata: Default::default(),
+        frames: frame_source(&args.sequence, args.first_frame, args.last_frame)?,
+        marks: read_correspondences(&args.correspondences, &bench.tables, bench.wireframe.node_count())?,
+        marks_from: "command line".to_owned(),
+        fps: args.fps,
+    };
+    let frames = match &source.frames {
+        FrameSource::Images(files) => Some(files.len() as u64),
+        FrameSource::Video { .. } => None,
+    };
+    let stop = stop_flag()?;
+    let bar = frame_bar(args.general.quiet, frames);
+    let tracked = track_one(&source, &bench, |_| {
+        bar.inc(1);
+        !stop.load(std::sync::atomic::Ordering::Relaxed)
+    });
+    bar.finish_and_clear();
+    let (track, mut info) = tracked.map_err(|SequenceFailure { reason, .. }| anyhow::anyhow!(reason))?;
+    info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| anyhow::anyhow!(f.reason))?;
+    write_track(&args.output, &track.frames, &mut info)?;
+    if let Some(folder) = &args.overlay {
+        overlay_pictures(&source, &track.frames, &bench, |_| true, |number, picture| {
+            let path = folder.join(format!("{}_{number:08}.png", source.id));
+            let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
+            output::write_bytes(&path, &bytes).map_err(SequenceFailure::at(Stage::Write))
+        })
+        .map_err(|f| anyhow::anyhow!(f.reason))?;
+    }
+    if !args.general.quiet {
+        let s = &info.summary;
+        println!(
+            "{} frames, {:.1} % of the nodes tracked, mean forward-backward distance {:.3} px, eye distance {:.1} px",
+            s.frames,
+            100.0 * s.tracked_share,
+            s.mean_residual_px,
+            s.eye_distance_px
+        );
+        for (reason, count) in &s.recovered {
+            println!("  recovered after {reason}: {count}");
+        }
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,146 @@
+//! Pictures of a wireframe on its frame: what a person looks at to judge a fit or a track.
+
+use image::{RgbImage, imageops::FilterType};
+use nalgebra::Point2;
+use tiny_skia::{Color, FillRule, LineCap, Paint, Path as SkiaPath, PathBuilder, Pixmap, Stroke, Transform};
+
+use crate::{
+    sequence::{Frame, SequenceError},
+    track::{LossReason, NodeState, TrackedNode},
+    wireframe::Wireframe,
+};
+
+/// Least width of a picture, px; smaller frames are enlarged by a whole factor so that thin lines stay readable.
+const MIN_WIDTH: u32 = 900;
+
+/// Largest enlargement.
+const MAX_FACTOR: u32 = 4;
+
+/// Colours that colour-blind people can tell apart (Okabe and Ito), one per state.
+fn colour(state: NodeState) -> [u8; 3] {
+    match state {
+        NodeState::Marked => [240, 228, 66],
+        NodeState::Corrected => [255, 255, 255],
+        NodeState::Fitted | NodeState::Follows => [86, 180, 233],
+        NodeState::Tracked => [0, 178, 130],
+        NodeState::Recovered(LossReason::Klt) => [213, 94, 0],
+        NodeState::Recovered(LossReason::ForwardBackward) => [230, 159, 0],
+        NodeState::Recovered(LossReason::Extreme) => [204, 121, 167],
+        NodeState::Recovered(LossReason::Outside) => [20, 20, 20],
+    }
+}
+
+/// The states and their colours, for a legend.
+pub fn legend() -> Vec<(NodeState, [u8; 3])> {
+    let lost = [LossReason::Klt, LossReason::ForwardBackward, LossReason::Extreme, LossReason::Outside];
+    let states = [NodeState::Marked, NodeState::Fitted, NodeState::Tracked].into_iter();
+    states.chain(lost.map(NodeState::Recovered)).map(|s| (s, colour(s))).collect()
+}
+
+/// Draws the wireframe on the frame: springs as lines, live nodes as dots in the colour of their state, marks as rings where they
+/// were set (image positions in px).
+///
+/// # Errors
+/// [`SequenceError`] when the frame's pixels can not be read.
+pub fn draw_overlay(
+    frame: &Frame,
+    wireframe: &Wireframe,
+    nodes: &[TrackedNode],
+    marks: &[Point2<f64>],
+) -> Result<RgbImage, SequenceError> {
+    let gray = frame.to_image()?;
+    let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
+    let large = image::imageops::resize(&gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
+    let Some(mut canvas) = Pixmap::new(large.width(), large.height()) else {
+        return Ok(image::DynamicImage::ImageLuma8(large).to_rgb8());
+    };
+    for (pixel, luma) in canvas.data_mut().chunks_exact_mut(4).zip(large.as_raw()) {
+        pixel.copy_from_slice(&[*luma, *luma, *luma, 255]);
+    }
+    // Pixel centres are whole numbers in image space and halves on the canvas.
+    let scale = f64::from(factor);
+    let at = |p: &Point2<f64>| (((p.x + 0.5) * scale) as f32, ((p.y + 0.5) * scale) as f32);
+    let width = 0.9 * factor as f32;
+
+    let mut springs = PathBuilder::new();
+    for (a, b) in wireframe.edges() {
+        if let (Some(a), Some(b)) = (nodes.get(a.index()), nodes.get(b.index())) {
+            let ((ax, ay), (bx, by)) = (at(&a.position), at(&b.position));
+            springs.move_to(ax, ay);
+            springs.line_to(bx, by);
+        }
+    }
+    if let Some(path) = springs.finish() {
+        stroke(&mut canvas, &path, [10, 20, 30, 90], width * 1.9);
+        stroke(&mut canvas, &path, [235, 245, 255, 150], width * 0.8);
+    }
+    for &node in wireframe.live_nodes() {
+        if let Some(node) = nodes.get(node.index()) {
+            let (x, y) = at(&node.position);
+            dot(&mut canvas, x, y, width * 2.1, [10, 20, 30]);
+            dot(&mut canvas, x, y, width * 1.6, colour(node.state));
+        }
+    }
+    for mark in marks {
+        let (x, y) = at(mark);
+        if let Some(ring) = PathBuilder::from_circle(x, y, width * 4.2) {
+            stroke(&mut canvas, &ring, [10, 20, 30, 200], width * 1.9);
+            stroke(&mut canvas, &ring, [240, 228, 66, 255], width);
+        }
+    }
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    Ok(RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default())
+}
+
+fn paint(rgba: [u8; 4]) -> Paint<'static> {
+    let mut paint = Paint::default();
+    paint.set_color(Color::from_rgba8(rgba[0], rgba[1], rgba[2], rgba[3]));
+    paint.anti_alias = true;
+    paint
+}
+
+fn stroke(canvas: &mut Pixmap, path: &SkiaPath, rgba: [u8; 4], width: f32) {
+    let stroke = Stroke { width, line_cap: LineCap::Round, ..Stroke::default() };
+    canvas.stroke_path(path, &paint(rgba), &stroke, Transform::identity(), None);
+}
+
+fn dot(canvas: &mut Pixmap, x: f32, y: f32, radius: f32, [r, g, b]: [u8; 3]) {
+    if let Some(circle) = PathBuilder::from_circle(x, y, radius) {
+        canvas.fill_path(&circle, &paint([r, g, b, 255]), FillRule::Winding, Transform::identity(), None);
+    }
+}
+
+/// A picture as PNG bytes.
+///
+/// # Errors
+/// When the encoder fails, which it does only without memory.
+pub fn png_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, image::ImageFormat::Png)?;
+    Ok(bytes.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tracked_node_is_a_dot_of_its_colour_at_its_place() {
+        let frame = Frame::from_image(1, &image::GrayImage::from_pixel(500, 400, image::Luma([128]))).unwrap();
+        let wireframe = Wireframe::candide3();
+        let nodes: Vec<_> = wireframe
+            .vertices()
+            .iter()
+            .map(|v| TrackedNode {
+                position: Point2::new(250.0 + 150.0 * v.x, 200.0 - 150.0 * v.y),
+                state: NodeState::Tracked,
+                residual: None,
+            })
+            .collect();
+        let picture = draw_overlay(&frame, &wireframe, &nodes, &[]).unwrap();
+        assert_eq!(picture.dimensions(), (1000, 800));
+        // Node 10, chin: (250, 200 + 150 * 0.852) = (250, 327.8), doubled with the half-pixel shift: (501, 656.6).
+        assert_eq!(picture.get_pixel(500, 656).0, colour(NodeState::Tracked));
+        assert_eq!(picture.get_pixel(5, 5).0, [128, 128, 128]);
+    }
+}

@@ -1,0 +1,440 @@
+//! From normalized models to representatives, statistics, FAP files and the report; shared by `run` and `analyze`.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    io,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::Point2;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{Failure, MADE_BY, SCHEMA_VERSION, Stage, Workbench, files::file_blake3};
+use crate::{
+    fap::{self, Clamped, FapCatalog, FapSequence, FapWriteError},
+    model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
+    normalize::NormalizeError,
+    output::{self, OutputError, nine_digits, write_atomic},
+    report::{ReportData, TrackQuality, render_html},
+    statistics::{self, GroupedModel, MedianSums, Representative, SequenceModel, StatisticsError},
+    units::{FaceUnit, NodeId, SequenceId},
+    wireframe::FapusError,
+};
+
+/// A normalized model with everything that the statistics group by.
+#[derive(Clone, Debug)]
+pub struct AnalyzedModel {
+    /// The model and its sequence.
+    pub model: SequenceModel,
+    /// Emotion label.
+    pub emotion: String,
+    /// Further columns of the manifest.
+    pub metadata: BTreeMap<String, String>,
+    /// How well it was tracked, where known.
+    pub quality: Option<TrackQuality>,
+}
+
+/// Why no statistics came out.
+#[derive(Debug, thiserror::Error)]
+pub enum AnalysisError {
+    /// Statistics of a class.
+    #[error(transparent)]
+    Statistics(#[from] StatisticsError),
+    /// The canonical neutral has no FAPUs.
+    #[error(transparent)]
+    Fapus(#[from] FapusError),
+    /// A model is not one.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A FAP file can not be written.
+    #[error(transparent)]
+    Fap(#[from] FapWriteError),
+    /// A file can not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The report does not render.
+    #[error("the report does not render: {0}")]
+    Report(#[from] minijinja::Error),
+    /// A column to group by that no sequence has.
+    #[error("--by {column}: no sequence has such a column; there are {}", if found.is_empty() { "none".to_owned() } else { found.join(", ") })]
+    NoSuchColumn {
+        /// The column.
+        column: String,
+        /// Columns there are.
+        found: Vec<String>,
+    },
+}
+
+/// One representative, with its FAPs.
+#[derive(Clone, Debug)]
+pub struct AnalyzedClass {
+    /// The representative.
+    pub representative: Representative,
+    /// Stem of its files: the emotion, followed by `_COLUMN-VALUE` for every column grouped by.
+    pub stem: String,
+    /// Its FAPs, key frames and the frames between them.
+    pub fap: FapSequence,
+    /// Values that the standard's ranges clamped.
+    pub clamped: Vec<Clamped>,
+}
+
+/// Everything that statistics make of a set of models.
+#[derive(Clone, Debug)]
+pub struct Analysis {
+    /// Classes by emotion, then by group.
+    pub classes: Vec<AnalyzedClass>,
+    /// How well each sequence was tracked, by id.
+    pub tracks: Vec<TrackQuality>,
+    /// What failed before.
+    pub failures: Vec<Failure>,
+    /// Warnings that a person should read.
+    pub warnings: Vec<String>,
+}
+
+impl Analysis {
+    /// Stem and number of sequences of every class.
+    pub fn counts(&self) -> Vec<(String, usize)> {
+        self.classes.iter().map(|c| (c.stem.clone(), c.representative.sequences.len())).collect()
+    }
+}
+
+/// Computes the representative of every class of the models.
+///
+/// # Errors
+/// [`AnalysisError`] when a column to group by does not exist or the options are out of range.
+pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> Result<Analysis, AnalysisError> {
+    let options = &bench.options;
+    for column in &options.by {
+        if !models.iter().any(|m| m.metadata.contains_key(column)) {
+            let found: BTreeSet<String> = models.iter().flat_map(|m| m.metadata.keys().cloned()).collect();
+            return Err(AnalysisError::NoSuchColumn { column: column.clone(), found: found.into_iter().collect() });
+        }
+    }
+    let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
+    tracks.sort_by(|a, b| a.id.cmp(&b.id));
+    let grouped = models
+        .into_iter()
+        .map(|m| GroupedModel { model: m.model, emotion: m.emotion, metadata: m.metadata })
+        .collect::<Vec<_>>();
+    let groups = statistics::group_models(grouped, &options.by);
+    let normalizer = bench.normalizer()?;
+    let fapus = normalizer.canonical().fapus;
+    let mut stems = BTreeSet::new();
+    let groups: Vec<_> = groups
+        .into_iter()
+        .map(|(label, models)| {
+            let mut stem = file_stem(&label.emotion);
+            for (column, value) in &label.group {
+                stem = format!("{stem}_{}-{}", file_stem(column), file_stem(value));
+            }
+            let mut unique = stem.clone();
+            for number in 2.. {
+                if stems.insert(unique.clone()) {
+                    break;
+                }
+                unique = format!("{stem}~{number}");
+            }
+            (label, models, unique)
+        })
+        .collect();
+    let classes = groups
+        .into_par_iter()
+        .map(|(label, models, stem)| {
+            let representative = statistics::representative(label, &models, &bench.wireframe, &options.statistics)?;
+            let (fap, clamped) = FapSequence::from_model(
+                &representative.model,
+                &fapus,
+                FapCatalog::mpeg4(),
+                &stem,
+                options.fap.fps,
+                options.fap.between,
+            );
+            Ok(AnalyzedClass { representative, stem, fap, clamped })
+        })
+        .collect::<Result<Vec<_>, StatisticsError>>()?;
+    let warnings = classes.iter().flat_map(class_warnings).collect();
+    Ok(Analysis { classes, tracks, failures, warnings })
+}
+
+/// Sequences below which a representative says little.
+const SMALL_CLASS: usize = 5;
+
+fn class_warnings(class: &AnalyzedClass) -> Vec<String> {
+    let (stem, count) = (&class.stem, class.representative.sequences.len());
+    let mut warnings = Vec::new();
+    if count == 1 {
+        warnings.push(format!("{stem}: a single sequence; it is its own representative and has no dispersion"));
+    } else if count < SMALL_CLASS {
+        warnings.push(format!("{stem}: only {count} sequences; the representative may say little about anybody else"));
+    }
+    let clamped: BTreeSet<u8> = class.clamped.iter().map(|c| c.fap.get()).collect();
+    if !clamped.is_empty() {
+        let list = clamped.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        warnings.push(format!("{stem}: values of FAP {list} lie outside the standard's range and were clamped"));
+    }
+    warnings
+}
+
+/// Text that is safe in a file name on any system: letters, digits, `.`, `-`; everything else becomes `-`.
+fn file_stem(text: &str) -> String {
+    let safe = |c: char| if c.is_alphanumeric() || c == '.' || c == '-' || c == '_' { c } else { '-' };
+    let stem: String = text.trim().chars().map(safe).collect();
+    let stem = stem.trim_start_matches('.');
+    if stem.is_empty() { "none".to_owned() } else { stem.to_owned() }
+}
+
+/// Writes a normalized model or a representative: `frame,node,x,y`, face units, frames from 0.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Result<(), OutputError> {
+    write_atomic(path, |out| {
+        writeln!(out, "frame,node,x,y")?;
+        for (m, frame) in model.frames().iter().enumerate() {
+            for (k, point) in frame.nodes().iter().enumerate() {
+                writeln!(out, "{m},{k},{},{}", nine_digits(point.x), nine_digits(point.y))?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// A model file that does not read.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelFileError {
+    /// It does not read as a table of `frame,node,x,y`.
+    #[error(transparent)]
+    Table(#[from] crate::track::TrackFileError),
+    /// Its frames do not make a model.
+    #[error("{}: {source}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: ModelError,
+    },
+}
+
+/// Reads a normalized model or a representative.
+///
+/// # Errors
+/// [`ModelFileError`] with the line.
+pub fn read_model(path: &Path) -> Result<DynamicExpressionModel<FaceUnit>, ModelFileError> {
+    let frames = crate::track::read_track(path)?;
+    let frame = |f: crate::track::TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
+    let model = DynamicExpressionModel::new(frames.into_iter().map(frame).collect());
+    model.map_err(|source| ModelFileError::Model { path: path.to_owned(), source })
+}
+
+/// The JSON beside a representative.
+#[derive(Serialize)]
+struct RepresentativeJson<'a> {
+    schema_version: u32,
+    made_by: &'a str,
+    unit: &'a str,
+    emotion: &'a str,
+    group: &'a BTreeMap<String, String>,
+    /// N''.
+    sequences: Vec<String>,
+    alpha: f64,
+    median: statistics::MedianKind,
+    trimmed: Vec<Trimmed>,
+    sums: MedianSums,
+    dispersion: Option<f64>,
+    dispersion_untrimmed: Option<f64>,
+    distances: BTreeMap<String, Option<f64>>,
+    node_dispersion: &'a [f64],
+}
+
+#[derive(Serialize)]
+struct Trimmed {
+    frame: usize,
+    sequence: String,
+    distance: f64,
+}
+
+/// Writes `representatives/`, `fap/`, `statistics.csv`, `trimming.csv`, `failures.csv` and `report.html`; returns the BLAKE3 of every
+/// file by its path relative to `out`.
+///
+/// # Errors
+/// [`AnalysisError`] when a file can not be written.
+pub fn write_analysis(
+    analysis: &Analysis,
+    out: &Path,
+    title: &str,
+    bench: &Workbench,
+) -> Result<BTreeMap<String, String>, AnalysisError> {
+    let mut files = Vec::new();
+    for class in &analysis.classes {
+        let (csv, json, fap) = (
+            format!("representatives/{}.csv", class.stem),
+            format!("representatives/{}.json", class.stem),
+            format!("fap/{}.fap", class.stem),
+        );
+        write_model(&out.join(&csv), &class.representative.model)?;
+        output::write_json(&out.join(&json), &representative_json(class, bench))?;
+        fap::write_fap(&out.join(&fap), &class.fap)?;
+        files.extend([csv, json, fap]);
+    }
+    write_statistics(&out.join("statistics.csv"), analysis, bench)?;
+    write_trimming(&out.join("trimming.csv"), analysis, bench)?;
+    write_failures(&out.join("failures.csv"), &analysis.failures)?;
+    let html = report_html(analysis, title, bench)?;
+    output::write_bytes(&out.join("report.html"), html.as_bytes())?;
+    files.extend(["statistics.csv", "trimming.csv", "failures.csv", "report.html"].map(str::to_owned));
+    Ok(files.into_iter().filter_map(|file| file_blake3(&out.join(&file)).map(|hash| (file, hash))).collect())
+}
+
+fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> RepresentativeJson<'a> {
+    let r = &class.representative;
+    let dropped = r.trimming.iter().filter(|row| row.dropped);
+    RepresentativeJson {
+        schema_version: SCHEMA_VERSION,
+        made_by: MADE_BY,
+        unit: <FaceUnit as crate::units::Unit>::NAME,
+        emotion: &r.label.emotion,
+        group: &r.label.group,
+        sequences: r.sequences.iter().map(SequenceId::to_string).collect(),
+        alpha: bench.options.statistics.alpha,
+        median: bench.options.statistics.median,
+        trimmed: dropped
+            .map(|row| Trimmed { frame: row.field, sequence: row.id.to_string(), distance: row.distance })
+            .collect(),
+        sums: r.sums,
+        dispersion: r.dispersion,
+        dispersion_untrimmed: r.dispersion_untrimmed,
+        distances: r.sequences.iter().zip(&r.distances).map(|(id, d)| (id.to_string(), *d)).collect(),
+        node_dispersion: &r.node_dispersion,
+    }
+}
+
+/// A CSV whose header ends with the columns grouped by.
+fn write_table(
+    path: &Path,
+    header: &[&str],
+    by: &[String],
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<(), OutputError> {
+    write_atomic(path, |out| {
+        let mut csv = csv::Writer::from_writer(out);
+        csv.write_record(header.iter().copied().chain(by.iter().map(String::as_str))).map_err(io::Error::from)?;
+        for row in rows {
+            csv.write_record(&row).map_err(io::Error::from)?;
+        }
+        csv.flush()
+    })
+}
+
+/// Values of the columns grouped by; empty for a class over all people.
+fn group_values(class: &AnalyzedClass, by: &[String]) -> impl Iterator<Item = String> {
+    by.iter().map(|column| class.representative.label.group.get(column).cloned().unwrap_or_default())
+}
+
+fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<(), OutputError> {
+    let header = [
+        "emotion",
+        "sequences",
+        "dispersion",
+        "dispersion_untrimmed",
+        "sum_of_distances",
+        "gap",
+        "sum_of_distances_exact",
+        "lower_bound",
+        "certificate_gap",
+    ];
+    let by = &bench.options.by;
+    let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
+    let rows = analysis.classes.iter().map(|class| {
+        let r = &class.representative;
+        let mut row = vec![
+            r.label.emotion.clone(),
+            r.sequences.len().to_string(),
+            optional(r.dispersion),
+            optional(r.dispersion_untrimmed),
+            nine_digits(r.sums.greedy),
+            nine_digits(r.sums.greedy_gap),
+            nine_digits(r.sums.exact),
+            nine_digits(r.sums.lower_bound),
+            nine_digits(r.sums.certificate_gap),
+        ];
+        row.extend(group_values(class, by));
+        row
+    });
+    write_table(path, &header, by, rows)
+}
+
+fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<(), OutputError> {
+    let by = &bench.options.by;
+    let rows = analysis.classes.iter().flat_map(|class| {
+        class.representative.trimming.iter().map(|row| {
+            let mut fields = vec![
+                class.representative.label.emotion.clone(),
+                row.field.to_string(),
+                row.id.to_string(),
+                nine_digits(row.distance),
+                row.dropped.to_string(),
+            ];
+            fields.extend(group_values(class, by));
+            fields
+        })
+    });
+    write_table(path, &["emotion", "frame", "sequence", "distance", "dropped"], by, rows)
+}
+
+/// Writes `failures.csv`; the header stands there even without failures.
+///
+/// # Errors
+/// [`OutputError`].
+pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<(), OutputError> {
+    let rows = failures.iter().map(|f| vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone()]);
+    write_table(path, &["subject", "sequence", "stage", "reason"], &[], rows)
+}
+
+fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<String, AnalysisError> {
+    let representatives: Vec<Representative> = analysis.classes.iter().map(|c| c.representative.clone()).collect();
+    let catalog = FapCatalog::mpeg4();
+    let apex = |class: &AnalyzedClass| {
+        let frame = class.fap.frames.last();
+        let value = |fap| frame.and_then(|f| f.value(fap)).map(|v| (fap.get(), catalog.row(fap).name.clone(), v.round() as i32));
+        class.fap.set_faps().into_iter().filter_map(value).collect::<Vec<_>>()
+    };
+    let html = render_html(&ReportData {
+        title: title.to_owned(),
+        options: option_rows(bench),
+        representatives: &representatives,
+        tracks: &analysis.tracks,
+        failures: &analysis.failures,
+        wireframe: &bench.wireframe,
+        tables: &bench.tables,
+        fapus: bench.normalizer()?.canonical().fapus,
+        apex_faps: analysis.classes.iter().map(apex).collect(),
+    })?;
+    Ok(html)
+}
+
+/// The options as a reader of the report wants them.
+fn option_rows(bench: &Workbench) -> Vec<(String, String)> {
+    let o = &bench.options;
+    let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    let json = |value: serde_json::Result<serde_json::Value>| value.map(word).unwrap_or_default();
+    [
+        ("Trimming alpha", o.statistics.alpha.to_string()),
+        ("Generalized median", json(serde_json::to_value(o.statistics.median))),
+        ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
+        ("Size normalization", json(serde_json::to_value(o.normalize.size))),
+        ("Shape prior", json(serde_json::to_value(o.fit.prior))),
+        ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
+        ("KLT window (over eye distance)", o.track.window.to_string()),
+        ("KLT pyramid levels", o.track.levels.to_string()),
+        ("Forward-backward limit (over eye distance)", o.track.forward_backward.to_string()),
+        ("Extreme displacement (robust standard deviations)", o.track.extreme.to_string()),
+        ("Spring force on tracked nodes (over stiffness)", o.track.force.to_string()),
+        ("FAP frames between key frames", o.fap.between.to_string()),
+        ("FAP frame rate (Hz)", o.fap.fps.to_string()),
+        ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
+    ]
+    .into_iter()
+    .map(|(label, value)| (label.to_owned(), value))
+    .collect()
+}

@@ -1,0 +1,133 @@
+//! The main job, stage by stage: dataset -> tracks -> normalized models -> representatives, FAP files, report.
+
+mod analysis;
+mod files;
+mod run;
+mod sequence;
+mod tracks;
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    dataset::LandmarkMarks,
+    fit::{FitOptions, Fitter},
+    normalize::{NormalizeOptions, Normalizer},
+    statistics::StatisticsOptions,
+    track::{TrackOptions, TrackPlan},
+    wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
+};
+
+pub use analysis::{Analysis, AnalysisError, AnalyzedModel, analyze, read_model, write_analysis, write_model};
+pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
+pub use run::{Event, RunError, RunSummary, run};
+pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_pictures, track_one};
+pub use tracks::{id_of, load_tracks, track_files};
+
+/// Frames between two key frames of a FAP file: 5 key frames give 25 frames.
+pub const FAP_FRAMES_BETWEEN: usize = 5;
+
+/// Frame rate of a FAP file where nothing else is asked for.
+pub const FAP_FPS: u32 = 25;
+
+/// Options of every stage: one struct per stage.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PipelineOptions {
+    /// Fit.
+    pub fit: FitOptions,
+    /// Tracking.
+    pub track: TrackOptions,
+    /// Normalization.
+    pub normalize: NormalizeOptions,
+    /// Statistics.
+    pub statistics: StatisticsOptions,
+    /// FAP files.
+    pub fap: FapOptions,
+    /// Manifest columns to group by, besides the emotion; empty for none.
+    pub by: Vec<String>,
+    /// Which landmarks serve as correspondences where a sequence has no marks of its own.
+    pub marks: LandmarkMarks,
+}
+
+/// Options of the FAP files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FapOptions {
+    /// Interpolated frames between two key frames.
+    pub between: usize,
+    /// Frames per second, at least 1.
+    pub fps: u32,
+}
+
+impl Default for FapOptions {
+    fn default() -> Self {
+        Self { between: FAP_FRAMES_BETWEEN, fps: FAP_FPS }
+    }
+}
+
+/// A wireframe that can not be worked with.
+#[derive(Debug, thiserror::Error)]
+pub enum WorkbenchError {
+    /// The file does not read.
+    #[error(transparent)]
+    Wfm(#[from] WfmError),
+    /// The file can not be read.
+    #[error("cannot read the wireframe: {0}")]
+    Io(#[from] std::io::Error),
+    /// The wireframe lacks what FAPUs are measured on.
+    #[error("the wireframe can not be used: {0}")]
+    Fapus(#[from] FapusError),
+}
+
+/// A wireframe with everything that is computed once for it, and the options of every stage.
+#[derive(Debug)]
+pub struct Workbench {
+    /// The wireframe.
+    pub wireframe: Wireframe,
+    /// The tables that tie it to MPEG-4 and to landmarks.
+    pub tables: Tables,
+    /// Options of every stage.
+    pub options: PipelineOptions,
+    fitter: Fitter,
+    plan: TrackPlan,
+    /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
+    wireframe_blake3: Option<String>,
+}
+
+impl Workbench {
+    /// A workbench for Candide-3, or for the wireframe of a `.wfm` file with Candide-3's node numbers.
+    ///
+    /// # Errors
+    /// [`WorkbenchError`] when the file does not read or has no FAPUs.
+    pub fn new(wfm: Option<&Path>, options: PipelineOptions) -> Result<Self, WorkbenchError> {
+        let wireframe = wfm.map_or_else(|| Ok(Wireframe::candide3()), read_wfm)?;
+        let wireframe_blake3 = match wfm {
+            Some(path) => Some(blake3::hash(&std::fs::read(path)?).to_hex().to_string()),
+            None => None,
+        };
+        let tables = Tables::candide3();
+        let fitter = Fitter::new(&wireframe, options.fit);
+        let plan = TrackPlan::new(&wireframe, &tables);
+        let bench = Self { wireframe, tables, options, fitter, plan, wireframe_blake3 };
+        bench.normalizer()?;
+        Ok(bench)
+    }
+
+    /// Fits the wireframe.
+    pub fn fitter(&self) -> &Fitter {
+        &self.fitter
+    }
+
+    /// What the tracker knows of the wireframe.
+    pub fn plan(&self) -> &TrackPlan {
+        &self.plan
+    }
+
+    /// Normalizes tracked models.
+    ///
+    /// # Errors
+    /// [`FapusError`] when the wireframe has no FAPUs; never after [`Workbench::new`].
+    pub fn normalizer(&self) -> Result<Normalizer<'_>, FapusError> {
+        Normalizer::new(&self.wireframe, &self.tables, self.options.normalize)
+    }
+}

@@ -1,0 +1,434 @@
+//! `run`: every stage over a dataset, parallel over sequences, resumable.
+//!
+//! A run into a folder that holds an earlier run of the same dataset with the same options brings it up to date: a sequence whose
+//! inputs are unchanged, by content, is not tracked again, and when nothing at all changed nothing is written. One bad sequence costs
+//! that sequence. Results are collected in the order of the sequences, so that the number of threads changes no byte.
+
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use rayon::prelude::*;
+
+use super::{
+    Analysis, AnalyzedModel, Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceFailure, SequenceRecord, SequenceSource, Stage,
+    Workbench, analysis::AnalysisError,
+    files::{file_blake3, run_units},
+    sequence::{normalized, overlay_path, track_or_reuse},
+};
+use crate::{
+    dataset::{Dataset, SequenceEntry},
+    output::{self, OutputError},
+    overlay::png_bytes,
+    pipeline::{analyze, overlay_pictures, write_analysis, write_model},
+    report::TrackQuality,
+    statistics::SequenceModel,
+    units::SequenceId,
+};
+
+/// What happens during a run, for a progress bar.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// The dataset was read.
+    Started {
+        /// Sequences to process.
+        sequences: usize,
+    },
+    /// A frame was tracked.
+    Frame,
+    /// A sequence is done.
+    Finished {
+        /// Which.
+        id: SequenceId,
+        /// Frames that were read from an unchanged track instead of tracked.
+        reused: bool,
+        /// Why it failed, if it did.
+        failure: Option<String>,
+    },
+    /// All sequences are done; statistics and files follow.
+    Analyzing,
+}
+
+/// What a run did.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunSummary {
+    /// Sequences in the dataset.
+    pub sequences: usize,
+    /// Tracked in this run.
+    pub tracked: usize,
+    /// Unchanged since an earlier run.
+    pub reused: usize,
+    /// Failed, as in `failures.csv`.
+    pub failures: Vec<Failure>,
+    /// Left out on purpose, with the reason.
+    pub skipped: Vec<(String, String)>,
+    /// Labels and number of sequences of the representatives.
+    pub representatives: Vec<(String, usize)>,
+    /// Warnings that a person should read.
+    pub warnings: Vec<String>,
+    /// Nothing had changed: nothing was written.
+    pub unchanged: bool,
+}
+
+/// Why a run ended without results.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The dataset does not open.
+    #[error(transparent)]
+    Dataset(#[from] crate::dataset::DatasetError),
+    /// The output folder holds something else.
+    #[error("{} is not empty and holds no run of grimace; choose another folder, or --force to write into it", path.display())]
+    ForeignFolder {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The output folder holds a run of another dataset or with other options.
+    #[error("{} holds a run with {what}; choose another folder, or --force to replace its results (unchanged tracks are kept)", path.display())]
+    OtherRun {
+        /// The folder.
+        path: PathBuf,
+        /// What differs.
+        what: String,
+    },
+    /// A file can not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// Writing in the middle of a sequence failed.
+    #[error("{id}: {reason}")]
+    Write {
+        /// The sequence.
+        id: SequenceId,
+        /// Why.
+        reason: String,
+    },
+    /// No sequence could be used.
+    #[error("none of the {sequences} sequences could be processed; the first failed at {stage}: {reason}")]
+    NothingLeft {
+        /// Sequences of the dataset.
+        sequences: usize,
+        /// Stage at which the first failed.
+        stage: Stage,
+        /// Why.
+        reason: String,
+    },
+    /// The dataset has no sequences.
+    #[error("{} has no sequences", path.display())]
+    Empty {
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// Statistics failed.
+    #[error(transparent)]
+    Analysis(#[from] AnalysisError),
+    /// The caller asked to stop.
+    #[error("interrupted; what is done is kept, run the same command again to go on")]
+    Interrupted,
+}
+
+/// A sequence on its way through the run.
+struct Planned<'a> {
+    id: SequenceId,
+    emotion: String,
+    entry: Option<&'a SequenceEntry>,
+    source: Result<(SequenceSource, String), SequenceFailure>,
+}
+
+/// One processed sequence.
+struct Done {
+    model: AnalyzedModel,
+    reused: bool,
+}
+
+/// Runs every stage over a dataset into the folder `out`.
+///
+/// `event` is called from many threads. `stop` ends the run at the next frame, leaving whole files only.
+///
+/// # Errors
+/// [`RunError`]; single sequences that fail are not errors but rows of [`RunSummary::failures`].
+pub fn run(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    overlay: Option<&Path>,
+    force: bool,
+    stop: &AtomicBool,
+    event: impl Fn(Event) + Sync,
+) -> Result<RunSummary, RunError> {
+    let opened = Dataset::open(dataset)?;
+    let name = dataset_name(dataset);
+    let earlier = check_output(out, &name, bench, force)?;
+    let sequences = opened.sequences.len() + opened.failures.len();
+    if sequences == 0 {
+        return Err(RunError::Empty { path: dataset.to_owned() });
+    }
+    event(Event::Started { sequences });
+
+    let mut planned: Vec<Planned<'_>> = opened
+        .sequences
+        .par_iter()
+        .map(|entry| {
+            let source = plan(entry, bench);
+            Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
+        })
+        .collect();
+    planned.extend(opened.failures.iter().map(|failure| Planned {
+        id: failure.id.clone(),
+        emotion: String::new(),
+        entry: None,
+        source: Err(SequenceFailure { stage: Stage::Dataset, reason: failure.error.to_string(), fatal: false }),
+    }));
+    planned.sort_by(|a, b| a.id.cmp(&b.id));
+
+    let skipped: Vec<(String, String)> = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
+    if let Some(earlier) = &earlier {
+        if overlay.is_none() && is_unchanged(earlier, &planned, &skipped, out) {
+            return Ok(summary_of(earlier));
+        }
+    }
+    let mut record = RunJson {
+        schema_version: SCHEMA_VERSION,
+        made_by: MADE_BY.to_owned(),
+        dataset: name,
+        units: run_units(),
+        options: bench.options.clone(),
+        wireframe_blake3: bench.wireframe_blake3.clone(),
+        complete: false,
+        sequences: Vec::new(),
+        skipped,
+        outputs: earlier.as_ref().map(|e| e.outputs.clone()).unwrap_or_default(),
+        representatives: Vec::new(),
+        warnings: Vec::new(),
+    };
+    output::write_json(&out.join(RUN_JSON), &record)?;
+
+    let results: Vec<Result<Done, SequenceFailure>> =
+        planned.par_iter().map(|item| process(item, out, bench, overlay, stop, &event)).collect();
+    if stop.load(Ordering::Relaxed) {
+        return Err(RunError::Interrupted);
+    }
+    event(Event::Analyzing);
+
+    let mut models = Vec::new();
+    let mut failures = Vec::new();
+    let (mut tracked, mut reused) = (0, 0);
+    let mut outputs = BTreeMap::new();
+    for (item, result) in planned.into_iter().zip(results) {
+        let inputs_blake3 = item.source.as_ref().map(|(_, hash)| hash.clone()).unwrap_or_default();
+        let failure = match result {
+            Ok(done) => {
+                *(if done.reused { &mut reused } else { &mut tracked }) += 1;
+                for file in [format!("tracks/{}.csv", item.id), format!("tracks/{}.json", item.id), format!("models/{}.csv", item.id)] {
+                    if let Some(hash) = file_blake3(&out.join(&file)) {
+                        outputs.insert(file, hash);
+                    }
+                }
+                models.push(done.model);
+                None
+            }
+            Err(failure) if failure.fatal => return Err(RunError::Write { id: item.id, reason: failure.reason }),
+            Err(failure) => {
+                failures.push(Failure {
+                    subject: item.id.subject.clone(),
+                    sequence: item.id.sequence.clone(),
+                    stage: failure.stage,
+                    reason: failure.reason.clone(),
+                });
+                Some((failure.stage, failure.reason))
+            }
+        };
+        record.sequences.push(SequenceRecord { id: item.id, emotion: item.emotion, inputs_blake3, failure });
+    }
+    if models.is_empty() {
+        output::write_csv(&out.join("failures.csv"), &failures)?;
+        let first = failures.first();
+        return Err(RunError::NothingLeft {
+            sequences,
+            stage: first.map_or(Stage::Dataset, |f| f.stage),
+            reason: first.map(|f| f.reason.clone()).unwrap_or_default(),
+        });
+    }
+
+    let analysis: Analysis = analyze(models, failures, bench)?;
+    outputs.extend(write_analysis(&analysis, out, &record.dataset, bench)?);
+    for stale in record.outputs.keys().filter(|file| !outputs.contains_key(*file)) {
+        // A file of the earlier run that this one no longer makes; it may be gone already.
+        let _ = fs::remove_file(out.join(stale));
+    }
+    record.outputs = outputs;
+    record.representatives = analysis.counts();
+    record.warnings.clone_from(&analysis.warnings);
+    record.complete = true;
+    output::write_json(&out.join(RUN_JSON), &record)?;
+    Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
+}
+
+/// Name of the provenance file.
+const RUN_JSON: &str = "run.json";
+
+/// Source and inputs' hash of a sequence.
+fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(SequenceSource, String), SequenceFailure> {
+    let frames = entry.frame_source().map_err(SequenceFailure::at(Stage::Dataset))?;
+    let count = bench.wireframe.node_count();
+    let (marks, marks_from) =
+        entry.marks(&frames, &bench.tables, count, &bench.options.marks).map_err(SequenceFailure::at(Stage::Dataset))?;
+    let source = SequenceSource {
+        id: entry.id.clone(),
+        emotion: entry.emotion.clone(),
+        metadata: entry.metadata.clone(),
+        frames,
+        marks,
+        marks_from,
+        fps: entry.fps,
+    };
+    let hash = source.inputs_blake3(bench)?;
+    Ok((source, hash))
+}
+
+fn process(
+    item: &Planned<'_>,
+    out: &Path,
+    bench: &Workbench,
+    overlay: Option<&Path>,
+    stop: &AtomicBool,
+    event: &(impl Fn(Event) + Sync),
+) -> Result<Done, SequenceFailure> {
+    let result = process_quietly(item, out, bench, overlay, stop, event);
+    if !stop.load(Ordering::Relaxed) {
+        let reused = result.as_ref().is_ok_and(|done| done.reused);
+        let failure = result.as_ref().err().map(|f| f.reason.clone());
+        event(Event::Finished { id: item.id.clone(), reused, failure });
+    }
+    result
+}
+
+fn process_quietly(
+    item: &Planned<'_>,
+    out: &Path,
+    bench: &Workbench,
+    overlay: Option<&Path>,
+    stop: &AtomicBool,
+    event: &(impl Fn(Event) + Sync),
+) -> Result<Done, SequenceFailure> {
+    let (source, hash) = match &item.source {
+        Ok(planned) => planned,
+        Err(SequenceFailure { stage, reason, fatal }) => {
+            return Err(SequenceFailure { stage: *stage, reason: reason.clone(), fatal: *fatal });
+        }
+    };
+    if stop.load(Ordering::Relaxed) {
+        return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
+    }
+    let csv_path = out.join("tracks").join(format!("{}.csv", source.id));
+    let tick = |_| {
+        event(Event::Frame);
+        !stop.load(Ordering::Relaxed)
+    };
+    let (frames, summary, reused) = track_or_reuse(source, hash, &csv_path, bench, tick)?;
+    if let Some(folder) = overlay {
+        let last = frames.len() - 1;
+        overlay_pictures(source, &frames, bench, |index| index == 0 || index == last, |number, picture| {
+            let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
+            output::write_bytes(&overlay_path(folder, &source.id, number), &bytes).map_err(SequenceFailure::at(Stage::Write))
+        })?;
+    }
+    let model = normalized(&frames, bench)?;
+    let model_path = out.join("models").join(format!("{}.csv", source.id));
+    write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
+    let quality = TrackQuality { id: source.id.clone(), emotion: source.emotion.clone(), summary };
+    let model = SequenceModel { id: source.id.clone(), model };
+    let metadata = item.entry.map(|e| e.metadata.clone()).unwrap_or_default();
+    Ok(Done { model: AnalyzedModel { model, emotion: source.emotion.clone(), metadata, quality: Some(quality) }, reused })
+}
+
+/// The name under which a dataset is recorded: its folder's.
+fn dataset_name(path: &Path) -> String {
+    let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let folder = if full.is_file() { full.parent().map(Path::to_owned).unwrap_or_default() } else { full };
+    folder.file_name().map_or_else(|| "dataset".to_owned(), |n| n.to_string_lossy().into_owned())
+}
+
+/// Makes sure that `out` may be written to; the earlier run found there, if any.
+fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Result<Option<RunJson>, RunError> {
+    let error = |source: io::Error| OutputError { path: out.to_owned(), source };
+    let mut entries = match fs::read_dir(out) {
+        Ok(entries) => entries,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {
+            fs::create_dir_all(out).map_err(error)?;
+            return Ok(None);
+        }
+        Err(e) => return Err(error(e).into()),
+    };
+    let earlier: Option<RunJson> =
+        fs::read(out.join(RUN_JSON)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let Some(earlier) = earlier else {
+        let empty = entries.next().is_none();
+        return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };
+    };
+    let what = if earlier.dataset != dataset {
+        Some(format!("another dataset, `{}`", earlier.dataset))
+    } else if earlier.options != bench.options {
+        Some(format!("other options ({})", differing_options(&earlier, bench)))
+    } else if earlier.wireframe_blake3 != bench.wireframe_blake3 {
+        Some("another wireframe".to_owned())
+    } else if earlier.made_by != MADE_BY {
+        Some(format!("another version, {}", earlier.made_by))
+    } else {
+        None
+    };
+    match what {
+        Some(what) if !force => Err(RunError::OtherRun { path: out.to_owned(), what }),
+        Some(_) => Ok(Some(RunJson { complete: false, ..earlier })),
+        None => Ok(Some(earlier)),
+    }
+}
+
+/// Names of the option groups in which two runs differ.
+fn differing_options(earlier: &RunJson, bench: &Workbench) -> String {
+    let value = |options| serde_json::to_value(options).unwrap_or_default();
+    let (a, b) = (value(&earlier.options), value(&bench.options));
+    let empty = serde_json::Map::new();
+    let (a, b) = (a.as_object().unwrap_or(&empty).clone(), b.as_object().unwrap_or(&empty).clone());
+    let differing = b.iter().filter(|(key, value)| a.get(*key) != Some(value));
+    differing
+        .map(|(key, value)| format!("{key}: {} there, {value} now", a.get(key).unwrap_or(&serde_json::Value::Null)))
+        .collect::<Vec<_>>()
+        .join("; ")
+}
+
+/// Whether an earlier run was made of the very same sequences and all its files are still as it wrote them.
+fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, String)], out: &Path) -> bool {
+    let same_sequence = |(record, item): (&SequenceRecord, &Planned<'_>)| {
+        record.id == item.id
+            && record.emotion == item.emotion
+            && match &item.source {
+                Ok((_, hash)) => record.inputs_blake3 == *hash,
+                Err(failure) => record.failure.as_ref() == Some(&(failure.stage, failure.reason.clone())),
+            }
+    };
+    earlier.complete
+        && earlier.skipped == skipped
+        && earlier.sequences.len() == planned.len()
+        && earlier.sequences.iter().zip(planned).all(same_sequence)
+        && earlier.outputs.par_iter().all(|(file, hash)| file_blake3(&out.join(file)).as_ref() == Some(hash))
+}
+
+fn summary_of(record: &RunJson) -> RunSummary {
+    let failures = record.sequences.iter().filter_map(|s| {
+        let (stage, reason) = s.failure.clone()?;
+        Some(Failure { subject: s.id.subject.clone(), sequence: s.id.sequence.clone(), stage, reason })
+    });
+    let failures: Vec<_> = failures.collect();
+    RunSummary {
+        sequences: record.sequences.len(),
+        tracked: 0,
+        reused: record.sequences.len() - failures.len(),
+        failures,
+        skipped: record.skipped.clone(),
+        representatives: record.representatives.clone(),
+        warnings: record.warnings.clone(),
+        unchanged: true,
+    }
+}

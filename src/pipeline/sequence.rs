@@ -1,0 +1,246 @@
+//! One sequence from its frames to its track and normalized model.
+
+use std::{
+    collections::BTreeMap,
+    fmt, fs,
+    path::{Path, PathBuf},
+};
+
+use image::RgbImage;
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use super::{MADE_BY, Workbench};
+use crate::{
+    fit::{Correspondence, MarkKind, validate_correspondences},
+    model::DynamicExpressionModel,
+    overlay::draw_overlay,
+    sequence::{FrameSource, SequenceReader, read_first_frame},
+    track::{
+        TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
+        track_model, track_sequence, track_units, write_track,
+    },
+    units::{FaceUnit, SequenceId},
+};
+
+/// A stage of the main job, as named in `failures.csv`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stage {
+    /// Reading what the user gave: manifest row, marks, landmarks, list of frames.
+    Dataset,
+    /// Fitting the wireframe to the neutral frame.
+    Fit,
+    /// Decoding and tracking the frames.
+    Track,
+    /// Normalizing the track.
+    Normalize,
+    /// Statistics over the models.
+    Statistics,
+    /// Writing results.
+    Write,
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Dataset => "dataset",
+            Self::Fit => "fit",
+            Self::Track => "track",
+            Self::Normalize => "normalize",
+            Self::Statistics => "statistics",
+            Self::Write => "write",
+        })
+    }
+}
+
+/// A sequence that can not be processed, and where it failed.
+#[derive(Debug)]
+pub struct SequenceFailure {
+    /// The stage.
+    pub stage: Stage,
+    /// The error in full.
+    pub reason: String,
+    /// Not the sequence's fault: the run was interrupted or the disk is full.
+    pub fatal: bool,
+}
+
+impl SequenceFailure {
+    /// A failure of a stage, from the error with its causes.
+    pub fn at<E: std::error::Error>(stage: Stage) -> impl Fn(E) -> Self {
+        move |error| {
+            let mut reason = error.to_string();
+            let mut cause = error.source();
+            while let Some(inner) = cause {
+                // Errors of this crate include their cause in their own text.
+                let text = inner.to_string();
+                if !reason.contains(&text) {
+                    reason = format!("{reason}: {text}");
+                }
+                cause = inner.source();
+            }
+            Self { stage, reason, fatal: stage == Stage::Write }
+        }
+    }
+}
+
+/// Everything that one track is made from.
+#[derive(Clone, Debug)]
+pub struct SequenceSource {
+    /// Subject and sequence.
+    pub id: SequenceId,
+    /// Emotion label.
+    pub emotion: String,
+    /// Further columns of the manifest.
+    pub metadata: BTreeMap<String, String>,
+    /// The frames.
+    pub frames: FrameSource,
+    /// Marks on the neutral frame.
+    pub marks: Vec<Correspondence>,
+    /// Where the marks came from: `file`, `landmarks`, `command line`.
+    pub marks_from: String,
+    /// Frames per second, where known.
+    pub fps: Option<f64>,
+}
+
+impl SequenceSource {
+    /// BLAKE3 of everything the track depends on: program version, options, wireframe, marks, and name and content of every frame.
+    ///
+    /// # Errors
+    /// [`SequenceFailure`] when a frame can not be read.
+    pub fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
+        let mut hasher = blake3::Hasher::new();
+        let mut part = |bytes: &[u8]| {
+            hasher.update(&(bytes.len() as u64).to_le_bytes());
+            hasher.update(bytes);
+        };
+        part(MADE_BY.as_bytes());
+        let options = serde_json::to_vec(&(TRACK_SCHEMA, &bench.options.fit, &bench.options.track, &bench.wireframe_blake3));
+        part(&options.unwrap_or_default());
+        part(format!("{}\n{}\n{:?}\n{:?}\n{}", self.id, self.emotion, self.metadata, self.fps, self.marks_from).as_bytes());
+        for mark in &self.marks {
+            part(&mark.node.0.to_le_bytes());
+            part(&[u8::from(mark.kind == MarkKind::Hard)]);
+            part(&mark.position.x.to_le_bytes());
+            part(&mark.position.y.to_le_bytes());
+        }
+        if let FrameSource::Video { first, last, .. } = &self.frames {
+            part(format!("{first:?} {last:?}").as_bytes());
+        }
+        for path in self.frames.files() {
+            part(file_name(path).as_bytes());
+            let bytes = fs::read(path).map_err(|e| SequenceFailure {
+                stage: Stage::Dataset,
+                reason: format!("{}: cannot be read: {e}", path.display()),
+                fatal: false,
+            })?;
+            part(&bytes);
+        }
+        Ok(hasher.finalize().to_hex().to_string())
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// Fits and tracks one sequence.
+///
+/// # Errors
+/// [`SequenceFailure`] with the stage.
+pub fn track_one(
+    source: &SequenceSource,
+    bench: &Workbench,
+    tick: impl FnMut(u32) -> bool,
+) -> Result<(Track, TrackInfo), SequenceFailure> {
+    let size = read_first_frame(&source.frames).map_err(SequenceFailure::at(Stage::Track))?.size();
+    validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
+    let fitted = bench.fitter.fit(&bench.wireframe, &source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
+    let reader = SequenceReader::open(&source.frames).map_err(SequenceFailure::at(Stage::Track))?;
+    let fps = source.fps.or_else(|| reader.fps());
+    let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, reader, &bench.options.track, tick).map_err(|error| {
+        let fatal = matches!(error, TrackError::Interrupted);
+        SequenceFailure { fatal, ..SequenceFailure::at(Stage::Track)(error) }
+    })?;
+    let info = TrackInfo {
+        schema_version: TRACK_SCHEMA,
+        made_by: MADE_BY.to_owned(),
+        units: track_units(),
+        id: source.id.clone(),
+        emotion: source.emotion.clone(),
+        metadata: source.metadata.clone(),
+        source: source.frames.files().into_iter().map(file_name).collect(),
+        image_size: track.size,
+        fps,
+        marks_from: source.marks_from.clone(),
+        marks: source.marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
+        fit: bench.options.fit,
+        track: bench.options.track,
+        summary: summarize(&track.frames, &bench.wireframe, &bench.tables),
+        inputs_blake3: String::new(),
+        csv_blake3: String::new(),
+    };
+    Ok((track, info))
+}
+
+/// The tracked frames of a sequence, their summary, and whether they were there already: read where an unchanged track is there, tracked and written where not.
+pub(super) fn track_or_reuse(
+    source: &SequenceSource,
+    inputs_blake3: &str,
+    csv_path: &Path,
+    bench: &Workbench,
+    tick: impl FnMut(u32) -> bool,
+) -> Result<(Vec<TrackedFrame>, TrackSummary, bool), SequenceFailure> {
+    if let Ok(Some(info)) = read_track_info(csv_path) {
+        let unchanged = info.inputs_blake3 == inputs_blake3 && super::files::file_blake3(csv_path) == Some(info.csv_blake3);
+        if unchanged {
+            if let Ok(frames) = read_track(csv_path) {
+                return Ok((frames, info.summary, true));
+            }
+        }
+    }
+    let (track, mut info) = track_one(source, bench, tick)?;
+    inputs_blake3.clone_into(&mut info.inputs_blake3);
+    write_track(csv_path, &track.frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
+    // What is used is what is in the file, so that a resumed run gives the same bytes.
+    let frames = read_track(csv_path).map_err(SequenceFailure::at(Stage::Write))?;
+    Ok((frames, info.summary, false))
+}
+
+/// The normalized model of tracked frames.
+pub(super) fn normalized(frames: &[TrackedFrame], bench: &Workbench) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
+    let model = track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
+    let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
+    normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))
+}
+
+/// Pictures of the wireframe on the wanted frames of a track, with the frame's number.
+///
+/// # Errors
+/// [`SequenceFailure`] when frames do not read.
+pub fn overlay_pictures(
+    source: &SequenceSource,
+    frames: &[TrackedFrame],
+    bench: &Workbench,
+    wanted: impl Fn(usize) -> bool,
+    mut each: impl FnMut(u32, RgbImage) -> Result<(), SequenceFailure>,
+) -> Result<(), SequenceFailure> {
+    let marks: Vec<Point2<f64>> = source.marks.iter().map(|m| m.position).collect();
+    let reader = SequenceReader::open(&source.frames).map_err(SequenceFailure::at(Stage::Track))?;
+    for (index, (frame, tracked)) in reader.zip(frames).enumerate() {
+        if !wanted(index) {
+            continue;
+        }
+        let frame = frame.map_err(SequenceFailure::at(Stage::Track))?;
+        let marks = if index == 0 { marks.as_slice() } else { &[] };
+        let picture =
+            draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks).map_err(SequenceFailure::at(Stage::Track))?;
+        each(tracked.number, picture)?;
+    }
+    Ok(())
+}
+
+/// Path of an overlay picture.
+pub(super) fn overlay_path(folder: &Path, id: &SequenceId, number: u32) -> PathBuf {
+    folder.join(format!("{id}_{number:08}.png"))
+}

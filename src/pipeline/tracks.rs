@@ -1,0 +1,112 @@
+//! Tracks already there as input of the statistics.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, sequence::normalized};
+use crate::{
+    dataset::Dataset,
+    report::TrackQuality,
+    statistics::SequenceModel,
+    track::{read_track, read_track_info, summarize},
+    units::SequenceId,
+};
+
+/// Track files named by the user: files as they are, folders by the `.csv` files in them, sorted by path, each once.
+///
+/// # Errors
+/// [`std::io::Error`] when a folder can not be read or a file is not there, with its path.
+pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
+    let with_path = |path: &Path| {
+        let path = path.display().to_string();
+        move |e: std::io::Error| std::io::Error::new(e.kind(), format!("{path}: {e}"))
+    };
+    let mut files = Vec::new();
+    for path in paths {
+        if std::fs::metadata(path).map_err(with_path(path))?.is_dir() {
+            for entry in std::fs::read_dir(path).map_err(with_path(path))? {
+                let file = entry.map_err(with_path(path))?.path();
+                if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
+                    files.push(file);
+                }
+            }
+        } else {
+            files.push(path.clone());
+        }
+    }
+    files.sort();
+    files.dedup();
+    Ok(files)
+}
+
+/// Reads and normalizes tracks. Emotion and metadata come from the dataset where given and known there, else from the `.json` beside
+/// the track. Whatever fails costs that track only.
+pub fn load_tracks(files: &[PathBuf], dataset: Option<&Dataset>, bench: &Workbench) -> (Vec<AnalyzedModel>, Vec<Failure>) {
+    let loaded: Vec<_> = files.par_iter().map(|path| (path, load(path, dataset, bench))).collect();
+    let (mut models, mut failures): (Vec<AnalyzedModel>, Vec<Failure>) = (Vec::new(), Vec::new());
+    for (path, result) in loaded {
+        let id = id_of(path);
+        let mut fail = |id: SequenceId, stage, reason| {
+            failures.push(Failure { subject: id.subject, sequence: id.sequence, stage, reason });
+        };
+        match result {
+            Ok(model) if models.iter().any(|m| m.model.id == model.model.id) => {
+                let reason = format!("{}: a track of {} was read already", path.display(), model.model.id);
+                fail(model.model.id, Stage::Dataset, reason);
+            }
+            Ok(model) => models.push(model),
+            Err(failure) => fail(id, failure.stage, failure.reason),
+        }
+    }
+    (models, failures)
+}
+
+/// Subject and sequence from a file name such as `S005_001.csv`: the sequence stands behind the last underscore.
+pub fn id_of(path: &Path) -> SequenceId {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    match stem.rsplit_once('_') {
+        Some((subject, sequence)) if !subject.is_empty() && !sequence.is_empty() => {
+            SequenceId { subject: subject.to_owned(), sequence: sequence.to_owned() }
+        }
+        _ => SequenceId { subject: stem.into_owned(), sequence: "1".to_owned() },
+    }
+}
+
+fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<AnalyzedModel, SequenceFailure> {
+    let frames = read_track(path).map_err(SequenceFailure::at(Stage::Dataset))?;
+    let info = read_track_info(path).map_err(SequenceFailure::at(Stage::Dataset))?;
+    let id = info.as_ref().map_or_else(|| id_of(path), |i| i.id.clone());
+    let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
+    let (emotion, metadata) = match (listed, info) {
+        (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
+        (None, Some(info)) => (info.emotion, info.metadata),
+        (None, None) => {
+            return Err(SequenceFailure {
+                stage: Stage::Dataset,
+                reason: format!(
+                    "{}: the emotion is not known; give --dataset with a manifest that lists {id}, or keep the .json beside the track",
+                    path.display()
+                ),
+                fatal: false,
+            });
+        }
+    };
+    let model = normalized(&frames, bench)?;
+    let summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
+    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sequence_stands_behind_the_last_underscore() {
+        let id = |path: &str| id_of(Path::new(path)).to_string();
+        assert_eq!(id("out/S005_001.csv"), "S005_001");
+        assert_eq!(id_of(Path::new("a_b_7.csv")).subject, "a_b");
+        assert_eq!(id_of(Path::new("alone.csv")).subject, "alone");
+    }
+}

@@ -1,0 +1,321 @@
+//! Track files: `SUBJECT_SEQUENCE.csv` with every node of every frame, and `.json` beside it with what it was made from.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use super::{NodeState, TrackOptions, TrackSummary, TrackedFrame, TrackedNode};
+use crate::{
+    fit::FitOptions,
+    output::{self, OutputError, nine_digits},
+    sequence::ImageSize,
+    units::SequenceId,
+};
+
+/// Version of the track's JSON schema.
+pub const TRACK_SCHEMA: u32 = 1;
+
+/// What a track was made from: the `.json` beside the `.csv`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrackInfo {
+    /// Always [`TRACK_SCHEMA`].
+    pub schema_version: u32,
+    /// Program and version that made it.
+    pub made_by: String,
+    /// Units of the columns, in words.
+    pub units: BTreeMap<String, String>,
+    /// Subject and sequence.
+    #[serde(flatten)]
+    pub id: SequenceId,
+    /// Emotion label.
+    pub emotion: String,
+    /// Further columns of the manifest.
+    pub metadata: BTreeMap<String, String>,
+    /// Names of the frame files in order, or of the video.
+    pub source: Vec<String>,
+    /// Size of the frames.
+    pub image_size: ImageSize,
+    /// Frames per second, where known.
+    pub fps: Option<f64>,
+    /// Where the marks came from: `file`, `landmarks` or `command line`.
+    pub marks_from: String,
+    /// Marks on the neutral frame: node, x, y in px, and whether set by hand (hard).
+    pub marks: Vec<(u16, f64, f64, bool)>,
+    /// Options of the fit.
+    pub fit: FitOptions,
+    /// Options of the tracker.
+    pub track: TrackOptions,
+    /// Quality in a few numbers.
+    pub summary: TrackSummary,
+    /// BLAKE3 of everything the track depends on: program version, options, marks and the content of every frame.
+    pub inputs_blake3: String,
+    /// BLAKE3 of the `.csv` file.
+    pub csv_blake3: String,
+}
+
+/// The units of a track file's columns.
+pub fn track_units() -> BTreeMap<String, String> {
+    [
+        ("x", "px, right, centre of the top-left pixel is 0"),
+        ("y", "px, down, centre of the top-left pixel is 0"),
+        ("residual", "px; neutral frame: node to mark; later frames: forward-backward distance"),
+        ("marks", "node, x px, y px, set by hand"),
+    ]
+    .into_iter()
+    .map(|(k, v)| (k.to_owned(), v.to_owned()))
+    .collect()
+}
+
+/// A track file that does not read.
+#[derive(Debug, thiserror::Error)]
+pub enum TrackFileError {
+    /// The file can not be opened.
+    #[error("cannot read {}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not CSV.
+    #[error("{}: {source}", path.display())]
+    Csv {
+        /// The file.
+        path: PathBuf,
+        /// Why, with the line.
+        source: csv::Error,
+    },
+    /// A column that a track needs is not there.
+    #[error("{}: no column `{column}`; a track has frame,node,x,y,state,residual, found {found}", path.display())]
+    Column {
+        /// The file.
+        path: PathBuf,
+        /// The column.
+        column: &'static str,
+        /// The header found.
+        found: String,
+    },
+    /// A value that does not read.
+    #[error("{}:{line}: {column} is `{value}`: {expected}", path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// Column.
+        column: &'static str,
+        /// What stands there.
+        value: String,
+        /// What should stand there.
+        expected: String,
+    },
+    /// A frame without all nodes, or nodes out of order.
+    #[error("{}:{line}: node {found} where node {expected} of frame {frame} was expected; every frame lists all nodes from 0 in order", path.display())]
+    Order {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// Frame number.
+        frame: u32,
+        /// Node found.
+        found: usize,
+        /// Node expected.
+        expected: usize,
+    },
+    /// Frames with differing node counts, or fewer than two.
+    #[error("{}: {reason}", path.display())]
+    Frames {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The `.json` does not read.
+    #[error("{}: {source}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Why, with the line.
+        source: serde_json::Error,
+    },
+}
+
+/// The bytes of a track's `.csv`.
+pub fn track_csv(frames: &[TrackedFrame]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(frames.len() * 113 * 48);
+    out.extend_from_slice(b"frame,node,x,y,state,residual\n");
+    for frame in frames {
+        for (k, node) in frame.nodes.iter().enumerate() {
+            let (x, y) = (nine_digits(node.position.x), nine_digits(node.position.y));
+            let residual = node.residual.map(nine_digits).unwrap_or_default();
+            // Writing to a vector does not fail.
+            let _ = writeln!(out, "{},{k},{x},{y},{},{residual}", frame.number, node.state);
+        }
+    }
+    out
+}
+
+/// Writes `STEM.csv` and `STEM.json` into a folder; the JSON last, so that its presence means a whole track.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInfo) -> Result<(), OutputError> {
+    let csv = track_csv(frames);
+    info.csv_blake3 = blake3::hash(&csv).to_hex().to_string();
+    output::write_bytes(csv_path, &csv)?;
+    output::write_json(&csv_path.with_extension("json"), info)
+}
+
+/// Reads the `.json` beside a track; `None` when there is none.
+///
+/// # Errors
+/// [`TrackFileError`].
+pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileError> {
+    let path = csv_path.with_extension("json");
+    let bytes = match fs::read(&path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(TrackFileError::Io { path, source }),
+    };
+    serde_json::from_slice(&bytes).map(Some).map_err(|source| TrackFileError::Json { path, source })
+}
+
+/// Reads a track's `.csv`. Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked.
+///
+/// # Errors
+/// [`TrackFileError`] with the line.
+pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
+    let io = |source| TrackFileError::Io { path: path.to_owned(), source };
+    let csv_error = |source| TrackFileError::Csv { path: path.to_owned(), source };
+    let bytes = fs::read(path).map_err(io)?;
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
+    let header = reader.headers().map_err(csv_error)?.clone();
+    let column = |name: &str| header.iter().position(|h| h.eq_ignore_ascii_case(name));
+    let needed = |name: &'static str| {
+        let found = header.iter().collect::<Vec<_>>().join(",");
+        column(name).ok_or_else(|| TrackFileError::Column { path: path.to_owned(), column: name, found })
+    };
+    let (frame_at, node_at, x_at, y_at) = (needed("frame")?, needed("node")?, needed("x")?, needed("y")?);
+    let (state_at, residual_at) = (column("state"), column("residual"));
+
+    let mut frames: Vec<TrackedFrame> = Vec::new();
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(csv_error)? {
+        let line = record.position().map_or(0, csv::Position::line);
+        let bad = |column: &'static str, value: &str, expected: &str| TrackFileError::Value {
+            path: path.to_owned(),
+            line,
+            column,
+            value: value.to_owned(),
+            expected: expected.to_owned(),
+        };
+        let text = |at: usize| record.get(at).unwrap_or("");
+        let whole =
+            |at: usize, column| text(at).parse::<u32>().map_err(|_| bad(column, text(at), "expected a whole number from 0"));
+        let number = |at: usize, column| match text(at).parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            _ => Err(bad(column, text(at), "expected a finite number")),
+        };
+        let (frame, node) = (whole(frame_at, "frame")?, whole(node_at, "node")? as usize);
+        let position = Point2::new(number(x_at, "x")?, number(y_at, "y")?);
+        let state = match state_at.map(text) {
+            None | Some("") => NodeState::Tracked,
+            Some(word) => word.parse().map_err(|e: String| bad("state", word, &e))?,
+        };
+        let residual = match residual_at.map(text) {
+            None | Some("") => None,
+            Some(_) => Some(number(residual_at.unwrap_or(0), "residual")?),
+        };
+        if frames.last().is_none_or(|f| f.number != frame) {
+            frames.push(TrackedFrame { number: frame, nodes: Vec::new() });
+        }
+        if let Some(current) = frames.last_mut() {
+            let expected = current.nodes.len();
+            if node != expected {
+                return Err(TrackFileError::Order { path: path.to_owned(), line, frame, found: node, expected });
+            }
+            current.nodes.push(TrackedNode { position, state, residual });
+        }
+    }
+    check_frames(&frames).map_err(|reason| TrackFileError::Frames { path: path.to_owned(), reason })?;
+    Ok(frames)
+}
+
+fn check_frames(frames: &[TrackedFrame]) -> Result<(), String> {
+    let [first, _, ..] = frames else {
+        return Err(format!("a track needs at least 2 frames, from neutral to apex; found {}", frames.len()));
+    };
+    for pair in frames.windows(2) {
+        if pair[1].number <= pair[0].number {
+            return Err(format!("frame {} follows frame {}; frames must ascend", pair[1].number, pair[0].number));
+        }
+    }
+    match frames.iter().find(|f| f.nodes.len() != first.nodes.len()) {
+        Some(odd) => {
+            let (n, expected) = (odd.nodes.len(), first.nodes.len());
+            Err(format!("frame {} has {n} nodes where frame {} has {expected}", odd.number, first.number))
+        }
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::LossReason;
+
+    fn frames() -> Vec<TrackedFrame> {
+        let node = |x: f64, state, residual| TrackedNode { position: Point2::new(x, 1.5), state, residual };
+        vec![
+            TrackedFrame { number: 3, nodes: vec![node(0.1, NodeState::Marked, Some(0.25)), node(1.0, NodeState::Fitted, None)] },
+            TrackedFrame {
+                number: 4,
+                nodes: vec![
+                    node(1.0 / 3.0, NodeState::Tracked, Some(0.01)),
+                    node(-2.0, NodeState::Recovered(LossReason::Klt), None),
+                ],
+            },
+        ]
+    }
+
+    fn read(text: &str) -> Result<Vec<TrackedFrame>, TrackFileError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.csv");
+        fs::write(&path, text).unwrap();
+        read_track(&path)
+    }
+
+    #[test]
+    fn a_track_is_written_with_nine_digits_and_read_back() {
+        let text = String::from_utf8(track_csv(&frames())).unwrap();
+        assert_eq!(
+            text,
+            "frame,node,x,y,state,residual\n3,0,0.1,1.5,marked,0.25\n3,1,1,1.5,fitted,\n\
+             4,0,0.333333333,1.5,tracked,0.01\n4,1,-2,1.5,recovered_klt,\n"
+        );
+        let back = read(&text).unwrap();
+        assert_eq!(back[1].nodes[1], frames()[1].nodes[1]);
+        assert!((back[1].nodes[0].position.x - 1.0 / 3.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn bad_rows_are_named_by_line_and_value() {
+        let message = |text: &str| read(text).unwrap_err().to_string();
+        assert!(message("frame,node,x\n1,0,1\n").contains("no column `y`"));
+        assert!(message("frame,node,x,y\n1,0,1,nan\n").contains("t.csv:2: y is `nan`"));
+        assert!(message("frame,node,x,y\n1,0,1,1\n1,2,1,1\n").contains("node 2 where node 1 of frame 1"));
+        assert!(message("frame,node,x,y,state\n1,0,1,1,lost\n").contains("`lost` is not a node state"));
+        assert!(message("frame,node,x,y\n1,0,1,1\n").contains("at least 2 frames"));
+        assert!(message("frame,node,x,y\n2,0,1,1\n1,0,1,1\n").contains("frames must ascend"));
+        assert!(message("frame,node,x,y\n1,0,1,1\n2,0,1,1\n2,1,1,1\n").contains("frame 2 has 2 nodes"));
+        assert!(message("").contains("no column `frame`"));
+    }
+}
