@@ -120,7 +120,7 @@ fn parse(bytes: &[u8]) -> Result<Wireframe, WfmErrorKind> {
     let mut vertices = Vec::new();
     for k in 0..vertex_count {
         let (line, [x, y, z]) = lines.fields(section, || format!("vertex {k} of {vertex_count}, `x y z`"))?;
-        let number = |field| lines.finite(section, line, field);
+        let number = |field| finite(section, line, field);
         vertices.push(Point3::new(number(x)?, number(y)?, number(z)?));
     }
 
@@ -129,7 +129,7 @@ fn parse(bytes: &[u8]) -> Result<Wireframe, WfmErrorKind> {
     let mut triangles = Vec::new();
     for k in 0..triangle_count {
         let (line, [a, b, c]) = lines.fields(section, || format!("triangle {k} of {triangle_count}, three vertex numbers"))?;
-        let node = |field| lines.node(section, line, field, vertex_count);
+        let node = |field| node_id(section, line, field, vertex_count);
         triangles.push([node(a)?, node(b)?, node(c)?]);
     }
 
@@ -149,9 +149,9 @@ fn motion_units(lines: &mut DataLines<'_>, section: WfmSection, vertex_count: us
         for k in 0..offset_count {
             let expected = || format!("`vertex dx dy dz` ({k} of {offset_count}) of unit {unit} of {unit_count}, `{name}`,");
             let (line, [node, dx, dy, dz]) = lines.fields(section, expected)?;
-            let number = |field| lines.finite(section, line, field);
+            let number = |field| finite(section, line, field);
             let offset = Vector3::new(number(dx)?, number(dy)?, number(dz)?);
-            offsets.push((lines.node(section, line, node, vertex_count)?, offset));
+            offsets.push((node_id(section, line, node, vertex_count)?, offset));
         }
         units.push(MotionUnit { name, kind, offsets });
     }
@@ -267,26 +267,28 @@ impl<'a> DataLines<'a> {
         let count = text(field).parse().ok().filter(|&count: &usize| count <= most);
         count.ok_or_else(|| bad_line(section, line, field, expected()))
     }
-
-    fn finite(&self, section: WfmSection, line: usize, field: &[u8]) -> Result<f64, WfmErrorKind> {
-        let value = text(field).parse::<f64>().ok().filter(|v| v.is_finite());
-        value.ok_or_else(|| bad_line(section, line, field, "a finite number".to_owned()))
-    }
-
-    fn node(&self, section: WfmSection, line: usize, field: &[u8], count: usize) -> Result<NodeId, WfmErrorKind> {
-        let node = text(field).parse().ok().filter(|&node: &u16| usize::from(node) < count).map(NodeId);
-        let expected = || match count {
-            0 => "no vertex number (there are no vertices)".to_owned(),
-            count => format!("a vertex number, 0 to {},", count - 1),
-        };
-        node.ok_or_else(|| bad_line(section, line, field, expected()))
-    }
 }
 
 /// A line up to its comment, and the comment with its mark.
 fn split_comment(line: &[u8]) -> (&[u8], &[u8]) {
     let starts = |k: &usize| line[*k] == b'#' || line[*k..].starts_with(b"//");
     line.split_at((0..line.len()).find(starts).unwrap_or(line.len()))
+}
+
+/// A field as a finite number.
+fn finite(section: WfmSection, line: usize, field: &[u8]) -> Result<f64, WfmErrorKind> {
+    let value = text(field).parse::<f64>().ok().filter(|v| v.is_finite());
+    value.ok_or_else(|| bad_line(section, line, field, "a finite number".to_owned()))
+}
+
+/// A field as the number of one of `count` vertices.
+fn node_id(section: WfmSection, line: usize, field: &[u8], count: usize) -> Result<NodeId, WfmErrorKind> {
+    let node = text(field).parse().ok().filter(|&node: &u16| usize::from(node) < count).map(NodeId);
+    let expected = || match count {
+        0 => "no vertex number (there are no vertices)".to_owned(),
+        count => format!("a vertex number, 0 to {},", count - 1),
+    };
+    node.ok_or_else(|| bad_line(section, line, field, expected()))
 }
 
 /// A field as text; empty, which is no number, when it is not UTF-8.

@@ -174,7 +174,7 @@ fn the_error_names_the_file() {
     let missing = read_wfm(&path).unwrap_err().to_string();
     assert!(missing.contains("a.wfm: cannot be read"), "{missing}");
     std::fs::write(&path, "3\n").unwrap();
-    assert!(read_wfm(&path).unwrap_err().to_string().contains("a.wfm: line 2, vertex list"));
+    assert!(read_wfm(&path).unwrap_err().to_string().contains("a.wfm: line 1, vertex list"));
     std::fs::write(&path, &*CANDIDE3).unwrap();
     assert_eq!(read_wfm(&path).unwrap(), Wireframe::candide3());
 }
