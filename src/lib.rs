@@ -24,6 +24,7 @@ pub mod dataset;
 pub mod fap;
 pub mod fit;
 pub mod geometry;
+pub mod input;
 pub mod model;
 pub mod normalize;
 pub mod output;

@@ -56,15 +56,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let bench = args.general.workbench(options)?;
     let stop = stop_flag()?;
     let bar = SequenceBar::new(args.general.quiet);
-    let result = pipeline::run(
-        &args.dataset,
-        &args.output,
-        &bench,
-        args.overlay.as_deref(),
-        args.general.force,
-        &stop,
-        |event| bar.show(&event),
-    );
+    let result =
+        pipeline::run(&args.dataset, &args.output, &bench, args.overlay.as_deref(), args.general.force, &stop, |event| {
+            bar.show(&event)
+        });
     bar.finish();
     let summary = result?;
     if !args.general.quiet {

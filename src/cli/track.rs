@@ -87,11 +87,17 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| anyhow::anyhow!(f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
-        overlay_pictures(&source, &track.frames, &bench, |_| true, |number, picture| {
-            let path = folder.join(format!("{}_{number:08}.png", source.id));
-            let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
-            output::write_bytes(&path, &bytes).map_err(SequenceFailure::at(Stage::Write))
-        })
+        overlay_pictures(
+            &source,
+            &track.frames,
+            &bench,
+            |_| true,
+            |number, picture| {
+                let path = folder.join(format!("{}_{number:08}.png", source.id));
+                let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
+                output::write_bytes(&path, &bytes).map_err(SequenceFailure::at(Stage::Write))
+            },
+        )
         .map_err(|f| anyhow::anyhow!(f.reason))?;
     }
     if !args.general.quiet {

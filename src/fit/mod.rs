@@ -20,12 +20,12 @@ use crate::{
     wireframe::Wireframe,
 };
 
-pub use correspondence::{Correspondence, CorrespondenceKind};
+pub use correspondence::{
+    COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
+    validate_correspondences, write_correspondences,
+};
 pub use prior::ShapePrior;
 pub use spring::{Pull, SpringError, Springs, Target};
-
-/// Fewest marks that a fit accepts.
-pub const MIN_CORRESPONDENCES: usize = 3;
 
 /// Default gain of the force on a marked node, in units of the springs' stiffness k [KP leave both open].
 pub const FIT_FORCE: f64 = 20.0;
@@ -60,7 +60,7 @@ impl Default for FitOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
     /// Too few marks.
-    #[error("{found} marks; a fit needs at least {MIN_CORRESPONDENCES}, and 5 to 8 for a good one")]
+    #[error("{found} marks; a fit needs at least {MINIMUM_MARKS}, and 5 to 8 for a good one")]
     TooFewMarks {
         /// Marks given.
         found: usize,
@@ -128,7 +128,7 @@ impl Fitter {
     /// # Errors
     /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that are not there, or an upside-down placement.
     pub fn fit(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
-        if marks.len() < MIN_CORRESPONDENCES {
+        if marks.len() < MINIMUM_MARKS {
             return Err(FitError::TooFewMarks { found: marks.len() });
         }
         let count = wireframe.node_count();
@@ -164,8 +164,8 @@ impl Fitter {
 
     fn target(&self, mark: &Correspondence) -> Target {
         let pull = match mark.kind {
-            CorrespondenceKind::Mark => Pull::Force(self.options.force),
-            CorrespondenceKind::Hard => Pull::Hard,
+            MarkKind::Mark => Pull::Force(self.options.force),
+            MarkKind::Hard => Pull::Hard,
         };
         Target { node: mark.node, position: mark.position, pull }
     }

@@ -12,12 +12,14 @@ use serde::Serialize;
 
 use super::{Failure, MADE_BY, SCHEMA_VERSION, Stage, Workbench, files::file_blake3};
 use crate::{
-    fap::{self, Clamped, FapCatalog, FapSequence, FapWriteError},
+    fap::{self, Clamped, ConvertError, FapCatalog, FapSequence, FapWriteError},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     normalize::NormalizeError,
     output::{self, OutputError, nine_digits, write_atomic},
     report::{ReportData, TrackQuality, render_html},
-    statistics::{self, GroupedModel, MedianSums, Representative, SequenceModel, StatisticsError},
+    statistics::{
+        self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models,
+    },
     units::{FaceUnit, NodeId, SequenceId},
     wireframe::FapusError,
 };
@@ -57,13 +59,11 @@ pub enum AnalysisError {
     #[error("the report does not render: {0}")]
     Report(#[from] minijinja::Error),
     /// A column to group by that no sequence has.
-    #[error("--by {column}: no sequence has such a column; there are {}", if found.is_empty() { "none".to_owned() } else { found.join(", ") })]
-    NoSuchColumn {
-        /// The column.
-        column: String,
-        /// Columns there are.
-        found: Vec<String>,
-    },
+    #[error(transparent)]
+    Group(#[from] GroupError),
+    /// A representative has no FAPs.
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
 }
 
 /// One representative, with its FAPs.
@@ -105,19 +105,13 @@ impl Analysis {
 /// [`AnalysisError`] when a column to group by does not exist or the options are out of range.
 pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> Result<Analysis, AnalysisError> {
     let options = &bench.options;
-    for column in &options.by {
-        if !models.iter().any(|m| m.metadata.contains_key(column)) {
-            let found: BTreeSet<String> = models.iter().flat_map(|m| m.metadata.keys().cloned()).collect();
-            return Err(AnalysisError::NoSuchColumn { column: column.clone(), found: found.into_iter().collect() });
-        }
-    }
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
     let grouped = models
         .into_iter()
-        .map(|m| GroupedModel { model: m.model, emotion: m.emotion, metadata: m.metadata })
+        .map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata })
         .collect::<Vec<_>>();
-    let groups = statistics::group_models(grouped, &options.by);
+    let groups = group_models(&grouped, &options.by)?;
     let normalizer = bench.normalizer()?;
     let fapus = normalizer.canonical().fapus;
     let mut stems = BTreeSet::new();
@@ -149,10 +143,10 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
                 &stem,
                 options.fap.fps,
                 options.fap.between,
-            );
+            )?;
             Ok(AnalyzedClass { representative, stem, fap, clamped })
         })
-        .collect::<Result<Vec<_>, StatisticsError>>()?;
+        .collect::<Result<Vec<_>, AnalysisError>>()?;
     let warnings = classes.iter().flat_map(class_warnings).collect();
     Ok(Analysis { classes, tracks, failures, warnings })
 }

@@ -17,7 +17,7 @@ use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    fit::{CorrespondenceKind, FittedWireframe, Pull, SpringError, Springs, Target},
+    fit::{FittedWireframe, MarkKind, Pull, SpringError, Springs, Target},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     sequence::{Frame, ImageSize, SequenceError},
     units::{NodeId, Px},
@@ -367,7 +367,8 @@ pub fn track_with(
     }
 }
 
-fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<TrackedNode> {
+/// The nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following.
+pub fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<TrackedNode> {
     let fit = |position: &Point2<f64>| TrackedNode { position: *position, state: NodeState::Fitted, residual: None };
     let mut nodes: Vec<_> = fitted.model.nodes().iter().map(fit).collect();
     for follower in wireframe.followers() {
@@ -377,8 +378,8 @@ fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<Tracked
         let node = &mut nodes[mark.node.index()];
         node.residual = Some(*residual);
         node.state = match mark.kind {
-            CorrespondenceKind::Mark => NodeState::Marked,
-            CorrespondenceKind::Hard => NodeState::Corrected,
+            MarkKind::Mark => NodeState::Marked,
+            MarkKind::Hard => NodeState::Corrected,
         };
     }
     nodes

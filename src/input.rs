@@ -1,0 +1,348 @@
+//! CSV files as users bring them: with a byte order mark, CRLF, quotes, trailing commas, or a line that is not UTF-8.
+//!
+//! One line is one row. A quoted field may hold commas and doubled quotes but no line break, so that a quote left open costs its
+//! own row and not all the rows behind it. Blank lines and rows of empty fields are passed over.
+
+use std::{
+    borrow::Cow,
+    fmt, fs, io,
+    path::{Path, PathBuf},
+};
+
+/// What is wrong in a CSV file.
+#[derive(Debug, thiserror::Error)]
+pub enum InputErrorKind {
+    /// The file can not be read.
+    #[error("cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// No header line.
+    #[error("is empty; a header line was expected")]
+    Empty,
+    /// Bytes that are not UTF-8.
+    #[error("byte {byte} of the line is not UTF-8; save the file as UTF-8 text")]
+    NotUtf8 {
+        /// Place in the line, from 1.
+        byte: usize,
+    },
+    /// An odd number of quotation marks.
+    #[error("a quotation mark is not closed in the line (fields may not run over several lines)")]
+    UnclosedQuote,
+    /// Columns that must be there.
+    #[error("has no column {}; found {}{}", quoted(missing), quoted(found), separator_hint(found))]
+    MissingColumns {
+        /// Names not found.
+        missing: Vec<String>,
+        /// Names in the header.
+        found: Vec<String>,
+    },
+    /// A column name that stands twice in the header.
+    #[error("has the column `{name}` twice")]
+    DuplicateColumn {
+        /// The name.
+        name: String,
+    },
+    /// A row of another length than the header.
+    #[error("the row has {found} fields where the header has {expected}")]
+    FieldCount {
+        /// Columns of the header.
+        expected: usize,
+        /// Fields of the row.
+        found: usize,
+    },
+    /// A field that should be a number.
+    #[error("{column} is `{found}`; {expected} was expected")]
+    Field {
+        /// Column name.
+        column: String,
+        /// The field.
+        found: String,
+        /// What should be there.
+        expected: &'static str,
+    },
+}
+
+/// A CSV file, or one of its rows, that does not read.
+#[derive(Debug, thiserror::Error)]
+#[error("{}{}: {kind}", path.display(), LineSuffix(*line))]
+pub struct InputError {
+    /// The file.
+    pub path: PathBuf,
+    /// Line, from 1; `None` when the file as a whole is meant.
+    pub line: Option<usize>,
+    /// What is wrong.
+    pub kind: InputErrorKind,
+}
+
+struct LineSuffix(Option<usize>);
+
+impl fmt::Display for LineSuffix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |line| write!(f, ", line {line}"))
+    }
+}
+
+fn quoted(names: &[String]) -> String {
+    if names.is_empty() {
+        return "none".to_owned();
+    }
+    names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
+}
+
+fn separator_hint(found: &[String]) -> &'static str {
+    match found {
+        [only] if only.contains([';', '\t']) => " (columns are separated by commas)",
+        _ => "",
+    }
+}
+
+/// A CSV file in memory with its header read.
+#[derive(Clone, Debug)]
+pub struct CsvFile {
+    path: PathBuf,
+    bytes: Vec<u8>,
+    header: Vec<String>,
+    /// Offset and line number of what follows the header.
+    body: (usize, usize),
+}
+
+/// One row of a [`CsvFile`], as many fields as the header has columns.
+#[derive(Clone, Debug)]
+pub struct CsvRow<'a> {
+    path: &'a Path,
+    header: &'a [String],
+    line: usize,
+    fields: Vec<Cow<'a, str>>,
+}
+
+impl CsvFile {
+    /// Reads a file and its header.
+    ///
+    /// # Errors
+    /// [`InputError`] when the file can not be read, is empty, or has a header that is not UTF-8 or names a column twice.
+    pub fn open(path: &Path) -> Result<Self, InputError> {
+        let bytes = fs::read(path).map_err(|e| InputError { path: path.to_owned(), line: None, kind: e.into() })?;
+        Self::from_bytes(path, bytes)
+    }
+
+    /// As [`CsvFile::open`] for the content at hand; `path` is only named in errors.
+    ///
+    /// # Errors
+    /// As [`CsvFile::open`].
+    pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, InputError> {
+        let error = |line, kind| InputError { path: path.to_owned(), line, kind };
+        let mark: &[u8] = b"\xEF\xBB\xBF";
+        let start = if bytes.starts_with(mark) { mark.len() } else { 0 };
+        let mut lines = Lines { bytes: &bytes, offset: start, line: 1 };
+        let (line, text) = lines.by_ref().find(|(_, text)| !is_blank(text)).ok_or_else(|| error(None, InputErrorKind::Empty))?;
+        let fields = split_fields(text).map_err(|kind| error(Some(line), kind))?;
+        let header: Vec<String> = fields.iter().map(|f| f.trim().to_owned()).collect();
+        for (k, name) in header.iter().enumerate() {
+            if !name.is_empty() && header[..k].contains(name) {
+                return Err(error(Some(line), InputErrorKind::DuplicateColumn { name: name.clone() }));
+            }
+        }
+        let body = (lines.offset, lines.line);
+        Ok(Self { path: path.to_owned(), bytes, header, body })
+    }
+
+    /// The file's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Column names in order, trimmed. Columns without a name are empty texts.
+    pub fn header(&self) -> &[String] {
+        &self.header
+    }
+
+    /// Place of a column, or `None`.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.header.iter().position(|n| n == name)
+    }
+
+    /// Places of columns that must be there.
+    ///
+    /// # Errors
+    /// [`InputErrorKind::MissingColumns`] with all that are missing and what was found.
+    pub fn require<const K: usize>(&self, names: [&str; K]) -> Result<[usize; K], InputError> {
+        let missing: Vec<String> = names.iter().filter(|n| self.column(n).is_none()).map(|&n| n.to_owned()).collect();
+        if missing.is_empty() {
+            return Ok(names.map(|n| self.column(n).unwrap_or_default()));
+        }
+        let found = self.header.iter().filter(|n| !n.is_empty()).cloned().collect();
+        Err(InputError { path: self.path.clone(), line: None, kind: InputErrorKind::MissingColumns { missing, found } })
+    }
+
+    /// All rows in order. A bad row is an error of its own and does not end the iteration.
+    pub fn rows(&self) -> impl Iterator<Item = Result<CsvRow<'_>, InputError>> {
+        let (offset, line) = self.body;
+        let lines = Lines { bytes: &self.bytes, offset, line };
+        lines.filter(|(_, text)| !is_blank(text)).filter_map(|(line, text)| self.row(line, text).transpose())
+    }
+
+    /// A row; `None` when all its fields are empty.
+    fn row<'a>(&'a self, line: usize, text: &'a [u8]) -> Result<Option<CsvRow<'a>>, InputError> {
+        let error = |kind| InputError { path: self.path.clone(), line: Some(line), kind };
+        let mut fields = split_fields(text).map_err(error)?;
+        if fields.iter().all(|f| f.trim().is_empty()) {
+            return Ok(None);
+        }
+        let expected = self.header.len();
+        // Spreadsheets fill rows up with empty fields.
+        while fields.len() > expected && fields.last().is_some_and(|f| f.trim().is_empty()) {
+            fields.pop();
+        }
+        if fields.len() != expected {
+            return Err(error(InputErrorKind::FieldCount { expected, found: fields.len() }));
+        }
+        Ok(Some(CsvRow { path: &self.path, header: &self.header, line, fields }))
+    }
+}
+
+impl CsvRow<'_> {
+    /// Line in the file, from 1.
+    pub fn line(&self) -> usize {
+        self.line
+    }
+
+    /// A field without surrounding white space; empty for a column that is not there.
+    pub fn get(&self, column: usize) -> &str {
+        self.fields.get(column).map_or("", |f| f.trim())
+    }
+
+    /// A field as a finite number.
+    ///
+    /// # Errors
+    /// [`InputErrorKind::Field`] for a text that is no number, NaN or infinite.
+    pub fn number(&self, column: usize) -> Result<f64, InputError> {
+        let number = self.get(column).parse::<f64>().ok().filter(|v| v.is_finite());
+        number.ok_or_else(|| self.field_error(column, "a finite number"))
+    }
+
+    /// A field as a whole number of 0 or more, such as a frame number.
+    ///
+    /// # Errors
+    /// [`InputErrorKind::Field`] for anything else.
+    pub fn whole_number(&self, column: usize) -> Result<u32, InputError> {
+        self.get(column).parse().map_err(|_| self.field_error(column, "a whole number of 0 or more"))
+    }
+
+    /// An error that names this row's line, the column, and what is there.
+    pub fn field_error(&self, column: usize, expected: &'static str) -> InputError {
+        let name = self.header.get(column).cloned().unwrap_or_default();
+        let kind = InputErrorKind::Field { column: name, found: self.get(column).to_owned(), expected };
+        InputError { path: self.path.to_owned(), line: Some(self.line), kind }
+    }
+}
+
+/// Lines of a byte text with their numbers; LF, CRLF and CR end a line.
+struct Lines<'a> {
+    bytes: &'a [u8],
+    offset: usize,
+    line: usize,
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = (usize, &'a [u8]);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let rest = self.bytes.get(self.offset..).filter(|rest| !rest.is_empty())?;
+        let length = rest.iter().position(|b| matches!(b, b'\n' | b'\r')).unwrap_or(rest.len());
+        let end = if rest[length..].starts_with(b"\r\n") { 2 } else { usize::from(length < rest.len()) };
+        self.offset += length + end;
+        self.line += 1;
+        Some((self.line - 1, &rest[..length]))
+    }
+}
+
+fn is_blank(text: &[u8]) -> bool {
+    text.iter().all(u8::is_ascii_whitespace)
+}
+
+/// Fields of one line.
+fn split_fields(text: &[u8]) -> Result<Vec<Cow<'_, str>>, InputErrorKind> {
+    let text = std::str::from_utf8(text).map_err(|e| InputErrorKind::NotUtf8 { byte: e.valid_up_to() + 1 })?;
+    match text.bytes().filter(|&b| b == b'"').count() {
+        0 => Ok(text.split(',').map(Cow::Borrowed).collect()),
+        quotes if quotes % 2 == 1 => Err(InputErrorKind::UnclosedQuote),
+        _ => {
+            let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text.as_bytes());
+            let mut record = csv::StringRecord::new();
+            reader.read_record(&mut record).map_err(io::Error::from)?;
+            Ok(record.iter().map(|f| Cow::Owned(f.to_owned())).collect())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn file(bytes: &[u8]) -> Result<CsvFile, InputError> {
+        CsvFile::from_bytes(Path::new("a.csv"), bytes.to_vec())
+    }
+
+    fn texts(bytes: &[u8]) -> Vec<Result<(usize, Vec<String>), String>> {
+        let file = file(bytes).unwrap();
+        let row = |r: CsvRow| (r.line(), (0..file.header().len()).map(|k| r.get(k).to_owned()).collect());
+        file.rows().map(|r| r.map(row).map_err(|e| e.to_string())).collect()
+    }
+
+    fn row(line: usize, fields: &[&str]) -> Result<(usize, Vec<String>), String> {
+        Ok((line, fields.iter().map(|&f| f.to_owned()).collect()))
+    }
+
+    #[test]
+    fn byte_order_mark_line_ends_quotes_and_padding_are_read() {
+        let text = b"\xEF\xBB\xBFa, b\r\n1,\"x, \"\"y\"\"\"\r\n\r\n 2 ,z,,\r,\n3,w";
+        assert_eq!(file(text).unwrap().header(), ["a", "b"]);
+        // Line 3 is blank; line 5 has empty fields only.
+        assert_eq!(texts(text), [row(2, &["1", "x, \"y\""]), row(4, &["2", "z"]), row(6, &["3", "w"])]);
+    }
+
+    #[test]
+    fn a_bad_row_costs_that_row_only() {
+        let rows = texts(b"a,b\n1\n\"2,3\n\xE9,4\n5,6\n");
+        assert_eq!(rows[0], Err("a.csv, line 2: the row has 1 fields where the header has 2".to_owned()));
+        assert!(rows[1].as_ref().unwrap_err().starts_with("a.csv, line 3: a quotation mark is not closed"));
+        assert!(rows[2].as_ref().unwrap_err().starts_with("a.csv, line 4: byte 1 of the line is not UTF-8"));
+        assert_eq!(rows[3], row(5, &["5", "6"]));
+    }
+
+    #[test]
+    fn columns_are_asked_for_by_name() {
+        let file = file(b"node;x;y\n").unwrap();
+        let error = file.require(["node", "x"]).unwrap_err().to_string();
+        assert_eq!(error, "a.csv: has no column `node`, `x`; found `node;x;y` (columns are separated by commas)");
+        assert!(super::tests::file(b"a,b,a\n").unwrap_err().to_string().contains("column `a` twice"));
+        assert!(super::tests::file(b"\n \n").unwrap_err().to_string().contains("is empty"));
+        assert!(super::tests::file(b"a,b,,\n").is_ok(), "columns without a name do not collide");
+    }
+
+    #[test]
+    fn numbers_are_finite() {
+        let file = file(b"a\n1.5\nNaN\ninf\n-3\n4\n").unwrap();
+        let rows: Vec<_> = file.rows().map(Result::unwrap).collect();
+        assert_eq!(rows[0].number(0).unwrap(), 1.5);
+        assert_eq!(rows[1].number(0).unwrap_err().to_string(), "a.csv, line 3: a is `NaN`; a finite number was expected");
+        assert!(rows[2].number(0).is_err());
+        assert!(rows[3].whole_number(0).is_err());
+        assert_eq!(rows[4].whole_number(0).unwrap(), 4);
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_read_or_fail_without_a_panic(bytes in proptest::collection::vec(
+            prop_oneof![Just(b','), Just(b'"'), Just(b'\n'), Just(b'\r'), any::<u8>()], 0..200,
+        )) {
+            if let Ok(file) = file(&bytes) {
+                for row in file.rows().flatten() {
+                    prop_assert!(row.line() >= 2);
+                    prop_assert_eq!(row.fields.len(), file.header().len());
+                }
+            }
+        }
+    }
+}
