@@ -1,1 +1,30 @@
-//! fap
+//! MPEG-4 facial animation parameters (FAPs): what they are, how they are measured, and the files they travel in.
+//!
+//! [`FapCatalog`] is the table of the 68 FAPs; `convert` is the only place where face units become FAP values and back
+//! ([`FapSequence::from_model`], [`offsets_from_frame`]); `interpolate` puts frames between key frames and changes the frame
+//! rate; `reader`, `check`, `writer` and `tidy` are the file formats. A value is the offset from the neutral face in 1/1024 of
+//! the FAP's unit (FAPU), or an angle in 1e-5 rad [MPEG-4].
+
+mod catalog;
+mod check;
+mod convert;
+mod finding;
+mod interpolate;
+mod mask;
+mod profile;
+mod reader;
+mod sequence;
+mod tidy;
+mod writer;
+
+pub use catalog::{Directionality, FapCatalog, FapNumber, FapRow, FrontalRating, HighLevelField, Motion, ParseFapNumberError};
+pub use check::check_fap;
+pub use convert::{Clamped, ConvertError, PartialOffset, offsets_from_frame};
+pub use finding::{Finding, Rule, Severity};
+pub use interpolate::{InterpolateError, MAX_FRAMES};
+pub use mask::{FapMask, ParseMaskError};
+pub use profile::{Prepared, Profile};
+pub use reader::{FapFile, FapReadError, ParsedFap, ParsedHeader, parse_fap, read_fap};
+pub use sequence::{FapFrame, FapSequence, name_token};
+pub use tidy::{TidyError, read_tidy_csv, write_tidy_csv};
+pub use writer::{FapWriteError, FapWriteErrorKind, ValueFormat, fap_text, write_fap, write_fap_as};

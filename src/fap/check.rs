@@ -1,0 +1,111 @@
+//! Linter of FAP files: everything the reader notes, and values that the standard or a reader does not take as written.
+
+use super::{
+    catalog::{Directionality, FapCatalog, FapNumber},
+    finding::{Finding, Findings, Rule},
+    reader::{ParsedFap, parse_fap},
+    sequence::FapFrame,
+};
+
+/// Checks the bytes of a FAP file against the strict subset that every known reader takes.
+///
+/// Findings are by line. An error means that the file does not read; a warning that some reader takes it otherwise than meant.
+/// Rules about values are checked on all frames that read, whatever else is wrong.
+pub fn check_fap(bytes: &[u8]) -> Vec<Finding> {
+    let ParsedFap { frames, findings: mut all, .. } = parse_fap(bytes);
+    let mut findings = Findings::default();
+    let catalog = FapCatalog::mpeg4();
+    for (line, frame) in &frames {
+        ranges(&mut findings, catalog, *line, frame);
+    }
+    lips(&mut findings, catalog, &frames);
+    all.extend(findings.into_sorted());
+    all.sort_by_key(|finding| finding.line);
+    all
+}
+
+/// Values outside the range of the standard.
+fn ranges(findings: &mut Findings, catalog: &FapCatalog, line: usize, frame: &FapFrame) {
+    for row in catalog.rows() {
+        let field = || format!("FAP {}", row.number);
+        let fields = frame.fields(row.number).unwrap_or_default();
+        for (field_row, &value) in catalog.fields(row.number).zip(fields) {
+            let (min, max) = field_row.range;
+            if !(min..=max).contains(&value) {
+                let message = || format!("{} is {value}; the standard allows {min} to {max}", field_row.name);
+                findings.warning(line, field(), Rule::Range, message);
+            }
+        }
+        let (Some(value), Some((min, max))) = (frame.value(row.number), row.range) else { continue };
+        if value < 0.0 && row.directionality == Some(Directionality::Unidirectional) {
+            let message = || format!("{} is {value}; it moves one way only and is 0 or more", row.name);
+            findings.warning(line, field(), Rule::Unidirectional, message);
+        } else if !(f64::from(min)..=f64::from(max)).contains(&value) {
+            let message = || format!("{} is {value}; the standard allows {min} to {max}", row.name);
+            findings.warning(line, field(), Rule::Range, message);
+        }
+    }
+}
+
+/// Lip FAPs that stand still while their twin on the other contour moves: one reader overwrites them with it.
+fn lips(findings: &mut Findings, catalog: &FapCatalog, frames: &[(usize, FapFrame)]) {
+    let first_moving = |fap: FapNumber| frames.iter().find(|(_, frame)| frame.value(fap).is_some_and(|v| v != 0.0));
+    for &(inner, outer) in catalog.lip_twins() {
+        let (line, moving, still) = match (first_moving(inner), first_moving(outer)) {
+            (Some((line, _)), None) => (*line, inner, outer),
+            (None, Some((line, _))) => (*line, outer, inner),
+            _ => continue,
+        };
+        let message =
+            || format!("FAP {still} is 0 or unset throughout while FAP {moving} moves; Xface copies it: write both lips");
+        findings.warning(line, format!("FAP {still}"), Rule::LipsMirrored, message);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fap::{FapSequence, Profile, ValueFormat, fap_text};
+
+    fn fap(number: u8) -> FapNumber {
+        FapNumber::try_from(number).unwrap()
+    }
+
+    fn check(frames: &[&[(u8, f64)]]) -> Vec<(usize, String, Rule, usize)> {
+        let frame = |values: &&[(u8, f64)]| {
+            let mut frame = FapFrame::default();
+            values.iter().for_each(|&(n, v)| frame.set_value(fap(n), Some(v)));
+            frame
+        };
+        let frames = frames.iter().map(frame).collect();
+        let sequence = FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames };
+        let text = fap_text(&sequence, Profile::Strict, ValueFormat::Integer).unwrap();
+        check_fap(text.as_bytes()).into_iter().map(|f| (f.line, f.field, f.rule, f.times)).collect()
+    }
+
+    #[test]
+    fn values_within_range_pass_at_their_limits() {
+        assert_eq!(check(&[&[(3, 0.0), (31, -1800.0)], &[(3, 4320.0), (31, 1800.0)]]), []);
+    }
+
+    #[test]
+    fn ranges_and_directions_are_checked_by_fap() {
+        let found = check(&[&[(3, -1.0), (31, 1801.0)], &[(3, -2.0), (31, 0.0)]]);
+        assert_eq!(found, [(3, "FAP 3".into(), Rule::Unidirectional, 2), (3, "FAP 31".into(), Rule::Range, 1)]);
+    }
+
+    #[test]
+    fn lips_that_one_reader_would_mirror_are_named_once() {
+        // 51 moves from the second frame on (line 5); its twin 4 is unset. 52 and 5 both move at some time.
+        let found = check(&[&[(5, 3.0), (51, 0.0), (52, 0.0)], &[(5, 0.0), (51, 9.0), (52, 4.0)]]);
+        assert_eq!(found, [(5, "FAP 4".into(), Rule::LipsMirrored, 1)]);
+    }
+
+    #[test]
+    fn codes_out_of_range_are_found_though_another_line_is_broken() {
+        let mask = format!("1 {}0\n", "0 ".repeat(66));
+        let text = format!("2.1 x 25 2\n{mask}0 15 0 63 0\nnonsense\n");
+        let rules: Vec<_> = check_fap(text.as_bytes()).into_iter().map(|f| (f.line, f.rule)).collect();
+        assert!(rules.contains(&(3, Rule::Range)) && rules.contains(&(4, Rule::MaskCount)), "{rules:?}");
+    }
+}

@@ -1,0 +1,251 @@
+//! Frames between frames: monotone cubic interpolation (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980) of every FAP.
+//!
+//! Between two frames a value never leaves the range of these two, so nothing overshoots, an eye that closes does not open first,
+//! and a limit that the frames keep is kept between them. A FAP is interpolated only where both neighbours set it. FAPs 1 and 2
+//! are codes: they keep the fields of the frame before.
+
+use super::{
+    catalog::FapNumber,
+    sequence::{FapFrame, FapSequence},
+};
+
+/// Most frames that interpolation makes: four hours at 25 frames per second, 400 MB.
+pub const MAX_FRAMES: usize = 360_000;
+
+/// Why frames can not be interpolated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InterpolateError {
+    /// The result would be too long.
+    #[error("that makes {frames} frames; at most {MAX_FRAMES} are made: choose fewer frames in between or a lower frame rate")]
+    TooManyFrames {
+        /// Frames asked for.
+        frames: f64,
+    },
+    /// A frame rate that is not positive.
+    #[error("cannot change the frame rate from {from} to {to} frames per second: both must be positive")]
+    FrameRate {
+        /// Frame rate of the sequence.
+        from: f64,
+        /// Frame rate asked for.
+        to: f64,
+    },
+}
+
+impl FapSequence {
+    /// The frames as key frames, with `between` frames put between successive ones at equal steps.
+    ///
+    /// Every key frame is hit exactly: key frame k is frame k (`between` + 1). The frame rate stays. Values are not rounded.
+    ///
+    /// # Errors
+    /// [`InterpolateError::TooManyFrames`].
+    pub fn with_frames_between(&self, between: usize) -> Result<Self, InterpolateError> {
+        let steps = self.frames.len().saturating_sub(1);
+        self.resampled(steps as f64 * (between as f64 + 1.0) + 1.0)
+    }
+
+    /// The same motion at another frame rate.
+    ///
+    /// First and last frame are hit exactly, so the time between them is kept to half a frame of the new rate; a sequence of
+    /// several frames keeps at least two. Values are not rounded.
+    ///
+    /// # Errors
+    /// [`InterpolateError`] for too many frames or a rate that is not positive.
+    pub fn retimed(&self, fps: f64) -> Result<Self, InterpolateError> {
+        let positive = |rate: f64| rate > 0.0 && rate.is_finite();
+        if !positive(fps) || !positive(self.fps) {
+            return Err(InterpolateError::FrameRate { from: self.fps, to: fps });
+        }
+        let steps = self.frames.len().saturating_sub(1) as f64;
+        Ok(Self { fps, ..self.resampled((steps * fps / self.fps).round().max(1.0) + 1.0)? })
+    }
+
+    /// A given number of frames at equal steps from the first to the last frame.
+    fn resampled(&self, frame_count: f64) -> Result<Self, InterpolateError> {
+        let from = &self.frames;
+        let steps = from.len().saturating_sub(1);
+        if steps == 0 || frame_count == from.len() as f64 {
+            return Ok(self.clone());
+        }
+        if !(frame_count <= MAX_FRAMES as f64) {
+            return Err(InterpolateError::TooManyFrames { frames: frame_count });
+        }
+        let last = frame_count as usize - 1;
+        // Frame k lies at k * steps / last of the old frames: whole part and remainder are exact.
+        let place = |k: usize| (k * steps / last, (k * steps % last) as f64 / last as f64);
+        let mut frames = vec![FapFrame::default(); last + 1];
+        for (k, frame) in frames.iter_mut().enumerate() {
+            for fap in [FapNumber::VISEME, FapNumber::EXPRESSION] {
+                frame.set_fields(fap, from[place(k).0].fields(fap).map(<[i32]>::to_vec));
+            }
+        }
+        for fap in FapNumber::low_level() {
+            let keys: Vec<Option<f64>> = from.iter().map(|frame| frame.value(fap)).collect();
+            let slopes = slopes(&keys);
+            for (k, frame) in frames.iter_mut().enumerate() {
+                let (i, u) = place(k);
+                let value = if u == 0.0 {
+                    keys[i]
+                } else {
+                    keys[i].zip(keys[i + 1]).map(|values| cubic(values, (slopes[i], slopes[i + 1]), u))
+                };
+                frame.set_value(fap, value);
+            }
+        }
+        Ok(Self { frames, ..self.clone() })
+    }
+}
+
+/// Slopes at the keys, in value per key step, that make the cubic monotone between keys.
+///
+/// A key that is not set has slope 0 and ends the curve on either side.
+fn slopes(keys: &[Option<f64>]) -> Vec<f64> {
+    let secants: Vec<Option<f64>> = keys.windows(2).map(|pair| Some(pair[1]? - pair[0]?)).collect();
+    let secant = |i: Option<usize>| i.and_then(|i| secants.get(i).copied().flatten());
+    let mut slopes: Vec<f64> = (0..keys.len())
+        .map(|k| match (secant(k.checked_sub(1)), secant(Some(k))) {
+            (Some(before), Some(after)) if before * after <= 0.0 => 0.0,
+            (Some(before), Some(after)) => f64::midpoint(before, after),
+            (Some(only), None) | (None, Some(only)) => only,
+            (None, None) => 0.0,
+        })
+        .collect();
+    for (i, secant) in secants.iter().enumerate() {
+        let Some(delta) = *secant else { continue };
+        if delta == 0.0 {
+            slopes[i] = 0.0;
+            slopes[i + 1] = 0.0;
+            continue;
+        }
+        // Slopes over the secant must stay within the circle of radius 3.
+        let (alpha, beta) = (slopes[i] / delta, slopes[i + 1] / delta);
+        let length = alpha.hypot(beta);
+        if length > 3.0 {
+            slopes[i] = 3.0 * alpha / length * delta;
+            slopes[i + 1] = 3.0 * beta / length * delta;
+        }
+    }
+    slopes
+}
+
+/// The cubic Hermite curve at `u` in (0, 1), between values `a` and `b` with slopes `p` and `q`.
+fn cubic((a, b): (f64, f64), (p, q): (f64, f64), u: f64) -> f64 {
+    let v = 1.0 - u;
+    let value = a * (1.0 + 2.0 * u) * v * v + p * u * v * v + b * u * u * (3.0 - 2.0 * u) - q * u * u * v;
+    value.clamp(a.min(b), a.max(b)) // against rounding errors only
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn fap(number: u8) -> FapNumber {
+        FapNumber::try_from(number).unwrap()
+    }
+
+    fn sequence(values: &[Option<f64>]) -> FapSequence {
+        let frame = |value: &Option<f64>| {
+            let mut frame = FapFrame::default();
+            frame.set_value(fap(3), *value);
+            frame
+        };
+        let frames = values.iter().map(frame).collect();
+        FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames }
+    }
+
+    fn values(sequence: &FapSequence) -> Vec<Option<f64>> {
+        sequence.frames.iter().map(|frame| frame.value(fap(3))).collect()
+    }
+
+    fn between(keys: &[f64], between: usize) -> Vec<f64> {
+        let keys: Vec<_> = keys.iter().copied().map(Some).collect();
+        values(&sequence(&keys).with_frames_between(between).unwrap()).into_iter().map(Option::unwrap).collect()
+    }
+
+    #[test]
+    fn a_line_stays_a_line() {
+        // Equal secants: all slopes equal them, and the cubic is the line.
+        for (k, value) in between(&[0.0, 6.0, 12.0], 5).into_iter().enumerate() {
+            assert_relative_eq!(value, k as f64, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn half_way_values_by_hand() {
+        // Keys 0, 8, 8: secants 8, 0. Slopes: the first key has 8, the others 0 (flat after). Half-way of the first step:
+        // (0 + 8)/2 + (8 - 0)/8 = 5; the second step is flat.
+        assert_eq!(between(&[0.0, 8.0, 8.0], 1), [0.0, 5.0, 8.0, 8.0, 8.0]);
+        // A peak: keys 0, 4, 0. The slope at the peak is 0, at the ends 4 and -4: 2 + 4/8 = 2.5 on either side.
+        assert_eq!(between(&[0.0, 4.0, 0.0], 1), [0.0, 2.5, 4.0, 2.5, 0.0]);
+    }
+
+    #[test]
+    fn steep_slopes_are_cut_to_the_circle() {
+        // Keys 0, 1, 21: secants 1, 20; slopes 1, 10.5, 20. First step: (alpha, beta) = (1, 10.5), cut to length 3.
+        let slopes = slopes(&[Some(0.0), Some(1.0), Some(21.0)]);
+        assert_relative_eq!(slopes[0].hypot(slopes[1]), 3.0, epsilon = 1e-12);
+        assert_relative_eq!(slopes[1] / slopes[0], 10.5, epsilon = 1e-12);
+        assert_eq!(slopes[2], 20.0);
+    }
+
+    #[test]
+    fn a_fap_is_interpolated_only_where_both_neighbours_set_it() {
+        let holes = sequence(&[Some(0.0), Some(2.0), None, Some(4.0)]);
+        let expected = [Some(0.0), Some(1.0), Some(2.0), None, None, None, Some(4.0)];
+        assert_eq!(values(&holes.with_frames_between(1).unwrap()), expected);
+    }
+
+    #[test]
+    fn codes_are_held() {
+        let mut coded = sequence(&[Some(0.0), Some(2.0)]);
+        coded.frames[0].set_fields(fap(2), Some(vec![1, 63, 0, 0, 0, 0]));
+        let frames = coded.with_frames_between(1).unwrap().frames;
+        let held: Vec<bool> = frames.iter().map(|frame| frame.is_set(fap(2))).collect();
+        assert_eq!(held, [true, true, false]);
+    }
+
+    #[test]
+    fn retiming_keeps_the_time_from_first_to_last_frame() {
+        // 5 frames at 25 per second last 4/25 s: 8 steps at 50 per second, and 2 steps (1.6, rounded) at 10 per second.
+        let ramp = sequence(&[0.0, 1.0, 2.0, 3.0, 4.0].map(Some));
+        let fast = ramp.retimed(50.0).unwrap();
+        assert_eq!((fast.frames.len(), fast.fps), (9, 50.0));
+        assert_eq!(values(&ramp.retimed(10.0).unwrap()), [Some(0.0), Some(2.0), Some(4.0)]);
+        // A rate far too low keeps both ends, one frame stays one frame, the same rate changes nothing.
+        assert_eq!(values(&ramp.retimed(1.0).unwrap()), [Some(0.0), Some(4.0)]);
+        assert_eq!(values(&sequence(&[Some(3.0)]).retimed(50.0).unwrap()), [Some(3.0)]);
+        assert_eq!(ramp.retimed(25.0).unwrap(), ramp);
+    }
+
+    #[test]
+    fn absurd_sizes_are_refused() {
+        let two = sequence(&[Some(0.0), Some(1.0)]);
+        assert!(matches!(two.with_frames_between(usize::MAX), Err(InterpolateError::TooManyFrames { .. })));
+        assert!(matches!(two.retimed(1e300), Err(InterpolateError::TooManyFrames { .. })));
+        assert!(matches!(two.retimed(0.0), Err(InterpolateError::FrameRate { .. })));
+        assert!(matches!(two.retimed(f64::NAN), Err(InterpolateError::FrameRate { .. })));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn keys_are_hit_and_every_step_is_monotone(
+            keys in prop::collection::vec(-4000.0..4000.0_f64, 2..8),
+            count in 1_usize..8,
+        ) {
+            let values = between(&keys, count);
+            for (k, pair) in keys.windows(2).enumerate() {
+                let step = &values[k * (count + 1)..=(k + 1) * (count + 1)];
+                prop_assert_eq!(step[0], pair[0]);
+                prop_assert_eq!(step[count + 1], pair[1]);
+                let sign = if pair[1] >= pair[0] { 1.0 } else { -1.0 };
+                // 1e-9: rounding errors of values up to 4000.
+                let monotone = step.windows(2).all(|w| sign * (w[1] - w[0]) >= -1e-9);
+                prop_assert!(monotone, "{:?}", step);
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Which FAPs a file sets.
+
+use std::{collections::BTreeSet, str::FromStr};
+
+use super::{
+    catalog::{FapNumber, ParseFapNumberError},
+    sequence::FapSequence,
+};
+
+/// Which FAPs are written.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum FapMask {
+    /// All low-level FAPs, 3 to 68, and FAPs 1 and 2 where they are set.
+    All,
+    /// Those that any frame sets.
+    #[default]
+    Set,
+    /// Those listed.
+    List(BTreeSet<FapNumber>),
+}
+
+/// A text that lists no FAPs.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ParseMaskError {
+    /// Not a number within 1 and 68.
+    #[error("{0}; expected `all`, `set` or a list such as `3-13,31-38`")]
+    Number(#[from] ParseFapNumberError),
+    /// A range that runs backwards.
+    #[error("the range `{0}` runs backwards; write the smaller number first")]
+    Backwards(String),
+}
+
+impl FromStr for FapMask {
+    type Err = ParseMaskError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "all" => return Ok(Self::All),
+            "set" => return Ok(Self::Set),
+            _ => {}
+        }
+        let mut list = BTreeSet::new();
+        for part in text.split(',') {
+            let (from, to) = part.split_once('-').unwrap_or((part, part));
+            let (from, to): (FapNumber, FapNumber) = (from.parse()?, to.parse()?);
+            if from > to {
+                return Err(ParseMaskError::Backwards(part.trim().to_owned()));
+            }
+            list.extend(FapNumber::all().filter(|fap| (from..=to).contains(fap)));
+        }
+        Ok(Self::List(list))
+    }
+}
+
+impl FapSequence {
+    /// Gives every frame the same mask: what it leaves out is masked out, and a low-level FAP that a frame does not set becomes 0,
+    /// which is what readers take an unset FAP for. FAPs 1 and 2 have no such value: they stay unset.
+    pub fn apply_mask(&mut self, mask: &FapMask) {
+        let set = self.set_faps();
+        for fap in FapNumber::all() {
+            let keep = match mask {
+                FapMask::All => !fap.is_high_level() || set.contains(&fap),
+                FapMask::Set => set.contains(&fap),
+                FapMask::List(list) => list.contains(&fap),
+            };
+            for frame in &mut self.frames {
+                frame.set_value(fap, keep.then(|| frame.value(fap).unwrap_or(0.0)));
+                if !keep {
+                    frame.set_fields(fap, None);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fap::FapFrame;
+
+    fn fap(number: u8) -> FapNumber {
+        FapNumber::try_from(number).unwrap()
+    }
+
+    #[test]
+    fn lists_and_ranges_parse() {
+        let FapMask::List(list) = "3-5, 31".parse().unwrap() else { panic!("not a list") };
+        assert_eq!(list.iter().map(|f| f.get()).collect::<Vec<_>>(), [3, 4, 5, 31]);
+        assert_eq!("all".parse(), Ok(FapMask::All));
+        assert_eq!("set".parse(), Ok(FapMask::Set));
+        for bad in ["", "3-", "-3", "0", "69", "3-99", "3;4", "jaw"] {
+            assert!(matches!(bad.parse::<FapMask>(), Err(ParseMaskError::Number(_))), "{bad}");
+        }
+        assert_eq!("9-3".parse::<FapMask>(), Err(ParseMaskError::Backwards("9-3".into())));
+    }
+
+    #[test]
+    fn masks_become_equal_and_unset_becomes_zero() {
+        let mut frames = vec![FapFrame::default(), FapFrame::default()];
+        frames[1].set_value(fap(5), Some(4.0));
+        frames[1].set_value(fap(6), Some(1.0));
+        frames[1].set_fields(fap(1), Some(vec![1, 0, 63, 0]));
+        let sequence = FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames };
+        let masked = |text: &str| {
+            let mut masked = sequence.clone();
+            masked.apply_mask(&text.parse().unwrap());
+            masked
+        };
+        assert_eq!(masked("set").frames[0].value(fap(5)), Some(0.0));
+        assert_eq!(masked("set").set_faps(), [fap(1), fap(5), fap(6)]);
+        assert_eq!(masked("5,7").set_faps(), [fap(5), fap(7)]);
+        assert_eq!(masked("5,7").frames[1].value(fap(5)), Some(4.0));
+        assert_eq!(masked("all").set_faps().len(), 67);
+    }
+}
