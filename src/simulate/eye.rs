@@ -7,7 +7,7 @@ use super::{mesh::LID_MARGINS, motion::HeadPose, noise, render::Samples, subject
 /// Corners of the iris boxes, subject's left then right.
 const IRIS_BOXES: [[usize; 4]; 2] = [[67, 68, 71, 72], [69, 70, 73, 74]];
 /// Radius of the iris over half the height of its box, and of the pupil over that of the iris.
-const IRIS_RADIUS: f64 = 1.24;
+const IRIS_RADIUS: f64 = 1.34;
 const PUPIL_SHARE: f64 = 0.36;
 
 /// Draws both eyes into the openings of the lids.
@@ -128,7 +128,7 @@ impl Eyeball {
         let round = (1.0 - 0.42 * (r / half).powi(2)).max(0.45) as f32;
         let vein = noise::fractal(px * 60.0, py * 140.0, 3, self.seed ^ 0x61).max(0.0) * 0.10;
         let pink = (-((p - self.inner).norm() / 0.028).powi(2)).exp() as f32;
-        let mut colour = [0.93 * round, (0.90 - 0.6 * vein) * round, (0.885 - 0.6 * vein) * round];
+        let mut colour = [0.86 * round, (0.815 - 0.6 * vein) * round, (0.785 - 0.6 * vein) * round];
         let flesh = [0.80, 0.52, 0.48];
         for (c, f) in colour.iter_mut().zip(flesh) {
             *c += (f * round.max(0.7) - *c) * 0.75 * pink;

@@ -27,14 +27,19 @@ pub fn value(x: f32, y: f32, seed: u32) -> f32 {
     top + (bottom - top) * v
 }
 
-/// Sum of `octaves` value noises, each twice as fine and half as strong; divided by the total so that it stays in [-1, 1].
+/// Cosine and sine of the angle between the lattices of two octaves.
+const TURN: (f32, f32) = (0.8, 0.6);
+
+/// Sum of `octaves` value noises, each twice as fine and half as strong; divided by the total so that it stays in [-1, 1]. Each
+/// lattice is turned against the one before, so that no grid shows.
 pub fn fractal(x: f32, y: f32, octaves: u32, seed: u32) -> f32 {
-    let (mut sum, mut total, mut amplitude, mut frequency) = (0.0, 0.0, 1.0, 1.0);
+    let (mut sum, mut total, mut amplitude) = (0.0, 0.0, 1.0);
+    let (mut x, mut y) = (x * TURN.0 - y * TURN.1, x * TURN.1 + y * TURN.0);
     for octave in 0..octaves {
-        sum += amplitude * value(x * frequency, y * frequency, seed.wrapping_add(octave.wrapping_mul(0x68BC_21EB)));
+        sum += amplitude * value(x, y, seed.wrapping_add(octave.wrapping_mul(0x68BC_21EB)));
         total += amplitude;
         amplitude *= 0.5;
-        frequency *= 2.0;
+        (x, y) = (2.0 * (x * TURN.0 - y * TURN.1), 2.0 * (x * TURN.1 + y * TURN.0));
     }
     if total > 0.0 { sum / total } else { 0.0 }
 }

@@ -72,7 +72,8 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
         let subject = self.subject.borrow();
         let pose = self.course.pose(frame);
         let size = (self.options.width, self.options.height);
-        let samples = render(subject, &subject.texture, &self.offsets(frame), &pose, size);
+        let offsets = self.offsets(frame);
+        let samples = render(subject, &subject.texture.folded(&offsets), &offsets, &pose, size);
         develop(&samples, subject, &self.options, self.emotion.code(), frame)
     }
 

@@ -15,20 +15,21 @@ use super::{
 use crate::wireframe::{Fapus, Tables, Wireframe};
 
 /// Mean and standard deviation of each of Candide-3's shape units in the simulated population, by unit number. The means round
-/// Candide's angular default face: eyes a little higher, jaw and chin narrower, lips and nose as they are.
+/// Candide's angular default face: eyes narrower and more open, so that the iris fills them as it does in people, brows a
+/// little higher, and a narrower jaw.
 const SHAPE: [(u16, f64, f64); 12] = [
     (0, 0.00, 0.20),
-    (1, 0.00, 0.16),
+    (1, 0.15, 0.14),
     (2, 0.00, 0.16),
-    (3, 0.00, 0.20),
-    (4, 0.32, 0.12),
+    (3, -0.30, 0.15),
+    (4, 0.18, 0.10),
     (5, 0.00, 0.20),
     (6, 0.20, 0.30),
     (7, 0.00, 0.30),
     (8, 0.00, 0.22),
     (10, 0.10, 0.22),
     (11, 0.00, 0.28),
-    (13, -0.55, 0.25),
+    (13, -0.35, 0.30),
 ];
 /// Shape parameters are kept within these many standard deviations of their mean.
 const SHAPE_LIMIT_SD: f64 = 2.0;
@@ -106,14 +107,14 @@ pub struct Subject {
 }
 
 const SKINS: [[u8; 3]; 8] = [
-    [242, 208, 188],
-    [236, 198, 172],
-    [228, 184, 154],
-    [214, 166, 132],
-    [196, 144, 108],
-    [168, 116, 84],
-    [132, 88, 62],
-    [102, 68, 50],
+    [244, 206, 186],
+    [240, 198, 174],
+    [232, 186, 158],
+    [222, 170, 138],
+    [206, 150, 116],
+    [176, 122, 90],
+    [142, 95, 68],
+    [112, 74, 54],
 ];
 const HAIRS: [[u8; 3]; 6] = [[30, 25, 24], [48, 34, 27], [74, 51, 36], [104, 74, 48], [158, 122, 78], [112, 58, 34]];
 const IRISES: [[u8; 3]; 6] = [[74, 46, 26], [52, 33, 22], [104, 80, 42], [92, 108, 70], [88, 120, 144], [108, 124, 132]];

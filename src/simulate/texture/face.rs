@@ -7,12 +7,12 @@ use super::{P, Painter, Sex, lit_skin, sheet::smooth, skin::Skin};
 /// Direction towards the light in face axes: from above, on the left of the picture.
 pub const LIGHT: [f32; 3] = [-0.38, 0.46, 0.80];
 /// Share of light that comes from everywhere.
-const AMBIENT: f32 = 0.46;
+const AMBIENT: f32 = 0.36;
 
 /// Brightness of a surface with the given normal, 1 for one that faces the viewer.
 pub fn brightness(normal: Vector3<f32>) -> f32 {
     let light = Vector3::from(LIGHT).normalize();
-    let half_lambert = |cosine: f32| (0.5 + 0.5 * cosine).powi(2);
+    let half_lambert = |cosine: f32| (0.30 + 0.70 * cosine).max(0.0);
     let flat = AMBIENT + (1.0 - AMBIENT) * half_lambert(light.z);
     (AMBIENT * (0.72 + 0.28 * normal.z) + (1.0 - AMBIENT) * half_lambert(normal.dot(&light))) / flat
 }
@@ -76,7 +76,7 @@ impl Painter<'_> {
         for side in [1.0_f32, -1.0] {
             let on = |node: usize| P::new(side * self.p(node).x, self.p(node).y);
             let eye = P::new(side * self.p(21).x, (self.p(21).y + self.p(22).y) / 2.0);
-            bump(P::new(side * 0.13, eye.y + 0.03), (0.055, 0.07), 0.0, -0.050);
+            bump(P::new(side * 0.14, eye.y + 0.02), (0.06, 0.06), 0.0, -0.032);
             bump(P::new(eye.x, eye.y + 0.01), (0.15, 0.075), 0.0, -0.050);
             bump(eye, (0.105, 0.062), 0.0, 0.045);
             bump(P::new(eye.x, eye.y - 0.105), (0.11, 0.02), -0.15 * side, -0.006);
@@ -106,19 +106,20 @@ impl Painter<'_> {
 
     fn nose_relief(&self, z: &mut [f32]) {
         let s = self.sheet;
-        let (root, tip, base) = (self.p(77).y, self.p(5).y, self.p(6).y);
+        let (root, tip) = (self.p(77).y, self.p(5).y);
         let ala = self.p(26);
         for j in 0..s.height {
             let y = s.at(0, j).y;
-            if y > root + 0.22 || y < base - 0.12 {
+            if y > root + 0.22 || y < tip - 0.16 {
                 continue;
             }
-            // 0 at the root, 1 at the tip; the ridge rises, the tip turns under.
+            // 0 at the root, 1 at the tip; the ridge rises, then ends in the ball of the tip.
             let t = ((root - y) / (root - tip)).clamp(0.0, 1.0);
-            let fade = if y > root { (-0.5 * ((y - root) / 0.07).powi(2)).exp() } else { 1.0 };
-            let under = if y < tip { (-0.5 * ((tip - y) / 0.030).powi(2)).exp() } else { 1.0 };
-            let height = (0.035 + 0.13 * t.powf(1.25)) * fade * under;
-            let sigma = 0.042 + 0.030 * t * t;
+            let fade = if y > root { (-0.5 * ((y - root) / 0.08).powi(2)).exp() } else { 1.0 };
+            let end = tip + 0.030;
+            let under = if y < end { (-0.5 * ((end - y) / 0.055).powi(2)).exp() } else { 1.0 };
+            let height = (0.036 + 0.090 * t.powf(1.3)) * fade * under;
+            let sigma = 0.046 + 0.022 * t * t;
             for i in 0..s.width {
                 let x = s.at(i, j).x;
                 if x.abs() < 4.0 * sigma {
@@ -126,9 +127,9 @@ impl Painter<'_> {
                 }
             }
         }
-        s.bump(z, P::new(0.0, tip + 0.005), (0.05, 0.042), 0.0, 0.045);
+        s.bump(z, P::new(0.0, tip + 0.012), (0.052, 0.044), 0.0, 0.050);
         for side in [1.0, -1.0] {
-            s.bump(z, P::new(side * ala.x * 0.72, ala.y + 0.018), (0.036, 0.036), 0.0, 0.065);
+            s.bump(z, P::new(side * ala.x * 0.66, ala.y + 0.022), (0.038, 0.036), 0.0, 0.048);
         }
     }
 
@@ -137,23 +138,23 @@ impl Painter<'_> {
         let mut field = vec![0.0; self.rgb.len()];
         let s = self.sheet;
         let mut dab = |p: P, sigma: (f32, f32), angle: f32, amount: f32| s.bump(&mut field, p, sigma, angle, amount);
-        let (tip, base, ala) = (self.p(5), self.p(6), self.p(26));
+        let (base, ala) = (self.p(6), self.p(26));
         for side in [1.0_f32, -1.0] {
             let on = |node: usize| P::new(side * self.p(node).x, self.p(node).y);
             let (inner, outer, upper) = (on(23), on(20), on(19));
-            dab(P::new(inner.x - side * 0.025, inner.y + 0.035), (0.04, 0.055), 0.0, 0.20);
+            dab(P::new(inner.x - side * 0.02, inner.y + 0.03), (0.04, 0.045), 0.0, 0.13);
             dab(P::new(upper.x, upper.y + 0.012), (0.13, 0.022), -0.05 * side, 0.16);
             dab(P::new(outer.x + side * 0.005, outer.y), (0.035, 0.03), 0.0, 0.10);
             dab(P::new(on(24).x - side * 0.04, on(24).y - 0.03), (0.09, 0.026), -0.12 * side, 0.10);
-            dab(P::new(side * ala.x * 1.03, ala.y + 0.015), (0.014, 0.04), 0.0, 0.28);
-            dab(P::new(side * ala.x * 0.62, base.y - 0.006), (0.05, 0.013), -0.2 * side, 0.22);
+            dab(P::new(side * ala.x * 1.03, ala.y + 0.015), (0.013, 0.034), 0.0, 0.22);
+            dab(P::new(side * ala.x * 0.62, base.y - 0.008), (0.045, 0.012), 0.2 * side, 0.20);
             dab(P::new(on(31).x + side * 0.012, on(31).y), (0.020, 0.022), 0.0, 0.28);
             dab(P::new(on(30).x + side * 0.05, on(30).y), (0.09, 0.16), 0.5 * side, 0.20);
             dab(P::new(side * 0.60, 0.35), (0.06, 0.22), 0.0, 0.16);
         }
-        dab(P::new(0.0, base.y - 0.012), (0.075, 0.020), 0.0, 0.26);
+        dab(P::new(0.0, base.y - 0.010), (0.055, 0.016), 0.0, 0.20);
         dab(P::new(0.03, base.y - 0.05), (0.07, 0.04), 0.0, 0.10);
-        dab(P::new(0.0, tip.y - 0.02), (0.04, 0.012), 0.0, 0.08);
+
         dab(P::new(0.0, self.p(8).y - 0.028), (0.10, 0.018), 0.0, 0.24);
         dab(P::new(0.0, self.p(10).y - 0.01), (0.22, 0.03), 0.0, 0.18);
         field

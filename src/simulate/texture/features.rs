@@ -54,7 +54,7 @@ impl Painter<'_> {
         let mask = self.sheet.fill(&outline, 0.007);
         let [r, g, b] = self.look.skin;
         let strength = self.look.lip;
-        let rose: Colour = [r * (0.90 - 0.02 * strength), g * (0.78 - 0.20 * strength), b * (0.80 - 0.16 * strength)];
+        let rose: Colour = [r * (0.93 - 0.06 * strength), g * (0.80 - 0.26 * strength), b * (0.83 - 0.20 * strength)];
         let line = smooth(&self.points(LIP_LINE), false, 12);
         let line_y = |x: f32| {
             // The line runs from the left corner (large x) to the right.
@@ -116,7 +116,7 @@ impl Painter<'_> {
             crease.iter().enumerate().map(|(k, &p)| p + V::new(0.0, [0.004, 0.028, 0.034, 0.028, 0.006][k])).collect();
         let fold = smooth(&fold, false, 10);
         let mask = self.sheet.line(&fold, 0.008, 0.007);
-        self.tint(&mask, [0.62, 0.52, 0.50]);
+        self.tint(&mask, [0.55, 0.45, 0.43]);
         // The lid between fold and margin catches light, its edge is lined with lashes.
         let mut plate = fold.clone();
         plate.extend(upper.iter().rev());
@@ -138,7 +138,7 @@ impl Painter<'_> {
 
     fn lashes(&mut self, margin: &[P], outward: f32, size: f32) {
         let mut strokes = Vec::new();
-        let longest = if self.sex == Sex::Female { 0.046 } else { 0.030 };
+        let longest = if self.sex == Sex::Female { 0.036 } else { 0.022 };
         let count = if size > 0.0 { 46 } else { 26 };
         for k in 0..count {
             // 0 at the outer corner, 1 at the inner one.
@@ -152,9 +152,9 @@ impl Painter<'_> {
             let bow = root + V::new(lean * length.abs() * 0.35, length * 0.6);
             strokes.push(Hair {
                 line: smooth(&[root, bow, tip], false, 3),
-                width: 0.0045,
+                width: 0.0038,
                 colour: scaled(self.look.hair, 0.35),
-                opacity: if size > 0.0 { 0.75 } else { 0.35 },
+                opacity: if size > 0.0 { 0.62 } else { 0.28 },
             });
         }
         self.hairs(&strokes, None);
@@ -165,23 +165,26 @@ impl Painter<'_> {
         let [inner, top, outer, bottom] = if side == 0 { nodes } else { self.points([50, 49, 48, 51]) };
         let outward = if side == 0 { 1.0 } else { -1.0 };
         let thick = self.look.brow;
-        let middle = between(top, bottom, 0.5);
-        let upper =
-            [inner + V::new(-0.010 * outward, 0.026 * thick), between(inner, top, 0.55) + V::new(0.0, 0.020 * thick), top, outer];
+        let upper = [
+            inner + V::new(-0.018 * outward, 0.040 * thick),
+            between(inner, top, 0.5) + V::new(0.0, 0.030 * thick),
+            top,
+            outer + V::new(0.008 * outward, 0.004),
+        ];
         let lower = [
-            inner + V::new(-0.012 * outward, -0.030 * thick),
-            between(inner, bottom, 0.55) + V::new(0.0, -0.016 * thick),
-            bottom,
-            outer,
+            inner + V::new(-0.014 * outward, -0.010 * thick),
+            between(inner, bottom, 0.5) + V::new(0.0, -0.014 * thick),
+            bottom + V::new(0.0, -0.004 * thick),
+            outer + V::new(0.0, -0.012),
         ];
         let (upper, lower) = (smooth(&upper, false, 12), smooth(&lower, false, 12));
         let mut outline = upper.clone();
         outline.extend(lower.iter().rev());
-        let mask = self.sheet.fill(&outline, 0.016);
+        let mask = self.sheet.fill(&outline, 0.018);
         let hair = self.look.hair;
-        let under = 0.42 + 0.2 * (thick - 1.0);
-        self.blend(&mask, under, |_| scaled(hair, 0.85));
-        let count = (240.0 * thick) as usize;
+        let under = 0.36 + 0.25 * (thick - 1.0);
+        self.blend(&mask, under, |_| scaled(hair, 0.9));
+        let count = (270.0 * thick) as usize;
         let mut strokes = Vec::with_capacity(count);
         for _ in 0..count {
             let (t, v) = (self.uniform(0.0, 0.97), self.uniform(0.02, 1.0));
@@ -192,20 +195,19 @@ impl Painter<'_> {
                 - between(lower[index], upper[index], 0.5);
             let along = if ahead.norm() > 1e-6 { ahead.normalize() } else { V::new(outward, 0.0) };
             // Inner hairs stand up; further out they lie along the brow, the upper ones pointing down, the lower ones up.
-            let lift = 1.15 * (1.0 - t * 2.2).max(0.0) + 0.55 * (0.5 - v);
+            let lift = 0.85 * (1.0 - t * 2.4).max(0.0) + 0.60 * (0.5 - v);
             let direction = (along + V::new(0.0, lift)).normalize();
-            let length = self.uniform(0.040, 0.068) * (0.75 + 0.25 * thick) * (1.0 - 0.35 * t);
+            let length = self.uniform(0.030, 0.054) * (0.75 + 0.25 * thick) * (1.0 - 0.35 * t);
             let tip = root + direction * length;
             let bow = root + direction * (length * 0.5) + V::new(0.0, 0.004);
             let shade = self.uniform(0.45, 1.0);
             strokes.push(Hair {
                 line: smooth(&[root, bow, tip], false, 3),
-                width: self.uniform(0.0045, 0.0075),
+                width: self.uniform(0.0035, 0.0060),
                 colour: scaled(hair, shade),
-                opacity: 0.62,
+                opacity: 0.55,
             });
         }
-        let _ = middle;
         self.hairs(&strokes, None);
         if side == 1 {
             // A trace of shade between the brows, where the frown sits.

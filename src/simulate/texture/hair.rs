@@ -14,8 +14,8 @@ impl Painter<'_> {
         }
         let side = self.p(29).x;
         let half = [
-            P::new(0.0, self.p(0).y + 0.16),
-            P::new(0.46, self.p(0).y + 0.02),
+            P::new(0.0, self.p(0).y + 0.18),
+            P::new(0.43, self.p(0).y + 0.06),
             P::new(side + 0.13, 0.55),
             P::new(side + 0.18, 0.0),
             P::new(side + 0.19, -0.6),
@@ -33,7 +33,7 @@ impl Painter<'_> {
     /// Hair over skull and forehead, with strands down to the shoulders if it is long.
     pub(super) fn hair_in_front(&mut self) {
         let cap = self.cap();
-        let mask = self.sheet.fill(&cap, 0.010);
+        let mask = self.sheet.fill(&cap, 0.006);
         let clip = mask.spread(&self.sheet);
         // A soft shadow of the hair on the forehead.
         let shadow = self.sheet.line(&self.hairline(), 0.05, 0.035);
@@ -45,7 +45,7 @@ impl Painter<'_> {
             let lock = noise::fractal(angle * 9.0, d.norm() * 1.2, 3, seed ^ 0x41);
             // A band of light across the crown.
             let sheen = (-((p.y - 0.86 - 0.18 * (1.0 - p.x * p.x)) / 0.10).powi(2)).exp() * (1.0 - 0.4 * (p.x + 0.2));
-            scaled(hair, (0.62 + 0.18 * lock + 0.35 * sheen) * (1.0 - 0.25 * p.x.abs().powi(2)))
+            scaled(hair, (0.66 + 0.16 * lock + 0.22 * sheen) * (1.0 - 0.25 * p.x.abs().powi(2)))
         });
         let strands = self.strands();
         self.hairs(&strands, Some(&clip));
@@ -54,7 +54,7 @@ impl Painter<'_> {
 
     /// Where the hair falls apart, at the top of the skull.
     fn parting_top(&self) -> P {
-        P::new(self.look.parting * 0.35, self.p(0).y + 0.02)
+        P::new(self.look.parting * 0.35, self.p(0).y + 0.04)
     }
 
     /// The border between forehead and hair, from temple to temple.
@@ -63,17 +63,19 @@ impl Painter<'_> {
         let side = self.p(29).x;
         let dip = self.look.parting * 0.05;
         let temple = if self.look.long_hair { -0.25 } else { 0.16 };
+        let peak = 0.03 * (self.look.parting * 9.0).sin();
         let half = |s: f32| {
             [
                 P::new(s * (side + 0.005), temple),
-                P::new(s * (side - 0.045), 0.38),
-                P::new(s * (side - 0.085), 0.56 + up),
-                P::new(s * 0.40, 0.72 + up + s * dip),
-                P::new(s * 0.20, 0.785 + up + s * dip),
+                P::new(s * (side - 0.030), 0.36),
+                P::new(s * (side - 0.085), 0.52 + up),
+                P::new(s * 0.43, 0.67 + up + s * dip),
+                P::new(s * 0.30, 0.77 + up + s * dip),
+                P::new(s * 0.14, 0.80 + up + s * dip),
             ]
         };
         let mut points: Vec<P> = half(1.0).to_vec();
-        points.push(P::new(0.0, 0.79 + up));
+        points.push(P::new(0.0, 0.795 + up - peak));
         points.extend(half(-1.0).iter().rev());
         smooth(&points, false, 8)
     }
@@ -84,11 +86,12 @@ impl Painter<'_> {
         let top = self.p(0).y;
         let volume = if self.look.long_hair { 0.06 } else { 0.0 };
         let mut half = vec![
-            P::new(0.0, top + 0.15 + volume * 0.5),
-            P::new(0.26, top + 0.11 + volume * 0.5),
-            P::new(0.50, top - 0.08 + volume * 0.5),
-            P::new(side + 0.035 + volume, 0.66),
-            P::new(side + 0.065 + volume, 0.40),
+            P::new(0.0, top + 0.20 + volume * 0.5),
+            P::new(0.22, top + 0.17 + volume * 0.5),
+            P::new(0.43, top + 0.05 + volume * 0.5),
+            P::new(0.59 + volume * 0.5, top - 0.19 + volume * 0.5),
+            P::new(side + 0.055 + volume, 0.62),
+            P::new(side + 0.070 + volume, 0.40),
         ];
         if self.look.long_hair {
             half.extend([
@@ -143,17 +146,19 @@ impl Painter<'_> {
             });
         }
         // Short hairs that soften the hairline: they grow up and outwards.
-        for _ in 0..900 {
+        for _ in 0..2000 {
             let k = (self.uniform(0.0, 1.0) * (line.len() - 1) as f32) as usize;
-            let root = line[k] + V::new(self.uniform(-0.02, 0.02), self.uniform(-0.01, 0.05));
-            let out = V::new(root.x * 0.45 - self.look.parting * 0.12, (root.y - 0.1).max(0.05)).normalize();
-            let length = self.uniform(0.06, 0.16);
+            let root = line[k] + V::new(self.uniform(-0.03, 0.03), self.uniform(-0.01, 0.10));
+            let out = V::new(root.x * 0.55 - self.look.parting * 0.15, (root.y - 0.15).max(0.08)).normalize();
+            let length = self.uniform(0.08, 0.34);
             let tip = root + out * length;
+            let bow = super::between(root, tip, 0.5) + V::new(-0.05 * length * out.x, 0.10 * length);
+            let light = 0.85 + 0.45 * (-((bow.y - 1.0) / 0.16).powi(2)).exp();
             strands.push(Hair {
-                line: smooth(&[root, super::between(root, tip, 0.5) + V::new(0.004, 0.006), tip], false, 4),
-                width: self.uniform(0.003, 0.006),
-                colour: self.strand_colour(0.85),
-                opacity: 0.55,
+                line: smooth(&[root, bow, tip], false, 5),
+                width: self.uniform(0.003, 0.007),
+                colour: self.strand_colour(light),
+                opacity: 0.5,
             });
         }
         if self.look.long_hair {

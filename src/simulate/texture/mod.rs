@@ -9,13 +9,16 @@ mod hair;
 mod sheet;
 mod skin;
 mod torso;
+mod wrinkles;
 
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Point2, Vector2, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 pub use face::brightness;
 use sheet::{Mask, P, Sheet};
+
+use wrinkles::Wrinkle;
 
 use super::subject::{Appearance, Colour, Sex};
 
@@ -27,9 +30,22 @@ const REGION: (f32, f32, f32, f32) = (-1.75, 1.75, -2.0, 1.6);
 pub struct Texture {
     sheet: Sheet,
     texels: Vec<[u8; 4]>,
+    wrinkles: Vec<Wrinkle>,
 }
 
 impl Texture {
+    /// The texture with the folds that a motion of the nodes makes (offsets from neutral, model units).
+    pub fn folded(&self, offsets: &[Vector3<f64>]) -> Self {
+        let mut texels = self.texels.clone();
+        for wrinkle in &self.wrinkles {
+            let depth = wrinkle.depth(offsets);
+            if depth > 0.0 {
+                wrinkle.shade(&mut texels, depth);
+            }
+        }
+        Self { sheet: self.sheet, texels, wrinkles: Vec::new() }
+    }
+
     /// Colour at a plane point, bilinear, premultiplied, components 0 to 255. Beyond the painted region the border goes on.
     pub fn sample(&self, x: f32, y: f32) -> [f32; 4] {
         let Sheet { width, height, scale, left, top } = self.sheet;
@@ -58,7 +74,7 @@ impl Texture {
                 [r, g, b, 255]
             })
             .collect();
-        Self { sheet, texels }
+        Self { sheet, texels, wrinkles: Vec::new() }
     }
 }
 
@@ -83,7 +99,8 @@ pub fn paint(nodes: &[Point2<f64>], sex: Sex, look: &Appearance, texels_per_unit
     painter.face();
     painter.features();
     painter.hair_in_front();
-    painter.finish()
+    let wrinkles = painter.wrinkles();
+    painter.finish(wrinkles)
 }
 
 /// The picture while it is painted.
@@ -161,12 +178,12 @@ impl Painter<'_> {
         }
     }
 
-    fn finish(self) -> Texture {
+    fn finish(self, wrinkles: Vec<Wrinkle>) -> Texture {
         let texels = self.rgb.iter().zip(&self.alpha).map(|(rgb, &alpha)| {
             let byte = |c: f32| (c.clamp(0.0, 1.0) * alpha * 255.0).round() as u8;
             [byte(rgb[0]), byte(rgb[1]), byte(rgb[2]), (alpha * 255.0).round() as u8]
         });
-        Texture { sheet: self.sheet, texels: texels.collect() }
+        Texture { sheet: self.sheet, texels: texels.collect(), wrinkles }
     }
 }
 
@@ -186,7 +203,7 @@ fn scaled(colour: Colour, factor: f32) -> Colour {
 /// A colour under light of strength `shade` (1 for a surface that faces the viewer): skin's shadows are warm.
 fn lit_skin(colour: Colour, shade: f32) -> Colour {
     let shade = shade.max(0.02);
-    [colour[0] * shade.powf(0.84), colour[1] * shade, colour[2] * shade.powf(1.08)]
+    [colour[0] * shade.powf(0.89), colour[1] * shade, colour[2] * shade.powf(1.06)]
 }
 
 /// Mirror image of a point on the other side of the face.

@@ -23,12 +23,12 @@ impl Skin {
         let n = |frequency: f32, octaves: u32, salt: u32| {
             noise::fractal(p.x * frequency + 31.7, p.y * frequency + 17.3, octaves, self.seed.wrapping_add(salt))
         };
-        let tone = 1.0 + 0.045 * n(2.3, 3, 1) + 0.060 * n(11.0, 3, 2) + 0.085 * n(34.0, 2, 3) + 0.10 * n(85.0, 2, 4);
-        let red = blush * (1.0 - 0.55 * self.darkness) + 0.13 * n(5.0, 3, 5) + 0.10 * n(19.0, 2, 6);
+        let tone = 1.0 + 0.035 * n(2.3, 3, 1) + 0.035 * n(11.0, 3, 2) + 0.055 * n(34.0, 2, 3) + 0.085 * n(80.0, 2, 4);
+        let red = blush * (1.0 - 0.55 * self.darkness) + 0.16 * n(5.0, 3, 5) + 0.14 * n(19.0, 2, 6);
         let [r, g, b] = self.base;
         let warm = [r * (1.0 + 0.035 * red), g * (1.0 - 0.17 * red), b * (1.0 - 0.17 * red)];
-        let stubble = beard * (0.75 + 0.55 * n(95.0, 2, 7)).max(0.0);
-        let cool = [1.0 - 0.33 * stubble, 1.0 - 0.27 * stubble, 1.0 - 0.21 * stubble];
+        let stubble = beard * (0.80 + 0.40 * n(80.0, 2, 7)).max(0.0);
+        let cool = [1.0 - 0.36 * stubble, 1.0 - 0.33 * stubble, 1.0 - 0.30 * stubble];
         std::array::from_fn(|k| warm[k] * tone * cool[k])
     }
 }

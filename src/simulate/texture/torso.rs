@@ -69,6 +69,9 @@ impl Painter<'_> {
     }
 
     pub(super) fn ears(&mut self) {
+        if self.look.long_hair {
+            return;
+        }
         let at = self.p(29).x;
         let skin = Skin::of(self);
         for side in [1.0_f32, -1.0] {
