@@ -63,7 +63,7 @@ impl Browser {
         let request = ureq::Agent::from(agent).post(format!("{}{path}", self.session)).content_type("application/json");
         let text = request
             .send(body.to_string())
-            .and_then(|mut r| r.body_mut().with_config().limit(200_000_000).read_to_string())
+            .and_then(|mut r| r.body_mut().with_config().limit(100_000_000).read_to_string())
             .map_err(|e| e.to_string())?;
         let answer: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
         let value = &answer["value"];
@@ -112,24 +112,26 @@ impl Browser {
         assert_eq!(log, json!([]), "the browser's console");
     }
 
+    /// Keeps a picture of the window, or of the whole page in pieces.
     fn screenshot(&self, name: &str, whole: bool) {
+        const PIECE: f64 = 1300.0;
         if env::var_os("GRIMACE_SCREENSHOTS").is_none() {
             return;
         }
-        let picture = self.devtools(
-            "Page.captureScreenshot",
-            &json!({"format": "png", "captureBeyondViewport": whole, "clip": whole.then(|| {
-                let size = |what: &str| self.run(&format!("return document.documentElement.{what}")).as_f64().unwrap();
-                json!({"x": 0, "y": 0, "width": size("scrollWidth"), "height": size("scrollHeight"), "scale": 1})
-            })})
-            .as_object()
-            .unwrap()
-            .iter()
-            .filter(|(_, v)| !v.is_null())
-            .map(|(k, v)| (k.clone(), v.clone()))
-            .collect(),
-        );
-        keep(&format!("{name}.png"), &decode_base64(picture["data"].as_str().unwrap()));
+        let capture = |name: &str, parameters: Value| {
+            let picture = self.devtools("Page.captureScreenshot", &parameters);
+            keep(&format!("{name}.png"), &decode_base64(picture["data"].as_str().unwrap()));
+        };
+        if !whole {
+            return capture(name, json!({"format": "png"}));
+        }
+        let size = |what: &str| self.run(&format!("return document.documentElement.{what}")).as_f64().unwrap();
+        let (width, height) = (size("scrollWidth"), size("scrollHeight"));
+        for piece in 0..(height / PIECE).ceil() as usize {
+            let y = piece as f64 * PIECE;
+            let clip = json!({"x": 0, "y": y, "width": width, "height": PIECE.min(height - y), "scale": 1});
+            capture(&format!("{name}-{piece:02}"), json!({"format": "png", "captureBeyondViewport": true, "clip": clip}));
+        }
     }
 
     fn print(&self, name: &str) {
@@ -318,20 +320,20 @@ fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
     browser.media("", "prefers-color-scheme", "light");
     assert!(luminance("backgroundColor") > 230.0 && luminance("color") < 60.0);
     browser.screenshot("light-1280x720", false);
-    browser.screenshot("light-full", true);
+    browser.screenshot("light", true);
     browser.print("print");
     browser.media("", "prefers-color-scheme", "dark");
     assert!(luminance("backgroundColor") < 40.0 && luminance("color") > 200.0);
-    browser.screenshot("dark-full", true);
+    browser.screenshot("dark", true);
     browser.media("", "prefers-color-scheme", "light");
     browser.size(400, 800);
     wait(&browser, "innerWidth === 400");
     sleep(Duration::from_millis(100));
     // Nothing sticks out: wide tables scroll in their own box.
     assert_eq!(browser.run("return document.documentElement.scrollWidth"), json!(400));
-    browser.screenshot("phone-full", true);
+    browser.screenshot("phone", true);
     browser.size(1280, 720);
     browser.open("groups", &Fixture::new("Grouped by sex", [9, 8, 7, 12, 6, 10], &["f", "m"]));
-    browser.screenshot("groups-full", true);
+    browser.screenshot("groups", true);
     browser.no_errors();
 }
