@@ -16,7 +16,7 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-/// Feature contours as node chains, `contour,nodes`.
+/// Feature contours as node chains, `contour,weight,nodes`; the weight is `strong` or `fine`.
 const CONTOURS: &str = include_str!("assets/contours.csv");
 /// Shades of a triangle, from dark to lit.
 const SHADES: usize = 10;
@@ -85,16 +85,16 @@ fn wireframe(wireframe: &Wireframe) -> Value {
         "triangles": corners.collect::<Vec<_>>(),
         "shades": wireframe.triangles().iter().map(|t| shade(wireframe.vertices(), *t)).collect::<Vec<_>>(),
         "shadeCount": SHADES,
-        "contours": contours(&place),
+        "contours": contours(&place, "strong"),
+        "fine": contours(&place, "fine"),
     })
 }
 
-/// Contours of which the wireframe has every node.
-fn contours(place: &BTreeMap<NodeId, usize>) -> Vec<Vec<usize>> {
-    let chains = CONTOURS.lines().skip(1).filter_map(|line| line.split_once(','));
-    chains
-        .filter_map(|(_, nodes)| nodes.split_whitespace().map(|n| place.get(&NodeId(n.parse().ok()?)).copied()).collect())
-        .collect()
+/// Contours of a weight, those of which the wireframe has every node.
+fn contours(place: &BTreeMap<NodeId, usize>, weight: &str) -> Vec<Vec<usize>> {
+    let place_of = |node: &str| place.get(&NodeId(node.parse().ok()?)).copied();
+    let rows = CONTOURS.lines().skip(1).filter_map(|line| line.split_once(',')?.1.split_once(','));
+    rows.filter(|&(w, _)| w == weight).filter_map(|(_, nodes)| nodes.split_whitespace().map(place_of).collect()).collect()
 }
 
 /// Lambert shade of a neutral triangle under [`LIGHT`], 0 to `SHADES` - 1; windings do not matter.
@@ -191,7 +191,7 @@ mod tests {
     fn every_contour_is_a_chain_of_candide3_edges() {
         let w = Wireframe::candide3();
         let place: BTreeMap<NodeId, usize> = w.live_nodes().iter().enumerate().map(|(k, &n)| (n, k)).collect();
-        let chains = contours(&place);
+        let chains = [contours(&place, "strong"), contours(&place, "fine")].concat();
         assert_eq!(chains.len(), CONTOURS.lines().count() - 1);
         for pair in chains.iter().flat_map(|chain| chain.windows(2)) {
             let (a, b) = (w.live_nodes()[pair[0]], w.live_nodes()[pair[1]]);
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn a_wireframe_without_the_nodes_has_no_contours() {
-        assert!(contours(&BTreeMap::from([(NodeId(0), 0)])).is_empty());
+        assert!(contours(&BTreeMap::from([(NodeId(0), 0)]), "strong").is_empty());
     }
 
     #[test]

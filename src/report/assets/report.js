@@ -99,8 +99,8 @@
 
   const r1 = (v) => Math.round(v * 10) / 10;
   const segments = (p, list) => list.map(([a, b]) => `M${r1(p[2 * a])} ${r1(p[2 * a + 1])}L${r1(p[2 * b])} ${r1(p[2 * b + 1])}`).join("");
-  const chains = (p) =>
-    wireframe.contours.map((chain) => "M" + chain.map((n) => `${r1(p[2 * n])} ${r1(p[2 * n + 1])}`).join("L")).join("") + segments(p, outline);
+  const chains = (p, list) => list.map((chain) => "M" + chain.map((n) => `${r1(p[2 * n])} ${r1(p[2 * n + 1])}`).join("L")).join("");
+  const contours = (p) => chains(p, wireframe.contours) + segments(p, outline);
 
   /** A wireframe as SVG: shaded triangles, thin edges, stronger contours. */
   class Face {
@@ -116,7 +116,7 @@
         }
       }
       if (ghost) this.svg.append((this.ghost = vector("path", { class: "ghosted" })));
-      this.svg.append((this.edges = vector("path", { class: "edges" })), (this.contours = vector("path", { class: "contours" })));
+      for (const name of ["edges", "fine", "contours"]) this.svg.append((this[name] = vector("path", { class: name })));
     }
     setBox(box) {
       this.svg.setAttribute("viewBox", viewBox(box).map(r1).join(" "));
@@ -134,7 +134,8 @@
         path.setAttribute("d", d);
       }
       this.edges.setAttribute("d", segments(p, edges));
-      this.contours.setAttribute("d", chains(p));
+      this.fine.setAttribute("d", chains(p, wireframe.fine));
+      this.contours.setAttribute("d", contours(p));
     }
   }
 
@@ -313,7 +314,7 @@
       let d = "";
       for (let k = 0; 2 * k < p.length; k++) {
         const [dx, dy] = [vectors[m][2 * k] * gain, -vectors[m][2 * k + 1] * gain];
-        if (lengths[m][k] * gain >= 6) d += arrow(p[2 * k], p[2 * k + 1], dx, dy);
+        if (lengths[m][k] * gain >= 15) d += arrow(p[2 * k], p[2 * k + 1], dx, dy);
       }
       face.svg.append(vector("path", { class: "arrows", d }));
       const box = $(".face-box", panels[m]);
@@ -381,7 +382,7 @@
     return ys;
   }
   /** Rows of dots over one axis. A row: label, points [{value, id, state}], line (its median). */
-  function stripPlot(root, rows, axisLabel) {
+  function stripPlot(root, rows, axisLabel, subscript = "") {
     const paint = () => {
       const width = root.clientWidth;
       if (width === 0) return;
@@ -400,7 +401,10 @@
         svg.append(vector("text", { x: x(v), y: bottom + 15, "text-anchor": "middle" }, v.toFixed(digits)));
       }
       svg.append(vector("line", { class: "axis", x1: left, x2: width - right, y1: bottom, y2: bottom }));
-      svg.append(vector("text", { x: (left + width - right) / 2, y: bottom + 33, "text-anchor": "middle" }, axisLabel));
+      const [before, after] = axisLabel.split(" d ");
+      const title = vector("text", { x: (left + width - right) / 2, y: bottom + 33, "text-anchor": "middle" });
+      title.append(`${before} `, vector("tspan", { "font-style": "italic" }, "d"), vector("tspan", { dy: 3, "font-size": "75%" }, subscript), vector("tspan", { dy: -3 }, ` ${after}`));
+      svg.append(title);
       const marks = [];
       rows.forEach((row, index) => {
         const middle = top + (index + 0.5) * rowHeight;
@@ -505,7 +509,6 @@
     const bars = element("div", { class: "bars", style: `--zero:${x(0)}%` });
     for (const [number, value] of rows) {
       const bar = element("i", { style: `left:${x(Math.min(0, value))}%;width:${Math.abs(x(value) - x(0))}%` });
-      if (value < 0) bar.className = "negative";
       const text = element("span", { style: value < 0 ? `right:calc(${100 - x(value)}% + 0.3rem)` : `left:calc(${x(value)}% + 0.3rem)` }, whole(value));
       bars.append(element("div", { class: "name" }, element("b", {}, String(number)), element("span", {}, data.faps[number])), element("div", { class: "track" }, bar, text));
     }
@@ -550,7 +553,7 @@
       const part = (player.gain - 1) / 3;
       moving.setBox(commonBox.map((v, k) => (k < 2 ? Math.min(v, v + part * (apexBox[k] - v)) : Math.max(v, v + part * (apexBox[k] - v)))));
       moving.draw(positions(rep, player.time, player.gain));
-      moving.ghost.setAttribute("d", player.ghost ? chains(neutral) : "");
+      moving.ghost.setAttribute("d", player.ghost ? contours(neutral) : "");
     }));
     const resizeFields = drawFields(slot("fields"), rep, $('[data-text="arrow-scale"]', card));
     repaint.push(resizeFields);
@@ -564,8 +567,8 @@
       probeNodes(box, over.svg, neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(rep.nodeDispersion[k], 1)} face units`);
       colorBar(slot("colorbar"));
       repaint.push(paint);
-      repaint.push(stripPlot(slot("distances"), distanceRows(rep), "distance d, face units"));
-      repaint.push(stripPlot(slot("trimming"), trimmingRows(rep), "distance d_tf to the other models, face units"));
+      repaint.push(stripPlot(slot("distances"), distanceRows(rep), "distance d to the median, face units"));
+      repaint.push(stripPlot(slot("trimming"), trimmingRows(rep), "distance d to the other models, face units", "tf"));
       const trimmed = slot("trimmed");
       if (trimmed) trimmedTable(trimmed, rep);
     }
@@ -637,7 +640,9 @@
     const nodes = element("td", { class: "nodes" });
     for (let k = 0; k < worst.length; k += 2) {
       if (k) nodes.append(", ");
-      nodes.append(element("span", {}, element("b", {}, String(worst[k])), ` ${nodeName(worst[k])} ×${worst[k + 1]}`));
+      const name = nodeName(worst[k]);
+      // The feature point's number is left to the tooltip.
+      nodes.append(element("span", { title: name }, element("b", {}, String(worst[k])), ` ${name.replace(/ \([0-9.]+\)$/, "")} ×${worst[k + 1]}`));
     }
     if (!worst.length) nodes.append("–");
     const list = [];
@@ -645,7 +650,7 @@
     const tracked = element("td", { class: "num" }, element("i", { class: "share", style: `--share:${share ?? 0}%` }), fixed(share, 1));
     return element("tr", {}, element("td", {}, ids[id][0]), element("td", {}, ids[id][1]), element("td", {}, capital(emotions[emotion])),
       element("td", { class: "num" }, String(frames)), element("td", { class: "num" }, fixed(eye, 1)), tracked,
-      element("td", { class: "num" }, fixed(residual, 3)), element("td", {}, list.join(", ") || "none"), nodes);
+      element("td", { class: "num" }, fixed(residual, 3)), element("td", { class: "why" }, element("b", {}, String(recovered(row))), list.join(", ")), nodes);
   }
   let sorted = [];
   function sortTracks() {
