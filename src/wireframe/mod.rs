@@ -12,7 +12,7 @@ use crate::units::NodeId;
 
 pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
-pub use wfm::{WfmError, WfmErrorKind, read_wfm};
+pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};
 
 /// What a motion unit of a wireframe stands for.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,15 +1,85 @@
-//! Reader of Candide `.wfm` files.
+//! Reader and writer of Candide `.wfm` files [Candide-3, appendix D].
+//!
+//! Structure is carried by order and counts alone; headings are comments. Sections 1 to 4 (vertices, triangles, animation units,
+//! shape units) make the wireframe; what follows is the state of an animation and is not read, as copies in circulation differ
+//! there. Values are taken as they are: triangles keep the file's winding, coincident and unused vertices keep their numbers.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::{self, Write as _},
+    fs::File,
+    io::{self, Read as _},
+    path::{Path, PathBuf},
+};
 
-use super::{Wireframe, WireframeError};
+use nalgebra::{Point3, Vector3};
+
+use super::{Fapu, MotionUnit, UnitKind, Wireframe, WireframeError};
+use crate::units::NodeId;
+
+/// Largest file read. Candide-3 has 35 kB.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// Most vertices that a [`NodeId`] can number.
+const MAX_VERTICES: usize = u16::MAX as usize;
+
+/// Misspelt words in the unit names of copies in circulation, and what is meant.
+const SPELLINGS: [(&str, &str); 3] = [("strecth", "stretch"), ("strecher", "stretcher"), ("Motuh", "Mouth")];
+
+/// The sections of a `.wfm` file that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WfmSection {
+    /// Section 1.
+    Vertices,
+    /// Section 2.
+    Triangles,
+    /// Section 3.
+    AnimationUnits,
+    /// Section 4.
+    ShapeUnits,
+}
+
+impl fmt::Display for WfmSection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Vertices => "vertex list",
+            Self::Triangles => "face list",
+            Self::AnimationUnits => "animation units list",
+            Self::ShapeUnits => "shape units list",
+        })
+    }
+}
 
 /// What is wrong in a `.wfm` file.
 #[derive(Debug, thiserror::Error)]
 pub enum WfmErrorKind {
     /// The file can not be read.
     #[error("cannot be read: {0}")]
-    Io(#[from] std::io::Error),
+    Io(#[from] io::Error),
+    /// More bytes than a wireframe has.
+    #[error("has more than {MAX_BYTES} bytes; this is not a wireframe")]
+    TooLarge,
+    /// The file ends before section 4 does.
+    #[error("line {line}, {section}: the file ends where {expected} was expected; it is cut off or a count is too large")]
+    Ends {
+        /// Last line, from 1.
+        line: usize,
+        /// Section that is not complete.
+        section: WfmSection,
+        /// What should follow.
+        expected: String,
+    },
+    /// A line that does not fit.
+    #[error("line {line}, {section}: found `{found}` where {expected} was expected")]
+    Line {
+        /// Line, from 1.
+        line: usize,
+        /// Section it is in.
+        section: WfmSection,
+        /// What should be there.
+        expected: String,
+        /// The line, shortened.
+        found: String,
+    },
     /// The parts read do not make a wireframe.
     #[error(transparent)]
     Wireframe(#[from] WireframeError),
@@ -25,11 +95,279 @@ pub struct WfmError {
     pub kind: WfmErrorKind,
 }
 
-/// Reads a `.wfm` file.
+/// Reads a `.wfm` file of any Candide version.
+///
+/// Tolerates CRLF, tabs, blank lines, `#` and `//` comments anywhere, missing headings, bytes in comments that are not UTF-8,
+/// vertices listed twice in a unit (offsets add up), any number of units, and anything after the shape units. The comment above
+/// a unit's count gives its name and kind: `AUV2 Lip stretcher (AU20)` is action unit vector 2, `FAP 31 raise_l_i_eyebrow` with
+/// `ENS` in the next comment is FAP 31 in ENS; known misspellings are corrected.
 ///
 /// # Errors
-/// [`WfmError`] with the line.
+/// [`WfmError`] with the line, the section, what was expected and what was found.
 pub fn read_wfm(path: &Path) -> Result<Wireframe, WfmError> {
-    let _ = std::fs::read(path).map_err(|e| WfmError { path: path.to_owned(), kind: e.into() })?;
-    unimplemented!()
+    let read = || {
+        let mut bytes = Vec::new();
+        File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 > MAX_BYTES { Err(WfmErrorKind::TooLarge) } else { parse(&bytes) }
+    };
+    read().map_err(|kind| WfmError { path: path.to_owned(), kind })
 }
+
+fn parse(bytes: &[u8]) -> Result<Wireframe, WfmErrorKind> {
+    let mut lines = DataLines::new(bytes);
+    let section = WfmSection::Vertices;
+    let vertex_count = lines.count(section, "the number of vertices", MAX_VERTICES)?;
+    let mut vertices = Vec::new();
+    for k in 0..vertex_count {
+        let (line, [x, y, z]) = lines.fields(section, || format!("vertex {k} of {vertex_count}, `x y z`"))?;
+        let number = |field| finite(section, line, field);
+        vertices.push(Point3::new(number(x)?, number(y)?, number(z)?));
+    }
+
+    let section = WfmSection::Triangles;
+    let triangle_count = lines.count(section, "the number of triangles", usize::MAX)?;
+    let mut triangles = Vec::new();
+    for k in 0..triangle_count {
+        let (line, [a, b, c]) = lines.fields(section, || format!("triangle {k} of {triangle_count}, three vertex numbers"))?;
+        let node = |field| node_id(section, line, field, vertex_count);
+        triangles.push([node(a)?, node(b)?, node(c)?]);
+    }
+
+    let action_units = motion_units(&mut lines, WfmSection::AnimationUnits, vertex_count)?;
+    let shape_units = motion_units(&mut lines, WfmSection::ShapeUnits, vertex_count)?;
+    Ok(Wireframe::new(vertices, triangles, action_units, shape_units)?)
+}
+
+fn motion_units(lines: &mut DataLines<'_>, section: WfmSection, vertex_count: usize) -> Result<Vec<MotionUnit>, WfmErrorKind> {
+    let unit_count = lines.count(section, "the number of units", usize::MAX)?;
+    let mut units = Vec::new();
+    for unit in 0..unit_count {
+        lines.comments.clear();
+        let offset_count = lines.count(section, &format!("the number of vertices of unit {unit} of {unit_count}"), usize::MAX)?;
+        let (name, kind) = unit_name(&lines.comments, section, unit);
+        let mut offsets = Vec::new();
+        for k in 0..offset_count {
+            let expected = || format!("`vertex dx dy dz` ({k} of {offset_count}) of unit {unit} of {unit_count}, `{name}`,");
+            let (line, [node, dx, dy, dz]) = lines.fields(section, expected)?;
+            let number = |field| finite(section, line, field);
+            let offset = Vector3::new(number(dx)?, number(dy)?, number(dz)?);
+            offsets.push((node_id(section, line, node, vertex_count)?, offset));
+        }
+        units.push(MotionUnit { name, kind, offsets });
+    }
+    Ok(units)
+}
+
+/// Name and kind of a unit from the comments between the previous unit and its count: the last comment that is not a FAPU names
+/// it, unless an earlier one reads `AUV<k> name` or `FAP<n> name`.
+fn unit_name(comments: &[String], section: WfmSection, unit: usize) -> (String, UnitKind) {
+    let fapu = comments.last().and_then(|c| length_fapu(c));
+    let names = || comments.iter().rev().filter(|c| length_fapu(c).is_none());
+    if section == WfmSection::AnimationUnits {
+        for comment in names() {
+            if let Some((number, name)) = numbered(comment, "AUV") {
+                return (named(name, &format!("AUV{number}")), UnitKind::Action { number });
+            }
+            if let Some((number, name)) = numbered(comment, "FAP") {
+                return (named(name, &format!("FAP{number}")), UnitKind::Fap { number, fapu });
+            }
+        }
+        let name = names().next().map_or("", String::as_str);
+        return (named(name, &format!("animation unit {unit}")), UnitKind::Other);
+    }
+    let name = names().next().map_or("", String::as_str);
+    (named(name, &format!("shape unit {unit}")), UnitKind::Shape)
+}
+
+/// A name with single spaces and known misspellings corrected; `otherwise` where there is none.
+fn named(name: &str, otherwise: &str) -> String {
+    let name = name.split_whitespace().collect::<Vec<_>>().join(" ");
+    let name = SPELLINGS.iter().fold(name, |name, (wrong, right)| name.replace(wrong, right));
+    if name.is_empty() { otherwise.to_owned() } else { name }
+}
+
+/// `12` and `name` of `AUV12 name`, `AUV 12 name` or `AUV12`; the prefix in any case.
+fn numbered<'a>(comment: &'a str, prefix: &str) -> Option<(u16, &'a str)> {
+    let (head, rest) = comment.split_at_checked(prefix.len())?;
+    let rest = rest.trim_start();
+    let digits = rest.len() - rest.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+    let (number, name) = rest.split_at(digits);
+    let separated = name.is_empty() || name.starts_with(|c: char| c.is_whitespace() || c == ':');
+    let number = number.parse().ok().filter(|_| separated && head.eq_ignore_ascii_case(prefix))?;
+    Some((number, name.trim_start_matches(':').trim()))
+}
+
+/// The FAPU length that a comment consists of.
+fn length_fapu(comment: &str) -> Option<Fapu> {
+    comment.parse().ok().filter(|fapu| Fapu::LENGTHS.contains(fapu))
+}
+
+/// The lines with data on them, and the comments passed since the last data line or section.
+struct DataLines<'a> {
+    lines: std::slice::Split<'a, u8, fn(&u8) -> bool>,
+    /// Number of the last line taken, from 1.
+    line: usize,
+    /// Comments with a letter or digit in them, without `#` or `//`.
+    comments: Vec<String>,
+}
+
+impl<'a> DataLines<'a> {
+    fn new(bytes: &'a [u8]) -> Self {
+        let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+        let bytes = bytes.strip_suffix(b"\n").unwrap_or(bytes);
+        let is_end: fn(&u8) -> bool = |&b| b == b'\n';
+        Self { lines: bytes.split(is_end), line: 0, comments: Vec::new() }
+    }
+
+    /// The next line with data on it, without white space and comment around it.
+    fn next(&mut self) -> Option<(usize, &'a [u8])> {
+        for text in self.lines.by_ref() {
+            self.line += 1;
+            let (data, comment) = split_comment(text);
+            let comment = String::from_utf8_lossy(comment);
+            let comment = comment.trim_matches(|c: char| c == '#' || c == '/' || c.is_whitespace());
+            if comment.contains(char::is_alphanumeric) {
+                self.comments.push(comment.to_owned());
+            }
+            let data = data.trim_ascii();
+            if !data.is_empty() {
+                return Some((self.line, data));
+            }
+        }
+        None
+    }
+
+    /// The next data line, split into exactly `K` fields.
+    fn fields<const K: usize>(
+        &mut self,
+        section: WfmSection,
+        expected: impl Fn() -> String,
+    ) -> Result<(usize, [&'a [u8]; K]), WfmErrorKind> {
+        let Some((line, data)) = self.next() else {
+            return Err(WfmErrorKind::Ends { line: self.line, section, expected: expected() });
+        };
+        let mut fields: [&[u8]; K] = [&[]; K];
+        let mut found = 0;
+        for field in data.split(u8::is_ascii_whitespace).filter(|field| !field.is_empty()) {
+            if let Some(slot) = fields.get_mut(found) {
+                *slot = field;
+            }
+            found += 1;
+        }
+        if found == K { Ok((line, fields)) } else { Err(bad_line(section, line, data, expected())) }
+    }
+
+    /// The next data line as a count.
+    fn count(&mut self, section: WfmSection, what: &str, most: usize) -> Result<usize, WfmErrorKind> {
+        let expected = || match most {
+            usize::MAX => what.to_owned(),
+            most => format!("{what}, at most {most},"),
+        };
+        let (line, [field]) = self.fields(section, expected)?;
+        let count = text(field).parse().ok().filter(|&count: &usize| count <= most);
+        count.ok_or_else(|| bad_line(section, line, field, expected()))
+    }
+}
+
+/// A line up to its comment, and the comment with its mark.
+fn split_comment(line: &[u8]) -> (&[u8], &[u8]) {
+    let starts = |k: &usize| line[*k] == b'#' || line[*k..].starts_with(b"//");
+    line.split_at((0..line.len()).find(starts).unwrap_or(line.len()))
+}
+
+/// A field as a finite number.
+fn finite(section: WfmSection, line: usize, field: &[u8]) -> Result<f64, WfmErrorKind> {
+    let value = text(field).parse::<f64>().ok().filter(|v| v.is_finite());
+    value.ok_or_else(|| bad_line(section, line, field, "a finite number".to_owned()))
+}
+
+/// A field as the number of one of `count` vertices.
+fn node_id(section: WfmSection, line: usize, field: &[u8], count: usize) -> Result<NodeId, WfmErrorKind> {
+    let node = text(field).parse().ok().filter(|&node: &u16| usize::from(node) < count).map(NodeId);
+    let expected = || match count {
+        0 => "no vertex number (there are no vertices)".to_owned(),
+        count => format!("a vertex number, 0 to {},", count - 1),
+    };
+    node.ok_or_else(|| bad_line(section, line, field, expected()))
+}
+
+/// A field as text; empty, which is no number, when it is not UTF-8.
+fn text(field: &[u8]) -> &str {
+    std::str::from_utf8(field).unwrap_or_default()
+}
+
+fn bad_line(section: WfmSection, line: usize, found: &[u8], expected: String) -> WfmErrorKind {
+    const SHOWN: usize = 60;
+    let mut text: String =
+        String::from_utf8_lossy(found).chars().take(SHOWN).map(|c| if c.is_control() { '?' } else { c }).collect();
+    if found.len() > SHOWN {
+        text.push_str(" ...");
+    }
+    WfmErrorKind::Line { line, section, expected, found: text }
+}
+
+/// A wireframe as the text of a `.wfm` file: nine sections with headings, 6 decimals, LF, ASCII.
+///
+/// What [`read_wfm`] reads back equals the wireframe up to the decimals and names that are not ASCII.
+pub fn write_wfm(wireframe: &Wireframe) -> String {
+    let mut out = String::from("# CANDIDE WIREFRAME\n\n");
+    // Writing to a String does not fail.
+    let _ = write_sections(&mut out, wireframe);
+    out
+}
+
+fn write_sections(out: &mut String, wireframe: &Wireframe) -> fmt::Result {
+    writeln!(out, "# VERTEX LIST:\n{}", wireframe.node_count())?;
+    for v in wireframe.vertices() {
+        writeln!(out, "{} {} {}", decimal(v.x), decimal(v.y), decimal(v.z))?;
+    }
+    writeln!(out, "\n# FACE LIST:\n{}", wireframe.triangles().len())?;
+    for [a, b, c] in wireframe.triangles() {
+        writeln!(out, "{a} {b} {c}")?;
+    }
+    writeln!(out, "\n# ANIMATION UNITS LIST:\n{}\n", wireframe.action_units().len())?;
+    wireframe.action_units().iter().try_for_each(|unit| write_unit(out, unit))?;
+    writeln!(out, "# SHAPE UNITS LIST:\n{}\n", wireframe.shape_units().len())?;
+    wireframe.shape_units().iter().try_for_each(|unit| write_unit(out, unit))?;
+    for heading in ["ANIMATION PARAMETERS:", "SHAPE PARAMETERS:", "TEXTURE:"] {
+        writeln!(out, "# {heading}\n0\n")?;
+    }
+    writeln!(out, "# GLOBAL MOTION:")?;
+    for value in [0.0, 1.0, 0.0].map(decimal) {
+        writeln!(out, "{value} {value} {value}")?;
+    }
+    writeln!(out, "\n# END OF FILE")
+}
+
+fn write_unit(out: &mut String, unit: &MotionUnit) -> fmt::Result {
+    let name = ascii(&unit.name);
+    match unit.kind {
+        UnitKind::Action { number } => writeln!(out, "# AUV{number} {name}")?,
+        UnitKind::Fap { number, .. } if number < 10 => writeln!(out, "# FAP {number} {name}")?,
+        UnitKind::Fap { number, .. } => writeln!(out, "# FAP{number} {name}")?,
+        UnitKind::Shape | UnitKind::Other => writeln!(out, "# {name}")?,
+    }
+    if let UnitKind::Fap { fapu: Some(fapu), .. } = unit.kind {
+        writeln!(out, "# {fapu}")?;
+    }
+    writeln!(out, "{}", unit.offsets.len())?;
+    for (node, d) in &unit.offsets {
+        writeln!(out, "{node} {} {} {}", decimal(d.x), decimal(d.y), decimal(d.z))?;
+    }
+    writeln!(out)
+}
+
+/// Six decimals, without a sign on zero.
+fn decimal(value: f64) -> String {
+    let text = format!("{value:.6}");
+    if text == "-0.000000" { "0.000000".to_owned() } else { text }
+}
+
+/// Printable ASCII; other characters become `?`.
+fn ascii(name: &str) -> String {
+    name.chars().map(|c| if c == ' ' || c.is_ascii_graphic() { c } else { '?' }).collect()
+}
+
+#[cfg(test)]
+#[path = "wfm_tests.rs"]
+mod tests;
