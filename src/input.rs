@@ -146,16 +146,19 @@ impl CsvFile {
     }
 
     /// The file's path.
+    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Column names in order, trimmed. Columns without a name are empty texts.
+    #[must_use]
     pub fn header(&self) -> &[String] {
         &self.header
     }
 
     /// Place of a column, or `None`.
+    #[must_use]
     pub fn column(&self, name: &str) -> Option<usize> {
         self.header.iter().position(|n| n == name)
     }
@@ -201,11 +204,13 @@ impl CsvFile {
 
 impl CsvRow<'_> {
     /// Line in the file, from 1.
+    #[must_use]
     pub fn line(&self) -> usize {
         self.line
     }
 
     /// A field without surrounding white space; empty for a column that is not there.
+    #[must_use]
     pub fn get(&self, column: usize) -> &str {
         self.fields.get(column).map_or("", |f| f.trim())
     }
@@ -228,6 +233,7 @@ impl CsvRow<'_> {
     }
 
     /// An error that names this row's line, the column, and what is there.
+    #[must_use]
     pub fn field_error(&self, column: usize, expected: &'static str) -> InputError {
         let name = self.header.get(column).cloned().unwrap_or_default();
         let kind = InputErrorKind::Field { column: name, found: self.get(column).to_owned(), expected };
@@ -275,6 +281,7 @@ fn split_fields(text: &[u8]) -> Result<Vec<Cow<'_, str>>, InputErrorKind> {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, clippy::unnecessary_wraps)]
 mod tests {
     use proptest::prelude::*;
 

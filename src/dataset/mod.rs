@@ -1,1 +1,108 @@
-//! dataset
+//! What the user brings: sequences with an emotion, their frames, correspondences and landmarks.
+//!
+//! A dataset is a folder with `manifest.csv`, or a folder in the layout of Cohn-Kanade. Opening it reads the manifest or the
+//! emotion labels only; frames, correspondences and landmarks are looked up when a sequence is worked on, so that opening is
+//! fast and a broken sequence costs itself alone. Nothing is decoded here.
+
+mod cohn_kanade;
+mod entry;
+mod error;
+mod frames;
+mod landmarks;
+mod manifest;
+
+use std::path::{Path, PathBuf};
+
+use crate::units::SequenceId;
+
+pub use entry::{CorrespondenceSource, SequenceEntry};
+pub use error::{DatasetError, RowError};
+pub use frames::{FIRST_VIDEO_FRAME, FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, list_frames};
+pub use landmarks::{
+    DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LandmarkSelection, LandmarkTrack, LandmarksError, correspondences_from_landmarks,
+    read_landmarks,
+};
+
+/// Name of the manifest in a dataset's folder.
+pub const MANIFEST_NAME: &str = "manifest.csv";
+
+/// The sequences of a dataset.
+#[derive(Debug)]
+pub struct Dataset {
+    /// Folder that relative paths start from: the manifest's, or the one with the subjects' folders.
+    pub root: PathBuf,
+    /// Sequences that can be worked on, sorted by id.
+    pub sequences: Vec<SequenceEntry>,
+    /// Rows or folders that are no sequence, in the order met.
+    pub failures: Vec<FailedEntry>,
+    /// Sequences left out that are no failures, sorted by id.
+    pub skipped: Vec<SkippedEntry>,
+}
+
+/// A row or folder that does not make a sequence.
+#[derive(Debug)]
+pub struct FailedEntry {
+    /// Subject as far as it could be read, else empty.
+    pub subject: String,
+    /// Sequence as far as it could be read, else empty.
+    pub sequence: String,
+    /// Why.
+    pub error: DatasetError,
+}
+
+/// A sequence left out on purpose.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SkippedEntry {
+    /// The sequence.
+    pub id: SequenceId,
+    /// Why, such as the lack of an emotion label.
+    pub reason: String,
+}
+
+impl Dataset {
+    /// Opens a dataset: a folder with `manifest.csv`, a manifest file, or a folder in the layout of Cohn-Kanade or CK+.
+    ///
+    /// # Errors
+    /// [`DatasetError`] when there is no such dataset or its manifest does not read as a whole. What is wrong with single
+    /// sequences is in [`Dataset::failures`].
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        if path.is_file() {
+            return manifest::open(path);
+        }
+        if !path.is_dir() {
+            return Err(DatasetError::NotFound { path: path.to_owned() });
+        }
+        let manifest = path.join(MANIFEST_NAME);
+        if manifest.exists() {
+            return manifest::open(&manifest);
+        }
+        match cohn_kanade::open(path)? {
+            Some(dataset) => Ok(dataset),
+            None => Err(no_manifest(path)),
+        }
+    }
+}
+
+/// Folders looked into for an example of a sequence.
+const MAX_FOLDERS_LOOKED_INTO: usize = 1000;
+
+/// The error for a folder without a manifest, with a line for one made from what is there.
+fn no_manifest(root: &Path) -> DatasetError {
+    let mut looked_into = 0;
+    for subject in frames::sub_folders(root).unwrap_or_default() {
+        for sequence in frames::sub_folders(&root.join(&subject)).unwrap_or_default() {
+            if frames::has_frames(&root.join(&subject).join(&sequence)) {
+                return DatasetError::NoManifest { root: root.to_owned(), subject, sequence };
+            }
+            looked_into += 1;
+            if looked_into >= MAX_FOLDERS_LOOKED_INTO {
+                return DatasetError::NothingFound { root: root.to_owned() };
+            }
+        }
+    }
+    DatasetError::NothingFound { root: root.to_owned() }
+}
+
+#[cfg(test)]
+#[allow(clippy::format_collect)]
+mod tests;

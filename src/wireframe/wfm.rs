@@ -309,6 +309,7 @@ fn bad_line(section: WfmSection, line: usize, found: &[u8], expected: String) ->
 /// A wireframe as the text of a `.wfm` file: nine sections with headings, 6 decimals, LF, ASCII.
 ///
 /// What [`read_wfm`] reads back equals the wireframe up to the decimals and names that are not ASCII.
+#[must_use]
 pub fn write_wfm(wireframe: &Wireframe) -> String {
     let mut out = String::from("# CANDIDE WIREFRAME\n\n");
     // Writing to a String does not fail.
@@ -370,4 +371,5 @@ fn ascii(name: &str) -> String {
 
 #[cfg(test)]
 #[path = "wfm_tests.rs"]
+#[allow(clippy::float_cmp, clippy::format_collect)]
 mod tests;

@@ -1,0 +1,165 @@
+//! Cohn-Kanade and CK+ as they are distributed: images, emotion labels and landmarks in three folders with the same sub-folders
+//! (P. Lucey et al.: *The extended Cohn-Kanade dataset (CK+)*, CVPR workshops 2010).
+//!
+//! ```text
+//! cohn-kanade-images/S005/001/S005_001_00000001.png
+//! Emotion/S005/001/S005_001_00000011_emotion.txt        a code, such as `   3.0000000e+00`
+//! Landmarks/S005/001/S005_001_00000001_landmarks.txt    68 lines `x y`
+//! ```
+//!
+//! CK+ labels a part of its sequences only; those without a label are skipped, not failed.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    Dataset, DatasetError, FailedEntry, SequenceEntry, SkippedEntry,
+    error::check_file_name,
+    frames::{has_frames, sub_folders, visible},
+    manifest::CORRESPONDENCES_NAME,
+};
+use crate::units::SequenceId;
+
+/// Emotions by their code in CK+.
+const EMOTION_CODES: [&str; 8] = ["neutral", "anger", "contempt", "disgust", "fear", "happiness", "sadness", "surprise"];
+
+/// [`EMOTION_CODES`] for messages.
+pub(super) const CODES_IN_WORDS: &str = "0 neutral, 1 anger, 2 contempt, 3 disgust, 4 fear, 5 happiness, 6 sadness, 7 surprise";
+
+/// Names of the folder of images, where it is not the root itself.
+const IMAGE_FOLDERS: [&str; 3] =
+    ["cohn-kanade-images", "extended-cohn-kanade-images/cohn-kanade-images", "extended-cohn-kanade-images"];
+
+/// Names of the folder of labels, by the folder images are in.
+const EMOTION_FOLDERS: [&str; 3] = ["Emotion", "Emotion_labels/Emotion", "Emotion_labels"];
+
+/// Names of the folder of landmarks.
+const LANDMARK_FOLDERS: [&str; 2] = ["Landmarks/Landmarks", "Landmarks"];
+
+/// Names of the folder of action unit labels, which is not read.
+const FACS_FOLDERS: [&str; 2] = ["FACS", "FACS_labels"];
+
+/// The three folders of the layout.
+struct Folders {
+    images: PathBuf,
+    emotions: PathBuf,
+    landmarks: Option<PathBuf>,
+}
+
+/// Opens a folder in this layout, the one above or that of the images itself; `None` when it is not in this layout.
+///
+/// # Errors
+/// [`DatasetError`] when the images are there and the labels are not, or a folder can not be listed.
+pub(super) fn open(root: &Path) -> Result<Option<Dataset>, DatasetError> {
+    let Some(folders) = find_folders(root)? else { return Ok(None) };
+    let images = &folders.images;
+    let list = |folder: &Path| sub_folders(folder).map_err(|reason| DatasetError::Io { path: folder.to_owned(), reason });
+    let mut dataset = Dataset { root: images.clone(), sequences: Vec::new(), failures: Vec::new(), skipped: Vec::new() };
+    for subject in list(images)? {
+        let folder = images.join(&subject);
+        if folders.has_labels(&folder) {
+            continue;
+        }
+        for sequence in list(&folder)? {
+            let id = SequenceId { subject: subject.clone(), sequence };
+            match entry(&folders, &id) {
+                Ok(Some(entry)) => dataset.sequences.push(entry),
+                Ok(None) => dataset.skipped.push(SkippedEntry { id, reason: "it has no emotion label".to_owned() }),
+                Err(error) => dataset.failures.push(FailedEntry { subject: id.subject, sequence: id.sequence, error }),
+            }
+        }
+    }
+    if dataset.sequences.is_empty() && dataset.failures.is_empty() && dataset.skipped.is_empty() {
+        return Err(DatasetError::NothingFound { root: root.to_owned() });
+    }
+    dataset.sequences.sort_by(|a, b| a.id.cmp(&b.id));
+    dataset.skipped.sort_by(|a, b| a.id.cmp(&b.id));
+    Ok(Some(dataset))
+}
+
+impl Folders {
+    /// Whether a folder beside the subjects holds labels or landmarks.
+    fn has_labels(&self, folder: &Path) -> bool {
+        self.emotions.starts_with(folder)
+            || self.landmarks.as_ref().is_some_and(|landmarks| landmarks.starts_with(folder))
+            || FACS_FOLDERS.iter().any(|name| folder.ends_with(name))
+    }
+}
+
+fn find_folders(root: &Path) -> Result<Option<Folders>, DatasetError> {
+    // Of `.` and other paths without a name the folder above shows only when they are resolved.
+    let resolved = fs::canonicalize(root).unwrap_or_else(|_| root.to_owned());
+    let bases: Vec<&Path> = [Some(root), resolved.parent()].into_iter().flatten().collect();
+    let find = |names: &[&str]| {
+        let mut candidates = bases.iter().flat_map(|base| names.iter().map(move |name| base.join(name)));
+        candidates.find(|path| path.is_dir())
+    };
+    let named = IMAGE_FOLDERS.iter().map(|name| root.join(name)).find(|path| path.is_dir());
+    let is_named = resolved.file_name().is_some_and(|name| IMAGE_FOLDERS.iter().any(|known| name == *known));
+    let named = named.or_else(|| is_named.then(|| root.to_owned()));
+    let Some(emotions) = find(&EMOTION_FOLDERS) else {
+        return named.map_or(Ok(None), |images| Err(DatasetError::NoEmotionFolder { images }));
+    };
+    let images = named.or_else(|| {
+        let below = sub_folders(root).unwrap_or_default().into_iter().map(|name| root.join(name));
+        std::iter::once(root.to_owned()).chain(below).find(|folder| has_images_of(folder, &emotions))
+    });
+    Ok(images.map(|images| Folders { images, emotions, landmarks: find(&LANDMARK_FOLDERS) }))
+}
+
+/// Whether a folder holds images of a subject that has a label.
+fn has_images_of(folder: &Path, emotions: &Path) -> bool {
+    let subjects = sub_folders(folder).unwrap_or_default();
+    let Some(subject) = subjects.iter().find(|subject| emotions.join(subject).is_dir()) else { return false };
+    let folder = folder.join(subject);
+    sub_folders(&folder).unwrap_or_default().iter().any(|sequence| has_frames(&folder.join(sequence)))
+}
+
+/// A sequence with its label; `None` without a label.
+fn entry(folders: &Folders, id: &SequenceId) -> Result<Option<SequenceEntry>, DatasetError> {
+    let inside = Path::new(&id.subject).join(&id.sequence);
+    let frames_path = folders.images.join(&inside);
+    for (column, value) in [("subject", &id.subject), ("sequence", &id.sequence)] {
+        check_file_name(column, value).map_err(|problem| DatasetError::FolderName { path: frames_path.clone(), problem })?;
+    }
+    let Some(emotion) = read_emotion(&folders.emotions.join(&inside))? else { return Ok(None) };
+    Ok(Some(SequenceEntry {
+        id: id.clone(),
+        emotion: emotion.to_owned(),
+        default_correspondences_path: frames_path.join(CORRESPONDENCES_NAME),
+        frames_path,
+        first_frame: None,
+        last_frame: None,
+        correspondences_path: None,
+        landmarks_paths: folders.landmarks.iter().map(|folder| folder.join(&inside)).filter(|path| path.is_dir()).collect(),
+        fps: None,
+        metadata: BTreeMap::new(),
+    }))
+}
+
+/// The label in a sequence's folder of labels; `None` when there is no folder or no file in it.
+fn read_emotion(folder: &Path) -> Result<Option<&'static str>, DatasetError> {
+    const SHOWN: usize = 40;
+    if !folder.is_dir() {
+        return Ok(None);
+    }
+    let entries = visible(folder).map_err(|reason| DatasetError::Io { path: folder.to_owned(), reason })?;
+    let files: Vec<PathBuf> =
+        entries.iter().filter(|e| e.file_name().to_string_lossy().ends_with("_emotion.txt")).map(fs::DirEntry::path).collect();
+    let path = match &files[..] {
+        [] => return Ok(None),
+        [path] => path,
+        _ => return Err(DatasetError::SeveralEmotions { folder: folder.to_owned(), found: files.len() }),
+    };
+    let bytes = fs::read(path).map_err(|reason| DatasetError::Io { path: path.clone(), reason })?;
+    let text = String::from_utf8_lossy(&bytes);
+    // Whole numbers only, though written as `3.0000000e+00`.
+    let code = text.trim().parse::<f64>().ok().filter(|code| code.fract() == 0.0 && *code >= 0.0);
+    match code.and_then(|code| EMOTION_CODES.get(code as usize)) {
+        Some(emotion) => Ok(Some(emotion)),
+        None => Err(DatasetError::EmotionCode { path: path.clone(), found: text.trim().chars().take(SHOWN).collect() }),
+    }
+}

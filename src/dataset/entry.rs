@@ -1,0 +1,135 @@
+//! One sequence of a dataset.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    DatasetError, FrameSource, FramesError, LandmarkSelection, LandmarkTrack, LandmarksError, correspondences_from_landmarks,
+    list_frames, read_landmarks,
+};
+use crate::{
+    fit::{Correspondence, read_correspondences},
+    units::SequenceId,
+    wireframe::Tables,
+};
+
+/// A sequence: who, which recording, which emotion, and where its files are. The files are looked up by the methods.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SequenceEntry {
+    /// Subject and sequence.
+    pub id: SequenceId,
+    /// Emotion label, lower case.
+    pub emotion: String,
+    /// Folder of images, or video file.
+    pub frames_path: PathBuf,
+    /// Number of the neutral frame; the first if `None`.
+    pub first_frame: Option<u32>,
+    /// Number of the apex frame; the last if `None`.
+    pub last_frame: Option<u32>,
+    /// Correspondence file named by the manifest; it must be there.
+    pub correspondences_path: Option<PathBuf>,
+    /// Correspondence file that is used when none is named and this one is there.
+    pub default_correspondences_path: PathBuf,
+    /// Where landmarks are looked for, in this order; empty without landmarks.
+    pub landmarks_paths: Vec<PathBuf>,
+    /// Frames per second, positive.
+    pub fps: Option<f64>,
+    /// Further columns of the manifest by name.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// Where the correspondences of a sequence come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CorrespondenceSource {
+    /// A file `node,x,y`.
+    File(PathBuf),
+    /// Landmarks of the neutral frame.
+    Landmarks(PathBuf),
+    /// Nowhere yet.
+    None,
+}
+
+impl SequenceEntry {
+    /// Lists the frames, cut to the neutral and the apex frame.
+    ///
+    /// # Errors
+    /// As [`list_frames`].
+    pub fn frames(&self) -> Result<FrameSource, FramesError> {
+        list_frames(&self.frames_path, self.first_frame, self.last_frame)
+    }
+
+    /// Where correspondences come from: the file named, else the file in the default place, else landmarks.
+    ///
+    /// # Errors
+    /// [`DatasetError::CorrespondencesMissing`] or [`LandmarksError::NotFound`] for a file that is named and not there.
+    pub fn correspondence_source(&self) -> Result<CorrespondenceSource, DatasetError> {
+        if let Some(path) = &self.correspondences_path {
+            if !path.is_file() {
+                return Err(DatasetError::CorrespondencesMissing { id: self.id.clone(), path: path.clone() });
+            }
+            return Ok(CorrespondenceSource::File(path.clone()));
+        }
+        if self.default_correspondences_path.is_file() {
+            return Ok(CorrespondenceSource::File(self.default_correspondences_path.clone()));
+        }
+        Ok(self.landmarks_path()?.map_or(CorrespondenceSource::None, |path| CorrespondenceSource::Landmarks(path.to_owned())))
+    }
+
+    /// Reads the correspondences of the neutral frame, whose number is [`FrameSource::neutral_number`].
+    ///
+    /// # Errors
+    /// [`DatasetError`] when there are none, or the file or the landmarks do not read. Whether they determine a fit is for
+    /// [`crate::fit::validate_correspondences`].
+    pub fn correspondences(
+        &self,
+        neutral_number: u32,
+        tables: &Tables,
+        node_count: usize,
+        selection: &LandmarkSelection,
+    ) -> Result<Vec<Correspondence>, DatasetError> {
+        match self.correspondence_source()? {
+            CorrespondenceSource::File(path) => Ok(read_correspondences(&path, tables, node_count)?),
+            CorrespondenceSource::Landmarks(path) => {
+                let track = read_landmarks(&path)?;
+                Ok(correspondences_from_landmarks(track.frame(neutral_number)?, tables, selection)?)
+            }
+            CorrespondenceSource::None => {
+                let default = self.default_correspondences_path.clone();
+                Err(DatasetError::NoCorrespondences { id: self.id.clone(), default })
+            }
+        }
+    }
+
+    /// File or folder of the landmarks; `None` for a sequence without.
+    ///
+    /// # Errors
+    /// [`LandmarksError::NotFound`] when the manifest names a file that is not there.
+    pub fn landmarks_path(&self) -> Result<Option<&Path>, LandmarksError> {
+        match self.landmarks_paths.iter().find(|path| path.exists()) {
+            Some(path) => Ok(Some(path)),
+            None if self.landmarks_paths.is_empty() => Ok(None),
+            None => Err(LandmarksError::NotFound { paths: self.landmarks_paths.clone() }),
+        }
+    }
+
+    /// Reads the landmarks; `None` for a sequence without.
+    ///
+    /// # Errors
+    /// As [`SequenceEntry::landmarks_path`] and [`read_landmarks`].
+    pub fn landmarks(&self) -> Result<Option<LandmarkTrack>, LandmarksError> {
+        self.landmarks_path()?.map(read_landmarks).transpose()
+    }
+
+    /// Value of a manifest column to group by: `subject`, `sequence`, `emotion` or metadata; `None` for any other.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<&str> {
+        match name {
+            "subject" => Some(&self.id.subject),
+            "sequence" => Some(&self.id.sequence),
+            "emotion" => Some(&self.emotion),
+            _ => self.metadata.get(name).map(String::as_str),
+        }
+    }
+}

@@ -1,0 +1,331 @@
+//! Frames of a sequence: a folder of images in the order of their numbers, or a video file.
+
+use std::{
+    ffi::OsStr,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+/// Extensions of image files, in any case.
+pub const IMAGE_EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "webp"];
+
+/// Extensions of video files, in any case.
+pub const VIDEO_EXTENSIONS: [&str; 8] = ["mp4", "avi", "mpg", "mpeg", "mov", "mkv", "webm", "m4v"];
+
+/// Number of the first frame of a video file, as programs that cut videos into images count.
+pub const FIRST_VIDEO_FRAME: u32 = 1;
+
+/// Fewest frames in which something moves.
+const MINIMUM_FRAMES: usize = 2;
+
+/// An image file and its frame number.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameFile {
+    /// The last number in the file's name.
+    pub number: u32,
+    /// The file.
+    pub path: PathBuf,
+}
+
+/// Where the frames of a sequence come from, neutral first, apex last.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FrameSource {
+    /// Image files by ascending number, two at least. Numbers may have gaps.
+    Images(Vec<FrameFile>),
+    /// A video file; whether it has the frames shows when it is decoded.
+    Video {
+        /// The file.
+        path: PathBuf,
+        /// Number of the neutral frame, counted from [`FIRST_VIDEO_FRAME`]; the first of the file if `None`.
+        first: Option<u32>,
+        /// Number of the apex frame; the last of the file if `None`.
+        last: Option<u32>,
+    },
+}
+
+impl FrameSource {
+    /// Number of the neutral frame.
+    #[must_use]
+    pub fn neutral_number(&self) -> u32 {
+        match self {
+            Self::Images(frames) => frames.first().map_or(FIRST_VIDEO_FRAME, |frame| frame.number),
+            Self::Video { first, .. } => first.unwrap_or(FIRST_VIDEO_FRAME),
+        }
+    }
+}
+
+/// Why the frames of a sequence can not be listed.
+#[derive(Debug, thiserror::Error)]
+pub enum FramesError {
+    /// The folder can not be listed.
+    #[error("{}: cannot be read: {reason}", path.display())]
+    Io {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        reason: io::Error,
+    },
+    /// No such folder or file.
+    #[error("{}: there is no such folder of frames or video file", path.display())]
+    NotFound {
+        /// The path.
+        path: PathBuf,
+    },
+    /// A file that is no video.
+    #[error(
+        "{}: is neither a folder of images nor a video file (extensions of videos: {})",
+        path.display(), VIDEO_EXTENSIONS.join(" ")
+    )]
+    NotAVideo {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A folder without images.
+    #[error("{}: no images in the folder (extensions of images: {})", folder.display(), IMAGE_EXTENSIONS.join(" "))]
+    NoImages {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// An image that has no number.
+    #[error("{}: the file name has no frame number such as in S005_001_00000001.png; rename the file or move it away", path.display())]
+    NoNumber {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A frame number past 4294967295.
+    #[error("{}: `{digits}` is too large for a frame number", path.display())]
+    NumberTooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The number found.
+        digits: String,
+    },
+    /// Two images with one number.
+    #[error("{}: frame {number} is there twice, as {first} and {second}; keep one of the two", folder.display())]
+    DuplicateNumber {
+        /// The folder.
+        folder: PathBuf,
+        /// The number.
+        number: u32,
+        /// One file name.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// A first or last frame that is not there.
+    #[error("{}: {column} is {number}, but the folder has {found} frames from {first} to {last} and not this one", folder.display())]
+    NoSuchFrame {
+        /// The folder.
+        folder: PathBuf,
+        /// `first_frame` or `last_frame`.
+        column: &'static str,
+        /// The number asked for.
+        number: u32,
+        /// Frames there are.
+        found: usize,
+        /// Smallest number there is.
+        first: u32,
+        /// Largest number there is.
+        last: u32,
+    },
+    /// Fewer than two frames from first to last.
+    #[error("{}: {found} frame from neutral to apex; at least {MINIMUM_FRAMES} are needed", folder.display())]
+    TooFew {
+        /// The folder.
+        folder: PathBuf,
+        /// Frames from `first_frame` to `last_frame`.
+        found: usize,
+    },
+}
+
+/// Lists the frames of a folder, or recognizes a video file; `first` and `last` are the numbers of the neutral and the apex
+/// frame, both included.
+///
+/// Hidden files and files that are no images are passed over. The number of an image is the last run of digits in its name
+/// before the extension; images are in the order of their numbers.
+///
+/// # Errors
+/// [`FramesError`] when there is no such folder or video, no image, an image without a number, a number that is there twice,
+/// a `first` or `last` that is not there, or fewer than two frames.
+pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
+    if path.is_dir() {
+        return Ok(FrameSource::Images(cut(path, numbered_images(path)?, first, last)?));
+    }
+    if !path.exists() {
+        return Err(FramesError::NotFound { path: path.to_owned() });
+    }
+    if !is_video(path) {
+        return Err(FramesError::NotAVideo { path: path.to_owned() });
+    }
+    Ok(FrameSource::Video { path: path.to_owned(), first, last })
+}
+
+/// Whether a path has the extension of a video file.
+pub(super) fn is_video(path: &Path) -> bool {
+    has_extension(path, &VIDEO_EXTENSIONS)
+}
+
+/// Whether a folder has an image in it.
+pub(super) fn has_frames(folder: &Path) -> bool {
+    visible(folder).is_ok_and(|entries| entries.iter().any(|e| has_extension(Path::new(&e.file_name()), &IMAGE_EXTENSIONS)))
+}
+
+/// Names of the folders in a folder, hidden ones left out, sorted.
+pub(super) fn sub_folders(folder: &Path) -> io::Result<Vec<String>> {
+    let entries = visible(folder)?;
+    let folders = entries.iter().filter(|e| e.path().is_dir());
+    Ok(folders.map(|e| e.file_name().to_string_lossy().into_owned()).collect())
+}
+
+/// Entries of a folder by name, hidden ones left out.
+pub(super) fn visible(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
+    let mut entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
+    entries.retain(|e| !e.file_name().as_encoded_bytes().starts_with(b"."));
+    entries.sort_by_key(fs::DirEntry::file_name);
+    Ok(entries)
+}
+
+fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    let extension = path.extension().and_then(OsStr::to_str);
+    extension.is_some_and(|found| extensions.iter().any(|e| e.eq_ignore_ascii_case(found)))
+}
+
+/// The last run of digits in the stem of a file name.
+pub(super) fn last_digits(path: &Path) -> Option<String> {
+    let stem = path.file_stem()?.to_string_lossy();
+    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start =
+        stem[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |k| k + stem[k..].chars().next().map_or(1, char::len_utf8));
+    Some(stem[start..end].to_owned())
+}
+
+/// Images of a folder by number.
+fn numbered_images(folder: &Path) -> Result<Vec<FrameFile>, FramesError> {
+    let io = |reason| FramesError::Io { path: folder.to_owned(), reason };
+    let mut frames = Vec::new();
+    for entry in visible(folder).map_err(io)? {
+        let path = entry.path();
+        if !has_extension(&path, &IMAGE_EXTENSIONS) || entry.file_type().map_err(io)?.is_dir() {
+            continue;
+        }
+        let digits = last_digits(&path).ok_or_else(|| FramesError::NoNumber { path: path.clone() })?;
+        let number = digits.parse().map_err(|_| FramesError::NumberTooLarge { path: path.clone(), digits })?;
+        frames.push(FrameFile { number, path });
+    }
+    // Stable: two files with one number stay in the order of their names.
+    frames.sort_by_key(|frame| frame.number);
+    let name = |frame: &FrameFile| frame.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    match frames.windows(2).find(|pair| pair[0].number == pair[1].number) {
+        Some(pair) => Err(FramesError::DuplicateNumber {
+            folder: folder.to_owned(),
+            number: pair[0].number,
+            first: name(&pair[0]),
+            second: name(&pair[1]),
+        }),
+        None => Ok(frames),
+    }
+}
+
+/// The frames from `first` to `last`.
+fn cut(folder: &Path, mut frames: Vec<FrameFile>, first: Option<u32>, last: Option<u32>) -> Result<Vec<FrameFile>, FramesError> {
+    let folder = || folder.to_owned();
+    let (Some(smallest), Some(largest)) = (frames.first().map(|f| f.number), frames.last().map(|f| f.number)) else {
+        return Err(FramesError::NoImages { folder: folder() });
+    };
+    for (column, number) in [("first_frame", first), ("last_frame", last)] {
+        if let Some(number) = number.filter(|n| frames.binary_search_by_key(n, |f| f.number).is_err()) {
+            let found = frames.len();
+            return Err(FramesError::NoSuchFrame { folder: folder(), column, number, found, first: smallest, last: largest });
+        }
+    }
+    frames.retain(|f| first.is_none_or(|n| f.number >= n) && last.is_none_or(|n| f.number <= n));
+    if frames.len() < MINIMUM_FRAMES {
+        return Err(FramesError::TooFew { folder: folder(), found: frames.len() });
+    }
+    Ok(frames)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn folder(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            fs::write(folder.path().join(name), b"").unwrap();
+        }
+        folder
+    }
+
+    fn numbers(folder: &tempfile::TempDir, first: Option<u32>, last: Option<u32>) -> Result<Vec<u32>, String> {
+        match list_frames(folder.path(), first, last).map_err(|e| e.to_string())? {
+            FrameSource::Images(frames) => Ok(frames.iter().map(|f| f.number).collect()),
+            FrameSource::Video { .. } => Err("video".to_owned()),
+        }
+    }
+
+    #[test]
+    fn images_are_in_the_order_of_their_numbers() {
+        let names = ["a10.png", "a9.PNG", "a2.Jpeg", ".a1.png", "._a3.png", "landmarks68.csv", "note4.txt", "a0011.webp"];
+        let folder = folder(&names);
+        fs::create_dir(folder.path().join("old7.png")).unwrap();
+        assert_eq!(numbers(&folder, None, None), Ok(vec![2, 9, 10, 11]));
+        assert_eq!(numbers(&folder, Some(9), Some(10)), Ok(vec![9, 10]));
+        assert_eq!(list_frames(folder.path(), Some(9), None).unwrap().neutral_number(), 9);
+    }
+
+    #[test]
+    fn the_number_is_the_last_run_of_digits_before_the_extension() {
+        let digits = |name: &str| last_digits(Path::new(name));
+        assert_eq!(digits("S005_001_00000012.png").as_deref(), Some("00000012"));
+        assert_eq!(digits("S005_001_00000012_landmarks.txt").as_deref(), Some("00000012"));
+        assert_eq!(digits("12é7ü.v2.png").as_deref(), Some("2"));
+        assert_eq!(digits("é7.mp4").as_deref(), Some("7"));
+        assert_eq!(digits("face.mp4"), None);
+    }
+
+    #[test]
+    fn ranges_that_are_not_there_show_what_is() {
+        let folder = folder(&["f1.png", "f2.png", "f5.png"]);
+        let error = numbers(&folder, Some(3), None).unwrap_err();
+        assert!(error.ends_with("first_frame is 3, but the folder has 3 frames from 1 to 5 and not this one"), "{error}");
+        assert!(numbers(&folder, None, Some(99)).unwrap_err().contains("last_frame is 99"));
+        assert!(numbers(&folder, Some(5), None).unwrap_err().ends_with("1 frame from neutral to apex; at least 2 are needed"));
+        assert!(numbers(&folder, Some(5), Some(1)).unwrap_err().contains("0 frame"));
+    }
+
+    #[test]
+    fn folders_that_are_no_sequence_are_refused() {
+        assert!(numbers(&folder(&["a.txt"]), None, None).unwrap_err().contains("no images in the folder"));
+        assert!(numbers(&folder(&["f1.png"]), None, None).unwrap_err().contains("1 frame from"));
+        assert!(
+            numbers(&folder(&["f1.png", "neutral.png"]), None, None).unwrap_err().contains("neutral.png: the file name has no")
+        );
+        let twice = numbers(&folder(&["f1.png", "f01.jpg", "f2.png"]), None, None).unwrap_err();
+        assert!(twice.contains("frame 1 is there twice, as f01.jpg and f1.png"), "{twice}");
+        assert!(numbers(&folder(&["f99999999999.png"]), None, None).unwrap_err().contains("`99999999999` is too large"));
+    }
+
+    #[test]
+    fn a_video_is_recognized_by_its_extension() {
+        let folder = folder(&["a.MP4", "b.txt"]);
+        let path = folder.path().join("a.MP4");
+        let source = list_frames(&path, Some(3), None).unwrap();
+        assert_eq!(source, FrameSource::Video { path, first: Some(3), last: None });
+        assert_eq!(source.neutral_number(), 3);
+        let error = |name: &str| list_frames(&folder.path().join(name), None, None).unwrap_err().to_string();
+        assert!(error("b.txt").contains("neither a folder of images nor a video file"));
+        assert!(error("none").contains("there is no such folder"));
+    }
+
+    proptest! {
+        #[test]
+        fn any_name_has_digits_or_none(name in "\\PC{0,20}") {
+            if let Some(digits) = last_digits(Path::new(&name)) {
+                prop_assert!(!digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()));
+            }
+        }
+    }
+}

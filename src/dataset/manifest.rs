@@ -1,0 +1,150 @@
+//! `manifest.csv`: one row per sequence.
+//!
+//! Required columns: `subject,sequence,emotion`. Optional: `frames` (folder of images or video, relative to the manifest, by
+//! default `SUBJECT/SEQUENCE`), `first_frame` and `last_frame` (numbers as in the file names), `correspondences` (relative path,
+//! by default `SUBJECT/SEQUENCE/correspondences.csv` where that is there), `landmarks` (name in the frames' folder, or else
+//! relative to the manifest), `fps`. All other columns are metadata. Empty fields count as not given.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use super::{Dataset, DatasetError, FailedEntry, RowError, SequenceEntry, error::check_file_name, frames::is_video};
+use crate::{
+    input::{CsvFile, CsvRow},
+    units::SequenceId,
+};
+
+/// Name of a correspondence file in the default place.
+pub(super) const CORRESPONDENCES_NAME: &str = "correspondences.csv";
+
+/// Places of the columns.
+struct Columns {
+    subject: usize,
+    sequence: usize,
+    emotion: usize,
+    frames: Option<usize>,
+    first_frame: Option<usize>,
+    last_frame: Option<usize>,
+    correspondences: Option<usize>,
+    landmarks: Option<usize>,
+    fps: Option<usize>,
+    metadata: Vec<(usize, String)>,
+}
+
+/// Opens a manifest.
+///
+/// # Errors
+/// [`DatasetError`] when the file does not read, lacks a required column, or has no row. Bad rows are failures of the dataset.
+pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
+    let csv = CsvFile::open(path)?;
+    let columns = columns(&csv)?;
+    let root = path.parent().map_or_else(PathBuf::new, Path::to_owned);
+    // Line of each file stem `SUBJECT_SEQUENCE` with its id; two ids may share a stem (`a_b`, `c` and `a`, `b_c`).
+    let mut seen: BTreeMap<String, (usize, SequenceId)> = BTreeMap::new();
+    let mut sequences = Vec::new();
+    let mut failures = Vec::new();
+    for row in csv.rows() {
+        let row = match row {
+            Ok(row) => row,
+            Err(error) => {
+                failures.push(FailedEntry { subject: String::new(), sequence: String::new(), error: error.into() });
+                continue;
+            }
+        };
+        match entry(&root, &columns, &row, &mut seen) {
+            Ok(entry) => sequences.push(entry),
+            Err(fault) => failures.push(FailedEntry {
+                subject: row.get(columns.subject).to_owned(),
+                sequence: row.get(columns.sequence).to_owned(),
+                error: match fault {
+                    Fault::Row(problem) => DatasetError::Row { path: path.to_owned(), line: row.line(), problem },
+                    Fault::Field(error) => error,
+                },
+            }),
+        }
+    }
+    if sequences.is_empty() && failures.is_empty() {
+        return Err(DatasetError::EmptyManifest { path: path.to_owned() });
+    }
+    sequences.sort_by(|a, b| a.id.cmp(&b.id));
+    Ok(Dataset { root, sequences, failures, skipped: Vec::new() })
+}
+
+fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
+    let [subject, sequence, emotion] = csv.require(["subject", "sequence", "emotion"])?;
+    let [frames, first_frame, last_frame, correspondences, landmarks, fps] =
+        ["frames", "first_frame", "last_frame", "correspondences", "landmarks", "fps"].map(|name| csv.column(name));
+    let named = [subject, sequence, emotion].map(Some).into_iter();
+    let known: Vec<usize> = named.chain([frames, first_frame, last_frame, correspondences, landmarks, fps]).flatten().collect();
+    let others = csv.header().iter().enumerate().filter(|(k, name)| !known.contains(k) && !name.is_empty());
+    let metadata = others.map(|(k, name)| (k, name.clone())).collect();
+    Ok(Columns { subject, sequence, emotion, frames, first_frame, last_frame, correspondences, landmarks, fps, metadata })
+}
+
+/// What is wrong with a row: its content as a whole, or one field.
+enum Fault {
+    Row(RowError),
+    Field(DatasetError),
+}
+
+impl From<RowError> for Fault {
+    fn from(error: RowError) -> Self {
+        Self::Row(error)
+    }
+}
+
+impl From<crate::input::InputError> for Fault {
+    fn from(error: crate::input::InputError) -> Self {
+        Self::Field(error.into())
+    }
+}
+
+fn entry(
+    root: &Path,
+    columns: &Columns,
+    row: &CsvRow<'_>,
+    seen: &mut BTreeMap<String, (usize, SequenceId)>,
+) -> Result<SequenceEntry, Fault> {
+    let given = |column: Option<usize>| column.filter(|&k| !row.get(k).is_empty());
+    let id = SequenceId { subject: row.get(columns.subject).to_owned(), sequence: row.get(columns.sequence).to_owned() };
+    check_file_name("subject", &id.subject)?;
+    check_file_name("sequence", &id.sequence)?;
+    if let Some((first_line, first)) = seen.get(&id.to_string()) {
+        let first_line = *first_line;
+        let is_same = *first == id;
+        let problem = if is_same { RowError::Duplicate { id, first_line } } else { RowError::SameFileName { id, first_line } };
+        return Err(problem.into());
+    }
+    seen.insert(id.to_string(), (row.line(), id.clone()));
+    let emotion = row.get(columns.emotion).to_lowercase();
+    check_file_name("emotion", &emotion)?;
+    let number = |column| given(column).map(|k| row.whole_number(k)).transpose();
+    let (first_frame, last_frame) = (number(columns.first_frame)?, number(columns.last_frame)?);
+    if let Some((first, last)) = first_frame.zip(last_frame).filter(|(first, last)| first >= last) {
+        return Err(RowError::FrameRange { first, last }.into());
+    }
+    let fps = match given(columns.fps) {
+        Some(k) => Some(row.number(k).ok().filter(|&fps| fps > 0.0).ok_or_else(|| row.field_error(k, "a positive number"))?),
+        None => None,
+    };
+    let folder = root.join(&id.subject).join(&id.sequence);
+    let frames_path = given(columns.frames).map_or_else(|| folder.clone(), |k| root.join(row.get(k)));
+    let landmarks_paths = given(columns.landmarks).map_or_else(Vec::new, |k| {
+        let beside = if is_video(&frames_path) { frames_path.parent().unwrap_or(root) } else { &frames_path };
+        vec![beside.join(row.get(k)), root.join(row.get(k))]
+    });
+    Ok(SequenceEntry {
+        id,
+        emotion,
+        frames_path,
+        first_frame,
+        last_frame,
+        correspondences_path: given(columns.correspondences).map(|k| root.join(row.get(k))),
+        default_correspondences_path: folder.join(CORRESPONDENCES_NAME),
+        landmarks_paths,
+        fps,
+        metadata: columns.metadata.iter().map(|(k, name)| (name.clone(), row.get(*k).to_owned())).collect(),
+    })
+}
