@@ -29,6 +29,7 @@ pub mod model;
 pub mod normalize;
 pub mod output;
 pub mod overlay;
+pub mod pipeline;
 pub mod report;
 pub mod sequence;
 pub mod simulate;

@@ -9,7 +9,7 @@ use grimace::{
     overlay::{draw_overlay, png_bytes},
     pipeline::PipelineOptions,
     sequence::read_frame,
-    track::{NodeState, eye_distance_px, neutral_nodes},
+    track::{eye_distance_px, neutral_nodes},
 };
 use serde::Serialize;
 
@@ -50,7 +50,7 @@ struct Row {
     node: usize,
     x: String,
     y: String,
-    state: NodeState,
+    state: &'static str,
     residual: String,
 }
 
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         node,
         x: nine_digits(n.position.x),
         y: nine_digits(n.position.y),
-        state: n.state,
+        state: n.state.name(),
         residual: n.residual.map(nine_digits).unwrap_or_default(),
     });
     output::write_csv(&args.output, rows)?;

@@ -5,7 +5,7 @@ use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, sync::atomic::Orde
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use grimace::{
-    dataset::LandmarkMarks,
+    dataset::LandmarkSelection,
     fit::{FitOptions, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
     pipeline::{FapOptions, PipelineOptions, Workbench},
@@ -36,7 +36,7 @@ fn alpha(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
 }
 
-fn landmark_marks(text: &str) -> Result<LandmarkMarks, String> {
+fn landmark_marks(text: &str) -> Result<LandmarkSelection, String> {
     text.parse()
 }
 
@@ -132,10 +132,10 @@ impl AnalysisArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Marks")]
 pub struct MarksArgs {
-    /// Landmarks used as marks where a sequence has no correspondences: `seven` (eye corners, mouth corners, chin), `high`, `all`, or
+    /// Landmarks used as marks where a sequence has no correspondences: `default` (eye corners, mouth corners, chin), `high`, `all`, or
     /// a list of nodes such as 20,23,53,56,31,64,10
-    #[arg(long, default_value = "seven", value_parser = landmark_marks, value_name = "WHICH")]
-    pub marks: LandmarkMarks,
+    #[arg(long, default_value = "default", value_parser = landmark_marks, value_name = "WHICH")]
+    pub marks: LandmarkSelection,
 }
 
 /// The machine and the wireframe.

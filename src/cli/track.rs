@@ -3,12 +3,11 @@
 use std::path::PathBuf;
 
 use grimace::{
-    dataset::frame_source,
+    dataset::{FrameSource, list_frames},
     fit::read_correspondences,
     output,
     overlay::png_bytes,
     pipeline::{PipelineOptions, SequenceFailure, SequenceSource, Stage, id_of, overlay_pictures, track_one},
-    sequence::FrameSource,
     track::write_track,
 };
 
@@ -67,7 +66,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         id: id_of(&args.output),
         emotion: args.emotion.trim().to_lowercase(),
         metadata: Default::default(),
-        frames: frame_source(&args.sequence, args.first_frame, args.last_frame)?,
+        frames: list_frames(&args.sequence, args.first_frame, args.last_frame)?,
         marks: read_correspondences(&args.correspondences, &bench.tables, bench.wireframe.node_count())?,
         marks_from: "command line".to_owned(),
         fps: args.fps,

@@ -52,6 +52,15 @@ impl FrameSource {
             Self::Video { first, .. } => first.unwrap_or(FIRST_VIDEO_FRAME),
         }
     }
+
+    /// The files that the frames come from, in order.
+    #[must_use]
+    pub fn files(&self) -> Vec<&Path> {
+        match self {
+            Self::Images(files) => files.iter().map(|f| f.path.as_path()).collect(),
+            Self::Video { path, .. } => vec![path],
+        }
+    }
 }
 
 /// Why the frames of a sequence can not be listed.

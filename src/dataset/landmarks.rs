@@ -6,9 +6,11 @@ use std::{
     collections::BTreeMap,
     fs, io,
     path::{Path, PathBuf},
+    str::FromStr,
 };
 
 use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
 
 use super::frames::{last_digits, visible};
 use crate::{
@@ -210,7 +212,8 @@ fn read_text_file(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksError> {
 }
 
 /// Which landmarks become correspondences. Interpolated ones (confidence low, or between two nodes) never do.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum LandmarkSelection {
     /// Those of [`DEFAULT_LANDMARK_NODES`].
     #[default]
@@ -221,6 +224,26 @@ pub enum LandmarkSelection {
     High,
     /// These and all on the same contour.
     HighAndMedium,
+}
+
+impl FromStr for LandmarkSelection {
+    type Err = String;
+
+    /// `default`, `high`, `all` (high and medium), or node numbers separated by commas.
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "default" => Ok(Self::Default),
+            "high" => Ok(Self::High),
+            "all" => Ok(Self::HighAndMedium),
+            list => {
+                let node = |word: &str| word.trim().parse().map(NodeId);
+                let nodes: Result<Vec<NodeId>, _> = list.split(',').map(node).collect();
+                nodes
+                    .map(Self::Nodes)
+                    .map_err(|_| format!("`{text}` is neither default, high, all nor a list of nodes such as 20,23,53"))
+            }
+        }
+    }
 }
 
 /// Correspondences from the landmarks of one frame, through [`Tables::landmarks`]; `points` in the order of the scheme.

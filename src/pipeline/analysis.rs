@@ -6,21 +6,18 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Failure, MADE_BY, SCHEMA_VERSION, Stage, Workbench, files::file_blake3};
+use super::{Failure, MADE_BY, SCHEMA_VERSION, Workbench, files::file_blake3};
 use crate::{
     fap::{self, Clamped, ConvertError, FapCatalog, FapSequence, FapWriteError},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
-    normalize::NormalizeError,
     output::{self, OutputError, nine_digits, write_atomic},
-    report::{ReportData, TrackQuality, render_html},
-    statistics::{
-        self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models,
-    },
-    units::{FaceUnit, NodeId, SequenceId},
+    report::{self, ReportData, TrackQuality, render_html},
+    statistics::{self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models},
+    track::TrackSummary,
+    units::{FaceUnit, SequenceId},
     wireframe::FapusError,
 };
 
@@ -35,6 +32,22 @@ pub struct AnalyzedModel {
     pub metadata: BTreeMap<String, String>,
     /// How well it was tracked, where known.
     pub quality: Option<TrackQuality>,
+}
+
+impl AnalyzedModel {
+    /// The row of the report's table of tracks.
+    pub(super) fn quality(id: &SequenceId, emotion: &str, summary: TrackSummary) -> TrackQuality {
+        TrackQuality {
+            id: id.clone(),
+            emotion: emotion.to_owned(),
+            frames: summary.frames,
+            tracked_share: summary.tracked_share,
+            mean_residual_px: summary.mean_residual_px,
+            eye_distance_px: summary.eye_distance_px,
+            recovered: summary.recovered,
+            worst_nodes: summary.worst_nodes,
+        }
+    }
 }
 
 /// Why no statistics came out.
@@ -292,9 +305,7 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
         sequences: r.sequences.iter().map(SequenceId::to_string).collect(),
         alpha: bench.options.statistics.alpha,
         median: bench.options.statistics.median,
-        trimmed: dropped
-            .map(|row| Trimmed { frame: row.field, sequence: row.id.to_string(), distance: row.distance })
-            .collect(),
+        trimmed: dropped.map(|row| Trimmed { frame: row.field, sequence: row.id.to_string(), distance: row.distance }).collect(),
         sums: r.sums,
         dispersion: r.dispersion,
         dispersion_untrimmed: r.dispersion_untrimmed,
@@ -393,12 +404,22 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         let value = |fap| frame.and_then(|f| f.value(fap)).map(|v| (fap.get(), catalog.row(fap).name.clone(), v.round() as i32));
         class.fap.set_faps().into_iter().filter_map(value).collect::<Vec<_>>()
     };
+    let failures: Vec<_> = analysis
+        .failures
+        .iter()
+        .map(|f| report::Failure {
+            subject: f.subject.clone(),
+            sequence: f.sequence.clone(),
+            stage: f.stage.to_string(),
+            reason: f.reason.clone(),
+        })
+        .collect();
     let html = render_html(&ReportData {
         title: title.to_owned(),
         options: option_rows(bench),
         representatives: &representatives,
         tracks: &analysis.tracks,
-        failures: &analysis.failures,
+        failures: &failures,
         wireframe: &bench.wireframe,
         tables: &bench.tables,
         fapus: bench.normalizer()?.canonical().fapus,

@@ -11,7 +11,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    dataset::LandmarkMarks,
+    dataset::LandmarkSelection,
     fit::{FitOptions, Fitter},
     normalize::{NormalizeOptions, Normalizer},
     statistics::StatisticsOptions,
@@ -47,7 +47,7 @@ pub struct PipelineOptions {
     /// Manifest columns to group by, besides the emotion; empty for none.
     pub by: Vec<String>,
     /// Which landmarks serve as correspondences where a sequence has no marks of its own.
-    pub marks: LandmarkMarks,
+    pub marks: LandmarkSelection,
 }
 
 /// Options of the FAP files.

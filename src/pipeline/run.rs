@@ -15,16 +15,16 @@ use rayon::prelude::*;
 
 use super::{
     Analysis, AnalyzedModel, Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceFailure, SequenceRecord, SequenceSource, Stage,
-    Workbench, analysis::AnalysisError,
+    Workbench,
+    analysis::AnalysisError,
     files::{file_blake3, run_units},
     sequence::{normalized, overlay_path, track_or_reuse},
 };
 use crate::{
-    dataset::{Dataset, SequenceEntry},
+    dataset::{CorrespondenceSource, Dataset, SequenceEntry},
     output::{self, OutputError},
     overlay::png_bytes,
     pipeline::{analyze, overlay_pictures, write_analysis, write_model},
-    report::TrackQuality,
     statistics::SequenceModel,
     units::SequenceId,
 };
@@ -175,7 +175,7 @@ pub fn run(
         })
         .collect();
     planned.extend(opened.failures.iter().map(|failure| Planned {
-        id: failure.id.clone(),
+        id: SequenceId { subject: failure.subject.clone(), sequence: failure.sequence.clone() },
         emotion: String::new(),
         entry: None,
         source: Err(SequenceFailure { stage: Stage::Dataset, reason: failure.error.to_string(), fatal: false }),
@@ -220,7 +220,9 @@ pub fn run(
         let failure = match result {
             Ok(done) => {
                 *(if done.reused { &mut reused } else { &mut tracked }) += 1;
-                for file in [format!("tracks/{}.csv", item.id), format!("tracks/{}.json", item.id), format!("models/{}.csv", item.id)] {
+                for file in
+                    [format!("tracks/{}.csv", item.id), format!("tracks/{}.json", item.id), format!("models/{}.csv", item.id)]
+                {
                     if let Some(hash) = file_blake3(&out.join(&file)) {
                         outputs.insert(file, hash);
                     }
@@ -270,17 +272,22 @@ const RUN_JSON: &str = "run.json";
 
 /// Source and inputs' hash of a sequence.
 fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(SequenceSource, String), SequenceFailure> {
-    let frames = entry.frame_source().map_err(SequenceFailure::at(Stage::Dataset))?;
+    let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
+    let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
+        CorrespondenceSource::Landmarks(_) => "landmarks",
+        CorrespondenceSource::File(_) | CorrespondenceSource::None => "file",
+    };
     let count = bench.wireframe.node_count();
-    let (marks, marks_from) =
-        entry.marks(&frames, &bench.tables, count, &bench.options.marks).map_err(SequenceFailure::at(Stage::Dataset))?;
+    let marks = entry
+        .correspondences(frames.neutral_number(), &bench.tables, count, &bench.options.marks)
+        .map_err(SequenceFailure::at(Stage::Dataset))?;
     let source = SequenceSource {
         id: entry.id.clone(),
         emotion: entry.emotion.clone(),
         metadata: entry.metadata.clone(),
         frames,
         marks,
-        marks_from,
+        marks_from: marks_from.to_owned(),
         fps: entry.fps,
     };
     let hash = source.inputs_blake3(bench)?;
@@ -329,15 +336,21 @@ fn process_quietly(
     let (frames, summary, reused) = track_or_reuse(source, hash, &csv_path, bench, tick)?;
     if let Some(folder) = overlay {
         let last = frames.len() - 1;
-        overlay_pictures(source, &frames, bench, |index| index == 0 || index == last, |number, picture| {
-            let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
-            output::write_bytes(&overlay_path(folder, &source.id, number), &bytes).map_err(SequenceFailure::at(Stage::Write))
-        })?;
+        overlay_pictures(
+            source,
+            &frames,
+            bench,
+            |index| index == 0 || index == last,
+            |number, picture| {
+                let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
+                output::write_bytes(&overlay_path(folder, &source.id, number), &bytes).map_err(SequenceFailure::at(Stage::Write))
+            },
+        )?;
     }
     let model = normalized(&frames, bench)?;
     let model_path = out.join("models").join(format!("{}.csv", source.id));
     write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = TrackQuality { id: source.id.clone(), emotion: source.emotion.clone(), summary };
+    let quality = AnalyzedModel::quality(&source.id, &source.emotion, summary);
     let model = SequenceModel { id: source.id.clone(), model };
     let metadata = item.entry.map(|e| e.metadata.clone()).unwrap_or_default();
     Ok(Done { model: AnalyzedModel { model, emotion: source.emotion.clone(), metadata, quality: Some(quality) }, reused })
@@ -361,8 +374,7 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         }
         Err(e) => return Err(error(e).into()),
     };
-    let earlier: Option<RunJson> =
-        fs::read(out.join(RUN_JSON)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let earlier: Option<RunJson> = fs::read(out.join(RUN_JSON)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
     let Some(earlier) = earlier else {
         let empty = entries.next().is_none();
         return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };

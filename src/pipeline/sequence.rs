@@ -12,10 +12,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{MADE_BY, Workbench};
 use crate::{
+    dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
     model::DynamicExpressionModel,
     overlay::draw_overlay,
-    sequence::{FrameSource, SequenceReader, read_first_frame},
+    sequence::{SequenceReader, read_first_frame},
     track::{
         TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
         track_model, track_sequence, track_units, write_track,
@@ -208,7 +209,10 @@ pub(super) fn track_or_reuse(
 }
 
 /// The normalized model of tracked frames.
-pub(super) fn normalized(frames: &[TrackedFrame], bench: &Workbench) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
+pub(super) fn normalized(
+    frames: &[TrackedFrame],
+    bench: &Workbench,
+) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
     let model = track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
     normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))
@@ -233,8 +237,7 @@ pub fn overlay_pictures(
         }
         let frame = frame.map_err(SequenceFailure::at(Stage::Track))?;
         let marks = if index == 0 { marks.as_slice() } else { &[] };
-        let picture =
-            draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks).map_err(SequenceFailure::at(Stage::Track))?;
+        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks).map_err(SequenceFailure::at(Stage::Track))?;
         each(tracked.number, picture)?;
     }
     Ok(())

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, sequence::normalized};
 use crate::{
     dataset::Dataset,
-    report::TrackQuality,
     statistics::SequenceModel,
     track::{read_track, read_track_info, summarize},
     units::SequenceId,
@@ -94,7 +93,7 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
     };
     let model = normalized(&frames, bench)?;
     let summary = summarize(&frames, &bench.wireframe, &bench.tables);
-    let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
+    let quality = AnalyzedModel::quality(&id, &emotion, summary);
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
 }
 

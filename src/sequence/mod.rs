@@ -10,42 +10,9 @@ use std::path::{Path, PathBuf};
 
 use opencv::{core::Mat, prelude::*};
 
+use crate::dataset::{FrameFile, FrameSource};
+
 pub use decode::{DecodeError, GrayDecoder};
-
-/// One image file of a sequence.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FrameFile {
-    /// Frame number, from the file name.
-    pub number: u32,
-    /// The file.
-    pub path: PathBuf,
-}
-
-/// Where the frames of a sequence come from, neutral first, apex last.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum FrameSource {
-    /// Image files in order.
-    Images(Vec<FrameFile>),
-    /// A video; frames are numbered from 1.
-    Video {
-        /// The file.
-        path: PathBuf,
-        /// Number of the neutral frame, the first when not given.
-        first: Option<u32>,
-        /// Number of the apex frame, the last when not given.
-        last: Option<u32>,
-    },
-}
-
-impl FrameSource {
-    /// The files the frames come from, in order.
-    pub fn files(&self) -> Vec<&Path> {
-        match self {
-            Self::Images(files) => files.iter().map(|f| f.path.as_path()).collect(),
-            Self::Video { path, .. } => vec![path],
-        }
-    }
-}
 
 /// Width and height in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
