@@ -1,12 +1,346 @@
-//! `grimace fap`.
+//! `grimace fap`: read, validate and convert .fap files.
+
+use std::{
+    fmt::Write as _,
+    fs,
+    io::{self, Write as _},
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context as _, bail, ensure};
+use grimace::{
+    fap::{
+        FapFile, FapMask, FapSequence, FapSummary, Finding, Profile, SequenceSummary, Severity, ValueFormat, check_fap, read_fap,
+        read_tidy_csv, write_fap_as, write_tidy_csv,
+    },
+    output::nine_digits,
+};
+use serde::Serialize;
 
 use super::Outcome;
 
+/// Version of the JSON that `info` and `check` print.
+const SCHEMA_VERSION: u32 = 1;
+/// Frame rate of a CSV table when nothing is said.
+const DEFAULT_FPS: u32 = 25;
+
 /// Arguments.
 #[derive(Debug, clap::Args)]
-pub struct Args {}
+#[command(after_help = "Example:\n  grimace fap info out/fap/happiness.fap")]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Say what .fap files hold: name, frame rate, duration, and every FAP's extremes.
+    Info(InfoArgs),
+    /// Check .fap files against the subset that every known reader takes; name line, rule and field.
+    Check(CheckArgs),
+    /// Write a .fap file anew: another frame rate, mask, number format or reader; or to and from CSV.
+    Convert(ConvertArgs),
+}
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  grimace fap info out/fap/*.fap\n\n\
+    The apex of a FAP is its value farthest from neutral, and the first frame that has it.\n\
+    Values are in 1/1024 of the unit named (of the neutral face), angles in 1e-5 rad.")]
+struct InfoArgs {
+    /// The .fap files.
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  grimace fap check --strict out/fap/*.fap\n\n\
+    Prints FILE:LINE: SEVERITY RULE: FIELD: MESSAGE. A rule that is broken alike on many lines is named at the first,\n\
+    with the number of times. An error is what no known tool writes; a warning is read, but not by every reader.\n\
+    The exit status is 1 if there is an error.")]
+struct CheckArgs {
+    /// The .fap files.
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Take warnings for errors.
+    #[arg(long)]
+    strict: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  grimace fap convert joy.fap --fps 50 -o joy50.fap\n  \
+    grimace fap convert joy.fap --mask 3-13,31-38 --profile greta -o greta/joy.fap\n  \
+    grimace fap convert joy.fap -o joy.csv\n\n\
+    A CSV table has the columns frame,fap,name,value, a row for every FAP that a frame sets.")]
+struct ConvertArgs {
+    /// The file to convert: a CSV table if its name ends in .csv, else a .fap file.
+    #[arg(value_name = "FILE")]
+    input: PathBuf,
+    /// The file to write: a CSV table if its name ends in .csv, else a .fap file.
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Frames per second of the output; frames are interpolated so that the motion keeps its duration.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32_767))]
+    fps: Option<u32>,
+    /// Keep the frames as they are when the frame rate changes: the motion becomes faster or slower.
+    #[arg(long)]
+    keep_frames: bool,
+    /// Put N frames between successive frames, which are all hit exactly; --fps then only sets the frame rate.
+    #[arg(long, value_name = "N")]
+    between: Option<usize>,
+    /// FAPs to write: `all`, `set` (those that any frame sets), or a list such as 3-13,31-38. Unset ones become 0.
+    #[arg(long, value_name = "FAPS", default_value = "set")]
+    mask: FapMask,
+    /// Number format of a .fap file; Xface alone reads floats. A CSV table has the values as they are, unless `integer`.
+    #[arg(long, value_enum)]
+    values: Option<Values>,
+    /// Reader to write a .fap file for; `strict`, the default, is for all of them.
+    #[arg(long, value_name = "strict|xface|greta|visage")]
+    profile: Option<Profile>,
+    /// Overwrite OUT.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Values {
+    /// Rounded to integers.
+    Integer,
+    /// As they are.
+    Float,
+}
 
 /// Runs the command.
-pub fn run(_args: Args) -> anyhow::Result<Outcome> {
-    anyhow::bail!("not built yet")
+pub fn run(args: Args) -> anyhow::Result<Outcome> {
+    match args.command {
+        Command::Info(args) => info(&args),
+        Command::Check(args) => check(&args),
+        Command::Convert(args) => convert(&args),
+    }
+}
+
+fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
+    #[derive(Serialize)]
+    struct FileInfo<'a> {
+        file: String,
+        #[serde(flatten)]
+        summary: &'a SequenceSummary,
+        findings: &'a [Finding],
+    }
+    #[derive(Serialize)]
+    struct Output<'a> {
+        schema_version: u32,
+        units: &'a str,
+        files: Vec<FileInfo<'a>>,
+    }
+    let mut read = Vec::new();
+    for path in &args.files {
+        match read_fap(path) {
+            Ok(FapFile { sequence, findings }) => read.push((path, sequence.summary(), findings)),
+            Err(error) => eprintln!("error: {error}"),
+        }
+    }
+    let text = if args.json {
+        let units = "values of a FAP: its `unit`; fps: 1/s; seconds: s; frames and lines: numbers, frames from 0, lines from 1";
+        let files = read.iter().map(|(path, summary, findings)| FileInfo { file: path.display().to_string(), summary, findings });
+        json(&Output { schema_version: SCHEMA_VERSION, units, files: files.collect() })?
+    } else {
+        let blocks = read.iter().map(|(path, summary, findings)| summary_text(path, summary, findings));
+        blocks.collect::<Vec<_>>().join("\n")
+    };
+    print(&text)?;
+    let failed = args.files.len() - read.len();
+    ensure!(failed == 0, "{} could not be read", count(failed, "file"));
+    Ok(Outcome::Done)
+}
+
+/// The summary of one file as text: two lines and a table.
+fn summary_text(path: &Path, summary: &SequenceSummary, findings: &[Finding]) -> String {
+    let SequenceSummary { name, version, fps, frames, seconds, faps } = summary;
+    let set = FapMask::List(faps.iter().filter_map(|f| f.fap.try_into().ok()).collect());
+    let mut text = format!("{}: `{name}`, version {version}\n", path.display());
+    let _ = writeln!(text, "  {}, {} fps, {seconds:.2} s", count(*frames, "frame"), nine_digits(*fps));
+    let _ = writeln!(text, "  {} set: {set}", count(faps.len(), "FAP"));
+    if !findings.is_empty() {
+        let _ = writeln!(text, "  {} tolerated; `grimace fap check` lists them", count(findings.len(), "deviation"));
+    }
+    if faps.is_empty() {
+        return text;
+    }
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), nine_digits);
+    let header = ["FAP", "name", "unit", "min", "max", "apex", "frame"].map(str::to_owned);
+    let row = |f: &FapSummary| {
+        let frame = f.apex_frame.map_or_else(|| "-".to_owned(), |k| k.to_string());
+        [f.fap.to_string(), f.name.clone(), f.unit.clone(), number(f.min), number(f.max), number(f.apex), frame]
+    };
+    let rows: Vec<[String; 7]> = std::iter::once(header).chain(faps.iter().map(row)).collect();
+    let widths: [usize; 7] = std::array::from_fn(|k| rows.iter().map(|row| row[k].chars().count()).max().unwrap_or(0));
+    for row in &rows {
+        text.push_str("  ");
+        for (k, (cell, width)) in row.iter().zip(widths).enumerate() {
+            let gap = if k == 0 { "" } else { "  " };
+            // Name and unit are words, the others numbers.
+            let _ = if k == 1 || k == 2 { write!(text, "{gap}{cell:<width$}") } else { write!(text, "{gap}{cell:>width$}") };
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
+    #[derive(Serialize)]
+    struct FileCheck {
+        file: String,
+        /// Why the file can not be opened; then there are no findings.
+        unreadable: Option<String>,
+        errors: usize,
+        warnings: usize,
+        findings: Vec<Finding>,
+    }
+    #[derive(Serialize)]
+    struct Output<'a> {
+        schema_version: u32,
+        units: &'static str,
+        strict: bool,
+        files: &'a [FileCheck],
+    }
+    let mut files = Vec::new();
+    for path in &args.files {
+        let (unreadable, mut findings) = match fs::read(path) {
+            Ok(bytes) => (None, check_fap(&bytes)),
+            Err(error) => (Some(error.to_string()), Vec::new()),
+        };
+        if args.strict {
+            findings.iter_mut().for_each(|finding| finding.severity = Severity::Error);
+        }
+        let broken = findings.iter().filter(|f| f.severity == Severity::Error).count();
+        let (errors, warnings) = (broken + usize::from(unreadable.is_some()), findings.len() - broken);
+        files.push(FileCheck { file: path.display().to_string(), unreadable, errors, warnings, findings });
+    }
+    let errors: usize = files.iter().map(|file| file.errors).sum();
+    let warnings: usize = files.iter().map(|file| file.warnings).sum();
+    let text = if args.json {
+        let units = "line: number, from 1; times: count";
+        json(&Output { schema_version: SCHEMA_VERSION, units, strict: args.strict, files: &files })?
+    } else {
+        let mut text = String::new();
+        for FileCheck { file, unreadable, findings, .. } in &files {
+            if let Some(reason) = unreadable {
+                let _ = writeln!(text, "{file}: error: cannot be read: {reason}");
+            }
+            for finding in findings {
+                let _ = writeln!(text, "{file}:{}: {finding}", finding.line);
+            }
+        }
+        let [files, errors, warnings] =
+            [(files.len(), "file"), (errors, "error"), (warnings, "warning")].map(|(n, w)| count(n, w));
+        let _ = writeln!(text, "{files} checked: {errors}, {warnings}");
+        text
+    };
+    print(&text)?;
+    let failed = files.iter().filter(|file| file.errors > 0).count();
+    ensure!(failed == 0, "{} did not pass", count(failed, "file"));
+    Ok(Outcome::Done)
+}
+
+fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
+    let output = &args.output;
+    if !args.force && output.symlink_metadata().is_ok() {
+        bail!("{} exists; give --force to overwrite it", output.display());
+    }
+    let to_csv = is_csv(output);
+    if let (true, Some(profile)) = (to_csv, args.profile) {
+        bail!("--profile {profile} is for .fap files, but {} is a CSV table", output.display());
+    }
+    let profile = args.profile.unwrap_or_default();
+    let mut sequence = set_timing(args, profile, read(args)?)?;
+    sequence.apply_mask(&args.mask);
+    if !to_csv {
+        let prepared = profile.prepare(&mut sequence);
+        if let Some(name) = prepared.renamed {
+            note(&format!("the name `{name}` became `{}`: readers take one word", sequence.name));
+        }
+        if prepared.dropped > 0 {
+            let dropped = count(prepared.dropped, "value");
+            note(&format!("left out {dropped} of FAPs 1 and 2: readers of the {profile} profile differ in their form"));
+        }
+        if prepared.lips_copied > 0 {
+            note(&format!("copied {} between inner and outer lips, as Xface would", count(prepared.lips_copied, "unset value")));
+        }
+        if prepared.lips_kept > 0 {
+            note(&format!("set {} from 0 to 1, so that Xface keeps them", count(prepared.lips_kept, "lip value")));
+        }
+    }
+    let values = args.values.unwrap_or(if to_csv { Values::Float } else { Values::Integer });
+    if values == Values::Integer {
+        let rounded = sequence.round();
+        // Interpolated values are never integers: only the file's own are worth a word.
+        if rounded > 0 && args.between.is_none() && args.fps.is_none() {
+            note(&format!("rounded {} to integers", count(rounded, "value")));
+        }
+    }
+    if to_csv {
+        write_tidy_csv(output, &sequence)?;
+    } else {
+        let format = if values == Values::Integer { ValueFormat::Integer } else { ValueFormat::Float };
+        write_fap_as(output, &sequence, profile, format).with_context(|| output.display().to_string())?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Reads the input; tells what was tolerated.
+fn read(args: &ConvertArgs) -> anyhow::Result<FapSequence> {
+    if is_csv(&args.input) {
+        // The table has no frame rate: it gets the output's, so that nothing is interpolated.
+        return Ok(read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(DEFAULT_FPS)))?);
+    }
+    let FapFile { sequence, findings } = read_fap(&args.input)?;
+    if !findings.is_empty() {
+        let deviations = count(findings.len(), "deviation");
+        note(&format!("{}: {deviations} tolerated; `grimace fap check` lists them", args.input.display()));
+    }
+    Ok(sequence)
+}
+
+/// Changes frames and frame rate as asked.
+fn set_timing(args: &ConvertArgs, profile: Profile, sequence: FapSequence) -> anyhow::Result<FapSequence> {
+    let fps = args.fps.or(profile.fixed_fps()).map_or(sequence.fps, f64::from);
+    if args.fps.is_none() && fps.total_cmp(&sequence.fps).is_ne() {
+        note(&format!("changed {} to {fps} frames per second, which the {profile} profile plays", sequence.fps));
+    }
+    if let Some(between) = args.between {
+        return Ok(FapSequence { fps, ..sequence.with_frames_between(between)? });
+    }
+    Ok(if args.keep_frames { FapSequence { fps, ..sequence } } else { sequence.retimed(fps)? })
+}
+
+fn is_csv(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+}
+
+/// `1 file`, `2 files`.
+fn count(number: usize, noun: &str) -> String {
+    if number == 1 { format!("1 {noun}") } else { format!("{number} {noun}s") }
+}
+
+fn note(text: &str) {
+    eprintln!("note: {text}");
+}
+
+fn json<T: Serialize>(value: &T) -> anyhow::Result<String> {
+    Ok(serde_json::to_string_pretty(value)? + "\n")
+}
+
+/// Writes to standard output; a reader that has seen enough (`| head`) is no error.
+fn print(text: &str) -> anyhow::Result<()> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("cannot write to standard output"),
+        _ => Ok(()),
+    }
 }

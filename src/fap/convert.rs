@@ -226,7 +226,7 @@ mod tests {
     use super::*;
     use crate::{
         model::FrameExpressionModel,
-        wireframe::{Tables, Wireframe},
+        wireframe::{Tables, UnitKind, Wireframe},
     };
 
     fn fap(number: u8) -> FapNumber {
@@ -293,6 +293,24 @@ mod tests {
         for (number, value) in values.into_iter().chain(more) {
             assert_eq!(apex(&sequence, number), value, "FAP {number}");
         }
+    }
+
+    #[test]
+    fn candides_own_fap_vectors_measure_one_unit_of_their_fap() {
+        // The wireframe file's FAP vectors move the driving node by one FAPU, 1024 FAP units; half of one here. Its author made them without this
+        // table. Where they differ from the standard: FAP 15 in MNS instead of MW, FAP 18 downwards. The gaze is no shift.
+        let ((_, fapus), catalog) = (canonical(), FapCatalog::mpeg4());
+        let mut checked = 0;
+        for unit in Wireframe::candide3().action_units() {
+            let UnitKind::Fap { number, .. } = unit.kind else { continue };
+            let row = catalog.row(fap(number as u8));
+            let Some(length) = row.fapu.and_then(|u| fapus.length(u)).filter(|_| row.frontal.is_measured()) else { continue };
+            let shifts: Vec<_> = unit.offsets.iter().map(|(n, o)| (n.0, o.x * length / 2.0, o.y * length / 2.0)).collect();
+            let expected = if number == 18 { -420.0 } else { 512.0 }; // -512 is below the range of FAP 18
+            assert_eq!(apex(&convert(&shifts).0, number as u8), expected, "FAP {number}");
+            checked += 1;
+        }
+        assert_eq!(checked, 43); // the 47 measured without the four of the gaze
     }
 
     #[test]

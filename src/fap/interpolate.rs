@@ -66,7 +66,7 @@ impl FapSequence {
         if steps == 0 || frame_count == from.len() as f64 {
             return Ok(self.clone());
         }
-        if !(frame_count <= MAX_FRAMES as f64) {
+        if frame_count > MAX_FRAMES as f64 {
             return Err(InterpolateError::TooManyFrames { frames: frame_count });
         }
         let last = frame_count as usize - 1;
@@ -127,11 +127,11 @@ fn slopes(keys: &[Option<f64>]) -> Vec<f64> {
     slopes
 }
 
-/// The cubic Hermite curve at `u` in (0, 1), between values `a` and `b` with slopes `p` and `q`.
-fn cubic((a, b): (f64, f64), (p, q): (f64, f64), u: f64) -> f64 {
+/// The cubic Hermite curve at `u` in (0, 1), between two values with their slopes.
+fn cubic((from, to): (f64, f64), (slope_from, slope_to): (f64, f64), u: f64) -> f64 {
     let v = 1.0 - u;
-    let value = a * (1.0 + 2.0 * u) * v * v + p * u * v * v + b * u * u * (3.0 - 2.0 * u) - q * u * u * v;
-    value.clamp(a.min(b), a.max(b)) // against rounding errors only
+    let value = from * (1.0 + 2.0 * u) * v * v + slope_from * u * v * v + to * u * u * (3.0 - 2.0 * u) - slope_to * u * u * v;
+    value.clamp(from.min(to), from.max(to)) // against rounding errors only
 }
 
 #[cfg(test)]

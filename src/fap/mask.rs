@@ -1,6 +1,6 @@
 //! Which FAPs a file sets.
 
-use std::{collections::BTreeSet, str::FromStr};
+use std::{collections::BTreeSet, fmt, str::FromStr};
 
 use super::{
     catalog::{FapNumber, ParseFapNumberError},
@@ -52,6 +52,29 @@ impl FromStr for FapMask {
     }
 }
 
+impl fmt::Display for FapMask {
+    /// As it parses: `all`, `set`, or a list with ranges such as `3-13,15`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = match self {
+            Self::All => return f.write_str("all"),
+            Self::Set => return f.write_str("set"),
+            Self::List(list) => list,
+        };
+        let mut runs: Vec<(u8, u8)> = Vec::new();
+        for number in list.iter().map(|fap| fap.get()) {
+            match runs.last_mut() {
+                Some((_, to)) if *to + 1 == number => *to = number,
+                _ => runs.push((number, number)),
+            }
+        }
+        for (k, (from, to)) in runs.into_iter().enumerate() {
+            let comma = if k == 0 { "" } else { "," };
+            if from == to { write!(f, "{comma}{from}")? } else { write!(f, "{comma}{from}-{to}")? }
+        }
+        Ok(())
+    }
+}
+
 impl FapSequence {
     /// Gives every frame the same mask: what it leaves out is masked out, and a low-level FAP that a frame does not set becomes 0,
     /// which is what readers take an unset FAP for. FAPs 1 and 2 have no such value: they stay unset.
@@ -86,6 +109,7 @@ mod tests {
     fn lists_and_ranges_parse() {
         let FapMask::List(list) = "3-5, 31".parse().unwrap() else { panic!("not a list") };
         assert_eq!(list.iter().map(|f| f.get()).collect::<Vec<_>>(), [3, 4, 5, 31]);
+        assert_eq!(FapMask::List(list).to_string(), "3-5,31");
         assert_eq!("all".parse(), Ok(FapMask::All));
         assert_eq!("set".parse(), Ok(FapMask::Set));
         for bad in ["", "3-", "-3", "0", "69", "3-99", "3;4", "jaw"] {

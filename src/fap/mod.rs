@@ -4,6 +4,8 @@
 //! ([`FapSequence::from_model`], [`offsets_from_frame`]); `interpolate` puts frames between key frames and changes the frame
 //! rate; `reader`, `check`, `writer` and `tidy` are the file formats. A value is the offset from the neutral face in 1/1024 of
 //! the FAP's unit (FAPU), or an angle in 1e-5 rad [MPEG-4].
+// Values are integers held as `f64`, so that floats of other writers survive: comparing them exactly is meant.
+#![allow(clippy::float_cmp)]
 
 mod catalog;
 mod check;
@@ -14,6 +16,7 @@ mod mask;
 mod profile;
 mod reader;
 mod sequence;
+mod summary;
 mod tidy;
 mod writer;
 
@@ -26,5 +29,6 @@ pub use mask::{FapMask, ParseMaskError};
 pub use profile::{Prepared, Profile};
 pub use reader::{FapFile, FapReadError, ParsedFap, ParsedHeader, parse_fap, read_fap};
 pub use sequence::{FapFrame, FapSequence, name_token};
+pub use summary::{FapSummary, SequenceSummary};
 pub use tidy::{TidyError, read_tidy_csv, write_tidy_csv};
 pub use writer::{FapWriteError, FapWriteErrorKind, ValueFormat, fap_text, write_fap, write_fap_as};

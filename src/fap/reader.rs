@@ -153,7 +153,7 @@ impl Parser {
             _ => (bytes, false),
         };
         let mut line = 0;
-        for raw in body.split(|&b| b == b'\n') {
+        for raw in body.split(|&b| b == b'\n').filter(|_| !bytes.is_empty()) {
             line += 1;
             if self.findings.given_up() {
                 return (header, frames);
@@ -419,7 +419,7 @@ impl Parser {
             self.findings.error(line, format!("FAP {fap}"), Rule::NotNumeric, message);
             return None;
         };
-        if !(value.abs() <= VALUE_LIMIT) {
+        if value.is_nan() || value.abs() > VALUE_LIMIT {
             let message = format!("`{}` is not a finite number of 32 bits", shown(word));
             self.findings.error(line, format!("FAP {fap}"), Rule::NotFinite, message);
             return None;

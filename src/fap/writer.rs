@@ -162,7 +162,7 @@ pub fn fap_text(sequence: &FapSequence, profile: Profile, values: ValueFormat) -
                 }
             }
             let Some(value) = frame.value(fap) else { continue };
-            if !(value.abs() <= f64::from(i32::MAX)) {
+            if value.is_nan() || value.abs() > f64::from(i32::MAX) {
                 return Err(FapWriteErrorKind::NotFinite { frame: index, fap, value });
             }
             if values == ValueFormat::Integer && value.fract() != 0.0 {
@@ -192,7 +192,9 @@ mod tests {
 
     fn frame(values: &[(u8, f64)]) -> FapFrame {
         let mut frame = FapFrame::default();
-        values.iter().for_each(|&(n, v)| frame.set_value(fap(n), Some(v)));
+        for &(number, value) in values {
+            frame.set_value(fap(number), Some(value));
+        }
         frame
     }
 
