@@ -249,8 +249,7 @@ impl FromStr for LandmarkSelection {
 /// Correspondences from the landmarks of one frame, through [`Tables::landmarks`]; `points` in the order of the scheme.
 ///
 /// # Errors
-/// [`LandmarksError::NoLandmark`] when a node was asked for that no landmark marks; [`LandmarksError::Count`] never, if `points`
-/// come from a [`LandmarkTrack`].
+/// [`LandmarksError::NoLandmark`] when a node was asked for that no landmark in `points` marks.
 pub fn correspondences_from_landmarks(
     points: &[Point2<f64>],
     tables: &Tables,
