@@ -25,7 +25,13 @@ use crate::{
 
 const TEMPLATE: &str = include_str!("assets/report.html");
 const STYLE: &str = include_str!("assets/report.css");
-const SCRIPT: &str = include_str!("assets/report.js");
+/// The parts of the page's script, in the order they build on each other.
+const SCRIPTS: [&str; 4] = [
+    include_str!("assets/core.js"),
+    include_str!("assets/maps.js"),
+    include_str!("assets/charts.js"),
+    include_str!("assets/page.js"),
+];
 
 /// How well one sequence was tracked.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -101,6 +107,6 @@ pub fn render_html(data: &ReportData<'_>) -> Result<String, minijinja::Error> {
         report => Value::from(Serde(view::View::new(data))),
         payload => Value::from_safe_string(payload::json(data)),
         style => Value::from_safe_string(STYLE.to_owned()),
-        script => Value::from_safe_string(SCRIPT.to_owned()),
+        script => Value::from_safe_string(SCRIPTS.join("\n")),
     })
 }
