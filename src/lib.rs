@@ -18,7 +18,19 @@
 //! - **\[Bouguet\]** J.-Y. Bouguet: *Pyramidal implementation of the Lucas Kanade feature tracker*, Intel, 1999.
 #![forbid(unsafe_code)]
 #![warn(missing_docs, clippy::pedantic)]
-#![allow(clippy::module_name_repetitions, clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+// Tests compare exact values on purpose.
+#![cfg_attr(test, allow(clippy::float_cmp, clippy::unreadable_literal))]
+#![allow(
+    clippy::module_name_repetitions,
+    clippy::many_single_char_names,
+    clippy::similar_names,
+    clippy::must_use_candidate,
+    clippy::return_self_not_must_use,
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss
+)]
 
 pub mod dataset;
 pub mod fap;

@@ -14,7 +14,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use grimace::report::render_html;
+use grimace::{pipeline::Stage, report::render_html};
 use report_data::Fixture;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -183,7 +183,12 @@ fn the_representative_plays_scrubs_and_exaggerates() {
     browser.size(1280, 720);
     browser.open(
         "faces",
-        &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail("S011", "003", "fit", "2 marks; mark at least 3"),
+        &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail(
+            "S011",
+            "003",
+            Stage::Fit,
+            "2 marks; mark at least 3",
+        ),
     );
     let contours = || browser.text(&format!("return {CONTOURS}"));
     let seek = |time: &str| {
@@ -306,7 +311,12 @@ fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
     browser.size(1280, 720);
     browser.open(
         "report",
-        &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail("S011", "003", "fit", "2 marks; mark at least 3"),
+        &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail(
+            "S011",
+            "003",
+            Stage::Fit,
+            "2 marks; mark at least 3",
+        ),
     );
     // Relative luminance of the page and of its text, 0 to 255, near enough.
     let luminance = |property: &str| {

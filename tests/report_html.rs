@@ -2,7 +2,7 @@
 
 mod report_data;
 
-use grimace::report::render_html;
+use grimace::{pipeline::Stage, report::render_html};
 use report_data::Fixture;
 
 /// The embedded data, parsed.
@@ -48,10 +48,10 @@ fn the_data_holds_the_models_of_live_nodes() {
 #[test]
 fn a_user_s_text_can_not_become_markup() {
     let evil = "</script><script>alert(1)</script><!-- \" ' & {{ 7 * 7 }}";
-    let mut fixture = Fixture::new(evil, [2; 6], &[]).fail(evil, evil, "track", evil);
+    let mut fixture = Fixture::new(evil, [2; 6], &[]).fail(evil, evil, Stage::Track, evil);
     fixture.tracks[0].id.subject = evil.into();
     fixture.tracks[0].emotion = evil.into();
-    fixture.tracks[0].recovered.insert(evil.into(), 3);
+    fixture.tracks[0].summary.recovered.insert(evil.into(), 3);
     fixture.representatives[0].label.emotion = evil.into();
     fixture.representatives[0].label.group.insert(evil.into(), evil.into());
     fixture.representatives[1].sequences[0].subject = evil.into();
@@ -85,7 +85,7 @@ fn numbers_that_are_not_finite_become_dashes() {
     r.sums.greedy_gap = f64::INFINITY;
     r.node_dispersion[0] = f64::NAN;
     r.distances[0] = None;
-    fixture.tracks[0].mean_residual_px = f64::NAN;
+    fixture.tracks[0].summary.mean_residual_px = f64::NAN;
     let html = render_html(&fixture.data()).unwrap();
     let start = html.find(r#"id="data">"#).unwrap();
     let (text, script) = (&html[..start], payload(&html).to_string());
@@ -117,8 +117,9 @@ fn groups_have_a_block_of_rows_each() {
 
 #[test]
 fn failures_come_first() {
-    let html = render_html(&Fixture::new("Failed", [2; 6], &[]).fail("S9", "1", "fit", "2 marks; at least 3 are needed").data())
-        .unwrap();
+    let html =
+        render_html(&Fixture::new("Failed", [2; 6], &[]).fail("S9", "1", Stage::Fit, "2 marks; at least 3 are needed").data())
+            .unwrap();
     let place = |text: &str| html.find(text).unwrap_or_else(|| panic!("{text}"));
     assert!(place("2 marks; at least 3 are needed") < place("<h2 id=\"dispersion-h\">"));
     assert!(html.contains("· 1 failure<"));
@@ -126,7 +127,7 @@ fn failures_come_first() {
 
 #[test]
 fn an_empty_run_still_makes_a_report() {
-    let mut fixture = Fixture::new("Nothing", [1; 6], &[]).fail("S1", "1", "dataset", "no frames");
+    let mut fixture = Fixture::new("Nothing", [1; 6], &[]).fail("S1", "1", Stage::Dataset, "no frames");
     fixture.representatives.clear();
     fixture.tracks.clear();
     let html = render_html(&fixture.data()).unwrap();

@@ -14,9 +14,9 @@ use crate::{
     fap::{self, Clamped, ConvertError, FapCatalog, FapSequence, FapWriteError},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     output::{self, OutputError, nine_digits, write_atomic},
-    report::{self, ReportData, TrackQuality, render_html},
+    report::{ReportData, render_html},
     statistics::{self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models},
-    track::TrackSummary,
+    track::TrackQuality,
     units::{FaceUnit, SequenceId},
     wireframe::FapusError,
 };
@@ -32,22 +32,6 @@ pub struct AnalyzedModel {
     pub metadata: BTreeMap<String, String>,
     /// How well it was tracked, where known.
     pub quality: Option<TrackQuality>,
-}
-
-impl AnalyzedModel {
-    /// The row of the report's table of tracks.
-    pub(super) fn quality(id: &SequenceId, emotion: &str, summary: TrackSummary) -> TrackQuality {
-        TrackQuality {
-            id: id.clone(),
-            emotion: emotion.to_owned(),
-            frames: summary.frames,
-            tracked_share: summary.tracked_share,
-            mean_residual_px: summary.mean_residual_px,
-            eye_distance_px: summary.eye_distance_px,
-            recovered: summary.recovered,
-            worst_nodes: summary.worst_nodes,
-        }
-    }
 }
 
 /// Why no statistics came out.
@@ -404,22 +388,12 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         let value = |fap| frame.and_then(|f| f.value(fap)).map(|v| (fap.get(), catalog.row(fap).name.clone(), v.round() as i32));
         class.fap.set_faps().into_iter().filter_map(value).collect::<Vec<_>>()
     };
-    let failures: Vec<_> = analysis
-        .failures
-        .iter()
-        .map(|f| report::Failure {
-            subject: f.subject.clone(),
-            sequence: f.sequence.clone(),
-            stage: f.stage.to_string(),
-            reason: f.reason.clone(),
-        })
-        .collect();
     let html = render_html(&ReportData {
         title: title.to_owned(),
         options: option_rows(bench),
         representatives: &representatives,
         tracks: &analysis.tracks,
-        failures: &failures,
+        failures: &analysis.failures,
         wireframe: &bench.wireframe,
         tables: &bench.tables,
         fapus: bench.normalizer()?.canonical().fapus,

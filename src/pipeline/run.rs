@@ -26,6 +26,7 @@ use crate::{
     overlay::png_bytes,
     pipeline::{analyze, overlay_pictures, write_analysis, write_model},
     statistics::SequenceModel,
+    track::TrackQuality,
     units::SequenceId,
 };
 
@@ -211,40 +212,9 @@ pub fn run(
     }
     event(Event::Analyzing);
 
-    let mut models = Vec::new();
-    let mut failures = Vec::new();
-    let (mut tracked, mut reused) = (0, 0);
-    let mut outputs = BTreeMap::new();
-    for (item, result) in planned.into_iter().zip(results) {
-        let inputs_blake3 = item.source.as_ref().map(|(_, hash)| hash.clone()).unwrap_or_default();
-        let failure = match result {
-            Ok(done) => {
-                *(if done.reused { &mut reused } else { &mut tracked }) += 1;
-                for file in
-                    [format!("tracks/{}.csv", item.id), format!("tracks/{}.json", item.id), format!("models/{}.csv", item.id)]
-                {
-                    if let Some(hash) = file_blake3(&out.join(&file)) {
-                        outputs.insert(file, hash);
-                    }
-                }
-                models.push(done.model);
-                None
-            }
-            Err(failure) if failure.fatal => return Err(RunError::Write { id: item.id, reason: failure.reason }),
-            Err(failure) => {
-                failures.push(Failure {
-                    subject: item.id.subject.clone(),
-                    sequence: item.id.sequence.clone(),
-                    stage: failure.stage,
-                    reason: failure.reason.clone(),
-                });
-                Some((failure.stage, failure.reason))
-            }
-        };
-        record.sequences.push(SequenceRecord { id: item.id, emotion: item.emotion, inputs_blake3, failure });
-    }
+    let Collected { models, failures, tracked, reused, mut outputs } = collect(planned, results, out, &mut record)?;
     if models.is_empty() {
-        output::write_csv(&out.join("failures.csv"), &failures)?;
+        write_failures(&out.join("failures.csv"), &failures)?;
         let first = failures.first();
         return Err(RunError::NothingLeft {
             sequences,
@@ -265,6 +235,51 @@ pub fn run(
     record.complete = true;
     output::write_json(&out.join(RUN_JSON), &record)?;
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
+}
+
+/// What the sequences gave, in order.
+#[derive(Default)]
+struct Collected {
+    models: Vec<AnalyzedModel>,
+    failures: Vec<Failure>,
+    tracked: usize,
+    reused: usize,
+    /// BLAKE3 of the files written for sequences.
+    outputs: BTreeMap<String, String>,
+}
+
+/// Sorts the results of the sequences into models and failures and enters them in the record.
+fn collect(
+    planned: Vec<Planned<'_>>,
+    results: Vec<Result<Done, SequenceFailure>>,
+    out: &Path,
+    record: &mut RunJson,
+) -> Result<Collected, RunError> {
+    let mut all = Collected::default();
+    for (item, result) in planned.into_iter().zip(results) {
+        let inputs_blake3 = item.source.as_ref().map(|(_, hash)| hash.clone()).unwrap_or_default();
+        let failure = match result {
+            Ok(done) => {
+                *(if done.reused { &mut all.reused } else { &mut all.tracked }) += 1;
+                let id = &item.id;
+                for file in [format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")] {
+                    if let Some(hash) = file_blake3(&out.join(&file)) {
+                        all.outputs.insert(file, hash);
+                    }
+                }
+                all.models.push(done.model);
+                None
+            }
+            Err(failure) if failure.fatal => return Err(RunError::Write { id: item.id, reason: failure.reason }),
+            Err(SequenceFailure { stage, reason, .. }) => {
+                let SequenceId { subject, sequence } = item.id.clone();
+                all.failures.push(Failure { subject, sequence, stage, reason: reason.clone() });
+                Some((stage, reason))
+            }
+        };
+        record.sequences.push(SequenceRecord { id: item.id, emotion: item.emotion, inputs_blake3, failure });
+    }
+    Ok(all)
 }
 
 /// Name of the provenance file.
@@ -350,7 +365,7 @@ fn process_quietly(
     let model = normalized(&frames, bench)?;
     let model_path = out.join("models").join(format!("{}.csv", source.id));
     write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = AnalyzedModel::quality(&source.id, &source.emotion, summary);
+    let quality = TrackQuality { id: source.id.clone(), emotion: source.emotion.clone(), summary };
     let model = SequenceModel { id: source.id.clone(), model };
     let metadata = item.entry.map(|e| e.metadata.clone()).unwrap_or_default();
     Ok(Done { model: AnalyzedModel { model, emotion: source.emotion.clone(), metadata, quality: Some(quality) }, reused })

@@ -8,7 +8,7 @@ use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, sequence:
 use crate::{
     dataset::Dataset,
     statistics::SequenceModel,
-    track::{read_track, read_track_info, summarize},
+    track::{TrackQuality, read_track, read_track_info, summarize},
     units::SequenceId,
 };
 
@@ -93,7 +93,7 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
     };
     let model = normalized(&frames, bench)?;
     let summary = summarize(&frames, &bench.wireframe, &bench.tables);
-    let quality = AnalyzedModel::quality(&id, &emotion, summary);
+    let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
 }
 

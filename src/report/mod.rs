@@ -8,18 +8,16 @@ mod numbers;
 mod payload;
 mod view;
 
-use std::collections::BTreeMap;
-
 use minijinja::{
     Environment, UndefinedBehavior, context,
     syntax::SyntaxConfig,
     value::{Serde, Value},
 };
-use serde::Serialize;
 
 use crate::{
+    pipeline::Failure,
     statistics::Representative,
-    units::{NodeId, SequenceId},
+    track::TrackQuality,
     wireframe::{Fapus, Tables, Wireframe},
 };
 
@@ -32,40 +30,6 @@ const SCRIPTS: [&str; 4] = [
     include_str!("assets/charts.js"),
     include_str!("assets/page.js"),
 ];
-
-/// How well one sequence was tracked.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TrackQuality {
-    /// The sequence.
-    pub id: SequenceId,
-    /// Emotion label.
-    pub emotion: String,
-    /// Frames from neutral to apex.
-    pub frames: usize,
-    /// Share of (live node, frame) pairs after the neutral frame that were tracked, 0 to 1.
-    pub tracked_share: f64,
-    /// Mean forward-backward distance of tracked nodes, px.
-    pub mean_residual_px: f64,
-    /// Eye distance ES0 in the neutral frame, px.
-    pub eye_distance_px: f64,
-    /// Recovered (node, frame) pairs by reason.
-    pub recovered: BTreeMap<String, usize>,
-    /// Live nodes most often recovered, with the number of frames, worst first, at most five.
-    pub worst_nodes: Vec<(NodeId, usize)>,
-}
-
-/// A sequence that failed, as in `failures.csv`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Failure {
-    /// Subject.
-    pub subject: String,
-    /// Sequence.
-    pub sequence: String,
-    /// Stage that failed: dataset, fit, track, normalize, statistics.
-    pub stage: String,
-    /// The error in full.
-    pub reason: String,
-}
 
 /// Everything the report shows.
 #[derive(Debug)]

@@ -71,7 +71,7 @@ impl<'a> Index<'a> {
         Self {
             ids: number(ids.collect()),
             emotions: number(emotions.collect()),
-            reasons: number(tracks.iter().flat_map(|t| t.recovered.keys().map(String::as_str)).collect()),
+            reasons: number(tracks.iter().flat_map(|t| t.summary.recovered.keys().map(String::as_str)).collect()),
         }
     }
 }
@@ -170,16 +170,16 @@ fn trimming(r: &Representative) -> (Value, Value) {
 
 /// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn.
 fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
-    let reasons = t.recovered.iter().filter(|&(_, &n)| n > 0);
+    let reasons = t.summary.recovered.iter().filter(|&(_, &n)| n > 0);
     json!([
         index.ids.get(&t.id),
         index.emotions.get(t.emotion.as_str()),
-        t.frames,
-        rounded(t.eye_distance_px, 1),
-        rounded(t.tracked_share * 100.0, 2),
-        rounded(t.mean_residual_px, 3),
+        t.summary.frames,
+        rounded(t.summary.eye_distance_px, 1),
+        rounded(t.summary.tracked_share * 100.0, 2),
+        rounded(t.summary.mean_residual_px, 3),
         reasons.flat_map(|(reason, &n)| [index.reasons.get(reason.as_str()).copied().unwrap_or(0), n]).collect::<Vec<_>>(),
-        t.worst_nodes.iter().flat_map(|&(node, n)| [usize::from(node.0), n]).collect::<Vec<_>>(),
+        t.summary.worst_nodes.iter().flat_map(|&(node, n)| [usize::from(node.0), n]).collect::<Vec<_>>(),
     ])
 }
 

@@ -64,19 +64,18 @@ impl GrayDecoder {
         }
         match mat.depth() {
             CV_8U => Ok(mat),
-            CV_16U => self.to_8_bit(&mat),
+            CV_16U => self.scale_to_8_bit(&mat),
             depth => Err(DecodeError::Depth { depth }),
         }
     }
 
-    fn to_8_bit(&mut self, mat: &Mat) -> Result<Mat, DecodeError> {
-        let bits = match self.bits {
-            Some(bits) => bits,
-            None => {
-                let mut largest = 0.0;
-                min_max_loc(mat, None, Some(&mut largest), None, None, &opencv::core::no_array())?;
-                *self.bits.insert([10, 12, 14].into_iter().find(|&b| largest < f64::from(1u32 << b)).unwrap_or(16))
-            }
+    fn scale_to_8_bit(&mut self, mat: &Mat) -> Result<Mat, DecodeError> {
+        let bits = if let Some(bits) = self.bits {
+            bits
+        } else {
+            let mut largest = 0.0;
+            min_max_loc(mat, None, Some(&mut largest), None, None, &opencv::core::no_array())?;
+            *self.bits.insert([10, 12, 14].into_iter().find(|&b| largest < f64::from(1u32 << b)).unwrap_or(16))
         };
         let mut out = Mat::default();
         mat.convert_to(&mut out, CV_8UC1, 255.0 / f64::from((1u32 << bits) - 1), 0.0)?;

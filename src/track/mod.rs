@@ -26,7 +26,7 @@ use crate::{
 
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
-pub use quality::{TrackSummary, summarize};
+pub use quality::{TrackQuality, TrackSummary, summarize};
 
 /// Why a node was lost in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{NodeState, TrackedFrame, eye_distance_px};
 use crate::{
-    units::NodeId,
+    units::{NodeId, SequenceId},
     wireframe::{Tables, Wireframe},
 };
 
@@ -29,6 +29,17 @@ pub struct TrackSummary {
     pub recovered: BTreeMap<String, usize>,
     /// Live nodes most often recovered, with the number of frames, worst first, at most five.
     pub worst_nodes: Vec<(NodeId, usize)>,
+}
+
+/// How well one sequence was tracked: its summary with its name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrackQuality {
+    /// The sequence.
+    pub id: SequenceId,
+    /// Emotion label.
+    pub emotion: String,
+    /// The summary.
+    pub summary: TrackSummary,
 }
 
 /// Summarizes the frames of a track.

@@ -1,15 +1,16 @@
 //! Made-up but plausible input for the report: models from Candide-3's own action units, with seeded scatter between people.
-//!
-//! The median here is taken per coordinate: good enough to draw, and independent of the statistics part.
 
 use std::collections::BTreeMap;
 
 use grimace::{
+    fap::{FapCatalog, FapSequence},
     model::{DynamicExpressionModel, FrameExpressionModel},
-    report::{Failure, ReportData, TrackQuality},
-    statistics::{ClassLabel, MedianSums, Representative, TrimmingRow},
+    pipeline::{Failure, Stage},
+    report::ReportData,
+    statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions},
+    track::{TrackQuality, TrackSummary},
     units::{FaceUnit, NodeId, SequenceId},
-    wireframe::{Fapu, Fapus, Tables, Wireframe},
+    wireframe::{Fapus, Tables, Wireframe},
 };
 use nalgebra::{Point2, Vector2};
 use rand::SeedableRng;
@@ -18,8 +19,6 @@ use rand_distr::{Distribution, Normal};
 
 /// Frames per model N'.
 const FRAMES: usize = 5;
-/// Share trimmed per field.
-const ALPHA: f64 = 0.1;
 
 /// Action unit names and intensities of six emotions.
 const RECIPES: [(&str, &[(&str, f64)]); 6] = [
@@ -61,7 +60,7 @@ impl Fixture {
                 let group = if group.is_empty() { BTreeMap::new() } else { BTreeMap::from([("sex".into(), (*group).into())]) };
                 let label = ClassLabel { emotion: (*emotion).into(), group };
                 tracks.extend(ids.iter().map(|id| track(id, emotion, wireframe.live_nodes(), &mut rng)));
-                representatives.push(representative(label, ids, &models, &wireframe));
+                representatives.push(representative(label, ids, models, &wireframe));
             }
         }
         tracks.sort_by(|a, b| a.id.cmp(&b.id));
@@ -69,8 +68,8 @@ impl Fixture {
         Self { title: title.into(), representatives, tracks, failures, fapus: model_units.scaled(scale), wireframe, tables }
     }
 
-    pub fn fail(mut self, subject: &str, sequence: &str, stage: &str, reason: &str) -> Self {
-        let [subject, sequence, stage, reason] = [subject, sequence, stage, reason].map(str::to_owned);
+    pub fn fail(mut self, subject: &str, sequence: &str, stage: Stage, reason: &str) -> Self {
+        let [subject, sequence, reason] = [subject, sequence, reason].map(str::to_owned);
         self.failures.push(Failure { subject, sequence, stage, reason });
         self
     }
@@ -121,80 +120,9 @@ fn model(wireframe: &Wireframe, scale: f64, recipe: &[(&str, f64)], k: usize, rn
     Model::new(frames.collect()).unwrap()
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n == 0 { 0.0 } else { f64::midpoint(values[(n - 1) / 2], values[n / 2]) }
-}
-
-fn representative(label: ClassLabel, sequences: Vec<SequenceId>, models: &[Model], wireframe: &Wireframe) -> Representative {
-    let (live, n) = (wireframe.live_nodes(), models.len());
-    let field_distance = |a: &[Vector2<f64>], b: &[Vector2<f64>]| {
-        live.iter().map(|k| (a[k.index()] - b[k.index()]).norm()).sum::<f64>() / live.len() as f64
-    };
-    let fields: Vec<Vec<Vec<Vector2<f64>>>> =
-        (0..FRAMES - 1).map(|m| models.iter().map(|model| model.displacement_field(m)).collect()).collect();
-    let mut trimming = Vec::new();
-    let mut kept: Vec<Vec<usize>> = Vec::new();
-    for (m, field) in fields.iter().enumerate() {
-        let distance = |i: usize| {
-            let sum: f64 = (0..n).filter(|&j| j != i).map(|j| field_distance(&field[i], &field[j])).sum();
-            sum / (n.max(2) - 1) as f64
-        };
-        let distances: Vec<f64> = (0..n).map(distance).collect();
-        let mut order: Vec<usize> = (0..n).collect();
-        order.sort_by(|&a, &b| distances[b].total_cmp(&distances[a]));
-        let drop = &order[..(ALPHA * n as f64) as usize];
-        kept.push((0..n).filter(|i| !drop.contains(i)).collect());
-        let row =
-            |i: usize| TrimmingRow { field: m, id: sequences[i].clone(), distance: distances[i], dropped: drop.contains(&i) };
-        trimming.extend((0..n).map(row));
-    }
-    let medians = |chosen: &dyn Fn(usize) -> Vec<usize>| -> Vec<Vec<Vector2<f64>>> {
-        let coordinate = |m: usize, k: usize, axis: usize| median(chosen(m).into_iter().map(|i| fields[m][i][k][axis]).collect());
-        let field =
-            |m: usize| (0..wireframe.node_count()).map(|k| Vector2::new(coordinate(m, k, 0), coordinate(m, k, 1))).collect();
-        (0..FRAMES - 1).map(field).collect()
-    };
-    let (of_kept, of_all) = (medians(&|m| kept[m].clone()), medians(&|_| (0..n).collect()));
-    let mut nodes = models[0].neutral().nodes().to_vec();
-    let mut frames = vec![FrameExpressionModel::new(nodes.clone())];
-    for field in &of_kept {
-        nodes.iter_mut().zip(field).for_each(|(p, v)| *p += v);
-        frames.push(FrameExpressionModel::new(nodes.clone()));
-    }
-    let mean = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-    let own = |i: usize| (0..FRAMES - 1).filter(|&m| kept[m].contains(&i)).collect::<Vec<_>>();
-    let distances: Vec<Option<f64>> =
-        (0..n).map(|i| mean(own(i).into_iter().map(|m| field_distance(&fields[m][i], &of_kept[m])).collect())).collect();
-    let distances_untrimmed: Vec<f64> =
-        (0..n).map(|i| (0..FRAMES - 1).map(|m| field_distance(&fields[m][i], &of_all[m])).sum::<f64>() / 4.0).collect();
-    let node_dispersion = (0..wireframe.node_count())
-        .map(|k| {
-            let scatter = |i: usize| mean(own(i).into_iter().map(|m| (fields[m][i][k] - of_kept[m][k]).norm()).collect());
-            if live.contains(&NodeId(k as u16)) { median((0..n).filter_map(scatter).collect()) } else { 0.0 }
-        })
-        .collect();
-    let sum: f64 = distances.iter().flatten().sum();
-    let many = n > 1;
-    Representative {
-        label,
-        model: Model::new(frames).unwrap(),
-        sequences,
-        trimming,
-        sums: MedianSums {
-            greedy: sum * 1.000_031,
-            exact: sum,
-            lower_bound: sum * (1.0 - 3.2e-10),
-            greedy_gap: if many { 3.1e-5 } else { 0.0 },
-            certificate_gap: if many { 3.2e-10 } else { 0.0 },
-        },
-        dispersion: many.then(|| median(distances.iter().flatten().copied().collect())),
-        dispersion_untrimmed: many.then(|| median(distances_untrimmed.clone())),
-        distances,
-        distances_untrimmed,
-        node_dispersion,
-    }
+fn representative(label: ClassLabel, sequences: Vec<SequenceId>, models: Vec<Model>, wireframe: &Wireframe) -> Representative {
+    let models: Vec<_> = sequences.into_iter().zip(models).map(|(id, model)| SequenceModel { id, model }).collect();
+    statistics::representative(label, &models, wireframe, &StatisticsOptions::default()).unwrap()
 }
 
 fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) -> TrackQuality {
@@ -207,26 +135,26 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
     TrackQuality {
         id: id.clone(),
         emotion: emotion.into(),
-        frames,
-        tracked_share: 1.0 - loss,
-        mean_residual_px: gauss(rng, 0.08, 0.03).abs(),
-        eye_distance_px: gauss(rng, 118.0, 14.0),
-        recovered: BTreeMap::from([("forward-backward".into(), share), ("extreme displacement".into(), pairs as usize - share)]),
-        worst_nodes: (0..worst).map(|k| (pick(rng), (frames - 1).saturating_sub(2 * k).max(1))).collect(),
+        summary: TrackSummary {
+            frames,
+            tracked_share: 1.0 - loss,
+            mean_residual_px: gauss(rng, 0.08, 0.03).abs(),
+            eye_distance_px: gauss(rng, 118.0, 14.0),
+            recovered: BTreeMap::from([
+                ("forward-backward".into(), share),
+                ("extreme displacement".into(), pairs as usize - share),
+            ]),
+            worst_nodes: (0..worst).map(|k| (pick(rng), (frames - 1).saturating_sub(2 * k).max(1))).collect(),
+        },
     }
 }
 
-/// FAP values by the table of the repository: offset of the FAP's node along its axis, times 1024 over the FAPU.
+/// FAP values of the apex frame.
 fn apex_faps(r: &Representative, fapus: Fapus) -> Vec<(u8, String, i32)> {
-    let offsets = r.model.neutral_offsets(FRAMES - 1);
-    let mut reader = csv::Reader::from_path(concat!(env!("CARGO_MANIFEST_DIR"), "/candide/faps.csv")).unwrap();
-    let rows = reader.deserialize::<BTreeMap<String, String>>().map(Result::unwrap).filter(|row| row["frontal"] == "yes");
-    rows.map(|row| {
-        let node: usize = row["nodes"].split(' ').next().unwrap().parse().unwrap();
-        let offset = if row["axis"] == "x" { offsets[node].x } else { offsets[node].y };
-        let unit = fapus.length(row["fapu"].parse::<Fapu>().unwrap()).unwrap();
-        let value = row["sign"].parse::<f64>().unwrap() * offset * 1024.0 / unit;
-        (row["fap"].parse().unwrap(), row["name"].clone(), value.round() as i32)
-    })
-    .collect()
+    let catalog = FapCatalog::mpeg4();
+    let (faps, _) = FapSequence::from_model(&r.model, &fapus, catalog, "test", 25, 0).unwrap();
+    let apex = faps.frames.last().unwrap();
+    let value = |fap| Some((fap, apex.value(fap)?));
+    let rows = faps.set_faps().into_iter().filter_map(value);
+    rows.map(|(fap, value)| (fap.get(), catalog.row(fap).name.clone(), value as i32)).collect()
 }
