@@ -17,6 +17,7 @@ use super::{
     Analysis, AnalyzedModel, Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceFailure, SequenceRecord, SequenceSource, Stage,
     Workbench,
     analysis::AnalysisError,
+    analysis::write_failures,
     files::{file_blake3, run_units},
     sequence::{normalized, overlay_path, track_or_reuse},
 };
@@ -184,10 +185,11 @@ pub fn run(
     planned.sort_by(|a, b| a.id.cmp(&b.id));
 
     let skipped: Vec<(String, String)> = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
-    if let Some(earlier) = &earlier {
-        if overlay.is_none() && is_unchanged(earlier, &planned, &skipped, out) {
-            return Ok(summary_of(earlier));
-        }
+    if let Some(earlier) = &earlier
+        && overlay.is_none()
+        && is_unchanged(earlier, &planned, &skipped, out)
+    {
+        return Ok(summary_of(earlier));
     }
     let mut record = RunJson {
         schema_version: SCHEMA_VERSION,

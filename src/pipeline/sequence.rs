@@ -194,10 +194,8 @@ pub(super) fn track_or_reuse(
 ) -> Result<(Vec<TrackedFrame>, TrackSummary, bool), SequenceFailure> {
     if let Ok(Some(info)) = read_track_info(csv_path) {
         let unchanged = info.inputs_blake3 == inputs_blake3 && super::files::file_blake3(csv_path) == Some(info.csv_blake3);
-        if unchanged {
-            if let Ok(frames) = read_track(csv_path) {
-                return Ok((frames, info.summary, true));
-            }
+        if unchanged && let Ok(frames) = read_track(csv_path) {
+            return Ok((frames, info.summary, true));
         }
     }
     let (track, mut info) = track_one(source, bench, tick)?;

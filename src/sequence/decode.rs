@@ -105,12 +105,11 @@ fn check_whole(bytes: &[u8]) -> Result<(), DecodeError> {
         if bytes.len() < stated {
             return truncated("BMP", format!("{} of {stated} bytes", bytes.len()));
         }
-    } else if bytes.starts_with(b"P5") {
-        if let Some((header, pixels)) = pgm_sizes(bytes) {
-            if bytes.len() < header.saturating_add(pixels) {
-                return truncated("PGM", format!("{} of {pixels} bytes of pixels", bytes.len() - header));
-            }
-        }
+    } else if bytes.starts_with(b"P5")
+        && let Some((header, pixels)) = pgm_sizes(bytes)
+        && bytes.len() < header.saturating_add(pixels)
+    {
+        return truncated("PGM", format!("{} of {pixels} bytes of pixels", bytes.len() - header));
     }
     Ok(())
 }

@@ -155,10 +155,10 @@ impl SimulateOptions {
         if ![self.width, self.height].iter().all(|side| (64..=4096).contains(side)) {
             return bad("size", &format!("{}x{}", self.width, self.height), "64 to 4096 pixels in each direction");
         }
-        if let FrameFormat::Jpg { quality } = self.format {
-            if !(1..=100).contains(&quality) {
-                return bad("quality", &quality, "1 to 100");
-            }
+        if let FrameFormat::Jpg { quality } = self.format
+            && !(1..=100).contains(&quality)
+        {
+            return bad("quality", &quality, "1 to 100");
         }
         let numbers = [
             ("noise", self.noise_sigma, 64.0, "0 to 64 grey levels"),

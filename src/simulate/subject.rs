@@ -136,7 +136,7 @@ impl Subject {
         let cohort = if (index / 2).is_multiple_of(2) { Cohort::A } else { Cohort::B };
         let wireframe = Wireframe::candide3();
         let neutral = identity(&wireframe, options.seed, index);
-        let frontal: Vec<Point2<f64>> = neutral.iter().map(|v| v.xy()).collect();
+        let frontal: Vec<Point2<f64>> = neutral.iter().map(nalgebra::OPoint::xy).collect();
         let fapus = Fapus::measure(&Tables::candide3().fapus, &frontal)?;
         let mesh = SkinMesh::new(&wireframe, &frontal);
         let surface = Surface::new(&mesh, &neutral);

@@ -1,6 +1,6 @@
 //! Dispersion of models around their generalized median [KP, eq. (8)].
 //!
-//! After trimming a model counts over the displacement fields it was kept in: its distance is the mean of d_f over these.
+//! After trimming a model counts over the displacement fields it was kept in: its distance is the mean of `d_f` over these.
 
 use super::distance::{DisplacementFields, vector_distance};
 
@@ -10,7 +10,7 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
         return None;
     }
-    let even = values.len() % 2 == 0;
+    let even = values.len().is_multiple_of(2);
     let (below, &mut upper, _) = values.select_nth_unstable_by(half, f64::total_cmp);
     let lower = below.iter().copied().max_by(f64::total_cmp).filter(|_| even);
     Some(lower.map_or(upper, |lower| f64::midpoint(lower, upper)))
@@ -33,7 +33,7 @@ impl KeptFields {
         Self { fields }
     }
 
-    /// Distance of every model to `center`: the mean of d_f over the fields it was kept in; `None` where that is no field.
+    /// Distance of every model to `center`: the mean of `d_f` over the fields it was kept in; `None` where that is no field.
     ///
     /// For a model kept in all fields this is d [KP, eq. (5)].
     pub fn distances(&self, models: &[DisplacementFields], center: &DisplacementFields) -> Vec<Option<f64>> {
@@ -44,7 +44,7 @@ impl KeptFields {
         models.iter().zip(&self.fields).map(distance).collect()
     }
 
-    /// Dispersion of every live node: the median over the models of the mean of d_v to `center` over the fields kept.
+    /// Dispersion of every live node: the median over the models of the mean of `d_v` to `center` over the fields kept.
     pub fn node_dispersion(&self, models: &[DisplacementFields], center: &DisplacementFields) -> Vec<f64> {
         let at_node = |k: usize| {
             let of_model = |(model, fields): (&DisplacementFields, &Vec<usize>)| {

@@ -50,7 +50,7 @@ impl DisplacementFields {
     /// If the vectors do not fill whole fields of `node_count` nodes (a programmer's error).
     pub fn from_vectors(node_count: usize, vectors: &[Vector2<f64>]) -> Self {
         assert!(
-            node_count > 0 && vectors.len() % node_count == 0,
+            node_count > 0 && vectors.len().is_multiple_of(node_count),
             "{} vectors do not fill fields of {node_count}",
             vectors.len()
         );

@@ -83,7 +83,7 @@ pub struct TrimmingRow {
     pub field: usize,
     /// The model's sequence.
     pub id: SequenceId,
-    /// d_tf, face units.
+    /// `d_tf`, face units.
     pub distance: f64,
     /// Whether the field was dropped.
     pub dropped: bool,
@@ -142,7 +142,7 @@ pub struct Representative {
     /// Distance of every model to the median of all models, before trimming.
     pub distances_untrimmed: Vec<f64>,
     /// Per-node dispersion, in node order (0 for nodes that are not live): the median over models of the mean over kept fields of
-    /// d_v to the representative, face units.
+    /// `d_v` to the representative, face units.
     pub node_dispersion: Vec<f64>,
 }
 

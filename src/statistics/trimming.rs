@@ -14,7 +14,7 @@ const BLOCK: usize = 32;
 /// What is left of every displacement field, and why.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trimming {
-    /// d_tf [KP, eq. (6)] by field, then by model: mean distance to the other models, in the models' unit; 0 for a single model,
+    /// `d_tf` [KP, eq. (6)] by field, then by model: mean distance to the other models, in the models' unit; 0 for a single model,
     /// where the equation has 0 / 0.
     pub distances: Vec<Vec<f64>>,
     /// Indices of the models kept, by field, ascending. Never empty.
@@ -28,7 +28,7 @@ impl Trimming {
     }
 }
 
-/// Drops from every displacement field the floor(alpha N'') models with the largest d_tf.
+/// Drops from every displacement field the floor(alpha N'') models with the largest `d_tf`.
 ///
 /// Implements [KP, section 4.3]. Of two models at exactly the same distance the later one in `models` is dropped first; the
 /// caller sorts by sequence id, so the larger id goes. `row_sums` are those of [`sums_of_distances`] over all models.
@@ -59,7 +59,7 @@ fn keep(distances: &[f64], dropped: usize) -> Vec<usize> {
     order
 }
 
-/// For every field m and every model of `members[m]`: the sum of its distances d_f to the other members, in that order.
+/// For every field m and every model of `members[m]`: the sum of its distances `d_f` to the other members, in that order.
 ///
 /// O(sum of squares of the member counts times N). Each pair is computed once, in parallel over pairs of blocks, and the sums of a
 /// model's blocks are added in block order: the bits do not depend on the thread count. Equal models get equal sums.

@@ -88,7 +88,7 @@ fn median(values: &mut [f64]) -> Option<f64> {
     if n % 2 == 1 {
         return Some(middle);
     }
-    below.iter().copied().max_by(f64::total_cmp).map(|lower| (lower + middle) / 2.0)
+    below.iter().copied().max_by(f64::total_cmp).map(|lower| f64::midpoint(lower, middle))
 }
 
 #[cfg(test)]

@@ -196,7 +196,7 @@ impl Wireframe {
 
     /// Frontal view of the neutral wireframe in face space (x to the subject's left, y up), model units.
     pub fn frontal(&self) -> Vec<Point2<f64>> {
-        self.vertices.iter().map(|v| v.xy()).collect()
+        self.vertices.iter().map(nalgebra::OPoint::xy).collect()
     }
 
     /// Moves every follower to the mean position of its leaders.

@@ -5,9 +5,9 @@
 //! geometric medians (Fermat-Weber points) in the plane, each a convex problem that damped Newton steps solve in a few passes
 //! over the points.
 //!
-//! The proof is a lower bound from the dual problem: for any vectors |u_i| <= 1 with sum w_i u_i = 0,
+//! The proof is a lower bound from the dual problem: for any vectors |`u_i`| <= 1 with sum `w_i` `u_i` = 0,
 //! `f(z) = sum w_i |z - p_i| >= sum w_i u_i . (z - p_i) = sum w_i u_i . (x - p_i)` for every z, whatever the fixed x. At the minimum
-//! u_i = (x - p_i) / |x - p_i| meets the conditions and the bound is f itself; near it the u_i are corrected to meet them.
+//! `u_i` = (x - `p_i`) / |x - `p_i`| meets the conditions and the bound is f itself; near it the `u_i` are corrected to meet them.
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ use super::{
     points::Evaluation,
 };
 
-/// Largest relative rounding error of the certificate: of each u_i, of the sum of the corrected ones times the distance to the
+/// Largest relative rounding error of the certificate: of each `u_i`, of the sum of the corrected ones times the distance to the
 /// farthest possible minimum (at most 2 f / W from x), and of the compensated sums. Together below 40 halves of an epsilon; taken
 /// three times as large.
 const CERTIFICATE_ROUNDING: f64 = 64.0 * f64::EPSILON;
@@ -147,7 +147,7 @@ fn descend(points: &PointSet, x: Vector2<f64>, here: &Evaluation) -> Option<(Vec
     None
 }
 
-/// Relative gap between f(x) and the bound from the u_i corrected by the same vector each; cheap, since all sums are there.
+/// Relative gap between f(x) and the bound from the `u_i` corrected by the same vector each; cheap, since all sums are there.
 fn relative_residual_gap(points: &PointSet, here: &Evaluation, x: Vector2<f64>, mean: Vector2<f64>) -> f64 {
     if here.sum <= 0.0 {
         return 0.0;
@@ -156,15 +156,15 @@ fn relative_residual_gap(points: &PointSet, here: &Evaluation, x: Vector2<f64>, 
     (here.sum - bound) / here.sum
 }
 
-/// The bound `base = -sum w u . y` (y = p - x) made valid for a residual `sum w u = residual`: every u_i becomes
-/// (u_i - residual / W) / (1 + |residual| / W), which sums to 0 and is no longer than 1.
+/// The bound `base = -sum w u . y` (y = p - x) made valid for a residual `sum w u = residual`: every `u_i` becomes
+/// (`u_i` - residual / W) / (1 + |residual| / W), which sums to 0 and is no longer than 1.
 fn spread_residual(base: f64, residual: Vector2<f64>, total_weight: f64, mean_from_x: Vector2<f64>) -> f64 {
     (base + residual.dot(&mean_from_x)) / (1.0 + residual.norm() / total_weight)
 }
 
 /// f(x) and a lower bound of f anywhere, both in compensated sums.
 ///
-/// Two corrections of the u_i are tried and the better bound taken: the residual spread over all points, and the residual taken up
+/// Two corrections of the `u_i` are tried and the better bound taken: the residual spread over all points, and the residual taken up
 /// by the point nearest to x and its duplicates, whose u may be anything in the unit disc at hardly any cost. The second is exact
 /// where x is a point of the set.
 fn certificate(points: &PointSet, x: Vector2<f64>) -> (f64, f64) {

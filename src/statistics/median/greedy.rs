@@ -6,7 +6,7 @@
 //! - "Whatever" is, for each slot, the better of two: the vector of a member with the smallest sum in this slot, and the
 //!   Weiszfeld step from the slot's current vector. The first makes large moves, the second leaves the members' vectors behind.
 //! - After trimming at frame level each field has its own members, so the set median that the search starts at is taken field by
-//!   field: the field of the kept model with the smallest sum of distances d_f to the other kept ones.
+//!   field: the field of the kept model with the smallest sum of distances `d_f` to the other kept ones.
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
