@@ -19,10 +19,13 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs, clippy::pedantic)]
 // Tests compare exact values on purpose.
-#![cfg_attr(test, allow(clippy::float_cmp, clippy::unreadable_literal))]
+#![cfg_attr(test, allow(clippy::unreadable_literal))]
 #![allow(
     clippy::module_name_repetitions,
     clippy::many_single_char_names,
+    clippy::float_cmp,
+    clippy::needless_for_each,
+    clippy::neg_cmp_op_on_partial_ord,
     clippy::similar_names,
     clippy::must_use_candidate,
     clippy::return_self_not_must_use,
