@@ -127,9 +127,15 @@ pub(crate) mod tests {
     use super::*;
     use crate::{model::FrameExpressionModel, units::FaceUnit};
 
-    /// A set of displacement fields with moderate vectors, many of them exactly zero or repeated, as still faces have.
+    /// Moderate vectors, many of them exactly zero or repeated, as still faces have them, or equal but for rounding.
     pub(crate) fn vectors(count: usize) -> impl Strategy<Value = Vec<Vector2<f64>>> {
-        let coordinate = prop_oneof![2 => Just(0.0), 1 => Just(3.0), 5 => -50.0..50.0f64];
+        let almost = (-3..4i32, prop_oneof![Just(f64::EPSILON), Just(1e-13), Just(1e-9), Just(1e-5)]);
+        let coordinate = prop_oneof![
+            2 => Just(0.0),
+            1 => Just(3.0),
+            2 => almost.prop_map(|(steps, width)| 3.0 + f64::from(steps) * width),
+            5 => -50.0..50.0f64,
+        ];
         prop::collection::vec((coordinate.clone(), coordinate).prop_map(|(x, y)| Vector2::new(x, y)), count)
     }
 

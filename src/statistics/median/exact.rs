@@ -5,9 +5,9 @@
 //! geometric medians (Fermat-Weber points) in the plane, each a convex problem that damped Newton steps solve in a few passes
 //! over the points.
 //!
-//! The proof is a lower bound from the dual problem: for any vectors |`u_i`| <= 1 with sum `w_i` `u_i` = 0,
+//! The proof is a lower bound from the dual problem: for any vectors |u_i| <= 1 with sum w_i u_i = 0,
 //! `f(z) = sum w_i |z - p_i| >= sum w_i u_i . (z - p_i) = sum w_i u_i . (x - p_i)` for every z, whatever the fixed x. At the minimum
-//! `u_i` = (x - `p_i`) / |x - `p_i`| meets the conditions and the bound is f itself; near it the `u_i` are corrected to meet them.
+//! u_i = (x - p_i) / |x - p_i| meets the conditions and the bound is f itself; near it the u_i are corrected to meet them.
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -18,16 +18,29 @@ use super::{
     points::Evaluation,
 };
 
-/// Largest relative rounding error of the certificate: of each `u_i`, of the sum of the corrected ones times the distance to the
-/// farthest possible minimum (at most 2 f / W from x), and of the compensated sums. Together below 40 halves of an epsilon; taken
-/// three times as large.
+/// Largest relative rounding error of the certificate: of the differences from the origin, of each u_i, of the sum of the corrected
+/// ones times the distance to the farthest possible minimum (at most 2 f / W from x), and of the compensated sums. Together below
+/// 50 halves of an epsilon; taken more than twice as large.
 const CERTIFICATE_ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Smallest determinant of a Hessian, relative to the square of its trace, that a Newton step is taken with.
 const LEAST_RELATIVE_DETERMINANT: f64 = 1e-14;
 
+/// Turns of direction and length in [`newton_step_from_vertex`].
+const VERTEX_TURNS: usize = 4;
+
 /// Halvings of a Newton step before the Weiszfeld step is tried, and of that before the search has stalled.
 const MAX_HALVINGS: usize = 30;
+
+/// Radii, relative to the mean distance, of the clusters around x that the certificate tries to leave the residual to.
+const CERTIFICATE_RADII: [f64; 7] = [1e-14, 1e-13, 1e-12, 1e-10, 1e-8, 1e-5, 1e-2];
+
+/// Relative decrease of the slope that a full step must bring where the sum can not tell; shorter steps proportionally less.
+const LEAST_DECREASE: f64 = 0.01;
+
+/// Distance to the nearest point, relative to the mean distance, below which x may be in a cluster that it can not be placed in
+/// exactly, so that only the certificate tells whether it is good.
+const CROWDED: f64 = 1e-8;
 
 /// Relative change of the sum that is rounding: where a step changes the sum by less, the gradient tells whether it is better.
 const SUM_ROUNDING: f64 = 1e-12;
@@ -44,7 +57,7 @@ pub struct ExactOptions {
 
 impl Default for ExactOptions {
     fn default() -> Self {
-        Self { gap_tolerance: 1e-12, max_iterations: 200 }
+        Self { gap_tolerance: 1e-11, max_iterations: 200 }
     }
 }
 
@@ -69,37 +82,67 @@ pub struct GeometricMedian {
 /// is singular; tests the nearest point of the set for optimality, with its multiplicity, where the sum has a kink. Linear in the
 /// number of points per step. Where the minimum is not unique (an even number of points on a line) the answer is in its middle
 /// along the line: the componentwise median.
+///
+/// Works on differences from the componentwise median, so that points that differ in their last digits only still have a median
+/// among them, and, where that does not converge, once more on differences from the point nearest to the answer: next to it,
+/// directions need more digits than the other origin leaves. Sum and bound are those of the answer before it is rounded to a
+/// point of its own (which adds at most the weight times that rounding).
 pub fn geometric_median(points: &PointSet, options: &ExactOptions) -> GeometricMedian {
+    let origin = points.componentwise_median();
+    let first = median_from(points, origin, Vector2::zeros(), options);
+    let to_answer = |p: &Vector2<f64>| (p - first.point).norm_squared();
+    let nearest = points.points().iter().copied().min_by(|a, b| to_answer(a).total_cmp(&to_answer(b)));
+    match nearest.filter(|_| first.ending != Ending::Converged) {
+        Some(nearest) => {
+            let again = median_from(points, nearest, first.point - nearest, options);
+            let iterations = first.iterations + again.iterations;
+            let best = if again.lower_bound / again.sum > first.lower_bound / first.sum { again } else { first };
+            GeometricMedian { iterations, ..best }
+        }
+        None => first,
+    }
+}
+
+/// The geometric median found from a start, both as differences from an origin.
+fn median_from(points: &PointSet, origin: Vector2<f64>, start: Vector2<f64>, options: &ExactOptions) -> GeometricMedian {
+    let differences: Vec<Vector2<f64>> = points.points().iter().map(|p| p - origin).collect();
+    let centered = centered_median(&points.with_points(&differences), start, options);
+    GeometricMedian { point: origin + centered.point, ..centered }
+}
+
+fn centered_median(points: &PointSet, start: Vector2<f64>, options: &ExactOptions) -> GeometricMedian {
     let mean = points.mean();
-    let mut x = points.componentwise_median();
+    let mut x = start;
     let mut here = points.evaluate(x);
     let mut tested = None;
     let mut iterations = 0;
+    let is_done = |x: Vector2<f64>, here: &Evaluation| {
+        let within_tolerance = |(sum, bound): (f64, f64)| sum - bound <= options.gap_tolerance * sum;
+        here.is_optimal_vertex()
+            // A quarter: the certificate's own rounding comes on top.
+            || relative_residual_gap(points, here, x, mean) <= options.gap_tolerance / 4.0
+            || (here.nearest_distance <= CROWDED * here.sum / points.total_weight()
+                && within_tolerance(certificate(points, x, options.gap_tolerance)))
+    };
     let mut stalled = false;
-    // A quarter: the certificate's own rounding comes on top.
-    while !here.is_optimal_vertex() && relative_residual_gap(points, &here, x, mean) > options.gap_tolerance / 4.0 {
-        if iterations == options.max_iterations {
-            break;
-        }
+    while !stalled && iterations < options.max_iterations && !is_done(x, &here) {
+        iterations += 1;
         if here.nearest != tested {
             tested = here.nearest;
             if let Some(vertex) = tested.map(|i| points.points()[i]) {
                 let there = points.evaluate(vertex);
-                if there.is_optimal_vertex() || there.sum < here.sum {
+                if there.is_optimal_vertex() || is_better(&here, &there, 1.0) {
                     (x, here) = (vertex, there);
-                    iterations += 1;
                     continue;
                 }
             }
         }
-        let Some((next, there)) = descend(points, x, &here) else {
-            stalled = true;
-            break;
-        };
-        (x, here) = (next, there);
-        iterations += 1;
+        match descend(points, x, &here) {
+            Some(next) => (x, here) = next,
+            None => stalled = true,
+        }
     }
-    let (sum, lower_bound) = certificate(points, x);
+    let (sum, lower_bound) = certificate(points, x, options.gap_tolerance);
     let ending = if sum - lower_bound <= options.gap_tolerance * sum {
         Ending::Converged
     } else if stalled {
@@ -123,87 +166,156 @@ pub fn exact_median(slots: &Slots, options: &ExactOptions) -> Median {
     }
 }
 
-/// A point with a smaller sum than `x`, or with an equal one and at most half the gradient; `None` if no step finds one.
+/// Whether a step of length `share` times the full one from `here` to `there` is worth taking: by the sum, or by the slope where the
+/// sums differ by rounding only.
 ///
-/// The sum alone would stop too early: it is flat to 1e-16 where the gradient, and with it the lower bound, is only good to 1e-8.
-fn descend(points: &PointSet, x: Vector2<f64>, here: &Evaluation) -> Option<(Vector2<f64>, Evaluation)> {
-    let weiszfeld = here.weiszfeld_step();
-    let determinant = here.hessian.determinant();
-    let regular = determinant > LEAST_RELATIVE_DETERMINANT * here.inverse_distances * here.inverse_distances;
-    let newton = if here.weight_here == 0.0 && regular { here.hessian.try_inverse().map(|h| -(h * here.gradient)) } else { None };
-    let is_better = |there: &Evaluation| {
-        let flatter = there.weight_here == 0.0 && there.gradient.norm() <= 0.5 * here.gradient.norm();
-        there.sum < here.sum || (flatter && there.sum <= here.sum * (1.0 + SUM_ROUNDING))
-    };
-    for mut step in newton.into_iter().chain([weiszfeld]) {
-        for _ in 0..=MAX_HALVINGS {
-            let there = points.evaluate(x + step);
-            if is_better(&there) {
-                return Some((x + step, there));
-            }
-            step *= 0.5;
-        }
-    }
-    None
+/// The sum alone would stop too early: it is flat to 1e-16 where the slope, and with it the lower bound, is only good to 1e-8.
+fn is_better(here: &Evaluation, there: &Evaluation, share: f64) -> bool {
+    let rounding = SUM_ROUNDING * here.sum;
+    let flatter = there.slope() <= here.slope() * (1.0 - LEAST_DECREASE * share);
+    there.sum < here.sum - rounding || (flatter && there.sum <= here.sum + rounding)
 }
 
-/// Relative gap between f(x) and the bound from the `u_i` corrected by the same vector each; cheap, since all sums are there.
+/// The Newton step where the sum is smooth, unless its Hessian is singular.
+fn newton_step(here: &Evaluation) -> Option<Vector2<f64>> {
+    let regular = here.hessian.determinant() > LEAST_RELATIVE_DETERMINANT * here.inverse_distances.powi(2);
+    here.hessian.try_inverse().filter(|_| regular).map(|inverse| -(inverse * here.gradient))
+}
+
+/// The minimum of the local model `w |s| + g . s + s . H s / 2` at a point of weight w in the set, g and H of the other points.
+///
+/// In a direction d the model is smallest at length t = (-g . d - w) / (d . H d); the minimum s = t d points along -(g + H s), and few
+/// turns of the two find it, since it is short wherever it matters.
+fn newton_step_from_vertex(here: &Evaluation) -> Option<Vector2<f64>> {
+    let mut step = Vector2::zeros();
+    for _ in 0..VERTEX_TURNS {
+        let direction = -(here.gradient + here.hessian * step).try_normalize(0.0)?;
+        let curvature = direction.dot(&(here.hessian * direction));
+        let length = (-here.gradient.dot(&direction) - here.weight_here) / curvature;
+        if !(length > 0.0 && length.is_finite()) {
+            return None;
+        }
+        step = direction * length;
+    }
+    Some(step)
+}
+
+/// A better point than `x`, or `None` if no step finds one.
+///
+/// Next to a cluster of points the steps out of it are tried too, and taken where they lead lower.
+fn descend(points: &PointSet, x: Vector2<f64>, here: &Evaluation) -> Option<(Vector2<f64>, Evaluation)> {
+    let newton = if here.weight_here > 0.0 { newton_step_from_vertex(here) } else { newton_step(here) };
+    let search = |step: Vector2<f64>| {
+        let mut shares = std::iter::successors(Some(1.0), |share| Some(share * 0.5)).take(1 + MAX_HALVINGS);
+        shares.find_map(|share| {
+            let next = x + step * share;
+            Some((next, points.evaluate(next))).filter(|(_, there)| is_better(here, there, share))
+        })
+    };
+    let mut best = newton.and_then(search).or_else(|| search(here.weiszfeld_step()));
+    for next in points.cluster_steps(x, here).filter_map(search) {
+        if best.as_ref().is_none_or(|(_, best)| next.1.sum < best.sum - SUM_ROUNDING * here.sum) {
+            best = Some(next);
+        }
+    }
+    best
+}
+
+/// Relative gap between f(x) and the bound with the residual spread over all points; cheap, since all sums are there.
 fn relative_residual_gap(points: &PointSet, here: &Evaluation, x: Vector2<f64>, mean: Vector2<f64>) -> f64 {
     if here.sum <= 0.0 {
         return 0.0;
     }
-    let bound = spread_residual(here.sum, here.gradient, points.total_weight(), mean - x);
-    (here.sum - bound) / here.sum
+    let all = Sums {
+        weight: points.total_weight(),
+        distance: here.sum,
+        unit: here.gradient,
+        offset: (mean - x) * points.total_weight(),
+    };
+    (here.sum - all.bound(&Sums::default())) / here.sum
 }
 
-/// The bound `base = -sum w u . y` (y = p - x) made valid for a residual `sum w u = residual`: every `u_i` becomes
-/// (`u_i` - residual / W) / (1 + |residual| / W), which sums to 0 and is no longer than 1.
-fn spread_residual(base: f64, residual: Vector2<f64>, total_weight: f64, mean_from_x: Vector2<f64>) -> f64 {
-    (base + residual.dot(&mean_from_x)) / (1.0 + residual.norm() / total_weight)
+/// Sums over a part S of the points, seen from x: of w, of w r, of w u and of w (p - x).
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    weight: f64,
+    distance: f64,
+    unit: Vector2<f64>,
+    offset: Vector2<f64>,
 }
 
-/// f(x) and a lower bound of f anywhere, both in compensated sums.
-///
-/// Two corrections of the `u_i` are tried and the better bound taken: the residual spread over all points, and the residual taken up
-/// by the point nearest to x and its duplicates, whose u may be anything in the unit disc at hardly any cost. The second is exact
-/// where x is a point of the set.
-fn certificate(points: &PointSet, x: Vector2<f64>) -> (f64, f64) {
-    let nearest = points.points().iter().copied().min_by(|a, b| (a - x).norm_squared().total_cmp(&(b - x).norm_squared()));
-    let nearest = nearest.unwrap_or(x);
-    let (mut sum, mut sum_rest) = (CompensatedSum::default(), CompensatedSum::default());
-    let (mut all_x, mut all_y) = (CompensatedSum::default(), CompensatedSum::default());
-    let (mut rest_x, mut rest_y) = (CompensatedSum::default(), CompensatedSum::default());
-    let (mut mean_x, mut mean_y) = (CompensatedSum::default(), CompensatedSum::default());
-    let mut weight_nearest = CompensatedSum::default();
-    for (i, p) in points.points().iter().enumerate() {
-        let w = points.weight(i);
-        let (dx, dy) = (x.x - p.x, x.y - p.y);
-        let r = length(dx, dy);
-        let (ux, uy) = if r > 0.0 { (dx / r, dy / r) } else { (0.0, 0.0) };
-        sum.add(w * r);
-        mean_x.add(-w * dx);
-        mean_y.add(-w * dy);
-        all_x.add(w * ux);
-        all_y.add(w * uy);
-        if *p == nearest {
-            weight_nearest.add(w);
-        } else {
-            sum_rest.add(w * r);
-            rest_x.add(w * ux);
-            rest_y.add(w * uy);
+impl Sums {
+    /// Compensated sums over the points within `radius` of `x`, and over the rest.
+    ///
+    /// Points at x, whose u is free in the unit disc, get the one that makes the residual smallest.
+    fn split(points: &PointSet, x: Vector2<f64>, radius: f64) -> (Self, Self) {
+        let mut sums = [[CompensatedSum::default(); 6]; 2];
+        let mut weight_here = CompensatedSum::default();
+        for (i, p) in points.points().iter().enumerate() {
+            let w = points.weight(i);
+            let (dx, dy) = (x.x - p.x, x.y - p.y);
+            let r = length(dx, dy);
+            let (ux, uy) = if r > 0.0 { (dx / r, dy / r) } else { (0.0, 0.0) };
+            if r == 0.0 {
+                weight_here.add(w);
+            }
+            let part = &mut sums[usize::from(r > radius)];
+            for (sum, term) in part.iter_mut().zip([w, w * r, w * ux, w * uy, -w * dx, -w * dy]) {
+                sum.add(term);
+            }
         }
+        let [mut within, rest] = sums.map(|part| {
+            let [weight, distance, ux, uy, x, y] = part.map(CompensatedSum::value);
+            Self { weight, distance, unit: Vector2::new(ux, uy), offset: Vector2::new(x, y) }
+        });
+        let weight_here = weight_here.value();
+        if weight_here > 0.0 {
+            let residual = within.unit + rest.unit;
+            within.unit -= residual * (weight_here / residual.norm().max(weight_here));
+        }
+        (within, rest)
     }
-    let (sum, total_weight) = (sum.value(), points.total_weight());
-    let mean_from_x = Vector2::new(mean_x.value(), mean_y.value()) / total_weight;
-    let spread = spread_residual(sum, Vector2::new(all_x.value(), all_y.value()), total_weight, mean_from_x);
 
-    let rest = Vector2::new(rest_x.value(), rest_y.value());
-    let weight_nearest = weight_nearest.value();
-    let taken_up = -rest / rest.norm().max(weight_nearest);
-    let base = sum_rest.value() - weight_nearest * taken_up.dot(&(nearest - x));
-    let absorbed = spread_residual(base, rest + taken_up * weight_nearest, total_weight, mean_from_x);
+    /// Lower bound of f from the u_i of both parts, those of this part corrected to make up for the residual of all.
+    ///
+    /// With c = -(sum of the rest's w u) / W and d = -(residual) / W, both u_i + d and c sum up to what is missing, so does
+    /// (1 - t) (u_i + d) + t c, and t = |d| / (1 + |d| - |c|) makes that no longer than 1. Where |c| > 1 this part is too light to
+    /// hold the rest: all its u_i become c / |c|, and what is still missing, e, is spread: each u of all points becomes
+    /// (u - e / W) / (1 + |e| / W), W now of all.
+    fn bound(&self, rest: &Self) -> f64 {
+        let c = -rest.unit / self.weight;
+        if c.norm() <= 1.0 {
+            let d = -(rest.unit + self.unit) / self.weight;
+            let t = if d.norm() > 0.0 { d.norm() / (1.0 + d.norm() - c.norm()) } else { 0.0 };
+            return rest.distance + (1.0 - t) * (self.distance - d.dot(&self.offset)) - t * c.dot(&self.offset);
+        }
+        let c = c.normalize();
+        let missing = (rest.unit + c * self.weight) / (rest.weight + self.weight);
+        (rest.distance - c.dot(&self.offset) + missing.dot(&(rest.offset + self.offset))) / (1.0 + missing.norm())
+    }
+}
 
-    let bound = spread.max(absorbed) - CERTIFICATE_ROUNDING * sum;
+/// f(x) and a lower bound of f anywhere.
+///
+/// The residual is left to all points first. Where that is not good enough, it is left to the points near x, whose u may be changed
+/// at hardly any cost: the nearest and its duplicates, then those within [`CERTIFICATE_RADII`]. At a point of the set this is
+/// the proof of a vertex optimum, and in a cluster too narrow for x to be placed in it exactly it is the only one. The best bound
+/// counts.
+fn certificate(points: &PointSet, x: Vector2<f64>, gap_tolerance: f64) -> (f64, f64) {
+    let (all, none) = Sums::split(points, x, f64::INFINITY);
+    let sum = all.distance;
+    let rounding = CERTIFICATE_ROUNDING * sum;
+    let mut bound = all.bound(&none) - rounding;
+    let distances = points.points().iter().map(|p| length(x.x - p.x, x.y - p.y));
+    let nearest = distances.fold(f64::INFINITY, f64::min);
+    let mean_distance = sum / points.total_weight();
+    for radius in [0.0].into_iter().chain(CERTIFICATE_RADII).map(|radius| nearest.max(radius * mean_distance)) {
+        if sum - bound <= gap_tolerance * sum {
+            break;
+        }
+        let (near, rest) = Sums::split(points, x, radius);
+        bound = bound.max(near.bound(&rest) - rounding);
+    }
     (sum, bound.clamp(0.0, sum))
 }
 
@@ -220,7 +332,7 @@ mod tests {
     fn median(list: &[(f64, f64)]) -> GeometricMedian {
         let median = geometric_median(&PointSet::new(&points(list)).unwrap(), &ExactOptions::default());
         assert_eq!(median.ending, Ending::Converged, "{median:?}");
-        assert!(median.lower_bound <= median.sum && median.sum - median.lower_bound <= 1e-12 * median.sum, "{median:?}");
+        assert!(median.lower_bound <= median.sum && median.sum - median.lower_bound <= 1e-11 * median.sum, "{median:?}");
         median
     }
 
@@ -327,9 +439,9 @@ mod tests {
         #[test]
         fn every_median_is_certified(points in (1..40usize).prop_flat_map(vectors)) {
             let m = geometric_median(&PointSet::new(&points).unwrap(), &ExactOptions::default());
-            prop_assert_eq!(m.ending, Ending::Converged);
+            prop_assert_eq!(m.ending, Ending::Converged, "{:?}", m);
             prop_assert!(m.lower_bound <= m.sum);
-            prop_assert!(m.iterations < 60, "{} iterations", m.iterations);
+            prop_assert!(m.iterations < 60, "{:?}", m);
         }
 
         #[test]
@@ -351,7 +463,7 @@ mod tests {
             let (a, b) = (geometric_median(&PointSet::new(&points).unwrap(), &options), geometric_median(&PointSet::new(&moved).unwrap(), &options));
             // Nine points have a unique median unless they are on a line, where an odd number has one too; its place is as good as
             // the square root of the sum's precision where the sum is flattest.
-            approx::assert_relative_eq!(b.sum, a.sum, max_relative = 1e-12, epsilon = 1e-11);
+            approx::assert_relative_eq!(b.sum, a.sum, max_relative = options.gap_tolerance, epsilon = 1e-11);
             approx::assert_relative_eq!(a.point + shift, b.point, epsilon = 1e-4);
         }
     }

@@ -4,7 +4,8 @@
 //! nothing lowers it noticeably. Two choices that [KP] leaves open:
 //!
 //! - "Whatever" is, for each slot, the better of two: the vector of a member with the smallest sum in this slot, and the
-//!   Weiszfeld step from the slot's current vector. The first makes large moves, the second leaves the members' vectors behind.
+//!   Weiszfeld step from the slot's current vector (also with all but equal vectors taken for one). The first makes large moves,
+//!   the second leaves the members' vectors behind.
 //! - After trimming at frame level each field has its own members, so the set median that the search starts at is taken field by
 //!   field: the field of the kept model with the smallest sum of distances `d_f` to the other kept ones.
 
@@ -46,9 +47,15 @@ impl<'a> Slot<'a> {
 
     /// The vector that lowers the slot's sum most, and the sum there.
     fn best_replacement(&self) -> (Vector2<f64>, f64) {
-        let stepped = self.current + self.points.evaluate(self.current).weiszfeld_step();
-        let sum = self.points.evaluate(stepped).sum;
-        if self.best_member.1 <= sum { self.best_member } else { (stepped, sum) }
+        let here = self.points.evaluate(self.current);
+        let mut best = self.best_member;
+        for step in std::iter::once(here.weiszfeld_step()).chain(self.points.cluster_steps(self.current, &here)) {
+            let sum = self.points.evaluate(self.current + step).sum;
+            if sum < best.1 {
+                best = (self.current + step, sum);
+            }
+        }
+        best
     }
 }
 

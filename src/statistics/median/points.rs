@@ -8,6 +8,9 @@ use super::super::{distance::length, sum::CompensatedSum};
 /// below it for fewer than 10^7 points.
 const BOUND_ERROR: f64 = 1e-9;
 
+/// Radii of clusters, relative to the mean distance, that [`PointSet::cluster_steps`] steps out of.
+const CLUSTER_RADII: [f64; 3] = [1e-12, 1e-8, 1e-4];
+
 /// Why points and weights do not make a set to take a median of.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PointSetError {
@@ -70,12 +73,19 @@ pub(super) struct Evaluation {
     pub weight_here: f64,
     /// The point nearest to x but not at x, if there is one.
     pub nearest: Option<usize>,
+    /// Its distance; infinite if there is none.
+    pub nearest_distance: f64,
 }
 
 impl Evaluation {
     /// Whether x is a point of the set, and the median: no direction leads down [Vardi & Zhang 2000].
     pub(super) fn is_optimal_vertex(&self) -> bool {
         self.weight_here > 0.0 && self.gradient.norm() <= self.weight_here
+    }
+
+    /// How steeply the sum can fall from x: the length of its shortest subgradient.
+    pub(super) fn slope(&self) -> f64 {
+        (self.gradient.norm() - self.weight_here).max(0.0)
     }
 
     /// The Weiszfeld step from x, in the form of Vardi & Zhang (2000), which also leaves points of the set; zero where x is optimal.
@@ -108,6 +118,14 @@ impl<'a> PointSet<'a> {
     /// A set of points that are known to be at least one and finite.
     pub(super) fn unweighted(points: &'a [Vector2<f64>]) -> Self {
         Self { points, weights: None, total_weight: points.len() as f64 }
+    }
+
+    /// Other points with the same weights, one for each of these.
+    pub(super) fn with_points<'b>(&self, points: &'b [Vector2<f64>]) -> PointSet<'b>
+    where
+        'a: 'b,
+    {
+        PointSet { points, weights: self.weights, total_weight: self.total_weight }
     }
 
     fn checked(points: &'a [Vector2<f64>], weights: Option<&'a [f64]>) -> Result<Self, PointSetError> {
@@ -153,6 +171,11 @@ impl<'a> PointSet<'a> {
 
     /// The sum of distances and its derivatives at `x`, in one pass over the points.
     pub(super) fn evaluate(&self, x: Vector2<f64>) -> Evaluation {
+        self.evaluate_around(x, 0.0)
+    }
+
+    /// As [`PointSet::evaluate`], with the derivatives of the points farther than `radius` only; the others count as at `x`.
+    fn evaluate_around(&self, x: Vector2<f64>, radius: f64) -> Evaluation {
         let (mut sum, mut gx, mut gy) = (0.0, 0.0, 0.0);
         let (mut hxx, mut hxy, mut hyy, mut weight_here) = (0.0, 0.0, 0.0, 0.0);
         let (mut nearest, mut nearest_distance) = (None, f64::INFINITY);
@@ -160,7 +183,8 @@ impl<'a> PointSet<'a> {
             let w = self.weight(i);
             let (dx, dy) = (x.x - p.x, x.y - p.y);
             let r = length(dx, dy);
-            if r == 0.0 {
+            if r <= radius {
+                sum += w * r;
                 weight_here += w;
                 continue;
             }
@@ -183,19 +207,28 @@ impl<'a> PointSet<'a> {
             hessian: Matrix2::new(hxx, hxy, hxy, hyy),
             weight_here,
             nearest,
+            nearest_distance,
         }
+    }
+
+    /// Weiszfeld steps from `x` that take the points within a small radius of it for points at `x`, for each of
+    /// [`CLUSTER_RADII`] that has any.
+    ///
+    /// Vectors that should be equal differ by rounding. Among such a cluster the Weiszfeld step is as short as the cluster is wide,
+    /// though far from the minimum; these steps see one point of the cluster's weight and leave it.
+    pub(super) fn cluster_steps(&self, x: Vector2<f64>, here: &Evaluation) -> impl Iterator<Item = Vector2<f64>> {
+        let mean_distance = here.sum / self.total_weight;
+        let radii = CLUSTER_RADII.into_iter().map(move |radius| radius * mean_distance);
+        let nearest_distance = here.nearest_distance;
+        radii
+            .filter(move |&radius| nearest_distance <= radius)
+            .map(move |radius| self.evaluate_around(x, radius).weiszfeld_step())
     }
 
     /// Weighted mean of the points.
     pub(super) fn mean(&self) -> Vector2<f64> {
-        // Around the first point, so that a common translation costs no digits.
-        let origin = self.points[0];
-        let (mut x, mut y) = (CompensatedSum::default(), CompensatedSum::default());
-        for (i, p) in self.points.iter().enumerate() {
-            x.add(self.weight(i) * (p.x - origin.x));
-            y.add(self.weight(i) * (p.y - origin.y));
-        }
-        origin + Vector2::new(x.value(), y.value()) / self.total_weight
+        let of = |axis: usize| CompensatedSum::of(self.points.iter().enumerate().map(|(i, p)| self.weight(i) * p[axis]));
+        Vector2::new(of(0), of(1)) / self.total_weight
     }
 
     /// Median of each coordinate: the mean of the lower and the upper one where half the weight is on either side.

@@ -170,7 +170,7 @@ proptest! {
     fn medians_are_ordered_and_certified(models in twelve(), alpha in 0.0..0.5f64) {
         let r = compute(&models, alpha, MedianKind::Exact);
         prop_assert!(r.sums.lower_bound <= r.sums.exact && r.sums.exact <= r.sums.greedy);
-        prop_assert!(r.sums.certificate_gap <= 1e-12 && (0.0..=1e-3).contains(&r.sums.greedy_gap), "{:?}", r.sums);
+        prop_assert!(r.sums.certificate_gap <= 1e-11 && (0.0..=1e-3).contains(&r.sums.greedy_gap), "{:?} {:?} {}", r.sums, r.search, r.trimming.iter().filter(|t| !t.dropped).map(|t| format!("{} {}, ", t.field, t.id)).collect::<String>());
         prop_assert_eq!((r.search.greedy_ending, r.search.exact_ending), (Ending::Converged, Ending::Converged));
     }
 
