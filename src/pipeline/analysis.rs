@@ -11,10 +11,10 @@ use serde::Serialize;
 
 use super::{Failure, MADE_BY, SCHEMA_VERSION, Workbench, files::file_blake3};
 use crate::{
-    fap::{self, Clamped, ConvertError, FapCatalog, FapSequence, FapWriteError},
+    fap::{self, Clamped, ConvertError, FapCatalog, FapNumber, FapSequence, FapWriteError, Motion},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     output::{self, OutputError, nine_digits, write_atomic},
-    report::{ReportData, render_html},
+    report::{ApexFap, ReportData, render_html},
     statistics::{self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models},
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
@@ -385,7 +385,16 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
     let catalog = FapCatalog::mpeg4();
     let apex = |class: &AnalyzedClass| {
         let frame = class.fap.frames.last();
-        let value = |fap| frame.and_then(|f| f.value(fap)).map(|v| (fap.get(), catalog.row(fap).name.clone(), v.round() as i32));
+        let value = |fap: FapNumber| {
+            let row = catalog.row(fap);
+            Some(ApexFap {
+                number: fap.get(),
+                name: row.name.clone(),
+                unit: row.unit_name(),
+                is_angle: row.motion.is_some_and(Motion::is_angle),
+                value: frame?.value(fap)?.round() as i32,
+            })
+        };
         class.fap.set_faps().into_iter().filter_map(value).collect::<Vec<_>>()
     };
     let html = render_html(&ReportData {

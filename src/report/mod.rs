@@ -31,6 +31,21 @@ const SCRIPTS: [&str; 4] = [
     include_str!("assets/page.js"),
 ];
 
+/// One FAP of a representative's apex frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ApexFap {
+    /// FAP number, 3 to 68.
+    pub number: u8,
+    /// Name in the standard.
+    pub name: String,
+    /// Unit of the value, such as `ENS/1024`.
+    pub unit: String,
+    /// Whether the value is an angle; angles are listed but not drawn beside lengths.
+    pub is_angle: bool,
+    /// The value, in its unit.
+    pub value: i32,
+}
+
 /// Everything the report shows.
 #[derive(Debug)]
 pub struct ReportData<'a> {
@@ -50,8 +65,8 @@ pub struct ReportData<'a> {
     pub tables: &'a Tables,
     /// FAPUs of the canonical neutral, face units.
     pub fapus: Fapus,
-    /// FAP values at the apex of every representative (same order): FAP number, name, value in FAP units.
-    pub apex_faps: Vec<Vec<(u8, String, i32)>>,
+    /// FAP values at the apex of every representative (same order).
+    pub apex_faps: Vec<Vec<ApexFap>>,
 }
 
 /// Renders the report.

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use serde_json::{Map, Value, json};
 
 use super::{
-    ReportData, TrackQuality,
+    ApexFap, ReportData, TrackQuality,
     numbers::{length, rounded},
     view::group_text,
 };
@@ -34,9 +34,9 @@ struct Index<'a> {
 pub(super) fn json(data: &ReportData<'_>) -> String {
     let live = data.wireframe.live_nodes();
     let index = Index::new(data);
-    let mut faps: BTreeMap<u8, &str> = BTreeMap::new();
-    for (number, name, _) in data.apex_faps.iter().flatten() {
-        faps.entry(*number).or_insert(name);
+    let mut faps: BTreeMap<u8, (&str, &str, bool)> = BTreeMap::new();
+    for fap in data.apex_faps.iter().flatten() {
+        faps.entry(fap.number).or_insert((&fap.name, &fap.unit, fap.is_angle));
     }
     let no_faps = Vec::new();
     let representatives: Vec<Value> = data
@@ -118,7 +118,7 @@ fn node_names(wireframe: &Wireframe, tables: &Tables) -> Vec<String> {
     wireframe.live_nodes().iter().map(name).collect()
 }
 
-fn representative(r: &Representative, live: &[NodeId], index: &Index<'_>, faps: &[(u8, String, i32)]) -> Value {
+fn representative(r: &Representative, live: &[NodeId], index: &Index<'_>, faps: &[ApexFap]) -> Value {
     let at = |m: usize, n: NodeId| r.model.frames()[m].node(n).unwrap_or_default();
     let neutral = live.iter().flat_map(|&n| [length(at(0, n).x), length(at(0, n).y)]);
     let offsets = |m: usize| -> Vec<Value> {
@@ -136,7 +136,7 @@ fn representative(r: &Representative, live: &[NodeId], index: &Index<'_>, faps: 
     set("neutral", neutral.collect());
     set("offsets", (1..r.model.frame_count()).map(offsets).collect());
     set("sequences", r.sequences.iter().map(|id| json!(index.ids.get(id))).collect());
-    set("faps", faps.iter().map(|(number, _, value)| json!([number, value])).collect());
+    set("faps", faps.iter().map(|fap| json!([fap.number, fap.value])).collect());
     if r.sequences.len() > 1 {
         let per_node = |n: &NodeId| length(r.node_dispersion.get(n.index()).copied().unwrap_or(0.0));
         set("nodeDispersion", live.iter().map(per_node).collect());

@@ -194,7 +194,10 @@ impl Card {
             certificate: ratio(r.sums.certificate_gap),
             dropped: r.trimming.iter().filter(|t| t.dropped).count(),
             dropped_per_field: per_field.join(", "),
-            fap_rows: data.apex_faps.get(index).map_or(0, |f| f.iter().filter(|(_, _, v)| *v != 0).count().min(TOP_FAPS)),
+            fap_rows: data
+                .apex_faps
+                .get(index)
+                .map_or(0, |f| f.iter().filter(|f| f.value != 0 && !f.is_angle).count().min(TOP_FAPS)),
             has_faps: data.apex_faps.get(index).is_some_and(|f| !f.is_empty()),
         }
     }

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use grimace::{
-    fap::{FapCatalog, FapSequence},
+    fap::{FapCatalog, FapNumber, FapSequence, Motion},
     model::{DynamicExpressionModel, FrameExpressionModel},
     pipeline::{Failure, Stage},
-    report::ReportData,
+    report::{ApexFap, ReportData},
     statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions},
     track::{TrackQuality, TrackSummary},
     units::{FaceUnit, NodeId, SequenceId},
@@ -150,11 +150,19 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
 }
 
 /// FAP values of the apex frame.
-fn apex_faps(r: &Representative, fapus: Fapus) -> Vec<(u8, String, i32)> {
+fn apex_faps(r: &Representative, fapus: Fapus) -> Vec<ApexFap> {
     let catalog = FapCatalog::mpeg4();
     let (faps, _) = FapSequence::from_model(&r.model, &fapus, catalog, "test", 25, 0).unwrap();
     let apex = faps.frames.last().unwrap();
-    let value = |fap| Some((fap, apex.value(fap)?));
-    let rows = faps.set_faps().into_iter().filter_map(value);
-    rows.map(|(fap, value)| (fap.get(), catalog.row(fap).name.clone(), value as i32)).collect()
+    let value = |fap: FapNumber| {
+        let row = catalog.row(fap);
+        Some(ApexFap {
+            number: fap.get(),
+            name: row.name.clone(),
+            unit: row.unit_name(),
+            is_angle: row.motion.is_some_and(Motion::is_angle),
+            value: apex.value(fap)? as i32,
+        })
+    };
+    faps.set_faps().into_iter().filter_map(value).collect()
 }

@@ -147,9 +147,9 @@ function trimmedTable(root, rep) {
 
 // ---- FAP bars ----
 function drawFaps(root, rep) {
-  const rows = [...rep.faps].filter(([, v]) => v !== 0).sort((a, b) => Math.abs(b[1]) - Math.abs(a[1]) || a[0] - b[0]).slice(0, 20);
+  const rows = [...rep.faps].filter(([n, v]) => v !== 0 && !data.faps[n][2]).sort((a, b) => Math.abs(b[1]) - Math.abs(a[1]) || a[0] - b[0]).slice(0, 20);
   if (rows.length === 0) {
-    root.append(element("p", { class: "facts" }, "Every FAP is zero at the apex."));
+    root.append(element("p", { class: "facts" }, "Every FAP that is a length is zero at the apex."));
     return;
   }
   const low = Math.min(0, ...rows.map((r) => r[1])), high = Math.max(0, ...rows.map((r) => r[1]));
@@ -160,11 +160,11 @@ function drawFaps(root, rep) {
   for (const [number, value] of rows) {
     const bar = element("i", { style: `left:${x(Math.min(0, value))}%;width:${Math.abs(x(value) - x(0))}%` });
     const text = element("span", { style: value < 0 ? `right:calc(${100 - x(value)}% + 0.3rem)` : `left:calc(${x(value)}% + 0.3rem)` }, whole(value));
-    bars.append(element("div", { class: "name" }, element("b", {}, String(number)), element("span", {}, data.faps[number])), element("div", { class: "track" }, bar, text));
+    bars.append(element("div", { class: "name" }, element("b", {}, String(number)), element("span", {}, data.faps[number][0])), element("div", { class: "track" }, bar, text));
   }
   const scale = element("div", { class: "scale" });
   for (const v of ticks(from, to, 4).list) scale.append(element("span", { style: `left:${x(v)}%` }, whole(v)));
-  scale.append(element("em", {}, "value at the apex, FAP units"));
+  scale.append(element("em", {}, "value at the apex, FAPU/1024"));
   bars.append(element("div"), scale);
   root.append(bars);
 }
@@ -172,9 +172,9 @@ function fapTable(details, rep) {
   const build = () => {
     if ($("table", details)) return;
     const rows = rep.faps.map(([number, value]) =>
-      element("tr", {}, element("td", { class: "num" }, String(number)), element("td", {}, data.faps[number]), element("td", { class: "num" }, whole(value))));
+      element("tr", {}, element("td", { class: "num" }, String(number)), element("td", {}, data.faps[number][0]), element("td", { class: "num" }, whole(value)), element("td", {}, data.faps[number][1])));
     details.append(element("table", { class: "data" },
-      element("thead", {}, element("tr", {}, element("th", { scope: "col", class: "num" }, "FAP"), element("th", { scope: "col" }, "Name"), element("th", { scope: "col", class: "num" }, "Value, FAP units"))),
+      element("thead", {}, element("tr", {}, element("th", { scope: "col", class: "num" }, "FAP"), element("th", { scope: "col" }, "Name"), element("th", { scope: "col", class: "num" }, "Value"), element("th", { scope: "col" }, "Unit"))),
       element("tbody", {}, ...rows)));
   };
   details.addEventListener("toggle", build);

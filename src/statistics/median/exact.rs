@@ -5,9 +5,9 @@
 //! geometric medians (Fermat-Weber points) in the plane, each a convex problem that damped Newton steps solve in a few passes
 //! over the points.
 //!
-//! The proof is a lower bound from the dual problem: for any vectors |u_i| <= 1 with sum w_i u_i = 0,
+//! The proof is a lower bound from the dual problem: for any vectors `|u_i| <= 1` with `sum w_i u_i = 0`,
 //! `f(z) = sum w_i |z - p_i| >= sum w_i u_i . (z - p_i) = sum w_i u_i . (x - p_i)` for every z, whatever the fixed x. At the minimum
-//! u_i = (x - p_i) / |x - p_i| meets the conditions and the bound is f itself; near it the u_i are corrected to meet them.
+//! `u_i = (x - p_i) / |x - p_i|` meets the conditions and the bound is f itself; near it the `u_i` are corrected to meet them.
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ use super::{
     points::Evaluation,
 };
 
-/// Largest relative rounding error of the certificate: of the differences from the origin, of each u_i, of the sum of the corrected
+/// Largest relative rounding error of the certificate: of the differences from the origin, of each `u_i`, of the sum of the corrected
 /// ones times the distance to the farthest possible minimum (at most 2 f / W from x), and of the compensated sums. Together below
 /// 50 halves of an epsilon; taken more than twice as large.
 const CERTIFICATE_ROUNDING: f64 = 64.0 * f64::EPSILON;
