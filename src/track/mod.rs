@@ -306,7 +306,7 @@ pub fn track_sequence(
     options: &TrackOptions,
     tick: impl FnMut(u32) -> bool,
 ) -> Result<Track, TrackError> {
-    let window_px = window_px(&plan.tables, fitted, options);
+    let window_px = window_px(&plan.tables, fitted.model.nodes(), options);
     let mut tracker = Klt::new(options.levels, window_px);
     track_with(&mut tracker, wireframe, plan, fitted, frames, options, tick)
 }
@@ -322,8 +322,9 @@ pub fn eye_distance_px(tables: &Tables, nodes: &[Point2<f64>]) -> Option<f64> {
     Some((mean(&definition.plus_nodes)? - mean(&definition.minus_nodes)?).norm()).filter(|d| *d > 0.0)
 }
 
-fn window_px(tables: &Tables, fitted: &FittedWireframe, options: &TrackOptions) -> u32 {
-    let eye_distance = eye_distance_px(tables, fitted.model.nodes()).unwrap_or(0.0);
+/// Side of the KLT window for a neutral face: odd, px.
+pub fn window_px(tables: &Tables, neutral: &[Point2<f64>], options: &TrackOptions) -> u32 {
+    let eye_distance = eye_distance_px(tables, neutral).unwrap_or(0.0);
     let half = (options.window * eye_distance / 2.0).round().clamp(0.0, 100.0) as u32;
     (2 * half + 1).max(MIN_WINDOW_PX)
 }
@@ -342,7 +343,7 @@ pub fn track_with(
     mut tick: impl FnMut(u32) -> bool,
 ) -> Result<Track, TrackError> {
     let eye_distance = eye_distance_px(&plan.tables, fitted.model.nodes()).unwrap_or(100.0);
-    let window = window_px(&plan.tables, fitted, options);
+    let window = window_px(&plan.tables, fitted.model.nodes(), options);
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut size = None;
     for frame in frames {

@@ -9,6 +9,9 @@
 //! `f(z) = sum w_i |z - p_i| >= sum w_i u_i . (z - p_i) = sum w_i u_i . (x - p_i)` for every z, whatever the fixed x. At the minimum
 //! `u_i = (x - p_i) / |x - p_i|` meets the conditions and the bound is f itself; near it the `u_i` are corrected to meet them.
 
+// Formulae are plain text here.
+#![allow(clippy::doc_markdown)]
+
 use nalgebra::Vector2;
 use rayon::prelude::*;
 

@@ -1,0 +1,32 @@
+# Sourced by scripts/demo and scripts/test: makes sure that what the build needs is there.
+#   need_packages PACKAGE...   installs Debian packages that are missing (as root, or through sudo)
+#   need_cargo                 stops with a hint when there is no Rust toolchain
+
+need_packages() {
+    local missing=() package
+    for package in "$@"; do
+        dpkg-query --show --showformat='${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' || missing+=("$package")
+    done
+    [ ${#missing[@]} -eq 0 ] && return
+    echo "installing Debian packages: ${missing[*]}"
+    local as_root=()
+    if [ "$(id -u)" -ne 0 ]; then
+        command -v sudo >/dev/null || {
+            echo "these Debian packages are missing: ${missing[*]}" >&2
+            echo "install them as root: apt-get install ${missing[*]}" >&2
+            exit 1
+        }
+        as_root=(sudo)
+    fi
+    "${as_root[@]}" apt-get update -q
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${missing[@]}"
+}
+
+need_cargo() {
+    command -v cargo >/dev/null && return
+    echo "no Rust toolchain: install one (Rust 1.88 or newer), for example with rustup, and run this again" >&2
+    exit 1
+}
+
+BUILD_PACKAGES=(build-essential pkg-config clang libclang-dev libopencv-dev)
+BROWSER_PACKAGES=(chromium chromium-driver)
