@@ -75,7 +75,7 @@ impl Painter<'_> {
         let male = if self.sex == Sex::Male { 1.0 } else { 0.55 };
         for side in [1.0_f32, -1.0] {
             let on = |node: usize| P::new(side * self.p(node).x, self.p(node).y);
-            let eye = P::new(side * self.p(21).x, (self.p(21).y + self.p(22).y) / 2.0);
+            let eye = P::new(side * self.p(21).x, f32::midpoint(self.p(21).y, self.p(22).y));
             bump(P::new(side * 0.14, eye.y + 0.02), (0.06, 0.06), 0.0, -0.032);
             bump(P::new(eye.x, eye.y + 0.01), (0.15, 0.075), 0.0, -0.050);
             bump(eye, (0.105, 0.062), 0.0, 0.045);
@@ -90,13 +90,13 @@ impl Painter<'_> {
         }
         let mouth = self.p(87);
         bump(P::new(0.0, mouth.y), (0.19, 0.15), 0.0, 0.060);
-        bump(P::new(0.0, (self.p(7).y + mouth.y) / 2.0), (0.13, 0.020), 0.0, 0.020);
-        bump(P::new(0.0, (self.p(8).y + mouth.y) / 2.0), (0.12, 0.024), 0.0, 0.030);
+        bump(P::new(0.0, f32::midpoint(self.p(7).y, mouth.y)), (0.13, 0.020), 0.0, 0.020);
+        bump(P::new(0.0, f32::midpoint(self.p(8).y, mouth.y)), (0.12, 0.024), 0.0, 0.030);
         bump(mouth, (0.16, 0.010), 0.0, -0.016);
         bump(P::new(0.0, self.p(8).y - 0.045), (0.11, 0.028), 0.0, -0.030);
         bump(P::new(0.0, chin.y + 0.12), (0.11, 0.075), 0.0, 0.065);
         // Philtrum: a groove between two ridges.
-        let lip_to_nose = (self.p(6).y + self.p(7).y) / 2.0;
+        let lip_to_nose = f32::midpoint(self.p(6).y, self.p(7).y);
         bump(P::new(0.0, lip_to_nose), (0.017, 0.055), 0.0, -0.010);
         for x in [-0.037, 0.037] {
             bump(P::new(x, lip_to_nose), (0.013, 0.05), 0.0, 0.005);

@@ -178,7 +178,7 @@ impl Painter<'_> {
                 let end = start - self.uniform(0.3, 0.9);
                 let points = [
                     P::new(side_sign * x, start),
-                    P::new(side_sign * (x + 0.03 + wave), (start + end) / 2.0),
+                    P::new(side_sign * (x + 0.03 + wave), f32::midpoint(start, end)),
                     P::new(side_sign * (x + wave - 0.02), end),
                 ];
                 let light = 0.80 + 0.30 * (-((start - 0.1) / 0.3).powi(2)).exp() - 0.15 * side_sign;

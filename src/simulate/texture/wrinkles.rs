@@ -73,7 +73,7 @@ impl Painter<'_> {
 
     /// Furrows across the forehead when the brows go up.
     fn forehead(&mut self, all: &mut Vec<Wrinkle>) {
-        let brow = (self.p(16).y + self.p(49).y) / 2.0;
+        let brow = f32::midpoint(self.p(16).y, self.p(49).y);
         let folds: Vec<Fold> = (0..4_u8)
             .map(|k| {
                 let y = brow + 0.095 + 0.078 * f32::from(k);
