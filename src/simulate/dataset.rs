@@ -28,6 +28,8 @@ use crate::output::{OutputError, nine_digits, write_atomic, write_csv, write_jso
 
 /// Nodes that are marked on the neutral frame: corners of the eyes, corners of the mouth, chin.
 pub const MARKED_NODES: [u16; 7] = [20, 23, 53, 56, 31, 64, 10];
+/// Name of the list of sequences.
+const MANIFEST: &str = "manifest.csv";
 /// Version of the layout of a simulated dataset.
 const SCHEMA_VERSION: u32 = 1;
 
@@ -96,6 +98,8 @@ const UNITS: Units = Units {
 /// Sequences are made in parallel; the bytes do not depend on the number of threads. `progress` is called with the number of
 /// frames finished and the number of all frames, from any thread.
 ///
+/// With `force`, frames that an earlier run left in the folder of a sequence are removed; other files stay.
+///
 /// # Errors
 /// [`SimulateError`] for options out of range, a folder that is not empty (unless `force`), or a file that can not be written.
 pub fn simulate_dataset(
@@ -109,6 +113,8 @@ pub fn simulate_dataset(
     if !force && fs::read_dir(out).map_err(OutputError::at(out))?.next().is_some() {
         return Err(SimulateError::NotEmpty { path: out.to_owned() });
     }
+    // What an earlier run left is not a dataset while frames are written over it.
+    remove(&out.join(MANIFEST))?;
     let total = options.subjects as usize * options.emotions.len() * options.frames;
     let done = AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
@@ -129,7 +135,7 @@ pub fn simulate_dataset(
     };
     write_json(&out.join("simulate.json"), &provenance)?;
     // Last: a folder with a manifest is a complete dataset.
-    write_csv(&out.join("manifest.csv"), rows.into_iter().flatten())?;
+    write_csv(&out.join(MANIFEST), rows.into_iter().flatten())?;
     Ok(DatasetSummary { sequences, frames: total })
 }
 
@@ -143,6 +149,7 @@ fn write_sequence(
     let (who, what) = (subject.id(), format!("{:03}", emotion.code()));
     let folder = format!("{who}/{what}");
     let sequence = SimulatedSequence::new(subject, emotion, options)?;
+    remove_frames(&out.join(&folder), &format!("{who}_{what}_"))?;
     let mut truth = Vec::new();
     for frame in 0..options.frames {
         let simulated = sequence.frame(frame);
@@ -177,6 +184,30 @@ fn write_sequence(
             Cohort::B => "B",
         },
     })
+}
+
+/// Removes a file if it is there.
+fn remove(path: &Path) -> Result<(), OutputError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(OutputError::at(path)(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Removes the frames of an earlier run: a longer sequence, or another format, would mix with the new one.
+fn remove_frames(folder: &Path, stem: &str) -> Result<(), OutputError> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(OutputError::at(folder))?,
+    };
+    for entry in entries {
+        let path = entry.map_err(OutputError::at(folder))?.path();
+        let is_frame = path.file_name().and_then(|name| name.to_str()).is_some_and(|name| name.starts_with(stem));
+        if is_frame {
+            remove(&path)?;
+        }
+    }
+    Ok(())
 }
 
 /// The marks a person would set on the neutral frame: true positions plus Gaussian errors.

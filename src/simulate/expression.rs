@@ -110,7 +110,7 @@ const fn row(emotion: Emotion, unit: ExpressionUnit, weight: f64) -> ExpressionR
 }
 
 /// The expressions. Action unit vectors carry what they can. Where Candide-3 has none, FAPs stand in: inner brow raise (FACS AU1:
-/// FAP 31, 32), cheek raise (AU6: 41, 42), brows together (AU4: 37, 38), lips parted (AU25: 4, 5, 8 to 11). A smile's raised
+/// FAP 31, 32), cheek raise (AU6: 41, 42; 39, 40 make room for the smile), brows together (AU4: 37, 38), lips parted (AU25: 4, 5, 8 to 11). A smile's raised
 /// corners (AU12) are the lip corner depressor (AUV 14) with a negative weight.
 ///
 /// AUV: 0 upper lip raiser, 2 lip stretcher, 3 brow lowerer, 5 outer brow raiser, 6 eyes closed, 7 lid tightener, 8 nose wrinkler,
@@ -120,13 +120,13 @@ pub const EXPRESSIONS: &[ExpressionRow] = {
     use Emotion::{Anger, Contempt, Disgust, Fear, Happiness, Sadness, Surprise};
     use ExpressionUnit::{Auv, Fap};
     &[
-        row(Anger, Auv(3), 0.80),
+        row(Anger, Auv(3), 0.50),
         row(Anger, Auv(7), 0.30),
         row(Anger, Auv(9), 0.90),
         row(Anger, Auv(10), 0.35),
         row(Anger, Auv(14), 0.22),
-        row(Anger, Fap(37), 0.02),
-        row(Anger, Fap(38), 0.02),
+        row(Anger, Fap(31), -0.07),
+        row(Anger, Fap(32), -0.07),
         row(Anger, Fap(61), 0.03),
         row(Anger, Fap(62), 0.03),
         row(Contempt, Auv(7), 0.15),
@@ -141,15 +141,16 @@ pub const EXPRESSIONS: &[ExpressionRow] = {
         row(Disgust, Auv(0), 0.75),
         row(Disgust, Auv(3), 0.35),
         row(Disgust, Auv(7), 0.35),
-        row(Disgust, Auv(8), 0.85),
+        row(Disgust, Auv(8), 0.70),
         row(Disgust, Auv(14), 0.20),
         row(Disgust, Fap(41), 0.10),
         row(Disgust, Fap(42), 0.10),
         row(Disgust, Fap(61), 0.04),
         row(Disgust, Fap(62), 0.04),
+        row(Disgust, Fap(63), 0.07),
         row(Fear, Auv(2), 0.75),
         row(Fear, Auv(5), 0.30),
-        row(Fear, Auv(10), 0.95),
+        row(Fear, Auv(10), 0.75),
         row(Fear, Auv(11), 0.22),
         row(Fear, Auv(14), 0.15),
         row(Fear, Fap(31), 0.28),
@@ -158,11 +159,13 @@ pub const EXPRESSIONS: &[ExpressionRow] = {
         row(Fear, Fap(34), 0.12),
         row(Fear, Fap(37), 0.055),
         row(Fear, Fap(38), 0.055),
-        row(Happiness, Auv(2), 0.95),
+        row(Happiness, Auv(2), 0.86),
         row(Happiness, Auv(7), 0.28),
         row(Happiness, Auv(11), 0.14),
-        row(Happiness, Auv(14), -0.82),
+        row(Happiness, Auv(14), -0.74),
         row(Happiness, Auv(0), 0.35),
+        row(Happiness, Fap(39), 0.07),
+        row(Happiness, Fap(40), 0.07),
         row(Happiness, Fap(41), 0.17),
         row(Happiness, Fap(42), 0.17),
         row(Happiness, Fap(21), 0.10),
@@ -182,15 +185,16 @@ pub const EXPRESSIONS: &[ExpressionRow] = {
         row(Sadness, Fap(38), 0.04),
         row(Sadness, Fap(18), 0.25),
         row(Surprise, Auv(5), 0.90),
-        row(Surprise, Auv(10), 1.00),
-        row(Surprise, Auv(11), 0.72),
+        row(Surprise, Auv(10), 0.80),
+        row(Surprise, Auv(11), 0.78),
+        row(Surprise, Auv(14), 0.15),
         row(Surprise, Fap(31), 0.24),
         row(Surprise, Fap(32), 0.24),
         row(Surprise, Fap(3), 0.30),
-        row(Surprise, Fap(53), -0.05),
-        row(Surprise, Fap(54), -0.05),
-        row(Surprise, Fap(6), -0.05),
-        row(Surprise, Fap(7), -0.05),
+        row(Surprise, Fap(53), -0.08),
+        row(Surprise, Fap(54), -0.08),
+        row(Surprise, Fap(6), -0.07),
+        row(Surprise, Fap(7), -0.07),
     ]
 };
 
@@ -207,6 +211,12 @@ const ASYMMETRY_RAMP: f64 = 0.2;
 /// The eight nodes of the iris boxes. Eyeballs are rigid: lids and noses do not squeeze them, although two action unit vectors
 /// of Candide-3 list them.
 const EYEBALL: std::ops::RangeInclusive<u16> = 67..=74;
+
+/// The forehead's node between the brows, the brows' inner and upper nodes, and the share of their rise that it takes: raised
+/// brows would otherwise push their skin over it, as no unit of Candide-3 moves it.
+const FOREHEAD: usize = 2;
+const BROWS: [usize; 4] = [16, 17, 49, 50];
+const FOREHEAD_SHARE: f64 = 0.5;
 
 /// The offset from neutral of every node at the apex of one person's expression, in model units of face space.
 ///
@@ -244,6 +254,8 @@ pub fn apex_offsets(
             }
         }
     }
+    let raised = BROWS.iter().map(|&n| offsets[n].y).sum::<f64>() / BROWS.len() as f64;
+    offsets[FOREHEAD].y += FOREHEAD_SHARE * raised.max(0.0);
     keep_lips_apart(wireframe, &mut offsets);
     offsets
 }
@@ -270,5 +282,86 @@ fn keep_lips_apart(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {
             offsets[upper].y -= gap / 2.0;
             offsets[lower].y += gap / 2.0;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wireframe::Tables;
+
+    fn apex(emotion: Emotion, subject: u32) -> Vec<Vector3<f64>> {
+        let w = Wireframe::candide3();
+        let fapus = Fapus::measure(&Tables::candide3().fapus, &w.frontal()).unwrap();
+        apex_offsets(&w, &fapus, emotion, 1.0, 1, subject)
+    }
+
+    #[test]
+    fn every_row_names_a_unit_that_the_wireframe_has() {
+        let w = Wireframe::candide3();
+        let fapus = Fapus::measure(&Tables::candide3().fapus, &w.frontal()).unwrap();
+        for row in EXPRESSIONS {
+            assert!(find_unit(&w, &fapus, row.unit).is_some(), "{row:?}");
+            assert!(row.weight != 0.0 && row.weight.abs() <= 1.2, "{row:?}");
+        }
+        for emotion in Emotion::ALL {
+            let units: Vec<_> = EXPRESSIONS.iter().filter(|r| r.emotion == emotion).map(|r| r.unit).collect();
+            assert!(units.len() >= 5);
+            assert!(units.iter().enumerate().all(|(k, u)| !units[..k].contains(u)), "{emotion} lists a unit twice");
+        }
+    }
+
+    #[test]
+    fn expressions_move_the_right_way() {
+        for subject in 0..20 {
+            let happy = apex(Emotion::Happiness, subject);
+            // Corners out and up, on both sides (x to the subject's left).
+            assert!(happy[31].x > 0.03 && happy[64].x < -0.03 && happy[31].y > 0.05 && happy[64].y > 0.05);
+            let surprise = apex(Emotion::Surprise, subject);
+            assert!([15, 16, 17, 48, 49, 50].iter().all(|&n: &usize| surprise[n].y > 0.05));
+            assert!(surprise[8].y < -0.1 && surprise[10].y < -0.1 && surprise[21].y > 0.0);
+            let anger = apex(Emotion::Anger, subject);
+            assert!(anger[17].y < -0.05 && anger[17].x < -0.03 && anger[50].x > 0.03 && anger[21].y < 0.0);
+            let fear = apex(Emotion::Fear, subject);
+            assert!(fear[17].y > 0.05 && fear[17].x < 0.0 && fear[21].y > 0.0 && fear[31].x > 0.03);
+            let sadness = apex(Emotion::Sadness, subject);
+            assert!(sadness[17].y > 0.05 && sadness[17].y > sadness[15].y && sadness[31].y < -0.05 && sadness[64].y < -0.05);
+            let disgust = apex(Emotion::Disgust, subject);
+            assert!(disgust[7].y > 0.03 && disgust[26].y > 0.02);
+            let contempt = apex(Emotion::Contempt, subject);
+            assert!(contempt[31].y > 0.03 && contempt[64].y.abs() < 0.01);
+        }
+    }
+
+    #[test]
+    fn lips_never_pass_through_each_other_and_eyeballs_stay() {
+        let w = Wireframe::candide3();
+        for emotion in Emotion::ALL {
+            for subject in 0..20 {
+                let offsets = apex(emotion, subject);
+                for (u, l) in LIP_TWINS.map(|(u, l)| (usize::from(u), usize::from(l))) {
+                    assert!(w.vertices()[u].y + offsets[u].y >= w.vertices()[l].y + offsets[l].y - 1e-12);
+                }
+                assert!(EYEBALL.clone().all(|n| offsets[usize::from(n)] == Vector3::zeros()));
+            }
+        }
+    }
+
+    #[test]
+    fn people_differ_and_are_a_little_asymmetric() {
+        let (a, b) = (apex(Emotion::Happiness, 0), apex(Emotion::Happiness, 1));
+        assert!((a[31] - b[31]).norm() > 1e-3);
+        let skew = (a[31].y - a[64].y).abs() / a[31].y;
+        assert!(skew > 1e-4 && skew < 0.25, "{skew}");
+        assert_eq!(a, apex(Emotion::Happiness, 0));
+    }
+
+    #[test]
+    fn labels_parse_back() {
+        for emotion in Emotion::ALL {
+            assert_eq!(emotion.label().parse(), Ok(emotion));
+        }
+        assert_eq!("joy".parse::<Emotion>(), Err(ParseEmotionError("joy".to_owned())));
+        assert_eq!((Emotion::Anger.code(), Emotion::Surprise.code()), (1, 7));
     }
 }

@@ -160,3 +160,21 @@ impl Eyeball {
         colour.map(|c| c + (1.0 - c) * light.min(1.0))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    #[test]
+    fn lid_curves_pass_through_their_nodes_and_arch_beyond_the_chords() {
+        let points = [(0.0, 0.0), (1.0, 0.6), (2.0, 0.8), (3.0, 0.6), (4.0, 0.0)].map(|(x, y)| Vector2::new(x, y));
+        let curve = Spline::new(points);
+        for p in points {
+            assert_relative_eq!(curve.at(p.x).unwrap(), p.y, epsilon = 1e-12);
+        }
+        assert!(curve.at(0.5).unwrap() > 0.3 && curve.at(1.5).unwrap() > 0.7);
+        assert_eq!(curve.at(-0.1), None);
+    }
+}

@@ -37,6 +37,12 @@ impl HeadPose {
         Matrix2::new(m[(0, 0)], m[(0, 1)], -m[(1, 0)], -m[(1, 1)]) * self.scale
     }
 
+    /// The same view, moved in the picture by a vector in pixels.
+    #[cfg(test)]
+    pub fn shifted(&self, by: Vector2<f64>) -> Self {
+        Self { origin: self.origin + by, ..*self }
+    }
+
     /// The same view of a body that does not turn.
     pub fn without_turn(&self) -> Self {
         Self { turn: Rotation3::identity(), ..*self }
@@ -104,4 +110,45 @@ impl Course {
 /// Cubic step from (0, 0) to (1, 1) with zero slope at both ends.
 fn smooth_step(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    #[test]
+    fn a_still_frontal_head_projects_x_right_and_y_down() {
+        let options = SimulateOptions { roll_degrees: 0.0, shift_px: 0.0, scale_change: 0.0, ..SimulateOptions::default() };
+        let pose = Course::new(&options, 0, Emotion::Fear).pose(0);
+        // 0.335 * 480 = 160.8 px per unit; (0, -0.03) stands at the middle of the picture, (319.5, 239.5).
+        let p = pose.project(&Point3::new(1.0, 0.97, 0.7));
+        assert_relative_eq!(p, Point2::new(319.5 + 160.8, 239.5 - 160.8), epsilon = 1e-9);
+    }
+
+    #[test]
+    fn the_expression_grows_from_nothing_to_all_of_it() {
+        let options = SimulateOptions::default();
+        let course = Course::new(&options, 1, Emotion::Anger);
+        let shares: Vec<f64> = (0..options.frames).map(|k| course.intensity(k)).collect();
+        assert_relative_eq!(shares[0], 0.0);
+        assert_relative_eq!(shares[options.frames - 1], 1.0);
+        assert!(shares.windows(2).all(|w| w[1] > w[0]));
+    }
+
+    #[test]
+    fn motion_stays_within_its_limits() {
+        let options = SimulateOptions { roll_degrees: 5.0, shift_px: 3.0, scale_change: 0.05, ..SimulateOptions::default() };
+        for subject in 0..50 {
+            let course = Course::new(&options, subject, Emotion::Anger);
+            for frame in 0..options.frames {
+                let pose = course.pose(frame);
+                let along = pose.image_from_plane() * Vector2::x();
+                assert!(along.y.atan2(along.x).abs() <= 5.0_f64.to_radians() + 1e-12);
+                assert!((along.norm() / px_per_unit(&options) - 1.0).abs() <= 0.05 + 1e-12);
+                assert!((pose.origin - course.middle).amax() <= 3.0 + 1e-12);
+            }
+        }
+    }
 }

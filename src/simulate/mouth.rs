@@ -17,12 +17,12 @@ pub fn draw_mouth(samples: &mut Samples, subject: &Subject, offsets: &[Vector3<f
     let place = |n: usize| pose.project(&(subject.neutral()[n] + offsets[n]));
     let (upper, lower) = (UPPER.map(place), LOWER.map(place));
     let Some(plane_from_image) = pose.image_from_plane().try_inverse() else { return };
-    // Upper teeth belong to the skull: they stay where the lip line rests. The lower ones go down with the jaw.
+    // Upper teeth belong to the skull: they stay where the lip line rests. The tongue goes down with the jaw.
     let rest = subject.neutral()[87];
     let origin = pose.project(&rest);
     let drop = -offsets[40].y;
     let local = |p: Point2<f64>| plane_from_image * (p - origin);
-    let (upper_lip, lower_lip) = (upper.map(local), lower.map(local));
+    let upper_lip = upper.map(local);
     let height_at = |lip: &[nalgebra::Vector2<f64>; 5], x: f64| {
         lip.windows(2)
             .find(|w| x <= w[0].x && x >= w[1].x)
@@ -38,15 +38,14 @@ pub fn draw_mouth(samples: &mut Samples, subject: &Subject, offsets: &[Vector3<f
             }
             let p = local(Samples::to_image(x, y));
             let below_lip = height_at(&upper_lip, p.x).map_or(0.0, |lip| lip - p.y);
-            let above_lip = height_at(&lower_lip, p.x).map_or(0.0, |lip| p.y - lip);
-            let colour = inside(p.x, p.y, drop, below_lip.max(0.0), above_lip.max(0.0), subject.appearance().noise);
+            let colour = inside(p.x, p.y, drop, below_lip.max(0.0), subject.appearance().noise);
             samples.lay(x, y, 1.0, colour.map(|c| c * 255.0));
         }
     }
 }
 
 /// Colour at a place relative to the middle of the resting lip line (model units).
-fn inside(x: f64, y: f64, drop: f64, below_lip: f64, above_lip: f64, seed: u32) -> [f32; 3] {
+fn inside(x: f64, y: f64, drop: f64, below_lip: f64, seed: u32) -> [f32; 3] {
     let side = (1.0 - (x / 0.21).powi(2)).clamp(0.0, 1.0);
     let mut colour = [0.13, 0.045, 0.045].map(|c: f64| c * (0.5 + 0.5 * side));
     let mut mix = |over: [f64; 3], share: f64| {
@@ -54,16 +53,11 @@ fn inside(x: f64, y: f64, drop: f64, below_lip: f64, above_lip: f64, seed: u32) 
             *c += (o - *c) * share.clamp(0.0, 1.0);
         }
     };
-    // Tongue and lower teeth, with the jaw.
+    // The tongue, with the jaw.
     let jaw_y = y + drop;
     let tongue = 1.0 - ((x / 0.13).powi(2) + ((jaw_y - 0.01) / 0.075).powi(2));
     let grain = f64::from(noise::value(x as f32 * 90.0, y as f32 * 90.0, seed ^ 0x71)) * 0.05;
     mix([0.52 + grain, 0.25 + grain, 0.25 + grain], (tongue * 2.5).min(0.75));
-    let row = tooth(x * 1.25, seed);
-    let lower_edge = 0.020 - 0.35 * x * x;
-    let lower_teeth = ((lower_edge - jaw_y) / 0.006).clamp(0.0, 1.0) * ((jaw_y + 0.05) / 0.02).clamp(0.0, 1.0);
-    let shade = 0.68 * side * row * (0.55 + 0.45 * (above_lip / 0.03).min(1.0));
-    mix([0.88 * shade, 0.84 * shade, 0.76 * shade], lower_teeth * ((drop - 0.05) / 0.05).clamp(0.0, 1.0));
     // Upper teeth, with the skull; their edge rises to the sides.
     let upper_edge = -TEETH_BELOW_LINE + 0.55 * x * x + 0.006 * (1.0 - tooth(x, seed ^ 1));
     let upper_teeth = ((y - upper_edge) / 0.005 + 0.5).clamp(0.0, 1.0) * ((0.215 - x.abs()) / 0.02).clamp(0.0, 1.0);

@@ -180,3 +180,30 @@ impl SimulateOptions {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_checked_and_named() {
+        let ok = SimulateOptions::default();
+        assert!(ok.check().is_ok());
+        let cases = [
+            (SimulateOptions { subjects: 0, ..ok.clone() }, "--subjects is 0"),
+            (SimulateOptions { subjects: 1000, ..ok.clone() }, "--subjects is 1000"),
+            (SimulateOptions { emotions: vec![], ..ok.clone() }, "--emotions is empty"),
+            (SimulateOptions { emotions: vec![Emotion::Fear, Emotion::Fear], ..ok.clone() }, "fear is listed twice"),
+            (SimulateOptions { frames: 1, ..ok.clone() }, "--frames is 1"),
+            (SimulateOptions { width: 63, ..ok.clone() }, "--size is 63x480"),
+            (SimulateOptions { format: FrameFormat::Jpg { quality: 0 }, ..ok.clone() }, "--quality is 0"),
+            (SimulateOptions { noise_sigma: f64::NAN, ..ok.clone() }, "--noise is NaN"),
+            (SimulateOptions { roll_degrees: -1.0, ..ok.clone() }, "--roll is -1"),
+            (SimulateOptions { fps: 0.0, ..ok.clone() }, "--fps is 0"),
+        ];
+        for (options, expected) in cases {
+            let message = options.check().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

@@ -29,3 +29,25 @@ pub fn generator(seed: u64, purpose: Purpose, subject: u32, emotion_code: u8, fr
     random.set_stream(frame | part(emotion_code.into(), 4, 28) | part(subject.into(), 24, 32) | part(purpose as u64, 8, 56));
     random
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::Rng;
+
+    use super::*;
+
+    #[test]
+    fn every_unit_of_work_has_its_own_stream() {
+        let base = (3, Purpose::Noise, 2, 5, 9);
+        let first = |(seed, purpose, subject, code, frame)| generator(seed, purpose, subject, code, frame).next_u64();
+        let others = [
+            (4, Purpose::Noise, 2, 5, 9),
+            (3, Purpose::Marks, 2, 5, 9),
+            (3, Purpose::Noise, 3, 5, 9),
+            (3, Purpose::Noise, 2, 6, 9),
+            (3, Purpose::Noise, 2, 5, 10),
+        ];
+        assert_eq!(first(base), first(base));
+        assert!(others.iter().all(|&other| first(other) != first(base)));
+    }
+}

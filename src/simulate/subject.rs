@@ -19,10 +19,10 @@ use crate::wireframe::{Fapus, Tables, Wireframe};
 /// little higher, and a narrower jaw.
 const SHAPE: [(u16, f64, f64); 12] = [
     (0, 0.00, 0.20),
-    (1, 0.15, 0.14),
-    (2, 0.00, 0.16),
+    (1, 0.20, 0.12),
+    (2, 0.00, 0.11),
     (3, -0.30, 0.15),
-    (4, 0.18, 0.10),
+    (4, 0.22, 0.10),
     (5, 0.00, 0.20),
     (6, 0.20, 0.30),
     (7, 0.00, 0.30),
@@ -132,8 +132,8 @@ impl Subject {
     /// [`SimulateError`] when the options are out of range.
     pub fn new(options: &SimulateOptions, index: u32) -> Result<Self, SimulateError> {
         options.check()?;
-        let sex = if index.is_multiple_of(2) { Sex::Female } else { Sex::Male };
-        let cohort = if (index / 2).is_multiple_of(2) { Cohort::A } else { Cohort::B };
+        let sex = if index % 2 == 0 { Sex::Female } else { Sex::Male };
+        let cohort = if (index / 2) % 2 == 0 { Cohort::A } else { Cohort::B };
         let wireframe = Wireframe::candide3();
         let neutral = identity(&wireframe, options.seed, index);
         let frontal: Vec<Point2<f64>> = neutral.iter().map(nalgebra::OPoint::xy).collect();
@@ -241,5 +241,40 @@ fn appearance(seed: u64, index: u32, sex: Sex) -> Appearance {
         brow: if male { random.random_range(1.05..1.35) } else { random.random_range(0.75..1.0) },
         lip: if male { random.random_range(0.45..0.65) } else { random.random_range(0.65..1.0) },
         noise: random.random(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neutral_faces_differ_and_keep_their_order() {
+        let w = Wireframe::candide3();
+        for index in 0..50 {
+            let nodes = identity(&w, 1, index);
+            assert_ne!(nodes, identity(&w, 1, index + 1));
+            assert_ne!(nodes, identity(&w, 2, index));
+            // From top to bottom: brow, upper lid, lower lid, nose base, upper lip, lower lip, chin.
+            let down = [16, 21, 22, 6, 7, 8, 10].map(|n: usize| nodes[n].y);
+            assert!(down.windows(2).all(|d| d[0] > d[1]), "{index}: {down:?}");
+            // From the subject's right to the left: eye corners.
+            let across = [53, 56, 23, 20].map(|n: usize| nodes[n].x);
+            assert!(across.windows(2).all(|x| x[0] < x[1]), "{index}: {across:?}");
+            assert_eq!(nodes[35], nodes[2]);
+        }
+    }
+
+    #[test]
+    fn sexes_and_cohorts_are_balanced() {
+        let options = SimulateOptions { width: 64, height: 64, ..SimulateOptions::default() };
+        let four: Vec<Subject> = (0..4).map(|k| Subject::new(&options, k).unwrap()).collect();
+        let kinds: Vec<_> = four.iter().map(|s| (s.sex(), s.cohort())).collect();
+        use {
+            Cohort::{A, B},
+            Sex::{Female, Male},
+        };
+        assert_eq!(kinds, [(Female, A), (Male, A), (Female, B), (Male, B)]);
+        assert_eq!(four[3].id(), "S004");
     }
 }

@@ -113,7 +113,7 @@ impl Painter<'_> {
         let outward = if side == 0 { 1.0 } else { -1.0 };
         // The crease runs above the margin: Candide's crease nodes lie close to it, a real fold a little higher.
         let fold: Vec<P> =
-            crease.iter().enumerate().map(|(k, &p)| p + V::new(0.0, [0.004, 0.028, 0.034, 0.028, 0.006][k])).collect();
+            crease.iter().enumerate().map(|(k, &p)| p + V::new(0.0, [0.003, 0.013, 0.015, 0.013, 0.005][k])).collect();
         let fold = smooth(&fold, false, 10);
         let mask = self.sheet.line(&fold, 0.008, 0.007);
         self.tint(&mask, [0.55, 0.45, 0.43]);

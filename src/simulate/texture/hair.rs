@@ -49,6 +49,14 @@ impl Painter<'_> {
         });
         let strands = self.strands();
         self.hairs(&strands, Some(&clip));
+        // Locks catch light unevenly along their length; without this a tracker would slide along the strands.
+        for (index, coverage) in mask.texels(&self.sheet) {
+            let p = self.sheet.at(index % self.sheet.width, index / self.sheet.width);
+            let glint = 0.16 * noise::fractal(p.x * 13.0, p.y * 13.0, 3, seed ^ 0x42)
+                + 0.10 * noise::value(p.x * 60.0, p.y * 40.0, seed ^ 0x43);
+            let factor = 1.0 + glint * coverage;
+            self.rgb[index] = self.rgb[index].map(|c| c * factor);
+        }
         self.fringe();
     }
 
@@ -125,7 +133,7 @@ impl Painter<'_> {
         let line = self.hairline();
         let side = self.p(29).x;
         let mut strands = Vec::new();
-        for _ in 0..2600 {
+        for _ in 0..1700 {
             // From the parting in an arc over the skull to a place on the border of the cap.
             let t = self.uniform(0.0, 1.0);
             let angle = std::f32::consts::PI * (1.12 * t - 0.06);
@@ -139,14 +147,14 @@ impl Painter<'_> {
             let piece = full[cut(from).min(full.len() - 2)..cut(reach.min(1.0)).max(cut(from) + 2).min(full.len())].to_vec();
             let light = 0.85 + 0.45 * (-((piece[piece.len() / 2].y - 1.0) / 0.14).powi(2)).exp();
             strands.push(Hair {
-                width: self.uniform(0.003, 0.008),
+                width: self.uniform(0.004, 0.009),
                 colour: self.strand_colour(light),
                 opacity: 0.5,
                 line: piece,
             });
         }
         // Short hairs that soften the hairline: they grow up and outwards.
-        for _ in 0..2000 {
+        for _ in 0..1500 {
             let k = (self.uniform(0.0, 1.0) * (line.len() - 1) as f32) as usize;
             let root = line[k] + V::new(self.uniform(-0.03, 0.03), self.uniform(-0.01, 0.10));
             let out = V::new(root.x * 0.55 - self.look.parting * 0.15, (root.y - 0.15).max(0.08)).normalize();
@@ -162,7 +170,7 @@ impl Painter<'_> {
             });
         }
         if self.look.long_hair {
-            for _ in 0..1500 {
+            for _ in 0..1100 {
                 let side_sign = if self.uniform(-1.0, 1.0) > 0.0 { 1.0 } else { -1.0 };
                 let x = side + self.uniform(-0.10, 0.20);
                 let wave = self.uniform(-0.02, 0.02);

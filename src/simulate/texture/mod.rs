@@ -218,3 +218,37 @@ fn between(a: P, b: P, t: f32) -> P {
 
 /// A vector of the plane.
 type V = Vector2<f32>;
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Emotion, SimulateOptions, SimulatedSequence, Subject};
+
+    #[test]
+    fn folds_come_with_the_expression_and_keep_the_outline() {
+        let options = SimulateOptions { width: 160, height: 120, frames: 2, ..SimulateOptions::default() };
+        let subject = Subject::new(&options, 0).unwrap();
+        let plain = &subject.texture;
+        for emotion in Emotion::ALL {
+            let sequence = SimulatedSequence::new(&subject, emotion, &options).unwrap();
+            assert!(plain.folded(&sequence.offsets(0)).texels == plain.texels, "{emotion}: a neutral face has no folds");
+            let folded = plain.folded(&sequence.offsets(1)).texels;
+            assert!(folded != plain.texels, "{emotion} leaves no fold");
+            assert!(folded.iter().zip(&plain.texels).all(|(a, b)| a[3] == b[3] && a[..3].iter().all(|&c| c <= a[3])));
+        }
+    }
+
+    #[test]
+    fn a_texture_is_opaque_on_the_face_and_clear_beside_the_head() {
+        let options = SimulateOptions { width: 160, height: 120, ..SimulateOptions::default() };
+        for index in 0..4 {
+            let subject = Subject::new(&options, index).unwrap();
+            for node in subject.neutral() {
+                // A node of the contour lies on the outline itself, where coverage is one half.
+                let alpha_at = |share: f64| subject.texture.sample((node.x * share) as f32, (node.y * share) as f32)[3];
+                assert!(alpha_at(1.0) > 100.0, "{node}: {}", alpha_at(1.0));
+                assert!(alpha_at(0.96) > 254.0, "inside {node}: {}", alpha_at(0.96));
+            }
+            assert!(subject.texture.sample(1.4, 1.0)[3] < 1.0);
+        }
+    }
+}

@@ -23,7 +23,7 @@ impl Skin {
         let n = |frequency: f32, octaves: u32, salt: u32| {
             noise::fractal(p.x * frequency + 31.7, p.y * frequency + 17.3, octaves, self.seed.wrapping_add(salt))
         };
-        let tone = 1.0 + 0.035 * n(2.3, 3, 1) + 0.035 * n(11.0, 3, 2) + 0.055 * n(34.0, 2, 3) + 0.085 * n(80.0, 2, 4);
+        let tone = 1.0 + 0.035 * n(2.3, 3, 1) + 0.035 * n(11.0, 3, 2) + 0.060 * n(34.0, 2, 3) + 0.090 * n(76.0, 2, 4);
         let red = blush * (1.0 - 0.55 * self.darkness) + 0.16 * n(5.0, 3, 5) + 0.14 * n(19.0, 2, 6);
         let [r, g, b] = self.base;
         let warm = [r * (1.0 + 0.035 * red), g * (1.0 - 0.17 * red), b * (1.0 - 0.17 * red)];

@@ -12,9 +12,9 @@ impl Painter<'_> {
             P::new(width, -0.80),
             P::new(width + 0.005, -1.02),
             P::new(width + 0.09, -1.17),
-            P::new(width + 0.42, -1.31),
-            P::new(1.2, -1.45),
-            P::new(1.4, -2.2),
+            P::new(width + 0.30, -1.27),
+            P::new(width + 0.30, -1.50),
+            P::new(0.0, -1.52),
         ];
         let outline = symmetric(&half);
         let mask = self.sheet.fill(&outline, 0.006);
