@@ -40,10 +40,30 @@ fn bare(files: &[&Path], points: &Vector<Point2f>, window: i32, levels: u32) -> 
             let (mut status, mut error) = (Vector::<u8>::new(), Vector::<f32>::new());
             let levels = levels as i32 - 1;
             calc_optical_flow_pyr_lk(
-                &previous, &frame, &points, &mut forward, &mut status, &mut error, size, levels, criteria, 0, 1e-4,
+                &previous,
+                &frame,
+                &points,
+                &mut forward,
+                &mut status,
+                &mut error,
+                size,
+                levels,
+                criteria,
+                0,
+                1e-4,
             )?;
             calc_optical_flow_pyr_lk(
-                &frame, &previous, &forward, &mut backward, &mut status, &mut error, size, levels, criteria, 0, 1e-4,
+                &frame,
+                &previous,
+                &forward,
+                &mut backward,
+                &mut status,
+                &mut error,
+                size,
+                levels,
+                criteria,
+                0,
+                1e-4,
             )?;
             sum += backward.get(0)?.x;
             points = forward;
@@ -102,7 +122,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     };
-    println!("{} frames of 640x480 PNG, {} nodes, {window} px window, {levels} levels, {PAIRS} pairs of runs", files.len(), points.len());
+    println!(
+        "{} frames of 640x480 PNG, {} nodes, {window} px window, {levels} levels, {PAIRS} pairs of runs",
+        files.len(),
+        points.len()
+    );
     println!("bare     {:8.1} ms (median)", median(rows.iter().map(|r| r.0).collect()));
     println!("tracked  {:8.1} ms (median)", median(rows.iter().map(|r| r.1).collect()));
     println!("ratio    {:8.3} (median of pairs)", median(rows.iter().map(|r| r.1 / r.0).collect()));
