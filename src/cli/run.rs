@@ -71,22 +71,24 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 fn print_summary(summary: &RunSummary, out: &std::path::Path) {
     let out = out.display();
     let RunSummary { sequences, tracked, reused, failures, skipped, .. } = summary;
+    for failure in failures {
+        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
+    }
     if summary.unchanged {
         println!("nothing changed since the last run: {sequences} sequences, nothing written");
-    } else {
-        println!("{sequences} sequences: {tracked} tracked, {reused} unchanged, {} failed", failures.len());
+        println!("report: {out}/report.html");
+        return;
     }
+    println!("{sequences} sequences: {tracked} tracked, {reused} unchanged, {} failed", failures.len());
     if !skipped.is_empty() {
         println!("{} sequences left out: {}", skipped.len(), skipped[0].1);
     }
+    let width = summary.representatives.iter().map(|(stem, _)| stem.len()).max().unwrap_or(0);
     for (stem, count) in &summary.representatives {
-        println!("  {stem:<12} {count:>4} sequences  {out}/fap/{stem}.fap");
+        println!("  {stem:<width$}  {count:>5} sequences  {out}/fap/{stem}.fap");
     }
     for warning in &summary.warnings {
         println!("note: {warning}");
-    }
-    for failure in failures {
-        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
     }
     println!("report: {out}/report.html");
 }

@@ -144,25 +144,35 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
             Ok(AnalyzedClass { representative, stem, fap, clamped })
         })
         .collect::<Result<Vec<_>, AnalysisError>>()?;
-    let warnings = classes.iter().flat_map(class_warnings).collect();
+    let warnings = warnings(&classes);
     Ok(Analysis { classes, tracks, failures, warnings })
 }
 
 /// Sequences below which a representative says little.
 const SMALL_CLASS: usize = 5;
 
-fn class_warnings(class: &AnalyzedClass) -> Vec<String> {
-    let (stem, count) = (&class.stem, class.representative.sequences.len());
+/// What a person should know before using the results: at most one line of each kind.
+fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     let mut warnings = Vec::new();
-    if count == 1 {
-        warnings.push(format!("{stem}: a single sequence; it is its own representative and has no dispersion"));
-    } else if count < SMALL_CLASS {
-        warnings.push(format!("{stem}: only {count} sequences; the representative may say little about anybody else"));
+    let counted = |few: &dyn Fn(usize) -> bool| -> Vec<String> {
+        let chosen = classes.iter().map(|c| (&c.stem, c.representative.sequences.len())).filter(|&(_, n)| few(n));
+        chosen.map(|(stem, n)| if n == 1 { stem.clone() } else { format!("{stem} ({n})") }).collect()
+    };
+    let single = counted(&|n| n == 1);
+    if !single.is_empty() {
+        let list = single.join(", ");
+        warnings.push(format!("a single sequence is its own representative and has no dispersion: {list}"));
     }
-    let clamped: BTreeSet<u8> = class.clamped.iter().map(|c| c.fap.get()).collect();
+    let small = counted(&|n| n > 1 && n < SMALL_CLASS);
+    if !small.is_empty() {
+        warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {}", small.join(", ")));
+    }
+    let clamped: BTreeSet<u8> = classes.iter().flat_map(|c| c.clamped.iter().map(|c| c.fap.get())).collect();
     if !clamped.is_empty() {
         let list = clamped.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!("{stem}: values of FAP {list} lie outside the standard's range and were clamped"));
+        warnings.push(format!(
+            "values outside the standard's range were clamped, see `clamped` in representatives/*.json: FAP {list}"
+        ));
     }
     warnings
 }
@@ -236,6 +246,16 @@ struct RepresentativeJson<'a> {
     dispersion_untrimmed: Option<f64>,
     distances: BTreeMap<String, Option<f64>>,
     node_dispersion: &'a [f64],
+    /// Values that the standard's ranges changed in the FAP file.
+    clamped: Vec<ClampedValue>,
+}
+
+#[derive(Serialize)]
+struct ClampedValue {
+    fap: u8,
+    key_frame: usize,
+    measured: f64,
+    written: i32,
 }
 
 #[derive(Serialize)]
@@ -295,6 +315,11 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
         dispersion_untrimmed: r.dispersion_untrimmed,
         distances: r.sequences.iter().zip(&r.distances).map(|(id, d)| (id.to_string(), *d)).collect(),
         node_dispersion: &r.node_dispersion,
+        clamped: class
+            .clamped
+            .iter()
+            .map(|c| ClampedValue { fap: c.fap.get(), key_frame: c.frame, measured: c.value, written: c.limit })
+            .collect(),
     }
 }
 
