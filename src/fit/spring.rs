@@ -8,11 +8,12 @@
 //! (k L + F) u = F d        L: graph Laplacian of the springs, F: diag(f of the driven nodes, 0 elsewhere), d: target - rest
 //! ```
 //!
-//! which is symmetric and positive definite as soon as one node of every connected part is driven; it is solved once, by Cholesky. x
-//! and y do not interact. KP do not say how springs act along and across themselves; this membrane is the linear choice that has one
+//! which is symmetric and positive definite as soon as one node of every connected part is driven; it is solved once, by Cholesky.
+//! The gain f may be a matrix, so that a node is driven harder in the direction in which its target is better known; only then do x
+//! and y interact. KP do not say how springs act along and across themselves; this membrane is the linear choice that has one
 //! equilibrium for any target and never folds on small forces.
 
-use nalgebra::{Cholesky, DMatrix, Dyn, Point2};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Point2};
 
 use crate::{units::NodeId, wireframe::Wireframe};
 
@@ -21,8 +22,20 @@ use crate::{units::NodeId, wireframe::Wireframe};
 pub enum Pull {
     /// By a force of this gain (per unit of distance, in units of the springs' stiffness), > 0.
     Force(f64),
+    /// By a force of this gain matrix, symmetric and positive definite: harder along directions in which the target is better known.
+    Matrix(Matrix2<f64>),
     /// To its target exactly.
     Hard,
+}
+
+impl Pull {
+    fn gain(self) -> Matrix2<f64> {
+        match self {
+            Self::Force(gain) => Matrix2::identity() * gain,
+            Self::Matrix(gain) => gain,
+            Self::Hard => Matrix2::identity() * HARD_GAIN,
+        }
+    }
 }
 
 /// A driven node and the position it is driven to.
@@ -71,7 +84,7 @@ pub struct Springs {
     /// Place of every node among the live ones.
     place: Vec<Option<usize>>,
     live: Vec<NodeId>,
-    /// k L over the live nodes, k = 1 for every spring.
+    /// k L over the live nodes, k = 1 for every spring, x and y of each node in turn.
     laplacian: DMatrix<f64>,
 }
 
@@ -81,13 +94,16 @@ impl Springs {
         let live = wireframe.live_nodes().to_vec();
         let mut place = vec![None; wireframe.node_count()];
         live.iter().enumerate().for_each(|(i, n)| place[n.index()] = Some(i));
-        let mut laplacian = DMatrix::zeros(live.len(), live.len());
+        let mut laplacian = DMatrix::zeros(2 * live.len(), 2 * live.len());
         for &(a, b) in wireframe.edges() {
             if let (Some(i), Some(j)) = (place[a.index()], place[b.index()]) {
-                laplacian[(i, i)] += 1.0;
-                laplacian[(j, j)] += 1.0;
-                laplacian[(i, j)] -= 1.0;
-                laplacian[(j, i)] -= 1.0;
+                for axis in 0..2 {
+                    let (i, j) = (2 * i + axis, 2 * j + axis);
+                    laplacian[(i, i)] += 1.0;
+                    laplacian[(j, j)] += 1.0;
+                    laplacian[(i, j)] -= 1.0;
+                    laplacian[(j, i)] -= 1.0;
+                }
             }
         }
         Self { place, live, laplacian }
@@ -108,33 +124,32 @@ impl Springs {
         if targets.is_empty() {
             return Err(SpringError::NoTarget);
         }
-        let n = self.live.len();
+        let size = 2 * self.live.len();
         let mut system = self.laplacian.clone();
-        let mut right = DMatrix::zeros(n, 2);
-        for i in 0..n {
+        let mut displacement = DVector::zeros(size);
+        for i in 0..size {
             system[(i, i)] += REST_GAIN;
         }
         for target in targets {
             let node = target.node;
             let i = self.place.get(node.index()).copied().flatten().ok_or(SpringError::NotLive { node })?;
-            let gain = match target.pull {
-                Pull::Force(gain) => gain,
-                Pull::Hard => HARD_GAIN,
-            };
-            let distance = target.position - rest[node.index()];
-            if !(gain > 0.0 && gain.is_finite() && distance.x.is_finite() && distance.y.is_finite()) {
+            let gain = target.pull.gain();
+            let force = gain * (target.position - rest[node.index()]);
+            let positive = gain[(0, 0)] > 0.0 && gain.determinant() > 0.0 && gain.iter().all(|g| g.is_finite());
+            if !(positive && force.x.is_finite() && force.y.is_finite()) {
                 return Err(SpringError::NotFinite { node });
             }
-            system[(i, i)] += gain;
-            right[(i, 0)] += gain * distance.x;
-            right[(i, 1)] += gain * distance.y;
+            let mut block = system.fixed_view_mut::<2, 2>(2 * i, 2 * i);
+            block += gain;
+            displacement[2 * i] += force.x;
+            displacement[2 * i + 1] += force.y;
         }
         let factor: Cholesky<f64, Dyn> = Cholesky::new(system).ok_or(SpringError::Singular)?;
-        factor.solve_mut(&mut right);
+        factor.solve_mut(&mut displacement);
         let mut nodes = rest.to_vec();
         for (i, node) in self.live.iter().enumerate() {
-            nodes[node.index()].x += right[(i, 0)];
-            nodes[node.index()].y += right[(i, 1)];
+            nodes[node.index()].x += displacement[2 * i];
+            nodes[node.index()].y += displacement[2 * i + 1];
         }
         for target in targets.iter().filter(|t| t.pull == Pull::Hard) {
             nodes[target.node.index()] = target.position;
@@ -181,6 +196,16 @@ mod tests {
         let moved = Springs::new(&w).deform(&w, &rest, &targets).unwrap();
         assert_relative_eq!(moved[1].x, 1.4, epsilon = 1e-6);
         assert_relative_eq!(moved[2].x, 0.2, epsilon = 1e-6);
+    }
+
+    #[test]
+    fn a_matrix_pulls_along_one_direction_only() {
+        // Node 1 pulled towards (2, 1) from (1, 0), but only x is known: y stays (all but) where node 0 holds it.
+        let (w, rest) = (triangle(), triangle().frontal());
+        let known_x = Pull::Matrix(Matrix2::new(1.0, 0.0, 0.0, 1e-9));
+        let targets = [target(0, 0.0, 0.0, Pull::Hard), target(1, 2.0, 1.0, known_x)];
+        let moved = Springs::new(&w).deform(&w, &rest, &targets).unwrap();
+        assert_relative_eq!(moved[1], Point2::new(1.4, 0.0), epsilon = 1e-6);
     }
 
     #[test]

@@ -132,8 +132,8 @@ impl Subject {
     /// [`SimulateError`] when the options are out of range.
     pub fn new(options: &SimulateOptions, index: u32) -> Result<Self, SimulateError> {
         options.check()?;
-        let sex = if index % 2 == 0 { Sex::Female } else { Sex::Male };
-        let cohort = if (index / 2) % 2 == 0 { Cohort::A } else { Cohort::B };
+        let sex = if index.is_multiple_of(2) { Sex::Female } else { Sex::Male };
+        let cohort = if (index / 2).is_multiple_of(2) { Cohort::A } else { Cohort::B };
         let wireframe = Wireframe::candide3();
         let neutral = identity(&wireframe, options.seed, index);
         let frontal: Vec<Point2<f64>> = neutral.iter().map(nalgebra::OPoint::xy).collect();

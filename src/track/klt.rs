@@ -1,8 +1,11 @@
 //! Pyramidal KLT [Bouguet] by OpenCV. Pyramids are built once per frame and serve as next, then as previous image.
 
-use nalgebra::Point2;
+use std::rc::Rc;
+
+use nalgebra::{Matrix2, Point2};
 use opencv::{
-    core::{Mat, Point2f, Size, TermCriteria, TermCriteria_Type, Vector},
+    core::{Mat, Point2f, Size, TermCriteria, TermCriteria_Type, Vec2s, Vector},
+    prelude::*,
     video::{OPTFLOW_USE_INITIAL_FLOW, build_optical_flow_pyramid, calc_optical_flow_pyr_lk},
 };
 
@@ -13,6 +16,9 @@ use crate::sequence::Frame;
 const MAX_ITERATIONS: i32 = 30;
 const STEP_PX: f64 = 0.01;
 
+/// Grey levels per px of one step of OpenCV's Scharr derivatives.
+const SCHARR: f64 = 1.0 / 32.0;
+
 /// Smallest normalized eigenvalue of a window's gradient matrix: OpenCV's default.
 const MIN_EIGENVALUE: f64 = 1e-4;
 
@@ -21,16 +27,17 @@ const MIN_EIGENVALUE: f64 = 1e-4;
 pub struct Klt {
     levels: i32,
     max_window: i32,
-    neutral: Vector<Mat>,
-    previous: Vector<Mat>,
-    current: Vector<Mat>,
+    // Shared, not cloned: a cloned `Mat` loses the border that its pyramid was padded with.
+    neutral: Rc<Vector<Mat>>,
+    previous: Rc<Vector<Mat>>,
+    current: Rc<Vector<Mat>>,
 }
 
 impl Klt {
     /// A tracker with `levels` pyramid levels (1: the image itself only), padded for windows up to `max_window_px`.
     pub fn new(levels: u32, max_window_px: u32) -> Self {
         let (levels, max_window) = (levels.clamp(1, 8) as i32, (max_window_px as i32).clamp(3, 255));
-        Self { levels, max_window, neutral: Vector::new(), previous: Vector::new(), current: Vector::new() }
+        Self { levels, max_window, neutral: Rc::default(), previous: Rc::default(), current: Rc::default() }
     }
 
     fn pyramid(&self, frame: &Frame) -> Result<Vector<Mat>, TrackError> {
@@ -52,12 +59,38 @@ impl Klt {
 
 impl PointTracker for Klt {
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
-        let pyramid = self.pyramid(frame)?;
+        let pyramid = Rc::new(self.pyramid(frame)?);
         if self.neutral.is_empty() {
-            self.neutral = pyramid.clone();
+            self.neutral = Rc::clone(&pyramid);
         }
         self.previous = std::mem::replace(&mut self.current, pyramid);
         Ok(())
+    }
+
+    fn gradients(&self, slot: Slot, window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
+        // A pyramid with derivatives holds image and derivatives of every level in turn.
+        let derivatives = self.slot(slot).get(1)?;
+        let half = (window_px / 2) as i32;
+        let range = |centre: f64, size: i32| {
+            let centre = centre.round().clamp(-1e6, 1e6) as i32;
+            (centre - half).clamp(0, size)..(centre + half + 1).clamp(0, size)
+        };
+        let matrix = |point: &Point2<f64>| -> Result<Matrix2<f64>, TrackError> {
+            let (mut xx, mut xy, mut yy, mut count) = (0.0, 0.0, 0.0, 0u32);
+            let columns = range(point.x, derivatives.cols());
+            for y in range(point.y, derivatives.rows()) {
+                let row = derivatives.at_row::<Vec2s>(y)?;
+                for pixel in &row[columns.start as usize..columns.end as usize] {
+                    let (dx, dy) = (f64::from(pixel[0]) * SCHARR, f64::from(pixel[1]) * SCHARR);
+                    xx += dx * dx;
+                    xy += dx * dy;
+                    yy += dy * dy;
+                    count += 1;
+                }
+            }
+            Ok(Matrix2::new(xx, xy, xy, yy) / f64::from(count.max(1)))
+        };
+        points.iter().map(matrix).collect()
     }
 
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {

@@ -2,22 +2,22 @@
 //!
 //! From frame to frame every live node is followed by pyramidal KLT, forward and back. A node is *lost* when KLT says so, when the way
 //! back does not return to where it came from, when it leaves the image, or when its displacement is extreme against its neighbours'
-//! (KP want "a uniform distribution" of displacements and give no rule; see [`recover`]). After each step the springs re-deform the
+//! (KP want "a uniform distribution" of displacements and give no rule; see `recover`). After each step the springs re-deform the
 //! wireframe, driven by the displacements of the nodes that were not lost; the lost ones take their place from it and are tracked
-//! again in the next frame.
+//! again in the next frame (see `step`).
 
 mod file;
 mod klt;
 mod quality;
 mod recover;
+mod state;
+mod step;
 
-use std::{fmt, str::FromStr};
-
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Matrix2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    fit::{FittedWireframe, MarkKind, Pull, SpringError, Springs, Target},
+    fit::{FittedWireframe, MarkKind, SpringError},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     sequence::{Frame, ImageSize, SequenceError},
     units::{NodeId, Px},
@@ -27,83 +27,8 @@ use crate::{
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
 pub use quality::{TrackQuality, TrackSummary, summarize};
-
-/// Why a node was lost in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum LossReason {
-    /// KLT found no match.
-    Klt,
-    /// Tracked back, the node did not return to where it came from.
-    ForwardBackward,
-    /// It left the image.
-    Outside,
-    /// Its displacement was extreme against its neighbours'.
-    Extreme,
-}
-
-impl LossReason {
-    /// The reason in a word, as in the `state` column behind `recovered_`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Klt => "klt",
-            Self::ForwardBackward => "forward_backward",
-            Self::Outside => "outside",
-            Self::Extreme => "extreme",
-        }
-    }
-}
-
-/// How a node came to its position in a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum NodeState {
-    /// Neutral frame: pulled to a mark.
-    Marked,
-    /// Neutral frame: placed by the fit.
-    Fitted,
-    /// Set by hand.
-    Corrected,
-    /// Followed by KLT.
-    Tracked,
-    /// Lost, and placed by the springs.
-    Recovered(LossReason),
-    /// In no triangle: takes the mean position of the nodes it follows.
-    Follows,
-}
-
-impl NodeState {
-    const NAMES: [(Self, &'static str); 9] = [
-        (Self::Marked, "marked"),
-        (Self::Fitted, "fitted"),
-        (Self::Corrected, "corrected"),
-        (Self::Tracked, "tracked"),
-        (Self::Recovered(LossReason::Klt), "recovered_klt"),
-        (Self::Recovered(LossReason::ForwardBackward), "recovered_forward_backward"),
-        (Self::Recovered(LossReason::Outside), "recovered_outside"),
-        (Self::Recovered(LossReason::Extreme), "recovered_extreme"),
-        (Self::Follows, "follows"),
-    ];
-
-    /// The word in the `state` column of a track file.
-    pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(state, _)| *state == self).map_or("", |(_, name)| name)
-    }
-}
-
-impl fmt::Display for NodeState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for NodeState {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let found = Self::NAMES.iter().find(|(_, name)| *name == text).map(|(state, _)| *state);
-        let names = || Self::NAMES.map(|(_, name)| name).join(", ");
-        found.ok_or_else(|| format!("`{text}` is not a node state; the states are {}", names()))
-    }
-}
+pub use state::{LossReason, NodeState};
+pub use step::TrackPlan;
 
 /// One node in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,20 +80,23 @@ pub struct TrackOptions {
     pub forward_backward: f64,
     /// A displacement is extreme when it differs from the neighbours' by more than this many robust standard deviations.
     pub extreme: f64,
-    /// Gain of the force on a node that was not lost, over the stiffness of a spring.
+    /// Gain of the force on a node that was not lost, over the stiffness of a spring, where the gradients of its window are as
+    /// strong as its mismatch.
     pub force: f64,
+    /// Weight of the mismatch of the two windows, squared, against the gradients: 0 trusts every match alike.
+    pub mismatch: f64,
     /// Re-deform after each step. Without it lost nodes stay where they were (for comparison only).
     pub deform: bool,
 }
 
 impl Default for TrackOptions {
     fn default() -> Self {
-        Self { window: 0.12, levels: 4, forward_backward: 0.02, extreme: 6.0, force: 40.0, deform: true }
+        Self { window: 0.08, levels: 4, forward_backward: 0.02, extreme: 6.0, force: 60.0, mismatch: 1.0, deform: true }
     }
 }
 
 /// Smallest KLT window, px.
-pub const MIN_WINDOW_PX: u32 = 9;
+pub const MIN_WINDOW_PX: u32 = 7;
 
 /// Why a sequence can not be tracked.
 #[derive(Debug, thiserror::Error)]
@@ -245,52 +173,21 @@ pub trait PointTracker {
     /// [`TrackError`] when the frame can not be prepared.
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError>;
 
+    /// Mean gradient matrices of the windows around points of a frame, squared grey levels per px: how well, and in which
+    /// direction, a match is determined. A tracker that does not know says so by the default: all points, all directions alike.
+    ///
+    /// # Errors
+    /// [`TrackError`] when the gradients can not be read.
+    fn gradients(&self, _slot: Slot, _window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
+        Ok(vec![Matrix2::identity(); points.len()])
+    }
+
     /// Finds the probes of frame `from` in frame `to`, with a square window and that many pyramid levels; one answer per probe.
     ///
     /// # Errors
     /// [`TrackError`] when the search can not run at all.
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError>;
 }
-
-/// Fewest nodes that must not be lost in a step.
-const MIN_TRACKED: usize = 8;
-
-/// What a tracker knows beforehand about a wireframe.
-#[derive(Clone, Debug)]
-pub struct TrackPlan {
-    springs: Springs,
-    neighbours: recover::Neighbours,
-    lips: Vec<LipTwin>,
-    tables: Tables,
-}
-
-/// An inner-lip node and the outer-lip node of the same lip.
-///
-/// The inner-lip nodes of upper and lower lip coincide when the mouth is closed (40/87, 81/83, 82/84). KLT would see the same patch
-/// twice and the mouth would never open: each of them is searched for by a patch inside its own lip instead.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct LipTwin {
-    inner: NodeId,
-    outer: NodeId,
-}
-
-/// Inner and outer nodes of the lips, by feature point: upper middle, upper left and right, lower middle, lower left and right.
-const LIPS: [(&str, &str); 6] = [("2.2", "8.1"), ("2.6", "8.5"), ("2.7", "8.6"), ("2.3", "8.2"), ("2.8", "8.7"), ("2.9", "8.8")];
-
-impl TrackPlan {
-    /// The plan for a wireframe.
-    pub fn new(wireframe: &Wireframe, tables: &Tables) -> Self {
-        let single = |fp: &str| match fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)) {
-            Some(&[node]) if node.index() < wireframe.node_count() => Some(node),
-            _ => None,
-        };
-        let lips = LIPS.iter().filter_map(|(i, o)| Some(LipTwin { inner: single(i)?, outer: single(o)? })).collect();
-        Self { springs: Springs::new(wireframe), neighbours: recover::Neighbours::new(wireframe), lips, tables: tables.clone() }
-    }
-}
-
-/// Share of the way from the inner to the outer edge of a lip at which an inner-lip node is searched for.
-const LIP_PROBE: f64 = 0.5;
 
 /// Tracks a fitted wireframe through the frames; the first is the neutral frame it was fitted to.
 ///
@@ -353,7 +250,8 @@ pub fn track_with(
         let nodes = match out.last() {
             None => neutral_nodes(wireframe, fitted),
             Some(previous) => {
-                let step = Step { wireframe, plan, options, window, eye_distance, size: frame.size(), number: frame.number() };
+                let step =
+                    step::Step { wireframe, plan, options, window, eye_distance, size: frame.size(), number: frame.number() };
                 step.run(tracker, previous)?
             }
         };
@@ -384,89 +282,4 @@ pub fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<Tra
         };
     }
     nodes
-}
-
-/// One step from the previous to the current frame.
-struct Step<'a> {
-    wireframe: &'a Wireframe,
-    plan: &'a TrackPlan,
-    options: &'a TrackOptions,
-    window: u32,
-    eye_distance: f64,
-    size: ImageSize,
-    number: u32,
-}
-
-impl Step<'_> {
-    fn run(&self, tracker: &mut impl PointTracker, previous: &TrackedFrame) -> Result<Vec<TrackedNode>, TrackError> {
-        let live = self.wireframe.live_nodes();
-        let positions: Vec<_> = previous.nodes.iter().map(|n| n.position).collect();
-        let starts: Vec<_> = live.iter().map(|&n| positions[n.index()] + self.probe_offset(n, &positions)).collect();
-        let probes: Vec<_> = starts.iter().map(|&p| Probe { position: p, guess: p }).collect();
-        let levels = self.options.levels;
-        let forward = tracker.find(Slot::Previous, Slot::Current, self.window, levels, &probes)?;
-        let back: Vec<_> = forward
-            .iter()
-            .zip(&starts)
-            .map(|(found, start)| match found {
-                Found::At { position, .. } => Probe { position: *position, guess: *position },
-                Found::Lost => Probe { position: *start, guess: *start },
-            })
-            .collect();
-        let backward = tracker.find(Slot::Current, Slot::Previous, self.window, levels, &back)?;
-
-        let mut steps: Vec<recover::NodeStep> = Vec::with_capacity(live.len());
-        for (i, &node) in live.iter().enumerate() {
-            steps.push(self.judge(node, starts[i], forward[i], backward[i]));
-        }
-        recover::reject_extremes(&self.plan.neighbours, &mut steps, self.options.extreme, self.eye_distance);
-
-        let tracked = steps.iter().filter(|s| s.loss.is_none()).count();
-        if tracked < MIN_TRACKED.min(live.len()) {
-            return Err(TrackError::FaceLost { frame: self.number, found: tracked, live: live.len() });
-        }
-        let moved = self.place(&positions, &steps)?;
-        let mut nodes: Vec<_> =
-            moved.iter().map(|&position| TrackedNode { position, state: NodeState::Follows, residual: None }).collect();
-        for step in &steps {
-            let node = &mut nodes[step.node.index()];
-            node.state = step.loss.map_or(NodeState::Tracked, NodeState::Recovered);
-            node.residual = step.residual;
-        }
-        Ok(nodes)
-    }
-
-    /// Where a node is searched for, relative to it.
-    fn probe_offset(&self, node: NodeId, positions: &[Point2<f64>]) -> Vector2<f64> {
-        let lip = self.plan.lips.iter().find(|lip| lip.inner == node);
-        lip.map_or_else(Vector2::zeros, |lip| (positions[lip.outer.index()] - positions[node.index()]) * LIP_PROBE)
-    }
-
-    fn judge(&self, node: NodeId, start: Point2<f64>, forward: Found, backward: Found) -> recover::NodeStep {
-        let lost = |reason, residual| recover::NodeStep { node, displacement: Vector2::zeros(), residual, loss: Some(reason) };
-        let Found::At { position, .. } = forward else { return lost(LossReason::Klt, None) };
-        if !self.size.contains(&position) {
-            return lost(LossReason::Outside, None);
-        }
-        let Found::At { position: returned, .. } = backward else { return lost(LossReason::ForwardBackward, None) };
-        let residual = (returned - start).norm();
-        if residual > self.options.forward_backward * self.eye_distance {
-            return lost(LossReason::ForwardBackward, Some(residual));
-        }
-        recover::NodeStep { node, displacement: position - start, residual: Some(residual), loss: None }
-    }
-
-    fn place(&self, positions: &[Point2<f64>], steps: &[recover::NodeStep]) -> Result<Vec<Point2<f64>>, TrackError> {
-        let kept = steps.iter().filter(|s| s.loss.is_none());
-        if !self.options.deform {
-            let mut nodes = positions.to_vec();
-            kept.for_each(|s| nodes[s.node.index()] += s.displacement);
-            self.wireframe.place_followers(&mut nodes);
-            return Ok(nodes);
-        }
-        let pull = Pull::Force(self.options.force);
-        let targets: Vec<_> =
-            kept.map(|s| Target { node: s.node, position: positions[s.node.index()] + s.displacement, pull }).collect();
-        Ok(self.plan.springs.deform(self.wireframe, positions, &targets)?)
-    }
 }

@@ -25,6 +25,8 @@ pub struct NodeStep {
     pub displacement: Vector2<f64>,
     /// Forward-backward distance, px, where it could be measured.
     pub residual: Option<f64>,
+    /// Mean absolute grey difference of the matched windows, 0 to 255.
+    pub difference: f64,
     /// Why the node was lost, if it was.
     pub loss: Option<LossReason>,
 }
@@ -77,6 +79,15 @@ pub fn reject_extremes(neighbours: &Neighbours, steps: &mut [NodeStep], extreme:
     }
 }
 
+/// Gives nodes that move as one (by place) the component-wise median of the displacements of those of them that were not lost.
+pub fn move_as_one(steps: &mut [NodeStep], group: &[usize]) {
+    let kept: Vec<usize> = group.iter().copied().filter(|&i| steps[i].loss.is_none()).collect();
+    let (mut x, mut y): (Vec<f64>, Vec<f64>) = kept.iter().map(|&i| (steps[i].displacement.x, steps[i].displacement.y)).unzip();
+    if let (Some(x), Some(y)) = (median(&mut x), median(&mut y)) {
+        kept.iter().for_each(|&i| steps[i].displacement = Vector2::new(x, y));
+    }
+}
+
 /// Median (mean of the two middle values for an even count); `None` for an empty slice.
 fn median(values: &mut [f64]) -> Option<f64> {
     let n = values.len();
@@ -99,13 +110,33 @@ mod tests {
     fn one_node_running_away_is_lost_and_the_others_are_not() {
         let wireframe = Wireframe::candide3();
         let neighbours = Neighbours::new(&wireframe);
-        let step = |node: &NodeId| NodeStep { node: *node, displacement: Vector2::new(1.0, 0.5), residual: None, loss: None };
+        let step = |node: &NodeId| NodeStep {
+            node: *node,
+            displacement: Vector2::new(1.0, 0.5),
+            residual: None,
+            difference: 1.0,
+            loss: None,
+        };
         let mut steps: Vec<_> = wireframe.live_nodes().iter().map(step).collect();
         steps[20].displacement = Vector2::new(9.0, 0.5);
         reject_extremes(&neighbours, &mut steps, 6.0, 100.0);
         let lost: Vec<usize> = (0..steps.len()).filter(|&i| steps[i].loss.is_some()).collect();
         assert_eq!(lost, [20]);
         assert_eq!(steps[20].loss, Some(LossReason::Extreme));
+    }
+
+    #[test]
+    fn nodes_of_a_group_take_its_median_displacement() {
+        let step = |k: u16, x: f64, loss| NodeStep {
+            node: NodeId(k),
+            displacement: Vector2::new(x, -x),
+            residual: None,
+            difference: 0.0,
+            loss,
+        };
+        let mut steps = [step(0, 1.0, None), step(1, 5.0, None), step(2, 2.0, None), step(3, 9.0, Some(LossReason::Klt))];
+        move_as_one(&mut steps, &[0, 1, 2, 3]);
+        assert_eq!(steps.map(|s| s.displacement.x), [2.0, 2.0, 2.0, 9.0]);
     }
 
     #[test]

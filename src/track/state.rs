@@ -1,0 +1,80 @@
+//! How a node came to its position.
+
+use std::{fmt, str::FromStr};
+
+/// Why a node was lost in a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum LossReason {
+    /// KLT found no match.
+    Klt,
+    /// Tracked back, the node did not return to where it came from.
+    ForwardBackward,
+    /// It left the image.
+    Outside,
+    /// Its displacement was extreme against its neighbours'.
+    Extreme,
+}
+
+impl LossReason {
+    /// The reason in a word, as in the `state` column behind `recovered_`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Klt => "klt",
+            Self::ForwardBackward => "forward_backward",
+            Self::Outside => "outside",
+            Self::Extreme => "extreme",
+        }
+    }
+}
+
+/// How a node came to its position in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum NodeState {
+    /// Neutral frame: pulled to a mark.
+    Marked,
+    /// Neutral frame: placed by the fit.
+    Fitted,
+    /// Set by hand.
+    Corrected,
+    /// Followed by KLT.
+    Tracked,
+    /// Lost, and placed by the springs.
+    Recovered(LossReason),
+    /// In no triangle: takes the mean position of the nodes it follows.
+    Follows,
+}
+
+impl NodeState {
+    const NAMES: [(Self, &'static str); 9] = [
+        (Self::Marked, "marked"),
+        (Self::Fitted, "fitted"),
+        (Self::Corrected, "corrected"),
+        (Self::Tracked, "tracked"),
+        (Self::Recovered(LossReason::Klt), "recovered_klt"),
+        (Self::Recovered(LossReason::ForwardBackward), "recovered_forward_backward"),
+        (Self::Recovered(LossReason::Outside), "recovered_outside"),
+        (Self::Recovered(LossReason::Extreme), "recovered_extreme"),
+        (Self::Follows, "follows"),
+    ];
+
+    /// The word in the `state` column of a track file.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(state, _)| *state == self).map_or("", |(_, name)| name)
+    }
+}
+
+impl fmt::Display for NodeState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for NodeState {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::NAMES.iter().find(|(_, name)| *name == text).map(|(state, _)| *state);
+        let names = || Self::NAMES.map(|(_, name)| name).join(", ");
+        found.ok_or_else(|| format!("`{text}` is not a node state; the states are {}", names()))
+    }
+}

@@ -1,0 +1,196 @@
+//! One step from a frame to the next: search, judge, re-deform [KP, section 3].
+//!
+//! KP drive the springs by the displacements of all nodes that were not lost, all alike. But a match on plain skin is worth less than
+//! one on a brow, and less across an edge than along its normal. The force on a node is therefore the matrix
+//!
+//! ```text
+//! F = f G / (n + w d^2) + e I
+//! ```
+//!
+//! G: mean gradient matrix of the window; d: mean grey difference of the matched windows; f: [`TrackOptions::force`]; w:
+//! [`TrackOptions::mismatch`]; n, e: floors. This is KLT's own estimate of how well
+//! it determined a displacement; well textured, well matched nodes stay where KLT found them, the others follow the springs.
+
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::{
+    Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackedFrame, TrackedNode, recover,
+};
+use crate::{
+    fit::{Pull, Springs, Target},
+    sequence::ImageSize,
+    units::NodeId,
+    wireframe::{Tables, Wireframe},
+};
+
+/// Fewest nodes that must not be lost in a step.
+const MIN_TRACKED: usize = 8;
+
+/// Share of the way from the inner to the outer edge of a lip at which an inner-lip node is searched for.
+const LIP_PROBE: f64 = 0.7;
+
+/// Squared grey levels that a perfect match is taken to differ by.
+const MISMATCH_FLOOR: f64 = 0.05;
+
+/// Force on a node in a direction without any gradient, over the stiffness of a spring.
+const FORCE_FLOOR: f64 = 1e-3;
+
+/// Inner and outer nodes of the lips, by feature point: upper middle, upper left and right, lower middle, lower left and right.
+const LIPS: [(&str, &str); 6] = [("2.2", "8.1"), ("2.6", "8.5"), ("2.7", "8.6"), ("2.3", "8.2"), ("2.8", "8.7"), ("2.9", "8.8")];
+
+/// Pupils, whose nodes are the corners of the iris boxes.
+const PUPILS: [&str; 2] = ["3.5", "3.6"];
+
+/// What the tracker knows of a wireframe beforehand.
+#[derive(Clone, Debug)]
+pub struct TrackPlan {
+    springs: Springs,
+    neighbours: recover::Neighbours,
+    lips: Vec<LipTwin>,
+    /// Places among the live nodes of nodes that move as one: the corners of each iris box.
+    rigid: Vec<Vec<usize>>,
+    pub(super) tables: Tables,
+}
+
+/// An inner-lip node and the outer-lip node of the same lip.
+///
+/// The inner-lip nodes of upper and lower lip coincide when the mouth is closed (40/87, 81/83, 82/84). KLT would see the same patch
+/// twice and the mouth would never open: each of them is searched for by a patch inside its own lip instead.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct LipTwin {
+    inner: NodeId,
+    outer: NodeId,
+}
+
+impl TrackPlan {
+    /// The plan for a wireframe.
+    pub fn new(wireframe: &Wireframe, tables: &Tables) -> Self {
+        let nodes = |fp: &str| fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)).unwrap_or_default();
+        let single = |fp: &str| match nodes(fp) {
+            &[node] if node.index() < wireframe.node_count() => Some(node),
+            _ => None,
+        };
+        let place = |node: &NodeId| wireframe.live_nodes().iter().position(|n| n == node);
+        Self {
+            springs: Springs::new(wireframe),
+            neighbours: recover::Neighbours::new(wireframe),
+            lips: LIPS.iter().filter_map(|(i, o)| Some(LipTwin { inner: single(i)?, outer: single(o)? })).collect(),
+            rigid: PUPILS.iter().map(|fp| nodes(fp).iter().filter_map(place).collect()).collect(),
+            tables: tables.clone(),
+        }
+    }
+}
+
+/// One step from the previous to the current frame.
+pub(super) struct Step<'a> {
+    pub wireframe: &'a Wireframe,
+    pub plan: &'a TrackPlan,
+    pub options: &'a TrackOptions,
+    /// Side of the KLT window, px.
+    pub window: u32,
+    /// ES0 of the neutral frame, px.
+    pub eye_distance: f64,
+    /// Size of the frames.
+    pub size: ImageSize,
+    /// Number of the current frame.
+    pub number: u32,
+}
+
+impl Step<'_> {
+    /// The nodes of the current frame.
+    pub fn run(&self, tracker: &mut impl PointTracker, previous: &TrackedFrame) -> Result<Vec<TrackedNode>, TrackError> {
+        let live = self.wireframe.live_nodes();
+        let positions: Vec<_> = previous.nodes.iter().map(|n| n.position).collect();
+        let starts: Vec<_> = live.iter().map(|&n| positions[n.index()] + self.probe_offset(n, &positions)).collect();
+        let mut steps = self.search(tracker, &starts)?;
+        recover::reject_extremes(&self.plan.neighbours, &mut steps, self.options.extreme, self.eye_distance);
+        for group in &self.plan.rigid {
+            recover::move_as_one(&mut steps, group);
+        }
+        let tracked = steps.iter().filter(|s| s.loss.is_none()).count();
+        if tracked < MIN_TRACKED.min(live.len()) {
+            return Err(TrackError::FaceLost { frame: self.number, found: tracked, live: live.len() });
+        }
+        let gradients = tracker.gradients(Slot::Previous, self.window, &starts)?;
+        let moved = self.place(&positions, &steps, &gradients)?;
+        let follows = |&position| TrackedNode { position, state: NodeState::Follows, residual: None };
+        let mut nodes: Vec<_> = moved.iter().map(follows).collect();
+        for step in &steps {
+            let node = &mut nodes[step.node.index()];
+            node.state = step.loss.map_or(NodeState::Tracked, NodeState::Recovered);
+            node.residual = step.residual;
+        }
+        Ok(nodes)
+    }
+
+    /// Where a node is searched for, relative to it.
+    fn probe_offset(&self, node: NodeId, positions: &[Point2<f64>]) -> Vector2<f64> {
+        let lip = self.plan.lips.iter().find(|lip| lip.inner == node);
+        lip.map_or_else(Vector2::zeros, |lip| (positions[lip.outer.index()] - positions[node.index()]) * LIP_PROBE)
+    }
+
+    /// Searches for every live node forward and back.
+    fn search(&self, tracker: &mut impl PointTracker, starts: &[Point2<f64>]) -> Result<Vec<recover::NodeStep>, TrackError> {
+        let levels = self.options.levels;
+        let probes: Vec<_> = starts.iter().map(|&p| Probe { position: p, guess: p }).collect();
+        let forward = tracker.find(Slot::Previous, Slot::Current, self.window, levels, &probes)?;
+        let end = |(found, start): (&Found, &Point2<f64>)| match *found {
+            Found::At { position, .. } => Probe { position, guess: position },
+            Found::Lost => Probe { position: *start, guess: *start },
+        };
+        let ends: Vec<_> = forward.iter().zip(starts).map(end).collect();
+        let backward = tracker.find(Slot::Current, Slot::Previous, self.window, levels, &ends)?;
+        let ways = forward.into_iter().zip(backward);
+        let live = self.wireframe.live_nodes().iter().zip(starts);
+        Ok(live.zip(ways).map(|((&node, &start), (forward, backward))| self.judge(node, start, forward, backward)).collect())
+    }
+
+    fn judge(&self, node: NodeId, start: Point2<f64>, forward: Found, backward: Found) -> recover::NodeStep {
+        let lost = |reason, residual| recover::NodeStep {
+            node,
+            displacement: Vector2::zeros(),
+            residual,
+            difference: 0.0,
+            loss: Some(reason),
+        };
+        let Found::At { position, difference } = forward else { return lost(LossReason::Klt, None) };
+        if !self.size.contains(&position) {
+            return lost(LossReason::Outside, None);
+        }
+        let Found::At { position: returned, .. } = backward else { return lost(LossReason::ForwardBackward, None) };
+        let residual = (returned - start).norm();
+        if residual > self.options.forward_backward * self.eye_distance {
+            return lost(LossReason::ForwardBackward, Some(residual));
+        }
+        recover::NodeStep { node, displacement: position - start, residual: Some(residual), difference, loss: None }
+    }
+
+    /// Re-deforms the wireframe, driven by the nodes that were not lost.
+    fn place(
+        &self,
+        positions: &[Point2<f64>],
+        steps: &[recover::NodeStep],
+        gradients: &[Matrix2<f64>],
+    ) -> Result<Vec<Point2<f64>>, TrackError> {
+        let kept = steps.iter().zip(gradients).filter(|(s, _)| s.loss.is_none());
+        if !self.options.deform {
+            let mut nodes = positions.to_vec();
+            kept.for_each(|(s, _)| nodes[s.node.index()] += s.displacement);
+            self.wireframe.place_followers(&mut nodes);
+            return Ok(nodes);
+        }
+        let target = |(s, g): (&recover::NodeStep, &Matrix2<f64>)| Target {
+            node: s.node,
+            position: positions[s.node.index()] + s.displacement,
+            pull: Pull::Matrix(self.force(s, g)),
+        };
+        let targets: Vec<_> = kept.map(target).collect();
+        Ok(self.plan.springs.deform(self.wireframe, positions, &targets)?)
+    }
+
+    /// The force matrix of a node that was not lost; see the module's text.
+    fn force(&self, step: &recover::NodeStep, gradient: &Matrix2<f64>) -> Matrix2<f64> {
+        let noise = MISMATCH_FLOOR + self.options.mismatch * step.difference.powi(2);
+        gradient * (self.options.force / noise) + Matrix2::identity() * FORCE_FLOOR
+    }
+}
