@@ -161,6 +161,12 @@ impl PriorFile {
     }
 }
 
+/// The one field that every version of the schema has.
+#[derive(Deserialize)]
+struct Version {
+    schema_version: u32,
+}
+
 /// Reads a prior file; gives the prior and the BLAKE3 of the file, in hexadecimal.
 ///
 /// # Errors
@@ -169,10 +175,6 @@ pub fn read_prior(path: &Path) -> Result<(ShapePrior, String), PriorFileError> {
     let at = || path.to_owned();
     let bytes = fs::read(path).map_err(|source| PriorFileError::Io { path: at(), source })?;
     // The version first: a later schema need not have the fields of this one.
-    #[derive(Deserialize)]
-    struct Version {
-        schema_version: u32,
-    }
     let Version { schema_version } =
         serde_json::from_slice(&bytes).map_err(|source| PriorFileError::Json { path: at(), source })?;
     if schema_version != PRIOR_SCHEMA {

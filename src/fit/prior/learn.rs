@@ -65,7 +65,7 @@ pub enum LearnError {
         /// The face.
         name: String,
         /// Which.
-        source: LandmarksError,
+        source: Box<LandmarksError>,
     },
     /// A face that the springs do not complete.
     #[error("{name}: {source}")]
@@ -197,7 +197,7 @@ impl<'a> Completion<'a> {
     fn complete(&self, face: &NeutralFace) -> Result<Vec<Point2<f64>>, LearnError> {
         let placement = |source| LearnError::Placement { name: face.name.clone(), source };
         let marks = correspondences_from_landmarks(&face.landmarks, self.tables, &LandmarkSelection::HighAndMedium)
-            .map_err(|source| LearnError::Landmarks { name: face.name.clone(), source })?;
+            .map_err(|source| LearnError::Landmarks { name: face.name.clone(), source: Box::new(source) })?;
         let nodes: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
         let seen: Vec<Point2<f64>> = marks.iter().map(|m| Point2::new(m.position.x, -m.position.y)).collect();
         let found = self.candide.explain(&nodes, &seen).map_err(placement)?;
@@ -226,8 +226,8 @@ impl<'a> Completion<'a> {
     }
 }
 
-/// Nodes of landmarks that are the same in every expression, more or less: eyes and nose.
-fn stable_nodes(tables: &Tables) -> Vec<NodeId> {
+/// Nodes of landmarks that expressions move little: eyes and nose.
+pub(super) fn stable_nodes(tables: &Tables) -> Vec<NodeId> {
     let single = tables.landmarks.iter().filter_map(|row| match row.nodes[..] {
         [(node, _)] => Some(node),
         _ => None,
