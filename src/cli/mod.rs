@@ -3,6 +3,7 @@
 mod analyze;
 mod fap;
 mod fit;
+mod prior;
 mod progress;
 mod run;
 mod shared;
@@ -41,6 +42,8 @@ enum Command {
     Analyze(analyze::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
+    /// Learn a shape prior for the fit from landmarks of neutral faces.
+    Prior(prior::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
 }
@@ -66,6 +69,7 @@ pub fn main() -> ExitCode {
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),
         Command::Fap(args) => fap::run(args),
+        Command::Prior(args) => prior::run(&args),
         Command::Simulate(args) => simulate::run(args),
     };
     match result {

@@ -1,12 +1,17 @@
 //! Flags that several commands share.
 
-use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, sync::atomic::Ordering};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    sync::atomic::AtomicBool,
+    sync::atomic::Ordering,
+};
 
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use grimace::{
     dataset::LandmarkSelection,
-    fit::{FitOptions, PriorKind},
+    fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
     pipeline::{FapOptions, PipelineOptions, Workbench},
     sequence::configure_opencv,
@@ -40,12 +45,26 @@ fn landmark_marks(text: &str) -> Result<LandmarkSelection, String> {
     text.parse()
 }
 
+fn prior(text: &str) -> Result<PriorKind, String> {
+    match text {
+        "none" => Ok(PriorKind::None),
+        "candide" => Ok(PriorKind::Candide),
+        "faces" => Ok(PriorKind::Faces),
+        "auto" => Ok(PriorKind::Auto),
+        path => match LoadedPrior::read(Path::new(path)) {
+            Ok(loaded) => Ok(PriorKind::File(loaded)),
+            Err(error) => Err(format!("neither none, candide, faces nor auto, nor a prior file: {error}")),
+        },
+    }
+}
+
 /// Options of the fit.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Fit")]
 pub struct FitArgs {
-    /// Shape prior ahead of the springs
-    #[arg(long, default_value = "candide", value_parser = words::<PriorKind>(&["none", "candide"]))]
+    /// Shape prior ahead of the springs: `none` (similarity and springs alone), `candide` (Candide's shape units), `faces` (learned
+    /// from 90 real people), `auto` (whichever of candide and faces explains the marks), or a file made by `grimace prior`
+    #[arg(long, default_value = "auto", value_parser = prior, value_name = "none|candide|faces|auto|FILE")]
     prior: PriorKind,
     /// Force on a marked node per pixel, over the stiffness of a spring
     #[arg(long, default_value_t = FitOptions::default().force, value_parser = positive, value_name = "GAIN")]
@@ -54,7 +73,7 @@ pub struct FitArgs {
 
 impl FitArgs {
     pub fn options(&self) -> FitOptions {
-        FitOptions { force: self.fit_force, prior: self.prior }
+        FitOptions { force: self.fit_force, prior: self.prior.clone() }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Fitting the wireframe to a neutral face from a few marked points [KP, section 2].
 //!
 //! 1. A least-squares similarity places the frontal wireframe on the marks: KP's scaling pre-step.
-//! 2. A [`ShapePrior`] may adapt the neutral shape to the marks first (beyond KP, `Prior::None` is the paper).
+//! 2. A [`ShapePrior`] may adapt the neutral shape to the marks first (beyond KP; [`PriorKind::None`] is the paper).
 //! 3. The springs deform the wireframe: every marked node is pulled to its mark, the others follow.
 //!
 //! The wireframe of the result is in image space: here the y axis is flipped.
@@ -10,7 +10,9 @@ mod correspondence;
 mod prior;
 mod spring;
 
-use nalgebra::Point2;
+use std::sync::Arc;
+
+use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -24,25 +26,61 @@ pub use correspondence::{
     COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences,
 };
-pub use prior::ShapePrior;
+pub use prior::{
+    DEFAULT_MODES, Explanation, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces, PRIOR_SCHEMA,
+    PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
+};
 pub use spring::{Pull, SpringError, Springs, Target};
 
 /// Default gain of the force on a marked node, in units of the springs' stiffness k [KP leave both open].
 pub const FIT_FORCE: f64 = 20.0;
 
 /// Which shape prior stands ahead of the springs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PriorKind {
     /// None: similarity and springs only, as in KP.
     None,
     /// Candide's neutral and shape units.
-    #[default]
     Candide,
+    /// Real faces, learned from 90 people ([`ShapePrior::faces`]).
+    Faces,
+    /// Both: each by how probable it makes the marks. Candide alone for a wireframe with another number of nodes than Candide-3.
+    #[default]
+    Auto,
+    /// A prior file.
+    File(LoadedPrior),
+}
+
+/// A prior read from a file. It is known by the content of the file: only that is compared and written.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct LoadedPrior {
+    /// BLAKE3 of the file, in hexadecimal.
+    pub blake3: String,
+    /// The prior; `None` in options that were read back from a file of provenance.
+    #[serde(skip)]
+    pub prior: Option<Arc<ShapePrior>>,
+}
+
+impl LoadedPrior {
+    /// Reads a prior file.
+    ///
+    /// # Errors
+    /// As [`read_prior`].
+    pub fn read(path: &std::path::Path) -> Result<Self, PriorFileError> {
+        let (prior, blake3) = read_prior(path)?;
+        Ok(Self { blake3, prior: Some(Arc::new(prior)) })
+    }
+}
+
+impl PartialEq for LoadedPrior {
+    fn eq(&self, other: &Self) -> bool {
+        self.blake3 == other.blake3
+    }
 }
 
 /// Options of a fit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
     /// Gain of the force on a marked node over the stiffness of a spring, > 0.
     pub force: f64,
@@ -79,6 +117,20 @@ pub enum FitError {
         /// Nodes there are.
         count: usize,
     },
+    /// A prior over another wireframe.
+    #[error("the shape prior has {found} nodes, but the wireframe has {count}; choose another --prior")]
+    PriorNodes {
+        /// Nodes of the prior.
+        found: usize,
+        /// Nodes of the wireframe.
+        count: usize,
+    },
+    /// Options that name a prior file that was not read.
+    #[error("the shape prior with BLAKE3 {blake3} was not read from its file")]
+    PriorNotRead {
+        /// BLAKE3 of the file.
+        blake3: String,
+    },
     /// The wireframe lies mirrored or upside down in the image.
     #[error(
         "the marks place the face upside down (roll {degrees:.0} degrees): left and right are the subject's own, are marks exchanged?"
@@ -106,7 +158,8 @@ pub struct FittedWireframe {
 #[derive(Clone, Debug)]
 pub struct Fitter {
     springs: Springs,
-    prior: Option<ShapePrior>,
+    /// The priors that compete; empty for none.
+    priors: Vec<ShapePrior>,
     options: FitOptions,
 }
 
@@ -116,11 +169,18 @@ const MAX_ROLL: f64 = std::f64::consts::FRAC_PI_2;
 impl Fitter {
     /// A fitter for a wireframe.
     pub fn new(wireframe: &Wireframe, options: FitOptions) -> Self {
-        let prior = match options.prior {
-            PriorKind::None => None,
-            PriorKind::Candide => Some(ShapePrior::candide(wireframe)),
+        let candide = || ShapePrior::candide(wireframe);
+        let priors = match &options.prior {
+            PriorKind::None => vec![],
+            PriorKind::Candide => vec![candide()],
+            PriorKind::Faces => vec![ShapePrior::faces()],
+            PriorKind::Auto => {
+                let faces = Some(ShapePrior::faces()).filter(|p| p.mean.len() == wireframe.node_count());
+                faces.into_iter().chain([candide()]).collect()
+            }
+            PriorKind::File(LoadedPrior { prior, .. }) => prior.iter().map(|p| ShapePrior::clone(p)).collect(),
         };
-        Self { springs: Springs::new(wireframe), prior, options }
+        Self { springs: Springs::new(wireframe), priors, options }
     }
 
     /// Fits the wireframe to the marks.
@@ -136,21 +196,15 @@ impl Fitter {
             return Err(FitError::NoSuchNode { node: mark.node, count });
         }
         let seen: Vec<_> = marks.iter().map(|m| flip(m.position)).collect();
-        let place = |shape: &[Point2<f64>]| -> Result<Similarity, FitError> {
-            let source: Vec<_> = marks.iter().map(|m| shape[m.node.index()]).collect();
-            Ok(Similarity::fit(&source, &seen, None)?)
-        };
         let frontal = wireframe.frontal();
-        let image_from_face = place(&frontal)?;
+        let source: Vec<_> = marks.iter().map(|m| frontal[m.node.index()]).collect();
+        let image_from_face = Similarity::fit(&source, &seen, None)?;
         if image_from_face.angle.abs() > MAX_ROLL {
             return Err(FitError::UpsideDown { degrees: image_from_face.angle.to_degrees() });
         }
-        let shape = match &self.prior {
-            Some(prior) => prior.adapt(marks, place)?,
-            None => frontal,
-        };
-        let placed = place(&shape)?;
-        let rest: Vec<_> = shape.iter().map(|p| flip(placed.apply(p))).collect();
+        let placed = self.expected(marks, &seen, count)?;
+        let placed = placed.unwrap_or_else(|| frontal.iter().map(|p| image_from_face.apply(p)).collect());
+        let rest: Vec<_> = placed.into_iter().map(flip).collect();
         let targets: Vec<_> = marks.iter().map(|m| self.target(m)).collect();
         let nodes = self.springs.deform(wireframe, &rest, &targets)?;
         let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
@@ -160,6 +214,32 @@ impl Fitter {
             correspondences: marks.to_vec(),
             residuals,
         })
+    }
+
+    /// The face that the priors expect for the marks at `seen` (y up), in the space of `seen`; `None` without a prior.
+    fn expected(
+        &self,
+        marks: &[Correspondence],
+        seen: &[Point2<f64>],
+        count: usize,
+    ) -> Result<Option<Vec<Point2<f64>>>, FitError> {
+        if let PriorKind::File(LoadedPrior { blake3, prior: None }) = &self.options.prior {
+            return Err(FitError::PriorNotRead { blake3: blake3.clone() });
+        }
+        if let Some(prior) = self.priors.iter().find(|p| p.mean.len() != count) {
+            return Err(FitError::PriorNodes { found: prior.mean.len(), count });
+        }
+        if self.priors.is_empty() {
+            return Ok(None);
+        }
+        let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
+        let faces = self.priors.iter().map(|p| p.explain(&nodes, seen)).collect::<Result<Vec<_>, _>>()?;
+        let shares = prior::shares(&faces);
+        let place = |k: usize| -> Point2<f64> {
+            let places = faces.iter().zip(&shares).map(|(f, share)| f.marks_from_face.apply(&f.shape[k]).coords * *share);
+            Point2::from(places.sum::<Vector2<f64>>())
+        };
+        Ok(Some((0..count).map(place).collect()))
     }
 
     fn target(&self, mark: &Correspondence) -> Target {

@@ -75,6 +75,15 @@ impl Similarity {
         Rotation2::new(self.angle) * vector * self.scale
     }
 
+    /// This similarity applied after `first`.
+    pub fn after(&self, first: &Self) -> Self {
+        Self {
+            scale: self.scale * first.scale,
+            angle: self.angle + first.angle,
+            translation: self.apply_vector(&first.translation) + self.translation,
+        }
+    }
+
     /// The similarity that undoes this one.
     pub fn inverse(&self) -> Self {
         let scale = 1.0 / self.scale;
@@ -104,6 +113,7 @@ mod tests {
         for (p, q) in source.iter().zip(&target) {
             assert_relative_eq!(s.apply(p), *q, epsilon = 1e-12);
             assert_relative_eq!(back.apply(q), *p, epsilon = 1e-12);
+            assert_relative_eq!(back.after(&s).apply(p), *p, epsilon = 1e-12);
         }
     }
 

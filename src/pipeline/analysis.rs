@@ -446,7 +446,7 @@ fn option_rows(bench: &Workbench) -> Vec<(String, String)> {
         ("Generalized median", json(serde_json::to_value(o.statistics.median))),
         ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
         ("Size normalization", json(serde_json::to_value(o.normalize.size))),
-        ("Shape prior", json(serde_json::to_value(o.fit.prior))),
+        ("Shape prior", json(serde_json::to_value(&o.fit.prior))),
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
         ("KLT window (over eye distance)", o.track.window.to_string()),
         ("KLT pyramid levels", o.track.levels.to_string()),

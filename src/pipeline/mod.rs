@@ -106,7 +106,7 @@ impl Workbench {
             None => None,
         };
         let tables = Tables::candide3();
-        let fitter = Fitter::new(&wireframe, options.fit);
+        let fitter = Fitter::new(&wireframe, options.fit.clone());
         let plan = TrackPlan::new(&wireframe, &tables);
         let bench = Self { wireframe, tables, options, fitter, plan, wireframe_blake3 };
         bench.normalizer()?;

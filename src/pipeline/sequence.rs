@@ -175,7 +175,7 @@ pub fn track_one(
         fps,
         marks_from: source.marks_from.clone(),
         marks: source.marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
-        fit: bench.options.fit,
+        fit: bench.options.fit.clone(),
         track: bench.options.track,
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables),
         inputs_blake3: String::new(),

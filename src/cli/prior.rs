@@ -1,0 +1,100 @@
+//! `grimace prior`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use grimace::{
+    fit::{DEFAULT_MODES, FaceSource, PriorFile, PriorOrigin, learn_prior, read_neutral_faces, write_prior},
+    pipeline::MADE_BY,
+    wireframe::{Tables, Wireframe},
+};
+
+use super::Outcome;
+
+/// Learn a shape prior for the fit.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace prior landmarks68.csv -o people.json --credit \"Whose faces these are, and the licence\"
+  grimace run faces -o results --prior people.json
+
+LANDMARKS is a CSV file with the columns x0,y0,...,x67,y67 (68 points in the iBUG order, pixels, y down) and a column person, subject or
+frame; every row is one face, and where there is a column state only the rows of --state are taken. It may also be a dataset whose
+manifest names landmarks: the neutral frame of each subject. Take one neutral face of each person; 10 are the least, 50 and more make
+a good prior. The file holds a mean face and its modes, no one's own landmarks.")]
+pub struct Args {
+    /// Landmarks of neutral faces: CSV files or datasets
+    #[arg(required = true, value_name = "LANDMARKS")]
+    landmarks: Vec<PathBuf>,
+    /// The prior, JSON
+    #[arg(short, long, value_name = "PRIOR.json")]
+    output: PathBuf,
+    /// State of the rows to take, where a file has a column `state`
+    #[arg(long, default_value = "neutral")]
+    state: String,
+    /// Modes to keep
+    #[arg(long, default_value_t = DEFAULT_MODES)]
+    modes: usize,
+    /// Whom to credit for the faces, and their licence; written into the file
+    #[arg(long, default_value = "", value_name = "TEXT")]
+    credit: String,
+    /// Write over results that are there
+    #[arg(long)]
+    force: bool,
+    /// No summary
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(args.force || !args.output.exists(), "{} is there already; --force writes over it", args.output.display());
+    let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+    let (mut faces, mut sources, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
+    for path in &args.landmarks {
+        let read = read_neutral_faces(path, &args.state)?;
+        sources.push(FaceSource { name: file_name(path), faces: read.faces.len(), blake3: read.blake3 });
+        faces.extend(read.faces);
+        skipped.extend(read.skipped);
+    }
+    if !args.quiet {
+        for (subject, reason) in &skipped {
+            eprintln!("skipped {subject}: {reason}");
+        }
+    }
+    let prior = learn_prior(&wireframe, &tables, &faces, args.modes).context("no prior was learned")?;
+    let origin = PriorOrigin {
+        made_by: MADE_BY.to_owned(),
+        command: command(args),
+        faces: faces.len(),
+        sources,
+        credit: args.credit.clone(),
+    };
+    write_prior(&args.output, &PriorFile::new(&prior, origin))?;
+    if !args.quiet {
+        println!("{} faces, {} modes", faces.len(), prior.modes.len());
+        if args.credit.is_empty() {
+            println!("note: no --credit; say whose faces these are before you pass the file on");
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+/// The command without the folders of this machine.
+fn command(args: &Args) -> String {
+    let mut words = vec!["grimace prior".to_owned()];
+    words.extend(args.landmarks.iter().map(|path| quoted(&file_name(path))));
+    words.push(format!("--state {} --modes {}", quoted(&args.state), args.modes));
+    words.push(format!("-o {}", quoted(&file_name(&args.output))));
+    words.join(" ")
+}
+
+fn quoted(word: &str) -> String {
+    if word.contains(char::is_whitespace) { format!("'{word}'") } else { word.to_owned() }
+}
+
+/// Name of a file or folder, without the folders above it.
+fn file_name(path: &Path) -> String {
+    let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    full.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

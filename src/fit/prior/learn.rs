@@ -1,0 +1,375 @@
+//! Learning a shape prior from landmarks of neutral faces.
+//!
+//! 1. Every face is completed to all nodes: the landmarks that stand for one node (confidence high and medium) place Candide-3 with
+//!    its shape units; the iris boxes follow the similarity of the eye's own landmarks; the springs carry all other nodes, the
+//!    landmarks being hard positions.
+//! 2. Every face is joined by its mirror image: the mean is symmetric, and left and right do not differ by chance.
+//! 3. The faces are aligned by similarity on the landmarks of eyes and nose (generalized Procrustes), the mean on Candide-3.
+//! 4. The principal components of the live nodes are the modes; what they leave is the residual of each node.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{DMatrix, Point2, SymmetricEigen, Vector2};
+
+use super::{FACES_MARK_DEVIATION, NeutralFace, ShapePrior};
+use crate::{
+    dataset::{LandmarkSelection, LandmarksError, correspondences_from_landmarks},
+    fit::{Pull, SpringError, Springs, Target},
+    geometry::{Similarity, SimilarityError},
+    units::NodeId,
+    wireframe::{Fapu, Region, Tables, Wireframe},
+};
+
+/// Modes kept where nothing else is asked for: 99 % of the variance of 90 faces.
+pub const DEFAULT_MODES: usize = 12;
+
+/// Fewest faces a prior is learned from.
+pub const MINIMUM_FACES: usize = 10;
+
+/// Turns of alignment and mean; the mean of 90 faces is at rest after three.
+const ALIGNMENT_TURNS: usize = 10;
+
+/// Largest distance of a node from the mirror image of its counterpart, model units.
+const MIRROR_TOLERANCE: f64 = 1e-3;
+
+/// Why no prior is learned.
+#[derive(Debug, thiserror::Error)]
+pub enum LearnError {
+    /// Too few faces.
+    #[error("{found} faces; a prior needs at least {MINIMUM_FACES}, and more than 50 for a good one")]
+    TooFewFaces {
+        /// Faces given.
+        found: usize,
+    },
+    /// A number of modes that can not be had.
+    #[error("{asked} modes from {faces} faces; 1 to {most} can be learned")]
+    Modes {
+        /// Modes asked for.
+        asked: usize,
+        /// Faces given.
+        faces: usize,
+        /// The most there can be.
+        most: usize,
+    },
+    /// A face whose landmarks do not determine a placement.
+    #[error("{name}: the landmarks do not determine a placement: {source}")]
+    Placement {
+        /// The face.
+        name: String,
+        /// Why.
+        source: SimilarityError,
+    },
+    /// A face with landmarks missing.
+    #[error("{name}: {source}")]
+    Landmarks {
+        /// The face.
+        name: String,
+        /// Which.
+        source: Box<LandmarksError>,
+    },
+    /// A face that the springs do not complete.
+    #[error("{name}: {source}")]
+    Springs {
+        /// The face.
+        name: String,
+        /// Why.
+        source: SpringError,
+    },
+    /// A face that lies mirrored or upside down.
+    #[error(
+        "{name}: the face stands upside down (roll {degrees:.0} degrees); are y down and the order of the 68 points as expected?"
+    )]
+    UpsideDown {
+        /// The face.
+        name: String,
+        /// Its roll.
+        degrees: f64,
+    },
+    /// A wireframe whose halves are no mirror images.
+    #[error("node {node} of the wireframe has no counterpart on the other side; a prior is learned over Candide-3")]
+    NotSymmetric {
+        /// The node.
+        node: NodeId,
+    },
+}
+
+/// Learns a prior of `modes` modes from neutral faces (68 landmarks each, px, y down).
+///
+/// # Errors
+/// [`LearnError`] for fewer than [`MINIMUM_FACES`] faces, more modes than faces allow, or a face that does not place the wireframe.
+pub fn learn_prior(
+    wireframe: &Wireframe,
+    tables: &Tables,
+    faces: &[NeutralFace],
+    modes: usize,
+) -> Result<ShapePrior, LearnError> {
+    if faces.len() < MINIMUM_FACES {
+        return Err(LearnError::TooFewFaces { found: faces.len() });
+    }
+    let live = wireframe.live_nodes();
+    let most = (faces.len() - 1).min(2 * live.len());
+    if modes == 0 || modes > most {
+        return Err(LearnError::Modes { asked: modes, faces: faces.len(), most });
+    }
+    let mirror = mirror_nodes(wireframe)?;
+    let completion = Completion::new(wireframe, tables);
+    let mut shapes = Vec::with_capacity(2 * faces.len());
+    for face in faces {
+        let shape = completion.complete(face)?;
+        shapes.push(mirrored(&shape, &mirror));
+        shapes.push(shape);
+    }
+    let stable = stable_nodes(tables);
+    let mut mean = align(&mut shapes, wireframe, &stable, &mirror)
+        .map_err(|source| LearnError::Placement { name: "the mean face".to_owned(), source })?;
+
+    let offsets = DMatrix::from_fn(shapes.len(), 2 * live.len(), |i, c| {
+        let k = live[c / 2].index();
+        shapes[i][k][c % 2] - mean[k][c % 2]
+    });
+    let covariance = offsets.transpose() * &offsets / shapes.len() as f64;
+    let total: Vec<f64> = (0..live.len()).map(|i| covariance[(2 * i, 2 * i)] + covariance[(2 * i + 1, 2 * i + 1)]).collect();
+    let eigen = SymmetricEigen::new(covariance);
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]).then(a.cmp(&b)));
+
+    let mut held = vec![0.0; live.len()];
+    let mut prior_modes = Vec::with_capacity(modes);
+    for &column in order.iter().take(modes) {
+        let deviation = eigen.eigenvalues[column].max(0.0).sqrt();
+        let vector = eigen.eigenvectors.column(column);
+        // An eigenvector has no sign of its own: its largest component is made positive.
+        let largest = (0..vector.len()).fold(0, |best, c| if vector[c].abs() > vector[best].abs() { c } else { best });
+        let sign = if vector[largest] < 0.0 { -deviation } else { deviation };
+        let mut mode = vec![Vector2::zeros(); wireframe.node_count()];
+        for (i, node) in live.iter().enumerate() {
+            mode[node.index()] = Vector2::new(vector[2 * i], vector[2 * i + 1]) * sign;
+            held[i] += mode[node.index()].norm_squared();
+        }
+        follow(wireframe, &mut mode);
+        prior_modes.push(mode);
+    }
+    wireframe.place_followers(&mut mean);
+    let mut residuals = vec![0.0; wireframe.node_count()];
+    for (i, node) in live.iter().enumerate() {
+        // Variance of x and y together, over two for one of them.
+        residuals[node.index()] = ((total[i] - held[i]).max(0.0) / 2.0).sqrt();
+    }
+    Ok(ShapePrior { mean, deviations: vec![1.0; modes], modes: prior_modes, residuals, mark_deviation: FACES_MARK_DEVIATION })
+}
+
+/// Gives every node in no triangle the mean offset of its leaders.
+fn follow(wireframe: &Wireframe, mode: &mut [Vector2<f64>]) {
+    let mut points: Vec<Point2<f64>> = mode.iter().map(|&v| Point2::from(v)).collect();
+    wireframe.place_followers(&mut points);
+    mode.iter_mut().zip(points).for_each(|(v, p)| *v = p.coords);
+}
+
+/// Completes landmarks to all nodes.
+struct Completion<'a> {
+    wireframe: &'a Wireframe,
+    tables: &'a Tables,
+    springs: Springs,
+    candide: ShapePrior,
+    frontal: Vec<Point2<f64>>,
+    /// Nodes of each eye's landmarks and of its iris box.
+    eyes: [(Vec<NodeId>, Vec<NodeId>); 2],
+}
+
+impl<'a> Completion<'a> {
+    fn new(wireframe: &'a Wireframe, tables: &'a Tables) -> Self {
+        let frontal = wireframe.frontal();
+        let lids: Vec<NodeId> =
+            tables.landmarks.iter().filter(|r| r.part == "eye").flat_map(|r| r.nodes.iter().map(|n| n.0)).collect();
+        let irises = |left: bool| -> Vec<NodeId> {
+            let of_es = tables.fapus.iter().filter(|d| d.fapu == Fapu::Es);
+            of_es.flat_map(|d| if left { d.plus_nodes.clone() } else { d.minus_nodes.clone() }).collect()
+        };
+        let eye = |left: bool| {
+            let side = lids.iter().copied().filter(|n| (frontal[n.index()].x > 0.0) == left).collect();
+            (side, irises(left))
+        };
+        let eyes = [eye(true), eye(false)];
+        Self { wireframe, tables, springs: Springs::new(wireframe), candide: ShapePrior::candide(wireframe), frontal, eyes }
+    }
+
+    /// All nodes of a face, in face space and roughly Candide's place and size.
+    fn complete(&self, face: &NeutralFace) -> Result<Vec<Point2<f64>>, LearnError> {
+        let placement = |source| LearnError::Placement { name: face.name.clone(), source };
+        let marks = correspondences_from_landmarks(&face.landmarks, self.tables, &LandmarkSelection::HighAndMedium)
+            .map_err(|source| LearnError::Landmarks { name: face.name.clone(), source: Box::new(source) })?;
+        let nodes: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
+        let seen: Vec<Point2<f64>> = marks.iter().map(|m| Point2::new(m.position.x, -m.position.y)).collect();
+        let found = self.candide.explain(&nodes, &seen).map_err(placement)?;
+        if found.marks_from_face.angle.abs() > std::f64::consts::FRAC_PI_2 {
+            let degrees = found.marks_from_face.angle.to_degrees();
+            return Err(LearnError::UpsideDown { name: face.name.clone(), degrees });
+        }
+        let face_from_marks = found.marks_from_face.inverse();
+        let hard = |node, position| Target { node, position, pull: Pull::Hard };
+        let mut place: Vec<Option<Point2<f64>>> = vec![None; self.wireframe.node_count()];
+        let mut targets = Vec::with_capacity(nodes.len());
+        for (&node, p) in nodes.iter().zip(&seen) {
+            let position = face_from_marks.apply(p);
+            place[node.index()] = Some(position);
+            targets.push(hard(node, position));
+        }
+        for (lids, iris) in &self.eyes {
+            let pairs = lids.iter().filter_map(|n| Some((self.frontal[n.index()], place[n.index()]?)));
+            let (from, to): (Vec<_>, Vec<_>) = pairs.unzip();
+            let moved = Similarity::fit(&from, &to, None).map_err(placement)?;
+            targets.extend(iris.iter().map(|&n| hard(n, moved.apply(&self.frontal[n.index()]))));
+        }
+        self.springs
+            .deform(self.wireframe, &found.shape, &targets)
+            .map_err(|source| LearnError::Springs { name: face.name.clone(), source })
+    }
+}
+
+/// Nodes of landmarks that expressions move little: eyes and nose.
+pub(super) fn stable_nodes(tables: &Tables) -> Vec<NodeId> {
+    let single = tables.landmarks.iter().filter_map(|row| match row.nodes[..] {
+        [(node, _)] => Some(node),
+        _ => None,
+    });
+    single.filter(|&n| matches!(tables.region(n), Region::Eye | Region::Nose)).collect()
+}
+
+/// Aligns the shapes on their mean by the stable nodes; gives the mean, symmetric and aligned on Candide-3.
+fn align(
+    shapes: &mut [Vec<Point2<f64>>],
+    wireframe: &Wireframe,
+    stable: &[NodeId],
+    mirror: &[usize],
+) -> Result<Vec<Point2<f64>>, SimilarityError> {
+    let pick = |shape: &[Point2<f64>]| -> Vec<Point2<f64>> { stable.iter().map(|n| shape[n.index()]).collect() };
+    let frontal = wireframe.frontal();
+    let mut mean = frontal.clone();
+    for _ in 0..ALIGNMENT_TURNS {
+        let mut sum = vec![Vector2::zeros(); mean.len()];
+        for shape in shapes.iter_mut() {
+            let onto = Similarity::fit(&pick(shape), &pick(&mean), None)?;
+            for (p, s) in shape.iter_mut().zip(&mut sum) {
+                *p = onto.apply(p);
+                *s += p.coords;
+            }
+        }
+        let average: Vec<_> = sum.iter().map(|s| Point2::from(s / shapes.len() as f64)).collect();
+        let other = mirrored(&average, mirror);
+        mean = average.iter().zip(&other).map(|(a, b)| nalgebra::center(a, b)).collect();
+        let onto = Similarity::fit(&pick(&mean), &pick(&frontal), None)?;
+        mean.iter_mut().for_each(|p| *p = onto.apply(p));
+    }
+    for shape in shapes.iter_mut() {
+        let onto = Similarity::fit(&pick(shape), &pick(&mean), None)?;
+        shape.iter_mut().for_each(|p| *p = onto.apply(p));
+    }
+    Ok(mean)
+}
+
+/// The face seen in a mirror, every node keeping its meaning.
+fn mirrored(shape: &[Point2<f64>], mirror: &[usize]) -> Vec<Point2<f64>> {
+    mirror.iter().map(|&k| Point2::new(-shape[k].x, shape[k].y)).collect()
+}
+
+/// The node on the other side for every node, itself on the midline. Where two lie at one place (the inner lips), the one whose
+/// neighbours are the mirror images of the node's own.
+fn mirror_nodes(wireframe: &Wireframe) -> Result<Vec<usize>, LearnError> {
+    let vertices = wireframe.vertices();
+    let live = wireframe.live_nodes();
+    let mut neighbours = vec![BTreeSet::new(); vertices.len()];
+    for &(a, b) in wireframe.edges() {
+        neighbours[a.index()].insert(b.index());
+        neighbours[b.index()].insert(a.index());
+    }
+    let candidates: Vec<Vec<usize>> = vertices
+        .iter()
+        .map(|v| {
+            let other = nalgebra::Point3::new(-v.x, v.y, v.z);
+            live.iter().map(|n| n.index()).filter(|&k| (vertices[k] - other).norm() <= MIRROR_TOLERANCE).collect()
+        })
+        .collect();
+    let shared = |i: usize, candidate: usize| {
+        let certain = neighbours[i].iter().filter_map(|&n| match candidates[n][..] {
+            [only] => Some(only),
+            _ => None,
+        });
+        certain.filter(|n| neighbours[candidate].contains(n)).count()
+    };
+    let mut mirror: Vec<usize> = (0..vertices.len()).collect();
+    for node in live {
+        let i = node.index();
+        // The first of the best.
+        let best = candidates[i].iter().rev().max_by_key(|&&candidate| (shared(i, candidate), candidate == i));
+        mirror[i] = *best.ok_or(LearnError::NotSymmetric { node: *node })?;
+    }
+    match live.iter().find(|n| mirror[mirror[n.index()]] != n.index()) {
+        Some(&node) => Err(LearnError::NotSymmetric { node }),
+        None => Ok(mirror),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    /// Landmarks of Candide-3 itself, 100 px per unit, mouth corners moved by `wide` px to the sides.
+    fn face(name: usize, wide: f64) -> NeutralFace {
+        let (w, tables) = (Wireframe::candide3(), Tables::candide3());
+        let frontal = w.frontal();
+        let landmarks = tables.landmarks.iter().map(|row| {
+            let p: Vector2<f64> = row.nodes.iter().map(|(n, share)| frontal[n.index()].coords * *share).sum();
+            let side = if matches!(row.landmark, 48 | 54) { wide * p.x.signum() } else { 0.0 };
+            Point2::new(300.0 + 100.0 * p.x + side, 200.0 - 100.0 * p.y)
+        });
+        NeutralFace { name: name.to_string(), landmarks: landmarks.collect() }
+    }
+
+    #[test]
+    fn the_mirror_is_an_involution_that_keeps_the_springs() {
+        let w = Wireframe::candide3();
+        let mirror = mirror_nodes(&w).unwrap();
+        let edges: BTreeSet<_> = w.edges().iter().map(|(a, b)| (a.index(), b.index())).collect();
+        let other = |&(a, b): &(usize, usize)| (mirror[a].min(mirror[b]), mirror[a].max(mirror[b]));
+        let unmatched: Vec<_> = edges.iter().filter(|edge| !edges.contains(&other(edge))).collect();
+        // Only the diagonals of the two iris boxes lie alike on both sides.
+        assert_eq!(unmatched, [&(67, 72), &(70, 73)]);
+        // The coincident inner lips keep upper and lower apart.
+        assert_eq!([81, 83, 82, 84, 40, 87, 31].map(|k| mirror[k]), [82, 84, 81, 83, 40, 87, 64]);
+    }
+
+    #[test]
+    fn faces_that_differ_in_one_way_have_one_mode() {
+        let (w, tables) = (Wireframe::candide3(), Tables::candide3());
+        // Mouth corners -2 and +2 px out: mean 0, standard deviation 2 px = 0.02 units at each corner.
+        let faces: Vec<_> = (0..10).map(|i| face(i, if i % 2 == 0 { -2.0 } else { 2.0 })).collect();
+        let prior = learn_prior(&w, &tables, &faces, 1).unwrap();
+        assert_relative_eq!(prior.mean[31], w.frontal()[31], epsilon = 1e-3);
+        assert_relative_eq!(prior.modes[0][31].x.abs(), 0.02, epsilon = 5e-4);
+        assert_relative_eq!(prior.modes[0][31].x, -prior.modes[0][64].x, epsilon = 1e-9);
+        assert!(prior.residuals.iter().all(|r| *r < 1e-3));
+        // Wide marks give a wide mouth.
+        let nodes = [20, 23, 53, 56, 31, 64, 10].map(NodeId);
+        let mut seen = nodes.map(|n| w.frontal()[n.index()]);
+        seen[4].x += 0.02;
+        seen[5].x -= 0.02;
+        let found = prior.explain(&nodes, &seen).unwrap();
+        assert!(found.shape[31].x > prior.mean[31].x + 0.01);
+    }
+
+    #[test]
+    fn too_few_faces_or_too_many_modes_are_refused() {
+        let (w, tables) = (Wireframe::candide3(), Tables::candide3());
+        let faces: Vec<_> = (0..10).map(|i| face(i, i as f64)).collect();
+        let error = |faces: &[NeutralFace], modes| learn_prior(&w, &tables, faces, modes).unwrap_err().to_string();
+        assert!(error(&faces[..9], 3).starts_with("9 faces; a prior needs at least 10"));
+        assert_eq!(error(&faces, 10), "10 modes from 10 faces; 1 to 9 can be learned");
+        let mut upside_down = faces.clone();
+        upside_down[3].landmarks.iter_mut().for_each(|p| *p = -*p);
+        assert!(error(&upside_down, 3).starts_with("3: the face stands upside down"));
+        upside_down[3].landmarks.iter_mut().for_each(|p| *p = Point2::origin());
+        assert!(error(&upside_down, 3).starts_with("3: the landmarks do not determine a placement"));
+    }
+}
