@@ -1,6 +1,7 @@
 //! The command line: parse, call the library, print.
 
 mod analyze;
+mod evaluate;
 mod fap;
 mod fit;
 mod progress;
@@ -43,6 +44,8 @@ enum Command {
     Fap(fap::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
+    /// Experiments against ground truth: how right fit and tracker are.
+    Evaluate(evaluate::Args),
 }
 
 /// How a command that did not fail ended.
@@ -67,6 +70,7 @@ pub fn main() -> ExitCode {
         Command::Analyze(args) => analyze::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Evaluate(args) => evaluate::run(&args),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
