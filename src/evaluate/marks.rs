@@ -203,7 +203,7 @@ impl Search<'_> {
     }
 
     /// The order and the node that lowers the error most behind it.
-    fn extended(&self, order: &[NodeId], candidates: &[NodeId]) -> Vec<Vec<NodeId>> {
+    fn extended(order: &[NodeId], candidates: &[NodeId]) -> Vec<Vec<NodeId>> {
         let new = candidates.iter().filter(|c| !order.contains(c));
         new.map(|&c| order.iter().copied().chain([c]).collect()).collect()
     }
@@ -266,7 +266,7 @@ pub fn suggest_marks(
     let Some((mut order, _)) = Search::best(pairs, |nodes| search.error(&similarity, nodes)) else { return Err(too_few) };
     step()?;
     let forward = |order: &mut Vec<NodeId>| {
-        if let Some((longer, _)) = Search::best(search.extended(order, &candidates), |nodes| search.error(method, nodes)) {
+        if let Some((longer, _)) = Search::best(Search::extended(order, &candidates), |nodes| search.error(method, nodes)) {
             *order = longer;
         }
     };

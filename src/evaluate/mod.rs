@@ -38,8 +38,7 @@ pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
 pub use records::{
-    Part, RecordSummary, RecordedError, Records, StateFilter, curve_table, frames_worse, last_table, markdown_last,
-    sequence_table, tracking_chart,
+    Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,
 };
 pub use table::{Cell, Table};
 pub use tracking::{
@@ -47,6 +46,8 @@ pub use tracking::{
     simulated_cases,
 };
 pub use variant::{PLAIN_LEVELS, PLAIN_WINDOW_PX, TrackerVariant, VariantKind, standard_variants};
+
+pub use truth::TruthError;
 
 /// Why an experiment can not be made.
 #[derive(Debug, thiserror::Error)]
@@ -66,6 +67,9 @@ pub enum EvaluateError {
     /// A CSV file that does not read.
     #[error(transparent)]
     Input(#[from] InputError),
+    /// Exact positions that do not read.
+    #[error(transparent)]
+    Truth(#[from] TruthError),
     /// Frames that do not read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
@@ -73,19 +77,19 @@ pub enum EvaluateError {
     #[error(transparent)]
     Output(#[from] OutputError),
     /// No sequence of a dataset has landmarks to compare with.
-    #[error("{}: no sequence with 68-point landmarks to compare with; name them in the manifest's column `landmarks`", path.display())]
+    #[error("{}: nothing to compare with: no sequence has 68-point landmarks; name them in the manifest's column `landmarks`", path.display())]
     NoTruth {
         /// The dataset.
         path: PathBuf,
     },
     /// A manifest column to group by that is not there.
-    #[error("{id} has no column `{column}` to group by; it has subject, sequence, emotion{}", found.iter().map(|c| format!(", {c}")).collect::<String>())]
+    #[error("{id} has no column `{column}` to group by; there are {}", found.join(", "))]
     NoColumn {
         /// The first sequence without it.
         id: String,
         /// The column asked for.
         column: String,
-        /// Further columns there are.
+        /// Columns there are.
         found: Vec<String>,
     },
     /// A tracker variant that can not be understood.

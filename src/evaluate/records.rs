@@ -1,11 +1,9 @@
 //! Node errors of tracked sequences, and what is read off them: curves over the frames and values at the last frame.
 
-use serde::Serialize;
-
 use super::{Cell, ErrorSummary, LineChart, Series, Table, percentile};
 
 /// The nodes a row is about.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     /// All nodes compared: KP's eq. (1).
     All,
@@ -28,7 +26,7 @@ impl Part {
 
 /// The states a row is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StateFilter {
+enum StateFilter {
     /// All nodes.
     Any,
     /// Nodes that were tracked into the frame.
@@ -84,13 +82,11 @@ pub struct RecordedError {
 
 /// Summaries in both units.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RecordSummary {
-    /// Px.
-    pub px: ErrorSummary,
-    /// Percent of the eye distance.
-    pub percent: ErrorSummary,
+struct RecordSummary {
+    px: ErrorSummary,
+    percent: ErrorSummary,
     /// Sequences with at least one error among them.
-    pub sequences: usize,
+    sequences: usize,
 }
 
 /// All errors of an experiment, in a fixed order.
@@ -120,11 +116,6 @@ impl Records {
     /// The part that stands for the whole in figures and texts: the inner face where there is one, else all.
     pub fn main_part(&self) -> Part {
         if self.has_inner { Part::InnerFace } else { Part::All }
-    }
-
-    /// Summarizes the errors for which `takes` holds.
-    pub fn summary(&self, takes: impl Fn(&RecordedError) -> bool) -> Option<RecordSummary> {
-        summary(self.errors.iter().filter(|e| takes(e)))
     }
 
     fn takes_part(&self, part: &Part, error: &RecordedError) -> bool {
@@ -288,15 +279,17 @@ pub fn tracking_chart(records: &Records, group: usize, what: &str) -> LineChart 
     let points = |v| curve(records, v, group, &part).into_iter().map(|(f, e)| (f as f64, e)).collect();
     let series = records.variants.iter().enumerate().map(|(v, name)| Series { name: name.clone(), points: points(v) });
     let name = records.groups.get(group).map_or("", String::as_str);
-    let eyes: Vec<f64> =
+    let mut eyes: Vec<f64> =
         records.errors.iter().filter(|e| e.group == group && e.percent > 0.0).map(|e| 100.0 * e.px / e.percent).collect();
-    let mut eyes = eyes;
     eyes.sort_by(f64::total_cmp);
     let eye = percentile(&eyes, 0.5).map_or(String::new(), |e| format!("; median eye distance {e:.0} px"));
     LineChart {
         title: format!("{name}: {what}{eye}"),
         x_label: "frame (1 is the neutral frame)".to_owned(),
-        y_label: format!("mean error, {} (% of eye distance)", part.name().replace('_', " ")),
+        y_label: format!(
+            "mean error over the {} (% of eye distance)",
+            if records.has_inner { "inner face" } else { "live nodes" }
+        ),
         series: series.collect(),
     }
 }

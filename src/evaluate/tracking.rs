@@ -4,7 +4,10 @@
 //! tracker together, by the error of the offset from neutral (what a FAP measures). KP's eq. (1) is the mean over the nodes of one
 //! frame; in simulated sequences the nodes are all live ones, in real ones those that have a landmark.
 
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use image::{DynamicImage, GrayImage};
 use nalgebra::Point2;
@@ -12,12 +15,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    EvaluateError, MarkNoise, Person, Records, TrackerVariant, TruthNode,
+    EvaluateError, MarkNoise, Person, Records, TrackerVariant, TruthError, TruthNode,
     records::RecordedError,
-    truth::{compared_nodes, landmark_eye_distance},
+    truth::{compared_nodes, landmark_eye_distance, read_truth, truth_path},
 };
 use crate::{
-    dataset::{Dataset, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
+    dataset::{Dataset, DatasetError, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
     fit::{Correspondence, Fitter, MarkKind},
     sequence::{Frame, SequenceError, SequenceReader},
     simulate::{Emotion, SimulateOptions, SimulatedSequence, Subject},
@@ -64,8 +67,16 @@ pub struct TrackingCase {
 
 #[derive(Clone, Debug)]
 enum CaseSource {
-    Simulated { options: SimulateOptions, subject: u32, emotion: Emotion },
-    Entry(Box<SequenceEntry>),
+    Simulated {
+        options: SimulateOptions,
+        subject: u32,
+        emotion: Emotion,
+    },
+    /// With landmarks, or with exact positions of all nodes where there is a file of them.
+    Entry {
+        entry: Box<SequenceEntry>,
+        exact: Option<PathBuf>,
+    },
 }
 
 /// A sequence that was left out, for all variants alike, and why.
@@ -108,7 +119,7 @@ pub fn simulated_cases(options: &SimulateOptions) -> Result<Vec<TrackingCase>, E
     Ok((0..options.subjects).flat_map(emotions).collect())
 }
 
-/// The sequences of a dataset that have landmarks, grouped by a column of its manifest; and what of it does not read.
+/// The sequences of a dataset that have landmarks, or exact positions in `truth/SUBJECT_SEQUENCE.csv`, grouped by a column of its manifest; and what of it does not read.
 ///
 /// # Errors
 /// [`EvaluateError`] when the dataset does not open, lacks the column, or has no sequence with landmarks.
@@ -124,7 +135,8 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
     }
     let mut cases = Vec::new();
     for entry in dataset.sequences {
-        if entry.landmarks_paths.is_empty() {
+        let exact = Some(truth_path(&dataset.root, &entry.id)).filter(|path| path.is_file());
+        if entry.landmarks_paths.is_empty() && exact.is_none() {
             continue;
         }
         let group = match by {
@@ -133,12 +145,13 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
                 Some("") => "(none)".to_owned(),
                 Some(value) => value.to_owned(),
                 None => {
-                    let found = entry.metadata.keys().cloned().collect();
+                    let fixed = ["subject", "sequence", "emotion"].map(str::to_owned);
+                    let found = fixed.into_iter().chain(entry.metadata.keys().cloned()).collect();
                     return Err(EvaluateError::NoColumn { id: entry.id.to_string(), column: column.to_owned(), found });
                 }
             },
         };
-        cases.push(TrackingCase { id: entry.id.to_string(), group, source: CaseSource::Entry(Box::new(entry)) });
+        cases.push(TrackingCase { id: entry.id.to_string(), group, source: CaseSource::Entry { entry: Box::new(entry), exact } });
     }
     if cases.is_empty() {
         return Err(EvaluateError::NoTruth { path: path.to_owned() });
@@ -153,7 +166,7 @@ struct Prepared {
     /// Nodes compared: the node, its part, inner face or not.
     compared: Vec<(NodeId, String, bool)>,
     /// By frame number: true positions in the order of `compared`. Frames without are not compared.
-    truth: std::collections::BTreeMap<u32, Vec<Point2<f64>>>,
+    truth: BTreeMap<u32, Vec<Point2<f64>>>,
     /// What the wireframe is fitted to.
     marks: Vec<Correspondence>,
 }
@@ -249,7 +262,8 @@ impl Bench<'_> {
         let failed = |variant: &str, reason: String| Failed { id: case.id.clone(), variant: variant.to_owned(), reason };
         let prepared = match &case.source {
             CaseSource::Simulated { options, subject, emotion } => self.simulated(options, *subject, *emotion, index),
-            CaseSource::Entry(entry) => self.entry(entry),
+            CaseSource::Entry { entry, exact: Some(path) } => self.exact_entry(entry, path, index),
+            CaseSource::Entry { entry, exact: None } => self.entry(entry),
         };
         let prepared = prepared.map_err(|e| failed("", e.to_string()))?;
         let fitted = self.fitter.fit(self.wireframe, &prepared.marks).map_err(|e| failed("", e.to_string()))?;
@@ -309,6 +323,34 @@ impl Bench<'_> {
     ) -> Result<Prepared, EvaluateError> {
         let subject = Subject::new(options, subject)?;
         let sequence = SimulatedSequence::new(&subject, emotion, options)?;
+        let (mut images, mut positions) = (Vec::new(), BTreeMap::new());
+        for (number, k) in (1..).zip(0..sequence.frame_count()) {
+            let frame = sequence.frame(k);
+            positions.insert(number, frame.nodes);
+            images.push(DynamicImage::ImageRgb8(frame.image).to_luma8());
+        }
+        let neutral = sequence.nodes(0);
+        Ok(self.all_nodes(PreparedFrames::Images(images), &neutral, &positions, index))
+    }
+
+    fn exact_entry(&self, entry: &SequenceEntry, path: &Path, index: usize) -> Result<Prepared, EvaluateError> {
+        let frames = entry.frames().map_err(DatasetError::from)?;
+        let positions = read_truth(path, self.wireframe.node_count())?;
+        let frame = frames.neutral_number();
+        let Some(neutral) = positions.get(&frame) else {
+            return Err(TruthError::NoNeutral { path: path.to_owned(), frame }.into());
+        };
+        Ok(self.all_nodes(PreparedFrames::Source(frames), neutral, &positions, index))
+    }
+
+    /// A sequence of which every node is known.
+    fn all_nodes(
+        &self,
+        frames: PreparedFrames,
+        neutral: &[Point2<f64>],
+        positions: &BTreeMap<u32, Vec<Point2<f64>>>,
+        index: usize,
+    ) -> Prepared {
         let live = self.wireframe.live_nodes();
         // From top to bottom, so that parts come in that order.
         let mut compared: Vec<(NodeId, String, bool)> = Vec::new();
@@ -316,14 +358,9 @@ impl Bench<'_> {
             let of_region = live.iter().filter(|&&n| self.tables.region(n) == region);
             compared.extend(of_region.map(|&n| (n, region.to_string(), true)));
         }
-        let (mut images, mut truth) = (Vec::new(), std::collections::BTreeMap::new());
-        for (number, k) in (1..).zip(0..sequence.frame_count()) {
-            let frame = sequence.frame(k);
-            truth.insert(number, compared.iter().map(|(n, _, _)| frame.nodes[n.index()]).collect::<Vec<_>>());
-            images.push(DynamicImage::ImageRgb8(frame.image).to_luma8());
-        }
-        let neutral = sequence.nodes(0);
-        let eye_distance = eye_distance_px(self.tables, &neutral).unwrap_or(f64::NAN);
+        let of_frame = |nodes: &Vec<Point2<f64>>| compared.iter().map(|(n, _, _)| nodes[n.index()]).collect();
+        let truth = positions.iter().map(|(&number, nodes)| (number, of_frame(nodes))).collect();
+        let eye_distance = eye_distance_px(self.tables, neutral).unwrap_or(f64::NAN);
         let marks = match self.options.start {
             Start::Landmarks => live.iter().map(|&n| hard(n, neutral[n.index()])).collect(),
             Start::Seven => {
@@ -334,11 +371,11 @@ impl Bench<'_> {
                 self.options.marks.iter().filter_map(|&n| person.mark(n, noise)).collect()
             }
         };
-        Ok(Prepared { frames: PreparedFrames::Images(images), eye_distance, compared, truth, marks })
+        Prepared { frames, eye_distance, compared, truth, marks }
     }
 
     fn entry(&self, entry: &SequenceEntry) -> Result<Prepared, EvaluateError> {
-        let frames = entry.frames().map_err(crate::dataset::DatasetError::from)?;
+        let frames = entry.frames().map_err(DatasetError::from)?;
         let Some(track) = entry.landmarks()? else {
             return Err(EvaluateError::NoTruth { path: entry.frames_path.clone() });
         };

@@ -1,10 +1,16 @@
-//! Which landmark stands for which node, and how large a face with landmarks is.
+//! What is true: exact node positions from a file, or landmarks that stand for nodes.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::{Point2, Vector2};
 
 use crate::{
     dataset::LANDMARK_COUNT,
-    units::NodeId,
+    input::{CsvFile, InputError},
+    units::{NodeId, SequenceId},
     wireframe::{LandmarkConfidence, Tables},
 };
 
@@ -55,9 +61,97 @@ pub fn landmark_eye_distance(points: &[Point2<f64>]) -> Option<f64> {
     Some((left - right).norm()).filter(|d| d.is_finite() && *d > 0.0)
 }
 
+/// Exact node positions that do not read.
+#[derive(Debug, thiserror::Error)]
+pub enum TruthError {
+    /// The file, a row or a number.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A node that the wireframe does not have.
+    #[error("{}, line {line}: node {node} does not exist; the wireframe has nodes 0 to {}", path.display(), count.saturating_sub(1))]
+    NoSuchNode {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The node.
+        node: u32,
+        /// Nodes there are.
+        count: usize,
+    },
+    /// The neutral frame is missing.
+    #[error("{}: there are no positions of the neutral frame {frame}", path.display())]
+    NoNeutral {
+        /// The file.
+        path: PathBuf,
+        /// Frame number.
+        frame: u32,
+    },
+    /// A frame without all nodes.
+    #[error("{}: frame {frame} has {found} of {expected} nodes", path.display())]
+    Incomplete {
+        /// The file.
+        path: PathBuf,
+        /// Frame number.
+        frame: u32,
+        /// Nodes found.
+        found: usize,
+        /// Nodes of the wireframe.
+        expected: usize,
+    },
+}
+
+/// Where the exact positions of a sequence are looked for: `truth/SUBJECT_SEQUENCE.csv` in the dataset's folder, as
+/// `grimace simulate` writes them.
+pub fn truth_path(root: &Path, id: &SequenceId) -> PathBuf {
+    root.join("truth").join(format!("{id}.csv"))
+}
+
+/// Reads exact positions `frame,node,x,y`: all N nodes of every frame that is there, px, by frame number.
+///
+/// # Errors
+/// [`TruthError`] for a file that does not read, a node that is not there, or a frame without all nodes.
+pub fn read_truth(path: &Path, node_count: usize) -> Result<BTreeMap<u32, Vec<Point2<f64>>>, TruthError> {
+    let csv = CsvFile::open(path)?;
+    let [frame, node, x, y] = csv.require(["frame", "node", "x", "y"])?;
+    let mut frames: BTreeMap<u32, Vec<Option<Point2<f64>>>> = BTreeMap::new();
+    for row in csv.rows() {
+        let row = row?;
+        let number = row.whole_number(node)?;
+        let nodes = frames.entry(row.whole_number(frame)?).or_insert_with(|| vec![None; node_count]);
+        let Some(place) = nodes.get_mut(number as usize) else {
+            return Err(TruthError::NoSuchNode { path: path.to_owned(), line: row.line(), node: number, count: node_count });
+        };
+        *place = Some(Point2::new(row.number(x)?, row.number(y)?));
+    }
+    let complete = |(frame, nodes): (u32, Vec<Option<Point2<f64>>>)| {
+        let found = nodes.iter().flatten().count();
+        let incomplete = || TruthError::Incomplete { path: path.to_owned(), frame, found, expected: node_count };
+        Ok((frame, nodes.into_iter().collect::<Option<Vec<_>>>().ok_or_else(incomplete)?))
+    };
+    frames.into_iter().map(complete).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exact_positions_are_read_whole_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            read_truth(&path, 2).map_err(|e| e.to_string().replace(&path.display().to_string(), "t.csv"))
+        };
+        let frames = read("frame,node,x,y\n7,1,3,4\n7,0,1,2\n").unwrap();
+        assert_eq!(frames, BTreeMap::from([(7, vec![Point2::new(1.0, 2.0), Point2::new(3.0, 4.0)])]));
+        assert_eq!(read("frame,node,x,y\n7,0,1,2\n").unwrap_err(), "t.csv: frame 7 has 1 of 2 nodes");
+        let error = read("frame,node,x,y\n7,2,1,2\n").unwrap_err();
+        assert_eq!(error, "t.csv, line 2: node 2 does not exist; the wireframe has nodes 0 to 1");
+        assert!(read("frame,node,x,y\n7,0,one,2\n").unwrap_err().contains("x is `one`"));
+        assert!(read("frame,node,x\n").unwrap_err().contains("no column `y`"));
+    }
 
     #[test]
     fn fifty_two_landmarks_stand_for_one_node() {
@@ -73,12 +167,10 @@ mod tests {
     #[test]
     fn the_eye_distance_is_between_the_middles_of_the_eyes() {
         let mut points = vec![Point2::new(0.0, 0.0); LANDMARK_COUNT];
-        for k in 36..42 {
-            points[k] = Point2::new(10.0 + (k - 36) as f64, 5.0); // mean 12.5
+        for (k, point) in points[36..42].iter_mut().enumerate() {
+            *point = Point2::new(10.0 + k as f64, 5.0); // mean 12.5
         }
-        for k in 42..48 {
-            points[k] = Point2::new(15.5, 9.0);
-        }
+        points[42..48].fill(Point2::new(15.5, 9.0));
         // From (12.5, 5) to (15.5, 9): 5.
         assert_eq!(landmark_eye_distance(&points), Some(5.0));
         assert_eq!(landmark_eye_distance(&points[..67]), None);
