@@ -179,3 +179,8 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.trim().parse().ok()?, h.trim().parse().ok()?)));
     sides.ok_or_else(|| format!("`{text}` is not a size such as 640x480"))
 }
+
+/// A group's name as part of a file name.
+fn file_word(group: &str) -> String {
+    group.chars().map(|c| if c.is_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' }).collect()
+}

@@ -275,13 +275,13 @@ pub fn fit_table(rows: &[FitRow]) -> Table {
 /// Error against the number of marks, a curve for every method, marks of one choice.
 pub fn chart_of_methods(rows: &[FitRow], population: &str, area: &str, choice: &str) -> LineChart {
     let rows = rows.iter().filter(|r| r.population == population && r.area == area && r.choice == choice);
-    chart(format!("Fit of {population} people, marks: {choice}"), area, rows.map(|r| (r.method.as_str(), r)))
+    chart(format!("Fit, people: {population}, marks: {choice}"), area, rows.map(|r| (r.method.as_str(), r)))
 }
 
 /// Error against the number of marks, a curve for every choice, one method.
 pub fn chart_of_choices(rows: &[FitRow], population: &str, area: &str, method: &str) -> LineChart {
     let rows = rows.iter().filter(|r| r.population == population && r.area == area && r.method == method);
-    chart(format!("Fit of {population} people, method: {method}"), area, rows.map(|r| (r.choice.as_str(), r)))
+    chart(format!("Fit, people: {population}, method: {method}"), area, rows.map(|r| (r.choice.as_str(), r)))
 }
 
 fn chart<'a>(title: String, area: &str, rows: impl Iterator<Item = (&'a str, &'a FitRow)>) -> LineChart {

@@ -1,6 +1,6 @@
 //! Neutral faces whose nodes are known: simulated people, and real ones with 68-point landmarks.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use nalgebra::{Point2, Vector2};
 use rand::SeedableRng;
@@ -9,7 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::{
     EvaluateError, MarkableNode,
-    truth::{compared_nodes, landmark_eye_distance},
+    truth::{compared_nodes, group_of, landmark_eye_distance},
 };
 use crate::{
     dataset::{Dataset, DatasetError, LANDMARK_COUNT, SequenceEntry},
@@ -20,6 +20,9 @@ use crate::{
     units::NodeId,
     wireframe::{Tables, Wireframe},
 };
+
+/// Name of the simulated people.
+const SIMULATED: &str = "simulated";
 
 /// A node of a face at its true place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,29 +117,40 @@ pub fn simulated_people(options: &SimulateOptions, wireframe: &Wireframe, tables
         Ok(Person::new(format!("S{:03}", index + 1), eye_distance, truth.collect(), options.seed, index))
     };
     let people = (0..options.subjects).map(person).collect::<Result<_, _>>()?;
-    Ok(Population { name: "simulated".to_owned(), real: false, people })
+    Ok(Population { name: SIMULATED.to_owned(), real: false, people })
 }
 
-/// The people of a dataset by the landmarks of their neutral frames. Sequences of one subject whose neutral landmarks are equal
-/// count once; sequences without landmarks are left out.
+/// The people of a dataset by the landmarks of their neutral frames, a population for each value of a column of the manifest, or one
+/// for all. Sequences of one subject whose neutral landmarks are equal count once in a population; sequences without landmarks are
+/// left out.
 ///
 /// # Errors
-/// [`EvaluateError`] when the dataset does not open, landmarks do not read, or no sequence has any.
-pub fn people_of_dataset(path: &Path, tables: &Tables, seed: u64) -> Result<Population, EvaluateError> {
+/// [`EvaluateError`] when the dataset does not open or lacks the column, landmarks do not read, or no sequence has any.
+pub fn people_of_dataset(path: &Path, by: Option<&str>, tables: &Tables, seed: u64) -> Result<Vec<Population>, EvaluateError> {
     let dataset = Dataset::open(path)?;
-    let mut people: Vec<Person> = Vec::new();
-    let mut seen: Vec<(String, Vec<Point2<f64>>)> = Vec::new();
+    let mut populations: BTreeMap<String, Vec<Person>> = BTreeMap::new();
+    let mut seen: Vec<(String, String, Vec<Point2<f64>>)> = Vec::new();
     for entry in &dataset.sequences {
         let Some(points) = neutral_landmarks(entry)? else { continue };
-        if seen.iter().any(|(subject, other)| *subject == entry.id.subject && *other == points) {
+        let name = match group_of(entry, by)? {
+            _ if by.is_none() => "real".to_owned(),
+            // The name of the simulated people is taken.
+            group if group == SIMULATED => format!("real_{group}"),
+            group => group,
+        };
+        let key = (name, entry.id.subject.clone(), points);
+        if seen.contains(&key) {
             continue;
         }
-        if let Some(person) = landmark_person(entry.id.to_string(), &points, tables, seed, people.len()) {
-            people.push(person);
-        }
-        seen.push((entry.id.subject.clone(), points));
+        let people = populations.entry(key.0.clone()).or_default();
+        people.extend(landmark_person(entry.id.to_string(), &key.2, tables, seed, people.len()));
+        seen.push(key);
     }
-    population("real", people, path)
+    populations.retain(|_, people| !people.is_empty());
+    if populations.is_empty() {
+        return Err(EvaluateError::NoTruth { path: path.to_owned() });
+    }
+    Ok(populations.into_iter().map(|(name, people)| Population { name, real: true, people }).collect())
 }
 
 /// Landmarks of the neutral frame of a sequence, where it has landmarks.
@@ -171,19 +185,15 @@ pub fn people_of_landmark_file(path: &Path, tables: &Tables, seed: u64) -> Resul
         }
         people.extend(landmark_person(row.get(0).trim().to_owned(), &points, tables, seed, people.len()));
     }
-    population("real", people, path)
+    if people.is_empty() {
+        return Err(EvaluateError::NoTruth { path: path.to_owned() });
+    }
+    Ok(Population { name: "real".to_owned(), real: true, people })
 }
 
 /// Whether a file holds people as points, as [`people_of_landmark_file`] reads them, rather than a manifest.
 pub fn is_landmark_file(path: &Path) -> bool {
     path.is_file() && CsvFile::open(path).is_ok_and(|csv| csv.require(["x0", "y0", "x67", "y67"]).is_ok())
-}
-
-fn population(name: &str, people: Vec<Person>, path: &Path) -> Result<Population, EvaluateError> {
-    if people.is_empty() {
-        return Err(EvaluateError::NoTruth { path: path.to_owned() });
-    }
-    Ok(Population { name: name.to_owned(), real: true, people })
 }
 
 fn landmark_person(id: String, points: &[Point2<f64>], tables: &Tables, seed: u64, index: usize) -> Option<Person> {

@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::{
     EvaluateError, MarkNoise, Person, Records, TrackerVariant, TruthError, TruthNode,
     records::RecordedError,
-    truth::{compared_nodes, landmark_eye_distance, read_truth, truth_path},
+    truth::{compared_nodes, group_of, landmark_eye_distance, read_truth, truth_path},
 };
 use crate::{
     dataset::{Dataset, DatasetError, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
@@ -139,18 +139,7 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
         if entry.landmarks_paths.is_empty() && exact.is_none() {
             continue;
         }
-        let group = match by {
-            None => "all".to_owned(),
-            Some(column) => match entry.column(column) {
-                Some("") => "(none)".to_owned(),
-                Some(value) => value.to_owned(),
-                None => {
-                    let fixed = ["subject", "sequence", "emotion"].map(str::to_owned);
-                    let found = fixed.into_iter().chain(entry.metadata.keys().cloned()).collect();
-                    return Err(EvaluateError::NoColumn { id: entry.id.to_string(), column: column.to_owned(), found });
-                }
-            },
-        };
+        let group = group_of(&entry, by)?;
         cases.push(TrackingCase { id: entry.id.to_string(), group, source: CaseSource::Entry { entry: Box::new(entry), exact } });
     }
     if cases.is_empty() {

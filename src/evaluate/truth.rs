@@ -7,8 +7,9 @@ use std::{
 
 use nalgebra::{Point2, Vector2};
 
+use super::EvaluateError;
 use crate::{
-    dataset::LANDMARK_COUNT,
+    dataset::{LANDMARK_COUNT, SequenceEntry},
     input::{CsvFile, InputError},
     units::{NodeId, SequenceId},
     wireframe::{LandmarkConfidence, Tables},
@@ -59,6 +60,23 @@ pub fn landmark_eye_distance(points: &[Point2<f64>]) -> Option<f64> {
         points[eye].iter().map(|p| p.coords).sum::<Vector2<f64>>() / count
     });
     Some((left - right).norm()).filter(|d| d.is_finite() && *d > 0.0)
+}
+
+/// The group of a sequence: its value in a column of the manifest, `(none)` for an empty one; `all` without a column.
+///
+/// # Errors
+/// [`EvaluateError::NoColumn`] when the sequence has no such column.
+pub fn group_of(entry: &SequenceEntry, by: Option<&str>) -> Result<String, EvaluateError> {
+    let Some(column) = by else { return Ok("all".to_owned()) };
+    match entry.column(column) {
+        Some("") => Ok("(none)".to_owned()),
+        Some(value) => Ok(value.to_owned()),
+        None => {
+            let fixed = ["subject", "sequence", "emotion"].map(str::to_owned);
+            let found = fixed.into_iter().chain(entry.metadata.keys().cloned()).collect();
+            Err(EvaluateError::NoColumn { id: entry.id.to_string(), column: column.to_owned(), found })
+        }
+    }
 }
 
 /// Exact node positions that do not read.

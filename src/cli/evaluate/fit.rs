@@ -13,7 +13,7 @@ use grimace::{
 };
 use serde_json::json;
 
-use super::{CommonArgs, bar, nodes};
+use super::{CommonArgs, bar, file_word, nodes};
 use crate::cli::{Outcome, shared::stop_flag};
 
 /// Number of marks that the printed tables are about, besides every number in the files.
@@ -24,8 +24,8 @@ const PRINTED_COUNTS: [usize; 4] = [5, 7, 8, 15];
 #[command(after_help = "\
 Examples:
   grimace evaluate fit -o fit-error --subjects 200
-  grimace evaluate fit faces -o fit-error          (also on the neutral frames of faces, by their 68-point landmarks)
-  grimace evaluate fit -o fit-error --suggest      (searches the best marks anew)
+  grimace evaluate fit faces -o fit-error --by kind    (also on the neutral frames of faces, by their 68-point landmarks)
+  grimace evaluate fit -o fit-error --suggest          (searches the best marks anew)
 
 Simulated people are marked with an error of --marks-noise and compared at all live nodes. Real people, from a dataset with landmarks or
 a CSV file with the columns person,x0,y0,...,x67,y67, are marked at their landmarks and compared at the others. Every combination of
@@ -33,6 +33,9 @@ method (similarity alone, springs alone, each shape prior ahead of the springs),
 pub struct Args {
     /// Dataset with 68-point landmarks, or a CSV file of people with the columns x0,y0,...,x67,y67
     dataset: Option<PathBuf>,
+    /// Column of the dataset's manifest: its values are populations of their own
+    #[arg(long, value_name = "COLUMN", requires = "dataset")]
+    by: Option<String>,
     /// Simulated people
     #[arg(long, default_value_t = 200, value_name = "N")]
     subjects: u32,
@@ -61,8 +64,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let simulation = SimulateOptions { subjects: args.subjects, seed, ..SimulateOptions::default() };
     let mut populations = vec![simulated_people(&simulation, &wireframe, &tables)?];
     if let Some(path) = &args.dataset {
-        let read = if is_landmark_file(path) { people_of_landmark_file } else { people_of_dataset };
-        populations.push(read(path, &tables, seed)?);
+        if is_landmark_file(path) {
+            populations.push(people_of_landmark_file(path, &tables, seed)?);
+        } else {
+            populations.extend(people_of_dataset(path, args.by.as_deref(), &tables, seed)?);
+        }
     }
     let methods = FitMethod::standard(&wireframe);
     let mut choices = standard_choices(&tables);
@@ -101,9 +107,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder.table("fit_error.csv", &fit_table(&rows))?;
     for population in &study.populations {
         let area = area(population);
-        let name = &population.name;
-        folder.figure(&format!("methods_{name}.svg"), &chart_of_methods(&rows, name, area, "suggested"))?;
-        folder.figure(&format!("choices_{name}.svg"), &chart_of_choices(&rows, name, area, FitMethod::default_name()))?;
+        let (name, word) = (&population.name, file_word(&population.name));
+        folder.figure(&format!("methods_{word}.svg"), &chart_of_methods(&rows, name, area, "suggested"))?;
+        folder.figure(&format!("choices_{word}.svg"), &chart_of_choices(&rows, name, area, FitMethod::default_name()))?;
         let people = population.people.len();
         let title = format!("Mean error over {area} of {people} {name} people, % of eye distance");
         folder.print(&title, &printed(&rows, population, &study.counts));
@@ -112,6 +118,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let options = json!({
         "simulation": simulation,
         "people": people,
+        "by": args.by,
         "marks_noise_px": args.marks_noise,
         "counts": study.counts,
         "choices": study.choices.iter().map(|c| &c.name).collect::<Vec<_>>(),

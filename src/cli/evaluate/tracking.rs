@@ -16,7 +16,7 @@ use grimace::{
 };
 use serde_json::{Value, json};
 
-use super::{CommonArgs, Folder, bar, nodes};
+use super::{CommonArgs, Folder, bar, file_word, nodes};
 use crate::cli::{
     Outcome,
     shared::{FitArgs, TrackArgs, stop_flag},
@@ -213,9 +213,4 @@ fn write(folder: &mut Folder, result: &TrackingResult, failures: &[Failed], star
     }
     folder.print("With deformation against without, mean per frame", &claim);
     Ok(())
-}
-
-/// A group's name as part of a file name.
-fn file_word(group: &str) -> String {
-    group.chars().map(|c| if c.is_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' }).collect()
 }
