@@ -36,6 +36,7 @@
 )]
 
 pub mod dataset;
+pub mod evaluate;
 pub mod fap;
 pub mod fit;
 pub mod geometry;

@@ -1,6 +1,7 @@
 //! The command line: parse, call the library, print.
 
 mod analyze;
+mod evaluate;
 mod fap;
 mod fit;
 mod prior;
@@ -46,6 +47,8 @@ enum Command {
     Prior(prior::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
+    /// Experiments against ground truth: how right fit and tracker are.
+    Evaluate(evaluate::Args),
 }
 
 /// How a command that did not fail ended.
@@ -71,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Evaluate(args) => evaluate::run(&args),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

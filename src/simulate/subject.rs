@@ -190,7 +190,7 @@ impl Subject {
 }
 
 /// The neutral nodes of a seeded person.
-fn identity(wireframe: &Wireframe, seed: u64, index: u32) -> Vec<Point3<f64>> {
+pub(super) fn identity(wireframe: &Wireframe, seed: u64, index: u32) -> Vec<Point3<f64>> {
     let mut random = generator(seed, Purpose::Shape, index, 0, 0);
     let mut nodes = wireframe.vertices().to_vec();
     // Shape units have no numbers in a wireframe: their order is that of the file, which numbers them from 0.
