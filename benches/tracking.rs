@@ -34,7 +34,7 @@ fn bare(files: &[&Path], points: &Vector<Point2f>, window: i32, levels: u32) -> 
     let size = Size::new(window, window);
     let mut sum = 0.0;
     for (index, path) in files.iter().enumerate() {
-        let frame = imread(&path.to_string_lossy(), IMREAD_GRAYSCALE)?;
+        let frame = imread(path, IMREAD_GRAYSCALE)?;
         if index > 0 {
             let (mut forward, mut backward) = (Vector::<Point2f>::new(), Vector::<Point2f>::new());
             let (mut status, mut error) = (Vector::<u8>::new(), Vector::<f32>::new());

@@ -19,7 +19,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs, clippy::pedantic)]
 // Tests compare exact values on purpose.
-#![cfg_attr(test, allow(clippy::unreadable_literal, clippy::items_after_statements))]
+#![cfg_attr(test, allow(clippy::unreadable_literal, clippy::items_after_statements, clippy::format_collect))]
 #![allow(
     clippy::module_name_repetitions,
     clippy::many_single_char_names,

@@ -46,7 +46,13 @@ impl FitMethod {
     /// Similarity alone, springs alone, and every shape prior ahead of the springs.
     pub fn standard(wireframe: &Wireframe) -> Vec<Self> {
         let fit = |name: &str, prior| Self::fit_with(name, wireframe, FitOptions { prior, ..FitOptions::default() });
-        vec![Self::similarity(wireframe), fit("springs", PriorKind::None), fit("candide prior", PriorKind::Candide)]
+        vec![
+            Self::similarity(wireframe),
+            fit("springs", PriorKind::None),
+            fit("candide prior", PriorKind::Candide),
+            fit("faces prior", PriorKind::Faces),
+            fit("auto prior", PriorKind::Auto),
+        ]
     }
 
     /// Name among [`FitMethod::standard`] of the program's default.
@@ -54,6 +60,8 @@ impl FitMethod {
         match FitOptions::default().prior {
             PriorKind::None => "springs",
             PriorKind::Candide => "candide prior",
+            PriorKind::Faces => "faces prior",
+            PriorKind::Auto | PriorKind::File(_) => "auto prior",
         }
     }
 
