@@ -144,7 +144,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         None => (simulated_cases(&simulation)?, Vec::new()),
     };
     let fit_options = args.fit.options();
-    let fitter = Fitter::new(&wireframe, fit_options);
+    let fitter = Fitter::new(&wireframe, fit_options.clone());
     let stop = stop_flag()?;
     let bar = bar(args.common.quiet, "tracking", cases.len());
     let result = evaluate_tracking(&cases, &fitter, &wireframe, &tables, &options, || {
