@@ -57,10 +57,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
     }
     anyhow::ensure!(!models.is_empty(), "none of the {} tracks can be used", files.len());
-    for model in &models {
-        write_model(&args.output.join("models").join(format!("{}.csv", model.model.id)), &model.model.model)?;
-    }
+    let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
     let analysis = analyze(models, failures, &bench)?;
+    for model in &normalized {
+        write_model(&args.output.join("models").join(format!("{}.csv", model.id)), &model.model)?;
+    }
     let title = args.output.file_name().map_or_else(|| "tracks".to_owned(), |n| n.to_string_lossy().into_owned());
     write_analysis(&analysis, &args.output, &title, &bench).context("writing the results")?;
     if !args.general.quiet {

@@ -1,9 +1,20 @@
 //! The command line: parse, call the library, print.
 
+/// Prints a line like `std`'s macro of this name, which panics when nobody reads on (`grimace fap info a.fap | head -1`).
+macro_rules! println {
+    ($($arg:tt)*) => { $crate::cli::print::line(format_args!($($arg)*)) };
+}
+
+/// Prints a line to standard error without a panic when that is not possible.
+macro_rules! eprintln {
+    ($($arg:tt)*) => { $crate::cli::print::error_line(format_args!($($arg)*)) };
+}
+
 mod analyze;
 mod evaluate;
 mod fap;
 mod fit;
+mod print;
 mod prior;
 mod progress;
 mod run;
@@ -76,6 +87,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(args) => simulate::run(args),
         Command::Evaluate(args) => evaluate::run(&args),
     };
+    let result = result.and_then(|outcome| print::check().map(|()| outcome));
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Failed) => ExitCode::FAILURE,

@@ -28,7 +28,7 @@ impl SequenceBar {
             Event::Started { sequences } => self.bar.set_length(*sequences as u64),
             Event::Frame => {
                 let frames = self.frames.fetch_add(1, Ordering::Relaxed) + 1;
-                if frames % 16 == 0 {
+                if frames.is_multiple_of(16) {
                     self.bar.set_message(format!("{frames} frames"));
                 }
             }

@@ -82,7 +82,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         !stop.load(std::sync::atomic::Ordering::Relaxed)
     });
     bar.finish_and_clear();
-    let (track, mut info) = tracked.map_err(|SequenceFailure { reason, .. }| anyhow::anyhow!(reason))?;
+    let (track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
+        Stage::Fit => anyhow::anyhow!("{}: {reason}", args.correspondences.display()),
+        _ => anyhow::anyhow!(reason),
+    })?;
     info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| anyhow::anyhow!(f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {

@@ -34,6 +34,8 @@ const TEXT_FILE_SUFFIX: &str = "_landmarks";
 /// Landmarks of the frames of one sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LandmarkTrack {
+    /// File or folder they were read from.
+    pub path: PathBuf,
     /// Frame number to [`LANDMARK_COUNT`] positions in image pixels, in the order of the scheme.
     pub frames: BTreeMap<u32, Vec<Point2<f64>>>,
 }
@@ -97,8 +99,10 @@ pub enum LandmarksError {
         paths: Vec<PathBuf>,
     },
     /// A frame without landmarks.
-    #[error("frame {frame} has no landmarks; there are {count} frames from {first} to {last}")]
+    #[error("{}: frame {frame} has no landmarks; there are {count} frames from {first} to {last}", path.display())]
     NoSuchFrame {
+        /// File or folder of the landmarks.
+        path: PathBuf,
         /// The frame asked for.
         frame: u32,
         /// Frames there are.
@@ -127,7 +131,7 @@ impl LandmarkTrack {
         self.frames.get(&frame).map(Vec::as_slice).ok_or_else(|| {
             let number = |key: Option<&u32>| key.copied().unwrap_or_default();
             let (first, last) = (number(self.frames.keys().next()), number(self.frames.keys().next_back()));
-            LandmarksError::NoSuchFrame { frame, count: self.frames.len(), first, last }
+            LandmarksError::NoSuchFrame { path: self.path.clone(), frame, count: self.frames.len(), first, last }
         })
     }
 }
@@ -143,7 +147,7 @@ pub fn read_landmarks(path: &Path) -> Result<LandmarkTrack, LandmarksError> {
     if frames.is_empty() {
         return Err(LandmarksError::Empty { path: path.to_owned() });
     }
-    Ok(LandmarkTrack { frames })
+    Ok(LandmarkTrack { path: path.to_owned(), frames })
 }
 
 fn read_csv(csv: &CsvFile) -> Result<BTreeMap<u32, Vec<Point2<f64>>>, LandmarksError> {
@@ -309,7 +313,7 @@ mod tests {
         assert_eq!(track.frames.keys().copied().collect::<Vec<_>>(), [1, 3]);
         assert_eq!(track.frame(3).unwrap()[67], Point2::new(67.0, 3067.0));
         let error = track.frame(2).unwrap_err().to_string();
-        assert_eq!(error, "frame 2 has no landmarks; there are 2 frames from 1 to 3");
+        assert!(error.ends_with(": frame 2 has no landmarks; there are 2 frames from 1 to 3"), "{error}");
     }
 
     #[test]

@@ -26,7 +26,7 @@ use crate::{
     output::{self, OutputError},
     overlay::png_bytes,
     pipeline::{analyze, overlay_pictures, write_analysis, write_model},
-    statistics::SequenceModel,
+    statistics::{SequenceModel, check_columns},
     track::TrackQuality,
     units::SequenceId,
 };
@@ -160,6 +160,8 @@ pub fn run(
     event: impl Fn(Event) + Sync,
 ) -> Result<RunSummary, RunError> {
     let opened = Dataset::open(dataset)?;
+    // Found out now and not after hours of tracking.
+    check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
     let name = dataset_name(dataset);
     let earlier = check_output(out, &name, bench, force)?;
     let sequences = opened.sequences.len() + opened.failures.len();
@@ -350,7 +352,8 @@ fn process_quietly(
         event(Event::Frame);
         !stop.load(Ordering::Relaxed)
     };
-    let (frames, summary, reused) = track_or_reuse(source, hash, &csv_path, bench, tick)?;
+    let (frames, summary, reused) =
+        track_or_reuse(source, hash, &csv_path, bench, tick).map_err(|failure| name_marks(failure, item.entry))?;
     if let Some(folder) = overlay {
         let last = frames.len() - 1;
         overlay_pictures(
@@ -371,6 +374,16 @@ fn process_quietly(
     let model = SequenceModel { id: source.id.clone(), model };
     let metadata = item.entry.map(|e| e.metadata.clone()).unwrap_or_default();
     Ok(Done { model: AnalyzedModel { model, emotion: source.emotion.clone(), metadata, quality: Some(quality) }, reused })
+}
+
+/// Puts the file that the marks came from in front of a failure of the fit.
+fn name_marks(failure: SequenceFailure, entry: Option<&SequenceEntry>) -> SequenceFailure {
+    match entry.map(SequenceEntry::correspondence_source) {
+        Some(Ok(CorrespondenceSource::File(path) | CorrespondenceSource::Landmarks(path))) if failure.stage == Stage::Fit => {
+            SequenceFailure { reason: format!("{}: {}", path.display(), failure.reason), ..failure }
+        }
+        _ => failure,
+    }
 }
 
 /// The name under which a dataset is recorded: its folder's.

@@ -94,8 +94,13 @@ pub enum SequenceError {
         source: DecodeError,
     },
     /// Frames of different sizes.
-    #[error("frame {number} is {found} where the first frame is {expected}; all frames of a sequence must have one size")]
+    #[error(
+        "{}: frame {number} is {found} where the first frame is {expected}; all frames of a sequence must have one size",
+        path.display()
+    )]
     Size {
+        /// The odd frame's file, or the video.
+        path: PathBuf,
         /// Number of the odd frame.
         number: u32,
         /// Its size.
@@ -167,14 +172,21 @@ impl SequenceReader {
         }
     }
 
-    fn next_frame(&mut self) -> Option<Result<Frame, SequenceError>> {
+    /// The next frame, whatever its size, and the file it comes from.
+    fn next_frame(&mut self) -> Option<Result<(Frame, PathBuf), SequenceError>> {
         match &mut self.source {
             Source::Images { files, decoder } => {
                 let FrameFile { number, path } = files.next()?;
                 let decoded = std::fs::read(&path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
-                Some(decoded.map(|mat| Frame { number, mat }).map_err(|source| SequenceError::Decode { path, source }))
+                Some(match decoded {
+                    Ok(mat) => Ok((Frame { number, mat }, path)),
+                    Err(source) => Err(SequenceError::Decode { path, source }),
+                })
             }
-            Source::Video(video) => video.next_frame().map(|r| r.map(|(number, mat)| Frame { number, mat })),
+            Source::Video(video) => {
+                let frame = video.next_frame()?;
+                Some(frame.map(|(number, mat)| (Frame { number, mat }, video.path().to_owned())))
+            }
         }
     }
 }
@@ -183,14 +195,14 @@ impl Iterator for SequenceReader {
     type Item = Result<Frame, SequenceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let frame = match self.next_frame()? {
+        let (frame, path) = match self.next_frame()? {
             Ok(frame) => frame,
             Err(error) => return Some(Err(error)),
         };
         let found = frame.size();
         let expected = *self.size.get_or_insert(found);
         if found != expected {
-            return Some(Err(SequenceError::Size { number: frame.number, found, expected }));
+            return Some(Err(SequenceError::Size { path, number: frame.number, found, expected }));
         }
         Some(Ok(frame))
     }

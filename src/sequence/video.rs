@@ -37,6 +37,11 @@ impl VideoReader {
         Ok(Self { path: path.to_owned(), capture, first, last, next: 1, given: 0, ended: false })
     }
 
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Frames per second stated by the file.
     pub fn fps(&self) -> Option<f64> {
         self.capture.get(CAP_PROP_FPS).ok().filter(|fps| fps.is_finite() && *fps > 0.0)
@@ -83,7 +88,9 @@ impl VideoReader {
         match self.last {
             Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
             None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
-            None if self.given < 2 => Some(SequenceError::TooFewFrames { found: self.given }),
+            None if self.given < 2 => {
+                error(format!("a sequence needs at least 2 frames, from neutral to apex; found {}", self.given))
+            }
             None => None,
         }
     }

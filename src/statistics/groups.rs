@@ -1,6 +1,6 @@
 //! Classes of models: every emotion, and every emotion within every group of people.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::{ClassLabel, SequenceModel};
 
@@ -21,21 +21,20 @@ pub struct LabelledModel {
     pub metadata: BTreeMap<String, String>,
 }
 
+/// Columns that every sequence has besides its emotion.
+const ID_COLUMNS: [&str; 2] = ["subject", "sequence"];
+
 /// Why models can not be grouped.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GroupError {
     /// A column that no sequence has.
-    #[error("no sequence has a metadata column `{column}` to group by; there is: {}", list(known))]
+    #[error("no sequence has a column `{column}` to group by; there is: {}", known.join(", "))]
     UnknownColumn {
         /// The column asked for.
         column: String,
-        /// Columns that at least one sequence has, sorted.
+        /// `subject`, `sequence`, and the metadata columns that at least one sequence has, sorted.
         known: Vec<String>,
     },
-}
-
-fn list(columns: &[String]) -> String {
-    if columns.is_empty() { "none".to_owned() } else { columns.join(", ") }
 }
 
 /// Splits models into classes: one for every emotion and, with columns in `by`, one for every emotion and combination of the
@@ -46,24 +45,23 @@ fn list(columns: &[String]) -> String {
 /// keep the order of `models`.
 ///
 /// # Errors
-/// [`GroupError::UnknownColumn`] for a column that no model's metadata has.
+/// [`GroupError::UnknownColumn`] for a column that no model has.
 pub fn group_models<'a>(
     models: &'a [LabelledModel],
     by: &[String],
 ) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
-    if let Some(column) = by.iter().find(|&column| !models.is_empty() && models.iter().all(|m| !m.metadata.contains_key(column)))
-    {
-        let mut known: Vec<String> = models.iter().flat_map(|m| m.metadata.keys().cloned()).collect();
-        known.sort_unstable();
-        known.dedup();
-        return Err(GroupError::UnknownColumn { column: column.clone(), known });
-    }
+    check_columns(by, models.iter().map(|m| &m.metadata))?;
     // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
     let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&SequenceModel>> = BTreeMap::new();
     for labelled in models {
         let rank = EMOTIONS.iter().position(|&e| e == labelled.emotion).unwrap_or(EMOTIONS.len());
         let value = |column: &String| {
-            let value = labelled.metadata.get(column).map_or("", |value| value.trim());
+            let id = &labelled.model.id;
+            let value = match column.as_str() {
+                "subject" => &id.subject,
+                "sequence" => &id.sequence,
+                _ => labelled.metadata.get(column).map_or("", |value| value.trim()),
+            };
             if value.is_empty() { UNKNOWN_GROUP } else { value }
         };
         classes.entry((rank, &labelled.emotion, Vec::new())).or_default().push(&labelled.model);
@@ -76,6 +74,30 @@ pub fn group_models<'a>(
         group: by.iter().zip(values).map(|(column, &value)| (column.clone(), value.to_owned())).collect(),
     };
     Ok(classes.into_iter().map(|((_, emotion, values), models)| (label(emotion, &values), models)).collect())
+}
+
+/// Checks that every column to group by is `subject`, `sequence`, or a metadata column of at least one sequence.
+///
+/// # Errors
+/// [`GroupError::UnknownColumn`]; without any sequence nothing is checked.
+pub fn check_columns<'a>(
+    by: &[String],
+    metadata: impl IntoIterator<Item = &'a BTreeMap<String, String>>,
+) -> Result<(), GroupError> {
+    let mut sequences = 0;
+    let mut known = BTreeSet::new();
+    for columns in metadata {
+        sequences += 1;
+        known.extend(columns.keys());
+    }
+    let is_known = |column: &String| ID_COLUMNS.contains(&column.as_str()) || known.contains(column);
+    match by.iter().find(|&column| !is_known(column)) {
+        Some(column) if sequences > 0 => {
+            let known = ID_COLUMNS.map(str::to_owned).into_iter().chain(known.into_iter().cloned()).collect();
+            Err(GroupError::UnknownColumn { column: column.clone(), known })
+        }
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -136,6 +158,9 @@ mod tests {
     #[test]
     fn a_column_that_no_sequence_has_is_an_error() {
         let error = group_models(&sample(), &["nationality".to_owned()]).unwrap_err();
-        assert_eq!(error.to_string(), "no sequence has a metadata column `nationality` to group by; there is: age, sex");
+        assert_eq!(
+            error.to_string(),
+            "no sequence has a column `nationality` to group by; there is: subject, sequence, age, sex"
+        );
     }
 }

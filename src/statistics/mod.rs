@@ -24,7 +24,7 @@ use crate::{
 };
 use median::Ending;
 
-pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, group_models};
+pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models};
 pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, representative};
 
 /// A normalized model and the sequence it was made from.

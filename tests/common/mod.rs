@@ -1,0 +1,216 @@
+//! A fresh work folder, a command runner, and a small simulated dataset made once per test program and kept in memory.
+
+// Every test program uses a part of this.
+#![allow(dead_code)]
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    process::Output,
+    sync::LazyLock,
+};
+
+use grimace::simulate::{Emotion, SimulateOptions, simulate_dataset};
+use tempfile::TempDir;
+
+/// Files by path relative to a folder, `/` between folders.
+pub type Files = BTreeMap<String, Vec<u8>>;
+
+/// Three subjects (S001 and S002 of cohort A, S003 of cohort B) with happiness (005) and surprise (007), six frames of 200x160 each.
+pub fn faces_options() -> SimulateOptions {
+    SimulateOptions {
+        subjects: 3,
+        emotions: vec![Emotion::Happiness, Emotion::Surprise],
+        frames: 6,
+        width: 200,
+        height: 160,
+        seed: 7,
+        ..SimulateOptions::default()
+    }
+}
+
+/// Ids of the sequences of [`FACES`], sorted.
+pub const SEQUENCES: [&str; 6] = ["S001_005", "S001_007", "S002_005", "S002_007", "S003_005", "S003_007"];
+
+/// The dataset of [`faces_options`].
+pub static FACES: LazyLock<Files> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().unwrap();
+    simulate_dataset(&faces_options(), folder.path(), true, |_, _| {}).unwrap();
+    files_in(folder.path())
+});
+
+/// All files below a folder.
+pub fn files_in(folder: &Path) -> Files {
+    fn collect(root: &Path, folder: &Path, files: &mut Files) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                collect(root, &path, files);
+            } else {
+                let name = path.strip_prefix(root).unwrap().to_string_lossy().replace('\\', "/");
+                files.insert(name, fs::read(&path).unwrap());
+            }
+        }
+    }
+    let mut files = Files::new();
+    if folder.exists() {
+        collect(folder, folder, &mut files);
+    }
+    files
+}
+
+/// Panics with the names of the files that differ (and not with their content).
+pub fn assert_same_files(a: &Files, b: &Files) {
+    let names = |files: &Files| files.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(a), names(b));
+    let differing: Vec<_> = a.keys().filter(|name| a[*name] != b[*name]).collect();
+    assert!(differing.is_empty(), "these files differ: {differing:?}");
+}
+
+/// What a command printed and how it ended.
+#[derive(Debug)]
+pub struct Ran {
+    pub status: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl From<Output> for Ran {
+    fn from(output: Output) -> Self {
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        Self { status: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
+    }
+}
+
+impl Ran {
+    /// Fails the test unless the command ended with this exit status. A panic of the command is never right.
+    #[track_caller]
+    pub fn exit(self, status: i32) -> Self {
+        assert!(!self.stderr.contains("panicked"), "{}", self.stderr);
+        assert_eq!(self.status, Some(status), "{}{}", self.stdout, self.stderr);
+        self
+    }
+
+    /// Fails the test unless standard error has all of the texts.
+    #[track_caller]
+    pub fn says(self, texts: &[&str]) -> Self {
+        for text in texts {
+            assert!(self.stderr.contains(text), "`{text}` is not in: {}", self.stderr);
+        }
+        self
+    }
+
+    /// Fails the test unless standard output has all of the texts.
+    #[track_caller]
+    pub fn prints(self, texts: &[&str]) -> Self {
+        for text in texts {
+            assert!(self.stdout.contains(text), "`{text}` is not in: {}", self.stdout);
+        }
+        self
+    }
+}
+
+/// A fresh folder to run commands in.
+pub struct Work {
+    folder: TempDir,
+}
+
+impl Work {
+    /// An empty folder.
+    pub fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    /// A folder with the dataset [`FACES`] in `faces`.
+    pub fn with_faces() -> Self {
+        Self::with_sequences(&SEQUENCES)
+    }
+
+    /// A folder with some sequences of [`FACES`] in `faces`, and a manifest of these.
+    pub fn with_sequences(ids: &[&str]) -> Self {
+        let work = Self::new();
+        for (name, bytes) in FACES.iter() {
+            let of = |id: &&str| name.starts_with(&format!("{}/", id.replace('_', "/")));
+            if ids.iter().any(of) {
+                work.write(&format!("faces/{name}"), bytes);
+            }
+        }
+        let manifest = String::from_utf8(FACES["manifest.csv"].clone()).unwrap();
+        let listed = |line: &&str| ids.iter().any(|id| line.starts_with(&id.replace('_', ",")));
+        let mut lines: Vec<&str> = manifest.lines().take(1).collect();
+        lines.extend(manifest.lines().skip(1).filter(listed));
+        work.write("faces/manifest.csv", lines.join("\n") + "\n");
+        work
+    }
+
+    /// A path in the folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes a file, with the folders above it.
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> &Self {
+        let path = self.path(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, content).unwrap();
+        self
+    }
+
+    /// The bytes of a file.
+    pub fn bytes(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    /// The text of a file.
+    pub fn read(&self, name: &str) -> String {
+        String::from_utf8(self.bytes(name)).unwrap()
+    }
+
+    /// Replaces a text that must be in a file.
+    #[track_caller]
+    pub fn replace(&self, name: &str, from: &str, to: &str) -> &Self {
+        let text = self.read(name);
+        assert!(text.contains(from), "`{from}` is not in {name}");
+        self.write(name, text.replace(from, to))
+    }
+
+    /// All files below a folder of the folder.
+    pub fn files(&self, name: &str) -> Files {
+        files_in(&self.path(name))
+    }
+
+    /// The command in the folder, to be started.
+    pub fn command(&self) -> std::process::Command {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_grimace"));
+        command.current_dir(self.folder.path());
+        command
+    }
+
+    /// Runs `grimace ARGS`, the arguments separated by blanks.
+    pub fn grimace(&self, args: &str) -> Ran {
+        self.command().args(args.split_whitespace()).output().unwrap().into()
+    }
+
+    /// Runs a shell script in which `$GRIMACE` is the command.
+    pub fn shell(&self, script: &str) -> Ran {
+        let mut command = std::process::Command::new("sh");
+        command.current_dir(self.folder.path()).env("GRIMACE", env!("CARGO_BIN_EXE_grimace")).args(["-c", script]);
+        command.output().unwrap().into()
+    }
+
+    /// Rows of a CSV file without its header, fields by column.
+    pub fn rows(&self, name: &str) -> Vec<BTreeMap<String, String>> {
+        csv::Reader::from_reader(self.bytes(name).as_slice()).deserialize().map(|row| row.unwrap()).collect()
+    }
+
+    /// Header line of a CSV file.
+    pub fn header(&self, name: &str) -> String {
+        self.read(name).lines().next().unwrap_or_default().to_owned()
+    }
+}
+
+/// Names of files that are half written or left over.
+pub fn leftovers(files: &Files) -> Vec<&String> {
+    files.keys().filter(|name| name.ends_with(".tmp") || name.contains("/.") || name.starts_with('.')).collect()
+}
