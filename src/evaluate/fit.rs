@@ -379,7 +379,10 @@ mod tests {
         };
         assert!(matches!(evaluate_fit(&study, |_, _| false), Err(EvaluateError::Interrupted)));
         let rows = evaluate_fit(&study, |_, _| true).unwrap();
-        assert_eq!(rows.iter().map(|r| r.method.as_str()).collect::<Vec<_>>(), ["similarity", "springs", "candide prior"]);
+        assert_eq!(
+            rows.iter().map(|r| r.method.as_str()).collect::<Vec<_>>(),
+            ["similarity", "springs", "candide prior", "faces prior", "auto prior"]
+        );
         assert!(rows.iter().any(|r| r.method == FitMethod::default_name()));
     }
 }
