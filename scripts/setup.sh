@@ -23,8 +23,11 @@ need_packages() {
 }
 
 need_cargo() {
-    command -v cargo >/dev/null && return
-    echo "no Rust toolchain: install one (Rust 1.88 or newer), for example with rustup, and run this again" >&2
+    local version=0
+    command -v cargo >/dev/null && version=$(rustc --version | sed -E 's/^rustc 1\.([0-9]+).*/\1/')
+    [ "$version" -ge 88 ] 2>/dev/null && return
+    echo "a Rust toolchain of version 1.88 or newer is needed (Debian 12's own is older): install one, for example with rustup," >&2
+    echo "and run this again" >&2
     exit 1
 }
 

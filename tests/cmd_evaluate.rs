@@ -71,8 +71,8 @@ fn fit_errors_fall_with_more_marks_and_springs_beat_the_similarity() {
         "{printed}"
     );
     let rows = work.rows("out/fit_error.csv");
-    // 4 choices, 3 numbers of marks, 3 methods.
-    assert_eq!(rows.len(), 36);
+    // 4 choices, 3 numbers of marks, 5 methods.
+    assert_eq!(rows.len(), 60);
     let mean = |method: &str, choice: &str, marks: &str| {
         let row = rows.iter().find(|r| r["method"] == method && r["choice"] == choice && r["marks"] == marks).unwrap();
         assert_eq!((row["people"].as_str(), row["failed"].as_str(), row["errors"].as_str()), ("12", "0", "1248"));

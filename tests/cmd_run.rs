@@ -303,8 +303,8 @@ fn overlays_show_the_neutral_and_the_apex_frame() {
     let work = Work::with_sequences(&["S001_005"]);
     work.grimace("run faces -o out --overlay pictures").exit(0);
     let names: Vec<_> = work.files("pictures").into_keys().collect();
-    assert_eq!(names, ["S001_005_00000001.png", "S001_005_00000006.png"]);
-    let picture = image::load_from_memory(&work.bytes("pictures/S001_005_00000006.png")).unwrap().to_rgb8();
+    assert_eq!(names, ["S001_005_00000001_overlay.png", "S001_005_00000006_overlay.png"]);
+    let picture = image::load_from_memory(&work.bytes("pictures/S001_005_00000006_overlay.png")).unwrap().to_rgb8();
     let frame = image::load_from_memory(&work.bytes("faces/S001/005/S001_005_00000006.png")).unwrap().to_rgb8();
     assert_eq!(picture.width() * frame.height(), frame.width() * picture.height());
     assert!(picture.pixels().any(|p| p.0[0] != p.0[1] || p.0[1] != p.0[2]), "the wireframe is drawn in colour on grey");

@@ -45,6 +45,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
     let used = args.output.read_dir().is_ok_and(|mut entries| entries.next().is_some());
     anyhow::ensure!(args.general.force || !used, "{} is not empty; --force writes over its results", args.output.display());
+    anyhow::ensure!(
+        !args.output.join("run.json").exists(),
+        "{} holds a run, whose results `analyze` would contradict; choose another folder",
+        args.output.display()
+    );
     let mut options = PipelineOptions::default();
     args.analysis.fill(&mut options);
     let bench = args.general.workbench(options)?;

@@ -71,10 +71,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 fn print_summary(summary: &RunSummary, out: &std::path::Path) {
     let out = out.display();
     let RunSummary { sequences, tracked, reused, failures, skipped, .. } = summary;
-    for failure in failures {
-        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
-    }
     if summary.unchanged {
+        for failure in failures {
+            eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
+        }
         println!("nothing changed since the last run: {sequences} sequences, nothing written");
         println!("report: {out}/report.html");
         return;

@@ -33,7 +33,7 @@ fn number(text: &str, fits: impl Fn(f64) -> bool, expected: &str) -> Result<f64,
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
@@ -131,8 +131,8 @@ pub struct AnalysisArgs {
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
     /// Interpolated frames between two of the five key frames of a FAP file
-    #[arg(long, default_value_t = FapOptions::default().between, value_name = "FRAMES")]
-    between: usize,
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
+    between: u16,
     /// Frame rate of the FAP files
     #[arg(long, default_value_t = FapOptions::default().fps, value_parser = clap::value_parser!(u32).range(1..=1000))]
     fps: u32,
@@ -143,7 +143,7 @@ impl AnalysisArgs {
         options.normalize = NormalizeOptions { resample: self.resample, size: self.size };
         options.statistics = StatisticsOptions { alpha: self.alpha, median: self.median };
         options.by.clone_from(&self.by);
-        options.fap = FapOptions { between: self.between, fps: self.fps };
+        options.fap = FapOptions { between: usize::from(self.between), fps: self.fps };
     }
 }
 

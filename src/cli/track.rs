@@ -7,14 +7,14 @@ use grimace::{
     fit::read_correspondences,
     output,
     overlay::png_bytes,
-    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, Stage, id_of, overlay_pictures, track_one},
+    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, Stage, id_of, overlay_path, overlay_pictures, track_one},
     track::write_track,
 };
 
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, TrackArgs, stop_flag},
+    shared::{FitArgs, GeneralArgs, TrackArgs, positive, stop_flag},
 };
 
 /// Track one sequence.
@@ -44,7 +44,7 @@ pub struct Args {
     #[arg(long)]
     last_frame: Option<u32>,
     /// Frames per second, where the source does not say
-    #[arg(long)]
+    #[arg(long, value_parser = positive)]
     fps: Option<f64>,
     /// Folder for a picture of the wireframe on every frame
     #[arg(long, value_name = "DIR")]
@@ -59,7 +59,10 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let json = args.output.with_extension("json");
+    anyhow::ensure!(json != args.output, "{}: a track is a .csv; the .json is written beside it", args.output.display());
     args.general.check_free(&args.output)?;
+    args.general.check_free(&json)?;
     let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
     let bench = args.general.workbench(options)?;
     let source = SequenceSource {
@@ -95,7 +98,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             &bench,
             |_| true,
             |number, picture| {
-                let path = folder.join(format!("{}_{number:08}.png", source.id));
+                let path = overlay_path(folder, &source.id, number);
                 let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
                 output::write_bytes(&path, &bytes).map_err(SequenceFailure::at(Stage::Write))
             },

@@ -131,7 +131,12 @@ pub enum FitError {
         /// BLAKE3 of the file.
         blake3: String,
     },
-    /// The wireframe lies mirrored or upside down in the image.
+    /// Left and right were exchanged.
+    #[error(
+        "the marks fit the mirrored face: left and right are the subject's own, so the subject's left is on the right of the image; exchange them"
+    )]
+    Mirrored,
+    /// The wireframe lies upside down in the image.
     #[error(
         "the marks place the face upside down (roll {degrees:.0} degrees): left and right are the subject's own, are marks exchanged?"
     )]
@@ -163,7 +168,7 @@ pub struct Fitter {
     options: FitOptions,
 }
 
-/// Largest roll of a plausible portrait, radians; beyond it left and right were exchanged or the picture stands on its head.
+/// Largest roll of a plausible portrait, radians; beyond it the picture stands on its head.
 const MAX_ROLL: f64 = std::f64::consts::FRAC_PI_2;
 
 impl Fitter {
@@ -186,7 +191,8 @@ impl Fitter {
     /// Fits the wireframe to the marks.
     ///
     /// # Errors
-    /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that are not there, or an upside-down placement.
+    /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that are not there, or a mirrored or
+    /// upside-down placement.
     pub fn fit(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
         if marks.len() < MINIMUM_MARKS {
             return Err(FitError::TooFewMarks { found: marks.len() });
@@ -199,6 +205,9 @@ impl Fitter {
         let frontal = wireframe.frontal();
         let source: Vec<_> = marks.iter().map(|m| frontal[m.node.index()]).collect();
         let image_from_face = Similarity::fit(&source, &seen, None)?;
+        if is_mirrored(&source, &seen, &image_from_face) {
+            return Err(FitError::Mirrored);
+        }
         if image_from_face.angle.abs() > MAX_ROLL {
             return Err(FitError::UpsideDown { degrees: image_from_face.angle.to_degrees() });
         }
@@ -249,6 +258,18 @@ impl Fitter {
         };
         Target { node: mark.node, position: mark.position, pull }
     }
+}
+
+/// Share of the direct placement's squared error below which a mirrored placement says that left and right were exchanged.
+const MIRRORED_ERROR: f64 = 0.25;
+
+/// Whether the marks lie much better on the mirrored wireframe than on the wireframe itself.
+fn is_mirrored(source: &[Point2<f64>], seen: &[Point2<f64>], direct: &Similarity) -> bool {
+    let error = |points: &[Point2<f64>], placement: &Similarity| -> f64 {
+        points.iter().zip(seen).map(|(p, q)| (placement.apply(p) - q).norm_squared()).sum()
+    };
+    let mirrored: Vec<_> = source.iter().map(|p| Point2::new(-p.x, p.y)).collect();
+    Similarity::fit(&mirrored, seen, None).is_ok_and(|m| error(&mirrored, &m) < MIRRORED_ERROR * error(source, direct))
 }
 
 /// Image space (y down) to the y-up plane in which shapes are compared, and back.

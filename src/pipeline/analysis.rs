@@ -87,6 +87,8 @@ pub struct Analysis {
     pub failures: Vec<Failure>,
     /// Warnings that a person should read.
     pub warnings: Vec<String>,
+    /// Whether the sequences were tracked with the options at hand, so that the report may state them.
+    pub tracked_here: bool,
 }
 
 impl Analysis {
@@ -119,6 +121,7 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
             for (column, value) in &label.group {
                 stem = format!("{stem}_{}-{}", file_stem(column), file_stem(value));
             }
+            let stem: String = stem.chars().take(MAX_STEM).collect();
             let mut unique = stem.clone();
             for number in 2.. {
                 if stems.insert(unique.clone()) {
@@ -145,8 +148,11 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
         })
         .collect::<Result<Vec<_>, AnalysisError>>()?;
     let warnings = warnings(&classes);
-    Ok(Analysis { classes, tracks, failures, warnings })
+    Ok(Analysis { classes, tracks, failures, warnings, tracked_here: false })
 }
+
+/// Longest stem of a file name, characters: the file systems in use allow 255 bytes.
+const MAX_STEM: usize = 60;
 
 /// Sequences below which a representative says little.
 const SMALL_CLASS: usize = 5;
@@ -332,7 +338,10 @@ fn write_table(
 ) -> Result<(), OutputError> {
     write_atomic(path, |out| {
         let mut csv = csv::Writer::from_writer(out);
-        csv.write_record(header.iter().copied().chain(by.iter().map(String::as_str))).map_err(io::Error::from)?;
+        // A column grouped by keeps its name unless the table has one of that name already.
+        let grouped = by.iter().map(|name| if header.contains(&name.as_str()) { format!("by_{name}") } else { name.clone() });
+        let names: Vec<String> = header.iter().map(|&name| name.to_owned()).chain(grouped).collect();
+        csv.write_record(&names).map_err(io::Error::from)?;
         for row in rows {
             csv.write_record(&row).map_err(io::Error::from)?;
         }
@@ -424,7 +433,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
     };
     let html = render_html(&ReportData {
         title: title.to_owned(),
-        options: option_rows(bench),
+        options: option_rows(bench, analysis.tracked_here),
         representatives: &representatives,
         tracks: &analysis.tracks,
         failures: &analysis.failures,
@@ -436,16 +445,12 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
     Ok(html)
 }
 
-/// The options as a reader of the report wants them.
-fn option_rows(bench: &Workbench) -> Vec<(String, String)> {
+/// The options as a reader of the report wants them; those of fit and tracker only when the sequences were tracked with them.
+fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
     let o = &bench.options;
     let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let json = |value: serde_json::Result<serde_json::Value>| value.map(word).unwrap_or_default();
-    [
-        ("Trimming alpha", o.statistics.alpha.to_string()),
-        ("Generalized median", json(serde_json::to_value(o.statistics.median))),
-        ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
-        ("Size normalization", json(serde_json::to_value(o.normalize.size))),
+    let tracking = [
         ("Shape prior", json(serde_json::to_value(&o.fit.prior))),
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
         ("KLT window (over eye distance)", o.track.window.to_string()),
@@ -453,11 +458,17 @@ fn option_rows(bench: &Workbench) -> Vec<(String, String)> {
         ("Forward-backward limit (over eye distance)", o.track.forward_backward.to_string()),
         ("Extreme displacement (robust standard deviations)", o.track.extreme.to_string()),
         ("Spring force on tracked nodes (over stiffness)", o.track.force.to_string()),
+        ("Weight of the mismatch against gradients", o.track.mismatch.to_string()),
+    ];
+    let analysis = [
+        ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
+        ("Size normalization", json(serde_json::to_value(o.normalize.size))),
+        ("Trimming alpha", o.statistics.alpha.to_string()),
+        ("Generalized median", json(serde_json::to_value(o.statistics.median))),
         ("FAP frames between key frames", o.fap.between.to_string()),
         ("FAP frame rate (Hz)", o.fap.fps.to_string()),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
-    ]
-    .into_iter()
-    .map(|(label, value)| (label.to_owned(), value))
-    .collect()
+    ];
+    let rows = tracking.into_iter().filter(|_| tracked_here).chain(analysis);
+    rows.map(|(label, value)| (label.to_owned(), value)).collect()
 }

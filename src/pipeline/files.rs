@@ -34,6 +34,8 @@ pub struct SequenceRecord {
     pub id: SequenceId,
     /// Emotion label.
     pub emotion: String,
+    /// Further columns of the manifest.
+    pub metadata: BTreeMap<String, String>,
     /// BLAKE3 of everything the track depends on; empty when it could not be computed.
     pub inputs_blake3: String,
     /// Stage and reason, when it failed.

@@ -22,7 +22,7 @@ use crate::{
 pub use analysis::{Analysis, AnalysisError, AnalyzedModel, analyze, read_model, write_analysis, write_model};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use run::{Event, RunError, RunSummary, run};
-pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_pictures, track_one};
+pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use tracks::{id_of, load_tracks, track_files};
 
 /// Frames between two key frames of a FAP file: 5 key frames give 25 frames.

@@ -22,7 +22,7 @@ use super::{
     sequence::{normalized, overlay_path, track_or_reuse},
 };
 use crate::{
-    dataset::{CorrespondenceSource, Dataset, SequenceEntry},
+    dataset::{CorrespondenceSource, Dataset, MANIFEST_NAME, SequenceEntry},
     output::{self, OutputError},
     overlay::png_bytes,
     pipeline::{analyze, overlay_pictures, write_analysis, write_model},
@@ -138,6 +138,13 @@ struct Planned<'a> {
     source: Result<(SequenceSource, String), SequenceFailure>,
 }
 
+impl Planned<'_> {
+    /// Further columns of the manifest.
+    fn metadata(&self) -> BTreeMap<String, String> {
+        self.entry.map(|e| e.metadata.clone()).unwrap_or_default()
+    }
+}
+
 /// One processed sequence.
 struct Done {
     model: AnalyzedModel,
@@ -174,7 +181,8 @@ pub fn run(
         .sequences
         .par_iter()
         .map(|entry| {
-            let source = plan(entry, bench);
+            let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
+            let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, bench) };
             Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
         })
         .collect();
@@ -186,6 +194,17 @@ pub fn run(
     }));
     planned.sort_by(|a, b| a.id.cmp(&b.id));
 
+    if stop.load(Ordering::Relaxed) {
+        return Err(RunError::Interrupted);
+    }
+    if let Some(earlier) = &earlier
+        && !force
+        && !earlier.sequences.is_empty()
+        && !earlier.sequences.iter().any(|s| planned.iter().any(|p| p.id == s.id))
+    {
+        let what = format!("another dataset of the same name, `{name}`: none of its sequences is in this one");
+        return Err(RunError::OtherRun { path: out.to_owned(), what });
+    }
     let skipped: Vec<(String, String)> = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
     if let Some(earlier) = &earlier
         && overlay.is_none()
@@ -209,8 +228,17 @@ pub fn run(
     };
     output::write_json(&out.join(RUN_JSON), &record)?;
 
-    let results: Vec<Result<Done, SequenceFailure>> =
-        planned.par_iter().map(|item| process(item, out, bench, overlay, stop, &event)).collect();
+    // Set by the first failure that is not a sequence's own fault, such as a full disk: the others need not try.
+    let abort = AtomicBool::new(false);
+    let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
+    let one = |item: &Planned<'_>| {
+        let result = process(item, out, bench, overlay, &halt, &event);
+        if result.as_ref().is_err_and(|f| f.fatal) {
+            abort.store(true, Ordering::Relaxed);
+        }
+        result
+    };
+    let results: Vec<Result<Done, SequenceFailure>> = planned.par_iter().map(one).collect();
     if stop.load(Ordering::Relaxed) {
         return Err(RunError::Interrupted);
     }
@@ -227,12 +255,9 @@ pub fn run(
         });
     }
 
-    let analysis: Analysis = analyze(models, failures, bench)?;
+    let analysis = Analysis { tracked_here: true, ..analyze(models, failures, bench)? };
     outputs.extend(write_analysis(&analysis, out, &record.dataset, bench)?);
-    for stale in record.outputs.keys().filter(|file| !outputs.contains_key(*file)) {
-        // A file of the earlier run that this one no longer makes; it may be gone already.
-        let _ = fs::remove_file(out.join(stale));
-    }
+    remove_stale(out, &outputs);
     record.outputs = outputs;
     record.representatives = analysis.counts();
     record.warnings.clone_from(&analysis.warnings);
@@ -259,6 +284,12 @@ fn collect(
     out: &Path,
     record: &mut RunJson,
 ) -> Result<Collected, RunError> {
+    let is_cause = |r: &&Result<Done, SequenceFailure>| r.as_ref().is_err_and(|f| f.fatal && f.stage == Stage::Write);
+    if let Some(at) = results.iter().position(|r| is_cause(&r))
+        && let (Some(item), Some(Err(failure))) = (planned.get(at), results.get(at))
+    {
+        return Err(RunError::Write { id: item.id.clone(), reason: failure.reason.clone() });
+    }
     let mut all = Collected::default();
     for (item, result) in planned.into_iter().zip(results) {
         let inputs_blake3 = item.source.as_ref().map(|(_, hash)| hash.clone()).unwrap_or_default();
@@ -281,13 +312,33 @@ fn collect(
                 Some((stage, reason))
             }
         };
-        record.sequences.push(SequenceRecord { id: item.id, emotion: item.emotion, inputs_blake3, failure });
+        let metadata = item.metadata();
+        record.sequences.push(SequenceRecord { id: item.id, emotion: item.emotion, metadata, inputs_blake3, failure });
     }
     Ok(all)
 }
 
+/// Folders of results, and the endings of the files in them.
+const RESULT_FOLDERS: [(&str, &[&str]); 4] =
+    [("tracks", &[".csv", ".json"]), ("models", &[".csv"]), ("representatives", &[".csv", ".json"]), ("fap", &[".fap"])];
+
 /// Name of the provenance file.
-const RUN_JSON: &str = "run.json";
+pub(super) const RUN_JSON: &str = "run.json";
+
+/// Removes files of earlier runs, whole or interrupted, that this one does not make.
+fn remove_stale(out: &Path, outputs: &BTreeMap<String, String>) {
+    for (folder, endings) in RESULT_FOLDERS {
+        let Ok(entries) = fs::read_dir(out.join(folder)) else { continue };
+        for entry in entries.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let ours = endings.iter().any(|ending| name.ends_with(ending));
+            if ours && !outputs.contains_key(&format!("{folder}/{name}")) {
+                // Gone already, or not to be removed: either way nothing more can be done.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+    }
+}
 
 /// Source and inputs' hash of a sequence.
 fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(SequenceSource, String), SequenceFailure> {
@@ -318,11 +369,11 @@ fn process(
     out: &Path,
     bench: &Workbench,
     overlay: Option<&Path>,
-    stop: &AtomicBool,
+    halt: &(impl Fn() -> bool + Sync),
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Done, SequenceFailure> {
-    let result = process_quietly(item, out, bench, overlay, stop, event);
-    if !stop.load(Ordering::Relaxed) {
+    let result = process_quietly(item, out, bench, overlay, halt, event);
+    if !halt() {
         let reused = result.as_ref().is_ok_and(|done| done.reused);
         let failure = result.as_ref().err().map(|f| f.reason.clone());
         event(Event::Finished { id: item.id.clone(), reused, failure });
@@ -335,7 +386,7 @@ fn process_quietly(
     out: &Path,
     bench: &Workbench,
     overlay: Option<&Path>,
-    stop: &AtomicBool,
+    halt: &(impl Fn() -> bool + Sync),
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Done, SequenceFailure> {
     let (source, hash) = match &item.source {
@@ -344,13 +395,13 @@ fn process_quietly(
             return Err(SequenceFailure { stage: *stage, reason: reason.clone(), fatal: *fatal });
         }
     };
-    if stop.load(Ordering::Relaxed) {
+    if halt() {
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }
     let csv_path = out.join("tracks").join(format!("{}.csv", source.id));
     let tick = |_| {
         event(Event::Frame);
-        !stop.load(Ordering::Relaxed)
+        !halt()
     };
     let (frames, summary, reused) =
         track_or_reuse(source, hash, &csv_path, bench, tick).map_err(|failure| name_marks(failure, item.entry))?;
@@ -372,7 +423,7 @@ fn process_quietly(
     write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
     let quality = TrackQuality { id: source.id.clone(), emotion: source.emotion.clone(), summary };
     let model = SequenceModel { id: source.id.clone(), model };
-    let metadata = item.entry.map(|e| e.metadata.clone()).unwrap_or_default();
+    let metadata = item.metadata();
     Ok(Done { model: AnalyzedModel { model, emotion: source.emotion.clone(), metadata, quality: Some(quality) }, reused })
 }
 
@@ -386,11 +437,15 @@ fn name_marks(failure: SequenceFailure, entry: Option<&SequenceEntry>) -> Sequen
     }
 }
 
-/// The name under which a dataset is recorded: its folder's.
+/// The name under which a dataset is recorded: its folder's, and its manifest's where that has another name than usual.
 fn dataset_name(path: &Path) -> String {
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let folder = if full.is_file() { full.parent().map(Path::to_owned).unwrap_or_default() } else { full };
-    folder.file_name().map_or_else(|| "dataset".to_owned(), |n| n.to_string_lossy().into_owned())
+    let name = |path: &Path| path.file_name().map_or_else(|| "dataset".to_owned(), |n| n.to_string_lossy().into_owned());
+    if !full.is_file() {
+        return name(&full);
+    }
+    let folder = full.parent().map_or_else(|| "dataset".to_owned(), name);
+    if name(&full) == MANIFEST_NAME { folder } else { format!("{folder}/{}", name(&full)) }
 }
 
 /// Makes sure that `out` may be written to; the earlier run found there, if any.
@@ -445,6 +500,7 @@ fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, 
     let same_sequence = |(record, item): (&SequenceRecord, &Planned<'_>)| {
         record.id == item.id
             && record.emotion == item.emotion
+            && record.metadata == item.metadata()
             && match &item.source {
                 Ok((_, hash)) => record.inputs_blake3 == *hash,
                 Err(failure) => record.failure.as_ref() == Some(&(failure.stage, failure.reason.clone())),

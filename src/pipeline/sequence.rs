@@ -15,8 +15,10 @@ use crate::{
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
     model::DynamicExpressionModel,
+    output,
     overlay::draw_overlay,
     sequence::{SequenceReader, read_first_frame},
+    statistics::MAX_DISPLACEMENT,
     track::{
         TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
         track_model, track_sequence, track_units, write_track,
@@ -106,6 +108,7 @@ pub struct SequenceSource {
 
 impl SequenceSource {
     /// BLAKE3 of everything the track depends on: program version, options, wireframe, marks, and name and content of every frame.
+    /// Emotion, further columns and frame rate are not among it: a new label does not make a new track.
     ///
     /// # Errors
     /// [`SequenceFailure`] when a frame can not be read.
@@ -118,7 +121,7 @@ impl SequenceSource {
         part(MADE_BY.as_bytes());
         let options = serde_json::to_vec(&(TRACK_SCHEMA, &bench.options.fit, &bench.options.track, &bench.wireframe_blake3));
         part(&options.unwrap_or_default());
-        part(format!("{}\n{}\n{:?}\n{:?}\n{}", self.id, self.emotion, self.metadata, self.fps, self.marks_from).as_bytes());
+        part(self.id.to_string().as_bytes());
         for mark in &self.marks {
             part(&mark.node.0.to_le_bytes());
             part(&[u8::from(mark.kind == MarkKind::Hard)]);
@@ -184,7 +187,8 @@ pub fn track_one(
     Ok((track, info))
 }
 
-/// The tracked frames of a sequence, their summary, and whether they were there already: read where an unchanged track is there, tracked and written where not.
+/// The tracked frames of a sequence, their summary, and whether they were there already: read where an unchanged track is there,
+/// tracked and written where not.
 pub(super) fn track_or_reuse(
     source: &SequenceSource,
     inputs_blake3: &str,
@@ -193,9 +197,12 @@ pub(super) fn track_or_reuse(
     tick: impl FnMut(u32) -> bool,
 ) -> Result<(Vec<TrackedFrame>, TrackSummary, bool), SequenceFailure> {
     if let Ok(Some(info)) = read_track_info(csv_path) {
-        let unchanged = info.inputs_blake3 == inputs_blake3 && super::files::file_blake3(csv_path) == Some(info.csv_blake3);
+        let unchanged =
+            info.inputs_blake3 == inputs_blake3 && super::files::file_blake3(csv_path) == Some(info.csv_blake3.clone());
         if unchanged && let Ok(frames) = read_track(csv_path) {
-            return Ok((frames, info.summary, true));
+            let summary = info.summary.clone();
+            relabel(source, info, csv_path)?;
+            return Ok((frames, summary, true));
         }
     }
     let (track, mut info) = track_one(source, bench, tick)?;
@@ -206,6 +213,23 @@ pub(super) fn track_or_reuse(
     Ok((frames, info.summary, false))
 }
 
+/// Brings the labels beside an unchanged track up to date.
+fn relabel(source: &SequenceSource, mut info: TrackInfo, csv_path: &Path) -> Result<(), SequenceFailure> {
+    let fps = source.fps.or(info.fps);
+    let same = info.emotion == source.emotion
+        && info.metadata == source.metadata
+        && info.fps == fps
+        && info.marks_from == source.marks_from;
+    if same {
+        return Ok(());
+    }
+    info.emotion.clone_from(&source.emotion);
+    info.metadata.clone_from(&source.metadata);
+    info.marks_from.clone_from(&source.marks_from);
+    info.fps = fps;
+    output::write_json(&csv_path.with_extension("json"), &info).map_err(SequenceFailure::at(Stage::Write))
+}
+
 /// The normalized model of tracked frames.
 pub(super) fn normalized(
     frames: &[TrackedFrame],
@@ -213,7 +237,15 @@ pub(super) fn normalized(
 ) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
     let model = track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
-    normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))
+    let model = normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))?;
+    // One such model would end the statistics of all.
+    let offsets = |m| model.neutral_offsets(m).into_iter().map(|v| v.norm()).fold(0.0, f64::max);
+    let largest = (1..model.frame_count()).map(offsets).fold(0.0, f64::max);
+    if largest >= MAX_DISPLACEMENT {
+        let reason = format!("a node moves by {largest:.3e} face units; that is no face (1024 is the eye distance)");
+        return Err(SequenceFailure { stage: Stage::Normalize, reason, fatal: false });
+    }
+    Ok(model)
 }
 
 /// Pictures of the wireframe on the wanted frames of a track, with the frame's number.
@@ -242,6 +274,7 @@ pub fn overlay_pictures(
 }
 
 /// Path of an overlay picture.
-pub(super) fn overlay_path(folder: &Path, id: &SequenceId, number: u32) -> PathBuf {
-    folder.join(format!("{id}_{number:08}.png"))
+pub fn overlay_path(folder: &Path, id: &SequenceId, number: u32) -> PathBuf {
+    // Not the name of a Cohn-Kanade frame, lest a picture replace the frame it shows.
+    folder.join(format!("{id}_{number:08}_overlay.png"))
 }

@@ -50,7 +50,7 @@ pub fn load_tracks(files: &[PathBuf], dataset: Option<&Dataset>, bench: &Workben
             failures.push(Failure { subject: id.subject, sequence: id.sequence, stage, reason });
         };
         match result {
-            Ok(model) if models.iter().any(|m| m.model.id == model.model.id) => {
+            Ok(model) if models.iter().any(|m| m.model.id.to_string() == model.model.id.to_string()) => {
                 let reason = format!("{}: a track of {} was read already", path.display(), model.model.id);
                 fail(model.model.id, Stage::Dataset, reason);
             }
@@ -76,6 +76,10 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
     let frames = read_track(path).map_err(SequenceFailure::at(Stage::Dataset))?;
     let info = read_track_info(path).map_err(SequenceFailure::at(Stage::Dataset))?;
     let id = info.as_ref().map_or_else(|| id_of(path), |i| i.id.clone());
+    if id.to_string().contains(['/', '\\', '\0']) {
+        let reason = format!("{}: subject and sequence `{id}` can not name a file", path.display());
+        return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
+    }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),

@@ -109,7 +109,7 @@ fn check_whole(bytes: &[u8]) -> Result<(), DecodeError> {
         && let Some((header, pixels)) = pgm_sizes(bytes)
         && bytes.len() < header.saturating_add(pixels)
     {
-        return truncated("PGM", format!("{} of {pixels} bytes of pixels", bytes.len() - header));
+        return truncated("PGM", format!("{} of {pixels} bytes of pixels", bytes.len().saturating_sub(header)));
     }
     Ok(())
 }

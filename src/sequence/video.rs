@@ -6,16 +6,21 @@ use opencv::{
     core::Mat,
     imgproc::{COLOR_BGR2GRAY, cvt_color_def},
     prelude::*,
-    videoio::{CAP_ANY, CAP_PROP_FPS, VideoCapture},
+    videoio::{CAP_ANY, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, VideoCapture},
 };
 
 use super::SequenceError;
+
+/// Share of the stated frames that a whole video decodes at least; headers may be estimates.
+const COMPLETE: f64 = 0.9;
 
 /// Decodes a video from its first to its last wanted frame.
 pub struct VideoReader {
     path: PathBuf,
     capture: VideoCapture,
     first: u32,
+    /// Frames that the file's header states; 0 or less when it does not. Some containers only estimate it.
+    stated: f64,
     last: Option<u32>,
     next: u32,
     given: usize,
@@ -34,7 +39,11 @@ impl VideoReader {
             ));
         }
         let first = first.unwrap_or(1);
-        Ok(Self { path: path.to_owned(), capture, first, last, next: 1, given: 0, ended: false })
+        if first == 0 {
+            return Err(error("the frames of a video are numbered from 1; `first_frame` is 0".into()));
+        }
+        let stated = capture.get(CAP_PROP_FRAME_COUNT).unwrap_or(0.0);
+        Ok(Self { path: path.to_owned(), capture, first, last, stated, next: 1, given: 0, ended: false })
     }
 
     /// The file.
@@ -88,6 +97,9 @@ impl VideoReader {
         match self.last {
             Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
             None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
+            None if f64::from(count) < COMPLETE * self.stated => {
+                error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stated))
+            }
             None if self.given < 2 => {
                 error(format!("a sequence needs at least 2 frames, from neutral to apex; found {}", self.given))
             }

@@ -91,7 +91,7 @@ pub struct TrackOptions {
 
 impl Default for TrackOptions {
     fn default() -> Self {
-        Self { window: 0.08, levels: 4, forward_backward: 0.02, extreme: 6.0, force: 60.0, mismatch: 1.0, deform: true }
+        Self { window: 0.08, levels: 4, forward_backward: 0.01, extreme: 6.0, force: 150.0, mismatch: 1.0, deform: true }
     }
 }
 

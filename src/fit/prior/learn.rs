@@ -138,9 +138,10 @@ pub fn learn_prior(
     for &column in order.iter().take(modes) {
         let deviation = eigen.eigenvalues[column].max(0.0).sqrt();
         let vector = eigen.eigenvectors.column(column);
-        // An eigenvector has no sign of its own: its largest component is made positive.
-        let largest = (0..vector.len()).fold(0, |best, c| if vector[c].abs() > vector[best].abs() { c } else { best });
-        let sign = if vector[largest] < 0.0 { -deviation } else { deviation };
+        // An eigenvector has no sign of its own: the sum of its components, each times its place, is made positive. A rule on
+        // the largest component would be decided by rounding in a mirrored mode, where two components are equally large.
+        let moment: f64 = vector.iter().enumerate().map(|(c, v)| c as f64 * v).sum();
+        let sign = if moment < 0.0 { -deviation } else { deviation };
         let mut mode = vec![Vector2::zeros(); wireframe.node_count()];
         for (i, node) in live.iter().enumerate() {
             mode[node.index()] = Vector2::new(vector[2 * i], vector[2 * i + 1]) * sign;
