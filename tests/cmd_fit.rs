@@ -131,6 +131,30 @@ fn marks_that_do_not_make_a_fit_are_refused() {
 }
 
 #[test]
+fn exchanged_left_and_right_are_refused() {
+    let work = work();
+    let exchange = |node: &str| {
+        match node {
+            "20" => "53",
+            "53" => "20",
+            "23" => "56",
+            "56" => "23",
+            "31" => "64",
+            "64" => "31",
+            other => other,
+        }
+        .to_owned()
+    };
+    let marks = work.read("marks.csv");
+    let swapped = marks.lines().map(|line| match line.split_once(',') {
+        Some((node, rest)) => format!("{},{rest}\n", exchange(node)),
+        None => String::new(),
+    });
+    work.write("bad.csv", swapped.collect::<String>());
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks fit the mirrored face", "the subject's own"]);
+}
+
+#[test]
 fn marks_with_crlf_byte_order_mark_and_quotes_are_read() {
     let work = work();
     let text = format!("\u{feff}{}", work.read("marks.csv").replace('\n', "\r\n").replace("20,", "\"20\","));

@@ -174,7 +174,8 @@ fn a_new_label_or_column_is_a_change() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("run faces -o out").exit(0);
     work.replace("faces/manifest.csv", "S002,005,happiness", "S002,005,joy");
-    work.grimace("run faces -o out").exit(0);
+    // Nothing is tracked again for it.
+    work.grimace("run faces -o out").exit(0).prints(&["0 tracked, 2 unchanged"]);
     work.grimace("run faces -o fresh").exit(0);
     assert_same_files(&work.files("fresh"), &work.files("out"));
     assert!(work.path("out/fap/joy.fap").exists());
@@ -182,6 +183,41 @@ fn a_new_label_or_column_is_a_change() {
     work.grimace("run faces -o out").exit(0);
     work.grimace("run faces -o fresh --force").exit(0);
     assert_same_files(&work.files("fresh"), &work.files("out"));
+}
+
+#[test]
+fn another_dataset_of_the_same_name_does_not_replace_results() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    let manifest = work.read("faces/manifest.csv");
+    let rows = |subject: &str| -> String {
+        let kept = manifest.lines().enumerate().filter(|(i, line)| *i == 0 || line.starts_with(subject));
+        kept.map(|(_, line)| format!("{line}\n")).collect()
+    };
+    work.write("faces/train.csv", rows("S001")).write("faces/test.csv", rows("S002"));
+    work.grimace("run faces/train.csv -o out").exit(0);
+    let before = work.files("out");
+    work.grimace("run faces/test.csv -o out").exit(1).says(&["another dataset", "faces/train.csv", "--force"]);
+    assert_same_files(&before, &work.files("out"));
+    // The same name, but other people.
+    work.write("faces/manifest.csv", rows("S001")).grimace("run faces -o both").exit(0);
+    work.write("faces/manifest.csv", rows("S002"));
+    work.grimace("run faces -o both").exit(1).says(&["none of its sequences is in this one"]);
+    // Forced, nothing of the first is left.
+    work.grimace("run faces -o both --force").exit(0);
+    work.grimace("run faces -o fresh").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("both"));
+}
+
+#[test]
+fn results_of_an_interrupted_run_do_not_linger() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run faces -o out").exit(0);
+    // As if an interrupted run had tracked a sequence that has left the dataset since.
+    let track = work.bytes("out/tracks/S001_005.csv");
+    work.write("out/tracks/S009_001.csv", &track).write("out/models/S009_001.csv", &track);
+    work.replace("faces/manifest.csv", ",happiness,", ",joy,");
+    work.grimace("run faces -o out").exit(0);
+    assert!(!work.path("out/tracks/S009_001.csv").exists() && !work.path("out/models/S009_001.csv").exists());
 }
 
 #[test]

@@ -193,6 +193,7 @@ mod tests {
         assert!(message(b"hello, I am text").contains("the text \"hello, I am \""));
         assert!(message(&[0xFF, 0xD8, 0xFF, 0xE0, 1, 2]).contains("JPEG image is cut off"));
         assert!(message(b"P5\n# made by hand\n4 4\n255\n123").contains("3 of 16 bytes of pixels"));
+        assert!(message(b"P5 2 2 255").contains("0 of 4 bytes of pixels"));
         assert!(message(b"BM\xff\x00\x00\x00rest").contains("BMP image is cut off"));
         assert!(message(b"P5 99999999999999999999 4 255 ").contains("not an image"));
     }
