@@ -21,7 +21,7 @@ fn place(row: &std::collections::BTreeMap<String, String>) -> (f64, f64) {
 fn every_node_comes_out_with_state_and_residual() {
     let work = work();
     let ran = work.grimace("fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png").exit(0);
-    ran.prints(&["7 marks (0 set by hand), eye distance", "roll", "largest distance of a node to its mark"]);
+    ran.prints(&["7 marks (0 hard), eye distance", "roll", "largest distance of a node to its mark"]);
     assert_eq!(work.header("fit.csv"), "node,x,y,state,residual");
     let rows = work.rows("fit.csv");
     assert_eq!(rows.len(), 113);
@@ -82,7 +82,7 @@ fn nodes_set_by_hand_are_hard_positions() {
     work.write("hard.csv", file("8.4,60,120,hard"));
     work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(1).says(&["hard.csv, line 8: node 64 stands in line 2 already"]);
     work.write("hard.csv", file("5,101.25,92.5,hard"));
-    work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(0).prints(&["8 marks (1 set by hand)"]);
+    work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(0).prints(&["8 marks (1 hard)"]);
     let rows = work.rows("fit.csv");
     assert_eq!((rows[5]["x"].as_str(), rows[5]["y"].as_str(), rows[5]["state"].as_str()), ("101.25", "92.5", "corrected"));
 }
@@ -152,6 +152,18 @@ fn exchanged_left_and_right_are_refused() {
     });
     work.write("bad.csv", swapped.collect::<String>());
     work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks fit the mirrored face", "the subject's own"]);
+}
+
+#[test]
+fn marks_that_fold_the_wireframe_are_refused() {
+    let work = work();
+    let marks = work.read("marks.csv");
+    // Outer and inner corner of one eye exchanged.
+    let swapped = marks.replace("\n20,", "\n@,").replace("\n23,", "\n20,").replace("\n@,", "\n23,");
+    assert_ne!(swapped, marks);
+    work.write("bad.csv", swapped);
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["triangles of the wireframe", "look first at node"]);
+    assert!(!work.path("fit.csv").exists());
 }
 
 #[test]

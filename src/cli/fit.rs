@@ -25,8 +25,10 @@ Example:
   grimace fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png
 
 marks.csv has the columns node,x,y: a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3, and its place in pixels, the
-centre of the top-left pixel being 0,0. Left and right are the subject's own. 5 to 8 marks make a good fit: the four eye corners
-(20,23,53,56), the mouth corners (31,64) and the chin (10) are a good choice.")]
+centre of the top-left pixel being 0,0. Left and right are the subject's own. 5 to 8 marks make a good fit:
+  20, 23  left eye, outer and inner corner      31, 64  left and right corner of the mouth
+  53, 56  right eye, outer and inner corner     10      lowest point of the chin
+In the picture marks are yellow rings and fitted nodes blue dots; small images are enlarged in it.")]
 pub struct Args {
     /// Image of a neutral, frontal face
     image: PathBuf,
@@ -85,7 +87,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let worst = fitted.residuals.iter().copied().fold(0.0, f64::max);
         let hard = marks.iter().filter(|m| m.kind == MarkKind::Hard).count();
         println!(
-            "{} marks ({hard} set by hand), eye distance {eye_distance:.1} px, roll {:.1} degrees, largest distance of a node to its mark {worst:.2} px",
+            "{} marks ({hard} hard), eye distance {eye_distance:.1} px, roll {:.1} degrees, largest distance of a node to its mark {worst:.2} px",
             marks.len(),
             -fitted.image_from_face.angle.to_degrees(),
         );

@@ -28,7 +28,7 @@ use clap::{Parser, Subcommand};
 
 /// Representative facial expressions from image sequences, as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
-#[command(name = "grimace", version, about, propagate_version = true, after_help = AFTER_HELP)]
+#[command(name = "grimace", version, about, propagate_version = true, max_term_width = 150, after_help = AFTER_HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -73,6 +73,19 @@ pub enum Outcome {
     SomeFailed,
 }
 
+/// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
+fn chain(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
+        if text.contains(&cause) {
+            text
+        } else if text.is_empty() {
+            cause
+        } else {
+            format!("{text}: {cause}")
+        }
+    })
+}
+
 /// Parses the arguments, runs the command, prints errors, returns the exit status: 0 done, 1 failed, 2 bad usage, 3 done but
 /// some sequences failed.
 pub fn main() -> ExitCode {
@@ -93,7 +106,7 @@ pub fn main() -> ExitCode {
         Ok(Outcome::Failed) => ExitCode::FAILURE,
         Ok(Outcome::SomeFailed) => ExitCode::from(3),
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", chain(&error));
             ExitCode::FAILURE
         }
     }

@@ -34,7 +34,8 @@ impl SequenceBar {
             }
             Event::Finished { id, failure, .. } => {
                 if let Some(reason) = failure {
-                    self.bar.suspend(|| eprintln!("{id}: {reason}"));
+                    let named = reason.contains(&id.to_string());
+                    self.bar.suspend(|| if named { eprintln!("{reason}") } else { eprintln!("{id}: {reason}") });
                 }
                 self.bar.inc(1);
             }

@@ -133,9 +133,23 @@ pub enum FitError {
     },
     /// Left and right were exchanged.
     #[error(
-        "the marks fit the mirrored face: left and right are the subject's own, so the subject's left is on the right of the image; exchange them"
+        "the marks fit the mirrored face: left and right are the subject's own, so the subject's left is on the right of the image; exchange them (or were x and y exchanged?)"
     )]
     Mirrored,
+    /// The marks turn parts of the wireframe over.
+    #[error(
+        "the marks fold {count} triangles of the wireframe: a mark is at a wrong place, or two are exchanged (left and right, inner and outer); look first at node {node}, marked at ({x}, {y})"
+    )]
+    Folded {
+        /// Triangles turned over.
+        count: usize,
+        /// The mark that fits worst.
+        node: NodeId,
+        /// Its x, px.
+        x: f64,
+        /// Its y, px.
+        y: f64,
+    },
     /// The wireframe lies upside down in the image.
     #[error(
         "the marks place the face upside down (roll {degrees:.0} degrees): left and right are the subject's own, are marks exchanged?"
@@ -216,6 +230,14 @@ impl Fitter {
         let rest: Vec<_> = placed.into_iter().map(flip).collect();
         let targets: Vec<_> = marks.iter().map(|m| self.target(m)).collect();
         let nodes = self.springs.deform(wireframe, &rest, &targets)?;
+        let folded = folded_triangles(wireframe, &frontal, &nodes);
+        if folded >= FOLDED_TRIANGLES {
+            // The mark that the rigid placement explains worst is the likeliest to be wrong.
+            let misfit = |i: usize| (image_from_face.apply(&source[i]) - seen[i]).norm();
+            let worst = (0..marks.len()).max_by(|&a, &b| misfit(a).total_cmp(&misfit(b))).unwrap_or(0);
+            let Correspondence { node, position, .. } = marks[worst];
+            return Err(FitError::Folded { count: folded, node, x: position.x, y: position.y });
+        }
         let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
         Ok(FittedWireframe {
             model: FrameExpressionModel::new(nodes),
@@ -258,6 +280,22 @@ impl Fitter {
         };
         Target { node: mark.node, position: mark.position, pull }
     }
+}
+
+/// Folded triangles from which on a fit is refused.
+const FOLDED_TRIANGLES: usize = 3;
+
+/// Least area of a triangle, model units squared, that counts as folded: slivers at lids and closed lips turn over without harm.
+const FOLDED_AREA: f64 = 2e-3;
+
+/// Number of triangles that lie the other way round than in the frontal view.
+fn folded_triangles(wireframe: &Wireframe, frontal: &[Point2<f64>], nodes: &[Point2<f64>]) -> usize {
+    let area = |points: &[Point2<f64>], [a, b, c]: &[NodeId; 3]| {
+        (points[b.index()] - points[a.index()]).perp(&(points[c.index()] - points[a.index()])) / 2.0
+    };
+    // y is down in the image, so an unfolded triangle changes its sign.
+    let folded = |t: &&[NodeId; 3]| area(frontal, t).abs() > FOLDED_AREA && area(frontal, t) * area(nodes, t) > 0.0;
+    wireframe.triangles().iter().filter(folded).count()
 }
 
 /// Share of the direct placement's squared error below which a mirrored placement says that left and right were exchanged.

@@ -157,6 +157,9 @@ const MAX_STEM: usize = 60;
 /// Sequences below which a representative says little.
 const SMALL_CLASS: usize = 5;
 
+/// FAP units by which a value is changed before a person need be told.
+const NOTABLE_CLAMP: f64 = 20.0;
+
 /// What a person should know before using the results: at most one line of each kind.
 fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -173,7 +176,8 @@ fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     if !small.is_empty() {
         warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {}", small.join(", ")));
     }
-    let clamped: BTreeSet<u8> = classes.iter().flat_map(|c| c.clamped.iter().map(|c| c.fap.get())).collect();
+    let much = |c: &&Clamped| (c.value - f64::from(c.limit)).abs() >= NOTABLE_CLAMP;
+    let clamped: BTreeSet<u8> = classes.iter().flat_map(|c| c.clamped.iter().filter(much).map(|c| c.fap.get())).collect();
     if !clamped.is_empty() {
         let list = clamped.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         warnings.push(format!(

@@ -65,7 +65,7 @@ pub fn track_units() -> BTreeMap<String, String> {
         ("x", "px, right, centre of the top-left pixel is 0"),
         ("y", "px, down, centre of the top-left pixel is 0"),
         ("residual", "px; neutral frame: node to mark; later frames: forward-backward distance"),
-        ("marks", "node, x px, y px, set by hand"),
+        ("marks", "node, x px, y px, whether the node is held there exactly (kind hard)"),
     ]
     .into_iter()
     .map(|(k, v)| (k.to_owned(), v.to_owned()))

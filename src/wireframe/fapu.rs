@@ -30,6 +30,20 @@ impl Fapu {
     pub const LENGTHS: [Self; 5] = [Self::Irisd, Self::Es, Self::Ens, Self::Mns, Self::Mw];
 }
 
+impl Fapu {
+    /// The unit in words, with the nodes it is measured between.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Irisd => "the opening of the lids",
+            Self::Es => "the distance of the pupils, left minus right",
+            Self::Ens => "the height of the eyes above the base of the nose (node 6)",
+            Self::Mns => "the height of the base of the nose (node 6) above the upper lip (node 87)",
+            Self::Mw => "the width of the mouth, left corner (node 31) minus right corner (node 64)",
+            Self::Au => "an angle",
+        }
+    }
+}
+
 impl fmt::Display for Fapu {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -96,7 +110,7 @@ pub struct Fapus {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FapusError {
     /// A length that is zero, negative or not a number: the neutral wireframe is folded there.
-    #[error("{fapu}0 of the neutral face is {value:.3}; it must be positive: check the marks around it")]
+    #[error("{fapu}0 of the neutral face, {}, is {value:.3}; it must be positive: check the marks around it", fapu.meaning())]
     NotPositive {
         /// The FAPU.
         fapu: Fapu,
@@ -184,6 +198,9 @@ mod tests {
     fn a_folded_face_is_refused_by_name() {
         let mirrored: Vec<_> = Wireframe::candide3().frontal().iter().map(|p| Point2::new(-p.x, p.y)).collect();
         let error = Fapus::measure(&Tables::candide3().fapus, &mirrored).unwrap_err();
-        assert!(error.to_string().starts_with("ES0 of the neutral face is -0.613"), "{error}");
+        assert!(
+            error.to_string().starts_with("ES0 of the neutral face, the distance of the pupils, left minus right, is -0.613"),
+            "{error}"
+        );
     }
 }
