@@ -19,7 +19,7 @@ use super::{
 Example:
   grimace analyze results/tracks -o by-cohort --by cohort
 
-Emotion and further columns come from the .json beside each track, or from the manifest of --dataset, which may have columns that were
+Emotion and further columns come from the .json beside each track, or from the manifest of --dataset, which may have columns that were \
 not there when the sequences were tracked.")]
 pub struct Args {
     /// Track files, or folders of them

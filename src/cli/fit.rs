@@ -24,7 +24,7 @@ use super::{
 Example:
   grimace fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png
 
-marks.csv has the columns node,x,y: a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3, and its place in pixels, the
+marks.csv has the columns node,x,y: a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3, and its place in pixels, the \
 centre of the top-left pixel being 0,0. Left and right are the subject's own. 5 to 8 marks make a good fit:
   20, 23  left eye, outer and inner corner      31, 64  left and right corner of the mouth
   53, 56  right eye, outer and inner corner     10      lowest point of the chin

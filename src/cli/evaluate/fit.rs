@@ -27,8 +27,8 @@ Examples:
   grimace evaluate fit faces -o fit-error --by kind    (also on the neutral frames of faces, by their 68-point landmarks)
   grimace evaluate fit -o fit-error --suggest          (searches the best marks anew)
 
-Simulated people are marked with an error of --marks-noise and compared at all live nodes. Real people, from a dataset with landmarks or
-a CSV file with the columns person,x0,y0,...,x67,y67, are marked at their landmarks and compared at the others. Every combination of
+Simulated people are marked with an error of --marks-noise and compared at all live nodes. Real people, from a dataset with landmarks or \
+a CSV file with the columns person,x0,y0,...,x67,y67, are marked at their landmarks and compared at the others. Every combination of \
 method (similarity alone, springs alone, each shape prior ahead of the springs), choice and number of marks is a row of fit_error.csv.")]
 pub struct Args {
     /// Dataset with 68-point landmarks, or a CSV file of people with the columns x0,y0,...,x67,y67

@@ -30,8 +30,8 @@ Examples:
   grimace evaluate tracking faces -o tracking-error --by kind --start seven
   grimace evaluate tracking -o ablation --variants narrow:window=0.08 --variants stiff:force=10,extreme=4
 
-Without a DATASET, sequences are simulated in memory. A DATASET needs 68-point landmarks for the neutral and the last frame at least; it
-is compared at the nodes that a landmark stands for. Curves per frame are in tracking_frames.csv and tracking_*.svg, the last frames in
+Without a DATASET, sequences are simulated in memory. A DATASET needs 68-point landmarks for the neutral and the last frame at least; it \
+is compared at the nodes that a landmark stands for. Curves per frame are in tracking_frames.csv and tracking_*.svg, the last frames in \
 tracking_last.csv, each sequence in tracking_sequences.csv. A sequence that fails is named in failures.csv; the exit status is then 3.")]
 pub struct Args {
     /// Dataset with 68-point landmarks; simulated sequences without
