@@ -47,6 +47,7 @@ pub mod output;
 pub mod overlay;
 pub mod pipeline;
 pub mod report;
+pub mod robust;
 pub mod sequence;
 pub mod simulate;
 pub mod statistics;

@@ -233,6 +233,11 @@ pub fn run(
     let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
     let one = |item: &Planned<'_>| {
         let result = process(item, out, bench, overlay, &halt, &event);
+        if !halt() {
+            let reused = result.as_ref().is_ok_and(|done| done.reused);
+            let failure = result.as_ref().err().map(|f| f.reason.clone());
+            event(Event::Finished { id: item.id.clone(), reused, failure });
+        }
         if result.as_ref().is_err_and(|f| f.fatal) {
             abort.store(true, Ordering::Relaxed);
         }
@@ -372,29 +377,7 @@ fn process(
     halt: &(impl Fn() -> bool + Sync),
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Done, SequenceFailure> {
-    let result = process_quietly(item, out, bench, overlay, halt, event);
-    if !halt() {
-        let reused = result.as_ref().is_ok_and(|done| done.reused);
-        let failure = result.as_ref().err().map(|f| f.reason.clone());
-        event(Event::Finished { id: item.id.clone(), reused, failure });
-    }
-    result
-}
-
-fn process_quietly(
-    item: &Planned<'_>,
-    out: &Path,
-    bench: &Workbench,
-    overlay: Option<&Path>,
-    halt: &(impl Fn() -> bool + Sync),
-    event: &(impl Fn(Event) + Sync),
-) -> Result<Done, SequenceFailure> {
-    let (source, hash) = match &item.source {
-        Ok(planned) => planned,
-        Err(SequenceFailure { stage, reason, fatal }) => {
-            return Err(SequenceFailure { stage: *stage, reason: reason.clone(), fatal: *fatal });
-        }
-    };
+    let (source, hash) = item.source.as_ref().map_err(Clone::clone)?;
     if halt() {
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }

@@ -58,7 +58,7 @@ impl fmt::Display for Stage {
 }
 
 /// A sequence that can not be processed, and where it failed.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct SequenceFailure {
     /// The stage.
     pub stage: Stage,

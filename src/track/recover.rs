@@ -8,7 +8,7 @@
 use nalgebra::Vector2;
 
 use super::LossReason;
-use crate::{units::NodeId, wireframe::Wireframe};
+use crate::{robust::median, units::NodeId, wireframe::Wireframe};
 
 /// Standard deviation of a normal distribution over its median absolute deviation.
 const MAD_TO_SIGMA: f64 = 1.4826;
@@ -86,20 +86,6 @@ pub fn move_as_one(steps: &mut [NodeStep], group: &[usize]) {
     if let (Some(x), Some(y)) = (median(&mut x), median(&mut y)) {
         kept.iter().for_each(|&i| steps[i].displacement = Vector2::new(x, y));
     }
-}
-
-/// Median (mean of the two middle values for an even count); `None` for an empty slice.
-fn median(values: &mut [f64]) -> Option<f64> {
-    let n = values.len();
-    if n == 0 {
-        return None;
-    }
-    let (below, middle, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
-    let middle = *middle;
-    if n % 2 == 1 {
-        return Some(middle);
-    }
-    below.iter().copied().max_by(f64::total_cmp).map(|lower| f64::midpoint(lower, middle))
 }
 
 #[cfg(test)]
