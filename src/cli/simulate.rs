@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::Context;
 use clap::ValueEnum;
-use grimace::simulate::{Emotion, FrameFormat, SimulateOptions, simulate_dataset};
+use grimace::simulate::{CameraOptions, Emotion, FrameFormat, SimulateOptions, simulate_dataset};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Outcome;
@@ -84,6 +84,44 @@ pub struct Args {
     /// Write into a folder that is not empty.
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    camera: CameraArgs,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Faults of camera and light, none by default")]
+struct CameraArgs {
+    /// Motion blur: share of the time between two frames for which the shutter is open, 0 to 1.
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
+    shutter: f64,
+    /// Standard deviation of the Gaussian blur of the lens, in pixels.
+    #[arg(long, default_value_t = 0.0, value_name = "PX")]
+    defocus: f64,
+    /// Largest relative change of the brightness over a sequence.
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
+    gain_change: f64,
+    /// Largest change of the black level over a sequence, in grey levels of 0 to 255.
+    #[arg(long, default_value_t = 0.0, value_name = "LEVELS")]
+    bias_change: f64,
+    /// Strength of a smooth gradient of light that moves over the picture: brightness times 1 ± this.
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
+    light_gradient: f64,
+    /// Quality of a JPEG compression that every picture goes through, whatever its file's format, 1 to 100.
+    #[arg(long, value_name = "Q")]
+    compression: Option<u8>,
+}
+
+impl CameraArgs {
+    fn options(&self) -> CameraOptions {
+        CameraOptions {
+            shutter: self.shutter,
+            defocus_px: self.defocus,
+            gain_change: self.gain_change,
+            bias_change: self.bias_change,
+            light_gradient: self.light_gradient,
+            compression: self.compression,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -119,6 +157,7 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
         },
         marks_noise_px: args.marks_noise,
         fps: args.fps,
+        camera: args.camera.options(),
     };
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {

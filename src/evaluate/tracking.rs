@@ -23,7 +23,7 @@ use crate::{
     dataset::{Dataset, DatasetError, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
     fit::{Correspondence, Fitter, MarkKind},
     sequence::{Frame, SequenceError, SequenceReader},
-    simulate::{Emotion, SimulateOptions, SimulatedSequence, Subject},
+    simulate::{CameraOptions, Emotion, SimulateOptions, SimulatedSequence, Subject},
     track::{TrackPlan, eye_distance_px},
     units::NodeId,
     wireframe::{Region, Tables, Wireframe},
@@ -99,9 +99,20 @@ pub struct TrackingResult {
     pub failures: Vec<Failed>,
 }
 
-/// The hard version of a simulation: much noise and the head turned by up to 8 degrees.
+/// The hard version of a simulation, about as bad as film of a dim room with a consumer camera: the head turned by up to 8 degrees,
+/// pixel noise of 4 grey levels, motion blur of half the time between two frames, a lens 0.8 px (standard deviation) out of focus,
+/// brightness that changes by up to 15 % and 8 grey levels over the sequence, a gradient of ±15 % that moves over the face, and JPEG
+/// compression of quality 75. None of it moves a node.
 pub fn hard_simulation(options: &SimulateOptions) -> SimulateOptions {
-    SimulateOptions { noise_sigma: 4.0, yaw_degrees: 8.0, ..options.clone() }
+    let camera = CameraOptions {
+        shutter: 0.5,
+        defocus_px: 0.8,
+        gain_change: 0.15,
+        bias_change: 8.0,
+        light_gradient: 0.15,
+        compression: Some(75),
+    };
+    SimulateOptions { noise_sigma: 4.0, yaw_degrees: 8.0, camera, ..options.clone() }
 }
 
 /// One sequence for every subject and emotion of a simulation.

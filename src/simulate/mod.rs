@@ -18,6 +18,7 @@
 //! # Ok::<(), grimace::simulate::SimulateError>(())
 //! ```
 
+mod camera;
 mod dataset;
 mod expression;
 mod eye;
@@ -33,6 +34,7 @@ mod sequence;
 mod subject;
 mod texture;
 
+pub use camera::CameraOptions;
 pub use dataset::{DatasetSummary, MARKED_NODES, simulate_dataset};
 pub use expression::{EXPRESSIONS, Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError};
 pub use motion::{Course, HeadPose};

@@ -86,13 +86,13 @@ impl Course {
         Self { ends, onset, middle, px_per_unit: px_per_unit(options), frames: options.frames }
     }
 
-    /// Share of the expression in a frame, 0 in the first to 1 in the last, without a jump in speed at either end.
-    pub fn intensity(&self, frame: usize) -> f64 {
+    /// Share of the expression at a time in frames, 0 in the first to 1 in the last, without a jump in speed at either end.
+    pub fn intensity(&self, frame: f64) -> f64 {
         smooth_step(self.time(frame).powf(self.onset))
     }
 
-    /// The pose in a frame.
-    pub fn pose(&self, frame: usize) -> HeadPose {
+    /// The pose at a time in frames.
+    pub fn pose(&self, frame: f64) -> HeadPose {
         let t = smooth_step(self.time(frame));
         let [roll, yaw, pitch, dx, dy, scale] =
             std::array::from_fn(|k| self.ends[0][k] + (self.ends[1][k] - self.ends[0][k]) * t);
@@ -102,8 +102,9 @@ impl Course {
         HeadPose { turn, scale: self.px_per_unit * scale, origin: self.middle + Vector2::new(dx, dy) }
     }
 
-    fn time(&self, frame: usize) -> f64 {
-        frame as f64 / (self.frames - 1) as f64
+    /// Share of the sequence that has passed; before its start and after its end everything rests.
+    fn time(&self, frame: f64) -> f64 {
+        (frame / (self.frames - 1) as f64).clamp(0.0, 1.0)
     }
 }
 
@@ -121,7 +122,7 @@ mod tests {
     #[test]
     fn a_still_frontal_head_projects_x_right_and_y_down() {
         let options = SimulateOptions { roll_degrees: 0.0, shift_px: 0.0, scale_change: 0.0, ..SimulateOptions::default() };
-        let pose = Course::new(&options, 0, Emotion::Fear).pose(0);
+        let pose = Course::new(&options, 0, Emotion::Fear).pose(0.0);
         // 0.335 * 480 = 160.8 px per unit; (0, -0.03) stands at the middle of the picture, (319.5, 239.5).
         let p = pose.project(&Point3::new(1.0, 0.97, 0.7));
         assert_relative_eq!(p, Point2::new(319.5 + 160.8, 239.5 - 160.8), epsilon = 1e-9);
@@ -131,7 +132,7 @@ mod tests {
     fn the_expression_grows_from_nothing_to_all_of_it() {
         let options = SimulateOptions::default();
         let course = Course::new(&options, 1, Emotion::Anger);
-        let shares: Vec<f64> = (0..options.frames).map(|k| course.intensity(k)).collect();
+        let shares: Vec<f64> = (0..options.frames).map(|k| course.intensity(k as f64)).collect();
         assert_relative_eq!(shares[0], 0.0);
         assert_relative_eq!(shares[options.frames - 1], 1.0);
         assert!(shares.windows(2).all(|w| w[1] > w[0]));
@@ -143,7 +144,7 @@ mod tests {
         for subject in 0..50 {
             let course = Course::new(&options, subject, Emotion::Anger);
             for frame in 0..options.frames {
-                let pose = course.pose(frame);
+                let pose = course.pose(frame as f64);
                 let along = pose.image_from_plane() * Vector2::x();
                 assert!(along.y.atan2(along.x).abs() <= 5.0_f64.to_radians() + 1e-12);
                 assert!((along.norm() / px_per_unit(&options) - 1.0).abs() <= 0.05 + 1e-12);

@@ -13,7 +13,7 @@ use crate::wireframe::Wireframe;
 /// [`SimulateError`] when the options are out of range.
 pub fn neutral_nodes(options: &SimulateOptions, subject: u32, emotion: Emotion) -> Result<Vec<Point2<f64>>, SimulateError> {
     options.check()?;
-    let pose = Course::new(options, subject, emotion).pose(0);
+    let pose = Course::new(options, subject, emotion).pose(0.0);
     Ok(identity(&Wireframe::candide3(), options.seed, subject).iter().map(|node| pose.project(node)).collect())
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::expression::Emotion;
+use super::{CameraOptions, expression::Emotion};
 use crate::{output::OutputError, wireframe::FapusError};
 
 /// File format of the frames.
@@ -46,6 +46,7 @@ impl FrameFormat {
 /// | `scale_change` | 0.02 | 0 to 0.2 |
 /// | `marks_noise_px` | 0.5 | 0 to 50 |
 /// | `fps` | 25 | above 0 |
+/// | `camera` | perfect | [`CameraOptions`] |
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SimulateOptions {
     /// Number of subjects.
@@ -78,6 +79,9 @@ pub struct SimulateOptions {
     pub marks_noise_px: f64,
     /// Frame rate that the manifest states.
     pub fps: f64,
+    /// Faults of camera and light.
+    #[serde(skip_serializing_if = "CameraOptions::is_perfect")]
+    pub camera: CameraOptions,
 }
 
 impl Default for SimulateOptions {
@@ -98,6 +102,7 @@ impl Default for SimulateOptions {
             format: FrameFormat::Png,
             marks_noise_px: 0.5,
             fps: 25.0,
+            camera: CameraOptions::default(),
         }
     }
 }
@@ -174,6 +179,7 @@ impl SimulateOptions {
                 return bad(option, &value, range);
             }
         }
+        self.camera.check()?;
         if !(self.fps > 0.0 && self.fps <= 1000.0) {
             return bad("fps", &self.fps, "above 0, at most 1000");
         }
@@ -188,6 +194,8 @@ mod tests {
     #[test]
     fn ranges_are_checked_and_named() {
         let ok = SimulateOptions::default();
+        let perfect = CameraOptions::default();
+        let camera = |camera| SimulateOptions { camera, ..SimulateOptions::default() };
         assert!(ok.check().is_ok());
         let cases = [
             (SimulateOptions { subjects: 0, ..ok.clone() }, "--subjects is 0"),
@@ -200,6 +208,10 @@ mod tests {
             (SimulateOptions { noise_sigma: f64::NAN, ..ok.clone() }, "--noise is NaN"),
             (SimulateOptions { roll_degrees: -1.0, ..ok.clone() }, "--roll is -1"),
             (SimulateOptions { fps: 0.0, ..ok.clone() }, "--fps is 0"),
+            (camera(CameraOptions { shutter: 1.5, ..perfect }), "--shutter is 1.5"),
+            (camera(CameraOptions { defocus_px: f64::NAN, ..perfect }), "--defocus is NaN"),
+            (camera(CameraOptions { light_gradient: 1.0, ..perfect }), "--light-gradient is 1"),
+            (camera(CameraOptions { compression: Some(0), ..perfect }), "--compression is 0"),
         ];
         for (options, expected) in cases {
             let message = options.check().unwrap_err().to_string();

@@ -19,6 +19,8 @@ pub enum Purpose {
     Noise = 5,
     /// Errors of the marks of one sequence.
     Marks = 6,
+    /// Light of one sequence.
+    Light = 7,
 }
 
 /// The generator of one unit of work: purpose, subject (below 2^24 of them), emotion code, frame.

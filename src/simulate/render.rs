@@ -4,18 +4,15 @@
 //! texture there. Two samples per pixel and direction; pixel (i, j) is the mean of the samples at `i ± 1/4`, `j ± 1/4`, so the centre
 //! of the top-left pixel is (0, 0).
 
-use image::RgbImage;
 use nalgebra::{Point2, Point3, Vector3};
-use rand_distr::{Distribution, StandardNormal};
 
 use super::{
-    SimulateOptions,
+    camera::Exposure,
     eye::draw_eyes,
     mesh::{Anchor, SkinMesh},
     motion::HeadPose,
     mouth::draw_mouth,
-    random::{Purpose, generator},
-    subject::Subject,
+    subject::{Colour, Subject},
     texture::{Texture, brightness},
 };
 
@@ -223,17 +220,28 @@ fn span(corners: [Corner; 3], y: f64) -> Option<(f64, f64)> {
     range
 }
 
-/// Samples to pixels, over a soft studio background, with the sensor's noise.
-pub fn develop(samples: &Samples, subject: &Subject, options: &SimulateOptions, emotion_code: u8, frame: usize) -> RgbImage {
-    let (width, height) = (options.width as usize, options.height as usize);
-    let mut random = generator(options.seed, Purpose::Noise, subject.index(), emotion_code, frame as u32);
-    let base = subject.appearance().background;
-    let mut pixels = Vec::with_capacity(width * height * 3);
-    let quota = (SAMPLES * SAMPLES) as f32;
-    for y in 0..height {
-        let v = y as f32 / height as f32 - 0.4;
-        for x in 0..width {
-            let mut sum = [0_u32; 4];
+/// Adds up what the shutter lets through: the samples of one or more sub-frames.
+#[derive(Clone, Debug)]
+pub struct Film {
+    width: usize,
+    height: usize,
+    /// Sums of premultiplied RGBA over the samples of a pixel.
+    sums: Vec<[u32; 4]>,
+    subframes: u32,
+}
+
+impl Film {
+    /// Unexposed film of a size in pixels.
+    pub fn new((width, height): (u32, u32)) -> Self {
+        let (width, height) = (width as usize, height as usize);
+        Self { width, height, sums: vec![[0; 4]; width * height], subframes: 0 }
+    }
+
+    /// Adds a sub-frame.
+    pub fn expose(&mut self, samples: &Samples) {
+        self.subframes += 1;
+        for (k, sum) in self.sums.iter_mut().enumerate() {
+            let (x, y) = (k % self.width, k / self.width);
             for row in 0..SAMPLES {
                 let start = (y * SAMPLES + row) * samples.width + x * SAMPLES;
                 for sample in &samples.data[start..start + SAMPLES] {
@@ -242,23 +250,23 @@ pub fn develop(samples: &Samples, subject: &Subject, options: &SimulateOptions, 
                     }
                 }
             }
-            let empty = 1.0 - sum[3] as f32 / (quota * 255.0);
-            let u = (x as f32 - width as f32 * 0.42) / height as f32;
-            let light = 255.0 * (1.06 - 0.42 * (u * u + v * v)).max(0.5) * empty;
-            let noise = if options.noise_sigma > 0.0 {
-                let z: f32 = StandardNormal.sample(&mut random);
-                z * options.noise_sigma as f32
-            } else {
-                0.0
-            };
-            for n in 0..3 {
-                let value = sum[n] as f32 / quota + base[n] * light + noise;
-                pixels.push((value.clamp(0.0, 255.0) + 0.5) as u8);
-            }
         }
     }
-    // The buffer has exactly width x height x 3 bytes.
-    RgbImage::from_raw(options.width, options.height, pixels).unwrap_or_default()
+
+    /// Their mean, over a soft studio background of the given colour.
+    pub fn exposure(&self, base: Colour) -> Exposure {
+        let (width, height) = (self.width, self.height);
+        let quota = ((SAMPLES * SAMPLES) as u32 * self.subframes.max(1)) as f32;
+        let mut data = Vec::with_capacity(width * height * 3);
+        for (k, sum) in self.sums.iter().enumerate() {
+            let v = (k / width) as f32 / height as f32 - 0.4;
+            let u = ((k % width) as f32 - width as f32 * 0.42) / height as f32;
+            let empty = 1.0 - sum[3] as f32 / (quota * 255.0);
+            let light = 255.0 * (1.06 - 0.42 * (u * u + v * v)).max(0.5) * empty;
+            data.extend((0..3).map(|n| sum[n] as f32 / quota + base[n] * light));
+        }
+        Exposure { width, height, data }
+    }
 }
 
 #[cfg(test)]
@@ -266,7 +274,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::simulate::{Emotion, SimulatedSequence};
+    use crate::simulate::{Emotion, SimulateOptions, SimulatedSequence};
 
     /// Period of the test pattern on the plane, model units.
     const PERIOD: f64 = 0.2;
@@ -298,7 +306,7 @@ mod tests {
         let mut checked = 0;
         for (emotion, frame) in [(Emotion::Anger, 0), (Emotion::Surprise, 1), (Emotion::Happiness, 1), (Emotion::Disgust, 1)] {
             let sequence = SimulatedSequence::new(&subject, emotion, &options).unwrap();
-            let (nodes, offsets, pose) = (sequence.nodes(frame), sequence.offsets(frame), sequence.pose(frame));
+            let (nodes, offsets, pose) = (sequence.nodes(frame), sequence.offsets(frame as f64), sequence.pose(frame));
             for anchor in subject.mesh.anchors() {
                 let Anchor::Node(node) = anchor else { continue };
                 if edge.contains(&node.0) {
@@ -325,7 +333,7 @@ mod tests {
             let subject = Subject::new(&options, index).unwrap();
             let mesh = &subject.mesh;
             for emotion in Emotion::ALL {
-                let offsets = SimulatedSequence::new(&subject, emotion, &options).unwrap().offsets(1);
+                let offsets = SimulatedSequence::new(&subject, emotion, &options).unwrap().offsets(1.0);
                 let moved = mesh.refine(&coarse(mesh, &offsets));
                 let area = |t: &[u32; 3], share: f64| {
                     let [a, b, c] = t.map(|k| mesh.plane()[k as usize] + moved[k as usize].xy() * share);

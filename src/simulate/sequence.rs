@@ -7,9 +7,10 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use super::{
     SimulateError, SimulateOptions,
+    camera::develop,
     expression::{Emotion, apex_offsets},
     motion::{Course, HeadPose},
-    render::{develop, render},
+    render::{Film, render},
     subject::{Subject, place_followers},
 };
 use crate::wireframe::Wireframe;
@@ -55,32 +56,48 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
 
     /// Head pose in a frame, `frame` in `0..frame_count()`.
     pub fn pose(&self, frame: usize) -> HeadPose {
-        self.course.pose(frame)
+        self.course.pose(frame as f64)
     }
 
-    /// Exact image positions of all N nodes in a frame, pixels.
+    /// Exact image positions of all N nodes in a frame, pixels: those of the middle of its exposure.
     pub fn nodes(&self, frame: usize) -> Vec<Point2<f64>> {
-        let pose = self.course.pose(frame);
-        let offsets = self.offsets(frame);
-        let mut nodes: Vec<Point3<f64>> = self.subject.borrow().neutral().iter().zip(&offsets).map(|(n, d)| n + d).collect();
-        place_followers(&self.wireframe, &mut nodes);
-        nodes.iter().map(|n| pose.project(n)).collect()
+        self.nodes_at(frame as f64)
     }
 
     /// Picture of a frame.
     pub fn image(&self, frame: usize) -> RgbImage {
         let subject = self.subject.borrow();
-        let pose = self.course.pose(frame);
         let size = (self.options.width, self.options.height);
-        let offsets = self.offsets(frame);
-        let samples = render(subject, &subject.texture.folded(&offsets), &offsets, &pose, size);
-        develop(&samples, subject, &self.options, self.emotion.code(), frame)
+        let mut film = Film::new(size);
+        for time in self.options.camera.exposure_times(frame, self.extent(frame)) {
+            let offsets = self.offsets(time);
+            film.expose(&render(subject, &subject.texture.folded(&offsets), &offsets, &self.course.pose(time), size));
+        }
+        develop(film.exposure(subject.appearance().background), &self.options, subject.index(), self.emotion.code(), frame)
     }
 
-    /// Offsets from neutral in a frame, face space, model units.
-    pub(super) fn offsets(&self, frame: usize) -> Vec<Vector3<f64>> {
-        let intensity = self.course.intensity(frame);
+    /// Offsets from neutral at a time in frames, face space, model units.
+    pub(super) fn offsets(&self, time: f64) -> Vec<Vector3<f64>> {
+        let intensity = self.course.intensity(time);
         self.apex.iter().map(|d| d * intensity).collect()
+    }
+
+    fn nodes_at(&self, time: f64) -> Vec<Point2<f64>> {
+        let pose = self.course.pose(time);
+        let offsets = self.offsets(time);
+        let mut nodes: Vec<Point3<f64>> = self.subject.borrow().neutral().iter().zip(&offsets).map(|(n, d)| n + d).collect();
+        place_followers(&self.wireframe, &mut nodes);
+        nodes.iter().map(|n| pose.project(n)).collect()
+    }
+
+    /// How far the fastest node moves while the shutter is open, pixels.
+    fn extent(&self, frame: usize) -> f64 {
+        let half = self.options.camera.shutter / 2.0;
+        if half == 0.0 {
+            return 0.0;
+        }
+        let [open, close] = [-half, half].map(|dt| self.nodes_at(frame as f64 + dt));
+        open.iter().zip(&close).map(|(a, b)| (b - a).norm()).fold(0.0, f64::max)
     }
 
     /// Picture and nodes of a frame.

@@ -79,7 +79,7 @@ struct SimulationArgs {
     /// Size of the frames, px
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = super::size, conflicts_with = "dataset")]
     size: (u32, u32),
-    /// The hard simulation: noise, and the head turned by up to 8 degrees
+    /// The hard simulation: blur, changing light, noise, compression, the head turned by up to 8 degrees
     #[arg(long, conflicts_with = "dataset")]
     hard: bool,
     /// Standard deviation of the marks of `--start seven`, px
