@@ -47,7 +47,7 @@ pub struct AlignOptions {
 
 impl Default for AlignOptions {
     fn default() -> Self {
-        Self { gain: 150.0, anchor: 0.1, stiffness: 5.0, reach: 0.08, smoothing: 0.3 }
+        Self { gain: 150.0, anchor: 0.1, stiffness: 8.0, reach: 0.07, smoothing: 0.3 }
     }
 }
 
@@ -372,5 +372,77 @@ impl Sampler<'_> {
         }
         let border = self.border.iter().map(edge).fold(f64::INFINITY, f64::min);
         near * (border / BORDER_PX.powi(2)).min(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    const SIZE: usize = 260;
+
+    /// A patch whose grey value at every pixel is that of a smooth pattern at the place the pixel came from.
+    fn picture(source: impl Fn(Point2<f64>) -> Point2<f64>, change: impl Fn(f64) -> f64) -> Patch {
+        let pattern =
+            |p: Point2<f64>| 120.0 + 60.0 * (p.x * 0.45).sin() * (p.y * 0.4).cos() + 30.0 * (0.2 * p.x + 0.27 * p.y).sin();
+        let value = |k: usize| change(pattern(source(Point2::new((k % SIZE) as f64, (k / SIZE) as f64)))) as f32;
+        Patch { left: 0, top: 0, width: SIZE, height: SIZE, values: (0..SIZE * SIZE).map(value).collect() }
+    }
+
+    fn face(wireframe: &Wireframe) -> Vec<Point2<f64>> {
+        wireframe.frontal().iter().map(|p| Point2::new(130.0 + 75.0 * p.x, 130.0 - 75.0 * p.y)).collect()
+    }
+
+    /// Largest distance of the aligned nodes from `truth`, from a start that is off by about a pixel, unevenly.
+    fn worst(current: &Patch, truth: impl Fn(Point2<f64>) -> Point2<f64>) -> f64 {
+        let wireframe = Wireframe::candide3();
+        let (nodes, options) = (face(&wireframe), AlignOptions { stiffness: 0.1, ..AlignOptions::default() });
+        let template = Template::new(&wireframe, &[], &nodes, &picture(|p| p, |v| v), (9, 46.0), &options);
+        let live = wireframe.live_nodes();
+        let truth: Vec<_> = live.iter().map(|n| truth(nodes[n.index()])).collect();
+        let off = |(i, p): (usize, &Point2<f64>)| p + nalgebra::Vector2::new((i as f64).sin(), (i as f64 * 0.7).cos()) * 0.8;
+        let start: Vec<_> = truth.iter().enumerate().map(off).collect();
+        let aligned = template.align(&Springs::new(&wireframe), current, &start, &vec![Matrix2::zeros(); live.len()], &options);
+        aligned.iter().zip(&truth).map(|(a, t)| (a - t).norm()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_moved_and_stretched_picture_is_found_again() {
+        let truth = |p: Point2<f64>| Point2::new(1.02 * p.x + 1.3, 0.98 * p.y + 2.1);
+        let current = picture(|p| Point2::new((p.x - 1.3) / 1.02, (p.y - 2.1) / 0.98), |v| v);
+        let off = worst(&current, truth);
+        assert!(off < 0.15, "{off} px");
+    }
+
+    #[test]
+    fn a_change_of_brightness_moves_nothing() {
+        let off = worst(&picture(|p| p, |v| v + 25.0), |p| p);
+        assert!(off < 0.15, "{off} px");
+    }
+
+    #[test]
+    fn without_texture_every_node_stays() {
+        let wireframe = Wireframe::candide3();
+        let (nodes, options) = (face(&wireframe), AlignOptions::default());
+        let grey = picture(|p| p, |_| 90.0);
+        let template = Template::new(&wireframe, &[], &nodes, &grey, (9, 46.0), &options);
+        let start: Vec<_> = wireframe.live_nodes().iter().map(|n| nodes[n.index()]).collect();
+        let aligned = template.align(&Springs::new(&wireframe), &grey, &start, &vec![Matrix2::identity(); start.len()], &options);
+        for (a, s) in aligned.iter().zip(&start) {
+            assert_relative_eq!(a, s, epsilon = 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_face_outside_the_picture_stays() {
+        let wireframe = Wireframe::candide3();
+        let (nodes, options) = (face(&wireframe), AlignOptions::default());
+        let template = Template::new(&wireframe, &[], &nodes, &picture(|p| p, |v| v), (9, 46.0), &options);
+        let start: Vec<_> = wireframe.live_nodes().iter().map(|n| nodes[n.index()] + nalgebra::Vector2::new(1e4, 0.0)).collect();
+        let small = Patch { left: 0, top: 0, width: 3, height: 3, values: vec![0.0; 9] };
+        let aligned = template.align(&Springs::new(&wireframe), &small, &start, &vec![Matrix2::zeros(); start.len()], &options);
+        assert_eq!(aligned, start);
     }
 }
