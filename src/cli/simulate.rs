@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::Context;
 use clap::ValueEnum;
-use grimace::simulate::{CameraOptions, Emotion, FrameFormat, SimulateOptions, simulate_dataset};
+use grimace::simulate::{CameraOptions, DatasetLayout, Emotion, FrameFormat, SimulateOptions, simulate_dataset};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Outcome;
@@ -66,6 +66,9 @@ pub struct Args {
     /// Largest relative change of the head's size.
     #[arg(long, default_value_t = 0.02, value_name = "SHARE")]
     scale_change: f64,
+    /// How the dataset lies on disk: with a manifest, or in the folders of Cohn-Kanade with exact landmarks for every frame.
+    #[arg(long, value_enum, default_value_t = Layout::Manifest)]
+    layout: Layout,
     /// File format of the frames.
     #[arg(long, value_enum, default_value_t = Format::Png)]
     format: Format,
@@ -125,6 +128,21 @@ impl CameraArgs {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
+enum Layout {
+    Manifest,
+    CohnKanade,
+}
+
+impl From<Layout> for DatasetLayout {
+    fn from(layout: Layout) -> Self {
+        match layout {
+            Layout::Manifest => Self::Manifest,
+            Layout::CohnKanade => Self::CohnKanade,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
 enum Format {
     Png,
     Jpg,
@@ -155,6 +173,7 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
             Format::Png => FrameFormat::Png,
             Format::Jpg => FrameFormat::Jpg { quality: args.quality },
         },
+        layout: args.layout.into(),
         marks_noise_px: args.marks_noise,
         fps: args.fps,
         camera: args.camera.options(),

@@ -30,6 +30,23 @@ impl FrameFormat {
     }
 }
 
+/// How a dataset lies on disk.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DatasetLayout {
+    /// `manifest.csv`, a folder `SUBJECT/SEQUENCE` of frames, correspondences beside the frames.
+    #[default]
+    Manifest,
+    /// The three folders of Cohn-Kanade: images, emotion labels, landmarks of every frame (the true positions, without error).
+    CohnKanade,
+}
+
+impl DatasetLayout {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// What to simulate.
 ///
 /// | option | default | range |
@@ -75,6 +92,9 @@ pub struct SimulateOptions {
     pub scale_change: f64,
     /// File format of the frames.
     pub format: FrameFormat,
+    /// How the dataset lies on disk.
+    #[serde(skip_serializing_if = "DatasetLayout::is_default")]
+    pub layout: DatasetLayout,
     /// Standard deviation of the error of a mark, pixels, in x and in y.
     pub marks_noise_px: f64,
     /// Frame rate that the manifest states.
@@ -100,6 +120,7 @@ impl Default for SimulateOptions {
             shift_px: 6.0,
             scale_change: 0.02,
             format: FrameFormat::Png,
+            layout: DatasetLayout::default(),
             marks_noise_px: 0.5,
             fps: 25.0,
             camera: CameraOptions::default(),
@@ -128,6 +149,15 @@ pub enum SimulateError {
     NotEmpty {
         /// The folder.
         path: PathBuf,
+    },
+    /// A label that the Cohn-Kanade layout has no code for.
+    #[error(
+        "the layout of Cohn-Kanade has no code for the emotion `{emotion}`; it knows neutral, anger, contempt, disgust, fear, \
+         happiness, sadness and surprise: choose one of them as label, or the manifest layout"
+    )]
+    NoCode {
+        /// The label.
+        emotion: String,
     },
     /// A file that could not be written.
     #[error(transparent)]
