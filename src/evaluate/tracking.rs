@@ -308,6 +308,7 @@ impl Bench<'_> {
                         tracked: found.tracked,
                         px,
                         percent: 100.0 * px / prepared.eye_distance,
+                        expected_px: found.expected,
                     });
                 }
             }
