@@ -94,8 +94,9 @@ pub fn drives(node: NodeId) -> bool {
     node.index() < NODE_COUNT && !PASSIVE.contains(&node.0)
 }
 
-/// The neutral nodes as the texture sees them: lips that are as good as closed lie exactly on each other.
-pub fn source(nodes: &[Point2<f64>], frame: &Frame) -> Vec<Point2<f64>> {
+/// The neutral nodes as the texture sees them, and whether the mouth is closed: lips that are as good as closed lie exactly on each
+/// other.
+pub fn source(nodes: &[Point2<f64>], frame: &Frame) -> (Vec<Point2<f64>>, bool) {
     let mut nodes = nodes.to_vec();
     let OpeningNodes { upper, lower, .. } = OPENINGS[0];
     let pairs = || (1..4).map(|k| (usize::from(upper[k]), usize::from(lower[k])));
@@ -111,7 +112,7 @@ pub fn source(nodes: &[Point2<f64>], frame: &Frame) -> Vec<Point2<f64>> {
             keep_apart(&mut nodes, eye.upper[k], eye.lower[k], frame, 0.0);
         }
     }
-    nodes
+    (nodes, closed)
 }
 
 /// The reference: the source with mouth and eyes open, so that every opening has room between its edges.

@@ -27,8 +27,8 @@ const MARGIN: (f64, f64) = (0.45, 0.75);
 const FIXED_FROM: f64 = 0.82;
 /// Vertices of the outermost ring.
 const RING: usize = 72;
-/// Vertices around an iris.
-const IRIS_RIM: usize = 10;
+/// Places of the vertices on the eyeball, as shares of the way from the upper to the lower lid margin.
+pub const EYEBALL_SHARES: [f64; 2] = [0.22, 0.78];
 
 /// An opening of the mesh.
 #[derive(Clone, Debug)]
@@ -39,9 +39,12 @@ pub struct OpeningMesh {
     pub upper: Vec<u32>,
     /// Vertices of the lower edge, as many, the corners being the same.
     pub lower: Vec<u32>,
-    /// Vertices on the iris.
-    pub iris: Vec<u32>,
-    /// Triangles inside.
+    /// Vertices on the eyeball, each between the vertices of one place along the two edges: the place, the share of the way from the
+    /// upper to the lower one, the vertex. None in a mouth.
+    pub eyeball: Vec<(usize, f64, u32)>,
+    /// Where along the edges the five nodes are.
+    pub stops: [usize; 5],
+    /// Triangles inside: strips between pairs of vertices, so that a shut opening has none.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -139,25 +142,42 @@ fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut
     let mut below: Vec<u32> = samples[1..samples.len() - 1].iter().map(|&p| gathered.add(p)).collect();
     below.insert(0, upper[0]);
     below.push(upper[upper.len() - 1]);
-    let outline: Vec<Point2<f64>> =
-        upper.iter().chain(below.iter().rev()).map(|&v| gathered.points[v as usize]).collect();
-    let mut iris = Vec::new();
+    let mut eyeball = Vec::new();
     if !nodes.iris.is_empty() {
-        let corners: Vec<Point2<f64>> = nodes.iris.iter().map(|&n| reference[usize::from(n)]).collect();
-        let centre = Point2::from(corners.iter().map(|p| p.coords).sum::<nalgebra::Vector2<f64>>() / corners.len() as f64);
-        // The four nodes are corners of a box around the iris.
-        let radius = corners.iter().map(|p| (p - centre).norm()).sum::<f64>() / corners.len() as f64 / std::f64::consts::SQRT_2;
-        let rim = (0..IRIS_RIM).map(|k| {
-            let angle = std::f64::consts::TAU * k as f64 / IRIS_RIM as f64;
-            centre + nalgebra::Vector2::new(angle.cos(), angle.sin()) * radius
-        });
-        for point in std::iter::once(centre).chain(rim) {
-            if inside(&outline, &point) && gathered.nearest(&point) > 0.015 * unit {
-                iris.push(gathered.add(point));
-            }
+        for k in 1..upper.len() - 1 {
+            let (from, to) = (gathered.points[upper[k] as usize], gathered.points[below[k] as usize]);
+            eyeball.extend(EYEBALL_SHARES.map(|share| (k, share, gathered.add(from + (to - from) * share))));
         }
     }
-    OpeningMesh { opening: nodes.opening, upper, lower: below, iris, triangles: Vec::new() }
+    let mut stops = [0; 5];
+    for k in 0..4 {
+        stops[k + 1] = stops[k] + counts[k];
+    }
+    let triangles = strips(&upper, &below, &eyeball);
+    OpeningMesh { opening: nodes.opening, upper, lower: below, eyeball, stops, triangles }
+}
+
+/// Bands of triangles from the upper edge over the vertices between to the lower edge; the corners close them.
+fn strips(upper: &[u32], lower: &[u32], between: &[(usize, f64, u32)]) -> Vec<[u32; 3]> {
+    let column = |k: usize| -> Vec<u32> {
+        let inner = between.iter().filter(|b| b.0 == k).map(|b| b.2);
+        let mut column: Vec<u32> = std::iter::once(upper[k]).chain(inner).chain([lower[k]]).collect();
+        column.dedup();
+        column
+    };
+    let mut triangles = Vec::new();
+    for k in 0..upper.len() - 1 {
+        let (left, right) = (column(k), column(k + 1));
+        let bands = left.len().max(right.len()) - 1;
+        // At a corner the column is a single vertex.
+        let at = |column: &[u32], band: usize| column[band.min(column.len() - 1)];
+        for band in 0..bands {
+            let (a, b) = (at(&left, band), at(&left, band + 1));
+            let (c, d) = (at(&right, band), at(&right, band + 1));
+            triangles.extend([[a, b, c], [c, b, d]].into_iter().filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]));
+        }
+    }
+    triangles
 }
 
 /// The outermost ring.
@@ -225,7 +245,7 @@ fn fill(
 fn triangulate(
     vertices: Vec<Point2<f64>>,
     edges: &[[u32; 2]],
-    mut openings: Vec<OpeningMesh>,
+    openings: Vec<OpeningMesh>,
     drivers: Vec<(NodeId, u32)>,
     fixed: Vec<u32>,
 ) -> Result<Mesh, WarpError> {
@@ -255,9 +275,8 @@ fn triangulate(
         let corners = face.vertices().map(|v| vertex_of[v.fix().index()]);
         let [a, b, c] = corners.map(|v| vertices[v as usize].coords);
         let centre = Point2::from((a + b + c) / 3.0);
-        match outlines.iter().position(|outline| inside(outline, &centre)) {
-            Some(k) => openings[k].triangles.push(corners),
-            None => skin.push(corners),
+        if !outlines.iter().any(|outline| inside(outline, &centre)) {
+            skin.push(corners);
         }
     }
     Ok(Mesh { vertices, skin, openings, drivers, fixed })

@@ -57,6 +57,8 @@ pub use sample::{Texture, resample};
 
 /// Largest turn of the gaze that is shown, as a shift of the iris over the eye distance.
 const MAX_GAZE: f64 = 0.12;
+/// Edges of an opening this near, over the eye distance, are shut.
+const SHUT: f64 = 1e-4;
 /// A skin triangle counts as folded when its area falls below this share of the area in the reference.
 const LEAST_AREA: f64 = 0.02;
 /// Rounds of smoothing that a folded frame gets.
@@ -97,6 +99,8 @@ pub struct Warp {
     /// The nodes of the texture: as given, but lips that are as good as closed are closed.
     nodes: Vec<Point2<f64>>,
     reference_nodes: Vec<Point2<f64>>,
+    /// Whether the photograph shows a closed mouth.
+    closed: bool,
     /// The vertices on the photograph.
     source: Vec<Point2<f64>>,
     /// Driving nodes around each driving node, for unfolding.
@@ -147,7 +151,7 @@ impl Warp {
     pub fn new(nodes: &[Point2<f64>]) -> Result<Self, WarpError> {
         check(nodes)?;
         let frame = Frame::of(nodes).ok_or(WarpError::NoEyes)?;
-        let source_nodes = layout::source(nodes, &frame);
+        let (source_nodes, closed) = layout::source(nodes, &frame);
         let reference_nodes = layout::reference(&source_nodes, &frame);
         let mesh = Mesh::new(&reference_nodes, &frame)?;
         let weights = Weights::new(&mesh)?;
@@ -158,12 +162,21 @@ impl Warp {
             frame,
             given: nodes.to_vec(),
             nodes: source_nodes,
+            closed,
             source: Vec::new(),
             reference_nodes,
             neighbours,
         };
         let identity = Similarity::identity();
         warp.source = warp.solve(&warp.mesh.vertices, &warp.reference_nodes, &warp.nodes, &identity);
+        if closed {
+            // Between the nodes, too, the lips meet in one line.
+            let mouth = &warp.mesh.openings[0];
+            for (&a, &b) in mouth.upper.iter().zip(&mouth.lower) {
+                let middle = nalgebra::center(&warp.source[a as usize], &warp.source[b as usize]);
+                (warp.source[a as usize], warp.source[b as usize]) = (middle, middle);
+            }
+        }
         if warp.folded(&warp.source).next().is_some() {
             return Err(WarpError::Folded);
         }
@@ -286,19 +299,21 @@ impl Warp {
             })
             .collect();
         for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
-            // Where the edges would pass through each other they meet.
-            for (&a, &b) in opening.upper.iter().zip(&opening.lower) {
+            // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
+            let gap = |k: usize| self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])]);
+            let shut: [bool; 5] = std::array::from_fn(|k| gap(k) <= SHUT * self.frame.eye_distance);
+            for (k, (&a, &b)) in opening.upper.iter().zip(&opening.lower).enumerate() {
                 let (a, b) = (a as usize, b as usize);
-                if a != b && self.frame.height(&moved[b]) < self.frame.height(&moved[a]) {
+                let next = opening.stops.iter().position(|&stop| stop >= k).unwrap_or(4);
+                let between_shut = shut[next] && (opening.stops[next] == k || shut[next.saturating_sub(1)]);
+                if a != b && (between_shut || self.frame.height(&moved[b]) < self.frame.height(&moved[a])) {
                     let middle = nalgebra::center(&moved[a], &moved[b]);
                     (moved[a], moved[b]) = (middle, middle);
                 }
             }
-            if !nodes.iris.is_empty() {
-                let (eye, gaze) = eye_motion(nodes, base, wanted, self.frame.eye_distance);
-                for &v in &opening.iris {
-                    moved[v as usize] = eye.apply(&vertices[v as usize]) + gaze;
-                }
+            for &(k, share, v) in &opening.eyeball {
+                let (from, to) = (moved[opening.upper[k] as usize], moved[opening.lower[k] as usize]);
+                moved[v as usize] = from + (to - from) * share;
             }
         }
         moved

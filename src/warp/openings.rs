@@ -6,14 +6,12 @@ use tiny_skia::{FillRule, Mask, PathBuilder, Transform};
 
 use super::{
     Deformation, MouthInside, Texture, Warp,
-    layout::{OPENINGS, Opening},
+    eye_motion,
+    layout::{OPENINGS, Opening, OpeningNodes},
     mesh::OpeningMesh,
     raster, sample,
 };
 use crate::geometry::Similarity;
-
-/// An opening lower than this, in px, shows nothing.
-const LEAST_GAP_PX: f64 = 0.25;
 
 /// Draws what is behind an opening over the frame.
 pub fn draw(
@@ -31,15 +29,15 @@ pub fn draw(
         .chain(opening.lower[1..opening.lower.len() - 1].iter().rev())
         .map(|&v| vertices[v as usize])
         .collect();
-    let all = opening.upper.iter().chain(&opening.lower).chain(&opening.iris);
-    if all.clone().all(|&v| vertices[v as usize] == warp.source[v as usize]) {
-        return;
-    }
-    let gap = gap(warp, opening, vertices);
-    if gap < LEAST_GAP_PX {
+    let all = opening.upper.iter().chain(&opening.lower);
+    if all.clone().all(|&v| vertices[v as usize] == warp.source[v as usize]) && behind_is_still(warp, opening, deformation) {
         return;
     }
     let Some(mut layer) = Layer::new(&outline, frame.dimensions()) else { return };
+    let gap = gap(warp, opening, vertices);
+    extend_edges(warp, opening, texture, deformation, &mut layer);
+    layer.spread();
+    layer.lay_under(frame);
     match (opening.opening, inside) {
         (Opening::Mouth, MouthInside::Picture { texture, placement }) => {
             for triangle in &opening.triangles {
@@ -48,7 +46,7 @@ pub fn draw(
                 layer.fill(to, from, |at| texture.sample(at));
             }
         }
-        (Opening::Mouth, MouthInside::Dark) if !is_open(warp, opening) => dark(warp, opening, texture, deformation, gap, &mut layer),
+        (Opening::Mouth, MouthInside::Dark) if warp.closed => dark(warp, opening, texture, deformation, gap, &mut layer),
         _ => {
             let behind = behind(warp, opening, deformation);
             for (triangle, corners) in opening.triangles.iter().zip(&behind) {
@@ -57,7 +55,42 @@ pub fn draw(
             }
         }
     }
+    layer.spread();
     layer.lay_on(frame);
+}
+
+/// Whether what lies behind an opening has not moved.
+fn behind_is_still(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> bool {
+    let nodes = nodes_of(opening);
+    nodes.iris.iter().all(|&n| deformation.nodes[usize::from(n)] == warp.nodes[usize::from(n)])
+}
+
+fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
+    OPENINGS.iter().find(|o| o.opening == opening.opening).unwrap_or(&OPENINGS[0])
+}
+
+/// Carries the skin at the edges on into the opening, so that an edge has something to be blended with, and a shut opening shows
+/// no slit: each half gets the colours of its edge.
+fn extend_edges(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
+    let mut place: Vec<(u32, usize, f64)> = opening.eyeball.iter().map(|&(k, share, v)| (v, k, share)).collect();
+    place.extend(opening.upper.iter().enumerate().map(|(k, &v)| (v, k, 0.0)));
+    let inner = 1..opening.lower.len() - 1;
+    place.extend(opening.lower[inner].iter().enumerate().map(|(k, &v)| (v, k + 1, 1.0)));
+    place.sort_by_key(|p| p.0);
+    for triangle in &opening.triangles {
+        let corners = triangle.map(|v| place.binary_search_by_key(&v, |p| p.0).map_or((0, 0.5), |k| (place[k].1, place[k].2)));
+        let above = corners.map(|(k, _)| warp.source[opening.upper[k] as usize]);
+        let below = corners.map(|(k, _)| warp.source[opening.lower[k] as usize]);
+        let to = triangle.map(|v| deformation.vertices[v as usize]);
+        let unit = [Point2::new(0.0, 0.0), Point2::new(1.0, 0.0), Point2::new(0.0, 1.0)];
+        layer.fill(to, unit, |at| {
+            let shares = [1.0 - at.x - at.y, at.x, at.y];
+            let share: f64 = shares.iter().zip(&corners).map(|(s, c)| s * c.1).sum();
+            let edge = if share < 0.5 { above } else { below };
+            let sum: Vector2<f64> = shares.iter().zip(&edge).map(|(s, p)| p.coords * *s).sum();
+            texture.sample(Point2::from(sum))
+        });
+    }
 }
 
 /// Largest distance of the edges, px.
@@ -66,28 +99,25 @@ fn gap(warp: &Warp, opening: &OpeningMesh, vertices: &[Point2<f64>]) -> f64 {
     opening.upper.iter().zip(&opening.lower).map(|(&a, &b)| height(b) - height(a)).fold(0.0, f64::max)
 }
 
-/// Whether the photograph itself shows the opening open.
-fn is_open(warp: &Warp, opening: &OpeningMesh) -> bool {
-    gap(warp, opening, &warp.source) > 1e-6
-}
-
 /// The triangles behind an opening: what the photograph shows there moves with the head (and the gaze) only. Where the opening is
 /// now wider than on the photograph, its edge is stretched to meet the lid or lip.
 fn behind(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Vec<[Point2<f64>; 3]> {
-    let nodes = &OPENINGS[warp.mesh.openings.iter().position(|o| o.opening == opening.opening).unwrap_or_default()];
+    let nodes = nodes_of(opening);
     let moved = &deformation.vertices;
-    let rigid = if nodes.iris.is_empty() {
+    let (rigid, gaze) = if nodes.iris.is_empty() {
         // Teeth go with the nose.
         let translation = deformation.nodes[6] - warp.nodes[6];
-        Similarity { translation, ..Similarity::identity() }
+        (Similarity { translation, ..Similarity::identity() }, Vector2::zeros())
     } else {
-        let corners = |points: &[Point2<f64>]| [points[usize::from(nodes.upper[0])], points[usize::from(nodes.upper[4])]];
-        Similarity::fit(&corners(&warp.nodes), &corners(&deformation.nodes), None).unwrap_or_else(|_| Similarity::identity())
+        eye_motion(nodes, &warp.nodes, &deformation.nodes, warp.frame.eye_distance)
     };
-    let mut place: Vec<(u32, Point2<f64>)> = opening.iris.iter().map(|&v| (v, moved[v as usize])).collect();
+    let mut place: Vec<(u32, Point2<f64>)> = Vec::new();
+    for &(_, _, v) in &opening.eyeball {
+        place.push((v, rigid.apply(&warp.source[v as usize]) + gaze));
+    }
     for (edge, sign) in [(&opening.upper, -1.0), (&opening.lower, 1.0)] {
         for &v in edge {
-            let stays = rigid.apply(&warp.source[v as usize]);
+            let stays = rigid.apply(&warp.source[v as usize]) + gaze;
             let goes = moved[v as usize];
             let outer = if sign * (warp.frame.height(&goes) - warp.frame.height(&stays)) > 0.0 { goes } else { stays };
             place.push((v, outer));
@@ -176,6 +206,41 @@ impl Layer {
         });
     }
 
+    /// Gives the pixels that the outline touches, but no triangle has its centre in, the colour of their neighbours.
+    fn spread(&mut self) {
+        let before = self.pixels.clone();
+        let (width, height) = (self.width as i64, self.height as i64);
+        for (k, pixel) in self.pixels.iter_mut().enumerate() {
+            if pixel.1 || self.coverage.data()[k] == 0 {
+                continue;
+            }
+            let (x, y) = (k as i64 % width, k as i64 / width);
+            let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
+            for (dx, dy) in [(0, -1), (-1, 0), (1, 0), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
+                let (x, y) = (x + dx, y + dy);
+                if (0..width).contains(&x) && (0..height).contains(&y) {
+                    let (colour, true) = before[(y * width + x) as usize] else { continue };
+                    (0..3).for_each(|c| sum[c] += colour[c]);
+                    count += 1.0;
+                }
+            }
+            if count > 0.0 {
+                *pixel = (sum.map(|s| s / count), true);
+            }
+        }
+    }
+
+    /// Lays the pixels whose centre the triangles have on the frame, all of them, and empties the layer.
+    fn lay_under(&mut self, frame: &mut RgbImage) {
+        for (k, (colour, is_set)) in self.pixels.iter_mut().enumerate() {
+            if std::mem::take(is_set) && self.coverage.data()[k] > 127 {
+                let (x, y) = (k as u32 % self.width, k as u32 / self.width);
+                frame.put_pixel(self.left + x, self.top + y, image::Rgb(colour.map(sample::byte)));
+            }
+        }
+    }
+
+    /// Lays it on the frame as far as the outline covers each pixel.
     fn lay_on(&self, frame: &mut RgbImage) {
         for y in 0..self.height {
             for x in 0..self.width {

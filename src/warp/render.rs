@@ -40,8 +40,7 @@ impl Warp {
             let back = deformation.background.inverse();
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
-        let openings = self.mesh.openings.iter().flat_map(|o| &o.triangles);
-        for triangle in openings.chain(&self.mesh.skin) {
+        for triangle in &self.mesh.skin {
             let to = triangle.map(|v| deformation.vertices[v as usize]);
             let from = triangle.map(|v| self.source[v as usize]);
             if still && to == from {
