@@ -81,7 +81,7 @@ fn perform(
         sequence: format!("{:03}", emotion.code()),
         emotion: emotion.label().to_owned(),
         stream: (subject.index(), emotion.code()),
-        frame: |k| sequence.frame(k),
+        frame: |k| Ok(sequence.frame(k)),
     };
     let Written { frames, correspondences } = write_sequence(&performance, options, out, tick)?;
     Ok(ManifestRow {

@@ -36,7 +36,7 @@ const SCHEMA_VERSION: u32 = 1;
 const COHN_KANADE: [&str; 3] = ["cohn-kanade-images", "Emotion", "Landmarks"];
 
 /// One sequence to write.
-pub(super) struct Performance<F: Fn(usize) -> SimulatedFrame> {
+pub(super) struct Performance<F: Fn(usize) -> Result<SimulatedFrame, SimulateError>> {
     pub subject: String,
     pub sequence: String,
     /// Label.
@@ -127,7 +127,7 @@ pub(super) fn finish(
 }
 
 /// Writes the frames of a sequence, its marks or landmarks and label, and the true positions.
-pub(super) fn write_sequence<F: Fn(usize) -> SimulatedFrame>(
+pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateError>>(
     performance: &Performance<F>,
     options: &SimulateOptions,
     out: &Path,
@@ -143,7 +143,7 @@ pub(super) fn write_sequence<F: Fn(usize) -> SimulatedFrame>(
     let tables = Tables::candide3();
     let mut truth = Vec::new();
     for frame in 0..options.frames {
-        let simulated = (performance.frame)(frame);
+        let simulated = (performance.frame)(frame)?;
         let name = format!("{stem}{:08}", frame + 1);
         let picture = layout.images.join(format!("{name}.{}", options.format.extension()));
         write_atomic(&picture, |writer| encode(&simulated.image, options.format, writer))?;

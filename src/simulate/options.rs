@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::{CameraOptions, expression::Emotion};
+use super::{CameraOptions, PortraitError, expression::Emotion};
 use crate::{output::OutputError, wireframe::FapusError};
 
 /// File format of the frames.
@@ -61,6 +61,7 @@ impl DatasetLayout {
 /// | `yaw_degrees`, `pitch_degrees` | 0 | 0 to 15 |
 /// | `shift_px` | 6 | 0 to 200 |
 /// | `scale_change` | 0.02 | 0 to 0.2 |
+/// | `blink` | 0 | 0 to 1 |
 /// | `marks_noise_px` | 0.5 | 0 to 50 |
 /// | `fps` | 25 | above 0 |
 /// | `camera` | perfect | [`CameraOptions`] |
@@ -90,6 +91,9 @@ pub struct SimulateOptions {
     pub shift_px: f64,
     /// Largest relative change of scale.
     pub scale_change: f64,
+    /// Share of the sequences in which the eyes blink once, 0 to 1.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub blink: f64,
     /// File format of the frames.
     pub format: FrameFormat,
     /// How the dataset lies on disk.
@@ -119,6 +123,7 @@ impl Default for SimulateOptions {
             pitch_degrees: 0.0,
             shift_px: 6.0,
             scale_change: 0.02,
+            blink: 0.0,
             format: FrameFormat::Png,
             layout: DatasetLayout::default(),
             marks_noise_px: 0.5,
@@ -126,6 +131,12 @@ impl Default for SimulateOptions {
             camera: CameraOptions::default(),
         }
     }
+}
+
+/// For options that are written only when they are set.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Why nothing could be simulated.
@@ -162,6 +173,9 @@ pub enum SimulateError {
     /// A file that could not be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// A portrait that can not be animated.
+    #[error(transparent)]
+    Portrait(#[from] PortraitError),
     /// A face whose FAPUs can not be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
@@ -202,6 +216,7 @@ impl SimulateOptions {
             ("pitch", self.pitch_degrees, 15.0, "0 to 15 degrees"),
             ("shift", self.shift_px, 200.0, "0 to 200 pixels"),
             ("scale-change", self.scale_change, 0.2, "0 to 0.2"),
+            ("blink", self.blink, 1.0, "0 to 1"),
             ("marks-noise", self.marks_noise_px, 50.0, "0 to 50 pixels"),
         ];
         for (option, value, limit, range) in numbers {

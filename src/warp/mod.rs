@@ -213,9 +213,8 @@ impl Warp {
     /// As [`Warp::deform`].
     pub fn deform_with(&self, nodes: &[Point2<f64>], background: &Similarity) -> Result<Deformation, WarpError> {
         check(nodes)?;
-        let mut wanted: Vec<Point2<f64>> = (0..NODE_COUNT)
-            .map(|k| background.apply(&self.nodes[k]) + (nodes[k] - background.apply(&self.given[k])))
-            .collect();
+        let mut wanted: Vec<Point2<f64>> =
+            (0..NODE_COUNT).map(|k| background.apply(&self.nodes[k]) + (nodes[k] - background.apply(&self.given[k]))).collect();
         self.separate(&mut wanted);
         let mut rounds = 0;
         let mut vertices = self.solve(&self.source, &self.nodes, &wanted, background);
@@ -300,7 +299,9 @@ impl Warp {
             .collect();
         for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
             // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
-            let gap = |k: usize| self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])]);
+            let gap = |k: usize| {
+                self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])])
+            };
             let shut: [bool; 5] = std::array::from_fn(|k| gap(k) <= SHUT * self.frame.eye_distance);
             for (k, (&a, &b)) in opening.upper.iter().zip(&opening.lower).enumerate() {
                 let (a, b) = (a as usize, b as usize);
