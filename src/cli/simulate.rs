@@ -28,13 +28,15 @@ const RENDERED_SUBJECTS: u32 = 4;
 const QUIET: Duration = Duration::from_secs(1);
 
 const EXAMPLE: &str = "\
-Example:
+Examples:
   grimace simulate -o faces --subjects 6 --emotions happiness,surprise --frames 12 --size 320x240 --seed 7
+  grimace simulate -o animated --photo portrait.jpg --landmarks portrait_landmarks68.csv --blink 0.5 --yaw 4
+  grimace simulate -o animated --photo portraits --fap happiness.fap --layout cohn-kanade
 
-Writes faces/manifest.csv (with columns sex and cohort to group by), faces/S001/005/S001_005_00000001.png and so on with
-correspondences.csv beside the frames, faces/truth/S001_005.csv with the exact position of every node in every frame (pixels),
-and faces/simulate.json with all options. The sequence number is the Cohn-Kanade emotion code: 1 anger, 2 contempt, 3 disgust,
-4 fear, 5 happiness, 6 sadness, 7 surprise. The same options give the same files.";
+Writes faces/manifest.csv (with columns sex and cohort to group by), faces/S001/005/S001_005_00000001.png and so on with \
+correspondences.csv beside the frames, faces/truth/S001_005.csv with the exact position of every node in every frame (pixels), \
+and faces/simulate.json with all options. The sequence number is the Cohn-Kanade emotion code: 1 anger, 2 contempt, 3 disgust, \
+4 fear, 5 happiness, 6 sadness, 7 surprise; 8 and up are motions from FAP files. The same options give the same files.";
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

@@ -320,6 +320,7 @@ mod tests {
                         tracked,
                         px,
                         percent: 2.0 * px,
+                        expected_px: None,
                     };
                     errors.push(error);
                 }

@@ -130,12 +130,17 @@ impl<'a> AnimatedPortrait<'a> {
 
     /// Where the nodes are wanted at a time in frames, and how the whole picture has moved.
     fn wanted(&self, time: f64) -> (Vec<Point2<f64>>, Similarity) {
-        let Portrait { image_from_face, neutral, .. } = self.portrait;
+        let Portrait { image_from_face, neutral, warp, .. } = self.portrait;
         let mut nodes: Vec<Point3<f64>> = neutral.iter().zip(self.offsets_at(time)).map(|(n, d)| n + d).collect();
         place_followers(self.wireframe, &mut nodes);
-        let pose = self.course.pose(time);
-        let wanted = nodes.iter().map(|n| image_from_face.apply(&pose.project(n))).collect();
-        let whole = image_from_face.after(&pose.flat()).after(&image_from_face.inverse());
+        let (rest, pose) = (self.course.pose(0.0), self.course.pose(time));
+        // Motion is added to where the nodes are on the photograph, so that at rest they are there to the last bit.
+        let motion = |(start, node): (&Point3<f64>, &Point3<f64>)| pose.project(node) - rest.project(start);
+        let motions = neutral.iter().zip(&nodes).map(motion);
+        let wanted = warp.nodes().iter().zip(motions).map(|(p, m)| p + image_from_face.apply_vector(&m)).collect();
+        let flat = pose.flat();
+        let whole =
+            if flat == Similarity::identity() { flat } else { image_from_face.after(&flat).after(&image_from_face.inverse()) };
         (wanted, whole)
     }
 

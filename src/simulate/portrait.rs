@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use image::RgbImage;
 use nalgebra::{Point2, Point3, Vector2};
 
+use super::subject::place_followers;
 use crate::{
     dataset::{
         Dataset, DatasetError, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkSelection, LandmarksError, MANIFEST_NAME,
@@ -230,7 +231,7 @@ impl Portrait {
         give_brows_height(&mut nodes, &fitted.image_from_face, tables);
         let warp = Warp::new(&nodes).map_err(|source| PortraitError::Warp { id: name(), source })?;
         let face_from_image = fitted.image_from_face.inverse();
-        let neutral: Vec<Point3<f64>> = nodes
+        let mut neutral: Vec<Point3<f64>> = nodes
             .iter()
             .zip(wireframe.vertices())
             .map(|(p, vertex)| {
@@ -238,6 +239,7 @@ impl Portrait {
                 Point3::new(flat.x, -flat.y, vertex.z)
             })
             .collect();
+        place_followers(wireframe, &mut neutral);
         let flat: Vec<Point2<f64>> = neutral.iter().map(nalgebra::OPoint::xy).collect();
         let fapus = Fapus::measure(&tables.fapus, &flat).map_err(|source| PortraitError::Fapus { id: name(), source })?;
         let image_from_face = fitted.image_from_face;
