@@ -53,4 +53,5 @@ pub mod simulate;
 pub mod statistics;
 pub mod track;
 pub mod units;
+pub mod warp;
 pub mod wireframe;

@@ -131,11 +131,7 @@ mod tests {
         let nodes: Vec<_> = wireframe
             .vertices()
             .iter()
-            .map(|v| TrackedNode {
-                position: Point2::new(250.0 + 150.0 * v.x, 200.0 - 150.0 * v.y),
-                state: NodeState::Tracked,
-                residual: None,
-            })
+            .map(|v| TrackedNode::new(Point2::new(250.0 + 150.0 * v.x, 200.0 - 150.0 * v.y), NodeState::Tracked, None))
             .collect();
         let picture = draw_overlay(&frame, &wireframe, &nodes, &[]).unwrap();
         assert_eq!(picture.dimensions(), (1000, 800));

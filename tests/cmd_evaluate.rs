@@ -307,3 +307,46 @@ fn real_sequences_give_the_figures_of_the_prototypes() {
     let rows = work.rows("fit/fit_error.csv");
     assert!(rows.iter().any(|r| r["population"] == "real" && r["method"] == "springs" && number(r, "mean_percent_es") < 10.0));
 }
+
+#[test]
+fn confidence_is_learned_judged_and_reproducible() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |name: &str, threads: &str| {
+        let out = folder.path().join(name);
+        let mut command = Command::cargo_bin("grimace").unwrap();
+        command.args(["evaluate", "confidence", "--subjects", "1", "--held-out", "1", "--emotions", "surprise", "--frames", "6"]);
+        command.args(["--size", "240x200", "-j", threads, "-o"]).arg(&out).assert().success();
+        out
+    };
+    let (one, two) = (run("one", "1"), run("two", "2"));
+    for file in ["track_confidence.csv", "confidence_quintiles.csv", "verdicts.csv", "confidence.svg", "evaluation.json"] {
+        assert!(fs::read(one.join(file)).unwrap() == fs::read(two.join(file)).unwrap(), "{file}");
+    }
+    let table = fs::read_to_string(one.join("track_confidence.csv")).unwrap();
+    let learned = grimace::track::Confidence::parse(&table).unwrap();
+    assert_ne!(&learned, grimace::track::Confidence::shipped());
+    let mut reader = csv::Reader::from_path(one.join("confidence_quintiles.csv")).unwrap();
+    let rows: Vec<_> = reader.records().map(Result::unwrap).filter(|r| &r[0] == "all").collect();
+    assert_eq!(rows.len(), 5);
+    let expected: Vec<f64> = rows.iter().map(|r| r[3].parse().unwrap()).collect();
+    assert!(expected.windows(2).all(|e| e[0] <= e[1]), "{expected:?}");
+}
+
+#[test]
+fn the_shipped_confidence_is_judged_by_a_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    let (faces, out) = (folder.path().join("faces"), folder.path().join("out"));
+    let mut simulate = Command::cargo_bin("grimace").unwrap();
+    simulate.args(["simulate", "--subjects", "2", "--emotions", "happiness", "--frames", "5", "--size", "240x200", "-o"]);
+    simulate.arg(&faces).assert().success();
+    let mut command = Command::cargo_bin("grimace").unwrap();
+    command.args(["evaluate", "confidence"]).arg(&faces).args(["--by", "cohort", "--start", "seven", "-o"]).arg(&out);
+    command.assert().success();
+    // Four frames after the neutral one of two sequences, 104 nodes each.
+    let mut reader = csv::Reader::from_path(out.join("confidence_quintiles.csv")).unwrap();
+    let nodes: usize = reader.records().map(|r| r.unwrap()[2].parse::<usize>().unwrap()).sum();
+    assert_eq!(nodes, 2 * 4 * 104);
+    let mut wrong = Command::cargo_bin("grimace").unwrap();
+    wrong.args(["evaluate", "confidence"]).arg(&faces).args(["--by", "age", "-o"]).arg(folder.path().join("none"));
+    wrong.assert().code(1).stderr(predicates::str::contains("no column `age`"));
+}

@@ -209,3 +209,57 @@ fn the_shipped_dataset_is_what_its_command_makes() {
     }
     assert!(frames >= 8, "{frames} frames compared");
 }
+
+#[test]
+fn writes_the_layout_of_cohn_kanade_and_run_reads_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, results) = (folder.path().join("ck"), folder.path().join("results"));
+    let mut command = simulate(&out);
+    command.args(["--subjects", "2", "--emotions", "surprise", "--frames", "3", "--size", "200x160", "--layout", "cohn-kanade"]);
+    command.assert().success();
+    assert!(!out.join("manifest.csv").exists());
+    assert!(out.join("cohn-kanade-images/S002/007/S002_007_00000003.png").is_file());
+    let label = fs::read_to_string(out.join("Emotion/S001/007/S001_007_00000003_emotion.txt")).unwrap();
+    assert_eq!(label, "   7.0000000e+00\n");
+    // The chin is landmark 8 and node 10.
+    let landmarks = fs::read_to_string(out.join("Landmarks/S001/007/S001_007_00000002_landmarks.txt")).unwrap();
+    assert_eq!(landmarks.lines().count(), 68);
+    let chin: Vec<f64> = landmarks.lines().nth(8).unwrap().split_whitespace().map(|v| v.parse().unwrap()).collect();
+    let (_, truth) = rows(&out.join("truth/S001_007.csv"));
+    let node = &truth[113 + 10];
+    assert_eq!(node[..2], ["2", "10"]);
+    assert!((chin[0] - node[2].parse::<f64>().unwrap()).abs() < 1e-4 && (chin[1] - node[3].parse::<f64>().unwrap()).abs() < 1e-4);
+    let mut run = Command::cargo_bin("grimace").unwrap();
+    run.arg("run").arg(&out).arg("-o").arg(&results).assert().success().stdout(contains("2 sequences: 2 tracked"));
+    assert!(results.join("fap/surprise.fap").is_file());
+}
+
+#[test]
+fn faults_of_the_camera_change_pictures_and_never_positions() {
+    let folder = tempfile::tempdir().unwrap();
+    let (plain, faulty) = (folder.path().join("plain"), folder.path().join("faulty"));
+    small(&plain).assert().success();
+    let faults = ["--shutter", "0.5", "--defocus", "1", "--gain-change", "0.2", "--bias-change", "5", "--light-gradient", "0.1"];
+    small(&faulty).args(faults).args(["--compression", "60"]).assert().success();
+    let (plain, faulty) = (files(&plain), files(&faulty));
+    assert_eq!(plain.keys().collect::<Vec<_>>(), faulty.keys().collect::<Vec<_>>());
+    for (path, bytes) in &plain {
+        let picture = path.extension().is_some_and(|e| e == "png");
+        let options = path.ends_with("simulate.json");
+        assert_eq!(faulty[path] != *bytes, picture || options, "{}", path.display());
+    }
+}
+
+#[test]
+fn faults_out_of_range_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("faces");
+    for (flag, value, message) in [
+        ("--shutter", "2", "--shutter is 2; it must be 0 to 1"),
+        ("--compression", "0", "--compression is 0; it must be 1 to 100"),
+        ("--light-gradient", "nan", "--light-gradient is NaN; it must be 0 to 0.9"),
+    ] {
+        small(&out).args([flag, value]).assert().code(1).stderr(contains(message));
+    }
+    small(&out).args(["--layout", "ck"]).assert().code(2).stderr(contains("cohn-kanade"));
+}

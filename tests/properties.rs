@@ -30,7 +30,7 @@ fn tracked(strengths: &[f64], frames: u32, view: impl Fn(u32) -> Similarity) -> 
             }
         }
         wireframe.place_followers(&mut nodes);
-        let place = |p: &Point2<f64>| TrackedNode { position: view(number).apply(p), state: NodeState::Tracked, residual: None };
+        let place = |p: &Point2<f64>| TrackedNode::new(view(number).apply(p), NodeState::Tracked, None);
         TrackedFrame { number, nodes: nodes.iter().map(place).collect() }
     };
     (1..=frames).map(frame).collect()

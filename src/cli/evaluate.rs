@@ -1,5 +1,6 @@
 //! `grimace evaluate`: the experiments.
 
+mod confidence;
 mod fit;
 mod tracking;
 
@@ -36,6 +37,8 @@ enum Experiment {
     Fit(fit::Args),
     /// Error of the tracker over the frames, with and without deformation, beside plain KLT.
     Tracking(tracking::Args),
+    /// The tracker's expected errors against true ones; fits the model anew from simulated people.
+    Confidence(confidence::Args),
 }
 
 /// Runs the command.
@@ -43,6 +46,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
         Experiment::Fit(args) => fit::run(args),
         Experiment::Tracking(args) => tracking::run(args),
+        Experiment::Confidence(args) => confidence::run(args),
     }
 }
 

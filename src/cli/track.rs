@@ -117,6 +117,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         for (reason, count) in &s.recovered {
             println!("  recovered after {reason}: {count}");
         }
+        if let Some(expected) = s.expected_error_px {
+            println!("expected error of the median node in the last frame: {expected:.2} px; verdict: {}", s.verdict.name());
+        }
+        for reason in &s.reasons {
+            println!("  {reason}");
+        }
     }
     Ok(Outcome::Done)
 }

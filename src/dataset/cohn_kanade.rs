@@ -26,6 +26,12 @@ use crate::units::SequenceId;
 /// Emotions by their code in CK+.
 const EMOTION_CODES: [&str; 8] = ["neutral", "anger", "contempt", "disgust", "fear", "happiness", "sadness", "surprise"];
 
+/// The code of an emotion in CK+; `None` for a label it does not have.
+#[must_use]
+pub fn emotion_code(emotion: &str) -> Option<u8> {
+    (0..).zip(EMOTION_CODES).find(|(_, name)| *name == emotion).map(|(code, _)| code)
+}
+
 /// [`EMOTION_CODES`] for messages.
 pub(super) const CODES_IN_WORDS: &str = "0 neutral, 1 anger, 2 contempt, 3 disgust, 4 fear, 5 happiness, 6 sadness, 7 surprise";
 

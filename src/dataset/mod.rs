@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 use crate::units::SequenceId;
 
+pub use cohn_kanade::emotion_code;
 pub use entry::{CorrespondenceSource, SequenceEntry};
 pub use error::{DatasetError, RowError};
 pub use frames::{FIRST_VIDEO_FRAME, FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, list_frames};

@@ -1,12 +1,14 @@
 //! How right the fit and the tracker are: experiments against ground truth.
 //!
 //! [`evaluate_fit`] measures the node error of the fit by number and choice of marks, [`suggest_marks`] chooses the nodes that are best
-//! marked, [`evaluate_tracking`] repeats the paper's tracking experiment [KP, Fig. 3] on simulated and on real sequences. Every error
+//! marked, [`evaluate_tracking`] repeats the paper's tracking experiment [KP, Fig. 3] on simulated and on real sequences,
+//! [`fit_confidence`] learns which errors are to be expected of the tracker. Every error
 //! is a distance in the image, in pixels and in percent of the eye distance ES0 (the distance of the pupils).
 //!
 //! Results are [`Table`]s, written as CSV and as Markdown, and [`LineChart`]s, written as SVG. They follow from options, seed and
 //! data alone, never from the number of threads.
 
+mod confidence;
 mod figure;
 mod fit;
 mod marks;
@@ -28,6 +30,11 @@ use crate::{
     simulate::SimulateError,
 };
 
+pub use confidence::{
+    CalibrationPart, ConfidenceCondition, ConfidenceOptions, ConfidenceSample, ExpectedError, QUINTILES, SampledSequence,
+    calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples, expected_of_records,
+    expected_of_samples, fit_confidence, verdict_table,
+};
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use marks::{

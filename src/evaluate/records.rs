@@ -78,6 +78,8 @@ pub struct RecordedError {
     pub px: f64,
     /// Error in percent of the eye distance.
     pub percent: f64,
+    /// Error that the tracker expected, px.
+    pub expected_px: Option<f64>,
 }
 
 /// Summaries in both units.
@@ -318,6 +320,7 @@ mod tests {
                         tracked,
                         px,
                         percent: 2.0 * px,
+                        expected_px: None,
                     };
                     errors.push(error);
                 }

@@ -146,7 +146,8 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
     }
     let mut cases = Vec::new();
     for entry in dataset.sequences {
-        let exact = Some(truth_path(&dataset.root, &entry.id)).filter(|path| path.is_file());
+        // Beside the manifest; in the layout of Cohn-Kanade beside the folder of the images.
+        let exact = [&dataset.root, path].map(|root| truth_path(root, &entry.id)).into_iter().find(|path| path.is_file());
         if entry.landmarks_paths.is_empty() && exact.is_none() {
             continue;
         }
@@ -307,6 +308,7 @@ impl Bench<'_> {
                         tracked: found.tracked,
                         px,
                         percent: 100.0 * px / prepared.eye_distance,
+                        expected_px: found.expected,
                     });
                 }
             }

@@ -39,6 +39,8 @@ pub struct TrackerVariant {
 pub(super) struct Placed {
     pub position: Point2<f64>,
     pub tracked: bool,
+    /// Expected error, px.
+    pub expected: Option<f64>,
 }
 
 /// The tracker with its options, the same without deformation, and plain KLT [KP, Fig. 3].
@@ -96,6 +98,7 @@ impl TrackerVariant {
                 let placed = |n: &crate::track::TrackedNode| Placed {
                     position: n.position,
                     tracked: !matches!(n.state, NodeState::Recovered(_)),
+                    expected: n.expected_error,
                 };
                 Ok(track.frames.iter().map(|f| (f.number, f.nodes.iter().map(placed).collect())).collect())
             }
@@ -128,7 +131,7 @@ fn plain_klt(
             }
             wireframe.place_followers(&mut nodes);
         }
-        let placed = nodes.iter().zip(tracked).map(|(&position, tracked)| Placed { position, tracked });
+        let placed = nodes.iter().zip(tracked).map(|(&position, tracked)| Placed { position, tracked, expected: None });
         out.push((frame.number(), placed.collect()));
     }
     Ok(out)

@@ -16,7 +16,7 @@ use crate::{
     output::{self, OutputError, nine_digits, write_atomic},
     report::{ApexFap, ReportData, render_html},
     statistics::{self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models},
-    track::TrackQuality,
+    track::{TrackQuality, Verdict},
     units::{FaceUnit, SequenceId},
     wireframe::FapusError,
 };
@@ -147,7 +147,7 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
             Ok(AnalyzedClass { representative, stem, fap, clamped })
         })
         .collect::<Result<Vec<_>, AnalysisError>>()?;
-    let warnings = warnings(&classes);
+    let warnings = look_again(&tracks).into_iter().chain(warnings(&classes)).collect();
     Ok(Analysis { classes, tracks, failures, warnings, tracked_here: false })
 }
 
@@ -159,6 +159,19 @@ const SMALL_CLASS: usize = 5;
 
 /// FAP units by which a value is changed before a person need be told.
 const NOTABLE_CLAMP: f64 = 20.0;
+
+/// Sequences named in the warning to look at some again.
+const NAMED_SEQUENCES: usize = 6;
+
+/// The warning to look at sequences again, if there are such.
+fn look_again(tracks: &[TrackQuality]) -> Option<String> {
+    let ids: Vec<String> = tracks.iter().filter(|t| t.summary.verdict == Verdict::LookAgain).map(|t| t.id.to_string()).collect();
+    let more = ids.len().checked_sub(NAMED_SEQUENCES + 1).map(|more| format!(" and {} more", more + 1)).unwrap_or_default();
+    let named = ids.iter().take(NAMED_SEQUENCES).cloned().collect::<Vec<_>>().join(", ");
+    let (count, all) = (ids.len(), tracks.len());
+    (count > 0)
+        .then(|| format!("{count} of {all} sequences should be looked at again, the reasons are in verdicts.csv: {named}{more}"))
+}
 
 /// What a person should know before using the results: at most one line of each kind.
 fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
@@ -275,7 +288,7 @@ struct Trimmed {
     distance: f64,
 }
 
-/// Writes `representatives/`, `fap/`, `statistics.csv`, `trimming.csv`, `failures.csv` and `report.html`; returns the BLAKE3 of every
+/// Writes `representatives/`, `fap/`, `statistics.csv`, `trimming.csv`, `failures.csv`, `verdicts.csv` and `report.html`; returns the BLAKE3 of every
 /// file by its path relative to `out`.
 ///
 /// # Errors
@@ -301,9 +314,10 @@ pub fn write_analysis(
     write_statistics(&out.join("statistics.csv"), analysis, bench)?;
     write_trimming(&out.join("trimming.csv"), analysis, bench)?;
     write_failures(&out.join("failures.csv"), &analysis.failures)?;
+    write_verdicts(&out.join("verdicts.csv"), &analysis.tracks)?;
     let html = report_html(analysis, title, bench)?;
     output::write_bytes(&out.join("report.html"), html.as_bytes())?;
-    files.extend(["statistics.csv", "trimming.csv", "failures.csv", "report.html"].map(str::to_owned));
+    files.extend(["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "report.html"].map(str::to_owned));
     Ok(files.into_iter().filter_map(|file| file_blake3(&out.join(&file)).map(|hash| (file, hash))).collect())
 }
 
@@ -416,6 +430,21 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
 pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<(), OutputError> {
     let rows = failures.iter().map(|f| vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone()]);
     write_table(path, &["subject", "sequence", "stage", "reason"], &[], rows)
+}
+
+/// Writes `verdicts.csv`: a row for every tracked sequence.
+fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<(), OutputError> {
+    let rows = tracks.iter().map(|t| {
+        let s = &t.summary;
+        let expected = s.expected_error_px;
+        let percent = expected.filter(|_| s.eye_distance_px > 0.0).map(|px| 100.0 * px / s.eye_distance_px);
+        let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
+        let SequenceId { subject, sequence } = t.id.clone();
+        let verdict = s.verdict.name().to_owned();
+        vec![subject, sequence, t.emotion.clone(), verdict, number(expected), number(percent), s.reasons.join("; ")]
+    });
+    let header = ["subject", "sequence", "emotion", "verdict", "expected_error_px", "expected_error_percent_es", "reasons"];
+    write_table(path, &header, &[], rows)
 }
 
 fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<String, AnalysisError> {

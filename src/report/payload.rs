@@ -168,7 +168,8 @@ fn trimming(r: &Representative) -> (Value, Value) {
     (json!(distances), json!(dropped))
 }
 
-/// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn.
+/// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn,
+/// expected error px.
 fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
     let reasons = t.summary.recovered.iter().filter(|&(_, &n)| n > 0);
     json!([
@@ -180,6 +181,7 @@ fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
         rounded(t.summary.mean_residual_px, 3),
         reasons.flat_map(|(reason, &n)| [index.reasons.get(reason.as_str()).copied().unwrap_or(0), n]).collect::<Vec<_>>(),
         t.summary.worst_nodes.iter().flat_map(|&(node, n)| [usize::from(node.0), n]).collect::<Vec<_>>(),
+        t.summary.expected_error_px.map_or(Value::Null, |px| rounded(px, 3)),
     ])
 }
 

@@ -10,6 +10,7 @@ use super::{
 };
 use crate::{
     statistics::{ClassLabel, Representative},
+    track::{TrackQuality, Verdict},
     wireframe::Fapu,
 };
 
@@ -30,11 +31,35 @@ pub(super) struct View<'a> {
     options: &'a [(String, String)],
     failures: &'a [Failure],
     failure_count: String,
+    look_again: Vec<LookAgain<'a>>,
+    look_again_count: String,
     table: DispersionTable<'a>,
     cards: Vec<Card>,
     track_count: String,
     fapus: Vec<(String, String)>,
     small_class: usize,
+}
+
+/// A sequence that a person should look at again.
+#[derive(Serialize)]
+struct LookAgain<'a> {
+    subject: &'a str,
+    sequence: &'a str,
+    emotion: &'a str,
+    expected: String,
+    reasons: String,
+}
+
+impl<'a> LookAgain<'a> {
+    fn of(track: &'a TrackQuality) -> Self {
+        Self {
+            subject: &track.id.subject,
+            sequence: &track.id.sequence,
+            emotion: &track.emotion,
+            expected: fixed_or_dash(track.summary.expected_error_px, 2),
+            reasons: track.summary.reasons.join("; "),
+        }
+    }
 }
 
 /// Dispersions in the form of [KP, Table 1]: a column per emotion, a block of rows per group.
@@ -95,12 +120,18 @@ impl<'a> View<'a> {
     pub(super) fn new(data: &'a ReportData<'_>) -> Self {
         let emotions: BTreeSet<&str> = data.representatives.iter().map(|r| r.label.emotion.as_str()).collect();
         let failures = count(data.failures.len(), "failure", "failures");
-        let summary = [
+        let doubtful = data.tracks.iter().filter(|t| t.summary.verdict == Verdict::LookAgain);
+        let look_again: Vec<LookAgain<'_>> = doubtful.map(LookAgain::of).collect();
+        let look_again_count = count(look_again.len(), "sequence to look at again", "sequences to look at again");
+        let mut summary = vec![
             count(data.tracks.len(), "sequence tracked", "sequences tracked"),
             count(emotions.len(), "emotion", "emotions"),
             count(data.representatives.len(), "representative", "representatives"),
             if data.failures.is_empty() { "no failures".to_owned() } else { failures.clone() },
         ];
+        if !look_again.is_empty() {
+            summary.push(format!("{} to look at again", look_again.len()));
+        }
         let fapus = Fapu::LENGTHS.iter().filter_map(|&u| Some((format!("{u}0"), fixed(data.fapus.length(u)?, 1))));
         Self {
             title: &data.title,
@@ -109,6 +140,8 @@ impl<'a> View<'a> {
             options: &data.options,
             failures: data.failures,
             failure_count: failures,
+            look_again,
+            look_again_count,
             table: DispersionTable::new(data.representatives),
             cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data)).collect(),
             track_count: count(data.tracks.len(), "sequence", "sequences"),

@@ -8,8 +8,9 @@ use serde::{Serialize, Serializer};
 
 use super::random::{Purpose, generator};
 use crate::{
+    fap::{FapFrame, FapNumber, FapSequence},
     units::NodeId,
-    wireframe::{Fapus, UnitKind, Wireframe},
+    wireframe::{Fapu, Fapus, UnitKind, Wireframe},
 };
 
 /// An emotion that can be simulated.
@@ -258,6 +259,51 @@ pub fn apex_offsets(
     offsets[FOREHEAD].y += FOREHEAD_SHARE * raised.max(0.0);
     keep_lips_apart(wireframe, &mut offsets);
     offsets
+}
+
+/// The offset from neutral of every node under the FAP values of a frame, in model units of face space: Candide-3's own units for
+/// FAPs, in the subject's FAPUs. FAPs without such a unit, angles among them, move nothing ([`faps_without_unit`]); where only the inner
+/// or the outer edge of a lip has a FAP, the other edge moves with it.
+pub fn fap_offsets(wireframe: &Wireframe, fapus: &Fapus, frame: &FapFrame) -> Vec<Vector3<f64>> {
+    let mut offsets = vec![Vector3::zeros(); wireframe.node_count()];
+    for unit in wireframe.action_units() {
+        let Some((fap, length)) = fap_of(&unit.kind).and_then(|(fap, fapu)| Some((fap, fapus.length(fapu)?))) else { continue };
+        let Some(value) = frame.value(fap).or_else(|| frame.value(lip_twin(fap)?)) else { continue };
+        for &(node, offset) in &unit.offsets {
+            if !EYEBALL.contains(&node.0) {
+                offsets[node.index()] += offset * (value / f64::from(FAPU_PARTS) * length);
+            }
+        }
+    }
+    offsets
+}
+
+/// FAPs that a sequence sets and that move nothing in [`fap_offsets`], ascending.
+pub fn faps_without_unit(wireframe: &Wireframe, faps: &FapSequence) -> Vec<FapNumber> {
+    let is_length = |kind: &UnitKind| fap_of(kind).filter(|(_, fapu)| *fapu != Fapu::Au).map(|(fap, _)| fap);
+    let known: Vec<FapNumber> = wireframe.action_units().iter().filter_map(|unit| is_length(&unit.kind)).collect();
+    faps.set_faps().into_iter().filter(|fap| !known.contains(fap)).collect()
+}
+
+/// The FAP that moves the other edge of a lip alike: 4 to 13 inner, 51 to 60 outer.
+fn lip_twin(fap: FapNumber) -> Option<FapNumber> {
+    const APART: u8 = 47;
+    let twin = match fap.get() {
+        inner @ 4..=13 => inner + APART,
+        outer @ 51..=60 => outer - APART,
+        _ => return None,
+    };
+    FapNumber::all().find(|fap| fap.get() == twin)
+}
+
+/// FAP values per FAPU.
+const FAPU_PARTS: u16 = 1024;
+
+fn fap_of(kind: &UnitKind) -> Option<(FapNumber, Fapu)> {
+    match kind {
+        UnitKind::Fap { number, fapu } => Some((FapNumber::all().find(|fap| u16::from(fap.get()) == *number)?, (*fapu)?)),
+        _ => None,
+    }
 }
 
 /// Index of the unit, and the length in model units of one unit of its weight.

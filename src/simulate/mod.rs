@@ -5,6 +5,8 @@
 //! texture of that node. Eyeballs and the inside of the mouth are drawn through the openings between lids and lips; eyeballs do
 //! not deform. Hair, ears, neck and clothes continue the same surface, so the face has no border.
 //!
+//! Photographs of neutral faces can be animated by the same expressions, or by FAP curves ([`simulate_photographs`]).
+//!
 //! Everything follows from the seed: the same options give the same pictures, whatever the order or the number of threads.
 //!
 //! ```
@@ -18,16 +20,20 @@
 //! # Ok::<(), grimace::simulate::SimulateError>(())
 //! ```
 
+mod blink;
 mod camera;
 mod dataset;
 mod expression;
 mod eye;
+mod files;
 mod mesh;
 mod motion;
 mod mouth;
 mod neutral;
 mod noise;
 mod options;
+mod photograph;
+mod portrait;
 mod random;
 mod render;
 mod sequence;
@@ -35,10 +41,13 @@ mod subject;
 mod texture;
 
 pub use camera::CameraOptions;
-pub use dataset::{DatasetSummary, MARKED_NODES, simulate_dataset};
-pub use expression::{EXPRESSIONS, Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError};
+pub use dataset::{DatasetSummary, simulate_dataset};
+pub use expression::{EXPRESSIONS, Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError, faps_without_unit};
+pub use files::MARKED_NODES;
 pub use motion::{Course, HeadPose};
 pub use neutral::neutral_nodes;
-pub use options::{FrameFormat, SimulateError, SimulateOptions};
+pub use options::{DatasetLayout, FrameFormat, SimulateError, SimulateOptions};
+pub use photograph::{AnimatedPortrait, MAX_FAP_MOTIONS, PortraitMotion, simulate_photographs};
+pub use portrait::{Portrait, PortraitError, PortraitMarks, PortraitSource, portrait_fitter};
 pub use sequence::{SimulatedFrame, SimulatedFrames, SimulatedSequence, render_frame, simulate_sequence};
 pub use subject::{Appearance, Cohort, Colour, Sex, Subject};

@@ -8,6 +8,7 @@ use super::{
     expression::Emotion,
     random::{Purpose, generator},
 };
+use crate::geometry::Similarity;
 
 /// Share of the image height that one model unit takes.
 const PX_PER_UNIT: f64 = 0.335;
@@ -48,6 +49,17 @@ impl HeadPose {
         Self { turn: Rotation3::identity(), ..*self }
     }
 
+    /// The part of the view that moves whole pictures: roll about the line of sight, scale and shift, as a map of points with y
+    /// flipped from the frontal view; see [`Course::from_rest`].
+    pub fn flat(&self) -> Similarity {
+        let m = self.turn.matrix();
+        // The image's y axis points down: a turn of the face to the left is one of the picture to the right.
+        let angle = -(m[(1, 0)] - m[(0, 1)]).atan2(m[(0, 0)] + m[(1, 1)]);
+        let turn = Similarity { scale: self.scale, angle, translation: Vector2::zeros() };
+        let middle = Point2::new(IMAGE_MIDDLE.x, -IMAGE_MIDDLE.y);
+        Similarity { translation: self.origin - turn.apply(&middle), ..turn }
+    }
+
     /// Rotation of the head.
     pub fn turn(&self) -> Rotation3<f64> {
         self.turn
@@ -74,7 +86,11 @@ pub struct Course {
 impl Course {
     /// The seeded course of a subject's sequence.
     pub fn new(options: &SimulateOptions, subject: u32, emotion: Emotion) -> Self {
-        let mut random = generator(options.seed, Purpose::Motion, subject, emotion.code(), 0);
+        Self::seeded(options, subject, emotion.code())
+    }
+
+    fn seeded(options: &SimulateOptions, subject: u32, code: u8) -> Self {
+        let mut random = generator(options.seed, Purpose::Motion, subject, code, 0);
         let mut within = |limit: f64| limit * random.random_range(-1.0..=1.0);
         let [roll, yaw, pitch] = [options.roll_degrees, options.yaw_degrees, options.pitch_degrees].map(f64::to_radians);
         let mut end = |scale: f64| {
@@ -84,6 +100,16 @@ impl Course {
         let middle = Point2::new(f64::from(options.width - 1) / 2.0, f64::from(options.height - 1) / 2.0);
         let onset = random.random_range(0.85..=1.2);
         Self { ends, onset, middle, px_per_unit: px_per_unit(options), frames: options.frames }
+    }
+
+    /// The course of a photograph: from the photograph as it is to the pose at the end of [`Course::new`]. Views map face space to
+    /// its frontal view with y flipped, in model units of which `px_per_unit` make the photograph's pixel.
+    pub fn from_rest(options: &SimulateOptions, subject: u32, code: u8, px_per_unit: f64) -> Self {
+        let course = Self::seeded(options, subject, code);
+        let [roll, yaw, pitch, dx, dy, scale] = course.ends[1];
+        let rest = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let ends = [rest, [roll, yaw, pitch, dx / px_per_unit, dy / px_per_unit, scale]];
+        Self { ends, middle: Point2::new(IMAGE_MIDDLE.x, -IMAGE_MIDDLE.y), px_per_unit: 1.0, ..course }
     }
 
     /// Share of the expression at a time in frames, 0 in the first to 1 in the last, without a jump in speed at either end.
@@ -109,7 +135,7 @@ impl Course {
 }
 
 /// Cubic step from (0, 0) to (1, 1) with zero slope at both ends.
-fn smooth_step(t: f64) -> f64 {
+pub fn smooth_step(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 

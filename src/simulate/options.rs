@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::{CameraOptions, expression::Emotion};
+use super::{CameraOptions, PortraitError, expression::Emotion};
 use crate::{output::OutputError, wireframe::FapusError};
 
 /// File format of the frames.
@@ -30,6 +30,23 @@ impl FrameFormat {
     }
 }
 
+/// How a dataset lies on disk.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DatasetLayout {
+    /// `manifest.csv`, a folder `SUBJECT/SEQUENCE` of frames, correspondences beside the frames.
+    #[default]
+    Manifest,
+    /// The three folders of Cohn-Kanade: images, emotion labels, landmarks of every frame (the true positions, without error).
+    CohnKanade,
+}
+
+impl DatasetLayout {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// What to simulate.
 ///
 /// | option | default | range |
@@ -44,6 +61,7 @@ impl FrameFormat {
 /// | `yaw_degrees`, `pitch_degrees` | 0 | 0 to 15 |
 /// | `shift_px` | 6 | 0 to 200 |
 /// | `scale_change` | 0.02 | 0 to 0.2 |
+/// | `blink` | 0 | 0 to 1 |
 /// | `marks_noise_px` | 0.5 | 0 to 50 |
 /// | `fps` | 25 | above 0 |
 /// | `camera` | perfect | [`CameraOptions`] |
@@ -73,8 +91,14 @@ pub struct SimulateOptions {
     pub shift_px: f64,
     /// Largest relative change of scale.
     pub scale_change: f64,
+    /// Share of the sequences in which the eyes blink once, 0 to 1.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub blink: f64,
     /// File format of the frames.
     pub format: FrameFormat,
+    /// How the dataset lies on disk.
+    #[serde(skip_serializing_if = "DatasetLayout::is_default")]
+    pub layout: DatasetLayout,
     /// Standard deviation of the error of a mark, pixels, in x and in y.
     pub marks_noise_px: f64,
     /// Frame rate that the manifest states.
@@ -99,12 +123,20 @@ impl Default for SimulateOptions {
             pitch_degrees: 0.0,
             shift_px: 6.0,
             scale_change: 0.02,
+            blink: 0.0,
             format: FrameFormat::Png,
+            layout: DatasetLayout::default(),
             marks_noise_px: 0.5,
             fps: 25.0,
             camera: CameraOptions::default(),
         }
     }
+}
+
+/// For options that are written only when they are set.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Why nothing could be simulated.
@@ -129,9 +161,21 @@ pub enum SimulateError {
         /// The folder.
         path: PathBuf,
     },
+    /// A label that the Cohn-Kanade layout has no code for.
+    #[error(
+        "the layout of Cohn-Kanade has no code for the emotion `{emotion}`; it knows neutral, anger, contempt, disgust, fear, \
+         happiness, sadness and surprise: choose one of them as label, or the manifest layout"
+    )]
+    NoCode {
+        /// The label.
+        emotion: String,
+    },
     /// A file that could not be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// A portrait that can not be animated.
+    #[error(transparent)]
+    Portrait(#[from] PortraitError),
     /// A face whose FAPUs can not be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
@@ -172,6 +216,7 @@ impl SimulateOptions {
             ("pitch", self.pitch_degrees, 15.0, "0 to 15 degrees"),
             ("shift", self.shift_px, 200.0, "0 to 200 pixels"),
             ("scale-change", self.scale_change, 0.2, "0 to 0.2"),
+            ("blink", self.blink, 1.0, "0 to 1"),
             ("marks-noise", self.marks_noise_px, 50.0, "0 to 50 pixels"),
         ];
         for (option, value, limit, range) in numbers {

@@ -21,6 +21,8 @@ pub enum Purpose {
     Marks = 6,
     /// Light of one sequence.
     Light = 7,
+    /// Whether and when a sequence blinks.
+    Blink = 8,
 }
 
 /// The generator of one unit of work: purpose, subject (below 2^24 of them), emotion code, frame.

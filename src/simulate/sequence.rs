@@ -7,6 +7,7 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use super::{
     SimulateError, SimulateOptions,
+    blink::{Blink, close_lids},
     camera::develop,
     expression::{Emotion, apex_offsets},
     motion::{Course, HeadPose},
@@ -31,6 +32,7 @@ pub struct SimulatedSequence<S: Borrow<Subject>> {
     options: SimulateOptions,
     emotion: Emotion,
     course: Course,
+    blink: Option<Blink>,
     wireframe: Wireframe,
     apex: Vec<Vector3<f64>>,
 }
@@ -46,7 +48,8 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
         let who: &Subject = subject.borrow();
         let apex = apex_offsets(&wireframe, who.fapus(), emotion, who.strength(), options.seed, who.index());
         let course = Course::new(options, who.index(), emotion);
-        Ok(Self { subject, options: options.clone(), emotion, course, wireframe, apex })
+        let blink = Blink::new(options, who.index(), emotion.code());
+        Ok(Self { subject, options: options.clone(), emotion, course, blink, wireframe, apex })
     }
 
     /// Number of frames.
@@ -79,7 +82,11 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
     /// Offsets from neutral at a time in frames, face space, model units.
     pub(super) fn offsets(&self, time: f64) -> Vec<Vector3<f64>> {
         let intensity = self.course.intensity(time);
-        self.apex.iter().map(|d| d * intensity).collect()
+        let mut offsets: Vec<Vector3<f64>> = self.apex.iter().map(|d| d * intensity).collect();
+        if let Some(blink) = &self.blink {
+            close_lids(self.subject.borrow().neutral(), &mut offsets, blink.closure(time));
+        }
+        offsets
     }
 
     fn nodes_at(&self, time: f64) -> Vec<Point2<f64>> {

@@ -19,7 +19,10 @@ use crate::{
 };
 
 /// Version of the track's JSON schema.
-pub const TRACK_SCHEMA: u32 = 1;
+pub const TRACK_SCHEMA: u32 = 2;
+
+/// Steps per px of expected errors in files.
+const EXPECTED_STEPS: f64 = 1000.0;
 
 /// What a track was made from: the `.json` beside the `.csv`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,6 +68,7 @@ pub fn track_units() -> BTreeMap<String, String> {
         ("x", "px, right, centre of the top-left pixel is 0"),
         ("y", "px, down, centre of the top-left pixel is 0"),
         ("residual", "px; neutral frame: node to mark; later frames: forward-backward distance"),
+        ("expected_error", "px; half of such nodes are further from where their point of the neutral frame went, half less"),
         ("marks", "node, x px, y px, whether the node is held there exactly (kind hard)"),
     ]
     .into_iter()
@@ -150,13 +154,15 @@ pub enum TrackFileError {
 /// The bytes of a track's `.csv`.
 pub fn track_csv(frames: &[TrackedFrame]) -> Vec<u8> {
     let mut out = Vec::with_capacity(frames.len() * 113 * 48);
-    out.extend_from_slice(b"frame,node,x,y,state,residual\n");
+    out.extend_from_slice(b"frame,node,x,y,state,residual,expected_error\n");
     for frame in frames {
         for (k, node) in frame.nodes.iter().enumerate() {
             let (x, y) = (nine_digits(node.position.x), nine_digits(node.position.y));
             let residual = node.residual.map(nine_digits).unwrap_or_default();
+            let expected =
+                node.expected_error.map(|e| nine_digits((e * EXPECTED_STEPS).round() / EXPECTED_STEPS)).unwrap_or_default();
             // Writing to a vector does not fail.
-            let _ = writeln!(out, "{},{k},{x},{y},{},{residual}", frame.number, node.state);
+            let _ = writeln!(out, "{},{k},{x},{y},{},{residual},{expected}", frame.number, node.state);
         }
     }
     out
@@ -187,7 +193,8 @@ pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileEr
     serde_json::from_slice(&bytes).map(Some).map_err(|source| TrackFileError::Json { path, source })
 }
 
-/// Reads a track's `.csv`. Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked.
+/// Reads a track's `.csv`. Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error`
+/// may be missing.
 ///
 /// # Errors
 /// [`TrackFileError`] with the line.
@@ -204,7 +211,7 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
         column(name).ok_or_else(|| TrackFileError::Column { path: path.to_owned(), column: name, found })
     };
     let (frame_at, node_at, x_at, y_at) = (needed("frame")?, needed("node")?, needed("x")?, needed("y")?);
-    let (state_at, residual_at) = (column("state"), column("residual"));
+    let (state_at, residual_at, expected_at) = (column("state"), column("residual"), column("expected_error"));
 
     let mut frames: Vec<TrackedFrame> = Vec::new();
     let mut record = csv::StringRecord::new();
@@ -230,10 +237,12 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
             None | Some("") => NodeState::Tracked,
             Some(word) => word.parse().map_err(|e: String| bad("state", word, &e))?,
         };
-        let residual = match residual_at.map(text) {
-            None | Some("") => None,
-            Some(_) => Some(number(residual_at.unwrap_or(0), "residual")?),
+        let optional = |at: Option<usize>, column| match at {
+            Some(at) if !text(at).is_empty() => number(at, column).map(Some),
+            _ => Ok(None),
         };
+        let residual = optional(residual_at, "residual")?;
+        let expected_error = optional(expected_at, "expected_error")?;
         if frames.last().is_none_or(|f| f.number != frame) {
             frames.push(TrackedFrame { number: frame, nodes: Vec::new() });
         }
@@ -242,7 +251,7 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
             if node != expected {
                 return Err(TrackFileError::Order { path: path.to_owned(), line, frame, found: node, expected });
             }
-            current.nodes.push(TrackedNode { position, state, residual });
+            current.nodes.push(TrackedNode { expected_error, ..TrackedNode::new(position, state, residual) });
         }
     }
     check_frames(&frames).map_err(|reason| TrackFileError::Frames { path: path.to_owned(), reason })?;
@@ -273,13 +282,14 @@ mod tests {
     use crate::track::LossReason;
 
     fn frames() -> Vec<TrackedFrame> {
-        let node = |x: f64, state, residual| TrackedNode { position: Point2::new(x, 1.5), state, residual };
+        let node = |x: f64, state, residual| TrackedNode::new(Point2::new(x, 1.5), state, residual);
+        let expecting = |node| TrackedNode { expected_error: Some(0.75), ..node };
         vec![
             TrackedFrame { number: 3, nodes: vec![node(0.1, NodeState::Marked, Some(0.25)), node(1.0, NodeState::Fitted, None)] },
             TrackedFrame {
                 number: 4,
                 nodes: vec![
-                    node(1.0 / 3.0, NodeState::Tracked, Some(0.01)),
+                    expecting(node(1.0 / 3.0, NodeState::Tracked, Some(0.01))),
                     node(-2.0, NodeState::Recovered(LossReason::Klt), None),
                 ],
             },
@@ -298,8 +308,8 @@ mod tests {
         let text = String::from_utf8(track_csv(&frames())).unwrap();
         assert_eq!(
             text,
-            "frame,node,x,y,state,residual\n3,0,0.1,1.5,marked,0.25\n3,1,1,1.5,fitted,\n\
-             4,0,0.333333333,1.5,tracked,0.01\n4,1,-2,1.5,recovered_klt,\n"
+            "frame,node,x,y,state,residual,expected_error\n3,0,0.1,1.5,marked,0.25,\n3,1,1,1.5,fitted,,\n\
+             4,0,0.333333333,1.5,tracked,0.01,0.75\n4,1,-2,1.5,recovered_klt,,\n"
         );
         let back = read(&text).unwrap();
         assert_eq!(back[1].nodes[1], frames()[1].nodes[1]);
@@ -316,6 +326,7 @@ mod tests {
         assert!(message("frame,node,x,y\n1,0,1,1\n").contains("at least 2 frames"));
         assert!(message("frame,node,x,y\n2,0,1,1\n1,0,1,1\n").contains("frames must ascend"));
         assert!(message("frame,node,x,y\n1,0,1,1\n2,0,1,1\n2,1,1,1\n").contains("frame 2 has 2 nodes"));
+        assert!(message("frame,node,x,y,expected_error\n1,0,1,1,much\n").contains("expected_error is `much`"));
         assert!(message("").contains("no column `frame`"));
     }
 }

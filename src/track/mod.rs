@@ -7,6 +7,7 @@
 //! again in the next frame (see `step`).
 
 mod align;
+mod confidence;
 mod file;
 mod klt;
 mod quality;
@@ -26,9 +27,10 @@ use crate::{
 };
 
 pub use align::{AlignOptions, Patch};
+pub use confidence::{Confidence, ConfidenceError, Evidence, NodeFeatures, expect_errors, node_features};
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
-pub use quality::{TrackQuality, TrackSummary, summarize};
+pub use quality::{TrackQuality, TrackSummary, Verdict, summarize};
 pub use state::{LossReason, NodeState};
 pub use step::TrackPlan;
 
@@ -42,6 +44,18 @@ pub struct TrackedNode {
     /// Px. Neutral frame: distance of a marked node to its mark. Later: distance between the start of a step and its end tracked back
     /// (forward-backward). `None` where there is nothing to measure.
     pub residual: Option<f64>,
+    /// What the step into this frame knew of the node; `None` in the neutral frame, for a lost node, and in a track read from a file.
+    pub evidence: Option<Evidence>,
+    /// Expected error of the neutral offset, px: half of such nodes are further off, half less; see [`Confidence`]. `None` in the
+    /// neutral frame.
+    pub expected_error: Option<f64>,
+}
+
+impl TrackedNode {
+    /// A node without evidence and expectation.
+    pub fn new(position: Point2<f64>, state: NodeState, residual: Option<f64>) -> Self {
+        Self { position, state, residual, evidence: None, expected_error: None }
+    }
 }
 
 /// The dynamic facial expression model of tracked frames, pixels.
@@ -287,14 +301,17 @@ pub fn track_with(
         }
     }
     match size {
-        Some(size) if out.len() >= 2 => Ok(Track { size, frames: out }),
+        Some(size) if out.len() >= 2 => {
+            expect_errors(&mut out, wireframe, &plan.tables, Confidence::shipped());
+            Ok(Track { size, frames: out })
+        }
         _ => Err(TrackError::TooFewFrames { found: out.len() }),
     }
 }
 
 /// The nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following.
 pub fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<TrackedNode> {
-    let fit = |position: &Point2<f64>| TrackedNode { position: *position, state: NodeState::Fitted, residual: None };
+    let fit = |position: &Point2<f64>| TrackedNode::new(*position, NodeState::Fitted, None);
     let mut nodes: Vec<_> = fitted.model.nodes().iter().map(fit).collect();
     for follower in wireframe.followers() {
         nodes[follower.node.index()].state = NodeState::Follows;

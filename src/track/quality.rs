@@ -7,12 +7,47 @@ use serde::{Deserialize, Serialize};
 
 use super::{NodeState, TrackedFrame, eye_distance_px};
 use crate::{
+    robust::median,
     units::{NodeId, SequenceId},
-    wireframe::{Tables, Wireframe},
+    wireframe::{Region, Tables, Wireframe},
 };
 
 /// Worst nodes that are named.
 const WORST_NODES: usize = 5;
+/// Regions that are named in a reason.
+const WORST_REGIONS: usize = 3;
+
+/// A sequence is to be looked at again when its nodes are expected to be further off at the apex than this, over the eye distance, in
+/// the median, or one in ten of them further than [`WORST_LIMIT`].
+const MEDIAN_LIMIT: f64 = 0.02;
+/// See [`MEDIAN_LIMIT`].
+const WORST_LIMIT: f64 = 0.06;
+/// A sequence is to be looked at again when more than this share of the (node, frame) pairs was lost,
+const LOST_LIMIT: f64 = 0.1;
+/// or this share of the nodes in one frame.
+const FRAME_LOST_LIMIT: f64 = 0.35;
+
+/// Whether a person should look at a tracked sequence again. A warning, never a failure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Nothing speaks against it.
+    #[default]
+    Good,
+    /// See the reasons.
+    LookAgain,
+}
+
+impl Verdict {
+    /// The verdict in words.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::LookAgain => "look again",
+        }
+    }
+}
 
 /// Summary of one track.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +64,15 @@ pub struct TrackSummary {
     pub recovered: BTreeMap<String, usize>,
     /// Live nodes most often recovered, with the number of frames, worst first, at most five.
     pub worst_nodes: Vec<(NodeId, usize)>,
+    /// Median over the live nodes of the expected error at the apex frame, px; `None` of a track without expected errors.
+    #[serde(default)]
+    pub expected_error_px: Option<f64>,
+    /// Whether to look at it again.
+    #[serde(default)]
+    pub verdict: Verdict,
+    /// Why to look at it again, a sentence each.
+    #[serde(default)]
+    pub reasons: Vec<String>,
 }
 
 /// How well one sequence was tracked: its summary with its name.
@@ -71,14 +115,64 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
     worst_nodes.truncate(WORST_NODES);
     let share = |part: f64, whole: usize| if whole == 0 { 0.0 } else { part / whole as f64 };
     let neutral: Vec<Point2<f64>> = frames.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
-    TrackSummary {
+    let mut summary = TrackSummary {
         frames: frames.len(),
         tracked_share: share(tracked as f64, pairs),
         mean_residual_px: share(residual_sum, residuals),
         eye_distance_px: eye_distance_px(tables, &neutral).unwrap_or(0.0),
         recovered,
         worst_nodes,
+        expected_error_px: None,
+        verdict: Verdict::Good,
+        reasons: Vec::new(),
+    };
+    judge(&mut summary, frames, wireframe, tables);
+    summary
+}
+
+/// Enters expected error, verdict and reasons.
+fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables) {
+    let live = wireframe.live_nodes();
+    let Some(apex) = frames.last() else { return };
+    let expected = |&id: &NodeId| apex.nodes.get(id.index()).and_then(|n| n.expected_error);
+    let mut errors: Vec<f64> = live.iter().filter_map(expected).collect();
+    summary.expected_error_px = median(&mut errors);
+    let unit = summary.eye_distance_px;
+    let percent = |px: f64| 100.0 * px / unit;
+    let mut reasons = Vec::new();
+    if let Some(middle) = summary.expected_error_px.filter(|&e| e > MEDIAN_LIMIT * unit) {
+        let percent = percent(middle);
+        reasons.push(format!(
+            "at the apex half of the nodes are expected to be more than {middle:.1} px off ({percent:.1} % of the eye distance)"
+        ));
     }
+    let far: Vec<&NodeId> = live.iter().filter(|id| expected(id).is_some_and(|e| e > WORST_LIMIT * unit)).collect();
+    if 10 * far.len() > live.len() {
+        let (count, limit) = (far.len(), WORST_LIMIT * unit);
+        let (share, of) = (percent(limit), live.len());
+        let regions = Region::ALL.map(|region| (far.iter().filter(|&&&id| tables.region(id) == region).count(), region));
+        let mut worst: Vec<_> = regions.into_iter().filter(|(count, _)| *count > 0).collect();
+        worst.sort_by_key(|&(count, region)| (std::cmp::Reverse(count), region));
+        let list =
+            worst.iter().take(WORST_REGIONS).map(|(count, region)| format!("{region} {count}")).collect::<Vec<_>>().join(", ");
+        reasons.push(format!(
+            "at the apex {count} of {of} nodes are expected to be more than {limit:.1} px off ({share:.0} % of the eye distance): {list}"
+        ));
+    }
+    if summary.tracked_share < 1.0 - LOST_LIMIT {
+        reasons.push(format!("{:.0} % of the nodes were lost, over all frames", 100.0 * (1.0 - summary.tracked_share)));
+    }
+    let lost = |frame: &TrackedFrame| {
+        let is_lost = |id: &&NodeId| frame.nodes.get(id.index()).is_some_and(|n| matches!(n.state, NodeState::Recovered(_)));
+        live.iter().filter(is_lost).count()
+    };
+    let worst_frame =
+        frames.iter().skip(1).map(|f| (lost(f), f.number)).max_by_key(|&(count, number)| (count, std::cmp::Reverse(number)));
+    if let Some((count, number)) = worst_frame.filter(|&(count, _)| count as f64 > FRAME_LOST_LIMIT * live.len() as f64) {
+        reasons.push(format!("{count} of {} nodes were lost in frame {number}", live.len()));
+    }
+    summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
+    summary.reasons = reasons;
 }
 
 #[cfg(test)]
@@ -89,7 +183,7 @@ mod tests {
     #[test]
     fn shares_and_worst_nodes_are_counted() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
-        let node = |k: usize, state, residual| TrackedNode { position: w.frontal()[k] * 100.0, state, residual };
+        let node = |k: usize, state, residual| TrackedNode::new(w.frontal()[k] * 100.0, state, residual);
         let neutral = (0..113).map(|k| node(k, NodeState::Fitted, None)).collect();
         let mut moved: Vec<_> = (0..113).map(|k| node(k, NodeState::Tracked, Some(0.5))).collect();
         moved[31].state = NodeState::Recovered(LossReason::Extreme);

@@ -14,8 +14,8 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
-    AlignOptions, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackedFrame, TrackedNode,
-    align::Template, recover,
+    AlignOptions, Evidence, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackedFrame,
+    TrackedNode, align::Template, recover,
 };
 use crate::{
     fit::{Pull, Springs, Target},
@@ -44,6 +44,13 @@ const LIPS: [(&str, &str); 6] = [("2.2", "8.1"), ("2.6", "8.5"), ("2.7", "8.6"),
 
 /// Pupils, whose nodes are the corners of the iris boxes.
 const PUPILS: [&str; 2] = ["3.5", "3.6"];
+
+/// Roots of the eigenvalues of a mean gradient matrix, the smaller first: gradients across and along the strongest edge.
+fn root_eigenvalues(matrix: &Matrix2<f64>) -> [f64; 2] {
+    let half_trace = f64::midpoint(matrix.m11, matrix.m22);
+    let spread = ((matrix.m11 - matrix.m22) / 2.0).hypot(matrix.m12);
+    [half_trace - spread, half_trace + spread].map(|value| value.max(0.0).sqrt())
+}
 
 /// What the tracker knows of a wireframe beforehand.
 #[derive(Clone, Debug)]
@@ -135,12 +142,16 @@ impl Step<'_> {
         let gradients = tracker.gradients(Slot::Previous, self.window, &starts)?;
         let mut moved = self.place(&positions, &steps, &gradients)?;
         self.align(tracker, &steps, &gradients, &mut moved)?;
-        let follows = |&position| TrackedNode { position, state: NodeState::Follows, residual: None };
+        let follows = |&position| TrackedNode::new(position, NodeState::Follows, None);
         let mut nodes: Vec<_> = moved.iter().map(follows).collect();
-        for step in &steps {
+        for (step, gradient) in steps.iter().zip(&gradients) {
             let node = &mut nodes[step.node.index()];
             node.state = step.loss.map_or(NodeState::Tracked, NodeState::Recovered);
             node.residual = step.residual;
+            if step.loss.is_none() {
+                let correction = (node.position - positions[step.node.index()] - step.displacement).norm();
+                node.evidence = Some(Evidence { difference: step.difference, gradients: root_eigenvalues(gradient), correction });
+            }
         }
         Ok(nodes)
     }

@@ -8,7 +8,7 @@ use grimace::{
     pipeline::{Failure, Stage},
     report::{ApexFap, ReportData},
     statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions},
-    track::{TrackQuality, TrackSummary},
+    track::{TrackQuality, TrackSummary, Verdict},
     units::{FaceUnit, NodeId, SequenceId},
     wireframe::{Fapus, Tables, Wireframe},
 };
@@ -132,6 +132,7 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
     let pick = |rng: &mut ChaCha8Rng| live[(gauss(rng, 0.0, 40.0).abs() as usize) % live.len()];
     let worst = ((pairs / 8.0) as usize).min(5);
     let share = (pairs * 0.7) as usize;
+    let doubtful = loss > 0.1;
     TrackQuality {
         id: id.clone(),
         emotion: emotion.into(),
@@ -144,6 +145,13 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
                 ("forward-backward".into(), share),
                 ("extreme displacement".into(), pairs as usize - share),
             ]),
+            expected_error_px: Some(1.2 + 20.0 * loss),
+            verdict: if doubtful { Verdict::LookAgain } else { Verdict::Good },
+            reasons: if doubtful {
+                vec![format!("{:.0} % of the nodes were lost, over all frames", 100.0 * loss)]
+            } else {
+                Vec::new()
+            },
             worst_nodes: (0..worst).map(|k| (pick(rng), (frames - 1).saturating_sub(2 * k).max(1))).collect(),
         },
     }

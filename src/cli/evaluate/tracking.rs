@@ -88,7 +88,7 @@ struct SimulationArgs {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum StartWord {
+pub(super) enum StartWord {
     Landmarks,
     Seven,
 }

@@ -95,6 +95,7 @@ const columns = [
   (a, b) => (a[3] ?? -1) - (b[3] ?? -1),
   (a, b) => (a[4] ?? -1) - (b[4] ?? -1),
   (a, b) => (a[5] ?? -1) - (b[5] ?? -1),
+  (a, b) => (a[8] ?? -1) - (b[8] ?? -1),
   (a, b) => recovered(a) - recovered(b),
 ];
 const haystack = new Map(tracks.map((row) => {
@@ -105,7 +106,7 @@ const haystack = new Map(tracks.map((row) => {
 const table = { sort: 5, ascending: true, page: 0, words: [] };
 const body = $("#tracks tbody");
 function trackRow(row) {
-  const [id, emotion, frames, eye, share, residual, why, worst] = row;
+  const [id, emotion, frames, eye, share, residual, why, worst, expected] = row;
   const nodes = element("td", { class: "nodes" });
   for (let k = 0; k < worst.length; k += 2) {
     if (k) nodes.append(", ");
@@ -118,7 +119,7 @@ function trackRow(row) {
   for (let k = 0; k < why.length; k += 2) list.append(element("span", {}, `${why[k + 1]} ${reasons[why[k]]}`));
   return element("tr", {}, element("td", {}, ids[id][0]), element("td", {}, ids[id][1]), element("td", {}, capital(emotions[emotion])),
     element("td", { class: "num" }, String(frames)), element("td", { class: "num" }, fixed(eye, 1)), element("td", { class: "num" }, fixed(share, 1)),
-    element("td", { class: "num" }, fixed(residual, 3)), element("td", { class: "num" }, String(recovered(row))), list, nodes);
+    element("td", { class: "num" }, fixed(residual, 3)), element("td", { class: "num" }, fixed(expected, 2)), element("td", { class: "num" }, String(recovered(row))), list, nodes);
 }
 let sorted = [];
 function sortTracks() {
@@ -133,7 +134,7 @@ function showTracks() {
   table.page = Math.min(table.page, pages - 1);
   const start = table.page * PAGE;
   body.replaceChildren(...rows.slice(start, start + PAGE).map(trackRow));
-  if (rows.length === 0) body.append(element("tr", {}, element("td", { colspan: 10 }, tracks.length ? "No sequence matches." : "No sequence was tracked.")));
+  if (rows.length === 0) body.append(element("tr", {}, element("td", { colspan: 11 }, tracks.length ? "No sequence matches." : "No sequence was tracked.")));
   $("#track-count").textContent = rows.length === tracks.length ? `${rows.length} sequences` : `${rows.length} of ${tracks.length} sequences`;
   $("#track-page").textContent = rows.length ? `${start + 1}–${Math.min(start + PAGE, rows.length)}` : "";
   $("#track-note").textContent = `Printed: rows ${$("#track-page").textContent} of ${tracks.length}, as sorted and filtered on the screen.`;

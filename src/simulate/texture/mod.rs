@@ -230,8 +230,8 @@ mod tests {
         let plain = &subject.texture;
         for emotion in Emotion::ALL {
             let sequence = SimulatedSequence::new(&subject, emotion, &options).unwrap();
-            assert!(plain.folded(&sequence.offsets(0)).texels == plain.texels, "{emotion}: a neutral face has no folds");
-            let folded = plain.folded(&sequence.offsets(1)).texels;
+            assert!(plain.folded(&sequence.offsets(0.0)).texels == plain.texels, "{emotion}: a neutral face has no folds");
+            let folded = plain.folded(&sequence.offsets(1.0)).texels;
             assert!(folded != plain.texels, "{emotion} leaves no fold");
             assert!(folded.iter().zip(&plain.texels).all(|(a, b)| a[3] == b[3] && a[..3].iter().all(|&c| c <= a[3])));
         }

@@ -35,6 +35,10 @@ impl Quadratic {
             out.add(k, a, 1.0);
             out.add(3 + k, a, 0.5);
             out.add(3 + k, b, 0.5);
+            // Both gradients or none: one alone would bend a straight edge.
+            if gradients[a].is_empty() || gradients[b].is_empty() {
+                continue;
+            }
             for (node, sign) in [(a, 1.0), (b, -1.0)] {
                 for (other, gradient) in &gradients[node] {
                     out.add(3 + k, *other, sign * BEND * gradient.dot(&edge) / 4.0);

@@ -1,0 +1,496 @@
+//! How far off a tracked node is expected to be.
+//!
+//! The error meant is that of the *neutral offset*, what a FAP measures: how far a node is from where its own point of the neutral
+//! frame went. What the tracker knows of a node in a frame ([`NodeFeatures`], a pure function of the track) gives a score
+//!
+//! ```text
+//! s = sum_j w_j f_j,    expected error = ES0 exp(c(s))
+//! ```
+//!
+//! f: logarithms of the features and indicators of region and state; w: weights by median regression on the logarithm of true errors;
+//! c: a non-decreasing, piecewise linear calibration of the score. Half of the errors of nodes with the same expectation are larger,
+//! half smaller. Weights and calibration were learned from simulated people (`grimace evaluate confidence`) and lie in
+//! `candide/track_confidence.csv`.
+
+use std::{fmt::Write as _, sync::LazyLock};
+
+use nalgebra::{Point2, Vector2};
+
+use super::{NodeState, TrackedFrame, eye_distance_px};
+use crate::{
+    robust::median,
+    units::NodeId,
+    wireframe::{Region, Tables, Wireframe},
+};
+
+const TABLE: &str = include_str!("../../candide/track_confidence.csv");
+
+/// Header of the table of weights and calibration.
+const HEADER: &str = "term,value,calibrated";
+/// Term of a row of the calibration: a score and the logarithm of the error over ES0 that it stands for.
+const KNOT: &str = "knot";
+
+/// Largest expected error over the eye distance; a node further off is lost for good.
+const MAX_EXPECTED: f64 = 0.5;
+/// Squared grey levels that a perfect match is taken to differ by.
+const DIFFERENCE_FLOOR: f64 = 0.05;
+/// Gradient, grey levels per px, below which a window shows nothing.
+const GRADIENT_FLOOR: f64 = 0.2;
+
+/// What one step of the tracker knows of a node that it did not lose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evidence {
+    /// Mean absolute grey difference of the matched windows, 0 to 255.
+    pub difference: f64,
+    /// Root mean square gradient of the window across and along its strongest edge, the weaker first; grey levels per px.
+    pub gradients: [f64; 2],
+    /// Distance from where the node was found to where it was placed, px.
+    pub correction: f64,
+}
+
+/// What a track knows of a live node in a frame. Lengths are over the eye distance ES0; sums run over the frames after the neutral.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeFeatures {
+    /// Region of the face.
+    pub region: Region,
+    /// Whether the node was lost in this frame.
+    pub lost: bool,
+    /// Whether its place in the neutral frame was set exactly.
+    pub hard_start: bool,
+    /// Frames since the neutral frame.
+    pub frames: f64,
+    /// Share of these frames in which it was lost.
+    pub lost_share: f64,
+    /// Neutral offset against the median of the face.
+    pub offset: f64,
+    /// Neutral offset against the mean of its neighbours'.
+    pub strain: f64,
+    /// Displacement in this frame.
+    pub step: f64,
+    /// Forward-backward distances, root of the sum of squares.
+    pub residual: f64,
+    /// Grey difference, grey levels; where the node is lost the frame's median.
+    pub difference: f64,
+    /// What the grey differences can have moved the node along its weaker gradient, root of the sum of squares.
+    pub drift: f64,
+    /// Weaker and stronger gradient, grey levels per eye distance.
+    pub gradients: [f64; 2],
+    /// Distance from where the node was found to where it was placed.
+    pub correction: f64,
+    /// The same, root of the sum of squares.
+    pub corrections: f64,
+    /// Median grey difference of the frame.
+    pub frame_difference: f64,
+    /// Share of live nodes lost in the frame.
+    pub frame_lost: f64,
+    /// Median neutral offset of the face: how far the head went.
+    pub head: f64,
+}
+
+impl NodeFeatures {
+    /// Names of the terms of the score, in the order of [`NodeFeatures::terms`].
+    #[must_use]
+    pub fn names() -> Vec<String> {
+        let fixed = [
+            "one",
+            "lost",
+            "hard_start",
+            "log_frames",
+            "lost_share",
+            "log_offset",
+            "log_strain",
+            "log_step",
+            "log_residual",
+            "log_difference",
+            "log_drift",
+            "log_weak_gradient",
+            "log_strong_gradient",
+            "log_correction",
+            "log_corrections",
+            "log_frame_difference",
+            "frame_lost",
+            "log_head",
+            "hard_start_log_frames",
+            "hard_start_log_offset",
+        ];
+        let regions = Region::ALL.iter().skip(1).map(|region| format!("region_{region}"));
+        fixed.into_iter().map(str::to_owned).chain(regions).collect()
+    }
+
+    /// The terms of the score.
+    #[must_use]
+    pub fn terms(&self) -> Vec<f64> {
+        let flag = |value: bool| f64::from(u8::from(value));
+        let log = |value: f64, floor: f64| (value + floor).ln();
+        let hard = flag(self.hard_start);
+        let mut terms = vec![
+            1.0,
+            flag(self.lost),
+            hard,
+            self.frames.max(1.0).ln(),
+            self.lost_share,
+            log(self.offset, 0.005),
+            log(self.strain, 0.002),
+            log(self.step, 0.002),
+            log(self.residual, 0.000_5),
+            log(self.difference, 0.2),
+            log(self.drift, 0.002),
+            log(self.gradients[0], 20.0),
+            log(self.gradients[1], 20.0),
+            log(self.correction, 0.000_5),
+            log(self.corrections, 0.002),
+            log(self.frame_difference, 0.2),
+            self.frame_lost,
+            log(self.head, 0.01),
+            hard * self.frames.max(1.0).ln(),
+            hard * log(self.offset, 0.005),
+        ];
+        terms.extend(Region::ALL.iter().skip(1).map(|&region| flag(self.region == region)));
+        terms
+    }
+}
+
+/// The features of every live node in every frame, `[frame][place among the live nodes]`. The neutral frame has none, nor has a node
+/// set by hand, nor a frame that carries no evidence, such as one read from a file.
+#[must_use]
+pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables) -> Vec<Vec<Option<NodeFeatures>>> {
+    let live = wireframe.live_nodes();
+    let Some((neutral, later)) = frames.split_first() else { return Vec::new() };
+    let positions: Vec<Point2<f64>> = neutral.nodes.iter().map(|n| n.position).collect();
+    let Some(unit) = eye_distance_px(tables, &positions) else { return vec![vec![None; live.len()]; frames.len()] };
+    let neighbours = neighbours(wireframe);
+    let mut sums = vec![Sums::default(); live.len()];
+    let mut before = neutral;
+    let mut out = vec![vec![None; live.len()]];
+    for (k, frame) in (1_u32..).zip(later) {
+        let context = FrameContext::new(frame, neutral, live);
+        let features = live.iter().enumerate().map(|(place, &id)| {
+            let (node, start) = (frame.nodes.get(id.index())?, neutral.nodes.get(id.index())?);
+            let sum = &mut sums[place];
+            let lost = matches!(node.state, NodeState::Recovered(_));
+            sum.lost += u32::from(lost);
+            sum.residual += node.residual.unwrap_or(0.0).powi(2);
+            if let Some(evidence) = &node.evidence {
+                sum.add(evidence);
+            }
+            if !context.has_evidence || node.state == NodeState::Corrected {
+                return None;
+            }
+            let evidence = node.evidence.as_ref();
+            let offset = context.offsets[place];
+            let near = &neighbours[place];
+            let mean = near.iter().map(|&n| context.offsets[n]).sum::<Vector2<f64>>() / near.len().max(1) as f64;
+            let step = node.position - before.nodes.get(id.index()).map_or(node.position, |n| n.position);
+            Some(NodeFeatures {
+                region: tables.region(id),
+                lost,
+                hard_start: start.state == NodeState::Corrected,
+                frames: f64::from(k),
+                lost_share: f64::from(sum.lost) / f64::from(k),
+                offset: (offset - context.head).norm() / unit,
+                strain: (offset - mean).norm() / unit,
+                step: step.norm() / unit,
+                residual: sum.residual.sqrt() / unit,
+                difference: evidence.map_or(context.difference, |e| e.difference),
+                drift: sum.drift.sqrt() / unit,
+                gradients: sum.gradients.map(|g| g * unit),
+                correction: evidence.map_or(0.0, |e| e.correction) / unit,
+                corrections: sum.correction.sqrt() / unit,
+                frame_difference: context.difference,
+                frame_lost: context.lost,
+                head: context.head.norm() / unit,
+            })
+        });
+        out.push(features.collect());
+        before = frame;
+    }
+    out
+}
+
+/// Sums of squares over the frames so far.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    lost: u32,
+    residual: f64,
+    drift: f64,
+    correction: f64,
+    /// Of the last frame in which the node was not lost.
+    gradients: [f64; 2],
+}
+
+impl Sums {
+    fn add(&mut self, evidence: &Evidence) {
+        self.drift += (DIFFERENCE_FLOOR + evidence.difference.powi(2)) / (evidence.gradients[0] + GRADIENT_FLOOR).powi(2);
+        self.correction += evidence.correction.powi(2);
+        self.gradients = evidence.gradients;
+    }
+}
+
+/// What the nodes of a frame have in common.
+struct FrameContext {
+    /// Neutral offsets of the live nodes, px.
+    offsets: Vec<Vector2<f64>>,
+    /// Their component-wise median.
+    head: Vector2<f64>,
+    difference: f64,
+    lost: f64,
+    has_evidence: bool,
+}
+
+impl FrameContext {
+    fn new(frame: &TrackedFrame, neutral: &TrackedFrame, live: &[NodeId]) -> Self {
+        let offset = |&id: &NodeId| match (frame.nodes.get(id.index()), neutral.nodes.get(id.index())) {
+            (Some(node), Some(start)) => node.position - start.position,
+            _ => Vector2::zeros(),
+        };
+        let offsets: Vec<Vector2<f64>> = live.iter().map(offset).collect();
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) = offsets.iter().map(|o| (o.x, o.y)).unzip();
+        let head = Vector2::new(median(&mut x).unwrap_or(0.0), median(&mut y).unwrap_or(0.0));
+        let nodes = || live.iter().filter_map(|id| frame.nodes.get(id.index()));
+        let mut differences: Vec<f64> = nodes().filter_map(|n| Some(n.evidence?.difference)).collect();
+        let lost = nodes().filter(|n| matches!(n.state, NodeState::Recovered(_))).count();
+        Self {
+            offsets,
+            head,
+            has_evidence: !differences.is_empty(),
+            difference: median(&mut differences).unwrap_or(0.0),
+            lost: lost as f64 / live.len().max(1) as f64,
+        }
+    }
+}
+
+/// For every live node (by place) the places of the live nodes one spring away.
+fn neighbours(wireframe: &Wireframe) -> Vec<Vec<usize>> {
+    let live = wireframe.live_nodes();
+    let mut place = vec![None; wireframe.node_count()];
+    live.iter().enumerate().for_each(|(k, n)| place[n.index()] = Some(k));
+    let mut near = vec![Vec::new(); live.len()];
+    for &(a, b) in wireframe.edges() {
+        if let (Some(a), Some(b)) = (place[a.index()], place[b.index()]) {
+            near[a].push(b);
+            near[b].push(a);
+        }
+    }
+    near
+}
+
+/// Weights and calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Confidence {
+    weights: Vec<f64>,
+    /// Score and logarithm of the expected error over ES0, both ascending.
+    knots: Vec<(f64, f64)>,
+}
+
+/// A table of weights and calibration that does not read.
+#[derive(Debug, thiserror::Error, PartialEq)]
+#[error("line {line}: {reason}")]
+pub struct ConfidenceError {
+    /// Line, from 1.
+    pub line: usize,
+    /// What is wrong and what was expected.
+    pub reason: String,
+}
+
+impl Confidence {
+    /// The model that is shipped.
+    pub fn shipped() -> &'static Self {
+        static SHIPPED: LazyLock<Confidence> =
+            LazyLock::new(|| Confidence::parse(TABLE).unwrap_or_else(|error| unreachable!("track_confidence.csv: {error}")));
+        &SHIPPED
+    }
+
+    /// A model from weights in the order of [`NodeFeatures::names`] and at least one knot; `None` for another number of weights, or
+    /// knots that do not ascend.
+    #[must_use]
+    pub fn new(weights: Vec<f64>, knots: Vec<(f64, f64)>) -> Option<Self> {
+        let finite = weights.iter().chain(knots.iter().flat_map(|(s, e)| [s, e])).all(|v| v.is_finite());
+        let ascending = knots.windows(2).all(|k| k[0].0 < k[1].0 && k[0].1 <= k[1].1);
+        (finite && ascending && !knots.is_empty() && weights.len() == NodeFeatures::names().len())
+            .then_some(Self { weights, knots })
+    }
+
+    /// The score of a node.
+    #[must_use]
+    pub fn score(weights: &[f64], terms: &[f64]) -> f64 {
+        weights.iter().zip(terms).map(|(w, f)| w * f).sum()
+    }
+
+    /// Expected error of a node over the eye distance.
+    #[must_use]
+    pub fn expected(&self, features: &NodeFeatures) -> f64 {
+        let score = Self::score(&self.weights, &features.terms());
+        let (Some(&first), Some(&last)) = (self.knots.first(), self.knots.last()) else { return MAX_EXPECTED };
+        let log = match self.knots.windows(2).find(|k| score < k[1].0) {
+            _ if score <= first.0 => first.1,
+            Some(k) => k[0].1 + (k[1].1 - k[0].1) * (score - k[0].0) / (k[1].0 - k[0].0),
+            // Beyond what was seen the error grows with the score.
+            None => last.1 + (score - last.0).max(0.0),
+        };
+        log.exp().min(MAX_EXPECTED)
+    }
+
+    /// The table as CSV text.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        let mut text = format!("{HEADER}\n");
+        for (name, weight) in NodeFeatures::names().iter().zip(&self.weights) {
+            let _ = writeln!(text, "{name},{weight:.6},");
+        }
+        for (score, error) in &self.knots {
+            let _ = writeln!(text, "{KNOT},{score:.6},{error:.6}");
+        }
+        text
+    }
+
+    /// Reads what [`Confidence::to_csv`] writes.
+    ///
+    /// # Errors
+    /// [`ConfidenceError`] with the line.
+    pub fn parse(text: &str) -> Result<Self, ConfidenceError> {
+        let names = NodeFeatures::names();
+        let (mut weights, mut knots) = (Vec::new(), Vec::new());
+        for (line, row) in (1..).zip(text.lines()) {
+            let bad = |reason: String| ConfidenceError { line, reason };
+            if line == 1 {
+                if row != HEADER {
+                    return Err(bad(format!("the header is `{row}`; expected `{HEADER}`")));
+                }
+                continue;
+            }
+            let fields: Vec<&str> = row.split(',').collect();
+            let [term, value, calibrated] = fields[..] else {
+                return Err(bad(format!("{} fields; expected 3", fields.len())));
+            };
+            let number = |text: &str| match text.parse::<f64>() {
+                Ok(value) if value.is_finite() => Ok(value),
+                _ => Err(bad(format!("`{text}` is not a finite number"))),
+            };
+            if term == KNOT {
+                knots.push((number(value)?, number(calibrated)?));
+            } else if names.get(weights.len()).is_some_and(|name| name == term) {
+                weights.push(number(value)?);
+            } else {
+                let expected = names.get(weights.len()).map_or(KNOT, String::as_str);
+                return Err(bad(format!("term `{term}` where `{expected}` was expected")));
+            }
+        }
+        let line = text.lines().count();
+        let reason = || "weights for every term and knots that ascend are needed".to_owned();
+        Self::new(weights, knots).ok_or_else(|| ConfidenceError { line, reason: reason() })
+    }
+}
+
+/// Writes the expected error (px) of every node into frames that carry evidence; nodes in no triangle get the mean of the nodes they
+/// follow. Where there is no evidence, what is there stays.
+pub fn expect_errors(frames: &mut [TrackedFrame], wireframe: &Wireframe, tables: &Tables, confidence: &Confidence) {
+    let features = node_features(frames, wireframe, tables);
+    let neutral: Vec<Point2<f64>> = frames.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
+    let Some(unit) = eye_distance_px(tables, &neutral) else { return };
+    for (frame, features) in frames.iter_mut().zip(features) {
+        for (id, features) in wireframe.live_nodes().iter().zip(&features) {
+            if let (Some(node), Some(features)) = (frame.nodes.get_mut(id.index()), features) {
+                node.expected_error = Some(confidence.expected(features) * unit);
+            }
+        }
+        for follower in wireframe.followers() {
+            let leaders = follower.leaders.iter().map(|n| frame.nodes.get(n.index())?.expected_error);
+            let Some(errors) = leaders.collect::<Option<Vec<f64>>>() else { continue };
+            if let Some(node) = frame.nodes.get_mut(follower.node.index()) {
+                node.expected_error = Some(errors.iter().sum::<f64>() / errors.len().max(1) as f64);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::{LossReason, TrackedNode};
+
+    /// Two steps of a face 100 px wide per model unit: all nodes go 1 px right in each; the mouth corner goes 3 px more.
+    fn frames(w: &Wireframe) -> Vec<TrackedFrame> {
+        let node = |k: usize, shift: f64| TrackedNode {
+            position: w.frontal()[k] * 100.0 + Vector2::new(shift, 0.0),
+            state: if shift == 0.0 { NodeState::Fitted } else { NodeState::Tracked },
+            residual: (shift > 0.0).then_some(0.3),
+            evidence: (shift > 0.0).then_some(Evidence { difference: 2.0, gradients: [1.0, 4.0], correction: 0.4 }),
+            expected_error: None,
+        };
+        let frame = |number: u32, shift: f64| TrackedFrame { number, nodes: (0..113).map(|k| node(k, shift)).collect() };
+        let mut frames = vec![frame(1, 0.0), frame(2, 1.0), frame(3, 2.0)];
+        frames[2].nodes[31].position.x += 3.0;
+        frames[2].nodes[31].state = NodeState::Recovered(LossReason::Klt);
+        frames[2].nodes[31].evidence = None;
+        frames
+    }
+
+    #[test]
+    fn features_are_read_off_the_track() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let features = node_features(&frames(&w), &w, &t);
+        assert!(features[0].iter().all(Option::is_none));
+        let place = |node: u16| w.live_nodes().iter().position(|&n| n == NodeId(node)).unwrap();
+        let unit = 61.3; // ES0 of Candide-3 is 0.613 model units
+        let chin = features[2][place(10)].unwrap();
+        assert_eq!((chin.region, chin.lost, chin.frames, chin.lost_share), (Region::Jaw, false, 2.0, 0.0));
+        // Two residuals of 0.3: sqrt(0.18) = 0.4243. Two corrections of 0.4: 0.5657.
+        assert!((chin.residual * unit - 0.4243).abs() < 1e-3 && (chin.corrections * unit - 0.5657).abs() < 1e-3);
+        // (0.05 + 4) / (1 + 0.2)^2 = 2.8125, twice: sqrt(5.625) = 2.3717.
+        assert!((chin.drift * unit - 2.3717).abs() < 1e-3);
+        assert!((chin.head * unit - 2.0).abs() < 1e-9 && chin.offset < 1e-12 && (chin.step * unit - 1.0).abs() < 1e-9);
+        assert!((chin.frame_lost - 1.0 / 104.0).abs() < 1e-12);
+        let corner = features[2][place(31)].unwrap();
+        assert!(corner.lost && (corner.lost_share - 0.5).abs() < 1e-12 && (corner.offset * unit - 3.0).abs() < 1e-9);
+        // Lost: the frame's difference, and the gradients of the frame before.
+        assert!((corner.difference - 2.0).abs() < 1e-12 && (corner.gradients[0] - unit).abs() < 1e-9);
+        assert!(corner.strain > 0.04);
+    }
+
+    #[test]
+    fn scores_are_calibrated_between_knots_and_grow_beyond() {
+        // Only `lost` counts: scores 0 and 2.
+        let mut weights = vec![0.0; NodeFeatures::names().len()];
+        weights[1] = 2.0;
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let tracked = node_features(&frames(&w), &w, &t)[1][0].unwrap();
+        let lost = NodeFeatures { lost: true, ..tracked };
+        let log = |x: f64| x.ln();
+        let between = Confidence::new(weights.clone(), vec![(0.0, log(0.01)), (4.0, log(0.04))]).unwrap();
+        assert!((between.expected(&tracked) - 0.01).abs() < 1e-12);
+        // Half way in the logarithm: 0.02.
+        assert!((between.expected(&lost) - 0.02).abs() < 1e-12);
+        // One beyond the last knot: e times as much.
+        let beyond = Confidence::new(weights.clone(), vec![(1.0, log(0.01))]).unwrap();
+        assert!((beyond.expected(&lost) - 0.01 * std::f64::consts::E).abs() < 1e-12);
+        assert_eq!(Confidence::new(weights.clone(), vec![(1.0, 2.0), (2.0, 1.0)]), None);
+        assert_eq!(Confidence::new(weights[1..].to_vec(), vec![(1.0, 2.0)]), None);
+    }
+
+    #[test]
+    fn nodes_get_their_expected_error_and_followers_that_of_their_leaders() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let mut weights = vec![0.0; NodeFeatures::names().len()];
+        weights[1] = 1.0;
+        let confidence = Confidence::new(weights, vec![(0.0, 0.01_f64.ln())]).unwrap();
+        let mut frames = frames(&w);
+        expect_errors(&mut frames, &w, &t, &confidence);
+        assert!(frames[0].nodes.iter().all(|n| n.expected_error.is_none()));
+        // 0.01 of 61.3 px; node 4 is in no triangle.
+        assert!((frames[1].nodes[10].expected_error.unwrap() - 0.613).abs() < 1e-9);
+        assert!((frames[1].nodes[4].expected_error.unwrap() - 0.613).abs() < 1e-9);
+        assert!((frames[2].nodes[31].expected_error.unwrap() - 0.613 * std::f64::consts::E).abs() < 1e-9);
+    }
+
+    #[test]
+    fn tables_are_written_and_read_back_and_bad_ones_named() {
+        let shipped = Confidence::shipped();
+        assert_eq!(&Confidence::parse(&shipped.to_csv()).unwrap(), shipped);
+        let message = |text: &str| Confidence::parse(text).unwrap_err().to_string();
+        assert!(message("a,b\n").contains("line 1: the header is `a,b`"));
+        assert!(message(&format!("{HEADER}\nlost,1,\n")).contains("line 2: term `lost` where `one` was expected"));
+        assert!(message(&format!("{HEADER}\none,x,\n")).contains("line 2: `x` is not a finite number"));
+        assert!(message(&format!("{HEADER}\none,1\n")).contains("2 fields"));
+        assert!(message(&format!("{HEADER}\none,1,\n")).contains("weights for every term"));
+    }
+}

@@ -1,0 +1,176 @@
+//! Which nodes of Candide-3 the warp is built on: the openings of the face, the nodes that drive the skin.
+
+use nalgebra::{Point2, Unit, Vector2};
+
+use crate::units::NodeId;
+
+/// An opening of the face, which the skin can not be stretched over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Opening {
+    /// Between the lips.
+    Mouth,
+    /// Between the lids of the subject's left eye.
+    LeftEye,
+    /// Between the lids of the subject's right eye.
+    RightEye,
+}
+
+/// The nodes around an opening, and what lies behind it.
+#[derive(Clone, Copy, Debug)]
+pub struct OpeningNodes {
+    /// Which one.
+    pub opening: Opening,
+    /// Upper edge between the corners, both corners included.
+    pub upper: [u16; 5],
+    /// Lower edge, the same corners and direction.
+    pub lower: [u16; 5],
+    /// Nodes of the iris; empty for the mouth.
+    pub iris: &'static [u16],
+}
+
+/// The three openings, their edges from the outer to the inner corner (the mouth: from the subject's left to the right).
+pub const OPENINGS: [OpeningNodes; 3] = [
+    OpeningNodes { opening: Opening::Mouth, upper: [88, 81, 87, 82, 89], lower: [88, 83, 40, 84, 89], iris: &[] },
+    OpeningNodes {
+        opening: Opening::LeftEye,
+        upper: [20, 97, 21, 105, 23],
+        lower: [20, 99, 22, 107, 23],
+        iris: &[67, 71, 72, 68],
+    },
+    OpeningNodes {
+        opening: Opening::RightEye,
+        upper: [53, 98, 54, 106, 56],
+        lower: [53, 100, 55, 108, 56],
+        iris: &[69, 73, 74, 70],
+    },
+];
+
+/// Nodes that do not drive the skin: the irises, and the lid creases, which lie so near the lid margins that their small errors
+/// would fold the lid. The nine nodes in no triangle drive nothing either.
+const PASSIVE: [u16; 29] =
+    [67, 68, 69, 70, 71, 72, 73, 74, 95, 96, 101, 102, 103, 104, 109, 110, 19, 24, 52, 57, 4, 35, 36, 37, 38, 39, 41, 42, 43];
+
+/// Nodes above and below the lips that give way when the mouth of the reference opens.
+const ABOVE: [u16; 8] = [7, 33, 66, 79, 80, 81, 82, 87];
+const BELOW: [u16; 10] = [8, 85, 86, 83, 84, 40, 9, 10, 32, 65];
+/// The same for the lids, both eyes.
+const UPPER_LIDS: [u16; 6] = [97, 21, 105, 98, 54, 106];
+const LOWER_LIDS: [u16; 6] = [99, 22, 107, 100, 55, 108];
+
+/// Distance of the lips in the reference, over the eye distance.
+const MOUTH_GAP: f64 = 0.10;
+/// Distance of the lids in the reference, over the eye distance.
+const LID_GAP: f64 = 0.12;
+/// Lips nearer than this, over the eye distance, count as closed: the fit can not tell better.
+const CLOSED_GAP: f64 = 0.06;
+
+/// Nodes that a face needs at least: Candide-3's.
+pub const NODE_COUNT: usize = 113;
+
+/// Place, size and direction of a face in its image.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// Distance between the middles of the eyes, px.
+    pub eye_distance: f64,
+    /// From forehead to chin.
+    pub down: Unit<Vector2<f64>>,
+}
+
+impl Frame {
+    /// The frame of a face; `None` when the eyes coincide.
+    pub fn of(nodes: &[Point2<f64>]) -> Option<Self> {
+        let middle = |k: usize| {
+            let corners = [OPENINGS[k].upper[0], OPENINGS[k].upper[4]];
+            nalgebra::center(&nodes[usize::from(corners[0])], &nodes[usize::from(corners[1])])
+        };
+        let across = middle(1) - middle(2);
+        let eye_distance = across.norm();
+        if !(eye_distance > 1e-6 && eye_distance.is_finite()) {
+            return None;
+        }
+        // The subject's left is on the right of the image: turning `across` clockwise on the screen points to the chin.
+        Some(Self { eye_distance, down: Unit::new_normalize(Vector2::new(-across.y, across.x)) })
+    }
+
+    /// Coordinate along the face's vertical.
+    pub fn height(&self, point: &Point2<f64>) -> f64 {
+        point.coords.dot(&self.down)
+    }
+}
+
+/// Whether a node drives the skin.
+pub fn drives(node: NodeId) -> bool {
+    node.index() < NODE_COUNT && !PASSIVE.contains(&node.0)
+}
+
+/// The neutral nodes as the texture sees them, and whether the mouth is closed: lips that are as good as closed lie exactly on each
+/// other.
+pub fn source(nodes: &[Point2<f64>], frame: &Frame) -> (Vec<Point2<f64>>, bool) {
+    let mut nodes = nodes.to_vec();
+    let OpeningNodes { upper, lower, .. } = OPENINGS[0];
+    let pairs = || (1..4).map(|k| (usize::from(upper[k]), usize::from(lower[k])));
+    let closed = pairs().all(|(a, b)| frame.height(&nodes[b]) - frame.height(&nodes[a]) < CLOSED_GAP * frame.eye_distance);
+    if closed {
+        for (a, b) in pairs() {
+            let middle = nalgebra::center(&nodes[a], &nodes[b]);
+            (nodes[a], nodes[b]) = (middle, middle);
+        }
+    }
+    for eye in &OPENINGS[1..] {
+        for k in 1..4 {
+            keep_apart(&mut nodes, eye.upper[k], eye.lower[k], frame, 0.0);
+        }
+    }
+    (nodes, closed)
+}
+
+/// The reference: the source with mouth and eyes open, so that every opening has room between its edges.
+pub fn reference(source: &[Point2<f64>], frame: &Frame) -> Vec<Point2<f64>> {
+    let mut nodes = source.to_vec();
+    let OpeningNodes { upper, lower, .. } = OPENINGS[0];
+    let gap = (1..4)
+        .map(|k| frame.height(&nodes[usize::from(lower[k])]) - frame.height(&nodes[usize::from(upper[k])]))
+        .fold(f64::INFINITY, f64::min);
+    let missing = MOUTH_GAP * frame.eye_distance - gap;
+    if missing > 0.0 {
+        let half = frame.down.into_inner() * (missing / 2.0);
+        ABOVE.iter().for_each(|&n| nodes[usize::from(n)] -= half);
+        BELOW.iter().for_each(|&n| nodes[usize::from(n)] += half);
+    }
+    for (&a, &b) in UPPER_LIDS.iter().zip(&LOWER_LIDS) {
+        keep_apart(&mut nodes, a, b, frame, LID_GAP * frame.eye_distance);
+    }
+    nodes
+}
+
+/// Moves two nodes apart along the vertical until the lower one is `gap` px below the upper one.
+pub fn keep_apart(nodes: &mut [Point2<f64>], upper: u16, lower: u16, frame: &Frame, gap: f64) {
+    let (a, b) = (usize::from(upper), usize::from(lower));
+    let missing = gap - (frame.height(&nodes[b]) - frame.height(&nodes[a]));
+    if missing > 0.0 {
+        let half = frame.down.into_inner() * (missing / 2.0);
+        nodes[a] -= half;
+        nodes[b] += half;
+    }
+}
+
+/// A smooth curve through points (Catmull-Rom), every segment in as many steps as `counts` says; the points are among the samples.
+pub fn curve(points: &[Point2<f64>], counts: &[usize]) -> Vec<Point2<f64>> {
+    let Some(&first) = points.first() else { return Vec::new() };
+    let mut samples = vec![first];
+    for (k, &count) in counts.iter().enumerate().take(points.len() - 1) {
+        let (b, c) = (points[k], points[k + 1]);
+        // Beyond the ends the curve goes on straight.
+        let a = if k == 0 { b - (c - b) } else { points[k - 1] };
+        let d = points.get(k + 2).copied().unwrap_or(c + (c - b));
+        for i in 1..count {
+            let t = i as f64 / count as f64;
+            let value = |a: f64, b: f64, c: f64, d: f64| {
+                b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+            };
+            samples.push(Point2::new(value(a.x, b.x, c.x, d.x), value(a.y, b.y, c.y, d.y)));
+        }
+        samples.push(c);
+    }
+    samples
+}

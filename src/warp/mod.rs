@@ -1,0 +1,404 @@
+//! Moving the face of a photograph: the texture engine of cloning [KP, section 5] and of animated photographs.
+//!
+//! From a photograph, the positions of Candide-3's nodes on it, and the positions they are to have, comes a frame: skin that follows
+//! the nodes smoothly, surroundings that follow the skin, and a background that is not touched.
+//!
+//! KP leave texture to "a well-known texture mapping technique". Mapping each of the 184 triangles by itself shows their edges as
+//! creases, so the wireframe only *drives* a finer mesh here:
+//!
+//! 1. *Reference*: the face as given, with mouth and eyes open, triangulated around the edges of lips and lids. In it the two lips
+//!    of a closed mouth are apart, so that each can go its own way.
+//! 2. *Weights*: how each vertex follows the driving nodes, from the smoothest field through them that ends in 0 on a ring around
+//!    the face (see `field`). Solved once for a face; a frame is one product.
+//! 3. *Texture*: each small triangle is filled from where it lies on the photograph, by bicubic sampling; triangles that do not move
+//!    are not touched, so a still face gives the photograph back to the bit.
+//! 4. *Openings*: the eyeball stays behind the lids (a closing lid covers the iris, it does not squeeze it) and turns with the iris
+//!    nodes; lips open onto the inside of a mouth.
+//!
+//! The positions that vertices and nodes have in a frame are known exactly ([`Deformation::node`], [`Warp::map`]), which makes frames
+//! with ground truth. Nothing here depends on OpenCV, on threads or on chance.
+//!
+//! ```
+//! # use grimace::{warp::{MouthInside, Texture, Warp}, wireframe::Wireframe};
+//! # use nalgebra::{Point2, Vector2};
+//! # let photograph = image::RgbImage::new(160, 200);
+//! let neutral: Vec<Point2<f64>> =
+//!     Wireframe::candide3().vertices().iter().map(|v| Point2::new(80.0 + 80.0 * v.x, 90.0 - 80.0 * v.y)).collect();
+//! let warp = Warp::new(&neutral)?;
+//! let mut smile = neutral.clone();
+//! smile[31] += Vector2::new(5.0, -4.0);
+//! let frame = warp.deform(&smile)?;
+//! let picture = warp.render(&Texture::new(&photograph), &frame, &MouthInside::Dark);
+//! assert_eq!(frame.node(31), smile[31]);
+//! # assert_eq!(picture.dimensions(), (160, 200));
+//! # Ok::<(), grimace::warp::WarpError>(())
+//! ```
+
+mod field;
+mod layout;
+mod mesh;
+mod openings;
+mod raster;
+mod render;
+mod sample;
+
+use nalgebra::{Point2, Vector2};
+
+use self::{
+    field::Weights,
+    layout::{Frame, OPENINGS, OpeningNodes},
+    mesh::Mesh,
+};
+use crate::{geometry::Similarity, units::NodeId};
+
+pub use layout::{NODE_COUNT, Opening};
+pub use render::MouthInside;
+pub use sample::{Texture, resample};
+
+/// Largest turn of the gaze that is shown, as a shift of the iris over the eye distance.
+const MAX_GAZE: f64 = 0.12;
+/// Edges of an opening this near, over the eye distance, are shut.
+const SHUT: f64 = 1e-4;
+/// A skin triangle counts as folded when its area falls below this share of the area in the reference.
+const LEAST_AREA: f64 = 0.02;
+/// Rounds of smoothing that a folded frame gets.
+const UNFOLD_ROUNDS: usize = 40;
+/// Share of the way to its neighbours' mean that a node at a fold goes in a round.
+const UNFOLD_STEP: f64 = 0.35;
+
+/// Why a face can not be warped.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum WarpError {
+    /// Another wireframe.
+    #[error("{found} nodes; a face is warped by Candide-3's {NODE_COUNT}")]
+    NodeCount {
+        /// Nodes given.
+        found: usize,
+    },
+    /// A position that is NaN or infinite.
+    #[error("a node is not at a finite position")]
+    NotFinite,
+    /// No face: the eyes coincide.
+    #[error("the eyes of the face are at one place")]
+    NoEyes,
+    /// The nodes do not lie like a face seen from the front.
+    #[error(
+        "the edges of mouth and eyes cross: the nodes do not lie like a face seen from the front; look at the fit with `grimace fit --overlay` and mark more points"
+    )]
+    Folded,
+}
+
+/// A face of a photograph, ready to be moved.
+#[derive(Clone, Debug)]
+pub struct Warp {
+    mesh: Mesh,
+    weights: Weights,
+    frame: Frame,
+    /// The nodes as given.
+    given: Vec<Point2<f64>>,
+    /// The nodes of the texture: as given, but lips that are as good as closed are closed.
+    nodes: Vec<Point2<f64>>,
+    reference_nodes: Vec<Point2<f64>>,
+    /// Whether the photograph shows a closed mouth.
+    closed: bool,
+    /// The vertices on the photograph.
+    source: Vec<Point2<f64>>,
+    /// Driving nodes around each driving node, for unfolding.
+    neighbours: Vec<Vec<usize>>,
+}
+
+/// Where everything is in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Deformation {
+    /// Vertices of the mesh.
+    vertices: Vec<Point2<f64>>,
+    nodes: Vec<Point2<f64>>,
+    background: Similarity,
+    /// Rounds of smoothing it took until no triangle was folded.
+    rounds: usize,
+}
+
+impl Deformation {
+    /// Where a node is in this frame. That is where it was asked to be, unless lips or lids would have passed through each other or
+    /// the skin would have folded.
+    ///
+    /// # Panics
+    /// If Candide-3 has no such node (a programmer's error).
+    pub fn node(&self, node: usize) -> Point2<f64> {
+        self.nodes[node]
+    }
+
+    /// All nodes.
+    pub fn nodes(&self) -> &[Point2<f64>] {
+        &self.nodes
+    }
+
+    /// Rounds of smoothing that the motion needed so that no skin folds; 0 for a motion that is rendered as it was asked for.
+    pub fn unfolding_rounds(&self) -> usize {
+        self.rounds
+    }
+}
+
+/// Vertices of the mesh on some picture of a face ([`Warp::place`]).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placement(Vec<Point2<f64>>);
+
+impl Warp {
+    /// The warp of a face with its nodes at the given positions (px, all of Candide-3's, neutral).
+    ///
+    /// # Errors
+    /// [`WarpError`] for another number of nodes, or positions that are not those of a face seen from the front.
+    pub fn new(nodes: &[Point2<f64>]) -> Result<Self, WarpError> {
+        check(nodes)?;
+        let frame = Frame::of(nodes).ok_or(WarpError::NoEyes)?;
+        let (source_nodes, closed) = layout::source(nodes, &frame);
+        let reference_nodes = layout::reference(&source_nodes, &frame);
+        let mesh = Mesh::new(&reference_nodes, &frame)?;
+        let weights = Weights::new(&mesh)?;
+        let neighbours = neighbours(&mesh, &reference_nodes);
+        let mut warp = Self {
+            mesh,
+            weights,
+            frame,
+            given: nodes.to_vec(),
+            nodes: source_nodes,
+            closed,
+            source: Vec::new(),
+            reference_nodes,
+            neighbours,
+        };
+        let identity = Similarity::identity();
+        warp.source = warp.solve(&warp.mesh.vertices, &warp.reference_nodes, &warp.nodes, &identity);
+        if closed {
+            // Between the nodes, too, the lips meet in one line.
+            let mouth = &warp.mesh.openings[0];
+            for (&a, &b) in mouth.upper.iter().zip(&mouth.lower) {
+                let middle = nalgebra::center(&warp.source[a as usize], &warp.source[b as usize]);
+                (warp.source[a as usize], warp.source[b as usize]) = (middle, middle);
+            }
+        }
+        if warp.folded(&warp.source).next().is_some() {
+            return Err(WarpError::Folded);
+        }
+        Ok(warp)
+    }
+
+    /// The nodes as given.
+    pub fn nodes(&self) -> &[Point2<f64>] {
+        &self.given
+    }
+
+    /// Distance between the middles of the eyes, px.
+    pub fn eye_distance(&self) -> f64 {
+        self.frame.eye_distance
+    }
+
+    /// Direction from forehead to chin on the photograph, of length 1.
+    pub fn down(&self) -> Vector2<f64> {
+        self.frame.down.into_inner()
+    }
+
+    /// The frame in which the nodes are at `nodes` and the background stays.
+    ///
+    /// # Errors
+    /// [`WarpError`] for another number of nodes or positions that are not finite.
+    pub fn deform(&self, nodes: &[Point2<f64>]) -> Result<Deformation, WarpError> {
+        self.deform_with(nodes, &Similarity::identity())
+    }
+
+    /// The frame in which the nodes are at `nodes` and everything around the face has moved by `background`, a map from the
+    /// photograph to the frame (camera or whole-picture motion).
+    ///
+    /// # Errors
+    /// As [`Warp::deform`].
+    pub fn deform_with(&self, nodes: &[Point2<f64>], background: &Similarity) -> Result<Deformation, WarpError> {
+        check(nodes)?;
+        let mut wanted: Vec<Point2<f64>> =
+            (0..NODE_COUNT).map(|k| background.apply(&self.nodes[k]) + (nodes[k] - background.apply(&self.given[k]))).collect();
+        self.separate(&mut wanted);
+        let mut rounds = 0;
+        let mut vertices = self.solve(&self.source, &self.nodes, &wanted, background);
+        while rounds < UNFOLD_ROUNDS {
+            let folded: Vec<usize> = self.folded(&vertices).collect();
+            if folded.is_empty() {
+                break;
+            }
+            self.smooth(&mut wanted, &folded, background);
+            self.separate(&mut wanted);
+            vertices = self.solve(&self.source, &self.nodes, &wanted, background);
+            rounds += 1;
+        }
+        // Nodes that drive are where their vertex is; the others go with the skin or the eye around them.
+        let mut found: Vec<Point2<f64>> = (0..NODE_COUNT)
+            .map(|k| self.carry(&self.source, &vertices, &self.nodes[k]).unwrap_or_else(|| background.apply(&self.nodes[k])))
+            .collect();
+        for &(node, vertex) in &self.mesh.drivers {
+            found[node.index()] = vertices[vertex as usize];
+        }
+        for nodes in &OPENINGS[1..] {
+            let (eye, gaze) = eye_motion(nodes, &self.nodes, &wanted, self.frame.eye_distance);
+            for &n in nodes.iris {
+                found[usize::from(n)] = eye.apply(&self.nodes[usize::from(n)]) + gaze;
+            }
+        }
+        Ok(Deformation { vertices, nodes: found, background: *background, rounds })
+    }
+
+    /// Where the mesh lies on another picture of a face, of the same or another person, given its nodes there: what is at a vertex
+    /// here is at the same vertex there.
+    ///
+    /// # Errors
+    /// [`WarpError`] for another number of nodes, positions that are not finite, or nodes that all coincide.
+    pub fn place(&self, nodes: &[Point2<f64>]) -> Result<Placement, WarpError> {
+        check(nodes)?;
+        let pick = |points: &[Point2<f64>]| self.mesh.drivers.iter().map(|d| points[d.0.index()]).collect::<Vec<_>>();
+        let there = Similarity::fit(&pick(&self.reference_nodes), &pick(nodes), None).map_err(|_| WarpError::NoEyes)?;
+        let mut wanted = nodes.to_vec();
+        self.separate(&mut wanted);
+        Ok(Placement(self.solve(&self.mesh.vertices, &self.reference_nodes, &wanted, &there)))
+    }
+
+    /// Where a point of the photograph is in a frame; `None` for a point outside the mesh (it moves with the background) or inside
+    /// an opening.
+    pub fn map(&self, deformation: &Deformation, point: &Point2<f64>) -> Option<Point2<f64>> {
+        self.carry(&self.source, &deformation.vertices, point)
+    }
+
+    fn carry(&self, from: &[Point2<f64>], to: &[Point2<f64>], point: &Point2<f64>) -> Option<Point2<f64>> {
+        self.mesh.skin.iter().find_map(|t| {
+            let [a, b, c] = t.map(|v| from[v as usize]);
+            let area = (b - a).perp(&(c - a));
+            let (s, t2) = ((point - a).perp(&(c - a)) / area, (b - a).perp(&(point - a)) / area);
+            let inside = s >= -1e-9 && t2 >= -1e-9 && s + t2 <= 1.0 + 1e-9;
+            let [p, q, r] = t.map(|v| to[v as usize]);
+            inside.then(|| p + (q - p) * s + (r - p) * t2)
+        })
+    }
+
+    /// Vertices when the driving nodes go from `base` to `wanted` and all else by `around`.
+    fn solve(
+        &self,
+        vertices: &[Point2<f64>],
+        base: &[Point2<f64>],
+        wanted: &[Point2<f64>],
+        around: &Similarity,
+    ) -> Vec<Point2<f64>> {
+        let offsets: Vec<Vector2<f64>> =
+            self.mesh.drivers.iter().map(|&(n, _)| wanted[n.index()] - around.apply(&base[n.index()])).collect();
+        let still = *around == Similarity::identity();
+        let mut moved: Vec<Point2<f64>> = vertices
+            .iter()
+            .enumerate()
+            .map(|(v, p)| {
+                let mut offset = Vector2::zeros();
+                for (w, o) in self.weights.of(v).iter().zip(&offsets) {
+                    offset += o * *w;
+                }
+                if still { p + offset } else { around.apply(p) + offset }
+            })
+            .collect();
+        for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
+            // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
+            let gap = |k: usize| {
+                self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])])
+            };
+            let shut: [bool; 5] = std::array::from_fn(|k| gap(k) <= SHUT * self.frame.eye_distance);
+            for (k, (&a, &b)) in opening.upper.iter().zip(&opening.lower).enumerate() {
+                let (a, b) = (a as usize, b as usize);
+                let next = opening.stops.iter().position(|&stop| stop >= k).unwrap_or(4);
+                let between_shut = shut[next] && (opening.stops[next] == k || shut[next.saturating_sub(1)]);
+                if a != b && (between_shut || self.frame.height(&moved[b]) < self.frame.height(&moved[a])) {
+                    let middle = nalgebra::center(&moved[a], &moved[b]);
+                    (moved[a], moved[b]) = (middle, middle);
+                }
+            }
+            for &(k, share, v) in &opening.eyeball {
+                let (from, to) = (moved[opening.upper[k] as usize], moved[opening.lower[k] as usize]);
+                moved[v as usize] = from + (to - from) * share;
+            }
+        }
+        moved
+    }
+
+    /// Lips and lids do not pass through each other.
+    fn separate(&self, nodes: &mut [Point2<f64>]) {
+        for OpeningNodes { upper, lower, .. } in &OPENINGS {
+            for k in 1..4 {
+                layout::keep_apart(nodes, upper[k], lower[k], &self.frame, 0.0);
+            }
+        }
+    }
+
+    /// Skin triangles that are turned over or nearly so.
+    fn folded<'a>(&'a self, vertices: &'a [Point2<f64>]) -> impl Iterator<Item = usize> + 'a {
+        let area = |points: &[Point2<f64>], t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| points[v as usize]);
+            (b - a).perp(&(c - a))
+        };
+        let skin = self.mesh.skin.iter().enumerate();
+        skin.filter_map(move |(k, t)| (area(vertices, t) < LEAST_AREA * area(&self.mesh.vertices, t)).then_some(k))
+    }
+
+    /// Draws the nodes that dominate folded triangles towards the mean motion of the nodes around them.
+    fn smooth(&self, wanted: &mut [Point2<f64>], folded: &[usize], around: &Similarity) {
+        let mut at_fold = vec![false; self.mesh.drivers.len()];
+        for &k in folded {
+            for v in self.mesh.skin[k] {
+                for (flag, w) in at_fold.iter_mut().zip(self.weights.of(v as usize)) {
+                    *flag |= w.abs() > 0.2;
+                }
+            }
+        }
+        let node = |d: usize| self.mesh.drivers[d].0.index();
+        let offsets: Vec<Vector2<f64>> =
+            (0..at_fold.len()).map(|d| wanted[node(d)] - around.apply(&self.nodes[node(d)])).collect();
+        for d in (0..at_fold.len()).filter(|&d| at_fold[d]) {
+            let near = &self.neighbours[d];
+            let mean = near.iter().map(|&o| offsets[o]).sum::<Vector2<f64>>() / near.len().max(1) as f64;
+            wanted[node(d)] += (mean - offsets[d]) * UNFOLD_STEP;
+        }
+    }
+}
+
+/// How an eyeball moves: with the corners of the eye, and by the gaze on top.
+fn eye_motion(
+    nodes: &OpeningNodes,
+    base: &[Point2<f64>],
+    wanted: &[Point2<f64>],
+    eye_distance: f64,
+) -> (Similarity, Vector2<f64>) {
+    let corners = |points: &[Point2<f64>]| [points[usize::from(nodes.upper[0])], points[usize::from(nodes.upper[4])]];
+    let middle = |points: &[Point2<f64>]| {
+        let sum: Vector2<f64> = nodes.iris.iter().map(|&n| points[usize::from(n)].coords).sum();
+        Point2::from(sum / nodes.iris.len().max(1) as f64)
+    };
+    let eye = Similarity::fit(&corners(base), &corners(wanted), None).unwrap_or_else(|_| Similarity::identity());
+    let gaze = middle(wanted) - eye.apply(&middle(base));
+    let limit = MAX_GAZE * eye_distance;
+    (eye, if gaze.norm() > limit { gaze * (limit / gaze.norm()) } else { gaze })
+}
+
+fn check(nodes: &[Point2<f64>]) -> Result<(), WarpError> {
+    if nodes.len() != NODE_COUNT {
+        return Err(WarpError::NodeCount { found: nodes.len() });
+    }
+    if nodes.iter().any(|p| !(p.x.is_finite() && p.y.is_finite())) {
+        return Err(WarpError::NotFinite);
+    }
+    Ok(())
+}
+
+/// The six driving nodes nearest to each, in the reference.
+fn neighbours(mesh: &Mesh, reference: &[Point2<f64>]) -> Vec<Vec<usize>> {
+    const COUNT: usize = 6;
+    let at = |node: NodeId| reference[node.index()];
+    (0..mesh.drivers.len())
+        .map(|d| {
+            let mut others: Vec<usize> = (0..mesh.drivers.len()).filter(|&o| o != d).collect();
+            let distance = |o: usize| (at(mesh.drivers[o].0) - at(mesh.drivers[d].0)).norm();
+            others.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+            others.truncate(COUNT);
+            others
+        })
+        .collect()
+}

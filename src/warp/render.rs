@@ -1,0 +1,70 @@
+//! One frame.
+
+use image::RgbImage;
+
+use super::{Deformation, Placement, Texture, Warp, openings, raster, sample};
+use crate::geometry::Similarity;
+
+/// What is seen between lips that part.
+#[derive(Clone, Copy, Debug)]
+pub enum MouthInside<'a> {
+    /// A dark mouth. Where the photograph itself shows an open mouth, its own inside.
+    Dark,
+    /// The inside of a mouth on another picture: its texture, and where the mesh lies on it.
+    Picture {
+        /// The picture.
+        texture: &'a Texture,
+        /// The mesh there, see [`Warp::place`].
+        placement: &'a Placement,
+    },
+}
+
+impl Warp {
+    /// Renders a frame, as large as the photograph.
+    pub fn render(&self, texture: &Texture, deformation: &Deformation, inside: &MouthInside) -> RgbImage {
+        let mut frame = RgbImage::default();
+        self.render_into(texture, deformation, inside, &mut frame);
+        frame
+    }
+
+    /// [`Warp::render`] into an image that is used again and again.
+    pub fn render_into(&self, texture: &Texture, deformation: &Deformation, inside: &MouthInside, frame: &mut RgbImage) {
+        let size = texture.dimensions();
+        if frame.dimensions() != size {
+            *frame = RgbImage::new(size.0, size.1);
+        }
+        let still = deformation.background == Similarity::identity();
+        if still {
+            texture.copy_to(frame);
+        } else {
+            let back = deformation.background.inverse();
+            *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
+        }
+        for triangle in &self.mesh.skin {
+            let to = triangle.map(|v| deformation.vertices[v as usize]);
+            let from = triangle.map(|v| self.source[v as usize]);
+            if still && to == from {
+                continue;
+            }
+            raster::fill(to, from, size, |x, y, at| put(frame, x, y, texture.sample(at)));
+        }
+        for opening in &self.mesh.openings {
+            openings::draw(self, opening, texture, deformation, inside, frame);
+        }
+    }
+
+    /// Carries another picture into the geometry of the photograph: what lies at a point of the mesh there is drawn at the same
+    /// point here. Pixels outside the mesh are left as they are.
+    pub fn unwarp(&self, picture: &Texture, placement: &Placement, into: &mut RgbImage) {
+        let size = into.dimensions();
+        for triangle in &self.mesh.skin {
+            let to = triangle.map(|v| self.source[v as usize]);
+            let from = triangle.map(|v| placement.0[v as usize]);
+            raster::fill(to, from, size, |x, y, at| put(into, x, y, picture.sample(at)));
+        }
+    }
+}
+
+fn put(frame: &mut RgbImage, x: u32, y: u32, colour: [f32; 3]) {
+    frame.put_pixel(x, y, image::Rgb(colour.map(sample::byte)));
+}
