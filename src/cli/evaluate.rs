@@ -172,13 +172,6 @@ fn nodes(list: &[String], tables: &Tables, wireframe: &Wireframe) -> anyhow::Res
     Ok(nodes)
 }
 
-fn not_negative(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
-        _ => Err("expected a number of at least 0".to_owned()),
-    }
-}
-
 fn size(text: &str) -> Result<(u32, u32), String> {
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.trim().parse().ok()?, h.trim().parse().ok()?)));
     sides.ok_or_else(|| format!("`{text}` is not a size such as 640x480"))

@@ -67,7 +67,7 @@ pub struct Args {
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = super::size, conflicts_with = "dataset")]
     size: (u32, u32),
     /// Standard deviation of the seven marks, px
-    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = super::not_negative, conflicts_with = "dataset")]
+    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = crate::cli::shared::not_negative, conflicts_with = "dataset")]
     marks_noise: f64,
     /// Nodes or feature points marked when a sequence starts from a fit
     #[arg(long, value_delimiter = ',', value_name = "LIST")]

@@ -40,7 +40,7 @@ pub struct Args {
     #[arg(long, default_value_t = 200, value_name = "N")]
     subjects: u32,
     /// Standard deviation of the error of a mark on simulated people, px
-    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = super::not_negative)]
+    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = crate::cli::shared::not_negative)]
     marks_noise: f64,
     /// Numbers of marks
     #[arg(long, value_delimiter = ',', value_name = "LIST", default_value = "3,4,5,6,7,8,9,10,11,12,13,14,15",

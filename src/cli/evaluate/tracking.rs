@@ -83,7 +83,7 @@ struct SimulationArgs {
     #[arg(long, conflicts_with = "dataset")]
     hard: bool,
     /// Standard deviation of the marks of `--start seven`, px
-    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = super::not_negative, conflicts_with = "dataset")]
+    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = crate::cli::shared::not_negative, conflicts_with = "dataset")]
     marks_noise: f64,
 }
 
