@@ -47,7 +47,7 @@ pub struct AlignOptions {
 
 impl Default for AlignOptions {
     fn default() -> Self {
-        Self { gain: 150.0, anchor: 0.1, stiffness: 8.0, reach: 0.07, smoothing: 0.3 }
+        Self { gain: 150.0, anchor: 0.15, stiffness: 5.0, reach: 0.07, smoothing: 0.3 }
     }
 }
 
