@@ -454,7 +454,9 @@ impl Desk {
         for (k, mark) in marks.iter().enumerate() {
             let node = mark.node;
             if !self.bench.wireframe.live_nodes().contains(&node) {
-                return Err(RequestError::Refused(format!("node {node} can not be marked: it is in no triangle of the wireframe")));
+                return Err(RequestError::Refused(format!(
+                    "node {node} can not be marked: it is in no triangle of the wireframe"
+                )));
             }
             if marks[..k].iter().any(|m| m.node == node) {
                 return Err(RequestError::Refused(format!("node {node} is marked twice")));

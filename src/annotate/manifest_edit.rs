@@ -61,13 +61,7 @@ pub fn set_fields(path: &Path, id: &SequenceId, fields: &[(&str, String)]) -> Re
     Ok(())
 }
 
-fn set_field(
-    path: &Path,
-    bytes: Vec<u8>,
-    id: &SequenceId,
-    column: &str,
-    value: &str,
-) -> Result<Vec<u8>, ManifestEditError> {
+fn set_field(path: &Path, bytes: Vec<u8>, id: &SequenceId, column: &str, value: &str) -> Result<Vec<u8>, ManifestEditError> {
     let csv = CsvFile::from_bytes(path, bytes.clone())?;
     let [subject, sequence] = csv.require(["subject", "sequence"])?;
     let is_row = |row: &crate::input::CsvRow<'_>| row.get(subject) == id.subject && row.get(sequence) == id.sequence;
@@ -208,7 +202,8 @@ mod tests {
 
     #[test]
     fn a_field_is_replaced_and_nothing_else() {
-        let text = "subject , sequence,emotion,first_frame,note\r\nS1,1,joy,3,\"a, \"\"b\"\"\"\r\n\r\nS1, 2 ,joy,4,\"x,y\"\r\n,,,,\r\n";
+        let text =
+            "subject , sequence,emotion,first_frame,note\r\nS1,1,joy,3,\"a, \"\"b\"\"\"\r\n\r\nS1, 2 ,joy,4,\"x,y\"\r\n,,,,\r\n";
         assert_eq!(set(text, &[("first_frame", "7")]).unwrap(), text.replace(",4,", ",7,"));
         assert_eq!(set(text, &[("note", "a,\"b")]).unwrap(), text.replace("\"x,y\"", "\"a,\"\"b\""));
         assert_eq!(set(text, &[("first_frame", "4")]).unwrap(), text);

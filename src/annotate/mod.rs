@@ -31,7 +31,7 @@ use std::{
 
 use crate::{dataset::DatasetError, pipeline::Workbench};
 
-pub use proposals::{CASCADE_FOLDERS, CascadeError, Cascades, ProposedMarks, ProposalSource, propose_from_cascades};
+pub use proposals::{CASCADE_FOLDERS, CascadeError, Cascades, ProposalSource, ProposedMarks, propose_from_cascades};
 use request::RequestError;
 use security::Guard;
 
@@ -64,14 +64,7 @@ pub struct AnnotateOptions {
 
 impl Default for AnnotateOptions {
     fn default() -> Self {
-        Self {
-            dataset: None,
-            tracks: None,
-            all: false,
-            host: Ipv4Addr::LOCALHOST.into(),
-            port: None,
-            cascades: None,
-        }
+        Self { dataset: None, tracks: None, all: false, host: Ipv4Addr::LOCALHOST.into(), port: None, cascades: None }
     }
 }
 
@@ -198,11 +191,8 @@ impl Annotator {
     /// # Errors
     /// [`AnnotateError::Server`] when the system takes the port away or gives no threads.
     pub fn serve(self, stop: &AtomicBool) -> Result<(), AnnotateError> {
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(2)
-            .enable_all()
-            .build()
-            .map_err(AnnotateError::Server)?;
+        let runtime =
+            tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(AnnotateError::Server)?;
         let router = routes::router(self.app);
         runtime.block_on(async {
             self.listener.set_nonblocking(true).map_err(AnnotateError::Server)?;

@@ -5,12 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::{
-    overlay::legend,
-    pipeline::Workbench,
-    track::NodeState,
-    units::NodeId,
-};
+use crate::{overlay::legend, pipeline::Workbench, track::NodeState, units::NodeId};
 
 /// Suggested nodes, best first.
 const SUGGESTED: &str = include_str!("../../candide/suggested_marks.csv");
@@ -151,7 +146,9 @@ mod tests {
         }
         assert_eq!(setup["nodes"][64]["name"], "right mouth corner");
         // The subject's right is on the left of the image, and y points down: the mouth is below the eyes.
-        assert!(setup["nodes"][64]["x"].as_f64() < Some(0.0) && setup["nodes"][64]["y"].as_f64() > setup["nodes"][53]["y"].as_f64());
+        assert!(
+            setup["nodes"][64]["x"].as_f64() < Some(0.0) && setup["nodes"][64]["y"].as_f64() > setup["nodes"][53]["y"].as_f64()
+        );
     }
 
     #[test]

@@ -179,7 +179,9 @@ impl Cascades {
                         continue;
                     }
                     let size = |k: usize| f64::from(boxes[k].width);
-                    let misfit = slope + (size(l) / size(r)).ln().abs() + ((left.x + right.x) / 2.0 - middle).abs() / f64::from(face.width);
+                    let misfit = slope
+                        + (size(l) / size(r)).ln().abs()
+                        + ((left.x + right.x) / 2.0 - middle).abs() / f64::from(face.width);
                     if best.is_none_or(|(least, _)| misfit < least) {
                         best = Some((misfit, [*left, *right]));
                     }

@@ -24,8 +24,8 @@ use crate::{
     pipeline::{Workbench, track_files},
     sequence::SequenceReader,
     track::{
-        Corrections, Klt, NodeState, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes, corrections_of, read_track,
-        read_track_info, resume_with, summarize, window_px, write_track,
+        Corrections, Klt, NodeState, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes, corrections_of,
+        read_track, read_track_info, resume_with, summarize, window_px, write_track,
     },
 };
 
@@ -229,16 +229,12 @@ impl TrackDesk {
     }
 
     /// The nodes of a frame: a step from the frame before it, with the corrections asked for.
-    fn corrected_nodes(
-        &self,
-        item: &Item,
-        frames: &[TrackedFrame],
-        request: &Correct,
-    ) -> Result<Vec<TrackedNode>, RequestError> {
+    fn corrected_nodes(&self, item: &Item, frames: &[TrackedFrame], request: &Correct) -> Result<Vec<TrackedNode>, RequestError> {
         let place = index_of(frames, request.frame)?;
         if place == 0 {
             return Err(RequestError::Refused(
-                "the neutral frame is fitted, not tracked: correct its marks with `grimace annotate DATASET` and run again".to_owned(),
+                "the neutral frame is fitted, not tracked: correct its marks with `grimace annotate DATASET` and run again"
+                    .to_owned(),
             ));
         }
         let mut hard = BTreeMap::new();
@@ -347,7 +343,9 @@ fn item(csv: PathBuf, entries: &[SequenceEntry]) -> Result<Item, String> {
 
 fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
     let info = read_track_info(csv).map_err(RequestError::refused)?;
-    info.ok_or_else(|| RequestError::Refused(format!("{}: the .json beside the track is missing; it says how it was tracked", csv.display())))
+    info.ok_or_else(|| {
+        RequestError::Refused(format!("{}: the .json beside the track is missing; it says how it was tracked", csv.display()))
+    })
 }
 
 fn read_frames(item: &Item) -> Result<Vec<TrackedFrame>, RequestError> {

@@ -90,14 +90,18 @@ async fn answer<T: Serialize + Send + 'static>(
 fn desk(app: &App) -> Result<&Desk, RequestError> {
     match &app.work {
         Work::Marks(desk) => Ok(desk),
-        Work::Tracks(_) => Err(RequestError::NotFound("this page corrects tracks; marks are made with `grimace annotate DATASET`".into())),
+        Work::Tracks(_) => {
+            Err(RequestError::NotFound("this page corrects tracks; marks are made with `grimace annotate DATASET`".into()))
+        }
     }
 }
 
 fn tracks(app: &App) -> Result<&TrackDesk, RequestError> {
     match &app.work {
         Work::Tracks(tracks) => Ok(tracks),
-        Work::Marks(_) => Err(RequestError::NotFound("this page makes marks; tracks are corrected with `grimace annotate --tracks OUT`".into())),
+        Work::Marks(_) => {
+            Err(RequestError::NotFound("this page makes marks; tracks are corrected with `grimace annotate --tracks OUT`".into()))
+        }
     }
 }
 
@@ -120,9 +124,7 @@ where
 {
     match request {
         Ok(Json(value)) => answer(app, move |app| work(app, &value)).await,
-        Err(rejection) => {
-            (rejection.status(), Json(serde_json::json!({ "error": rejection.body_text() }))).into_response()
-        }
+        Err(rejection) => (rejection.status(), Json(serde_json::json!({ "error": rejection.body_text() }))).into_response(),
     }
 }
 

@@ -153,7 +153,8 @@ mod tests {
         let host = [("host", "127.0.0.1:7113")];
         assert_eq!(refused(&a, &format!("/{}/", a.token), &host), None);
         assert_eq!(refused(&a, &format!("/{}/api/x", a.token), &host), None);
-        for path in ["/".to_owned(), format!("/{}", a.token), format!("/{}/", b.token), format!("/{}x/", a.token), "/api".into()] {
+        for path in ["/".to_owned(), format!("/{}", a.token), format!("/{}/", b.token), format!("/{}x/", a.token), "/api".into()]
+        {
             assert_eq!(refused(&a, &path, &host), Some(404), "{path}");
         }
     }
@@ -163,7 +164,17 @@ mod tests {
         let g = guard("127.0.0.1:7113");
         let own = ["127.0.0.1:7113", "localhost:7113", "LOCALHOST:7113", "[::1]:7113"];
         assert!(own.iter().all(|host| g.is_own(host)));
-        let foreign = ["evil.example:7113", "127.0.0.1", "127.0.0.1:80", "localhost:7114", "localhost.evil:7113", "", ":7113", "192.168.0.7:7113", "é]"];
+        let foreign = [
+            "evil.example:7113",
+            "127.0.0.1",
+            "127.0.0.1:80",
+            "localhost:7114",
+            "localhost.evil:7113",
+            "",
+            ":7113",
+            "192.168.0.7:7113",
+            "é]",
+        ];
         assert!(!foreign.iter().any(|host| g.is_own(host)), "{foreign:?}");
         // Asked to listen on a network, its own number there is its host too, but no name is.
         let g = guard("192.168.0.7:80");
@@ -179,7 +190,13 @@ mod tests {
         let with = |name, value| refused(&g, &path, &[("host", "127.0.0.1:7113"), (name, value)]);
         assert_eq!(with("origin", "http://127.0.0.1:7113"), None);
         assert_eq!(with("origin", "http://localhost:7113"), None);
-        for origin in ["http://evil.example", "https://127.0.0.1:7113", "http://127.0.0.1:8000", "null", "http://127.0.0.1:7113.evil.example"] {
+        for origin in [
+            "http://evil.example",
+            "https://127.0.0.1:7113",
+            "http://127.0.0.1:8000",
+            "null",
+            "http://127.0.0.1:7113.evil.example",
+        ] {
             assert_eq!(with("origin", origin), Some(403), "{origin}");
         }
         assert_eq!(with("sec-fetch-site", "none"), None);

@@ -52,6 +52,7 @@ const KEYS = {
     ['Page up, down', 'track before, behind'],
     ['Q', 'all tracks'],
     ['+ − 0', 'zoom in, out, whole image'],
+    ['Z', 'zoom to the face'],
     ['W and M', 'wireframe, magnifier on and off'],
     ['D', 'light or dark'],
     ['Esc', 'select nothing'],
@@ -94,6 +95,11 @@ class Page {
   dragMove(...what) { this.work.dragMove(...what); }
   dragEnd(...what) { this.work.dragEnd(...what); }
   wantsLoupe() { return this.work.wantsLoupe(); }
+
+  /** The part of a wireframe that is worth zooming to: without skull and outline. */
+  innerFace(nodes) {
+    return this.setup.nodes.filter((n) => n.live && n.region !== 'forehead' && n.region !== 'contour').map((n) => nodes[n.id]);
+  }
 
   // Sequences.
 
@@ -393,6 +399,7 @@ class Page {
     on('zoom-in', 'click', () => this.stage.zoomBy(1.25));
     on('zoom-out', 'click', () => this.stage.zoomBy(0.8));
     on('zoom-fit', 'click', () => this.stage.fit());
+    on('zoom-face', 'click', () => this.work.showFace());
     on('wire-toggle', 'click', () => this.toggleWire());
     on('loupe-toggle', 'click', () => this.toggleLoupe());
     addEventListener('keydown', (event) => this.key(event));
@@ -433,6 +440,7 @@ class Page {
       '=': () => this.stage.zoomBy(1.25),
       '-': () => this.stage.zoomBy(0.8),
       0: () => this.stage.fit(),
+      z: () => this.work.showFace(),
       w: () => this.toggleWire(),
       m: () => this.toggleLoupe(),
       d: () => this.nextTheme(),

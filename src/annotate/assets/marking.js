@@ -22,13 +22,13 @@ export class Marking {
     on('remove', () => this.remove());
     on('set-neutral', () => this.setRange(this.frame, this.sequence.apex));
     on('set-apex', () => this.setRange(this.sequence.neutral, this.frame));
-    on('zoom-face', () => this.showFace());
-  }
+    }
 
   async open(id) {
     const sequence = await ask(sequencePath(id));
     this.id = id;
     this.frame = sequence.neutral;
+    this.page.stage.forgetView();
     this.page.scrubber.open(id, sequence.frames);
     this.take(sequence);
     this.showFrame(this.frame);
@@ -49,6 +49,7 @@ export class Marking {
     this.chosen = null;
     this.fit = null;
     this.problem = sequence.problem;
+    this.fresh = true;
     this.refit();
     this.render();
   }
@@ -158,7 +159,7 @@ export class Marking {
     this.chosen = this.marks.has(node) ? null : node;
     this.render();
     const point = this.point(node);
-    if (point && this.onNeutral()) this.page.stage.showLoupe(point);
+    if (point && this.onNeutral()) this.page.stage.showLoupeBriefly(point);
   }
 
   /** Takes the next node to where it is expected, to be nudged from there: marking without a pointer. */
@@ -173,7 +174,7 @@ export class Marking {
     const guess = [w / 2 + x * scale, h / 2 + y * scale];
     const point = proposal ? [proposal.x, proposal.y] : this.fit?.nodes[node] ?? guess;
     this.place(node, this.page.stage.clamp(point));
-    this.page.stage.showLoupe(this.point(node));
+    this.page.stage.showLoupeBriefly(this.point(node));
   }
 
   nudge(dx, dy) {
@@ -189,7 +190,7 @@ export class Marking {
     if (goes) this.changed();
     else this.commit(before);
     this.nudged = { node: this.selected, time: now };
-    this.page.stage.showLoupe([x, y]);
+    this.page.stage.showLoupeBriefly([x, y]);
   }
 
   // The fit.
@@ -217,6 +218,8 @@ export class Marking {
       if (answer.nodes && needed) this.fit = { ...answer, preview, residuals: new Map(marks.map((m, k) => [m.node, answer.residuals[k]])) };
       else if (this.fit) this.fit = { ...this.fit, preview: true };
       this.fitProblem = answer.problem && !preview ? answer.problem : null;
+      if (this.fresh && this.fit && !this.page.stage.touched) this.showFace();
+      this.fresh = false;
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
       this.fitProblem = error.status ? error.message : null;
@@ -233,7 +236,7 @@ export class Marking {
       this.source = answer.source;
       this.proposalNote = answer.note || '';
       if (this.marks.size < this.setup.enough) this.proposals = answer.marks.filter((p) => !this.marks.has(p.node));
-      if (this.proposals.length && !this.page.stage.touched) this.showFace();
+      this.fresh ||= this.proposals.length > 0 && !this.marks.size;
       this.refit();
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
@@ -243,9 +246,9 @@ export class Marking {
   }
 
   showFace() {
-    const nodes = this.fit?.nodes ?? [...this.marks.values(), ...this.proposals].map((m) => [m.x, m.y]);
-    const inner = this.fit ? this.setup.nodes.filter((n) => n.live && n.region !== 'forehead' && n.region !== 'contour').map((n) => nodes[n.id]) : nodes;
-    if (inner.length >= this.setup.minimum) this.page.stage.frameBox(inner);
+    if (this.fit) return this.page.stage.frameBox(this.page.innerFace(this.fit.nodes));
+    const marked = [...this.marks.values(), ...this.proposals].map((m) => [m.x, m.y]);
+    if (marked.length >= this.setup.minimum) this.page.stage.frameBox(marked);
   }
 
   // Frames.
@@ -439,7 +442,6 @@ export class Marking {
       Escape: () => ((this.selected = null), (this.chosen = null), this.render(), this.page.stage.hideLoupe()),
       f: () => document.getElementById('set-neutral').click(),
       l: () => document.getElementById('set-apex').click(),
-      z: () => this.showFace(),
       Home: () => this.page.scrubber.choose(this.sequence.neutral),
       End: () => this.page.scrubber.choose(this.sequence.apex),
       '[': () => this.cycle(-1),

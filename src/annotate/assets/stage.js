@@ -9,6 +9,7 @@ const LOUPE_GAP = 26;
 const LOUPE_TIMES = 3;
 const WHEEL = 0.0016;
 const FACE_SHARE = 0.62;
+const BRIEF_MS = 2500;
 
 export class Stage {
   /**
@@ -40,9 +41,15 @@ export class Stage {
     new ResizeObserver(() => this.resized()).observe(this.root);
   }
 
+  /** Another sequence: its face is looked for anew. */
+  forgetView() {
+    this.touched = false;
+    this.size = [0, 0];
+  }
+
   /** Shows a frame; the view stays when the size does. */
   show(url, width, height) {
-    const same = this.size[0] === width && this.size[1] === height && this.touched;
+    const same = this.size[0] === width && this.size[1] === height;
     this.size = [width, height];
     this.photo.setAttribute('width', width);
     this.photo.setAttribute('height', height);
@@ -143,7 +150,7 @@ export class Stage {
     this.dots.replaceChildren(
       ...groups.flatMap(({ key, points, colour }) => {
         const dot = element('path', { class: `dot ${key}`, d: draw(points) });
-        if (colour) dot.setAttribute('stroke', colour);
+        if (colour) dot.style.stroke = colour;
         return [element('path', { class: `dot casing ${key}`, d: draw(points) }), dot];
       }),
     );
@@ -257,7 +264,7 @@ export class Stage {
     if (!g || g.pinch) return;
     if (g.dragging) {
       this.host.dragEnd(g.thing);
-      if (event.pointerType !== 'mouse') this.hideLoupe();
+      this.hideLoupe();
     } else if (!g.moved && !g.pans && event.type === 'pointerup') {
       const point = this.toImage(g.start);
       if (this.inside(point)) this.host.tap(this.clamp(point), g.thing);
@@ -284,7 +291,14 @@ export class Stage {
 
   // The magnifier.
 
+  /** The magnifier for a node that was moved by key: it goes away by itself. */
+  showLoupeBriefly(point) {
+    this.showLoupe(point);
+    this.brief = setTimeout(() => this.hideLoupe(), BRIEF_MS);
+  }
+
   showLoupe(point) {
+    clearTimeout(this.brief);
     if (!this.loupeOn || !this.bitmap.complete || !this.bitmap.naturalWidth) return this.hideLoupe();
     const [w, h] = this.room();
     const [x, y] = this.toWindow(point);
@@ -319,6 +333,7 @@ export class Stage {
   }
 
   hideLoupe() {
+    clearTimeout(this.brief);
     this.loupe.classList.remove('shown');
   }
 }

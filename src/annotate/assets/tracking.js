@@ -39,7 +39,13 @@ export class Tracking {
     this.done = [];
     this.undone = [];
     this.page.scrubber.open(id, track.frames.map((f) => f.number));
+    this.page.stage.forgetView();
     this.showFrame(track.frames[0].number);
+    this.showFace();
+  }
+
+  showFace() {
+    this.page.stage.frameBox(this.page.innerFace(this.current().nodes));
   }
 
   take(track) {
@@ -185,7 +191,7 @@ export class Tracking {
   pick(node) {
     this.selected = node;
     this.render();
-    this.page.stage.showLoupe(this.current().nodes[node]);
+    this.page.stage.showLoupeBriefly(this.current().nodes[node]);
   }
 
   // What is shown.
@@ -292,7 +298,7 @@ export class Tracking {
     this.saving = true;
     await this.correct(this.frame, [...this.corrections().filter((c) => c.node !== node), { node, x: nx, y: ny }]);
     this.saving = false;
-    this.page.stage.showLoupe([nx, ny]);
+    this.page.stage.showLoupeBriefly([nx, ny]);
   }
 
   /** Selects the next lost node of the frame; any node where none is lost. */
