@@ -52,6 +52,7 @@ export class Diagram {
       svg.append(group);
       this.nodes.set(node.id, group);
       group.dataset.rank = rank(node);
+      group.dataset.node = node.id;
     }
   }
 
