@@ -20,6 +20,7 @@ pub const ENTER: char = '\u{e007}';
 pub const ESCAPE: char = '\u{e00c}';
 pub const SHIFT: char = '\u{e008}';
 pub const CONTROL: char = '\u{e009}';
+pub const END: char = '\u{e010}';
 pub const HOME: char = '\u{e011}';
 pub const LEFT: char = '\u{e012}';
 pub const UP: char = '\u{e013}';
@@ -65,7 +66,7 @@ impl Browser {
         browser
     }
 
-    fn try_post(&self, path: &str, body: &Value) -> Result<Value, String> {
+    pub fn try_post(&self, path: &str, body: &Value) -> Result<Value, String> {
         let agent =
             ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(Duration::from_secs(60))).build();
         let request = ureq::Agent::from(agent).post(format!("{}{path}", self.session)).content_type("application/json");
@@ -134,6 +135,20 @@ impl Browser {
         actions.extend(places[1..].iter().map(|place| to(place, 20)));
         actions.push(json!({"type": "pointerUp", "button": 0}));
         self.act(&json!({"type": "pointer", "id": pointer, "parameters": {"pointerType": pointer}, "actions": actions}));
+    }
+
+    /// Presses the pointer at the first place and leads it through the others without letting go.
+    pub fn press_pointer(&self, places: &[(f64, f64)]) {
+        let to = |&(x, y): &(f64, f64)| json!({"type": "pointerMove", "duration": 30, "x": x.round() as i64, "y": y.round() as i64});
+        let mut actions = vec![to(&places[0]), json!({"type": "pointerDown", "button": 0})];
+        actions.extend(places[1..].iter().map(to));
+        self.act(&json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}));
+    }
+
+    /// Lets the pointer of [`Browser::press_pointer`] go.
+    pub fn release_pointer(&self) {
+        let actions = [json!({"type": "pointerUp", "button": 0})];
+        self.act(&json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}));
     }
 
     pub fn click(&self, place: (f64, f64)) {

@@ -49,7 +49,8 @@ export class Marking {
     this.chosen = null;
     this.fit = null;
     this.problem = sequence.problem;
-    this.fresh = true;
+    // The view goes to the face once, before anything is marked here: never under the pointer.
+    this.fresh = sequence.marks.length >= this.setup.minimum;
     this.refit();
     this.render();
   }
@@ -99,6 +100,7 @@ export class Marking {
   }
 
   changed() {
+    this.fresh = false;
     this.proposals = this.proposals.filter((p) => !this.marks.has(p.node));
     if (this.chosen !== null && this.marks.has(this.chosen)) this.chosen = null;
     this.refit();

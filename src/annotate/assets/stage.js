@@ -161,7 +161,7 @@ export class Stage {
     this.marks = marks;
     this.markLayer.replaceChildren(
       ...marks.map(({ node, kind, label, selected }) => {
-        const group = element('g', { class: `mark ${kind}${selected ? ' selected' : ''}`, 'data-node': node });
+        const group = element('g', { class: `pin ${kind}${selected ? ' selected' : ''}`, 'data-node': node });
         if (kind === 'hard') group.append(element('path', { class: 'casing', d: 'M0-8 8 0 0 8-8 0Z' }), element('path', { class: 'ring', d: 'M0-8 8 0 0 8-8 0Z' }));
         else group.append(element('circle', { class: 'casing', r: 7.5 }), element('circle', { class: 'ring', r: 7.5 }));
         group.append(element('path', { class: 'cross', d: 'M-3 0h6M0-3v6' }));
