@@ -160,9 +160,12 @@ fn a_whole_session_by_clicks_and_keys() {
     assert_eq!(rows(&work, "S001/005"), file, "undone is as it was, byte for byte");
 
     // A fitted node is dragged to its place: a hard position, which can be released.
-    let chin_corner = browser.run("const d = [...document.querySelectorAll('#dots .dot.fitted')].pop().getAttribute('d').match(/M[^h]+/g);
-        const points = d.map((p) => p.slice(1).split(' ').map(Number)); return points[0]");
-    let (x, y) = (chin_corner[0].as_f64().unwrap(), chin_corner[1].as_f64().unwrap());
+    let nose = browser.run(
+        "const far = ([x, y]) => Math.hypot(x - 100, y - 80);
+         const dots = [...document.querySelectorAll('#dots .dot.fitted')].pop().getAttribute('d').match(/M[^h]+/g);
+         return dots.map((p) => p.slice(1).split(' ').map(Number)).sort((a, b) => far(a) - far(b))[0]",
+    );
+    let (x, y) = (nose[0].as_f64().unwrap(), nose[1].as_f64().unwrap());
     let start = place(&browser, (x, y));
     browser.drag("mouse", &[start, (start.0 + 5.0, start.1 + 5.0), (start.0 + 9.0, start.1 + 9.0)]);
     wait(&browser, "document.querySelectorAll('.pin.hard').length === 1");

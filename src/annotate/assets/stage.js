@@ -59,9 +59,10 @@ export class Stage {
     if (!same) this.fit();
   }
 
+  /** The window has another size: what was in the middle stays there. */
   resized() {
     if (!this.touched) this.fit();
-    else this.apply();
+    else this.centre(this.middle);
   }
 
   /** The whole image. */
@@ -119,6 +120,7 @@ export class Stage {
     const room = this.room();
     this.offset = this.offset.map((o, k) => Math.min(room[k] - 40, Math.max(40 - this.size[k] * this.zoom, o)));
     const [x, y] = this.offset;
+    this.middle = this.toImage(room.map((v) => v / 2));
     this.world.setAttribute('transform', `translate(${x.toFixed(2)} ${y.toFixed(2)}) scale(${this.zoom.toFixed(5)})`);
     this.photo.classList.toggle('pixels', this.zoom > 7);
     document.getElementById('zoom-text').textContent = `${Math.round(this.zoom * 100)} %`;
