@@ -22,7 +22,8 @@ fn unmarked() -> Work {
         fs::remove_file(work.path(name)).unwrap();
     }
     let column = work.header("faces/manifest.csv").split(',').position(|name| name == "correspondences").unwrap();
-    let without = |line: &str| line.split(',').enumerate().filter(|(k, _)| *k != column).map(|(_, f)| f).collect::<Vec<_>>().join(",");
+    let without =
+        |line: &str| line.split(',').enumerate().filter(|(k, _)| *k != column).map(|(_, f)| f).collect::<Vec<_>>().join(",");
     let lines: Vec<String> = work.read("faces/manifest.csv").lines().map(without).collect();
     work.write("faces/manifest.csv", lines.join("\n") + "\n");
     work
@@ -106,7 +107,12 @@ fn foreign_hosts_origins_and_guesses_are_refused() {
     assert_eq!(form.status, 415);
     // Refused or not, no answer may be framed, sniffed or load anything from elsewhere.
     for answer in [server.get(""), server.get("nothing"), server.request("GET", "/", &[], b"")] {
-        for header in ["content-security-policy: default-src 'none'; script-src 'self'", "x-content-type-options: nosniff", "x-frame-options: deny", "referrer-policy: no-referrer"] {
+        for header in [
+            "content-security-policy: default-src 'none'; script-src 'self'",
+            "x-content-type-options: nosniff",
+            "x-frame-options: deny",
+            "referrer-policy: no-referrer",
+        ] {
             assert!(answer.head.contains(header), "{header} is not in {}", answer.head);
         }
     }
@@ -115,7 +121,9 @@ fn foreign_hosts_origins_and_guesses_are_refused() {
 #[test]
 fn no_file_but_frames_of_the_dataset_can_be_reached() {
     let work = unmarked();
-    work.write("faces/S001/005/secret.txt", "TOPSECRET\n").write("secret.txt", "TOPSECRET\n").write("faces/S001/005/S001_005_00000099.png", "TOPSECRET\n");
+    work.write("faces/S001/005/secret.txt", "TOPSECRET\n")
+        .write("secret.txt", "TOPSECRET\n")
+        .write("faces/S001/005/S001_005_00000099.png", "TOPSECRET\n");
     let server = Server::start(&work, "faces");
     let frame = server.get("api/sequences/S001_005/frames/1");
     assert_eq!((frame.status, frame.head.contains("content-type: image/png")), (200, true));
@@ -156,7 +164,13 @@ fn bodies_are_limited_and_must_be_json() {
     let json = [("Content-Type", "application/json")];
     let fit = format!("{}/api/fit", server.token);
     assert_eq!(server.request("POST", &fit, &json, &long).status, 413);
-    let bodies: [&[u8]; 5] = [b"{", b"[]", b"{\"marks\":[{\"node\":-1,\"x\":1,\"y\":1}],\"width\":9,\"height\":9}", b"\xff\xfe", b"{\"marks\":[],\"width\":9,\"height\":NaN}"];
+    let bodies: [&[u8]; 5] = [
+        b"{",
+        b"[]",
+        b"{\"marks\":[{\"node\":-1,\"x\":1,\"y\":1}],\"width\":9,\"height\":9}",
+        b"\xff\xfe",
+        b"{\"marks\":[],\"width\":9,\"height\":NaN}",
+    ];
     for body in bodies {
         let status = server.request("POST", &fit, &json, body).status;
         assert!(matches!(status, 400 | 422), "{status} for {}", String::from_utf8_lossy(body));
@@ -324,7 +338,10 @@ fn cohn_kanade() -> Work {
                 work.write(&format!("ck/cohn-kanade-images/{subject}/{sequence}/{name}"), bytes);
             }
         }
-        work.write(&format!("ck/Emotion/{subject}/{sequence}/{subject}_{sequence}_00000006_emotion.txt"), format!("   {code}.0000000e+00\n"));
+        work.write(
+            &format!("ck/Emotion/{subject}/{sequence}/{subject}_{sequence}_00000006_emotion.txt"),
+            format!("   {code}.0000000e+00\n"),
+        );
     }
     work
 }
@@ -391,7 +408,8 @@ impl Connection {
         let stream = TcpStream::connect(&server.authority).unwrap();
         stream.set_nodelay(true).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        let head = format!("POST {}/api/fit HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n", server.token, server.authority);
+        let head =
+            format!("POST {}/api/fit HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n", server.token, server.authority);
         Self { stream: BufReader::new(stream), head }
     }
 
@@ -466,7 +484,10 @@ fn a_fit_says_what_is_wrong_with_the_marks() {
         mark["x"] = json!(199.0 - mark["x"].as_f64().unwrap());
     }
     assert!(fit(&swapped)["problem"].as_str().unwrap().contains("mirrored"));
-    assert!(fit(&[json!({"node": 4000, "x": 1, "y": 1}), marks[0].clone(), marks[1].clone(), marks[2].clone()])["problem"].is_string());
+    assert!(
+        fit(&[json!({"node": 4000, "x": 1, "y": 1}), marks[0].clone(), marks[1].clone(), marks[2].clone()])["problem"]
+            .is_string()
+    );
 }
 
 #[test]
@@ -552,14 +573,18 @@ fn a_released_correction_leaves_no_trace() {
         server.send("PUT", "api/sequences/S001_005/corrections", &body).ok()["version"].clone()
     };
     let version = correct(&track["version"], json!([{"node": 31, "x": 90, "y": 90}, {"node": 64, "x": 60, "y": 90}]));
-    let version = server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": version, "frame": 3})).ok()["version"].clone();
+    let version =
+        server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": version, "frame": 3})).ok()["version"].clone();
     let version = correct(&version, json!([]));
     let again = server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": version, "frame": 3})).ok();
     // Positions come from the file with nine digits, so that nothing but the last digits may differ.
     for frame in 0..6 {
         for node in 0..113 {
             let at = |t: &Value, axis: usize| t["frames"][frame]["nodes"][node][axis].as_f64().unwrap();
-            assert!((at(&again, 0) - at(&track, 0)).abs() < 0.011 && (at(&again, 1) - at(&track, 1)).abs() < 0.011, "{frame} {node}");
+            assert!(
+                (at(&again, 0) - at(&track, 0)).abs() < 0.011 && (at(&again, 1) - at(&track, 1)).abs() < 0.011,
+                "{frame} {node}"
+            );
         }
     }
 }
@@ -577,7 +602,10 @@ fn what_can_not_be_annotated_is_said() {
     let marked = Work::with_sequences(&["S001_005"]);
     marked.grimace("run faces -o results -q").exit(0);
     fs::rename(marked.path("faces"), marked.path("elsewhere")).unwrap();
-    marked.grimace("annotate --tracks results --no-open").exit(1).says(&["is called `faces`", "grimace annotate DATASET --tracks"]);
+    marked
+        .grimace("annotate --tracks results --no-open")
+        .exit(1)
+        .says(&["is called `faces`", "grimace annotate DATASET --tracks"]);
     let server = Server::start(&marked, "elsewhere --tracks results");
     assert_eq!(server.lines[0], "1 tracks, the one that lost most first");
 }

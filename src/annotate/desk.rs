@@ -11,154 +11,22 @@ use std::{
 };
 
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 
 use super::{
-    AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, ProposalSource, RequestError,
+    AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, RequestError,
     frames::{FrameList, FrameShelf, Picture},
     manifest_edit::{manifest_text, relative, set_fields},
+    messages::{Fit, List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved, ToFit, hundredth},
     proposals::{propose_from_cascades, propose_from_landmarks},
 };
 use crate::{
     dataset::{Dataset, MANIFEST_NAME, SequenceEntry},
-    fit::{Correspondence, FitError, MarkKind, read_correspondences, validate_correspondences, write_correspondences},
+    fit::{Correspondence, FitError, read_correspondences, validate_correspondences, write_correspondences},
     output::write_bytes,
     pipeline::Workbench,
     sequence::{ImageSize, read_first_frame},
     track::eye_distance_px,
-    units::NodeId,
 };
-
-/// A mark on its way to and from the page.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Mark {
-    /// The node.
-    pub node: NodeId,
-    /// Px.
-    pub x: f64,
-    /// Px, down.
-    pub y: f64,
-    /// Mark or hard position.
-    #[serde(default)]
-    pub kind: MarkKind,
-}
-
-impl From<&Correspondence> for Mark {
-    fn from(c: &Correspondence) -> Self {
-        Self { node: c.node, x: c.position.x, y: c.position.y, kind: c.kind }
-    }
-}
-
-impl From<&Mark> for Correspondence {
-    fn from(m: &Mark) -> Self {
-        Self { node: m.node, position: Point2::new(m.x, m.y), kind: m.kind }
-    }
-}
-
-/// A sequence in the list.
-#[derive(Serialize)]
-pub struct Listed {
-    id: String,
-    emotion: String,
-    /// Marks in its file.
-    marks: usize,
-}
-
-/// The list of sequences.
-#[derive(Serialize)]
-pub struct List {
-    sequences: Vec<Listed>,
-    /// Sequences with fewer than [`ENOUGH_MARKS`] marks.
-    left: usize,
-    /// Sequences of the dataset, on the page or not.
-    total: usize,
-    failures: Vec<String>,
-}
-
-/// One sequence with all that the page shows of it.
-#[derive(Serialize)]
-pub struct Opened {
-    id: String,
-    emotion: String,
-    /// Frame numbers of the whole sequence.
-    frames: Vec<u32>,
-    neutral: u32,
-    apex: u32,
-    width: u32,
-    height: u32,
-    marks: Vec<Mark>,
-    version: String,
-    /// Where the marks are saved, as the manifest names it.
-    file: String,
-    /// What keeps the marks from being read.
-    problem: Option<String>,
-}
-
-/// Marks to save.
-#[derive(Deserialize)]
-pub struct SaveMarks {
-    version: String,
-    marks: Vec<Mark>,
-}
-
-/// Frames to save.
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub struct SaveFrames {
-    version: String,
-    neutral: u32,
-    apex: u32,
-    /// Whether a manifest may be written for a dataset that has none.
-    #[serde(default)]
-    create_manifest: bool,
-}
-
-/// What a save gave.
-#[derive(Serialize)]
-pub struct Saved {
-    version: String,
-    left: usize,
-}
-
-/// Marks to fit, on an image of a size.
-#[derive(Deserialize)]
-pub struct ToFit {
-    marks: Vec<Mark>,
-    width: u32,
-    height: u32,
-}
-
-/// A fit, or why there is none.
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase", untagged)]
-pub enum Fit {
-    /// All nodes.
-    Fitted {
-        /// Positions in node order, px.
-        nodes: Vec<[f64; 2]>,
-        /// Distance of the node of every mark to its mark, px, in the order of the marks.
-        residuals: Vec<f64>,
-        /// ES0, px.
-        #[serde(rename = "eyeDistance")]
-        eye_distance: f64,
-    },
-    /// What is wrong with the marks.
-    Problem {
-        /// In a sentence.
-        problem: String,
-        /// The mark that is likeliest wrong.
-        node: Option<NodeId>,
-    },
-}
-
-/// Proposed marks.
-#[derive(Serialize)]
-pub struct Proposed {
-    source: Option<ProposalSource>,
-    marks: Vec<Mark>,
-    /// Why there are none, and what would help.
-    note: Option<String>,
-}
 
 struct Item {
     entry: SequenceEntry,
@@ -372,14 +240,14 @@ impl Desk {
         let entry = find(&mut self.lock(), id)?.entry.clone();
         let frames = entry.frames().map_err(RequestError::refused)?;
         let note = match propose_from_landmarks(&entry, frames.neutral_number(), &self.bench.tables) {
-            Ok(Some(found)) => return Ok(Proposed::of(found)),
+            Ok(Some(found)) => return Ok(Proposed::of(&found)),
             Ok(None) => None,
             Err(note) => Some(note),
         };
         let frame = read_first_frame(&frames).map_err(RequestError::refused)?;
         let load = || Mutex::new(Cascades::load(self.cascade_folder.as_deref(), &self.bench.tables));
         match propose_from_cascades(self.cascades.get_or_init(load), &frame) {
-            Ok(Some(found)) => Ok(Proposed { note, ..Proposed::of(found) }),
+            Ok(Some(found)) => Ok(Proposed { note, ..Proposed::of(&found) }),
             Ok(None) => {
                 let none = "no face with two eyes was found".to_owned();
                 Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(none)) })
@@ -470,12 +338,6 @@ impl Desk {
     }
 }
 
-impl Proposed {
-    fn of(found: super::ProposedMarks) -> Self {
-        Self { source: Some(found.source), marks: found.marks.iter().map(Mark::from).collect(), note: None }
-    }
-}
-
 fn no_sequence(id: &str) -> RequestError {
     RequestError::NotFound(format!("there is no sequence {id}"))
 }
@@ -505,9 +367,4 @@ fn version(entry: &SequenceEntry) -> String {
     };
     hasher.update(format!(" {:?} {:?}", entry.first_frame, entry.last_frame).as_bytes());
     hasher.finalize().to_hex()[..16].to_owned()
-}
-
-/// Px with two digits: what a screen can show.
-pub fn hundredth(value: f64) -> f64 {
-    (value * 100.0).round() / 100.0
 }

@@ -11,6 +11,7 @@
 mod desk;
 mod frames;
 mod manifest_edit;
+mod messages;
 mod page;
 mod proposals;
 mod request;

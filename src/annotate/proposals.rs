@@ -1,19 +1,21 @@
 //! Marks proposed for a neutral frame: from the dataset's landmarks, else by OpenCV's Haar cascades. They are never saved by
 //! themselves; a person accepts or moves them.
 //!
-//! The cascades find a face, the eyes in its upper half, and the mouth below. Eye and mouth corners are then placed as in the mean of
-//! real faces ([`ShapePrior::faces`]) by the similarity that takes its pupils to the centres of the eyes; the mouth moves with the box
-//! of the mouth where one was found.
+//! The cascades find a face and the eyes in its upper half; within each eye's box the iris is the darkest blurred spot. Eye and mouth
+//! corners are then placed as in the mean of real faces ([`ShapePrior::faces`]) by the similarity that takes its pupils to the irises.
+//! The mouth moves along the face to the darkest line near its expected place, the one between the lips. (Of OpenCV's cascades only one
+//! is for mouths, for smiling ones; it put neutral mouths off by more than the mean face does.)
 
 use std::{
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
 
+use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 use opencv::{
     core::{Mat, Rect, Size, Vector},
-    imgproc::equalize_hist,
+    imgproc::{equalize_hist, gaussian_blur_def},
     objdetect::CascadeClassifier,
     prelude::*,
 };
@@ -22,7 +24,7 @@ use crate::{
     dataset::{LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
     fit::{Correspondence, MarkKind, ShapePrior},
     geometry::Similarity,
-    sequence::Frame,
+    sequence::{Frame, SequenceError},
     units::NodeId,
     wireframe::Tables,
 };
@@ -38,7 +40,6 @@ pub const CASCADE_FOLDERS: [&str; 4] = [
 const FACE: &str = "haarcascade_frontalface_alt2.xml";
 /// Tried one after the other; the second sees eyes behind glasses.
 const EYES: [&str; 2] = ["haarcascade_eye.xml", "haarcascade_eye_tree_eyeglasses.xml"];
-const MOUTH: &str = "haarcascade_smile.xml";
 
 /// Outer and inner corner of the left eye, inner and outer corner of the right eye, left and right corner of the mouth.
 const PROPOSED: [NodeId; 6] = [NodeId(20), NodeId(23), NodeId(56), NodeId(53), NodeId(31), NodeId(64)];
@@ -47,8 +48,18 @@ const MOUTH_CORNERS: [NodeId; 2] = [NodeId(31), NodeId(64)];
 /// Share of a face box's height above which eyes are looked for.
 const EYE_BAND: f64 = 0.6;
 
-/// Most that a box of a mouth may lie off the expected place, over the eye distance, to be believed.
-const MOUTH_TOLERANCE: f64 = 0.25;
+/// Blur that turns an iris into one dark spot, and how far beside the middle of the eye's box that spot may lie; over the distance of
+/// the boxes. Up and down the boxes are right, and lashes and brows are dark too.
+const IRIS_BLUR: f64 = 0.07;
+const IRIS_REACH: f64 = 0.1;
+
+/// The line between the lips: half its width, steps along the face, how far from its expected place it is looked for, the standard
+/// deviation of that place between people, and the length over which brightness is compared; all over the eye distance.
+const LIPS_HALF_WIDTH: f64 = 0.2;
+const LIPS_STEP: f64 = 0.01;
+const LIPS_REACH: f64 = 0.3;
+const LIPS_DEVIATION: f64 = 0.11;
+const LIPS_SURROUND: f64 = 0.15;
 
 /// Steepest line through the eyes, radians, and least and greatest eye distance over the width of the face box, to be believed.
 const EYE_LINE: f64 = 0.35;
@@ -88,14 +99,16 @@ pub enum CascadeError {
     /// OpenCV failed.
     #[error("OpenCV: {0}")]
     OpenCv(#[from] opencv::Error),
+    /// The frame's pixels can not be read.
+    #[error(transparent)]
+    Frame(SequenceError),
 }
 
-/// Haar cascades for faces, eyes and mouths.
+/// Haar cascades for faces and eyes.
 #[derive(Debug)]
 pub struct Cascades {
     face: CascadeClassifier,
     eyes: [CascadeClassifier; 2],
-    mouth: CascadeClassifier,
     mean: Vec<Point2<f64>>,
     pupils: [Vec<NodeId>; 2],
 }
@@ -106,13 +119,8 @@ impl Cascades {
     /// # Errors
     /// [`CascadeError`] when they are not there or do not load.
     pub fn load(folder: Option<&Path>, tables: &Tables) -> Result<Self, CascadeError> {
-        let folder = match folder {
-            Some(folder) => folder.to_owned(),
-            None => {
-                let mut folders = CASCADE_FOLDERS.iter().map(PathBuf::from);
-                folders.find(|f| f.join(FACE).is_file()).ok_or(CascadeError::NotInstalled)?
-            }
-        };
+        let usual = || CASCADE_FOLDERS.iter().map(PathBuf::from).find(|f| f.join(FACE).is_file());
+        let folder = folder.map(Path::to_owned).or_else(usual).ok_or(CascadeError::NotInstalled)?;
         let load = |name: &str| {
             let path = folder.join(name);
             // OpenCV gives an empty classifier for a file that is not there.
@@ -126,7 +134,6 @@ impl Cascades {
         Ok(Self {
             face: load(FACE)?,
             eyes: [load(EYES[0])?, load(EYES[1])?],
-            mouth: load(MOUTH)?,
             mean: ShapePrior::faces().mean,
             pupils: ["3.5", "3.6"].map(pupil),
         })
@@ -141,6 +148,7 @@ impl Cascades {
         equalize_hist(frame.mat(), &mut grey)?;
         let Some(face) = largest(&detect(&mut self.face, &grey, 1.1, 3, 40)?) else { return Ok(None) };
         let Some([left, right]) = self.eye_centres(&grey, face)? else { return Ok(None) };
+        let [left, right] = [iris(frame.mat(), left, (left - right).norm())?, iris(frame.mat(), right, (left - right).norm())?];
         let middle = |nodes: &[NodeId]| -> Option<Point2<f64>> {
             let points: Option<Vec<_>> = nodes.iter().map(|n| self.mean.get(n.index()).map(|p| p.coords)).collect();
             let points = points.filter(|p| !p.is_empty())?;
@@ -152,10 +160,9 @@ impl Cascades {
         let place = |node: &NodeId| self.mean.get(node.index()).map(|p| flip(placement.apply(p)));
         let Some(mut places) = PROPOSED.iter().map(place).collect::<Option<Vec<_>>>() else { return Ok(None) };
         let corners: Vec<usize> = (0..PROPOSED.len()).filter(|&k| MOUTH_CORNERS.contains(&PROPOSED[k])).collect();
-        let expected = corners.iter().map(|&k| places[k].coords).sum::<Vector2<f64>>() / corners.len() as f64;
-        let eye_distance = (left - right).norm();
-        if let Some(offset) = self.mouth_offset(&grey, face, Point2::from(expected), eye_distance)? {
-            corners.iter().for_each(|&k| places[k].y += offset);
+        let expected = Point2::from(corners.iter().map(|&k| places[k].coords).sum::<Vector2<f64>>() / corners.len() as f64);
+        if let Some(offset) = lips_offset(&frame.to_image().map_err(CascadeError::Frame)?, [left, right], expected) {
+            corners.iter().for_each(|&k| places[k] += offset);
         }
         let mark = |(&node, position): (&NodeId, Point2<f64>)| Correspondence { node, position, kind: MarkKind::Mark };
         Ok(Some(PROPOSED.iter().zip(places).map(mark).collect()))
@@ -181,7 +188,7 @@ impl Cascades {
                     let size = |k: usize| f64::from(boxes[k].width);
                     let misfit = slope
                         + (size(l) / size(r)).ln().abs()
-                        + ((left.x + right.x) / 2.0 - middle).abs() / f64::from(face.width);
+                        + (f64::midpoint(left.x, right.x) - middle).abs() / f64::from(face.width);
                     if best.is_none_or(|(least, _)| misfit < least) {
                         best = Some((misfit, [*left, *right]));
                     }
@@ -193,27 +200,64 @@ impl Cascades {
         }
         Ok(None)
     }
+}
 
-    /// How far below its expected place a mouth was found, px; `None` when none was found near it.
-    fn mouth_offset(
-        &mut self,
-        grey: &Mat,
-        face: Rect,
-        expected: Point2<f64>,
-        eye_distance: f64,
-    ) -> Result<Option<f64>, CascadeError> {
-        let top = face.y + face.height / 2;
-        let bottom = (face.y + face.height + face.height / 6).min(grey.rows());
-        if bottom - top < 20 {
-            return Ok(None);
-        }
-        let band = Rect::new(face.x, top, face.width, bottom - top);
-        let region = Mat::roi(grey, band)?.try_clone()?;
-        let boxes = detect(&mut self.mouth, &region, 1.1, 8, face.width / 4)?;
-        let offsets = boxes.iter().map(|b| centre(*b, band) - expected);
-        let near = offsets.filter(|d| d.norm() < MOUTH_TOLERANCE * eye_distance).min_by(|a, b| a.norm().total_cmp(&b.norm()));
-        Ok(near.map(|d| d.y))
-    }
+/// The darkest blurred spot beside the middle of an eye.
+fn iris(image: &Mat, middle: Point2<f64>, eye_distance: f64) -> Result<Point2<f64>, CascadeError> {
+    let margin = (3.0 * IRIS_BLUR * eye_distance).ceil();
+    let range = |centre: f64, reach: f64, size: i32| {
+        let low = (centre - reach).round().clamp(0.0, f64::from(size - 1)) as i32;
+        (low, (centre + reach).round().clamp(0.0, f64::from(size - 1)) as i32 + 1 - low)
+    };
+    let reach = IRIS_REACH * eye_distance;
+    let ((x, width), (y, height)) = (range(middle.x, reach + margin, image.cols()), range(middle.y, margin, image.rows()));
+    let region = Mat::roi(image, Rect::new(x, y, width, height))?.try_clone()?;
+    let mut blurred = Mat::default();
+    gaussian_blur_def(&region, &mut blurred, Size::new(0, 0), IRIS_BLUR * eye_distance)?;
+    let row = (middle.y.round() as i32 - y).clamp(0, height - 1);
+    let columns = (x..x + width).zip(blurred.at_row::<u8>(row)?);
+    let near =
+        columns.map(|(column, &value)| (value, f64::from(column))).filter(|(_, column)| (column - middle.x).abs() <= reach);
+    let darkest = near.min_by(|a, b| a.0.cmp(&b.0).then((a.1 - middle.x).abs().total_cmp(&(b.1 - middle.x).abs())));
+    Ok(Point2::new(darkest.map_or(middle.x, |(_, column)| column), middle.y))
+}
+
+/// From the expected middle of the mouth to the line between the lips, along the face; `None` where the image does not reach so far.
+///
+/// Of the places t eye distances off, the one is taken with the least z(t) + t^2 / (2 d^2): z is the mean brightness of a line across
+/// the mouth less that of its surround, in standard deviations; d is [`LIPS_DEVIATION`].
+fn lips_offset(image: &GrayImage, [left, right]: [Point2<f64>; 2], expected: Point2<f64>) -> Option<Vector2<f64>> {
+    let across = left - right;
+    let down = Vector2::new(-across.y, across.x);
+    let steps = |reach: f64| {
+        let count = (reach / LIPS_STEP).round() as i32;
+        -count..=count
+    };
+    let brightness = |t: f64| -> Option<f64> {
+        let pixel = |s: i32| {
+            let point = expected + across * (f64::from(s) * 0.02) + down * t;
+            let (x, y) = (point.x.round(), point.y.round());
+            let inside = x >= 0.0 && y >= 0.0 && x < f64::from(image.width()) && y < f64::from(image.height());
+            inside.then(|| f64::from(image.get_pixel(x as u32, y as u32).0[0]))
+        };
+        let half = (LIPS_HALF_WIDTH / 0.02).round() as i32;
+        let values: Option<Vec<f64>> = (-half..=half).map(pixel).collect();
+        values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
+    };
+    let profile: Vec<f64> =
+        steps(LIPS_REACH + LIPS_SURROUND).map(|k| brightness(f64::from(k) * LIPS_STEP)).collect::<Option<_>>()?;
+    let surround = (LIPS_SURROUND / LIPS_STEP).round() as usize;
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let relative: Vec<f64> = (surround..profile.len() - surround)
+        .map(|k| mean(&profile[k - 1..=k + 1]) - mean(&profile[k - surround..=k + surround]))
+        .collect();
+    let deviation = mean(&relative.iter().map(|v| v * v).collect::<Vec<_>>()).sqrt();
+    let cost = |(k, value): (i32, f64)| {
+        let t = f64::from(k) * LIPS_STEP;
+        (value / deviation.max(1.0) + (t / LIPS_DEVIATION).powi(2) / 2.0, t)
+    };
+    let costs = steps(LIPS_REACH).zip(relative).map(cost);
+    costs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| down * t)
 }
 
 fn detect(
@@ -284,6 +328,30 @@ mod tests {
         let error = Cascades::load(Some(folder.path()), &Tables::candide3()).unwrap_err().to_string();
         assert!(error.contains(FACE) && error.contains("apt-get install opencv-data"), "{error}");
         assert!(CascadeError::NotInstalled.to_string().contains("apt-get install opencv-data"));
+    }
+
+    #[test]
+    fn the_mouth_is_put_on_the_dark_line_between_the_lips() {
+        // Eyes 80 px apart, the mouth expected at (100, 140), a dark line of 3 px around y = 148: 8 px, a tenth of 80, further down.
+        let image = GrayImage::from_fn(200, 220, |_, y| image::Luma([if (147..150).contains(&y) { 60 } else { 180 }]));
+        let eyes = [Point2::new(140.0, 60.0), Point2::new(60.0, 60.0)];
+        let offset = lips_offset(&image, eyes, Point2::new(100.0, 140.0)).unwrap();
+        assert!(offset.x.abs() < 1e-9 && (offset.y - 8.0).abs() < 1.0, "{offset}");
+        // Nothing to see: it stays. Too near to the border: no answer.
+        let plain = GrayImage::from_pixel(200, 220, image::Luma([90]));
+        assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 140.0)), Some(Vector2::zeros()));
+        assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 210.0)), None);
+    }
+
+    #[test]
+    fn the_iris_is_the_darkest_spot_beside_the_middle_of_the_eye() {
+        // A disc of 7 px around (66, 60); looked for up to 8 px beside (60, 60).
+        let dark = |x: u32, y: u32| (f64::from(x) - 66.0).hypot(f64::from(y) - 60.0) <= 7.0;
+        let image = GrayImage::from_fn(200, 120, |x, y| image::Luma([if dark(x, y) { 30 } else { 200 }]));
+        let frame = Frame::from_image(1, &image).unwrap();
+        assert_eq!(iris(frame.mat(), Point2::new(60.0, 60.0), 80.0).unwrap(), Point2::new(66.0, 60.0));
+        // At the border of the image it does not fail.
+        assert!(iris(frame.mat(), Point2::new(2.0, 119.0), 80.0).unwrap().x < 20.0);
     }
 
     #[test]

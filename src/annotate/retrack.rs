@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     AnnotateError, RequestError,
-    desk::{Mark, hundredth},
     frames::{FrameShelf, Picture},
+    messages::{Mark, hundredth},
 };
 use crate::{
     dataset::{Dataset, FrameSource, SequenceEntry},
@@ -247,14 +247,13 @@ impl TrackDesk {
         let version = version(&item.csv);
         let mut base = self.base.lock().unwrap_or_else(PoisonError::into_inner);
         let is_known = |b: &&Base| b.id == item.id && b.frame == request.frame && b.version == version;
-        let nodes = match base.as_ref().filter(is_known) {
-            Some(base) => base.nodes.clone(),
-            None => {
-                let mut step = self.track(item, frames, place - 1, place, &Corrections::new())?;
-                let nodes = step.pop().map(|f| f.nodes).unwrap_or_default();
-                *base = Some(Base { id: item.id.clone(), frame: request.frame, version, nodes: nodes.clone() });
-                nodes
-            }
+        let nodes = if let Some(base) = base.as_ref().filter(is_known) {
+            base.nodes.clone()
+        } else {
+            let mut step = self.track(item, frames, place - 1, place, &Corrections::new())?;
+            let nodes = step.pop().map(|f| f.nodes).unwrap_or_default();
+            *base = Some(Base { id: item.id.clone(), frame: request.frame, version, nodes: nodes.clone() });
+            nodes
         };
         correct_nodes(&self.bench.wireframe, &self.springs, &nodes, &hard).map_err(RequestError::refused)
     }

@@ -30,7 +30,15 @@ use axum::{
 };
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{App, RequestError, Shared, Work, desk::Desk, frames::Picture, page, retrack::TrackDesk, security};
+use super::{
+    App, RequestError, Shared, Work,
+    desk::Desk,
+    frames::Picture,
+    messages::{SaveFrames, SaveMarks, ToFit},
+    page,
+    retrack::{Correct, Retrack, TrackDesk},
+    security,
+};
 
 /// Largest body of a request: more than the marks of all nodes need.
 const BODY_LIMIT: usize = 64 * 1024;
@@ -172,26 +180,26 @@ async fn proposals(State(app): State<Shared>, Path((_, id)): Id) -> Response {
     answer(app, move |app| desk(app)?.proposed(&id)).await
 }
 
-async fn save_marks(State(app): State<Shared>, Path((_, id)): Id, request: Body<super::desk::SaveMarks>) -> Response {
+async fn save_marks(State(app): State<Shared>, Path((_, id)): Id, request: Body<SaveMarks>) -> Response {
     answer_body(app, request, move |app, request| desk(app)?.save_marks(&id, request)).await
 }
 
-async fn save_frames(State(app): State<Shared>, Path((_, id)): Id, request: Body<super::desk::SaveFrames>) -> Response {
+async fn save_frames(State(app): State<Shared>, Path((_, id)): Id, request: Body<SaveFrames>) -> Response {
     answer_body(app, request, move |app, request| desk(app)?.save_frames(&id, request)).await
 }
 
-async fn fit(State(app): State<Shared>, request: Body<super::desk::ToFit>) -> Response {
+async fn fit(State(app): State<Shared>, request: Body<ToFit>) -> Response {
     answer_body(app, request, |app, request| Ok(desk(app)?.fit(request))).await
 }
 
-async fn preview(State(app): State<Shared>, Path((_, id)): Id, request: Body<super::retrack::Correct>) -> Response {
+async fn preview(State(app): State<Shared>, Path((_, id)): Id, request: Body<Correct>) -> Response {
     answer_body(app, request, move |app, request| tracks(app)?.preview(&id, request)).await
 }
 
-async fn correct(State(app): State<Shared>, Path((_, id)): Id, request: Body<super::retrack::Correct>) -> Response {
+async fn correct(State(app): State<Shared>, Path((_, id)): Id, request: Body<Correct>) -> Response {
     answer_body(app, request, move |app, request| tracks(app)?.correct(&id, request)).await
 }
 
-async fn retrack(State(app): State<Shared>, Path((_, id)): Id, request: Body<super::retrack::Retrack>) -> Response {
+async fn retrack(State(app): State<Shared>, Path((_, id)): Id, request: Body<Retrack>) -> Response {
     answer_body(app, request, move |app, request| tracks(app)?.retrack(&id, request)).await
 }

@@ -51,7 +51,7 @@ impl Guard {
     pub fn new(address: SocketAddr) -> Result<Self, getrandom::Error> {
         let mut bytes = [0; TOKEN_BYTES];
         getrandom::fill(&mut bytes)?;
-        Ok(Self { token: bytes.iter().map(|b| format!("{b:02x}")).collect(), address })
+        Ok(Self { token: format!("{:032x}", u128::from_be_bytes(bytes)), address })
     }
 
     /// The address to open.

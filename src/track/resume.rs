@@ -114,3 +114,129 @@ pub fn resume_with(
     }
     Ok(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::{
+        fit::FittedWireframe,
+        geometry::Similarity,
+        model::FrameExpressionModel,
+        track::{Found, LossReason, Probe, Slot, Track, track_with},
+        wireframe::Tables,
+    };
+
+    /// Finds every point 1 px further right in the next frame, and back.
+    struct Drift;
+
+    impl PointTracker for Drift {
+        fn advance(&mut self, _: &Frame) -> Result<(), TrackError> {
+            Ok(())
+        }
+
+        fn find(&mut self, from: Slot, _: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+            let way = if from == Slot::Current { -1.0 } else { 1.0 };
+            let found = |p: &Probe| Found::At { position: p.position + Vector2::new(way, 0.0), difference: 1.0 };
+            Ok(probes.iter().map(found).collect())
+        }
+    }
+
+    struct Bench {
+        wireframe: Wireframe,
+        plan: TrackPlan,
+        track: Track,
+    }
+
+    fn frames() -> impl Iterator<Item = Result<Frame, SequenceError>> {
+        (1..=5).map(|number| Frame::from_image(number, &image::GrayImage::new(400, 400)))
+    }
+
+    /// Five frames of a wireframe of 100 px per unit that drifts by 1 px a frame.
+    fn bench() -> Bench {
+        let wireframe = Wireframe::candide3();
+        let plan = TrackPlan::new(&wireframe, &Tables::candide3());
+        let nodes = wireframe.frontal().iter().map(|p| Point2::new(200.0 + 100.0 * p.x, 200.0 - 100.0 * p.y)).collect();
+        let fitted = FittedWireframe {
+            model: FrameExpressionModel::new(nodes),
+            image_from_face: Similarity::identity(),
+            correspondences: vec![],
+            residuals: vec![],
+        };
+        let track = track_with(&mut Drift, &wireframe, &plan, &fitted, frames(), &TrackOptions::default(), |_| true).unwrap();
+        Bench { wireframe, plan, track }
+    }
+
+    fn resume(bench: &Bench, track: &[TrackedFrame], start: u32, corrections: &Corrections) -> Vec<TrackedFrame> {
+        let options = TrackOptions::default();
+        resume_with(&mut Drift, &bench.wireframe, &bench.plan, track, start, corrections, frames(), &options).unwrap()
+    }
+
+    #[test]
+    fn resumed_without_corrections_a_track_is_what_it_was() {
+        let bench = bench();
+        for start in 1..=5 {
+            let again = resume(&bench, &bench.track.frames, start, &Corrections::new());
+            assert_eq!(again, bench.track.frames[start as usize..], "from frame {start}");
+        }
+        let none = resume_with(
+            &mut Drift,
+            &bench.wireframe,
+            &bench.plan,
+            &bench.track.frames,
+            9,
+            &Corrections::new(),
+            frames(),
+            &TrackOptions::default(),
+        );
+        assert!(none.is_err(), "there is no frame 9");
+    }
+
+    #[test]
+    fn a_correction_starts_a_new_path_and_later_ones_are_honoured() {
+        let bench = bench();
+        let node = NodeId(31);
+        let at = |frames: &[TrackedFrame], k: usize| frames[k].nodes[node.index()];
+        let start = at(&bench.track.frames, 1).position;
+        let hard = |dx: f64| BTreeMap::from([(node, start + Vector2::new(dx, -7.0))]);
+        let mut track = bench.track.frames.clone();
+        track[1].nodes = correct_nodes(&bench.wireframe, &Springs::new(&bench.wireframe), &track[1].nodes, &hard(5.0)).unwrap();
+        track[3].nodes = correct_nodes(&bench.wireframe, &Springs::new(&bench.wireframe), &track[3].nodes, &hard(9.0)).unwrap();
+        let corrections = corrections_of(&track);
+        assert_eq!(corrections, Corrections::from([(2, hard(5.0)), (4, hard(9.0))]));
+        let again = resume(&bench, &track, 2, &corrections);
+        assert_eq!(again.iter().map(|f| f.number).collect::<Vec<_>>(), [3, 4, 5]);
+        // Frame 3: the corrected place, drifted by 1 px. Frame 4: where it was set. Frame 5: drifted from there.
+        assert!((at(&again, 0).position - (start + Vector2::new(6.0, -7.0))).norm() < 0.05, "{:?}", at(&again, 0));
+        assert_eq!((at(&again, 1).position, at(&again, 1).state), (start + Vector2::new(9.0, -7.0), NodeState::Corrected));
+        assert!((at(&again, 2).position - (start + Vector2::new(10.0, -7.0))).norm() < 0.05, "{:?}", at(&again, 2));
+    }
+
+    #[test]
+    fn tracked_neighbours_hold_and_lost_ones_follow() {
+        let bench = bench();
+        let (wireframe, springs) = (&bench.wireframe, Springs::new(&bench.wireframe));
+        let node = NodeId(31);
+        let mut nodes = bench.track.frames[1].nodes.clone();
+        let near: Vec<usize> = wireframe
+            .edges()
+            .iter()
+            .filter_map(|&(a, b)| if a == node { Some(b.index()) } else { (b == node).then_some(a.index()) })
+            .collect();
+        let hard = BTreeMap::from([(node, nodes[node.index()].position + Vector2::new(10.0, 0.0))]);
+        let moved = |nodes: &[TrackedNode], k: usize| {
+            let corrected = correct_nodes(wireframe, &springs, nodes, &hard).unwrap();
+            (corrected[k].position - nodes[k].position).norm()
+        };
+        // Held by 20, pulled by one spring of 1 over 10 px: less than 10 / 21 px.
+        assert!(near.iter().all(|&k| moved(&nodes, k) < 10.0 / 21.0));
+        nodes[near[0]].state = NodeState::Recovered(LossReason::Klt);
+        assert!(moved(&nodes, near[0]) > 1.0);
+        // Nothing to correct, nothing changed.
+        assert_eq!(correct_nodes(wireframe, &springs, &nodes, &BTreeMap::new()).unwrap(), nodes);
+        // A node in no triangle drives nothing.
+        let follower = BTreeMap::from([(NodeId(35), Point2::new(1.0, 1.0))]);
+        assert!(matches!(correct_nodes(wireframe, &springs, &nodes, &follower), Err(TrackError::Springs(_))));
+    }
+}

@@ -139,7 +139,8 @@ impl Browser {
 
     /// Presses the pointer at the first place and leads it through the others without letting go.
     pub fn press_pointer(&self, places: &[(f64, f64)]) {
-        let to = |&(x, y): &(f64, f64)| json!({"type": "pointerMove", "duration": 30, "x": x.round() as i64, "y": y.round() as i64});
+        let to =
+            |&(x, y): &(f64, f64)| json!({"type": "pointerMove", "duration": 30, "x": x.round() as i64, "y": y.round() as i64});
         let mut actions = vec![to(&places[0]), json!({"type": "pointerDown", "button": 0})];
         actions.extend(places[1..].iter().map(to));
         self.act(&json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}));
