@@ -327,6 +327,44 @@ fn any_frame_may_be_neutral_or_apex() {
     assert!(range(&changed["version"], 5, 5).text().contains("must come before"));
     assert!(range(&changed["version"], 2, 7).text().contains("there is no frame 7"));
     assert_eq!(row(&work)["first_frame"], "2");
+    drop(server);
+    // A frame that is not there any more: the first is shown, and can be chosen.
+    work.replace("faces/manifest.csv", ",2,5", ",0,5");
+    let server = Server::start(&work, "faces");
+    let opened = open(&server, "S001_005");
+    assert_eq!((&opened["neutral"], &opened["apex"]), (&json!(1), &json!(5)));
+    server.send("PUT", "api/sequences/S001_005/range", &json!({"version": opened["version"], "neutral": 1, "apex": 5})).ok();
+    assert_eq!(row(&work)["first_frame"], "1");
+}
+
+#[test]
+fn a_video_is_marked_and_scrubbed_like_images() {
+    let work = unmarked();
+    if !common::video::write_video(&work, "faces/S001/005", "faces/face.avi") {
+        return;
+    }
+    work.write("faces/manifest.csv", "subject,sequence,emotion,frames\nS001,005,happiness,face.avi\n");
+    let server = Server::start(&work, "faces");
+    let opened = open(&server, "S001_005");
+    assert_eq!((&opened["frames"], &opened["width"], &opened["apex"]), (&json!([1, 2, 3, 4, 5, 6]), &json!(200), &json!(6)));
+    let frame = server.get("api/sequences/S001_005/frames/4");
+    let shown = image::load_from_memory(&frame.body).unwrap().to_luma8();
+    let still = image::open(work.path("faces/S001/005/S001_005_00000004.png")).unwrap().to_luma8();
+    let differences = shown.iter().zip(still.iter()).map(|(a, b)| f64::from(a.abs_diff(*b)));
+    assert!(differences.sum::<f64>() / f64::from(200 * 160) < 5.0, "frame 4 is frame 4, but for JPEG");
+    assert_eq!(server.get("api/sequences/S001_005/frames/7").status, 404);
+    save(&server, "S001_005", &opened["version"], &true_marks("S001/005")).ok();
+    work.grimace("run faces -o results -q").exit(0);
+    drop(server);
+    let server = Server::start(&work, "--tracks results");
+    let track = open(&server, "S001_005");
+    let body = json!({"version": track["version"], "frame": 3, "corrections": [{"node": 31, "x": 90.5, "y": 100.25}]});
+    let corrected = server.send("PUT", "api/sequences/S001_005/corrections", &body).ok();
+    let again = server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": corrected["version"], "frame": 3})).ok();
+    assert_eq!(
+        (&again["frames"][2]["nodes"][31], &again["frames"][2]["states"][31]),
+        (&json!([90.5, 100.25]), &json!("corrected"))
+    );
 }
 
 /// The two sequences of [`unmarked`] in the layout of Cohn-Kanade.
@@ -560,6 +598,29 @@ fn tracks_are_corrected_and_tracked_again() {
     let model = work.bytes("results/models/S001_005.csv");
     work.grimace("run faces -o results").exit(0).prints(&["2 sequences: 0 tracked, 2 unchanged, 0 failed"]);
     assert!(work.bytes("results/tracks/S001_005.csv") == corrected && work.bytes("results/models/S001_005.csv") != model);
+}
+
+#[test]
+fn tracks_that_do_not_belong_are_named_and_left_out() {
+    let work = Work::with_sequences(&["S001_005", "S002_007"]);
+    work.grimace("run faces -o results -q").exit(0);
+    // A track of fewer nodes than the wireframe has.
+    let short: String = work
+        .read("results/tracks/S001_005.csv")
+        .lines()
+        .filter(|l| l.split(',').nth(1).unwrap().parse::<u32>().map_or(true, |node| node < 50))
+        .map(|l| l.to_owned() + "\n")
+        .collect();
+    work.write("results/tracks/S001_005.csv", short);
+    let server = Server::start(&work, "faces --tracks results");
+    let list = server.get("api/sequences").ok();
+    assert_eq!(list["sequences"].as_array().unwrap().len(), 1);
+    assert!(list["failures"][0].as_str().unwrap().contains("the track has 50 nodes, the wireframe 113"), "{list}");
+    drop(server);
+    // Frames that are others now.
+    fs::remove_file(work.path("results/tracks/S001_005.csv")).unwrap();
+    fs::remove_file(work.path("faces/S002/007/S002_007_00000003.png")).unwrap();
+    work.grimace("annotate faces --tracks results --no-open").exit(1).says(&["was made from other frames"]);
 }
 
 #[test]

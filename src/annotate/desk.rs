@@ -350,11 +350,12 @@ fn marks_path(entry: &SequenceEntry) -> &Path {
     entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path)
 }
 
-/// Neutral and apex frame of a sequence.
+/// Neutral and apex frame of a sequence; where the manifest names a frame that is not there, the first and the last.
 fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32), RequestError> {
     let none = || RequestError::Refused("the sequence has no frames".to_owned());
-    let first = entry.first_frame.or(frames.numbers.first().copied()).ok_or_else(none)?;
-    let last = entry.last_frame.or(frames.numbers.last().copied()).ok_or_else(none)?;
+    let known = |n: &u32| frames.numbers.binary_search(n).is_ok();
+    let first = entry.first_frame.filter(known).or(frames.numbers.first().copied()).ok_or_else(none)?;
+    let last = entry.last_frame.filter(known).or(frames.numbers.last().copied()).ok_or_else(none)?;
     Ok((first, last))
 }
 

@@ -138,7 +138,7 @@ impl TrackDesk {
         let mut items = Vec::new();
         let mut failures = Vec::new();
         for csv in files {
-            match item(csv, &dataset.sequences) {
+            match item(csv, &dataset.sequences, bench.wireframe.node_count()) {
                 Ok(item) => items.push(item),
                 Err(reason) => failures.push(reason),
             }
@@ -319,7 +319,7 @@ fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
     found.ok_or_else(not_found)
 }
 
-fn item(csv: PathBuf, entries: &[SequenceEntry]) -> Result<Item, String> {
+fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<Item, String> {
     let info = info_of(&csv).map_err(|e| match e {
         RequestError::Refused(reason) => reason,
         other => format!("{other:?}"),
@@ -335,7 +335,15 @@ fn item(csv: PathBuf, entries: &[SequenceEntry]) -> Result<Item, String> {
             entry.frames_path.display()
         ));
     }
-    let corrected = read_track(&csv).map(|frames| count_corrected(&frames)).map_err(|e| e.to_string())?;
+    let frames = read_track(&csv).map_err(|e| e.to_string())?;
+    let found = frames.first().map_or(0, |f| f.nodes.len());
+    if found != node_count {
+        return Err(format!(
+            "{}: the track has {found} nodes, the wireframe {node_count}; give the one it was made with: --wireframe FILE",
+            csv.display()
+        ));
+    }
+    let corrected = count_corrected(&frames);
     let (id, emotion) = (info.id.to_string(), info.emotion);
     Ok(Item { csv, id, emotion, frames_path: entry.frames_path.clone(), source, summary: info.summary, corrected })
 }

@@ -102,8 +102,13 @@ impl Guard {
             return Some((StatusCode::FORBIDDEN, "the request names another host than this server"));
         }
         let own_origin = |origin: &str| origin.strip_prefix("http://").is_some_and(|authority| self.is_own(authority));
-        let foreign_site = |site: &str| !matches!(site, "same-origin" | "none");
-        let from_elsewhere = text(HeaderName::from_static("sec-fetch-site")).into_iter().any(foreign_site);
+        let says = |name, values: &[&str]| text(HeaderName::from_static(name)).into_iter().all(|v| values.contains(&v));
+        // A link on another page, such as a terminal in the browser, may open the page: nothing is done or read by that.
+        let opens_page = uri.path().len() == self.token.len() + 2
+            && headers.contains_key("sec-fetch-mode")
+            && says("sec-fetch-mode", &["navigate"])
+            && says("sec-fetch-dest", &["document"]);
+        let from_elsewhere = !says("sec-fetch-site", &["same-origin", "none"]) && !opens_page;
         if from_elsewhere || !text(ORIGIN).into_iter().all(own_origin) {
             return Some((StatusCode::FORBIDDEN, "the request comes from another page"));
         }
@@ -202,6 +207,14 @@ mod tests {
         assert_eq!(with("sec-fetch-site", "none"), None);
         assert_eq!(with("sec-fetch-site", "same-site"), Some(403));
         assert_eq!(with("sec-fetch-site", "cross-site"), Some(403));
+        // A link elsewhere may open the page itself, in a window of its own, and nothing else.
+        let opened = |path: &str, dest| {
+            let headers = [("host", "127.0.0.1:7113"), ("sec-fetch-site", "cross-site"), ("sec-fetch-mode", "navigate")];
+            refused(&g, path, &[&headers[..], &[("sec-fetch-dest", dest)]].concat())
+        };
+        assert_eq!(opened(&format!("/{}/", g.token), "document"), None);
+        assert_eq!(opened(&format!("/{}/", g.token), "iframe"), Some(403));
+        assert_eq!(opened(&path, "document"), Some(403));
         assert_eq!(with("host", "evil.example"), Some(403), "two hosts");
         assert_eq!(refused(&g, &path, &[]), Some(403), "no host");
         let absolute = format!("http://evil.example{path}");

@@ -400,7 +400,7 @@ export class Marking {
     const side = name.startsWith('left') ? 'On the right of the image. ' : name.startsWith('right') ? 'On the left of the image. ' : '';
     let hint = `${side}Click it, or press Space.`;
     if (!this.onNeutral()) hint = `Marks belong to the neutral frame, ${this.sequence.neutral}: press Home.`;
-    else if (next === null) hint = 'A node that lies off can be dragged to its place. Enter goes on.';
+    else if (next === null) hint = 'A node that lies off can be dragged to its place. Enter or › goes on.';
     text('hint', hint);
     const bar = document.getElementById('proposal-bar');
     bar.hidden = !this.proposals.length && !(this.proposalNote && !count);
