@@ -67,7 +67,8 @@ impl Desk {
         }
         let worklist = (0..items.len()).filter(|&k| options.all || items[k].marks < ENOUGH_MARKS).collect();
         let manifest = if path.is_file() { path.to_owned() } else { path.join(MANIFEST_NAME) };
-        let root = if path.is_file() { path.parent().map(Path::to_owned).unwrap_or_default() } else { path.to_owned() };
+        let folder = if path.is_file() { path.parent().filter(|p| !p.as_os_str().is_empty()) } else { Some(path) };
+        let root = folder.unwrap_or(Path::new(".")).to_owned();
         Ok(Self {
             bench,
             root,

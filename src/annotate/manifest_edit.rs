@@ -125,6 +125,11 @@ pub fn manifest_text(root: &Path, entries: &[SequenceEntry]) -> String {
 
 /// A path as the manifest in `root` names it, with `/` between folders.
 pub fn relative(root: &Path, path: &Path) -> String {
+    let joined =
+        |parts: &[std::path::Component<'_>]| parts.iter().map(|c| c.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
+    if let Ok(inside) = path.strip_prefix(root) {
+        return joined(&inside.components().collect::<Vec<_>>());
+    }
     let resolve = |p: &Path| {
         // The file itself may not be there yet.
         let resolved = fs::canonicalize(p);
@@ -133,9 +138,8 @@ pub fn relative(root: &Path, path: &Path) -> String {
     let folder = if root.as_os_str().is_empty() { Path::new(".") } else { root };
     let (folder, path) = (resolve(folder), resolve(path));
     let common = folder.components().zip(path.components()).take_while(|(a, b)| a == b).count();
-    let up = folder.components().skip(common).map(|_| "..".to_owned());
-    let down = path.components().skip(common).map(|c| c.as_os_str().to_string_lossy().into_owned());
-    up.chain(down).collect::<Vec<_>>().join("/")
+    let up = folder.components().skip(common).map(|_| std::path::Component::ParentDir);
+    joined(&up.chain(path.components().skip(common)).collect::<Vec<_>>())
 }
 
 fn quoted(value: &str) -> String {
@@ -234,6 +238,12 @@ mod tests {
         fs::create_dir_all(&landmarks).unwrap();
         assert_eq!(relative(folder.path(), &images.join("marks.csv")), "images/S1/marks.csv");
         assert_eq!(relative(&folder.path().join("images"), &landmarks), "../Landmarks");
+        // A folder that is a link is named as the user knows it.
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(&landmarks, folder.path().join("link")).unwrap();
+            assert_eq!(relative(folder.path(), &folder.path().join("link/marks.csv")), "link/marks.csv");
+        }
     }
 
     proptest! {

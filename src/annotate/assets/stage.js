@@ -61,8 +61,11 @@ export class Stage {
 
   /** The window has another size: what was in the middle stays there. */
   resized() {
-    if (!this.touched) this.fit();
-    else this.centre(this.middle);
+    if (!this.touched) return this.fit();
+    const { middle } = this;
+    this.centre(middle);
+    // On the way from one layout to another the window may be too small for a moment.
+    this.middle = middle;
   }
 
   /** The whole image. */
