@@ -31,5 +31,5 @@ need_cargo() {
     exit 1
 }
 
-BUILD_PACKAGES=(build-essential pkg-config clang libclang-dev libopencv-dev)
+BUILD_PACKAGES=(build-essential pkg-config clang libclang-dev libopencv-dev opencv-data)
 BROWSER_PACKAGES=(chromium chromium-driver)

@@ -2,13 +2,12 @@
 
 mod common;
 
-use common::Work;
+use common::{Work, video::write_video};
 use image::{DynamicImage, ImageFormat};
 use opencv::{
-    core::{CV_16U, Mat, Size, Vector},
-    imgcodecs::{IMREAD_COLOR, IMREAD_UNCHANGED, imdecode, imencode},
+    core::{CV_16U, Mat, Vector},
+    imgcodecs::{IMREAD_UNCHANGED, imdecode, imencode},
     prelude::*,
-    videoio::VideoWriter,
 };
 
 const MARKS: &str = "faces/S001/005/correspondences.csv";
@@ -181,28 +180,10 @@ fn jpeg_of_good_quality_moves_nodes_little() {
     assert!(moved > 0.0 && moved < 0.5, "{moved} px");
 }
 
-/// Writes the sequence as a video of motion JPEG; whether OpenCV has a writer for it here.
-fn write_video(work: &Work, name: &str) -> bool {
-    opencv::core::set_log_level(opencv::core::LogLevel::LOG_LEVEL_SILENT).unwrap();
-    let codec = VideoWriter::fourcc('M', 'J', 'P', 'G').unwrap();
-    let path = work.path(name);
-    let mut writer = VideoWriter::new(&path, codec, 25.0, Size::new(200, 160), true).unwrap();
-    if !writer.is_opened().unwrap() {
-        eprintln!("SKIPPED: this OpenCV does not write motion JPEG");
-        return false;
-    }
-    for number in 1..=6 {
-        let bytes = work.bytes(&frame(number));
-        writer.write(&imdecode(&Mat::from_slice(&bytes).unwrap(), IMREAD_COLOR).unwrap()).unwrap();
-    }
-    writer.release().unwrap();
-    true
-}
-
 #[test]
 fn a_video_is_a_sequence() {
     let work = work();
-    if !write_video(&work, "face.avi") {
+    if !write_video(&work, "faces/S001/005", "face.avi") {
         return;
     }
     work.grimace(&format!("track face.avi -c {MARKS} -o S001_1.csv")).exit(0).prints(&["6 frames"]);
@@ -223,7 +204,7 @@ fn a_video_is_a_sequence() {
 #[test]
 fn a_dataset_may_hold_videos() {
     let work = work();
-    if !write_video(&work, "films/face.avi") {
+    if !write_video(&work, "faces/S001/005", "films/face.avi") {
         return;
     }
     let marks = format!("../{MARKS}");

@@ -3,176 +3,23 @@
 //!
 //! `GRIMACE_SCREENSHOTS=DIR` keeps the pictures and the page.
 
+mod browser;
 mod report_data;
 
-use std::{
-    env, fs,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Child, Command, Stdio},
-    thread::sleep,
-    time::{Duration, Instant},
-};
+use std::{fs, thread::sleep, time::Duration};
 
+use browser::{Browser, keep, wait};
 use grimace::{pipeline::Stage, report::render_html};
 use report_data::Fixture;
-use serde_json::{Value, json};
-use tempfile::TempDir;
+use serde_json::json;
 
-/// A browser session; chromedriver and the browser end with it.
-struct Browser {
-    driver: Child,
-    session: String,
-    folder: TempDir,
-}
-
-impl Browser {
-    fn start() -> Self {
-        const INSTALL: &str =
-            "this test needs Chromium and chromedriver: `apt-get install chromium chromium-driver` (Debian), or run scripts/test";
-        let mut driver = Command::new("chromedriver")
-            .arg("--port=0")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap_or_else(|error| panic!("chromedriver does not start ({error}); {INSTALL}"));
-        let lines = BufReader::new(driver.stdout.take().unwrap()).lines();
-        let port = lines.map_while(Result::ok).find_map(|line| {
-            let (_, port) = line.split_once("started successfully on port ")?;
-            port.trim_end_matches('.').parse::<u16>().ok()
-        });
-        let port = port.unwrap_or_else(|| panic!("chromedriver named no port; {INSTALL}"));
-        let folder = tempfile::tempdir().unwrap();
-        let profile = format!("--user-data-dir={}", folder.path().join("profile").display());
-        let arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"];
-        let arguments = arguments.into_iter().chain(["--disable-background-networking", "--disable-component-update", &profile]);
-        let mut browser = Self { driver, session: format!("http://127.0.0.1:{port}/session"), folder };
-        let capabilities = json!({"alwaysMatch": {
-            "goog:chromeOptions": {"args": arguments.collect::<Vec<_>>()},
-            "goog:loggingPrefs": {"browser": "ALL"},
-        }});
-        let answer = browser.try_post("", &json!({"capabilities": capabilities})).unwrap_or_else(|e| panic!("{e}; {INSTALL}"));
-        let id = answer["sessionId"].as_str().unwrap().to_owned();
-        browser.session = format!("{}/{id}", browser.session);
-        browser
-    }
-
-    fn try_post(&self, path: &str, body: &Value) -> Result<Value, String> {
-        let agent =
-            ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(Duration::from_secs(60))).build();
-        let request = ureq::Agent::from(agent).post(format!("{}{path}", self.session)).content_type("application/json");
-        let text = request
-            .send(body.to_string())
-            .and_then(|mut r| r.body_mut().with_config().limit(100_000_000).read_to_string())
-            .map_err(|e| e.to_string())?;
-        let answer: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
-        let value = &answer["value"];
-        match value.get("error") {
-            Some(error) => Err(format!("{error}: {}", value["message"])),
-            None => Ok(value.clone()),
-        }
-    }
-
-    fn post(&self, path: &str, body: &Value) -> Value {
-        self.try_post(path, body).unwrap_or_else(|error| panic!("{path}: {error}"))
-    }
-
-    /// The value of a script's `return`.
-    fn run(&self, script: &str) -> Value {
-        self.post("/execute/sync", &json!({"script": script, "args": []}))
-    }
-
-    fn text(&self, script: &str) -> String {
-        self.run(script).as_str().unwrap_or_else(|| panic!("no text from {script}")).to_owned()
-    }
-
-    fn devtools(&self, command: &str, parameters: &Value) -> Value {
-        self.post("/goog/cdp/execute", &json!({"cmd": command, "params": parameters}))
-    }
-
-    fn size(&self, width: u32, height: u32) {
-        let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600});
-        self.devtools("Emulation.setDeviceMetricsOverride", &metrics);
-    }
-
-    fn media(&self, media: &str, feature: &str, value: &str) {
-        self.devtools("Emulation.setEmulatedMedia", &json!({"media": media, "features": [{"name": feature, "value": value}]}));
-    }
-
-    fn open(&self, name: &str, fixture: &Fixture) {
-        let path = self.folder.path().join(format!("{name}.html"));
-        let html = render_html(&fixture.data()).unwrap();
-        fs::write(&path, &html).unwrap();
-        keep(&format!("{name}.html"), html.as_bytes());
-        self.post("/url", &json!({"url": format!("file://{}", path.display())}));
-    }
-
-    fn no_errors(&self) {
-        let log = self.post("/se/log", &json!({"type": "browser"}));
-        assert_eq!(log, json!([]), "the browser's console");
-    }
-
-    /// Keeps a picture of the window, or of the whole page in pieces.
-    fn screenshot(&self, name: &str, whole: bool) {
-        const PIECE: f64 = 1300.0;
-        if env::var_os("GRIMACE_SCREENSHOTS").is_none() {
-            return;
-        }
-        let capture = |name: &str, parameters: Value| {
-            let picture = self.devtools("Page.captureScreenshot", &parameters);
-            keep(&format!("{name}.png"), &decode_base64(picture["data"].as_str().unwrap()));
-        };
-        if !whole {
-            return capture(name, json!({"format": "png"}));
-        }
-        let size = |what: &str| self.run(&format!("return document.documentElement.{what}")).as_f64().unwrap();
-        let (width, height) = (size("scrollWidth"), size("scrollHeight"));
-        for piece in 0..(height / PIECE).ceil() as usize {
-            let y = piece as f64 * PIECE;
-            let clip = json!({"x": 0, "y": y, "width": width, "height": PIECE.min(height - y), "scale": 1});
-            capture(&format!("{name}-{piece:02}"), json!({"format": "png", "captureBeyondViewport": true, "clip": clip}));
-        }
-    }
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10))).build();
-        // The session may never have begun; what is left to end is the driver, and with it the browser.
-        let _ = ureq::Agent::from(agent).delete(&self.session).call();
-        let _ = self.driver.kill();
-        let _ = self.driver.wait();
-    }
-}
-
-fn keep(name: &str, bytes: &[u8]) {
-    if let Some(folder) = env::var_os("GRIMACE_SCREENSHOTS") {
-        fs::create_dir_all(&folder).unwrap();
-        fs::write(Path::new(&folder).join(name), bytes).unwrap();
-    }
-}
-
-fn decode_base64(text: &str) -> Vec<u8> {
-    const ALPHABET: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let (mut bytes, mut bits, mut count) = (Vec::new(), 0_u32, 0);
-    for symbol in text.bytes().take_while(|&b| b != b'=') {
-        bits = bits << 6 | ALPHABET.iter().position(|&a| a == symbol).unwrap() as u32;
-        count += 6;
-        if count >= 8 {
-            count -= 8;
-            bytes.push((bits >> count) as u8);
-        }
-    }
-    bytes
-}
-
-/// Waits for a condition in the page, at most five seconds.
-fn wait(browser: &Browser, condition: &str) {
-    let start = Instant::now();
-    while browser.run(&format!("return {condition}")) != json!(true) {
-        assert!(start.elapsed() < Duration::from_secs(5), "waited in vain for {condition}");
-        sleep(Duration::from_millis(20));
-    }
+/// Writes a report and shows it.
+fn open(browser: &Browser, name: &str, fixture: &Fixture) {
+    let path = browser.folder.path().join(format!("{name}.html"));
+    let html = render_html(&fixture.data()).unwrap();
+    fs::write(&path, &html).unwrap();
+    keep(&format!("{name}.html"), html.as_bytes());
+    browser.go(&format!("file://{}", path.display()));
 }
 
 const CONTOURS: &str = "document.querySelector('#r3 [data-figure=moving] .contours').getAttribute('d')";
@@ -181,7 +28,8 @@ const CONTOURS: &str = "document.querySelector('#r3 [data-figure=moving] .contou
 fn the_representative_plays_scrubs_and_exaggerates() {
     let browser = Browser::start();
     browser.size(1280, 720);
-    browser.open(
+    open(
+        &browser,
         "faces",
         &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail(
             "S011",
@@ -246,7 +94,7 @@ fn less_motion_means_one_pass_and_no_loop() {
     let browser = Browser::start();
     browser.size(1280, 720);
     browser.media("", "prefers-reduced-motion", "reduce");
-    browser.open("calm", &Fixture::new("Calm", [5; 6], &[]));
+    open(&browser, "calm", &Fixture::new("Calm", [5; 6], &[]));
     browser.run(
         "document.querySelector('#r3 .speed').value = 2; document.querySelector('#r3 .speed').dispatchEvent(new Event('change'))",
     );
@@ -262,7 +110,7 @@ fn the_tracking_table_sorts_filters_and_stays_fast() {
     let browser = Browser::start();
     browser.size(1280, 720);
     // 6 * 334 = 2004 sequences.
-    browser.open("many", &Fixture::new("Two thousand sequences", [334; 6], &[]));
+    open(&browser, "many", &Fixture::new("Two thousand sequences", [334; 6], &[]));
     let column = |k: usize| -> Vec<String> {
         let script = format!("return [...document.querySelectorAll('#tracks tbody tr')].map(r => r.cells[{k}].textContent)");
         browser.run(&script).as_array().unwrap().iter().map(|v| v.as_str().unwrap().to_owned()).collect()
@@ -309,7 +157,8 @@ fn the_tracking_table_sorts_filters_and_stays_fast() {
 fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
     let browser = Browser::start();
     browser.size(1280, 720);
-    browser.open(
+    open(
+        &browser,
         "report",
         &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail(
             "S011",
@@ -345,7 +194,7 @@ fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
     assert_eq!(browser.run("return document.documentElement.scrollWidth"), json!(400));
     browser.screenshot("phone", true);
     browser.size(1280, 720);
-    browser.open("groups", &Fixture::new("Grouped by sex", [9, 8, 7, 12, 6, 10], &["f", "m"]));
+    open(&browser, "groups", &Fixture::new("Grouped by sex", [9, 8, 7, 12, 6, 10], &["f", "m"]));
     browser.screenshot("groups", true);
     browser.no_errors();
 }

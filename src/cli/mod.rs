@@ -11,6 +11,7 @@ macro_rules! eprintln {
 }
 
 mod analyze;
+mod annotate;
 mod evaluate;
 mod fap;
 mod fit;
@@ -46,6 +47,8 @@ Exit status: 0 done, 1 failed, 2 bad usage, 3 done but some sequences failed.";
 enum Command {
     /// The main job: every stage over a dataset, to representatives, FAP files and a report.
     Run(run::Args),
+    /// Mark points on a local web page, or correct tracks.
+    Annotate(annotate::Args),
     /// Fit the wireframe to one neutral face from marked points.
     Fit(fit::Args),
     /// Track one sequence from its neutral to its apex frame.
@@ -92,6 +95,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Annotate(args) => annotate::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),

@@ -12,6 +12,7 @@ mod file;
 mod klt;
 mod quality;
 mod recover;
+mod resume;
 mod state;
 mod step;
 
@@ -31,6 +32,7 @@ pub use confidence::{Confidence, ConfidenceError, Evidence, NodeFeatures, expect
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
 pub use quality::{TrackQuality, TrackSummary, Verdict, summarize};
+pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};
 pub use step::TrackPlan;
 

@@ -3,6 +3,8 @@
 // Every test program uses a part of this.
 #![allow(dead_code)]
 
+pub mod video;
+
 use std::{
     collections::BTreeMap,
     fs,

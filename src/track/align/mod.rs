@@ -76,6 +76,9 @@ const BORDER_PX: f64 = 1.0;
 /// Weight of the step's force on the nodes of lids and lips: their windows hold what opens between them.
 const OPENING_ANCHOR: f64 = 0.1;
 
+/// Weight of the step's force on a node that was let go.
+const RELEASED_ANCHOR: f64 = 1e3;
+
 /// Scale of the Cauchy weights over the robust standard deviation of the grey differences, and its floor in grey levels.
 const CAUCHY_SCALE: f64 = 2.5;
 const SCALE_FLOOR: f64 = 1.0;
@@ -168,6 +171,13 @@ impl Template {
         };
         let faces = triangles.into_iter().zip(motions).map(face).filter(|f| f.samples.len() >= MIN_SAMPLES).collect();
         Self { faces, neutral, anchors, unit_area: f64::from(window).powi(2) }
+    }
+
+    /// Lets a live node (by place) go from the neutral frame: from now on it stays where the step's force puts it.
+    pub fn release(&mut self, place: usize) {
+        if let Some(anchor) = self.anchors.get_mut(place) {
+            *anchor = RELEASED_ANCHOR;
+        }
     }
 
     /// The positions of the live nodes in the current frame, corrected. `start`: where they are before; `forces`: the step's force on

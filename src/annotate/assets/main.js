@@ -1,0 +1,457 @@
+// Starts the page: header, list, dialogs, keys. Marks are made in marking.js, tracks corrected in tracking.js.
+
+import { Diagram } from './diagram.js';
+import { Marking, sentence } from './marking.js';
+import { Scrubber } from './scrubber.js';
+import { Drafts, Refusal, Saver, ask, sequencePath } from './server.js';
+import { Stage } from './stage.js';
+import { Tracking } from './tracking.js';
+
+const NOTICE_MS = 7000;
+const THEMES = ['', 'light', 'dark'];
+
+const KEYS = {
+  marks: [
+    ['Click or tap', 'mark the next node'],
+    ['Space', 'place the next node where it is expected'],
+    ['A', 'accept what is proposed'],
+    ['← ↑ → ↓', 'move the selected node by 1 px'],
+    ['Shift + arrow', '… by 0.1 px'],
+    ['Ctrl + arrow', '… by 10 px'],
+    ['Del', 'delete a mark, release a node set by hand'],
+    ['Ctrl + Z', 'undo'],
+    ['Ctrl + Shift + Z', 'redo'],
+    ['[ and ]', 'node before, node behind'],
+    ['/', 'pick any node by name'],
+    ['Enter', 'next sequence with too few marks'],
+    ['Page up, down', 'sequence before, behind'],
+    ['Q', 'all sequences'],
+    [', and .', 'frame back, frame on'],
+    ['Home, End', 'neutral frame, apex frame'],
+    ['F and L', 'this frame is neutral, is the apex'],
+    ['+ − 0', 'zoom in, out, whole image'],
+    ['Z', 'zoom to the face'],
+    ['W and M', 'wireframe, magnifier on and off'],
+    ['D', 'light or dark'],
+    ['Esc', 'select nothing'],
+  ],
+  tracks: [
+    [', and .', 'frame back, frame on'],
+    ['Home, End', 'neutral frame, apex frame'],
+    ['Drag', 'correct a node in this frame'],
+    ['[ and ]', 'lost node before, behind'],
+    ['← ↑ → ↓', 'move the selected node by 1 px'],
+    ['Shift + arrow', '… by 0.1 px'],
+    ['Ctrl + arrow', '… by 10 px'],
+    ['R', 'track again from this frame on'],
+    ['Del', 'release a corrected node'],
+    ['Ctrl + Z', 'undo a correction'],
+    ['Ctrl + Shift + Z', 'redo'],
+    ['/', 'pick any node by name'],
+    ['Enter', 'next track'],
+    ['Page up, down', 'track before, behind'],
+    ['Q', 'all tracks'],
+    ['+ − 0', 'zoom in, out, whole image'],
+    ['Z', 'zoom to the face'],
+    ['W and M', 'wireframe, magnifier on and off'],
+    ['D', 'light or dark'],
+    ['Esc', 'select nothing'],
+  ],
+};
+
+const get = (id) => document.getElementById(id);
+const on = (id, event, act) => get(id).addEventListener(event, act);
+
+class Page {
+  async start() {
+    this.theme(this.storedTheme());
+    this.setup = await ask('api/setup');
+    const { mode, title } = this.setup;
+    document.body.classList.add(mode);
+    document.title = `${title} · grimace annotate`;
+    if (mode === 'tracks') get('list-title').textContent = 'Corrections';
+    const name = (n) => this.setup.nodes[n].name;
+    this.drafts = new Drafts(title);
+    this.saver = new Saver(this.drafts, (state, text) => this.showSaved(state, text), (id, current, marks) => this.conflict(id, current, marks));
+    this.stage = new Stage(this);
+    this.scrubber = new Scrubber((number) => this.work.showFrame(number));
+    this.work = mode === 'tracks' ? new Tracking(this) : new Marking(this);
+    this.diagram = new Diagram(get('diagram'), this.setup, (n) => this.work.pick(n), (n) => sentence(name(n)));
+    this.fillNodes();
+    this.fillKeys(mode);
+    this.listen();
+    await this.refreshList();
+    const wanted = decodeURIComponent(location.hash.slice(1));
+    const first = this.sequences.find((s) => s.id === wanted) ?? this.sequences.find((s) => this.isLeft(s)) ?? this.sequences[0];
+    if (first) await this.open(first.id);
+    else this.allDone();
+  }
+
+  // What the stage asks and tells goes to the work at hand.
+
+  hit(...what) { return this.work.hit(...what); }
+  tap(...what) { this.hideNotice(); this.work.tap(...what); }
+  dragStart(...what) { this.hideNotice(); this.work.dragStart(...what); }
+  dragMove(...what) { this.work.dragMove(...what); }
+  dragEnd(...what) { this.work.dragEnd(...what); }
+  wantsLoupe() { return this.work.wantsLoupe(); }
+
+  /** The part of a wireframe that is worth zooming to: without skull and outline. */
+  innerFace(nodes) {
+    return this.setup.nodes.filter((n) => n.live && n.region !== 'forehead' && n.region !== 'contour').map((n) => nodes[n.id]);
+  }
+
+  // Sequences.
+
+  isLeft(sequence) {
+    return this.setup.mode === 'marks' && sequence.marks < this.setup.enough;
+  }
+
+  async refreshList() {
+    const list = await ask('api/sequences');
+    this.sequences = list.sequences;
+    this.failures = list.failures;
+    this.total = list.total;
+    this.showProgress();
+  }
+
+  async open(id) {
+    try {
+      this.hideNotice();
+      this.stage.hideLoupe();
+      await this.work.open(id);
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+      this.notice(`${id}: ${error.message}`, true);
+    }
+    this.id = id;
+    history.replaceState(null, '', `#${encodeURIComponent(id)}`);
+    const sequence = this.sequences.find((s) => s.id === id);
+    get('sequence').textContent = id;
+    get('emotion').textContent = sequence?.emotion ?? '';
+    this.showProgress();
+  }
+
+  step(by) {
+    const at = this.sequences.findIndex((s) => s.id === this.id);
+    const next = this.sequences[at + by];
+    if (next) this.open(next.id);
+    else this.notice(by > 0 ? 'This is the last one.' : 'This is the first one.');
+  }
+
+  /** The next sequence that needs marks; the next track. */
+  goOn() {
+    if (this.setup.mode === 'tracks') return this.step(1);
+    const at = this.sequences.findIndex((s) => s.id === this.id);
+    const round = [...this.sequences.slice(at + 1), ...this.sequences.slice(0, at)];
+    const next = round.find((s) => this.isLeft(s));
+    if (next) this.open(next.id);
+    else if (this.sequences.some((s) => this.isLeft(s))) this.notice(`This sequence has fewer than ${this.setup.enough} marks yet; it is the last one left.`);
+    else this.allDone();
+  }
+
+  allDone() {
+    const text = this.sequences.length
+      ? `All ${this.sequences.length} sequences have ${this.setup.enough} marks or more. Next, in a terminal: grimace run DATASET -o results`
+      : `Every one of the ${this.total} sequences has its marks already. “grimace annotate DATASET --all” opens them.`;
+    this.askUser('Nothing left to mark', text, 'Good', null);
+  }
+
+  /** A sequence has another number of marks now. */
+  counted(id, marks) {
+    const sequence = this.sequences.find((s) => s.id === id);
+    if (sequence) sequence.marks = marks;
+    this.showProgress();
+  }
+
+  showProgress() {
+    const { sequences, setup } = this;
+    const at = sequences.findIndex((s) => s.id === this.id) + 1;
+    if (setup.mode === 'tracks') {
+      get('left').textContent = `${at || '–'} of ${sequences.length} tracks`;
+      get('done').hidden = true;
+      return;
+    }
+    const left = sequences.filter((s) => this.isLeft(s)).length;
+    get('left').textContent = `${left} of ${sequences.length} left`;
+    get('done').max = Math.max(1, sequences.length);
+    get('done').value = sequences.length - left;
+  }
+
+  showSequences() {
+    const draw = () => {
+      const words = get('filter').value.toLowerCase().split(/\s+/).filter(Boolean);
+      const fits = (s) => words.every((w) => `${s.id} ${s.emotion}`.toLowerCase().includes(w));
+      get('sequence-list').replaceChildren(
+        ...this.sequences.filter(fits).slice(0, 500).map((s) => {
+          const item = document.createElement('li');
+          const button = document.createElement('button');
+          const part = (className, text) => Object.assign(document.createElement('span'), { className, textContent: text });
+          const state = this.setup.mode === 'tracks' ? `${(100 * s.trackedShare).toFixed(1)} % tracked${s.corrected ? ` · ${s.corrected} corrected` : ''}` : s.marks ? `${s.marks} marks` : 'no marks';
+          button.append(part('id', s.id), part('emotion', s.emotion), part(`state${this.isLeft(s) ? '' : ' done'}`, state));
+          if (s.id === this.id) button.setAttribute('aria-current', 'true');
+          button.addEventListener('click', () => {
+            get('sequences').close();
+            this.open(s.id);
+          });
+          item.append(button);
+          return item;
+        }),
+      );
+    };
+    get('filter').value = '';
+    get('filter').oninput = draw;
+    get('failures').textContent = this.failures.length ? `Not shown: ${this.failures.join('; ')}` : '';
+    draw();
+    get('sequences').showModal();
+    get('sequence-list').querySelector('[aria-current]')?.scrollIntoView({ block: 'center' });
+  }
+
+  // Two tabs.
+
+  async conflict(id, current, marks) {
+    const mine = await this.askUser(
+      'Changed elsewhere',
+      `Another tab or program has saved ${current.marks.length} marks for ${id} since this page read it; this page has ${marks.length}. Which ones are to stay?`,
+      'Keep mine', 'Take theirs');
+    this.saver.read(id, current.version);
+    if (mine) this.saver.save(id, marks);
+    else {
+      this.drafts.drop(id);
+      this.counted(id, current.marks.length);
+      this.showSaved('saved', 'Theirs taken');
+      if (this.work.id === id) {
+        this.work.take(current);
+        this.work.showFrame(current.neutral);
+      }
+    }
+  }
+
+  /** Back in this tab: shows what another one has saved meanwhile. */
+  async lookAgain() {
+    if (document.hidden || !this.id || this.setup.mode !== 'marks' || !this.saver.isSaved(this.id)) return;
+    try {
+      const current = await ask(sequencePath(this.id));
+      if (current.id !== this.id || !this.saver.isSaved(this.id) || current.version === this.saver.versions.get(this.id)) return;
+      this.work.take(current);
+      this.work.showFrame(current.neutral);
+      this.counted(this.id, current.marks.length);
+      this.notice('Another tab has changed this sequence; what it saved is shown.');
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+    }
+  }
+
+  // Small parts of the page.
+
+  showSaved(state, text) {
+    const box = get('saved');
+    box.className = state;
+    box.textContent = text;
+  }
+
+  notice(text, stay = false) {
+    const box = get('notice');
+    box.textContent = text;
+    box.hidden = false;
+    box.classList.remove('problem');
+    clearTimeout(this.noticeTimer);
+    if (!stay) this.noticeTimer = setTimeout(() => this.hideNotice(), NOTICE_MS);
+  }
+
+  hideNotice() {
+    get('notice').hidden = true;
+  }
+
+  /** What is wrong with the marks, for as long as it is. */
+  showProblem(text) {
+    const box = get('notice');
+    if (text) {
+      this.notice(sentence(text), true);
+      box.classList.add('problem');
+    } else if (box.classList.contains('problem')) {
+      this.hideNotice();
+      box.classList.remove('problem');
+    }
+  }
+
+  /** A question with two answers, or one; whether the first was chosen. */
+  askUser(title, text, yes, no) {
+    const dialog = get('ask');
+    get('ask-title').textContent = title;
+    get('ask-text').textContent = text;
+    get('ask-yes').textContent = yes;
+    get('ask-no').textContent = no ?? '';
+    get('ask-no').hidden = no === null;
+    if (dialog.open) dialog.close();
+    dialog.showModal();
+    get('ask-yes').focus();
+    return new Promise((answer) => {
+      const finish = (value) => {
+        dialog.onclose = null;
+        dialog.close();
+        answer(value);
+      };
+      get('ask-yes').onclick = () => finish(true);
+      get('ask-no').onclick = () => finish(false);
+      dialog.onclose = () => answer(false);
+    });
+  }
+
+  showList(rows, empty) {
+    const list = get('list');
+    const focused = list.contains(document.activeElement) ? document.activeElement.dataset : null;
+    list.replaceChildren(
+      ...rows.map(({ node, kind, selected, detail, action }) => {
+        const name = sentence(this.setup.nodes[node].name);
+        const item = document.createElement('li');
+        item.className = `${kind}${selected ? ' selected' : ''}`;
+        const button = Object.assign(document.createElement('button'), { className: 'name' });
+        button.dataset.pick = node;
+        button.setAttribute('aria-pressed', selected);
+        button.append(Object.assign(document.createElement('i'), { className: `symbol ${kind}` }), Object.assign(document.createElement('span'), { textContent: name }), Object.assign(document.createElement('small'), { textContent: detail }));
+        button.addEventListener('click', () => this.work.pick(node));
+        const drop = Object.assign(document.createElement('button'), { className: 'drop', textContent: action === 'Release' ? 'Release' : '✕' });
+        drop.dataset.drop = node;
+        drop.setAttribute('aria-label', `${action} ${name}`);
+        drop.addEventListener('click', () => (this.setup.mode === 'tracks' ? this.work.release(node) : this.work.remove(node)));
+        item.append(button, drop);
+        return item;
+      }),
+    );
+    get('list-empty').textContent = rows.length ? '' : empty;
+    if (focused?.pick) list.querySelector(`[data-pick="${focused.pick}"]`)?.focus();
+  }
+
+  fillNodes() {
+    const select = get('node');
+    const groups = new Map();
+    const add = (node) => {
+      const label = node.markable ? sentence(node.region) : `${sentence(node.region)}, other nodes`;
+      if (!groups.has(label)) groups.set(label, Object.assign(document.createElement('optgroup'), { label }));
+      const words = `${sentence(node.name)}${node.fp ? ` · ${node.fp}` : ''}${node.markable ? '' : ` · node ${node.id}`}`;
+      groups.get(label).append(new Option(words, node.id));
+    };
+    this.setup.nodes.filter((n) => n.live && n.markable).forEach(add);
+    this.setup.nodes.filter((n) => n.live && !n.markable).forEach(add);
+    select.append(new Option('Choose by name…', ''), ...groups.values());
+    select.addEventListener('change', () => {
+      if (select.value !== '') this.work.pick(Number(select.value));
+      select.value = '';
+      this.stage.root.focus({ preventScroll: true });
+    });
+  }
+
+  fillKeys(mode) {
+    get('keys').replaceChildren(
+      ...KEYS[mode].map(([keys, meaning]) => {
+        const row = document.createElement('div');
+        row.append(Object.assign(document.createElement('kbd'), { textContent: keys }), Object.assign(document.createElement('span'), { textContent: meaning }));
+        return row;
+      }),
+    );
+  }
+
+  storedTheme() {
+    try {
+      return localStorage.getItem('grimace:theme') ?? '';
+    } catch {
+      return '';
+    }
+  }
+
+  theme(name) {
+    document.documentElement.dataset.theme = name;
+    try {
+      localStorage.setItem('grimace:theme', name);
+    } catch { /* Then it is chosen again next time. */ }
+  }
+
+  nextTheme() {
+    const name = THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % THEMES.length];
+    this.theme(name);
+    this.notice(name ? `${sentence(name)} colours.` : 'Colours as the system has them.');
+  }
+
+  toggle(button, act) {
+    const pressed = get(button).getAttribute('aria-pressed') !== 'true';
+    get(button).setAttribute('aria-pressed', pressed);
+    act(pressed);
+  }
+
+  toggleWire() {
+    this.toggle('wire-toggle', (shown) => this.stage.root.classList.toggle('bare', !shown));
+  }
+
+  toggleLoupe() {
+    this.toggle('loupe-toggle', (shown) => {
+      this.stage.loupeOn = shown;
+      if (!shown) this.stage.hideLoupe();
+    });
+  }
+
+  listen() {
+    on('previous', 'click', () => this.step(-1));
+    on('next', 'click', () => this.goOn());
+    on('pick', 'click', () => this.showSequences());
+    on('help-open', 'click', () => get('help').showModal());
+    on('theme', 'click', () => this.nextTheme());
+    on('zoom-in', 'click', () => this.stage.zoomBy(1.25));
+    on('zoom-out', 'click', () => this.stage.zoomBy(0.8));
+    on('zoom-fit', 'click', () => this.stage.fit());
+    on('zoom-face', 'click', () => this.work.showFace());
+    on('wire-toggle', 'click', () => this.toggleWire());
+    on('loupe-toggle', 'click', () => this.toggleLoupe());
+    addEventListener('keydown', (event) => this.key(event));
+    document.addEventListener('visibilitychange', () => this.lookAgain());
+    addEventListener('focus', () => this.lookAgain());
+    addEventListener('beforeunload', (event) => {
+      if (this.id && !this.saver.isSaved(this.id)) event.preventDefault();
+    });
+  }
+
+  key(event) {
+    if (document.querySelector('dialog[open]')) return;
+    const field = event.target.closest('input:not([type=range]), select, textarea');
+    if (field) return;
+    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const command = event.ctrlKey || event.metaKey;
+    const onButton = event.target.closest('button, [type=range]');
+    // A focused button keeps the keys that press it, the slider those that move it.
+    if (onButton && (name === 'Enter' || name === ' ')) return;
+    if (event.target.matches('[type=range]') && (name.startsWith('Arrow') || name === 'Home' || name === 'End')) return;
+    if (command && (name === 'z' || name === 'y')) {
+      event.preventDefault();
+      if (name === 'y' || event.shiftKey) this.work.redo();
+      else this.work.undo();
+      return;
+    }
+    if (command && !name.startsWith('Arrow')) return;
+    const keys = {
+      '?': () => get('help').showModal(),
+      h: () => get('help').showModal(),
+      Enter: () => (event.shiftKey ? this.step(-1) : this.goOn()),
+      PageDown: () => this.step(1),
+      PageUp: () => this.step(-1),
+      q: () => this.showSequences(),
+      ',': () => this.scrubber.step(-1),
+      '.': () => this.scrubber.step(1),
+      '+': () => this.stage.zoomBy(1.25),
+      '=': () => this.stage.zoomBy(1.25),
+      '-': () => this.stage.zoomBy(0.8),
+      0: () => this.stage.fit(),
+      z: () => this.work.showFace(),
+      w: () => this.toggleWire(),
+      m: () => this.toggleLoupe(),
+      d: () => this.nextTheme(),
+      '/': () => get('node').focus(),
+    };
+    if (keys[name]) keys[name]();
+    else if (!this.work.sequence && !this.work.track) return;
+    else if (!this.work.key(event, name)) return;
+    event.preventDefault();
+  }
+}
+
+const page = new Page();
+page.start().catch((error) => page.notice(`The page could not start: ${error.message}. Is grimace annotate still running?`, true));

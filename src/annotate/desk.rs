@@ -1,0 +1,372 @@
+//! The sequences of a dataset and their marks, as the page reads and saves them.
+//!
+//! A sequence's marks are in its correspondence file: the one its manifest names, else `SUBJECT/SEQUENCE/correspondences.csv`, which is then
+//! written into the manifest. Every save states the version it was made from (a hash of the file and of the neutral and apex frame): when
+//! another tab, program or person has changed the file since, nothing is written and the page is told what is there.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, OnceLock, PoisonError},
+};
+
+use nalgebra::Point2;
+
+use super::{
+    AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, RequestError,
+    frames::{FrameList, FrameShelf, Picture},
+    manifest_edit::{manifest_text, relative, set_fields},
+    messages::{Fit, List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved, ToFit, hundredth},
+    proposals::{propose_from_cascades, propose_from_landmarks},
+};
+use crate::{
+    dataset::{Dataset, MANIFEST_NAME, SequenceEntry},
+    fit::{Correspondence, FitError, read_correspondences, validate_correspondences, write_correspondences},
+    output::write_bytes,
+    pipeline::Workbench,
+    sequence::{ImageSize, read_first_frame},
+    track::eye_distance_px,
+};
+
+struct Item {
+    entry: SequenceEntry,
+    marks: usize,
+    frames: Option<FrameList>,
+}
+
+/// A dataset on the desk.
+pub struct Desk {
+    /// Wireframe, fitter, tables.
+    pub bench: Workbench,
+    root: PathBuf,
+    manifest: Mutex<Option<PathBuf>>,
+    items: Mutex<Vec<Item>>,
+    /// Places in `items` of the sequences on the page.
+    worklist: Vec<usize>,
+    failures: Vec<String>,
+    cascade_folder: Option<PathBuf>,
+    cascades: OnceLock<Mutex<Result<Cascades, CascadeError>>>,
+    shelf: FrameShelf,
+}
+
+impl Desk {
+    /// Opens a dataset.
+    pub fn open(path: &Path, options: &AnnotateOptions, bench: Workbench) -> Result<Self, AnnotateError> {
+        let dataset = Dataset::open(path)?;
+        let failures: Vec<String> = dataset.failures.iter().map(|f| f.error.to_string()).collect();
+        let count_marks = |entry: &SequenceEntry| {
+            let file = entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path);
+            read_correspondences(file, &bench.tables, bench.wireframe.node_count()).map_or(0, |marks| marks.len())
+        };
+        let items: Vec<Item> =
+            dataset.sequences.into_iter().map(|entry| Item { marks: count_marks(&entry), entry, frames: None }).collect();
+        if items.is_empty() {
+            let skipped = dataset.skipped.first().map(|s| format!("{}: {}", s.id, s.reason));
+            let reason = failures.first().cloned().or(skipped).unwrap_or_default();
+            return Err(AnnotateError::NoSequence { path: path.to_owned(), reason });
+        }
+        let worklist = (0..items.len()).filter(|&k| options.all || items[k].marks < ENOUGH_MARKS).collect();
+        let manifest = if path.is_file() { path.to_owned() } else { path.join(MANIFEST_NAME) };
+        let folder = if path.is_file() { path.parent().filter(|p| !p.as_os_str().is_empty()) } else { Some(path) };
+        let root = folder.unwrap_or(Path::new(".")).to_owned();
+        Ok(Self {
+            bench,
+            root,
+            manifest: Mutex::new(Some(manifest).filter(|m| m.is_file())),
+            items: Mutex::new(items),
+            worklist,
+            failures,
+            cascade_folder: options.cascades.clone(),
+            cascades: OnceLock::new(),
+            shelf: FrameShelf::default(),
+        })
+    }
+
+    /// Sequences on the page, and how many of them are left.
+    pub fn counts(&self) -> (usize, usize) {
+        (self.worklist.len(), self.left(&self.lock()))
+    }
+
+    /// What in the dataset is no sequence.
+    pub fn failures(&self) -> &[String] {
+        &self.failures
+    }
+
+    /// Name of the dataset.
+    pub fn title(&self) -> String {
+        let resolved = fs::canonicalize(&self.root).unwrap_or_else(|_| self.root.clone());
+        resolved.file_name().map_or_else(|| "dataset".to_owned(), |name| name.to_string_lossy().into_owned())
+    }
+
+    /// The sequences on the page.
+    pub fn list(&self) -> List {
+        let items = self.lock();
+        let listed = |&k: &usize| {
+            let Item { entry, marks, .. } = &items[k];
+            Listed { id: entry.id.to_string(), emotion: entry.emotion.clone(), marks: *marks }
+        };
+        List {
+            sequences: self.worklist.iter().map(listed).collect(),
+            left: self.left(&items),
+            total: items.len(),
+            failures: self.failures.clone(),
+        }
+    }
+
+    /// One sequence with its marks.
+    pub fn opened(&self, id: &str) -> Result<Opened, RequestError> {
+        let mut items = self.lock();
+        self.open_item(find(&mut items, id)?)
+    }
+
+    fn open_item(&self, item: &mut Item) -> Result<Opened, RequestError> {
+        let frames = self.frames_of(item)?;
+        let (neutral, apex) = cut(&item.entry, &frames)?;
+        let (marks, problem) = match self.read_marks(&item.entry) {
+            Ok(marks) => (marks, None),
+            Err(problem) => (Vec::new(), Some(problem)),
+        };
+        item.marks = marks.len();
+        Ok(Opened {
+            id: item.entry.id.to_string(),
+            emotion: item.entry.emotion.clone(),
+            neutral,
+            apex,
+            width: frames.size.width,
+            height: frames.size.height,
+            frames: frames.numbers,
+            marks: marks.iter().map(Mark::from).collect(),
+            version: version(&item.entry),
+            file: relative(&self.root, marks_path(&item.entry)),
+            problem,
+        })
+    }
+
+    /// Saves the marks of a sequence, all of them anew; none takes the file away.
+    pub fn save_marks(&self, id: &str, request: &SaveMarks) -> Result<Saved, RequestError> {
+        let mut items = self.lock();
+        let item = find(&mut items, id)?;
+        let size = self.frames_of(item)?.size;
+        self.check_marks(&request.marks, size)?;
+        let current = self.read_marks(&item.entry).map_err(|problem| {
+            RequestError::Refused(format!("{problem}; correct the file or move it away, marks made here would replace it"))
+        })?;
+        let mut marks: Vec<Correspondence> = request.marks.iter().map(Correspondence::from).collect();
+        marks.sort_by_key(|m| m.node);
+        // A save that was answered into a broken connection comes again.
+        let repeated = current == marks;
+        if request.version != version(&item.entry) && !repeated {
+            return Err(RequestError::conflict(&self.open_item(item)?));
+        }
+        if !repeated {
+            self.write_marks(&mut item.entry, &marks)?;
+        }
+        item.marks = marks.len();
+        let version = version(&item.entry);
+        Ok(Saved { version, left: self.left(&items) })
+    }
+
+    fn write_marks(&self, entry: &mut SequenceEntry, marks: &[Correspondence]) -> Result<(), RequestError> {
+        let file = marks_path(entry).to_owned();
+        let manifest = self.manifest();
+        if marks.is_empty() {
+            // Without marks the sequence is as it was before the first one: landmarks serve again where there are any.
+            if let Some(manifest) = manifest.as_ref().filter(|_| entry.correspondences_path.is_some()) {
+                set_fields(manifest, &entry.id, &[("correspondences", String::new())]).map_err(RequestError::failed)?;
+                entry.correspondences_path = None;
+                entry.default_correspondences_path.clone_from(&file);
+            }
+            return match fs::remove_file(&file) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    Err(RequestError::Failed(format!("{}: cannot be removed: {error}", file.display())))
+                }
+                _ => Ok(()),
+            };
+        }
+        write_correspondences(&file, marks).map_err(RequestError::failed)?;
+        if let Some(manifest) = manifest.filter(|_| entry.correspondences_path.is_none()) {
+            let named = relative(&self.root, &file);
+            set_fields(&manifest, &entry.id, &[("correspondences", named)]).map_err(RequestError::failed)?;
+            entry.correspondences_path = Some(file);
+        }
+        Ok(())
+    }
+
+    /// Saves which frames are neutral and apex, in the manifest.
+    pub fn save_frames(&self, id: &str, request: &SaveFrames) -> Result<Opened, RequestError> {
+        let mut items = self.lock();
+        let place = self.place(&items, id)?;
+        let frames = self.frames_of(&mut items[place])?;
+        let known = |n: u32| frames.numbers.binary_search(&n).is_ok();
+        if let Some(missing) = [request.neutral, request.apex].into_iter().find(|&n| !known(n)) {
+            return Err(RequestError::Refused(format!("there is no frame {missing}")));
+        }
+        if request.neutral >= request.apex {
+            let (neutral, apex) = (request.neutral, request.apex);
+            return Err(RequestError::Refused(format!("the neutral frame ({neutral}) must come before the apex frame ({apex})")));
+        }
+        if request.version != version(&items[place].entry) {
+            let current = self.open_item(&mut items[place])?;
+            return Err(RequestError::conflict(&current));
+        }
+        if self.manifest().is_none() {
+            if !request.create_manifest {
+                return Err(RequestError::Consent(format!(
+                    "this dataset has no manifest.csv, where such a choice is kept; one can be written that lists its {} sequences as \
+                     they are read now",
+                    items.len()
+                )));
+            }
+            self.create_manifest(&items)?;
+        }
+        if let Some(manifest) = self.manifest() {
+            let fields = [("first_frame", request.neutral.to_string()), ("last_frame", request.apex.to_string())];
+            set_fields(&manifest, &items[place].entry.id, &fields).map_err(RequestError::failed)?;
+        }
+        let item = &mut items[place];
+        (item.entry.first_frame, item.entry.last_frame) = (Some(request.neutral), Some(request.apex));
+        self.open_item(item)
+    }
+
+    fn create_manifest(&self, items: &[Item]) -> Result<(), RequestError> {
+        let path = self.root.join(MANIFEST_NAME);
+        let entries: Vec<_> = items.iter().map(|i| i.entry.clone()).collect();
+        write_bytes(&path, manifest_text(&self.root, &entries).as_bytes()).map_err(RequestError::failed)?;
+        *self.manifest.lock().unwrap_or_else(PoisonError::into_inner) = Some(path);
+        Ok(())
+    }
+
+    /// Proposed marks for the neutral frame.
+    pub fn proposed(&self, id: &str) -> Result<Proposed, RequestError> {
+        let entry = find(&mut self.lock(), id)?.entry.clone();
+        let frames = entry.frames().map_err(RequestError::refused)?;
+        let note = match propose_from_landmarks(&entry, frames.neutral_number(), &self.bench.tables) {
+            Ok(Some(found)) => return Ok(Proposed::of(&found)),
+            Ok(None) => None,
+            Err(note) => Some(note),
+        };
+        let frame = read_first_frame(&frames).map_err(RequestError::refused)?;
+        let load = || Mutex::new(Cascades::load(self.cascade_folder.as_deref(), &self.bench.tables));
+        match propose_from_cascades(self.cascades.get_or_init(load), &frame) {
+            Ok(Some(found)) => Ok(Proposed { note, ..Proposed::of(&found) }),
+            Ok(None) => {
+                let none = "no face with two eyes was found".to_owned();
+                Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(none)) })
+            }
+            Err(reason) => Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(reason)) }),
+        }
+    }
+
+    /// Fits the wireframe to marks that need not be saved.
+    pub fn fit(&self, request: &ToFit) -> Fit {
+        let marks: Vec<Correspondence> = request.marks.iter().map(Correspondence::from).collect();
+        if let Err(error) = validate_correspondences(&marks, request.width, request.height) {
+            return Fit::Problem { problem: error.to_string(), node: None };
+        }
+        match self.bench.fitter().fit(&self.bench.wireframe, &marks) {
+            Ok(fitted) => Fit::Fitted {
+                nodes: fitted.model.nodes().iter().map(|p| [hundredth(p.x), hundredth(p.y)]).collect(),
+                residuals: fitted.residuals.iter().map(|r| hundredth(*r)).collect(),
+                eye_distance: hundredth(eye_distance_px(&self.bench.tables, fitted.model.nodes()).unwrap_or(0.0)),
+            },
+            Err(error) => {
+                let node = if let FitError::Folded { node, .. } = error { Some(node) } else { None };
+                Fit::Problem { problem: error.to_string(), node }
+            }
+        }
+    }
+
+    /// One frame for the browser.
+    pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
+        let path = find(&mut self.lock(), id)?.entry.frames_path.clone();
+        self.shelf.picture(&path, number)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Item>> {
+        self.items.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn manifest(&self) -> Option<PathBuf> {
+        self.manifest.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn left(&self, items: &[Item]) -> usize {
+        self.worklist.iter().filter(|&&k| items[k].marks < ENOUGH_MARKS).count()
+    }
+
+    #[allow(clippy::unused_self)]
+    fn place(&self, items: &[Item], id: &str) -> Result<usize, RequestError> {
+        items.iter().position(|item| item.entry.id.to_string() == id).ok_or_else(|| no_sequence(id))
+    }
+
+    fn frames_of(&self, item: &mut Item) -> Result<FrameList, RequestError> {
+        if let Some(frames) = &item.frames {
+            return Ok(frames.clone());
+        }
+        let frames = self.shelf.list(&item.entry.frames_path)?;
+        Ok(item.frames.insert(frames).clone())
+    }
+
+    /// The marks of a sequence; none where there is no file.
+    fn read_marks(&self, entry: &SequenceEntry) -> Result<Vec<Correspondence>, String> {
+        let path = marks_path(entry);
+        if !path.exists() {
+            return Ok(Vec::new());
+        }
+        let marks = read_correspondences(path, &self.bench.tables, self.bench.wireframe.node_count());
+        let mut marks = marks.map_err(|e| e.to_string())?;
+        marks.sort_by_key(|m| m.node);
+        Ok(marks)
+    }
+
+    fn check_marks(&self, marks: &[Mark], size: ImageSize) -> Result<(), RequestError> {
+        for (k, mark) in marks.iter().enumerate() {
+            let node = mark.node;
+            if !self.bench.wireframe.live_nodes().contains(&node) {
+                return Err(RequestError::Refused(format!(
+                    "node {node} can not be marked: it is in no triangle of the wireframe"
+                )));
+            }
+            if marks[..k].iter().any(|m| m.node == node) {
+                return Err(RequestError::Refused(format!("node {node} is marked twice")));
+            }
+            if !size.contains(&Point2::new(mark.x, mark.y)) {
+                let (x, y) = (mark.x, mark.y);
+                return Err(RequestError::Refused(format!("node {node} is marked at ({x}, {y}), outside the image of {size}")));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn no_sequence(id: &str) -> RequestError {
+    RequestError::NotFound(format!("there is no sequence {id}"))
+}
+
+fn find<'a>(items: &'a mut [Item], id: &str) -> Result<&'a mut Item, RequestError> {
+    items.iter_mut().find(|item| item.entry.id.to_string() == id).ok_or_else(|| no_sequence(id))
+}
+
+fn marks_path(entry: &SequenceEntry) -> &Path {
+    entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path)
+}
+
+/// Neutral and apex frame of a sequence; where the manifest names a frame that is not there, the first and the last.
+fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32), RequestError> {
+    let none = || RequestError::Refused("the sequence has no frames".to_owned());
+    let known = |n: &u32| frames.numbers.binary_search(n).is_ok();
+    let first = entry.first_frame.filter(known).or(frames.numbers.first().copied()).ok_or_else(none)?;
+    let last = entry.last_frame.filter(known).or(frames.numbers.last().copied()).ok_or_else(none)?;
+    Ok((first, last))
+}
+
+/// What a page has read of a sequence, in 16 digits: its file of marks and its frames.
+fn version(entry: &SequenceEntry) -> String {
+    let mut hasher = blake3::Hasher::new();
+    match fs::read(marks_path(entry)) {
+        Ok(bytes) => hasher.update(&[1]).update(&bytes),
+        Err(_) => hasher.update(&[0]),
+    };
+    hasher.update(format!(" {:?} {:?}", entry.first_frame, entry.last_frame).as_bytes());
+    hasher.finalize().to_hex()[..16].to_owned()
+}

@@ -1,0 +1,262 @@
+//! Fields of a manifest set one by one, every other byte left as it was.
+//!
+//! Line ends, quotes, order, spaces and columns that the program does not know stay. A column that is not there yet is added at the
+//! end of the header and of every row. The file is replaced as a whole, atomically.
+
+use std::{
+    fs, io,
+    ops::Range,
+    path::{Path, PathBuf},
+};
+
+use crate::{
+    dataset::SequenceEntry,
+    input::{CsvFile, InputError},
+    output::{OutputError, write_bytes},
+    units::SequenceId,
+};
+
+/// A manifest that can not be changed.
+#[derive(Debug, thiserror::Error)]
+pub enum ManifestEditError {
+    /// It does not read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// It can not be read or found.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The manifest.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The sequence has been taken out of it.
+    #[error("{}: sequence {id} is not listed any more; start grimace annotate again", path.display())]
+    NoSuchRow {
+        /// The manifest.
+        path: PathBuf,
+        /// The sequence.
+        id: SequenceId,
+    },
+    /// It can not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+/// Sets columns of one sequence's row.
+///
+/// # Errors
+/// [`ManifestEditError`]; the file is then as it was.
+pub fn set_fields(path: &Path, id: &SequenceId, fields: &[(&str, String)]) -> Result<(), ManifestEditError> {
+    // A link stays a link: the file behind it is replaced.
+    let file = fs::canonicalize(path).map_err(|source| ManifestEditError::Io { path: path.to_owned(), source })?;
+    let mut bytes = fs::read(&file).map_err(|source| ManifestEditError::Io { path: path.to_owned(), source })?;
+    let before = bytes.clone();
+    for (column, value) in fields {
+        bytes = set_field(path, bytes, id, column, value)?;
+    }
+    if bytes != before {
+        write_bytes(&file, &bytes)?;
+    }
+    Ok(())
+}
+
+fn set_field(path: &Path, bytes: Vec<u8>, id: &SequenceId, column: &str, value: &str) -> Result<Vec<u8>, ManifestEditError> {
+    let csv = CsvFile::from_bytes(path, bytes.clone())?;
+    let [subject, sequence] = csv.require(["subject", "sequence"])?;
+    let is_row = |row: &crate::input::CsvRow<'_>| row.get(subject) == id.subject && row.get(sequence) == id.sequence;
+    let line = csv.rows().flatten().find(is_row).map(|row| row.line());
+    let line = line.ok_or_else(|| ManifestEditError::NoSuchRow { path: path.to_owned(), id: id.clone() })?;
+    let place = csv.column(column);
+    if place.is_none() && value.is_empty() {
+        return Ok(bytes);
+    }
+    let columns = csv.header().len();
+    let mut out = Vec::with_capacity(bytes.len() + 64);
+    let mut header_seen = false;
+    for (number, range) in (1..).zip(lines(&bytes)) {
+        let text = &bytes[range.clone()];
+        let mut content = text.to_vec();
+        let end = content.iter().rposition(|b| !matches!(b, b'\n' | b'\r')).map_or(0, |k| k + 1);
+        let terminator = content.split_off(end);
+        let shown = content.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&content);
+        let blank = shown.iter().all(|b| b.is_ascii_whitespace() || *b == b',');
+        if !blank && place.is_none() {
+            let count = fields_of(&content).len();
+            if !header_seen {
+                content.extend_from_slice(format!(",{column}").as_bytes());
+            } else if count <= columns {
+                content.push(b',');
+            }
+        }
+        header_seen |= !blank;
+        if number == line {
+            let place = place.unwrap_or(columns);
+            if let Some(field) = fields_of(&content).get(place) {
+                content.splice(field.clone(), quoted(value).into_bytes());
+            }
+        }
+        out.extend(content);
+        out.extend(terminator);
+    }
+    Ok(out)
+}
+
+/// A manifest that says what the layout of Cohn-Kanade said: every sequence with its label, frames and landmarks.
+pub fn manifest_text(root: &Path, entries: &[SequenceEntry]) -> String {
+    let mut text = "subject,sequence,emotion,frames,first_frame,last_frame,correspondences,landmarks\n".to_owned();
+    for entry in entries {
+        let number = |n: Option<u32>| n.map(|n| n.to_string()).unwrap_or_default();
+        let file = entry.default_correspondences_path.is_file().then(|| relative(root, &entry.default_correspondences_path));
+        let fields = [
+            entry.id.subject.clone(),
+            entry.id.sequence.clone(),
+            entry.emotion.clone(),
+            relative(root, &entry.frames_path),
+            number(entry.first_frame),
+            number(entry.last_frame),
+            file.unwrap_or_default(),
+            entry.landmarks_paths.iter().find(|p| p.exists()).map(|p| relative(root, p)).unwrap_or_default(),
+        ];
+        text += &(fields.map(|f| quoted(&f)).join(",") + "\n");
+    }
+    text
+}
+
+/// A path as the manifest in `root` names it, with `/` between folders.
+pub fn relative(root: &Path, path: &Path) -> String {
+    let joined =
+        |parts: &[std::path::Component<'_>]| parts.iter().map(|c| c.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
+    if let Ok(inside) = path.strip_prefix(root) {
+        return joined(&inside.components().collect::<Vec<_>>());
+    }
+    let resolve = |p: &Path| {
+        // The file itself may not be there yet.
+        let resolved = fs::canonicalize(p);
+        resolved.ok().or_else(|| Some(fs::canonicalize(p.parent()?).ok()?.join(p.file_name()?))).unwrap_or_else(|| p.to_owned())
+    };
+    let folder = if root.as_os_str().is_empty() { Path::new(".") } else { root };
+    let (folder, path) = (resolve(folder), resolve(path));
+    let common = folder.components().zip(path.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(common).map(|_| std::path::Component::ParentDir);
+    joined(&up.chain(path.components().skip(common)).collect::<Vec<_>>())
+}
+
+fn quoted(value: &str) -> String {
+    if value.contains(['"', ',']) { format!("\"{}\"", value.replace('"', "\"\"")) } else { value.to_owned() }
+}
+
+/// Lines with their ends: LF, CRLF or CR, as the reader has them.
+fn lines(bytes: &[u8]) -> Vec<Range<usize>> {
+    let mut ranges = Vec::new();
+    let mut start = 0;
+    while start < bytes.len() {
+        let rest = &bytes[start..];
+        let length = rest.iter().position(|b| matches!(b, b'\n' | b'\r')).unwrap_or(rest.len());
+        let end = if rest[length..].starts_with(b"\r\n") { 2 } else { usize::from(length < rest.len()) };
+        ranges.push(start..start + length + end);
+        start += length + end;
+    }
+    ranges
+}
+
+/// Places of the fields of a line, quotes included. A quotation mark opens a quoted field only at its start, as in the reader.
+fn fields_of(content: &[u8]) -> Vec<Range<usize>> {
+    let mut fields = Vec::new();
+    let (mut start, mut k) = (0, 0);
+    let mut inside = content.first() == Some(&b'"');
+    if inside {
+        k = 1;
+    }
+    while k < content.len() {
+        match content[k] {
+            b'"' if inside && content.get(k + 1) == Some(&b'"') => k += 1,
+            b'"' if inside => inside = false,
+            b',' if !inside => {
+                fields.push(start..k);
+                start = k + 1;
+                if content.get(start) == Some(&b'"') {
+                    inside = true;
+                    k += 1;
+                }
+            }
+            _ => {}
+        }
+        k += 1;
+    }
+    fields.push(start..content.len());
+    fields
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn set(text: &str, fields: &[(&str, &str)]) -> Result<String, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("manifest.csv");
+        fs::write(&path, text).unwrap();
+        let fields: Vec<_> = fields.iter().map(|(c, v)| (*c, (*v).to_owned())).collect();
+        let id = SequenceId { subject: "S1".into(), sequence: "2".into() };
+        set_fields(&path, &id, &fields).map_err(|e| e.to_string())?;
+        Ok(String::from_utf8(fs::read(&path).unwrap()).unwrap())
+    }
+
+    #[test]
+    fn a_field_is_replaced_and_nothing_else() {
+        let text =
+            "subject , sequence,emotion,first_frame,note\r\nS1,1,joy,3,\"a, \"\"b\"\"\"\r\n\r\nS1, 2 ,joy,4,\"x,y\"\r\n,,,,\r\n";
+        assert_eq!(set(text, &[("first_frame", "7")]).unwrap(), text.replace(",4,", ",7,"));
+        assert_eq!(set(text, &[("note", "a,\"b")]).unwrap(), text.replace("\"x,y\"", "\"a,\"\"b\""));
+        assert_eq!(set(text, &[("first_frame", "4")]).unwrap(), text);
+    }
+
+    #[test]
+    fn a_column_is_added_to_every_row() {
+        // No line end behind the last line, a byte order mark, and a row that a spreadsheet filled up.
+        let text = "\u{feff}subject,sequence,emotion\nS1,1,joy\nS1,2,joy,,\nS1,3,joy";
+        let expected = "\u{feff}subject,sequence,emotion,last_frame\nS1,1,joy,\nS1,2,joy,9,\nS1,3,joy,";
+        assert_eq!(set(text, &[("last_frame", "9")]).unwrap(), expected);
+        assert_eq!(set(text, &[("last_frame", "")]).unwrap(), text);
+        let both = set("subject,sequence,emotion\nS1,2,joy\n", &[("first_frame", "1"), ("last_frame", "9")]).unwrap();
+        assert_eq!(both, "subject,sequence,emotion,first_frame,last_frame\nS1,2,joy,1,9\n");
+    }
+
+    #[test]
+    fn a_row_that_is_gone_is_said() {
+        let error = set("subject,sequence,emotion\nS1,1,joy\n", &[("last_frame", "9")]).unwrap_err();
+        assert!(error.contains("sequence S1_2 is not listed any more"), "{error}");
+    }
+
+    #[test]
+    fn paths_are_relative_to_the_manifest() {
+        let folder = tempfile::tempdir().unwrap();
+        let (images, landmarks) = (folder.path().join("images/S1"), folder.path().join("Landmarks"));
+        fs::create_dir_all(&images).unwrap();
+        fs::create_dir_all(&landmarks).unwrap();
+        assert_eq!(relative(folder.path(), &images.join("marks.csv")), "images/S1/marks.csv");
+        assert_eq!(relative(&folder.path().join("images"), &landmarks), "../Landmarks");
+        // A folder that is a link is named as the user knows it.
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(&landmarks, folder.path().join("link")).unwrap();
+            assert_eq!(relative(folder.path(), &folder.path().join("link/marks.csv")), "link/marks.csv");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_set_is_read_and_the_others_stay(value in "[ -~]{0,12}", other in "[ -~]{0,12}") {
+            // A field is trimmed when it is read; a lone quotation mark within is text.
+            let (value, other) = (value.trim(), other.trim());
+            let text = format!("subject,sequence,emotion,a,b\nS1,2,joy,{},{}\n", quoted("old"), quoted(other));
+            let new = set(&text, &[("a", value)]).unwrap();
+            let csv = CsvFile::from_bytes(Path::new("m"), new.into_bytes()).unwrap();
+            let row = csv.rows().next().unwrap().unwrap();
+            prop_assert_eq!(row.get(3), value);
+            prop_assert_eq!(row.get(4), other);
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! What goes to and from the page about the sequences of a dataset.
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use super::{ProposalSource, ProposedMarks};
+use crate::{
+    fit::{Correspondence, MarkKind},
+    units::NodeId,
+};
+
+/// A mark on its way to and from the page.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Mark {
+    /// The node.
+    pub node: NodeId,
+    /// Px.
+    pub x: f64,
+    /// Px, down.
+    pub y: f64,
+    /// Mark or hard position.
+    #[serde(default)]
+    pub kind: MarkKind,
+}
+
+impl From<&Correspondence> for Mark {
+    fn from(c: &Correspondence) -> Self {
+        Self { node: c.node, x: c.position.x, y: c.position.y, kind: c.kind }
+    }
+}
+
+impl From<&Mark> for Correspondence {
+    fn from(m: &Mark) -> Self {
+        Self { node: m.node, position: Point2::new(m.x, m.y), kind: m.kind }
+    }
+}
+
+/// A sequence in the list.
+#[derive(Serialize)]
+pub struct Listed {
+    pub id: String,
+    pub emotion: String,
+    /// Marks in its file.
+    pub marks: usize,
+}
+
+/// The list of sequences.
+#[derive(Serialize)]
+pub struct List {
+    pub sequences: Vec<Listed>,
+    /// Sequences with fewer than [`ENOUGH_MARKS`] marks.
+    pub left: usize,
+    /// Sequences of the dataset, on the page or not.
+    pub total: usize,
+    pub failures: Vec<String>,
+}
+
+/// One sequence with all that the page shows of it.
+#[derive(Serialize)]
+pub struct Opened {
+    pub id: String,
+    pub emotion: String,
+    /// Frame numbers of the whole sequence.
+    pub frames: Vec<u32>,
+    pub neutral: u32,
+    pub apex: u32,
+    pub width: u32,
+    pub height: u32,
+    pub marks: Vec<Mark>,
+    pub version: String,
+    /// Where the marks are saved, as the manifest names it.
+    pub file: String,
+    /// What keeps the marks from being read.
+    pub problem: Option<String>,
+}
+
+/// Marks to save.
+#[derive(Deserialize)]
+pub struct SaveMarks {
+    pub version: String,
+    pub marks: Vec<Mark>,
+}
+
+/// Frames to save.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct SaveFrames {
+    pub version: String,
+    pub neutral: u32,
+    pub apex: u32,
+    /// Whether a manifest may be written for a dataset that has none.
+    #[serde(default)]
+    pub create_manifest: bool,
+}
+
+/// What a save gave.
+#[derive(Serialize)]
+pub struct Saved {
+    pub version: String,
+    pub left: usize,
+}
+
+/// Marks to fit, on an image of a size.
+#[derive(Deserialize)]
+pub struct ToFit {
+    pub marks: Vec<Mark>,
+    pub width: u32,
+    pub height: u32,
+}
+
+/// A fit, or why there is none.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase", untagged)]
+pub enum Fit {
+    /// All nodes.
+    Fitted {
+        /// Positions in node order, px.
+        nodes: Vec<[f64; 2]>,
+        /// Distance of the node of every mark to its mark, px, in the order of the marks.
+        residuals: Vec<f64>,
+        /// ES0, px.
+        #[serde(rename = "eyeDistance")]
+        eye_distance: f64,
+    },
+    /// What is wrong with the marks.
+    Problem {
+        /// In a sentence.
+        problem: String,
+        /// The mark that is likeliest wrong.
+        node: Option<NodeId>,
+    },
+}
+
+/// Proposed marks.
+#[derive(Serialize)]
+pub struct Proposed {
+    pub source: Option<ProposalSource>,
+    pub marks: Vec<Mark>,
+    /// Why there are none, and what would help.
+    pub note: Option<String>,
+}
+
+impl Proposed {
+    /// Marks that were found.
+    pub fn of(found: &ProposedMarks) -> Self {
+        Self { source: Some(found.source), marks: found.marks.iter().map(Mark::from).collect(), note: None }
+    }
+}
+
+/// Px with two digits: what a screen can show.
+pub fn hundredth(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0
+}

@@ -1,0 +1,364 @@
+//! Marks proposed for a neutral frame: from the dataset's landmarks, else by OpenCV's Haar cascades. They are never saved by
+//! themselves; a person accepts or moves them.
+//!
+//! The cascades find a face and the eyes in its upper half; within each eye's box the iris is the darkest blurred spot. Eye and mouth
+//! corners are then placed as in the mean of real faces ([`ShapePrior::faces`]) by the similarity that takes its pupils to the irises.
+//! The mouth moves along the face to the darkest line near its expected place, the one between the lips. (Of OpenCV's cascades only one
+//! is for mouths, for smiling ones; it put neutral mouths off by more than the mean face does.)
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use image::GrayImage;
+use nalgebra::{Point2, Vector2};
+use opencv::{
+    core::{Mat, Rect, Size, Vector},
+    imgproc::{equalize_hist, gaussian_blur_def},
+    objdetect::CascadeClassifier,
+    prelude::*,
+};
+
+use crate::{
+    dataset::{LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
+    fit::{Correspondence, MarkKind, ShapePrior},
+    geometry::Similarity,
+    sequence::{Frame, SequenceError},
+    units::NodeId,
+    wireframe::Tables,
+};
+
+/// Where Debian's package `opencv-data` and OpenCV's own installation put the cascades.
+pub const CASCADE_FOLDERS: [&str; 4] = [
+    "/usr/share/opencv4/haarcascades",
+    "/usr/local/share/opencv4/haarcascades",
+    "/usr/share/opencv/haarcascades",
+    "/opt/homebrew/share/opencv4/haarcascades",
+];
+
+const FACE: &str = "haarcascade_frontalface_alt2.xml";
+/// Tried one after the other; the second sees eyes behind glasses.
+const EYES: [&str; 2] = ["haarcascade_eye.xml", "haarcascade_eye_tree_eyeglasses.xml"];
+
+/// Outer and inner corner of the left eye, inner and outer corner of the right eye, left and right corner of the mouth.
+const PROPOSED: [NodeId; 6] = [NodeId(20), NodeId(23), NodeId(56), NodeId(53), NodeId(31), NodeId(64)];
+const MOUTH_CORNERS: [NodeId; 2] = [NodeId(31), NodeId(64)];
+
+/// Share of a face box's height above which eyes are looked for.
+const EYE_BAND: f64 = 0.6;
+
+/// Blur that turns an iris into one dark spot, and how far beside the middle of the eye's box that spot may lie; over the distance of
+/// the boxes. Up and down the boxes are right, and lashes and brows are dark too.
+const IRIS_BLUR: f64 = 0.07;
+const IRIS_REACH: f64 = 0.1;
+
+/// The line between the lips: half its width, steps along the face, how far from its expected place it is looked for, the standard
+/// deviation of that place between people, and the length over which brightness is compared; all over the eye distance.
+const LIPS_HALF_WIDTH: f64 = 0.2;
+const LIPS_STEP: f64 = 0.01;
+const LIPS_REACH: f64 = 0.3;
+const LIPS_DEVIATION: f64 = 0.11;
+const LIPS_SURROUND: f64 = 0.15;
+
+/// Steepest line through the eyes, radians, and least and greatest eye distance over the width of the face box, to be believed.
+const EYE_LINE: f64 = 0.35;
+const EYE_SPAN: (f64, f64) = (0.28, 0.62);
+
+/// Where proposals come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ProposalSource {
+    /// Landmarks of the dataset.
+    Landmarks,
+    /// OpenCV's Haar cascades.
+    Cascades,
+}
+
+/// Marks proposed for a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProposedMarks {
+    /// Where they come from.
+    pub source: ProposalSource,
+    /// The marks.
+    pub marks: Vec<Correspondence>,
+}
+
+/// Cascades that can not be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CascadeError {
+    /// No folder of cascades.
+    #[error("OpenCV's face cascades are not installed; on Debian: apt-get install opencv-data")]
+    NotInstalled,
+    /// A cascade that is missing or does not load.
+    #[error("{}: the cascade does not load; on Debian: apt-get install opencv-data", path.display())]
+    DoesNotLoad {
+        /// The file.
+        path: PathBuf,
+    },
+    /// OpenCV failed.
+    #[error("OpenCV: {0}")]
+    OpenCv(#[from] opencv::Error),
+    /// The frame's pixels can not be read.
+    #[error(transparent)]
+    Frame(SequenceError),
+}
+
+/// Haar cascades for faces and eyes.
+#[derive(Debug)]
+pub struct Cascades {
+    face: CascadeClassifier,
+    eyes: [CascadeClassifier; 2],
+    mean: Vec<Point2<f64>>,
+    pupils: [Vec<NodeId>; 2],
+}
+
+impl Cascades {
+    /// Loads the cascades of a folder; of the first of [`CASCADE_FOLDERS`] that is there if `None`.
+    ///
+    /// # Errors
+    /// [`CascadeError`] when they are not there or do not load.
+    pub fn load(folder: Option<&Path>, tables: &Tables) -> Result<Self, CascadeError> {
+        let usual = || CASCADE_FOLDERS.iter().map(PathBuf::from).find(|f| f.join(FACE).is_file());
+        let folder = folder.map(Path::to_owned).or_else(usual).ok_or(CascadeError::NotInstalled)?;
+        let load = |name: &str| {
+            let path = folder.join(name);
+            // OpenCV gives an empty classifier for a file that is not there.
+            let classifier = CascadeClassifier::new(&path).ok();
+            match classifier.map(|c| c.empty().map(|empty| (c, empty))) {
+                Some(Ok((classifier, false))) => Ok(classifier),
+                _ => Err(CascadeError::DoesNotLoad { path }),
+            }
+        };
+        let pupil = |fp: &str| fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)).unwrap_or_default().to_vec();
+        Ok(Self {
+            face: load(FACE)?,
+            eyes: [load(EYES[0])?, load(EYES[1])?],
+            mean: ShapePrior::faces().mean,
+            pupils: ["3.5", "3.6"].map(pupil),
+        })
+    }
+
+    /// Corners of eyes and mouth of the largest face; `None` when no face with two eyes is found.
+    ///
+    /// # Errors
+    /// [`CascadeError::OpenCv`].
+    pub fn find(&mut self, frame: &Frame) -> Result<Option<Vec<Correspondence>>, CascadeError> {
+        let mut grey = Mat::default();
+        equalize_hist(frame.mat(), &mut grey)?;
+        let Some(face) = largest(&detect(&mut self.face, &grey, 1.1, 3, 40)?) else { return Ok(None) };
+        let Some([left, right]) = self.eye_centres(&grey, face)? else { return Ok(None) };
+        let [left, right] = [iris(frame.mat(), left, (left - right).norm())?, iris(frame.mat(), right, (left - right).norm())?];
+        let middle = |nodes: &[NodeId]| -> Option<Point2<f64>> {
+            let points: Option<Vec<_>> = nodes.iter().map(|n| self.mean.get(n.index()).map(|p| p.coords)).collect();
+            let points = points.filter(|p| !p.is_empty())?;
+            Some(Point2::from(points.iter().sum::<Vector2<f64>>() / points.len() as f64))
+        };
+        let flip = |p: Point2<f64>| Point2::new(p.x, -p.y);
+        let (Some(mean_left), Some(mean_right)) = (middle(&self.pupils[0]), middle(&self.pupils[1])) else { return Ok(None) };
+        let Ok(placement) = Similarity::fit(&[mean_left, mean_right], &[flip(left), flip(right)], None) else { return Ok(None) };
+        let place = |node: &NodeId| self.mean.get(node.index()).map(|p| flip(placement.apply(p)));
+        let Some(mut places) = PROPOSED.iter().map(place).collect::<Option<Vec<_>>>() else { return Ok(None) };
+        let corners: Vec<usize> = (0..PROPOSED.len()).filter(|&k| MOUTH_CORNERS.contains(&PROPOSED[k])).collect();
+        let expected = Point2::from(corners.iter().map(|&k| places[k].coords).sum::<Vector2<f64>>() / corners.len() as f64);
+        if let Some(offset) = lips_offset(&frame.to_image().map_err(CascadeError::Frame)?, [left, right], expected) {
+            corners.iter().for_each(|&k| places[k] += offset);
+        }
+        let mark = |(&node, position): (&NodeId, Point2<f64>)| Correspondence { node, position, kind: MarkKind::Mark };
+        Ok(Some(PROPOSED.iter().zip(places).map(mark).collect()))
+    }
+
+    /// Centres of the subject's left and right eye.
+    fn eye_centres(&mut self, grey: &Mat, face: Rect) -> Result<Option<[Point2<f64>; 2]>, CascadeError> {
+        let band = Rect::new(face.x, face.y, face.width, (f64::from(face.height) * EYE_BAND) as i32);
+        let region = Mat::roi(grey, band)?.try_clone()?;
+        for cascade in &mut self.eyes {
+            let boxes = detect(cascade, &region, 1.05, 3, face.width / 8)?;
+            let centres: Vec<_> = boxes.iter().map(|b| centre(*b, band)).collect();
+            let middle = f64::from(face.x) + f64::from(face.width) / 2.0;
+            let mut best: Option<(f64, [Point2<f64>; 2])> = None;
+            // The subject's left eye is on the right of the image.
+            for (l, left) in centres.iter().enumerate().filter(|(_, p)| p.x > middle) {
+                for (r, right) in centres.iter().enumerate().filter(|(_, p)| p.x <= middle) {
+                    let span = (left - right).norm() / f64::from(face.width);
+                    let slope = ((left.y - right.y) / (left.x - right.x)).atan().abs();
+                    if slope > EYE_LINE || span < EYE_SPAN.0 || span > EYE_SPAN.1 {
+                        continue;
+                    }
+                    let size = |k: usize| f64::from(boxes[k].width);
+                    let misfit = slope
+                        + (size(l) / size(r)).ln().abs()
+                        + (f64::midpoint(left.x, right.x) - middle).abs() / f64::from(face.width);
+                    if best.is_none_or(|(least, _)| misfit < least) {
+                        best = Some((misfit, [*left, *right]));
+                    }
+                }
+            }
+            if let Some((_, eyes)) = best {
+                return Ok(Some(eyes));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// The darkest blurred spot beside the middle of an eye.
+fn iris(image: &Mat, middle: Point2<f64>, eye_distance: f64) -> Result<Point2<f64>, CascadeError> {
+    let margin = (3.0 * IRIS_BLUR * eye_distance).ceil();
+    let range = |centre: f64, reach: f64, size: i32| {
+        let low = (centre - reach).round().clamp(0.0, f64::from(size - 1)) as i32;
+        (low, (centre + reach).round().clamp(0.0, f64::from(size - 1)) as i32 + 1 - low)
+    };
+    let reach = IRIS_REACH * eye_distance;
+    let ((x, width), (y, height)) = (range(middle.x, reach + margin, image.cols()), range(middle.y, margin, image.rows()));
+    let region = Mat::roi(image, Rect::new(x, y, width, height))?.try_clone()?;
+    let mut blurred = Mat::default();
+    gaussian_blur_def(&region, &mut blurred, Size::new(0, 0), IRIS_BLUR * eye_distance)?;
+    let row = (middle.y.round() as i32 - y).clamp(0, height - 1);
+    let columns = (x..x + width).zip(blurred.at_row::<u8>(row)?);
+    let near =
+        columns.map(|(column, &value)| (value, f64::from(column))).filter(|(_, column)| (column - middle.x).abs() <= reach);
+    let darkest = near.min_by(|a, b| a.0.cmp(&b.0).then((a.1 - middle.x).abs().total_cmp(&(b.1 - middle.x).abs())));
+    Ok(Point2::new(darkest.map_or(middle.x, |(_, column)| column), middle.y))
+}
+
+/// From the expected middle of the mouth to the line between the lips, along the face; `None` where the image does not reach so far.
+///
+/// Of the places t eye distances off, the one is taken with the least z(t) + t^2 / (2 d^2): z is the mean brightness of a line across
+/// the mouth less that of its surround, in standard deviations; d is [`LIPS_DEVIATION`].
+fn lips_offset(image: &GrayImage, [left, right]: [Point2<f64>; 2], expected: Point2<f64>) -> Option<Vector2<f64>> {
+    let across = left - right;
+    let down = Vector2::new(-across.y, across.x);
+    let steps = |reach: f64| {
+        let count = (reach / LIPS_STEP).round() as i32;
+        -count..=count
+    };
+    let brightness = |t: f64| -> Option<f64> {
+        let pixel = |s: i32| {
+            let point = expected + across * (f64::from(s) * 0.02) + down * t;
+            let (x, y) = (point.x.round(), point.y.round());
+            let inside = x >= 0.0 && y >= 0.0 && x < f64::from(image.width()) && y < f64::from(image.height());
+            inside.then(|| f64::from(image.get_pixel(x as u32, y as u32).0[0]))
+        };
+        let half = (LIPS_HALF_WIDTH / 0.02).round() as i32;
+        let values: Option<Vec<f64>> = (-half..=half).map(pixel).collect();
+        values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
+    };
+    let profile: Vec<f64> =
+        steps(LIPS_REACH + LIPS_SURROUND).map(|k| brightness(f64::from(k) * LIPS_STEP)).collect::<Option<_>>()?;
+    let surround = (LIPS_SURROUND / LIPS_STEP).round() as usize;
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let relative: Vec<f64> = (surround..profile.len() - surround)
+        .map(|k| mean(&profile[k - 1..=k + 1]) - mean(&profile[k - surround..=k + surround]))
+        .collect();
+    let deviation = mean(&relative.iter().map(|v| v * v).collect::<Vec<_>>()).sqrt();
+    let cost = |(k, value): (i32, f64)| {
+        let t = f64::from(k) * LIPS_STEP;
+        (value / deviation.max(1.0) + (t / LIPS_DEVIATION).powi(2) / 2.0, t)
+    };
+    let costs = steps(LIPS_REACH).zip(relative).map(cost);
+    costs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| down * t)
+}
+
+fn detect(
+    cascade: &mut CascadeClassifier,
+    image: &Mat,
+    scale: f64,
+    neighbours: i32,
+    least: i32,
+) -> Result<Vec<Rect>, CascadeError> {
+    let mut found = Vector::<Rect>::new();
+    let least = Size::new(least.max(8), least.max(4) / 2);
+    cascade.detect_multi_scale(image, &mut found, scale, neighbours, 0, least, Size::new(0, 0))?;
+    Ok(found.to_vec())
+}
+
+fn largest(boxes: &[Rect]) -> Option<Rect> {
+    boxes.iter().copied().max_by_key(|b| (b.width, std::cmp::Reverse((b.y, b.x))))
+}
+
+/// Middle of a box found within another, px of the image.
+fn centre(found: Rect, within: Rect) -> Point2<f64> {
+    Point2::new(
+        f64::from(within.x + found.x) + f64::from(found.width - 1) / 2.0,
+        f64::from(within.y + found.y) + f64::from(found.height - 1) / 2.0,
+    )
+}
+
+/// Proposals of cascades shared by all requests.
+///
+/// # Errors
+/// As [`Cascades::find`], and the reason why there are no cascades.
+pub fn propose_from_cascades(
+    cascades: &Mutex<Result<Cascades, CascadeError>>,
+    frame: &Frame,
+) -> Result<Option<ProposedMarks>, String> {
+    let mut cascades = cascades.lock().unwrap_or_else(PoisonError::into_inner);
+    let found = match cascades.as_mut() {
+        Ok(cascades) => cascades.find(frame).map_err(|e| e.to_string())?,
+        Err(error) => return Err(error.to_string()),
+    };
+    let size = frame.size();
+    Ok(found
+        .map(|mut marks| {
+            marks.retain(|m| size.contains(&m.position));
+            ProposedMarks { source: ProposalSource::Cascades, marks }
+        })
+        .filter(|p| !p.marks.is_empty()))
+}
+
+/// Proposals from the landmarks of the neutral frame; `None` for a sequence without.
+///
+/// # Errors
+/// The reason why there are landmarks that do not serve.
+pub fn propose_from_landmarks(entry: &SequenceEntry, neutral: u32, tables: &Tables) -> Result<Option<ProposedMarks>, String> {
+    let Some(track) = entry.landmarks().map_err(|e| e.to_string())? else { return Ok(None) };
+    let points = track.frame(neutral).map_err(|e| e.to_string())?;
+    let marks = correspondences_from_landmarks(points, tables, &LandmarkSelection::Default).map_err(|e| e.to_string())?;
+    Ok(Some(ProposedMarks { source: ProposalSource::Landmarks, marks }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_cascades_say_how_to_get_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = Cascades::load(Some(folder.path()), &Tables::candide3()).unwrap_err().to_string();
+        assert!(error.contains(FACE) && error.contains("apt-get install opencv-data"), "{error}");
+        assert!(CascadeError::NotInstalled.to_string().contains("apt-get install opencv-data"));
+    }
+
+    #[test]
+    fn the_mouth_is_put_on_the_dark_line_between_the_lips() {
+        // Eyes 80 px apart, the mouth expected at (100, 140), a dark line of 3 px around y = 148: 8 px, a tenth of 80, further down.
+        let image = GrayImage::from_fn(200, 220, |_, y| image::Luma([if (147..150).contains(&y) { 60 } else { 180 }]));
+        let eyes = [Point2::new(140.0, 60.0), Point2::new(60.0, 60.0)];
+        let offset = lips_offset(&image, eyes, Point2::new(100.0, 140.0)).unwrap();
+        assert!(offset.x.abs() < 1e-9 && (offset.y - 8.0).abs() < 1.0, "{offset}");
+        // Nothing to see: it stays. Too near to the border: no answer.
+        let plain = GrayImage::from_pixel(200, 220, image::Luma([90]));
+        assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 140.0)), Some(Vector2::zeros()));
+        assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 210.0)), None);
+    }
+
+    #[test]
+    fn the_iris_is_the_darkest_spot_beside_the_middle_of_the_eye() {
+        // A disc of 7 px around (66, 60); looked for up to 8 px beside (60, 60).
+        let dark = |x: u32, y: u32| (f64::from(x) - 66.0).hypot(f64::from(y) - 60.0) <= 7.0;
+        let image = GrayImage::from_fn(200, 120, |x, y| image::Luma([if dark(x, y) { 30 } else { 200 }]));
+        let frame = Frame::from_image(1, &image).unwrap();
+        assert_eq!(iris(frame.mat(), Point2::new(60.0, 60.0), 80.0).unwrap(), Point2::new(66.0, 60.0));
+        // At the border of the image it does not fail.
+        assert!(iris(frame.mat(), Point2::new(2.0, 119.0), 80.0).unwrap().x < 20.0);
+    }
+
+    #[test]
+    fn boxes_have_centres_in_the_image() {
+        // Columns 10 + 4 .. 10 + 4 + 6: pixels 14 to 19, whose middle is 16.5; rows 20 + 2 to 20 + 4, whose middle is 23.
+        assert_eq!(centre(Rect::new(4, 2, 6, 3), Rect::new(10, 20, 50, 50)), Point2::new(16.5, 23.0));
+        assert_eq!(largest(&[Rect::new(0, 0, 5, 5), Rect::new(9, 9, 7, 7)]), Some(Rect::new(9, 9, 7, 7)));
+        assert_eq!(largest(&[]), None);
+    }
+}

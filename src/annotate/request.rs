@@ -1,0 +1,56 @@
+//! Requests of the page that can not be fulfilled, and how that is said.
+
+use axum::{
+    Json,
+    http::StatusCode,
+    response::{IntoResponse, Response},
+};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+/// Why a request is not fulfilled.
+#[derive(Debug)]
+pub enum RequestError {
+    /// No such sequence, frame or file.
+    NotFound(String),
+    /// The request can not be taken as it is: a position outside the image, a file that does not read.
+    Refused(String),
+    /// Someone else has changed the sequence since the page read it; with what is there now.
+    Conflict(Value),
+    /// Something must be allowed by the user first.
+    Consent(String),
+    /// The disk or the native library failed.
+    Failed(String),
+}
+
+impl RequestError {
+    /// A refusal in the words of an error.
+    pub fn refused(error: impl std::fmt::Display) -> Self {
+        Self::Refused(error.to_string())
+    }
+
+    /// A failure in the words of an error.
+    pub fn failed(error: impl std::fmt::Display) -> Self {
+        Self::Failed(error.to_string())
+    }
+
+    /// A conflict with what is there now.
+    pub fn conflict(current: &impl Serialize) -> Self {
+        Self::Conflict(serde_json::to_value(current).unwrap_or_default())
+    }
+}
+
+impl IntoResponse for RequestError {
+    fn into_response(self) -> Response {
+        let (status, body) = match self {
+            Self::NotFound(reason) => (StatusCode::NOT_FOUND, json!({ "error": reason })),
+            Self::Refused(reason) => (StatusCode::UNPROCESSABLE_ENTITY, json!({ "error": reason })),
+            Self::Conflict(current) => {
+                (StatusCode::CONFLICT, json!({ "error": "the sequence was changed elsewhere", "current": current }))
+            }
+            Self::Consent(reason) => (StatusCode::PRECONDITION_REQUIRED, json!({ "error": reason, "consent": true })),
+            Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, json!({ "error": reason })),
+        };
+        (status, Json(body)).into_response()
+    }
+}

@@ -1,0 +1,412 @@
+//! The tracks of a run: looked at frame by frame, corrected by hand, tracked again from a corrected frame.
+//!
+//! A correction is written into the track at once, by the track's own writer; frames behind it stay as they are until they are tracked
+//! again. What a track was made from does not change by that, so `grimace run` takes a corrected track as it is.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    AnnotateError, RequestError,
+    frames::{FrameShelf, Picture},
+    messages::{Mark, hundredth},
+};
+use crate::{
+    dataset::{Dataset, FrameSource, SequenceEntry},
+    fit::Springs,
+    pipeline::{Workbench, track_files},
+    sequence::SequenceReader,
+    track::{
+        Corrections, Klt, NodeState, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes, corrections_of,
+        read_track, read_track_info, resume_with, summarize, window_px, write_track,
+    },
+};
+
+/// A track in the list.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Listed {
+    id: String,
+    emotion: String,
+    /// Share of nodes that were not lost, 0 to 1.
+    tracked_share: f64,
+    frames: usize,
+    /// Nodes set by hand behind the neutral frame.
+    corrected: usize,
+}
+
+/// The list of tracks, the one that lost most first.
+#[derive(Serialize)]
+pub struct List {
+    sequences: Vec<Listed>,
+    failures: Vec<String>,
+}
+
+/// One frame of a track.
+#[derive(Serialize)]
+pub struct FrameNodes {
+    number: u32,
+    nodes: Vec<[f64; 2]>,
+    states: Vec<&'static str>,
+    residuals: Vec<Option<f64>>,
+}
+
+/// One track with all its frames.
+#[derive(Serialize)]
+pub struct Opened {
+    id: String,
+    emotion: String,
+    width: u32,
+    height: u32,
+    frames: Vec<FrameNodes>,
+    version: String,
+    file: String,
+}
+
+/// Corrections of one frame: all that it is to have.
+#[derive(Deserialize)]
+pub struct Correct {
+    #[serde(default)]
+    version: String,
+    frame: u32,
+    corrections: Vec<Mark>,
+}
+
+/// The frame from which on to track again.
+#[derive(Deserialize)]
+pub struct Retrack {
+    version: String,
+    frame: u32,
+}
+
+/// A corrected frame.
+#[derive(Serialize)]
+pub struct Corrected {
+    version: String,
+    frame: FrameNodes,
+}
+
+struct Item {
+    csv: PathBuf,
+    id: String,
+    emotion: String,
+    frames_path: PathBuf,
+    source: FrameSource,
+    summary: TrackSummary,
+    corrected: usize,
+}
+
+/// A frame as the tracker alone leaves it, kept while a node of it is dragged.
+struct Base {
+    id: String,
+    frame: u32,
+    version: String,
+    nodes: Vec<TrackedNode>,
+}
+
+/// The tracks of a run on the desk.
+pub struct TrackDesk {
+    /// Wireframe, tracking plan, tables.
+    pub bench: Workbench,
+    out: PathBuf,
+    springs: Springs,
+    items: Mutex<Vec<Item>>,
+    failures: Vec<String>,
+    base: Mutex<Option<Base>>,
+    shelf: FrameShelf,
+}
+
+impl TrackDesk {
+    /// Opens the tracks in `out`, or in its folder `tracks`; their frames are those of the dataset.
+    pub fn open(out: &Path, dataset: Option<&Path>, bench: Workbench) -> Result<Self, AnnotateError> {
+        let folder = Some(out.join("tracks")).filter(|f| f.is_dir()).unwrap_or_else(|| out.to_owned());
+        let files = track_files(&[folder]).map_err(|source| AnnotateError::Io { path: out.to_owned(), source })?;
+        if files.is_empty() {
+            return Err(AnnotateError::NoTracks { path: out.to_owned() });
+        }
+        let dataset = match dataset {
+            Some(path) => Dataset::open(path)?,
+            None => beside(out)?,
+        };
+        let mut items = Vec::new();
+        let mut failures = Vec::new();
+        for csv in files {
+            match item(csv, &dataset.sequences, bench.wireframe.node_count()) {
+                Ok(item) => items.push(item),
+                Err(reason) => failures.push(reason),
+            }
+        }
+        if items.is_empty() {
+            let reason = failures.first().cloned().unwrap_or_default();
+            return Err(AnnotateError::NoSequence { path: out.to_owned(), reason });
+        }
+        items.sort_by(|a, b| a.summary.tracked_share.total_cmp(&b.summary.tracked_share).then_with(|| a.id.cmp(&b.id)));
+        let springs = Springs::new(&bench.wireframe);
+        let (items, base) = (Mutex::new(items), Mutex::new(None));
+        Ok(Self { bench, out: out.to_owned(), springs, items, failures, base, shelf: FrameShelf::default() })
+    }
+
+    /// Tracks on the page.
+    pub fn count(&self) -> usize {
+        self.lock().len()
+    }
+
+    /// Tracks that can not be shown, with the reason.
+    pub fn failures(&self) -> &[String] {
+        &self.failures
+    }
+
+    /// Name of the output folder.
+    pub fn title(&self) -> String {
+        let resolved = fs::canonicalize(&self.out).unwrap_or_else(|_| self.out.clone());
+        resolved.file_name().map_or_else(|| "tracks".to_owned(), |name| name.to_string_lossy().into_owned())
+    }
+
+    /// The tracks on the page.
+    pub fn list(&self) -> List {
+        let listed = |item: &Item| Listed {
+            id: item.id.clone(),
+            emotion: item.emotion.clone(),
+            tracked_share: item.summary.tracked_share,
+            frames: item.summary.frames,
+            corrected: item.corrected,
+        };
+        List { sequences: self.lock().iter().map(listed).collect(), failures: self.failures.clone() }
+    }
+
+    /// One track.
+    pub fn opened(&self, id: &str) -> Result<Opened, RequestError> {
+        let items = self.lock();
+        open_item(find(&items, id)?)
+    }
+
+    /// One frame for the browser.
+    pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
+        let path = find(&self.lock(), id)?.frames_path.clone();
+        self.shelf.picture(&path, number)
+    }
+
+    /// A frame with corrections that are not saved: what the page shows while a node is dragged.
+    pub fn preview(&self, id: &str, request: &Correct) -> Result<FrameNodes, RequestError> {
+        let items = self.lock();
+        let item = find(&items, id)?;
+        let nodes = self.corrected_nodes(item, &read_frames(item)?, request)?;
+        Ok(frame_nodes(&TrackedFrame { number: request.frame, nodes }))
+    }
+
+    /// Puts corrections into a frame, in place of those it had, and writes the track.
+    pub fn correct(&self, id: &str, request: &Correct) -> Result<Corrected, RequestError> {
+        let mut items = self.lock();
+        let item = find_mut(&mut items, id)?;
+        check_version(item, &request.version)?;
+        let mut frames = read_frames(item)?;
+        let nodes = self.corrected_nodes(item, &frames, request)?;
+        let place = index_of(&frames, request.frame)?;
+        frames[place].nodes = nodes;
+        self.write(item, &frames)?;
+        Ok(Corrected { version: version(&item.csv), frame: frame_nodes(&frames[place]) })
+    }
+
+    /// Tracks all frames behind a frame again, with every correction there is, and writes the track.
+    pub fn retrack(&self, id: &str, request: &Retrack) -> Result<Opened, RequestError> {
+        let mut items = self.lock();
+        let item = find_mut(&mut items, id)?;
+        check_version(item, &request.version)?;
+        let mut frames = read_frames(item)?;
+        let place = index_of(&frames, request.frame)?;
+        let behind = self.track(item, &frames, place, frames.len() - 1, &corrections_of(&frames))?;
+        frames.truncate(place + 1);
+        frames.extend(behind);
+        self.write(item, &frames)?;
+        open_item(item)
+    }
+
+    /// The nodes of a frame: a step from the frame before it, with the corrections asked for.
+    fn corrected_nodes(&self, item: &Item, frames: &[TrackedFrame], request: &Correct) -> Result<Vec<TrackedNode>, RequestError> {
+        let place = index_of(frames, request.frame)?;
+        if place == 0 {
+            return Err(RequestError::Refused(
+                "the neutral frame is fitted, not tracked: correct its marks with `grimace annotate DATASET` and run again"
+                    .to_owned(),
+            ));
+        }
+        let mut hard = BTreeMap::new();
+        for mark in &request.corrections {
+            if !self.bench.wireframe.live_nodes().contains(&mark.node) {
+                return Err(RequestError::Refused(format!("node {} is in no triangle; it follows others", mark.node)));
+            }
+            hard.insert(mark.node, Point2::new(mark.x, mark.y));
+        }
+        let version = version(&item.csv);
+        let mut base = self.base.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_known = |b: &&Base| b.id == item.id && b.frame == request.frame && b.version == version;
+        let nodes = if let Some(base) = base.as_ref().filter(is_known) {
+            base.nodes.clone()
+        } else {
+            let mut step = self.track(item, frames, place - 1, place, &Corrections::new())?;
+            let nodes = step.pop().map(|f| f.nodes).unwrap_or_default();
+            *base = Some(Base { id: item.id.clone(), frame: request.frame, version, nodes: nodes.clone() });
+            nodes
+        };
+        correct_nodes(&self.bench.wireframe, &self.springs, &nodes, &hard).map_err(RequestError::refused)
+    }
+
+    /// Tracks from one place in the list of frames to another.
+    fn track(
+        &self,
+        item: &Item,
+        frames: &[TrackedFrame],
+        from: usize,
+        to: usize,
+        corrections: &Corrections,
+    ) -> Result<Vec<TrackedFrame>, RequestError> {
+        let info = info_of(&item.csv)?;
+        let source = match &item.source {
+            FrameSource::Images(files) => {
+                let wanted = files.iter().enumerate().filter(|(k, _)| *k == 0 || (from..=to).contains(k));
+                FrameSource::Images(wanted.map(|(_, file)| file.clone()).collect())
+            }
+            FrameSource::Video { path, first, .. } => {
+                FrameSource::Video { path: path.clone(), first: *first, last: frames.get(to).map(|f| f.number) }
+            }
+        };
+        let Some(start) = frames.get(from) else { return Err(RequestError::Refused("the track has no such frame".to_owned())) };
+        if from == to {
+            return Ok(Vec::new());
+        }
+        let neutral: Vec<_> = frames[0].nodes.iter().map(|n| n.position).collect();
+        let mut tracker = Klt::new(info.track.levels, window_px(&self.bench.tables, &neutral, &info.track));
+        let reader = SequenceReader::open(&source).map_err(RequestError::refused)?;
+        let (wireframe, plan) = (&self.bench.wireframe, self.bench.plan());
+        resume_with(&mut tracker, wireframe, plan, frames, start.number, corrections, reader, &info.track)
+            .map_err(RequestError::refused)
+    }
+
+    fn write(&self, item: &mut Item, frames: &[TrackedFrame]) -> Result<(), RequestError> {
+        let mut info = info_of(&item.csv)?;
+        info.summary = summarize(frames, &self.bench.wireframe, &self.bench.tables);
+        write_track(&item.csv, frames, &mut info).map_err(RequestError::failed)?;
+        item.corrected = count_corrected(frames);
+        item.summary = info.summary;
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Item>> {
+        self.items.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The dataset of a run, by the name that `run.json` has, here or in a folder above the output.
+fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
+    let path = out.join("run.json");
+    let bytes = fs::read(&path).map_err(|source| AnnotateError::Io { path, source })?;
+    let name = serde_json::from_slice::<serde_json::Value>(&bytes).ok();
+    let name = name.and_then(|run| run["dataset"].as_str().map(str::to_owned)).unwrap_or_default();
+    let resolved = fs::canonicalize(out).unwrap_or_else(|_| out.to_owned());
+    let folders = std::iter::once(PathBuf::from(".")).chain(resolved.ancestors().take(4).map(Path::to_owned));
+    let not_found = || AnnotateError::DatasetNotFound { path: out.to_owned(), name: name.clone() };
+    if name.is_empty() || name.contains(['/', '\\']) {
+        return Err(not_found());
+    }
+    let found = folders.map(|f| f.join(&name)).find_map(|path| Dataset::open(&path).ok());
+    found.ok_or_else(not_found)
+}
+
+fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<Item, String> {
+    let info = info_of(&csv).map_err(|e| match e {
+        RequestError::Refused(reason) => reason,
+        other => format!("{other:?}"),
+    })?;
+    let entry = entries.iter().find(|e| e.id == info.id);
+    let entry = entry.ok_or_else(|| format!("{}: the dataset has no sequence {}", csv.display(), info.id))?;
+    let source = entry.frames().map_err(|e| e.to_string())?;
+    let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if source.files().into_iter().map(name).collect::<Vec<_>>() != info.source {
+        return Err(format!(
+            "{}: the track was made from other frames than {} has now; run `grimace run` again",
+            csv.display(),
+            entry.frames_path.display()
+        ));
+    }
+    let frames = read_track(&csv).map_err(|e| e.to_string())?;
+    let found = frames.first().map_or(0, |f| f.nodes.len());
+    if found != node_count {
+        return Err(format!(
+            "{}: the track has {found} nodes, the wireframe {node_count}; give the one it was made with: --wireframe FILE",
+            csv.display()
+        ));
+    }
+    let corrected = count_corrected(&frames);
+    let (id, emotion) = (info.id.to_string(), info.emotion);
+    Ok(Item { csv, id, emotion, frames_path: entry.frames_path.clone(), source, summary: info.summary, corrected })
+}
+
+fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
+    let info = read_track_info(csv).map_err(RequestError::refused)?;
+    info.ok_or_else(|| {
+        RequestError::Refused(format!("{}: the .json beside the track is missing; it says how it was tracked", csv.display()))
+    })
+}
+
+fn read_frames(item: &Item) -> Result<Vec<TrackedFrame>, RequestError> {
+    read_track(&item.csv).map_err(RequestError::refused)
+}
+
+fn open_item(item: &Item) -> Result<Opened, RequestError> {
+    let info = info_of(&item.csv)?;
+    Ok(Opened {
+        id: item.id.clone(),
+        emotion: item.emotion.clone(),
+        width: info.image_size.width,
+        height: info.image_size.height,
+        frames: read_frames(item)?.iter().map(frame_nodes).collect(),
+        version: version(&item.csv),
+        file: item.csv.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+    })
+}
+
+fn frame_nodes(frame: &TrackedFrame) -> FrameNodes {
+    FrameNodes {
+        number: frame.number,
+        nodes: frame.nodes.iter().map(|n| [hundredth(n.position.x), hundredth(n.position.y)]).collect(),
+        states: frame.nodes.iter().map(|n| n.state.name()).collect(),
+        residuals: frame.nodes.iter().map(|n| n.residual.map(hundredth)).collect(),
+    }
+}
+
+fn count_corrected(frames: &[TrackedFrame]) -> usize {
+    frames.iter().skip(1).flat_map(|f| &f.nodes).filter(|n| n.state == NodeState::Corrected).count()
+}
+
+fn index_of(frames: &[TrackedFrame], number: u32) -> Result<usize, RequestError> {
+    let place = frames.iter().position(|f| f.number == number);
+    place.ok_or_else(|| RequestError::NotFound(format!("the track has no frame {number}")))
+}
+
+/// What a page has read of a track, in 16 digits.
+fn version(csv: &Path) -> String {
+    fs::read(csv).map(|bytes| blake3::hash(&bytes).to_hex()[..16].to_owned()).unwrap_or_default()
+}
+
+fn check_version(item: &Item, given: &str) -> Result<(), RequestError> {
+    if version(&item.csv) == given { Ok(()) } else { Err(RequestError::conflict(&open_item(item)?)) }
+}
+
+fn no_track(id: &str) -> RequestError {
+    RequestError::NotFound(format!("there is no track of {id}"))
+}
+
+fn find<'a>(items: &'a [Item], id: &str) -> Result<&'a Item, RequestError> {
+    items.iter().find(|item| item.id == id).ok_or_else(|| no_track(id))
+}
+
+fn find_mut<'a>(items: &'a mut [Item], id: &str) -> Result<&'a mut Item, RequestError> {
+    items.iter_mut().find(|item| item.id == id).ok_or_else(|| no_track(id))
+}

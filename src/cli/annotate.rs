@@ -1,0 +1,119 @@
+//! `grimace annotate`.
+
+use std::{
+    net::IpAddr,
+    path::PathBuf,
+    process::{Command, Stdio},
+};
+
+use grimace::{
+    annotate::{AnnotateOptions, Annotator},
+    pipeline::{PipelineOptions, Workbench},
+    sequence::configure_opencv,
+};
+
+use super::{
+    Outcome,
+    shared::{FitArgs, stop_flag},
+};
+
+/// Mark points on a local web page, or correct tracks.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace annotate faces                      mark the sequences that have fewer than 5 marks
+  grimace run faces -o results
+  grimace annotate faces --tracks results     step through the tracks, correct nodes, track again
+
+The page is served on this machine only. Every mark is saved at once in the dataset's correspondence files, which `fit` and `run` read. \
+? on the page shows all keys; Ctrl-C here ends the server, nothing is lost by that. On Debian the package opencv-data lets the page propose \
+eyes and mouth.")]
+pub struct Args {
+    /// Dataset folder, or its manifest file; with --tracks it may be left out where it lies beside OUT
+    #[arg(required_unless_present = "tracks")]
+    dataset: Option<PathBuf>,
+    /// Output folder of a run, or a folder of tracks, to look through and correct
+    #[arg(long, value_name = "OUT")]
+    tracks: Option<PathBuf>,
+    /// All sequences, also those that have 5 marks and more
+    #[arg(long, conflicts_with = "tracks")]
+    all: bool,
+    /// Port; by default 7113, or any other where that is taken
+    #[arg(long, value_name = "N")]
+    port: Option<u16>,
+    /// Do not open the page in a browser
+    #[arg(long)]
+    no_open: bool,
+    /// Address to listen on; any but a loopback address lets other machines in, and a warning is printed
+    #[arg(long, default_value = "127.0.0.1", value_name = "ADDRESS")]
+    host: IpAddr,
+    /// Folder of OpenCV's Haar cascades, where they are not in their usual place
+    #[arg(long, value_name = "DIR")]
+    cascades: Option<PathBuf>,
+    /// A .wfm wireframe with Candide-3's node numbers, instead of Candide-3
+    #[arg(long, value_name = "FILE")]
+    wireframe: Option<PathBuf>,
+    #[command(flatten)]
+    fit: FitArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    configure_opencv()?;
+    let options = PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() };
+    let bench = Workbench::new(args.wireframe.as_deref(), options)?;
+    let options = AnnotateOptions {
+        dataset: args.dataset.clone(),
+        tracks: args.tracks.clone(),
+        all: args.all,
+        host: args.host,
+        port: args.port,
+        cascades: args.cascades.clone(),
+    };
+    let annotator = Annotator::bind(&options, bench)?;
+    for failure in annotator.failures() {
+        eprintln!("note: {failure}");
+    }
+    if !args.host.is_loopback() {
+        eprintln!(
+            "warning: the page is served on {}: whoever can reach this address and knows the one below can see the faces and change \
+             the marks, and nothing between is encrypted",
+            args.host
+        );
+    }
+    let (sequences, left) = annotator.sequences();
+    if args.tracks.is_some() {
+        println!("{sequences} tracks, the one that lost most first");
+    } else {
+        println!("{left} of {sequences} sequences left to mark{}", if sequences == 0 { "; --all shows them all" } else { "" });
+    }
+    let stop = stop_flag()?;
+    let url = annotator.url();
+    println!("open {url}");
+    println!("Ctrl-C ends the server; every mark is saved when it is made");
+    if !args.no_open {
+        open_browser(&url);
+    }
+    annotator.serve(&stop)?;
+    Ok(Outcome::Done)
+}
+
+/// Opens an address in the user's browser, where there is one; the address is printed anyway.
+fn open_browser(url: &str) {
+    let opener = if cfg!(target_os = "macos") {
+        "open"
+    } else if cfg!(windows) {
+        "explorer"
+    } else {
+        let has_screen = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|v| !v.is_empty()));
+        if !has_screen {
+            return;
+        }
+        "xdg-open"
+    };
+    // The address is an argument of its own: no shell reads it.
+    let started = Command::new(opener).arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    if let Ok(mut child) = started {
+        std::thread::spawn(move || child.wait());
+    }
+}

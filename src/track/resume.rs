@@ -1,0 +1,259 @@
+//! Corrections by hand in a tracked sequence, and tracking again from a corrected frame.
+//!
+//! A correction is a hard position of one node in one frame after the neutral. It is kept in the track itself: the node's state in that
+//! frame is [`NodeState::Corrected`], so that tracking again honours every correction that is there. A corrected frame is the step from
+//! the frame before it, re-deformed by the springs: corrected nodes are where they were set, nodes that KLT tracked are held where it
+//! found them, nodes that were lost follow.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Point2;
+
+use super::{
+    NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, eye_distance_px,
+    step::Step, window_px,
+};
+use crate::{
+    fit::{Pull, Springs, Target},
+    sequence::{Frame, SequenceError},
+    units::NodeId,
+    wireframe::Wireframe,
+};
+
+/// Force that holds a tracked node in a corrected frame, over the stiffness of a spring: a corrected neighbour at distance d moves it
+/// by less than d / 20.
+const HOLDING_FORCE: f64 = 20.0;
+
+/// Hard positions by frame number and node, px.
+pub type Corrections = BTreeMap<u32, BTreeMap<NodeId, Point2<f64>>>;
+
+/// The corrections in a track: nodes set by hand in frames after the neutral.
+pub fn corrections_of(frames: &[TrackedFrame]) -> Corrections {
+    let mut corrections = Corrections::new();
+    for frame in frames.iter().skip(1) {
+        let corrected = frame.nodes.iter().enumerate().filter(|(_, n)| n.state == NodeState::Corrected);
+        let nodes: BTreeMap<_, _> = corrected.map(|(k, n)| (NodeId(k as u16), n.position)).collect();
+        if !nodes.is_empty() {
+            corrections.insert(frame.number, nodes);
+        }
+    }
+    corrections
+}
+
+/// The nodes of a frame with hard positions put into them.
+///
+/// # Errors
+/// [`TrackError::Springs`] for a node in no triangle, or a position that is not finite.
+pub fn correct_nodes(
+    wireframe: &Wireframe,
+    springs: &Springs,
+    nodes: &[TrackedNode],
+    hard: &BTreeMap<NodeId, Point2<f64>>,
+) -> Result<Vec<TrackedNode>, TrackError> {
+    if hard.is_empty() {
+        return Ok(nodes.to_vec());
+    }
+    let rest: Vec<_> = nodes.iter().map(|n| n.position).collect();
+    let is_held = |node: &&NodeId| {
+        !hard.contains_key(*node) && nodes.get(node.index()).is_some_and(|n| !matches!(n.state, NodeState::Recovered(_)))
+    };
+    let held = wireframe.live_nodes().iter().filter(is_held);
+    let held = held.map(|&node| Target { node, position: rest[node.index()], pull: Pull::Force(HOLDING_FORCE) });
+    let set = hard.iter().map(|(&node, &position)| Target { node, position, pull: Pull::Hard });
+    let places = springs.deform(wireframe, &rest, &held.chain(set).collect::<Vec<_>>())?;
+    let corrected = |(k, (node, position)): (usize, (&TrackedNode, Point2<f64>))| match hard.get(&NodeId(k as u16)) {
+        Some(&position) => TrackedNode::new(position, NodeState::Corrected, None),
+        None => TrackedNode { position, ..*node },
+    };
+    Ok(nodes.iter().zip(places).enumerate().map(corrected).collect())
+}
+
+/// Tracks the frames behind frame `start` of a track again, from its nodes as they are there.
+///
+/// `frames` are the neutral frame, the frame `start` and those to be tracked, in order; frames between the neutral and `start` are passed
+/// over. The answer holds the frames tracked, without `start` and what is before it. Nodes that `corrections` names are put in their
+/// places. The window and all lengths come from the neutral frame of the track, as in [`super::track_with`].
+///
+/// # Errors
+/// [`TrackError`] as for tracking, for a `start` that the track does not have, and for corrections that the springs can not take.
+#[allow(clippy::too_many_arguments)]
+pub fn resume_with(
+    tracker: &mut impl PointTracker,
+    wireframe: &Wireframe,
+    plan: &TrackPlan,
+    track: &[TrackedFrame],
+    start: u32,
+    corrections: &Corrections,
+    frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
+    options: &TrackOptions,
+) -> Result<Vec<TrackedFrame>, TrackError> {
+    let rest: Vec<_> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
+    let eye_distance = eye_distance_px(&plan.tables, &rest).unwrap_or(100.0);
+    let window = window_px(&plan.tables, &rest, options);
+    let springs = Springs::new(wireframe);
+    let first = track.iter().find(|f| f.number == start);
+    let mut previous = first.ok_or(TrackError::TooFewFrames { found: track.len() })?.clone();
+    let mut out: Vec<TrackedFrame> = Vec::new();
+    let mut template = None;
+    for (index, frame) in frames.into_iter().enumerate() {
+        let frame = frame?;
+        let number = frame.number();
+        if index == 0 || number >= start {
+            tracker.advance(&frame)?;
+        }
+        if index == 0 {
+            template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
+            // What was corrected looks unlike the neutral frame: from there on it is followed, not drawn back.
+            let corrected = corrections.range(..=start).flat_map(|(_, nodes)| nodes.keys());
+            corrected.for_each(|node| release(template.as_mut(), wireframe, *node));
+        }
+        if number <= start {
+            continue;
+        }
+        let (size, template_now) = (frame.size(), template.as_ref());
+        let step = Step { wireframe, plan, options, template: template_now, window, eye_distance, size, number };
+        let nodes = step.run(tracker, &previous)?;
+        let nodes = match corrections.get(&number) {
+            Some(hard) => {
+                hard.keys().for_each(|node| release(template.as_mut(), wireframe, *node));
+                correct_nodes(wireframe, &springs, &nodes, hard)?
+            }
+            None => nodes,
+        };
+        previous = TrackedFrame { number, nodes };
+        out.push(previous.clone());
+    }
+    Ok(out)
+}
+
+fn release(template: Option<&mut Template>, wireframe: &Wireframe, node: NodeId) {
+    if let (Some(template), Ok(place)) = (template, wireframe.live_nodes().binary_search(&node)) {
+        template.release(place);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::{
+        fit::FittedWireframe,
+        geometry::Similarity,
+        model::FrameExpressionModel,
+        track::{Found, LossReason, Probe, Slot, Track, track_with},
+        wireframe::Tables,
+    };
+
+    /// Finds every point 1 px further right in the next frame, and back.
+    struct Drift;
+
+    impl PointTracker for Drift {
+        fn advance(&mut self, _: &Frame) -> Result<(), TrackError> {
+            Ok(())
+        }
+
+        fn find(&mut self, from: Slot, _: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+            let way = if from == Slot::Current { -1.0 } else { 1.0 };
+            let found = |p: &Probe| Found::At { position: p.position + Vector2::new(way, 0.0), difference: 1.0 };
+            Ok(probes.iter().map(found).collect())
+        }
+    }
+
+    struct Bench {
+        wireframe: Wireframe,
+        plan: TrackPlan,
+        track: Track,
+    }
+
+    fn frames() -> impl Iterator<Item = Result<Frame, SequenceError>> {
+        (1..=5).map(|number| Frame::from_image(number, &image::GrayImage::new(400, 400)))
+    }
+
+    /// Five frames of a wireframe of 100 px per unit that drifts by 1 px a frame.
+    fn bench() -> Bench {
+        let wireframe = Wireframe::candide3();
+        let plan = TrackPlan::new(&wireframe, &Tables::candide3());
+        let nodes = wireframe.frontal().iter().map(|p| Point2::new(200.0 + 100.0 * p.x, 200.0 - 100.0 * p.y)).collect();
+        let fitted = FittedWireframe {
+            model: FrameExpressionModel::new(nodes),
+            image_from_face: Similarity::identity(),
+            correspondences: vec![],
+            residuals: vec![],
+        };
+        let track = track_with(&mut Drift, &wireframe, &plan, &fitted, frames(), &TrackOptions::default(), |_| true).unwrap();
+        Bench { wireframe, plan, track }
+    }
+
+    fn resume(bench: &Bench, track: &[TrackedFrame], start: u32, corrections: &Corrections) -> Vec<TrackedFrame> {
+        let options = TrackOptions::default();
+        resume_with(&mut Drift, &bench.wireframe, &bench.plan, track, start, corrections, frames(), &options).unwrap()
+    }
+
+    #[test]
+    fn resumed_without_corrections_a_track_is_what_it_was() {
+        let bench = bench();
+        for start in 1..=5 {
+            let again = resume(&bench, &bench.track.frames, start, &Corrections::new());
+            assert_eq!(again, bench.track.frames[start as usize..], "from frame {start}");
+        }
+        let none = resume_with(
+            &mut Drift,
+            &bench.wireframe,
+            &bench.plan,
+            &bench.track.frames,
+            9,
+            &Corrections::new(),
+            frames(),
+            &TrackOptions::default(),
+        );
+        assert!(none.is_err(), "there is no frame 9");
+    }
+
+    #[test]
+    fn a_correction_starts_a_new_path_and_later_ones_are_honoured() {
+        let bench = bench();
+        let node = NodeId(31);
+        let at = |frames: &[TrackedFrame], k: usize| frames[k].nodes[node.index()];
+        let start = at(&bench.track.frames, 1).position;
+        let hard = |dx: f64| BTreeMap::from([(node, start + Vector2::new(dx, -7.0))]);
+        let mut track = bench.track.frames.clone();
+        track[1].nodes = correct_nodes(&bench.wireframe, &Springs::new(&bench.wireframe), &track[1].nodes, &hard(5.0)).unwrap();
+        track[3].nodes = correct_nodes(&bench.wireframe, &Springs::new(&bench.wireframe), &track[3].nodes, &hard(9.0)).unwrap();
+        let corrections = corrections_of(&track);
+        assert_eq!(corrections, Corrections::from([(2, hard(5.0)), (4, hard(9.0))]));
+        let again = resume(&bench, &track, 2, &corrections);
+        assert_eq!(again.iter().map(|f| f.number).collect::<Vec<_>>(), [3, 4, 5]);
+        // Frame 3: the corrected place, drifted by 1 px. Frame 4: where it was set. Frame 5: drifted from there.
+        assert!((at(&again, 0).position - (start + Vector2::new(6.0, -7.0))).norm() < 0.05, "{:?}", at(&again, 0));
+        assert_eq!((at(&again, 1).position, at(&again, 1).state), (start + Vector2::new(9.0, -7.0), NodeState::Corrected));
+        assert!((at(&again, 2).position - (start + Vector2::new(10.0, -7.0))).norm() < 0.05, "{:?}", at(&again, 2));
+    }
+
+    #[test]
+    fn tracked_neighbours_hold_and_lost_ones_follow() {
+        let bench = bench();
+        let (wireframe, springs) = (&bench.wireframe, Springs::new(&bench.wireframe));
+        let node = NodeId(31);
+        let mut nodes = bench.track.frames[1].nodes.clone();
+        let near: Vec<usize> = wireframe
+            .edges()
+            .iter()
+            .filter_map(|&(a, b)| if a == node { Some(b.index()) } else { (b == node).then_some(a.index()) })
+            .collect();
+        let hard = BTreeMap::from([(node, nodes[node.index()].position + Vector2::new(10.0, 0.0))]);
+        let moved = |nodes: &[TrackedNode], k: usize| {
+            let corrected = correct_nodes(wireframe, &springs, nodes, &hard).unwrap();
+            (corrected[k].position - nodes[k].position).norm()
+        };
+        // Held by 20, pulled by one spring of 1 over 10 px: less than 10 / 21 px.
+        assert!(near.iter().all(|&k| moved(&nodes, k) < 10.0 / 21.0));
+        nodes[near[0]].state = NodeState::Recovered(LossReason::Klt);
+        assert!(moved(&nodes, near[0]) > 1.0);
+        // Nothing to correct, nothing changed.
+        assert_eq!(correct_nodes(wireframe, &springs, &nodes, &BTreeMap::new()).unwrap(), nodes);
+        // A node in no triangle drives nothing.
+        let follower = BTreeMap::from([(NodeId(35), Point2::new(1.0, 1.0))]);
+        assert!(matches!(correct_nodes(wireframe, &springs, &nodes, &follower), Err(TrackError::Springs(_))));
+    }
+}
