@@ -16,7 +16,7 @@ use grimace::{
     pipeline::{FapOptions, PipelineOptions, Workbench},
     sequence::configure_opencv,
     statistics::{MedianKind, StatisticsOptions},
-    track::TrackOptions,
+    track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;
 
@@ -96,6 +96,9 @@ pub struct TrackArgs {
     /// Force on a tracked node per pixel, over the stiffness of a spring
     #[arg(long, default_value_t = TrackOptions::default().force, value_parser = positive, value_name = "GAIN")]
     track_force: f64,
+    /// Gain of the alignment with the neutral frame; 0 leaves it out
+    #[arg(long, default_value_t = AlignOptions::default().gain, value_parser = not_negative, value_name = "GAIN")]
+    align_gain: f64,
 }
 
 impl TrackArgs {
@@ -106,6 +109,7 @@ impl TrackArgs {
             forward_backward: self.forward_backward,
             extreme: self.extreme,
             force: self.track_force,
+            align: AlignOptions { gain: self.align_gain, ..AlignOptions::default() },
             ..TrackOptions::default()
         }
     }

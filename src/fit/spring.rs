@@ -109,6 +109,11 @@ impl Springs {
         Self { place, live, laplacian }
     }
 
+    /// The springs' matrix k L over the live nodes in order, k = 1, x and y of each in turn.
+    pub(crate) fn laplacian(&self) -> &DMatrix<f64> {
+        &self.laplacian
+    }
+
     /// Equilibrium of the wireframe at `rest` (all N nodes) under the targets; nodes in no triangle take their leaders' mean.
     ///
     /// A node may have several targets; their forces add up.

@@ -4,12 +4,13 @@ use std::rc::Rc;
 
 use nalgebra::{Matrix2, Point2};
 use opencv::{
-    core::{Mat, Point2f, Size, TermCriteria, TermCriteria_Type, Vec2s, Vector},
+    core::{BORDER_REFLECT_101, CV_32F, Mat, Point2f, Rect, Size, TermCriteria, TermCriteria_Type, Vec2s, Vector},
+    imgproc::gaussian_blur,
     prelude::*,
     video::{OPTFLOW_USE_INITIAL_FLOW, build_optical_flow_pyramid, calc_optical_flow_pyr_lk},
 };
 
-use super::{Found, PointTracker, Probe, Slot, TrackError};
+use super::{Found, Patch, PointTracker, Probe, Slot, TrackError};
 use crate::sequence::Frame;
 
 /// Iterations and step (px) at which the search at one pyramid level ends: OpenCV's defaults.
@@ -91,6 +92,30 @@ impl PointTracker for Klt {
             Ok(Matrix2::new(xx, xy, xy, yy) / f64::from(count.max(1)))
         };
         points.iter().map(matrix).collect()
+    }
+
+    fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
+        let image = self.slot(slot).get(0)?;
+        let range = |axis: usize, size: i32| {
+            let values = points.iter().map(|p| p[axis]);
+            let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            let bound = |v: f64| v.clamp(0.0, f64::from(size)) as i32;
+            (bound((low - margin).floor()), bound((high + margin).ceil() + 1.0))
+        };
+        let ((left, right), (top, bottom)) = (range(0, image.cols()), range(1, image.rows()));
+        if left >= right || top >= bottom {
+            return Ok(None);
+        }
+        let part = image.roi(Rect::new(left, top, right - left, bottom - top))?;
+        let (mut grey, mut smooth) = (Mat::default(), Mat::default());
+        part.convert_to(&mut grey, CV_32F, 1.0, 0.0)?;
+        if smoothing > 0.0 {
+            gaussian_blur(&grey, &mut smooth, Size::default(), smoothing, smoothing, BORDER_REFLECT_101)?;
+        } else {
+            smooth = grey;
+        }
+        let (width, height) = ((right - left) as usize, (bottom - top) as usize);
+        Ok(Some(Patch { left: left as u32, top: top as u32, width, height, values: smooth.data_typed::<f32>()?.to_vec() }))
     }
 
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {

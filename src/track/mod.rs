@@ -6,6 +6,7 @@
 //! wireframe, driven by the displacements of the nodes that were not lost; the lost ones take their place from it and are tracked
 //! again in the next frame (see `step`).
 
+mod align;
 mod confidence;
 mod file;
 mod klt;
@@ -25,6 +26,7 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
+pub use align::{AlignOptions, Patch};
 pub use confidence::{Confidence, ConfidenceError, Evidence, NodeFeatures, expect_errors, node_features};
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
@@ -101,11 +103,22 @@ pub struct TrackOptions {
     pub mismatch: f64,
     /// Re-deform after each step. Without it lost nodes stay where they were (for comparison only).
     pub deform: bool,
+    /// Alignment with the neutral frame after the re-deformation.
+    pub align: AlignOptions,
 }
 
 impl Default for TrackOptions {
     fn default() -> Self {
-        Self { window: 0.08, levels: 4, forward_backward: 0.01, extreme: 6.0, force: 150.0, mismatch: 1.0, deform: true }
+        Self {
+            window: 0.08,
+            levels: 4,
+            forward_backward: 0.01,
+            extreme: 6.0,
+            force: 150.0,
+            mismatch: 1.0,
+            deform: true,
+            align: AlignOptions::default(),
+        }
     }
 }
 
@@ -196,6 +209,15 @@ pub trait PointTracker {
         Ok(vec![Matrix2::identity(); points.len()])
     }
 
+    /// Grey values of a frame around points, smoothed by a Gaussian of standard deviation `smoothing` px, reaching at least `margin`
+    /// px beyond them where the image does. A tracker without images says so by the default, and nodes are not aligned.
+    ///
+    /// # Errors
+    /// [`TrackError`] when the image can not be read.
+    fn patch(&self, _slot: Slot, _points: &[Point2<f64>], _margin: f64, _smoothing: f64) -> Result<Option<Patch>, TrackError> {
+        Ok(None)
+    }
+
     /// Finds the probes of frame `from` in frame `to`, with a square window and that many pyramid levels; one answer per probe.
     ///
     /// # Errors
@@ -256,16 +278,20 @@ pub fn track_with(
     let eye_distance = eye_distance_px(&plan.tables, fitted.model.nodes()).unwrap_or(100.0);
     let window = window_px(&plan.tables, fitted.model.nodes(), options);
     let mut out: Vec<TrackedFrame> = Vec::new();
-    let mut size = None;
+    let (mut size, mut template) = (None, None);
     for frame in frames {
         let frame = frame?;
         size.get_or_insert(frame.size());
         tracker.advance(&frame)?;
         let nodes = match out.last() {
-            None => neutral_nodes(wireframe, fitted),
+            None => {
+                let nodes = fitted.model.nodes();
+                template = plan.template(wireframe, tracker, nodes, (window, eye_distance), &options.align)?;
+                neutral_nodes(wireframe, fitted)
+            }
             Some(previous) => {
-                let step =
-                    step::Step { wireframe, plan, options, window, eye_distance, size: frame.size(), number: frame.number() };
+                let (size, number, template) = (frame.size(), frame.number(), template.as_ref());
+                let step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
                 step.run(tracker, previous)?
             }
         };

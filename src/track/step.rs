@@ -14,8 +14,8 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
-    Evidence, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackedFrame, TrackedNode,
-    recover,
+    AlignOptions, Evidence, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackedFrame,
+    TrackedNode, align::Template, recover,
 };
 use crate::{
     fit::{Pull, Springs, Target},
@@ -23,6 +23,9 @@ use crate::{
     units::NodeId,
     wireframe::{Tables, Wireframe},
 };
+
+/// Pixels around the wireframe that the alignment may read.
+const PATCH_MARGIN_PX: f64 = 12.0;
 
 /// Fewest nodes that must not be lost in a step.
 const MIN_TRACKED: usize = 8;
@@ -89,11 +92,28 @@ impl TrackPlan {
     }
 }
 
+impl TrackPlan {
+    /// The neutral frame's skin, for a tracker that has images.
+    pub(super) fn template(
+        &self,
+        wireframe: &Wireframe,
+        tracker: &impl PointTracker,
+        nodes: &[Point2<f64>],
+        lengths: (u32, f64),
+        options: &AlignOptions,
+    ) -> Result<Option<Template>, TrackError> {
+        let patch = tracker.patch(Slot::Neutral, nodes, PATCH_MARGIN_PX, options.smoothing)?;
+        Ok(patch.map(|patch| Template::new(wireframe, &self.rigid.concat(), nodes, &patch, lengths, options)))
+    }
+}
+
 /// One step from the previous to the current frame.
 pub(super) struct Step<'a> {
     pub wireframe: &'a Wireframe,
     pub plan: &'a TrackPlan,
     pub options: &'a TrackOptions,
+    /// The neutral frame's grey values, where the tracker has images.
+    pub template: Option<&'a Template>,
     /// Side of the KLT window, px.
     pub window: u32,
     /// ES0 of the neutral frame, px.
@@ -120,7 +140,8 @@ impl Step<'_> {
             return Err(TrackError::FaceLost { frame: self.number, found: tracked, live: live.len() });
         }
         let gradients = tracker.gradients(Slot::Previous, self.window, &starts)?;
-        let moved = self.place(&positions, &steps, &gradients)?;
+        let mut moved = self.place(&positions, &steps, &gradients)?;
+        self.align(tracker, &steps, &gradients, &mut moved)?;
         let follows = |&position| TrackedNode::new(position, NodeState::Follows, None);
         let mut nodes: Vec<_> = moved.iter().map(follows).collect();
         for (step, gradient) in steps.iter().zip(&gradients) {
@@ -198,6 +219,28 @@ impl Step<'_> {
         };
         let targets: Vec<_> = kept.map(target).collect();
         Ok(self.plan.springs.deform(self.wireframe, positions, &targets)?)
+    }
+
+    /// Corrects the nodes by the neutral frame; see [`super::align`].
+    fn align(
+        &self,
+        tracker: &impl PointTracker,
+        steps: &[recover::NodeStep],
+        gradients: &[Matrix2<f64>],
+        nodes: &mut [Point2<f64>],
+    ) -> Result<(), TrackError> {
+        let options = &self.options.align;
+        let Some(template) = self.template.filter(|_| self.options.deform && options.gain > 0.0) else { return Ok(()) };
+        let Some(patch) = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)? else { return Ok(()) };
+        let force =
+            |(s, g): (&recover::NodeStep, &Matrix2<f64>)| if s.loss.is_some() { Matrix2::zeros() } else { self.force(s, g) };
+        let forces: Vec<_> = steps.iter().zip(gradients).map(force).collect();
+        let live = self.wireframe.live_nodes();
+        let start: Vec<_> = live.iter().map(|n| nodes[n.index()]).collect();
+        let aligned = template.align(&self.plan.springs, &patch, &start, &forces, options);
+        live.iter().zip(aligned).for_each(|(n, position)| nodes[n.index()] = position);
+        self.wireframe.place_followers(nodes);
+        Ok(())
     }
 
     /// The force matrix of a node that was not lost; see the module's text.

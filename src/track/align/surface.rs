@@ -1,0 +1,185 @@
+//! How the neutral frame's skin moves with the nodes: a smooth surface through them, cut open at lids and lips.
+//!
+//! Displacements are carried from the nodes to the skin by a quadratic on every triangle (Bézier form). Its corner values are the
+//! nodes' displacements; the value of an edge's middle control point is the mean of the edge's ends plus what their gradients say about
+//! the bend between them. A gradient is the least-squares plane over a node's ring. All of it is linear in the nodes, so it is
+//! worked out once, on the neutral frame. Plain linear triangles are wrong by up to a pixel in their middles when a face bends.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Matrix2, Point2, Vector2};
+
+/// Share of the estimated bend that is applied.
+const BEND: f64 = 0.85;
+
+/// Twice the signed area of a triangle.
+pub fn doubled_area([a, b, c]: [Point2<f64>; 3]) -> f64 {
+    (b - a).perp(&(c - a))
+}
+
+/// Control values on one triangle in terms of nodes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quadratic {
+    /// Nodes that the control values depend on, the corners first.
+    pub nodes: Vec<usize>,
+    /// Rows 0 to 2: corners; 3 to 5: the edges from corner 0 to 1, 1 to 2, 2 to 0. Columns as `nodes`.
+    pub control: [Vec<f64>; 6],
+}
+
+impl Quadratic {
+    fn new(corners: [usize; 3], positions: &[Point2<f64>], gradients: &[NodeGradient]) -> Self {
+        let mut out = Self { nodes: corners.to_vec(), control: Default::default() };
+        for k in 0..3 {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            let edge = positions[b] - positions[a];
+            out.add(k, a, 1.0);
+            out.add(3 + k, a, 0.5);
+            out.add(3 + k, b, 0.5);
+            // Both gradients or none: one alone would bend a straight edge.
+            if gradients[a].is_empty() || gradients[b].is_empty() {
+                continue;
+            }
+            for (node, sign) in [(a, 1.0), (b, -1.0)] {
+                for (other, gradient) in &gradients[node] {
+                    out.add(3 + k, *other, sign * BEND * gradient.dot(&edge) / 4.0);
+                }
+            }
+        }
+        let count = out.nodes.len();
+        out.control.iter_mut().for_each(|row| row.resize(count, 0.0));
+        out
+    }
+
+    fn add(&mut self, row: usize, node: usize, weight: f64) {
+        let column = self.nodes.iter().position(|n| *n == node).unwrap_or_else(|| {
+            self.nodes.push(node);
+            self.nodes.len() - 1
+        });
+        let row = &mut self.control[row];
+        row.resize(row.len().max(column + 1), 0.0);
+        row[column] += weight;
+    }
+
+    /// The six control values of a function on the nodes.
+    pub fn values(&self, function: impl Fn(usize) -> Vector2<f64>) -> [Vector2<f64>; 6] {
+        std::array::from_fn(|k| self.control[k].iter().zip(&self.nodes).map(|(weight, node)| function(*node) * *weight).sum())
+    }
+
+    /// Weights of the control values at barycentric coordinates.
+    pub fn weights([u, v, w]: [f64; 3]) -> [f32; 6] {
+        [u * u, v * v, w * w, 2.0 * u * v, 2.0 * v * w, 2.0 * w * u].map(|weight| weight as f32)
+    }
+}
+
+/// Weights of nodes in the gradient at a node.
+type NodeGradient = Vec<(usize, Vector2<f64>)>;
+
+/// One quadratic for every triangle. A node with fewer than three neighbours bends nothing.
+pub fn quadratics(positions: &[Point2<f64>], triangles: &[[usize; 3]]) -> Vec<Quadratic> {
+    let mut rings = vec![BTreeSet::new(); positions.len()];
+    for &[a, b, c] in triangles {
+        for (node, others) in [(a, [b, c]), (b, [c, a]), (c, [a, b])] {
+            rings[node].extend(others);
+        }
+    }
+    let gradient = |(node, ring): (usize, &BTreeSet<usize>)| -> NodeGradient {
+        // Neighbours weigh by the inverse square of their distance; two nodes at one place say nothing of each other.
+        let spoke = |&other: &usize| (other, positions[other] - positions[node]);
+        let spokes: Vec<_> = ring.iter().map(spoke).filter(|(_, d)| d.norm_squared() > 1e-9).collect();
+        let normal: Matrix2<f64> = spokes.iter().map(|(_, d)| d * d.transpose() / d.norm_squared()).sum();
+        let Some(inverse) = normal.try_inverse().filter(|_| spokes.len() >= 3) else { return Vec::new() };
+        let mut out: Vec<_> = spokes.iter().map(|(other, d)| (*other, inverse * d / d.norm_squared())).collect();
+        out.push((node, -out.iter().map(|(_, g)| g).sum::<Vector2<f64>>()));
+        out
+    };
+    let gradients: Vec<_> = rings.iter().enumerate().map(gradient).collect();
+    triangles.iter().map(|&corners| Quadratic::new(corners, positions, &gradients)).collect()
+}
+
+/// The border of the triangles: edges that only one of them has.
+pub fn border(triangles: &[[usize; 3]]) -> Vec<(usize, usize)> {
+    let mut uses: BTreeMap<(usize, usize), u32> = BTreeMap::new();
+    for t in triangles {
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            *uses.entry((a.min(b), a.max(b))).or_insert(0) += 1;
+        }
+    }
+    uses.into_iter().filter(|(_, n)| *n == 1).map(|(edge, _)| edge).collect()
+}
+
+/// The nodes of openings: of all parts of the border but the tallest, which is the outline of the face.
+pub fn openings(positions: &[Point2<f64>], border: &[(usize, usize)]) -> BTreeSet<usize> {
+    let mut part: BTreeMap<usize, usize> = border.iter().flat_map(|&(a, b)| [(a, a), (b, b)]).collect();
+    // Each round carries the smallest number one edge further; a part has no more edges than the border.
+    for _ in border {
+        for &(a, b) in border {
+            let smallest = part[&a].min(part[&b]);
+            part.extend([(a, smallest), (b, smallest)]);
+        }
+    }
+    let height = |name: usize| {
+        let ys = part.iter().filter(|(_, p)| **p == name).map(|(node, _)| positions[*node].y);
+        let (low, high) = ys.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(y), h.max(y)));
+        high - low
+    };
+    let names: BTreeSet<usize> = part.values().copied().collect();
+    let outline = names.into_iter().max_by(|a, b| height(*a).total_cmp(&height(*b)));
+    part.iter().filter(|(_, p)| Some(**p) != outline).map(|(node, _)| *node).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    /// A 3 x 3 grid of nodes, numbered row by row, its four cells cut along the diagonal.
+    fn grid() -> (Vec<Point2<f64>>, Vec<[usize; 3]>) {
+        let points = (0..9).map(|k| Point2::new(f64::from(k % 3), f64::from(k / 3))).collect();
+        let cell = |k: usize| [[k, k + 1, k + 4], [k, k + 4, k + 3]];
+        (points, [0, 1, 3, 4].into_iter().flat_map(cell).collect())
+    }
+
+    #[test]
+    fn a_linear_motion_is_carried_exactly() {
+        let (points, triangles) = grid();
+        let motion = |p: Point2<f64>| Vector2::new(0.5 * p.x - 0.25 * p.y + 3.0, p.y - 2.0);
+        for (quadratic, triangle) in quadratics(&points, &triangles).iter().zip(&triangles) {
+            let control = quadratic.values(|n| motion(points[n]));
+            let bary = [0.2, 0.5, 0.3];
+            let at: Vector2<f64> = triangle.iter().zip(bary).map(|(n, b)| points[*n].coords * b).sum();
+            let weights = Quadratic::weights(bary);
+            let moved: Vector2<f64> = control.iter().zip(weights).map(|(c, w)| c * f64::from(w)).sum();
+            assert_relative_eq!(moved, motion(at.into()), epsilon = 1e-6);
+        }
+    }
+
+    #[test]
+    fn corners_keep_the_values_of_their_nodes() {
+        let (points, triangles) = grid();
+        let value = |n: usize| Vector2::new((n * n) as f64, -(n as f64));
+        for (quadratic, triangle) in quadratics(&points, &triangles).iter().zip(&triangles) {
+            let control = quadratic.values(value);
+            for k in 0..3 {
+                assert_eq!(control[k], value(triangle[k]));
+            }
+        }
+    }
+
+    #[test]
+    fn border_and_openings() {
+        // The grid without its two triangles around the middle of the right cell column: 8 outer edges stay single.
+        let (points, triangles) = grid();
+        let outline = border(&triangles);
+        assert_eq!(outline.len(), 8);
+        assert!(openings(&points, &outline).is_empty());
+        // A tall square of triangles around a small open square.
+        let square = |s: f64| [(-s, -s), (s, -s), (s, s), (-s, s)].map(|(x, y)| Point2::new(x, y));
+        let points: Vec<_> = square(3.0).into_iter().chain(square(1.0)).collect();
+        let side = |k: usize| [[k, (k + 1) % 4, 4 + k], [(k + 1) % 4, 4 + (k + 1) % 4, 4 + k]];
+        let frame: Vec<_> = (0..4).flat_map(side).collect();
+        let edges = border(&frame);
+        assert_eq!(edges.len(), 8);
+        assert_eq!(openings(&points, &edges), BTreeSet::from([4, 5, 6, 7]));
+    }
+}
