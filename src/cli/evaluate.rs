@@ -19,7 +19,10 @@ use grimace::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::{Outcome, shared::set_threads};
+use super::{
+    Outcome,
+    shared::{not_negative, set_threads},
+};
 
 /// Version of the layout of `evaluation.json`.
 const SCHEMA_VERSION: u32 = 1;
@@ -170,13 +173,6 @@ fn nodes(list: &[String], tables: &Tables, wireframe: &Wireframe) -> anyhow::Res
         nodes.push(node);
     }
     Ok(nodes)
-}
-
-fn not_negative(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
-        _ => Err("expected a number of at least 0".to_owned()),
-    }
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {

@@ -37,6 +37,10 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    number(text, |v| v >= 0.0, "a number of at least 0")
+}
+
 fn alpha(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
 }
