@@ -73,7 +73,7 @@ fn a_bad_track_costs_that_track() {
     let nan = work
         .read("out/tracks/S002_007.csv")
         .lines()
-        .map(|l| if l.starts_with("3,7,") { "3,7,NaN,1,tracked," } else { l })
+        .map(|l| if l.starts_with("3,7,") { "3,7,NaN,1,tracked,," } else { l })
         .collect::<Vec<_>>()
         .join("\n");
     work.write("out/tracks/S002_007.csv", nan);

@@ -19,7 +19,10 @@ use grimace::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::{Outcome, shared::set_threads};
+use super::{
+    Outcome,
+    shared::{not_negative, set_threads},
+};
 
 /// Version of the layout of `evaluation.json`.
 const SCHEMA_VERSION: u32 = 1;

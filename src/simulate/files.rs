@@ -1,6 +1,7 @@
 //! The files of simulated sequences, in the project's own layout or in that of Cohn-Kanade.
 
 use std::{
+    fmt::Write as _,
     fs, io,
     path::{Path, PathBuf},
 };
@@ -205,7 +206,12 @@ fn landmark_text(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> String {
         let total: f64 = row.nodes.iter().map(|&(_, weight)| weight).sum();
         sum / total
     };
-    landmarks.iter().map(place).map(|p| format!("   {}   {}\n", exponential(p.x), exponential(p.y))).collect()
+    let mut text = String::new();
+    for p in landmarks.iter().map(place) {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "   {}   {}", exponential(p.x), exponential(p.y));
+    }
+    text
 }
 
 /// A number as C's `%.7e` writes it: `1.1495612e+02`.

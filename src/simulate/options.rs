@@ -42,6 +42,8 @@ pub enum DatasetLayout {
 }
 
 impl DatasetLayout {
+    // Serde hands over a reference.
+    #[allow(clippy::trivially_copy_pass_by_ref)]
     fn is_default(&self) -> bool {
         *self == Self::default()
     }

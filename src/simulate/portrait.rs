@@ -326,12 +326,11 @@ impl PortraitSource {
             }
             let frames = entry.frames()?;
             let neutral = frames.neutral_number();
-            let marks = match entry.landmarks()? {
-                Some(track) => PortraitMarks::Landmarks(track.frame(neutral)?.to_vec()),
-                None => {
-                    let selection = LandmarkSelection::default();
-                    PortraitMarks::Correspondences(entry.correspondences(neutral, tables, node_count, &selection)?)
-                }
+            let marks = if let Some(track) = entry.landmarks()? {
+                PortraitMarks::Landmarks(track.frame(neutral)?.to_vec())
+            } else {
+                let selection = LandmarkSelection::default();
+                PortraitMarks::Correspondences(entry.correspondences(neutral, tables, node_count, &selection)?)
             };
             let Some(photograph) = frames.files().first().map(|path| (*path).to_owned()) else { continue };
             portraits.push(Self { id: entry.id.subject.clone(), photograph, marks });
