@@ -11,6 +11,7 @@ macro_rules! eprintln {
 }
 
 mod analyze;
+mod clone;
 mod evaluate;
 mod fap;
 mod fit;
@@ -52,6 +53,8 @@ enum Command {
     Track(track::Args),
     /// Statistics, FAP files and report from tracks already there.
     Analyze(analyze::Args),
+    /// Put an expression on a new face: a textured animation from one photograph.
+    Clone(clone::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
@@ -95,6 +98,7 @@ pub fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),
+        Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
         Command::Simulate(args) => simulate::run(args),

@@ -20,7 +20,7 @@ use crate::{
 };
 
 pub use analysis::{Analysis, AnalysisError, AnalyzedModel, analyze, read_model, write_analysis, write_model};
-pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
+pub use files::{file_blake3, Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use tracks::{id_of, load_tracks, track_files};
