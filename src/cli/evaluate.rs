@@ -1,5 +1,6 @@
 //! `grimace evaluate`: the experiments.
 
+mod clone;
 mod fit;
 mod tracking;
 
@@ -32,6 +33,8 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Experiment {
+    /// How right clones are: a sequence on its own neutral frame, and simulated people on each other.
+    Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
     Fit(fit::Args),
     /// Error of the tracker over the frames, with and without deformation, beside plain KLT.
@@ -41,6 +44,7 @@ enum Experiment {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
+        Experiment::Clone(args) => clone::run(args),
         Experiment::Fit(args) => fit::run(args),
         Experiment::Tracking(args) => tracking::run(args),
     }

@@ -189,6 +189,9 @@ pub enum CloneError {
         /// Why.
         reason: String,
     },
+    /// The simulated face of the report could not be made.
+    #[error("the simulated face: {0}")]
+    Showcase(String),
     /// The user asked to stop.
     #[error("interrupted")]
     Interrupted,

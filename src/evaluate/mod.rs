@@ -7,6 +7,9 @@
 //! Results are [`Table`]s, written as CSV and as Markdown, and [`LineChart`]s, written as SVG. They follow from options, seed and
 //! data alone, never from the number of threads.
 
+mod clone;
+mod clone_cross;
+mod clone_quality;
 mod figure;
 mod fit;
 mod marks;
@@ -20,6 +23,7 @@ mod variant;
 use std::path::PathBuf;
 
 use crate::{
+    clone::CloneError,
     dataset::{DatasetError, LandmarksError},
     fit::FitError,
     input::InputError,
@@ -28,6 +32,9 @@ use crate::{
     simulate::SimulateError,
 };
 
+pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
+pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
+pub use clone_quality::{Likeness, likeness};
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use marks::{
@@ -55,6 +62,9 @@ pub enum EvaluateError {
     /// Simulation options out of range.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
+    /// A face that can not be cloned.
+    #[error(transparent)]
+    Clone(#[from] CloneError),
     /// A fit that failed where none may fail.
     #[error(transparent)]
     Fit(#[from] FitError),

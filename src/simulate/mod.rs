@@ -36,7 +36,7 @@ mod texture;
 pub use dataset::{DatasetSummary, MARKED_NODES, simulate_dataset};
 pub use expression::{EXPRESSIONS, Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError};
 pub use motion::{Course, HeadPose};
-pub use neutral::neutral_nodes;
+pub use neutral::{UnitScope, neutral_nodes, performed_nodes};
 pub use options::{FrameFormat, SimulateError, SimulateOptions};
 pub use sequence::{SimulatedFrame, SimulatedFrames, SimulatedSequence, render_frame, simulate_sequence};
 pub use subject::{Appearance, Cohort, Colour, Sex, Subject};

@@ -52,6 +52,7 @@ use self::{
 use crate::{geometry::Similarity, units::NodeId};
 
 pub use layout::{NODE_COUNT, Opening};
+pub(crate) use mesh::convex_hull;
 pub use render::MouthInside;
 pub use sample::{Texture, resample};
 
@@ -61,6 +62,9 @@ const MAX_GAZE: f64 = 0.12;
 const SHUT: f64 = 1e-4;
 /// A skin triangle counts as folded when its area falls below this share of the area in the reference.
 const LEAST_AREA: f64 = 0.02;
+/// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
+/// pixel, and where lips close a sliver may turn.
+const MOST_FOLDED: f64 = 0.04;
 /// Rounds of smoothing that a folded frame gets.
 const UNFOLD_ROUNDS: usize = 40;
 /// Share of the way to its neighbours' mean that a node at a fold goes in a round.
@@ -103,6 +107,8 @@ pub struct Warp {
     closed: bool,
     /// The vertices on the photograph.
     source: Vec<Point2<f64>>,
+    /// Skin triangles that have no area on the photograph (at the corners of closed lips); they can not fold any further.
+    is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
 }
@@ -156,6 +162,7 @@ impl Warp {
         let mesh = Mesh::new(&reference_nodes, &frame)?;
         let weights = Weights::new(&mesh)?;
         let neighbours = neighbours(&mesh, &reference_nodes);
+        let triangles = mesh.skin.len();
         let mut warp = Self {
             mesh,
             weights,
@@ -164,6 +171,7 @@ impl Warp {
             nodes: source_nodes,
             closed,
             source: Vec::new(),
+            is_flat: vec![false; triangles],
             reference_nodes,
             neighbours,
         };
@@ -177,7 +185,14 @@ impl Warp {
                 (warp.source[a as usize], warp.source[b as usize]) = (middle, middle);
             }
         }
-        if warp.folded(&warp.source).next().is_some() {
+        let flat: Vec<usize> = warp.folded(&warp.source).collect();
+        flat.iter().for_each(|&k| warp.is_flat[k] = true);
+        let area = |k: usize| {
+            let [a, b, c] = warp.mesh.skin[k].map(|v| warp.mesh.vertices[v as usize]);
+            (b - a).perp(&(c - a)).abs()
+        };
+        let folded: f64 = flat.iter().map(|&k| area(k)).sum();
+        if folded > MOST_FOLDED * frame.eye_distance.powi(2) {
             return Err(WarpError::Folded);
         }
         Ok(warp)
@@ -334,7 +349,7 @@ impl Warp {
             let [a, b, c] = t.map(|v| points[v as usize]);
             (b - a).perp(&(c - a))
         };
-        let skin = self.mesh.skin.iter().enumerate();
+        let skin = self.mesh.skin.iter().enumerate().filter(|(k, _)| !self.is_flat[*k]);
         skin.filter_map(move |(k, t)| (area(vertices, t) < LEAST_AREA * area(&self.mesh.vertices, t)).then_some(k))
     }
 
