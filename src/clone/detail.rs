@@ -3,8 +3,9 @@
 //! Wrinkles are an expression ratio image (Liu, Shan and Zhang, *Expressive expression mapping with ratio images*, SIGGRAPH 2001):
 //! where a frame of the source is darker or lighter than its neutral frame at the same point of the skin, the target becomes so by
 //! the same factor. Both pictures are carried into the geometry of the target's photograph by the mesh; the ratio of their grey
-//! levels is smoothed where it can not be trusted (few grey levels, edges that two different faces do not share) and fades out at the
-//! border of the face. Teeth come from between the source's lips, in the light of the target.
+//! levels counts less where it can not be trusted: slow changes (light, exposure) are taken out, strong edges of the source's neutral
+//! frame (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
+//! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target.
 
 use image::{GrayImage, RgbImage};
 use nalgebra::Point2;
@@ -22,14 +23,26 @@ pub enum Teeth {
     Auto,
     /// Always a dark mouth.
     Dark,
+    /// The inside of the source's mouth where its frames are given, else teeth that are drawn.
+    Drawn,
 }
 
 /// Smoothing of the two pictures before their ratio is taken, over the eye distance.
 const SMOOTHING: f64 = 0.006;
 /// Grey levels added to both before the ratio: noise in the dark is no wrinkle.
 const FLOOR: f32 = 12.0;
-/// Least and greatest ratio.
-const RATIO_LIMITS: (f32, f32) = (0.35, 2.4);
+/// Limit that the logarithm of a ratio approaches.
+const LOG_LIMIT: f32 = 0.5;
+/// Width of what counts as light and not as a wrinkle, over the eye distance, and the share of it that is taken out.
+const SLOW: (f64, f32) = (0.20, 0.75);
+/// Slope of the logarithm of grey levels per eye distance at which the ratio is trusted by half.
+const EDGE: f32 = 9.0;
+/// How far an edge spoils what is around it, over the eye distance.
+const EDGE_REACH: f64 = 0.022;
+/// Share of the ratio that is applied to lips, whose colour and shine is everybody's own.
+const LIPS: f32 = 0.35;
+/// Least and greatest factor on the light of a source's teeth: they must not glare.
+const LIGHT_LIMITS: (f32, f32) = (0.6, 1.15);
 /// Width of the fade at the border of the face, over the eye distance.
 const FADE: f64 = 0.22;
 /// Lips of the source nearer than this, over its eye distance, show no teeth.
@@ -79,6 +92,7 @@ impl Details {
             sigma_px,
         };
         details.neutral = details.carried(target, 0);
+        details.distrust_edges(target);
         let own = grey(&target.picture);
         let (mut of_target, mut of_source) = (0.0_f64, 0.0_f64);
         for ((&m, &t), &s) in details.mask.iter().zip(&own).zip(&details.neutral) {
@@ -86,9 +100,30 @@ impl Details {
             of_source += f64::from(m * s);
         }
         if of_source > 0.0 {
-            details.light = ((of_target / of_source) as f32).clamp(0.5, 2.0);
+            details.light = ((of_target / of_source) as f32).clamp(LIGHT_LIMITS.0, LIGHT_LIMITS.1);
         }
         Ok(details)
+    }
+
+    /// Lowers the mask near strong edges of the source's neutral frame.
+    fn distrust_edges(&mut self, target: &Target) {
+        let (width, height) = target.picture.dimensions();
+        let unit = target.warp().eye_distance();
+        let logs: Vec<f32> =
+            smooth(&self.neutral, width, height, self.sigma_px).iter().map(|v| (v + FLOOR).ln()).collect();
+        let (w, h) = (width as usize, height as usize);
+        let mut slopes = vec![0.0; logs.len()];
+        for y in 1..h.saturating_sub(1) {
+            for x in 1..w.saturating_sub(1) {
+                let k = y * w + x;
+                let (dx, dy) = ((logs[k + 1] - logs[k - 1]) / 2.0, (logs[k + w] - logs[k - w]) / 2.0);
+                slopes[k] = (dx * dx + dy * dy) * (unit * unit) as f32;
+            }
+        }
+        let slopes = smooth(&slopes, width, height, (EDGE_REACH * unit).max(0.5));
+        for (share, slope) in self.mask.iter_mut().zip(slopes) {
+            *share /= 1.0 + slope / (EDGE * EDGE);
+        }
     }
 
     /// Grey levels of a frame of the source in the geometry of the target's photograph.
@@ -104,11 +139,15 @@ impl Details {
         let (width, height) = picture.dimensions();
         let neutral = smooth(&self.neutral, width, height, self.sigma_px);
         let moved = smooth(&self.carried(target, frame), width, height, self.sigma_px);
+        let logs: Vec<f32> = moved.iter().zip(&neutral).map(|(m, n)| ((m + FLOOR) / (n + FLOOR)).ln()).collect();
+        let weighted: Vec<f32> = logs.iter().zip(&self.mask).map(|(l, m)| l * m).collect();
+        let slow_px = SLOW.0 * target.warp().eye_distance();
+        let (sums, weights) = (smooth(&weighted, width, height, slow_px), smooth(&self.mask, width, height, slow_px));
         for (k, pixel) in picture.pixels_mut().enumerate() {
             let share = self.mask[k];
             if share > 0.0 {
-                let ratio = ((moved[k] + FLOOR) / (neutral[k] + FLOOR)).clamp(RATIO_LIMITS.0, RATIO_LIMITS.1);
-                let factor = ratio.powf(share * strength as f32);
+                let log = logs[k] - SLOW.1 * sums[k] / weights[k].max(1e-3);
+                let factor = (LOG_LIMIT * (log / LOG_LIMIT).tanh() * share * strength as f32).exp();
                 pixel.0 = pixel.0.map(|c| (f32::from(c) * factor).round().clamp(0.0, 255.0) as u8);
             }
         }
@@ -128,9 +167,10 @@ impl Details {
 }
 
 /// The inside of the mouth as the warp wants it.
-pub fn inside<'a>(mouth: &'a Option<(Texture, &'a Placement)>) -> MouthInside<'a> {
+pub fn inside<'a>(mouth: &'a Option<(Texture, &'a Placement)>, teeth: Teeth) -> MouthInside<'a> {
     match mouth {
         Some((texture, placement)) => MouthInside::Picture { texture, placement },
+        None if teeth == Teeth::Drawn => MouthInside::Teeth,
         None => MouthInside::Dark,
     }
 }
@@ -152,6 +192,7 @@ fn mask(target: &Target) -> Vec<f32> {
     let unit = target.warp().eye_distance();
     let nodes = target.fitted.model.nodes();
     let outline: Vec<Point2<f64>> = OUTLINE.iter().map(|&n| nodes[n]).collect();
+    let lips: Vec<Point2<f64>> = LIP_OUTLINE.iter().map(|&n| nodes[n]).collect();
     let eyes: Vec<Vec<Point2<f64>>> = EYES.iter().map(|eye| eye.iter().map(|&n| nodes[n]).collect()).collect();
     let mut mask = vec![0.0; width as usize * height as usize];
     for (k, value) in mask.iter_mut().enumerate() {
@@ -161,7 +202,8 @@ fn mask(target: &Target) -> Vec<f32> {
             let eye = eyes.iter().map(|eye| inside_depth(eye, &point)).fold(f64::NEG_INFINITY, f64::max);
             let border = (depth / (FADE * unit)).min(1.0);
             let off_eye = (-eye / (0.06 * unit)).clamp(0.0, 1.0);
-            *value = (border * border * (3.0 - 2.0 * border) * off_eye) as f32;
+            let off_lips = (-inside_depth(&lips, &point) / (0.05 * unit)).clamp(0.0, 1.0) as f32;
+            *value = (border * border * (3.0 - 2.0 * border) * off_eye) as f32 * (LIPS + (1.0 - LIPS) * off_lips);
         }
     }
     mask
@@ -169,6 +211,8 @@ fn mask(target: &Target) -> Vec<f32> {
 
 /// Outline of the face between hair line and chin.
 const OUTLINE: [usize; 14] = [2, 13, 14, 29, 28, 30, 32, 10, 65, 63, 61, 62, 47, 46];
+/// Outline of the lips.
+const LIP_OUTLINE: [usize; 10] = [31, 79, 33, 7, 66, 80, 64, 86, 8, 85];
 /// The lid margins.
 const EYES: [[usize; 8]; 2] = [[20, 97, 21, 105, 23, 107, 22, 99], [53, 98, 54, 106, 56, 108, 55, 100]];
 

@@ -8,7 +8,7 @@ use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     pipeline::Workbench,
     units::Px,
-    warp::{Deformation, MouthInside},
+    warp::Deformation,
 };
 
 /// Options of cloning.
@@ -92,9 +92,10 @@ impl Clone<'_> {
     pub fn picture(&self, frame: usize) -> RgbImage {
         let CloneFrame { deformation, nearest } = &self.frames[frame];
         let (warp, plain) = (self.target.warp(), self.target.texture());
-        let Some(details) = self.details else { return warp.render(plain, deformation, &MouthInside::Dark) };
-        let mouth = if self.options.teeth == Teeth::Auto { details.mouth(*nearest) } else { None };
-        let inside = detail::inside(&mouth);
+        let teeth = self.options.teeth;
+        let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(&None, teeth)) };
+        let mouth = if teeth == Teeth::Dark { None } else { details.mouth(*nearest) };
+        let inside = detail::inside(&mouth, teeth);
         if self.options.wrinkles > 0.0 {
             let strength = self.options.wrinkles * self.options.emphasis;
             warp.render(&details.texture(self.target, *nearest, strength), deformation, &inside)

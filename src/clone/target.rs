@@ -144,6 +144,7 @@ impl Target {
                 p + Vector2::new(up.x, -up.y)
             })
             .collect();
+        self.round_lower_lip(&mut nodes);
         if head && let Some((_, first)) = source.frames.first() {
             let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
             if let Ok(target_from_source) = Similarity::fit(&pick(first), &pick(neutral), None) {
@@ -152,6 +153,20 @@ impl Target {
             }
         }
         nodes
+    }
+}
+
+impl Target {
+    /// The middle of the inner lower lip opens at least as far as the mean of the points beside it. A median over people, and a tracker
+    /// on lips that part, may have it the other way round; no mouth does.
+    fn round_lower_lip(&self, nodes: &mut [Point2<f64>]) {
+        let down = self.warp.down();
+        let neutral = self.fitted.model.nodes();
+        let opened = |n: usize| (nodes[n] - neutral[n]).dot(&down);
+        let missing = (opened(83) + opened(84)) / 2.0 - opened(40);
+        if missing > 0.0 && opened(83) + opened(84) > 0.0 {
+            nodes[40] += down * missing;
+        }
     }
 }
 

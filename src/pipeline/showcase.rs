@@ -116,7 +116,7 @@ fn film(representative: &Representative, target: &Target, bench: &Workbench) -> 
         let place = (motion.frame_count() - 1) as f64 * k as f64 / (FRAMES - 1) as f64;
         let nodes = target.nodes_at(&motion, &motion.at(place), options.rescale, options.emphasis, false, bench);
         let deformation = target.warp().deform(&nodes)?;
-        let picture = target.warp().render(target.texture(), &deformation, &MouthInside::Dark);
+        let picture = target.warp().render(target.texture(), &deformation, &MouthInside::Teeth);
         let face = at_height(&image::imageops::crop_imm(&picture, left, top, width, height).to_image(), HEIGHT);
         if k == 0 {
             strip = RgbImage::new(face.width() * FRAMES as u32, HEIGHT);
