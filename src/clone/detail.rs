@@ -28,15 +28,15 @@ pub enum Teeth {
 }
 
 /// Smoothing of the two pictures before their ratio is taken, over the eye distance.
-const SMOOTHING: f64 = 0.006;
+const SMOOTHING: f64 = 0.010;
 /// Grey levels added to both before the ratio: noise in the dark is no wrinkle.
 const FLOOR: f32 = 12.0;
 /// Limit that the logarithm of a ratio approaches.
-const LOG_LIMIT: f32 = 0.5;
+const LOG_LIMIT: f32 = 0.38;
 /// Width of what counts as light and not as a wrinkle, over the eye distance, and the share of it that is taken out.
 const SLOW: (f64, f32) = (0.20, 0.75);
 /// Slope of the logarithm of grey levels per eye distance at which the ratio is trusted by half.
-const EDGE: f32 = 9.0;
+const EDGE: f32 = 6.0;
 /// How far an edge spoils what is around it, over the eye distance.
 const EDGE_REACH: f64 = 0.022;
 /// Share of the ratio that is applied to lips, whose colour and shine is everybody's own.
@@ -44,7 +44,7 @@ const LIPS: f32 = 0.35;
 /// Least and greatest factor on the light of a source's teeth: they must not glare.
 const LIGHT_LIMITS: (f32, f32) = (0.6, 1.15);
 /// Width of the fade at the border of the face, over the eye distance.
-const FADE: f64 = 0.22;
+const FADE: f64 = 0.30;
 /// Lips of the source nearer than this, over its eye distance, show no teeth.
 const TEETH_GAP: f64 = 0.012;
 

@@ -283,7 +283,7 @@ fn triangulate(
 }
 
 /// Whether a point lies inside a closed polygon (even-odd).
-fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
+pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
     let mut odd = false;
     let mut previous = polygon[polygon.len() - 1];
     for &corner in polygon {
