@@ -57,17 +57,15 @@ fn offsets(bench: &Workbench, emotion: Option<Emotion>) -> Vec<Vector2<f64>> {
     offsets
 }
 
-fn distance_to_hull(nodes: &[Point2<f64>], point: &Point2<f64>) -> f64 {
-    // The hull of the nodes lies within the union of discs around them; for points outside, the support function bounds the distance
-    // from below: the largest excess over any direction.
+/// Directions and how far the nodes reach in each: a point is at least as far from their convex hull as it is beyond any of them.
+fn supports(nodes: &[Point2<f64>]) -> Vec<(Vector2<f64>, f64)> {
     (0..64)
         .map(|k| {
             let angle = std::f64::consts::TAU * f64::from(k) / 64.0;
             let direction = Vector2::new(angle.cos(), angle.sin());
-            let support = nodes.iter().map(|p| p.coords.dot(&direction)).fold(f64::NEG_INFINITY, f64::max);
-            point.coords.dot(&direction) - support
+            (direction, nodes.iter().map(|p| p.coords.dot(&direction)).fold(f64::NEG_INFINITY, f64::max))
         })
-        .fold(f64::NEG_INFINITY, f64::max)
+        .collect()
 }
 
 fn check(name: &str, picture: image::RgbImage, marks: &[Correspondence], bench: &Workbench) {
@@ -76,11 +74,13 @@ fn check(name: &str, picture: image::RgbImage, marks: &[Correspondence], bench: 
     let (warp, neutral) = (target.warp(), target.fitted.model.nodes());
     let still = warp.render(target.texture(), &warp.deform(neutral).unwrap(), &MouthInside::Dark);
     assert!(still == target.picture, "{name}: the neutral face is not given back to the bit");
+    let supports = supports(neutral);
+    let reach = SURROUNDINGS * warp.eye_distance() + 1.0;
     let beyond: Vec<(u32, u32)> = (0..size.1)
         .flat_map(|y| (0..size.0).map(move |x| (x, y)))
         .filter(|&(x, y)| {
-            let point = Point2::new(f64::from(x), f64::from(y));
-            distance_to_hull(neutral, &point) > SURROUNDINGS * warp.eye_distance() + 1.0
+            let point = Vector2::new(f64::from(x), f64::from(y));
+            supports.iter().any(|(direction, support)| point.dot(direction) - support > reach)
         })
         .collect();
     for emotion in Emotion::BASIC.map(Some).into_iter().chain([None]) {

@@ -38,6 +38,8 @@ pub struct SourceMotion {
     pub offsets: Vec<Vec<Vector2<f64>>>,
     /// FAPUs of the source's neutral face.
     pub fapus: Fapus,
+    /// Distance of the lids in the middle of the left and the right eye of the neutral face, same unit.
+    pub lid_gaps: [f64; 2],
     /// Motion of the head from the neutral frame to each frame, in the source's picture (px); the identity where it is not known.
     pub head: Vec<Similarity>,
     /// Frame numbers and node positions in the source's own pictures; empty but for tracks.
@@ -110,6 +112,7 @@ impl SourceMotion {
             kind: SourceKind::Track,
             offsets: upright.iter().map(|f| f.iter().zip(&upright[0]).map(|(p, n)| p - n).collect()).collect(),
             fapus,
+            lid_gaps: lid_gaps(&upright[0]),
             head,
             frames: frames.iter().map(|f| (f.number, f.nodes.iter().map(|n| n.position).collect())).collect(),
             fps: None,
@@ -135,6 +138,7 @@ impl SourceMotion {
             head: vec![Similarity::identity(); offsets.len()],
             offsets,
             fapus,
+            lid_gaps: lid_gaps(model.neutral().nodes()),
             frames: Vec::new(),
             fps: None,
             emotion: None,
@@ -158,6 +162,7 @@ impl SourceMotion {
             head: vec![Similarity::identity(); offsets.len()],
             offsets,
             fapus: canonical_fapus(bench)?,
+            lid_gaps: lid_gaps(canonical_neutral(bench)?.nodes()),
             frames: Vec::new(),
             fps: Some(sequence.fps),
             emotion: None,
@@ -176,6 +181,22 @@ impl SourceMotion {
         let sizes: Vec<f64> = self.offsets.iter().map(size).collect();
         (0..sizes.len()).fold(0, |best, k| if sizes[k] > sizes[best] { k } else { best })
     }
+}
+
+/// Upper and lower lid in the middle of the left and the right eye.
+const LID_MIDDLES: [(usize, usize); 2] = [(21, 22), (54, 55)];
+
+/// Distance of the lids of an upright face (y up); 0 where the wireframe lacks them.
+pub fn lid_gaps(upright: &[Point2<f64>]) -> [f64; 2] {
+    LID_MIDDLES.map(|(above, below)| match (upright.get(above), upright.get(below)) {
+        (Some(above), Some(below)) => above.y - below.y,
+        _ => 0.0,
+    })
+}
+
+fn canonical_neutral(bench: &Workbench) -> Result<FrameExpressionModel<FaceUnit>, CloneError> {
+    let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+    Ok(normalizer.canonical().neutral.clone())
 }
 
 fn canonical_fapus(bench: &Workbench) -> Result<Fapus, CloneError> {

@@ -4,7 +4,7 @@ use image::RgbImage;
 use nalgebra::{Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::{CloneError, SourceMotion, timing::Moment};
+use super::{CloneError, SourceMotion, source::lid_gaps, timing::Moment};
 use crate::{
     fit::{Correspondence, FittedWireframe, validate_correspondences},
     geometry::Similarity,
@@ -32,6 +32,10 @@ pub enum Rescale {
 /// Least distance of the eyes, px.
 pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 
+/// Lid margins of the left and the right eye, without their corners.
+const LIDS: [[usize; 6]; 2] = [[97, 21, 105, 99, 22, 107], [98, 54, 106, 100, 55, 108]];
+/// How far the ratio of lid openings may lie from the ratio of IRISDs.
+const LID_LIMIT: f64 = 2.0;
 /// How far the lower lip beside its middle opens, over the middle: least and most.
 const LIP_ROUND: (f64, f64) = (0.75, 0.97);
 /// One half of the face wider than the other by more than this is a face turned away.
@@ -52,6 +56,7 @@ pub struct Target {
     pub fapus: Fapus,
     /// Angle of the face's up against the image's up, radians, towards the image's left (y up).
     pub roll: f64,
+    lid_gaps: [f64; 2],
     texture: Texture,
     warp: Warp,
     stable: Vec<usize>,
@@ -96,7 +101,8 @@ impl Target {
         }
         let warp = Warp::new(nodes)?;
         let texture = Texture::new(&picture);
-        Ok(Self { name: name.to_owned(), picture, fapus, roll: from_face.angle, texture, warp, stable, fitted })
+        let lid_gaps = lid_gaps(&upright);
+        Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
     }
 
     /// The photograph as a texture.
@@ -128,6 +134,12 @@ impl Target {
             (Some(target), Some(source)) => target / source,
             _ => self.fapus.es / source.fapus.es,
         };
+        // IRISD is the opening of the lids in neutral. On a fitted wireframe the lids know that better than the boxes around the irises:
+        // what shuts the source's eye shuts the target's.
+        let lid_ratio = |eye: usize, irisd: f64| {
+            let (own, other) = (self.lid_gaps[eye], source.lid_gaps[eye]);
+            if own > 0.0 && other > 0.0 { (own / other).clamp(irisd / LID_LIMIT, irisd * LID_LIMIT) } else { irisd }
+        };
         let neutral = self.fitted.model.nodes();
         let mut nodes: Vec<Point2<f64>> = neutral
             .iter()
@@ -137,7 +149,8 @@ impl Target {
                 let scale = match rescale {
                     Rescale::Fapu => {
                         let (x, y) = bench.tables.node_fapus(NodeId(k as u16));
-                        Vector2::new(ratio(x), ratio(y))
+                        let lid = LIDS.iter().position(|lids| lids.contains(&k));
+                        Vector2::new(ratio(x), lid.map_or(ratio(y), |eye| lid_ratio(eye, ratio(y))))
                     }
                     Rescale::Uniform => Vector2::repeat(self.fapus.es / source.fapus.es),
                     Rescale::None => Vector2::repeat(1.0),

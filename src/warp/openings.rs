@@ -177,7 +177,7 @@ fn teeth(warp: &Warp, texture: &Texture, deformation: &Deformation, layer: &mut 
     // As bright as the skin of the cheeks allows.
     let skin = [27_usize, 60, 90, 91].map(|n| texture.sample(warp.nodes[n]));
     let light = skin.iter().map(|c| 0.3 * c[0] + 0.59 * c[1] + 0.11 * c[2]).sum::<f32>() / 4.0;
-    let enamel = [1.0, 0.965, 0.90].map(|c: f32| c * (light * 1.12 + 18.0).min(225.0));
+    let enamel = [1.0, 0.965, 0.90].map(|c: f32| c * (light * 0.95 + 55.0).min(228.0));
     let upper_lip = |x: f64| -> f64 {
         let points = [88_usize, 81, 87, 82, 89].map(|n| deformation.nodes[n] - middle);
         let at = points.map(|p| (p.dot(&across), p.dot(&down)));
