@@ -206,7 +206,9 @@ fn tiny_and_huge_pictures_work_or_say_what_is_missing() {
     work.grimace("clone --source S001_005.csv --target tiny.png -c tiny.csv -o tiny").exit(1).says(&["px apart; at least 6 px"]);
     let wide = RgbImage::new(16_400, 40);
     work.write("wide.png", png(wide));
-    work.grimace("clone --source S001_005.csv --target wide.png -c marks.csv -o wide").exit(1).says(&["16400x40; at most 16384 px"]);
+    work.grimace("clone --source S001_005.csv --target wide.png -c marks.csv -o wide")
+        .exit(1)
+        .says(&["16400x40; at most 16384 px"]);
 }
 
 /// A JPEG whose EXIF data says that it lies on its side (orientation 6: turn it clockwise to see it upright).

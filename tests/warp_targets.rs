@@ -130,7 +130,8 @@ fn first_frames_of_sequences_move_without_holes_and_without_touching_the_backgro
     for entry in dataset.sequences.iter().filter(|e| e.id.sequence == "001") {
         let frames = entry.frames().unwrap();
         let node_count = bench.wireframe.node_count();
-        let marks = entry.correspondences(frames.neutral_number(), &bench.tables, node_count, &LandmarkSelection::Default).unwrap();
+        let marks =
+            entry.correspondences(frames.neutral_number(), &bench.tables, node_count, &LandmarkSelection::Default).unwrap();
         let picture = read_colour(frames.files()[0]).unwrap();
         check(&entry.id.to_string(), picture, &marks, &bench);
         count += 1;

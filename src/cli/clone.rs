@@ -153,12 +153,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         head: args.motion.head,
         wrinkles: args.look.wrinkles.unwrap_or(0.0),
         teeth: args.look.teeth,
-        timing: Timing {
-            fps: args.motion.fps,
-            duration: args.motion.duration,
-            ease: args.motion.ease,
-            back: args.motion.back,
-        },
+        timing: Timing { fps: args.motion.fps, duration: args.motion.duration, ease: args.motion.ease, back: args.motion.back },
     };
     let pairs = args.source.len() * args.target.len();
     let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
@@ -294,7 +289,10 @@ impl Job<'_> {
         let info = CloneInfo {
             schema_version: CLONE_SCHEMA,
             made_by: MADE_BY,
-            units: BTreeMap::from([("track", "px; x right, y down, the centre of the top-left pixel is (0, 0)"), ("clone.fap", "FAPU/1024; angles 1e-5 rad")]),
+            units: BTreeMap::from([
+                ("track", "px; x right, y down, the centre of the top-left pixel is (0, 0)"),
+                ("clone.fap", "FAPU/1024; angles 1e-5 rad"),
+            ]),
             source: file_name(source.path),
             source_blake3: file_blake3(source.path),
             target: file_name(self.target_path),

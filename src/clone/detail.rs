@@ -79,8 +79,7 @@ impl Details {
             return Err(CloneError::NoSourceFrames(reason));
         }
         let warp = target.warp();
-        let placements: Vec<Placement> =
-            source.frames.iter().map(|(_, nodes)| warp.place(nodes)).collect::<Result<_, _>>()?;
+        let placements: Vec<Placement> = source.frames.iter().map(|(_, nodes)| warp.place(nodes)).collect::<Result<_, _>>()?;
         let sigma_px = (SMOOTHING * warp.eye_distance()).max(0.4);
         let mut details = Self {
             neutral: Vec::new(),
@@ -109,8 +108,7 @@ impl Details {
     fn distrust_edges(&mut self, target: &Target) {
         let (width, height) = target.picture.dimensions();
         let unit = target.warp().eye_distance();
-        let logs: Vec<f32> =
-            smooth(&self.neutral, width, height, self.sigma_px).iter().map(|v| (v + FLOOR).ln()).collect();
+        let logs: Vec<f32> = smooth(&self.neutral, width, height, self.sigma_px).iter().map(|v| (v + FLOOR).ln()).collect();
         let (w, h) = (width as usize, height as usize);
         let mut slopes = vec![0.0; logs.len()];
         for y in 1..h.saturating_sub(1) {
@@ -235,8 +233,7 @@ fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
 /// Gaussian smoothing, separable, the border's values going on beyond it.
 fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> Vec<f32> {
     let radius = (3.0 * sigma_px).ceil().max(1.0) as i64;
-    let kernel: Vec<f32> =
-        (-radius..=radius).map(|d| (-(d as f64).powi(2) / (2.0 * sigma_px * sigma_px)).exp() as f32).collect();
+    let kernel: Vec<f32> = (-radius..=radius).map(|d| (-(d as f64).powi(2) / (2.0 * sigma_px * sigma_px)).exp() as f32).collect();
     let sum: f32 = kernel.iter().sum();
     let (w, h) = (i64::from(width), i64::from(height));
     let mut across = vec![0.0; values.len()];

@@ -120,7 +120,9 @@ fn companions(bench: &Workbench, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, A
     let mut found = Vec::new();
     for unit in bench.wireframe.action_units() {
         let UnitKind::Fap { number, .. } = unit.kind else { continue };
-        let Some(row) = u8::try_from(number).ok().and_then(|n| FapNumber::try_from(n).ok()).map(|f| catalog.row(f)) else { continue };
+        let Some(row) = u8::try_from(number).ok().and_then(|n| FapNumber::try_from(n).ok()).map(|f| catalog.row(f)) else {
+            continue;
+        };
         let Some(axis) = row.motion.and_then(Motion::frontal_axis) else { continue };
         let ([driver], true) = (row.nodes.as_slice(), row.relative_to.is_empty()) else { continue };
         let along = |v: &nalgebra::Vector3<f64>| if axis == Axis::X { v.x } else { v.y };

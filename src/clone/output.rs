@@ -1,10 +1,6 @@
 //! The files of a clone.
 
-use std::{
-    collections::BTreeMap,
-    io,
-    path::Path,
-};
+use std::{collections::BTreeMap, io, path::Path};
 
 use image::{
     ImageEncoder, RgbImage,
@@ -15,11 +11,11 @@ use serde::Serialize;
 use super::{Clone, CloneError, CloneOptions, Sheet, SourceMotion, picture};
 use crate::{
     fap::{Clamped, FapCatalog, FapSequence, write_fap},
+    fit::MarkKind,
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, SizeMode},
     output::{write_atomic, write_bytes, write_json},
     overlay::draw_overlay,
-    fit::MarkKind,
     pipeline::{MADE_BY, Workbench},
     sequence::{Frame, ImageSize, write_video},
     track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackedFrame, TrackedNode, summarize, track_units, write_track},
@@ -226,8 +222,7 @@ fn fap_of(
 ) -> Result<(FapSequence, Vec<Clamped>), CloneError> {
     let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
     let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
-    let normalizer =
-        crate::normalize::Normalizer::new(&bench.wireframe, &bench.tables, options).map_err(wireframe)?;
+    let normalizer = crate::normalize::Normalizer::new(&bench.wireframe, &bench.tables, options).map_err(wireframe)?;
     let normalized = normalizer.equalized(model)?;
     let name = format!("{}_{}", clone.target().name, source.name);
     // FAP files have whole frame rates.

@@ -62,7 +62,8 @@ pub fn at_height(picture: &RgbImage, height: u32) -> RgbImage {
         return picture.clone();
     }
     let width = (f64::from(picture.width()) * f64::from(height) / f64::from(picture.height())).round().max(1.0) as u32;
-    let filter = if height < picture.height() { image::imageops::FilterType::Triangle } else { image::imageops::FilterType::CatmullRom };
+    let filter =
+        if height < picture.height() { image::imageops::FilterType::Triangle } else { image::imageops::FilterType::CatmullRom };
     image::imageops::resize(picture, width, height, filter)
 }
 

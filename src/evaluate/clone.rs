@@ -22,7 +22,7 @@ use crate::{
     pipeline::{SequenceSource, Workbench, track_one},
     sequence::read_colour_frames,
     units::NodeId,
-    warp::{Warp, MouthInside, Texture},
+    warp::{MouthInside, Texture, Warp},
 };
 
 /// What stands for the apex frame.
@@ -150,9 +150,8 @@ fn self_clone(
     let compared = compared_nodes(&bench.tables);
     // Offsets, so that a fit that starts a little beside the landmark is not counted as motion.
     let error = |nodes: &dyn Fn(NodeId) -> Point2<f64>, start: &dyn Fn(NodeId) -> Point2<f64>| {
-        let one = |c: &super::truth::ComparedNode| {
-            ((nodes(c.node) - start(c.node)) - (truth[c.landmark] - first[c.landmark])).norm()
-        };
+        let one =
+            |c: &super::truth::ComparedNode| ((nodes(c.node) - start(c.node)) - (truth[c.landmark] - first[c.landmark])).norm();
         let inner: Vec<_> = compared.iter().filter(|c| c.inner).collect();
         100.0 * inner.iter().map(|c| one(c)).sum::<f64>() / inner.len() as f64 / eye_distance
     };
@@ -165,8 +164,7 @@ fn self_clone(
             SelfVariant::Clone | SelfVariant::Details => {
                 let with = variant == SelfVariant::Details;
                 let options = CloneOptions { head: true, wrinkles: if with { 1.0 } else { 0.0 }, ..*options };
-                let clone =
-                    clone_expression(&motion, &target, with.then_some(&details), &options, bench).map_err(text)?;
+                let clone = clone_expression(&motion, &target, with.then_some(&details), &options, bench).map_err(text)?;
                 let last = clone.frames.len() - 1;
                 let nodes = clone.frames[last].deformation.nodes();
                 (clone.picture(last), error(&|n| nodes[n.index()], &start))
@@ -192,7 +190,11 @@ fn landmark_warp(
     let start = target.fitted.model.nodes();
     let pulled: Vec<Pulled> = compared_nodes(&bench.tables)
         .iter()
-        .map(|c| Pulled { node: c.node, position: start[c.node.index()] + (truth[c.landmark] - first[c.landmark]), pull: Pull::Hard })
+        .map(|c| Pulled {
+            node: c.node,
+            position: start[c.node.index()] + (truth[c.landmark] - first[c.landmark]),
+            pull: Pull::Hard,
+        })
         .collect();
     let moved = Springs::new(&bench.wireframe).deform(&bench.wireframe, start, &pulled).map_err(|e| e.to_string())?;
     let warp = Warp::new(start).map_err(|e| e.to_string())?;

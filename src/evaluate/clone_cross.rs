@@ -32,12 +32,8 @@ pub enum Transfer {
 
 impl Transfer {
     /// All, the floor first.
-    pub const ALL: [Self; 4] = [
-        Self::Neutral,
-        Self::Scaled(Rescale::None),
-        Self::Scaled(Rescale::Uniform),
-        Self::Scaled(Rescale::Fapu),
-    ];
+    pub const ALL: [Self; 4] =
+        [Self::Neutral, Self::Scaled(Rescale::None), Self::Scaled(Rescale::Uniform), Self::Scaled(Rescale::Fapu)];
 
     /// Its name in tables.
     pub fn name(self) -> &'static str {

@@ -10,7 +10,10 @@ use opencv::{
     videoio::{CAP_ANY, VideoCapture},
 };
 
-use super::{DecodeError, SequenceError, decode::{check_whole, readable_start}};
+use super::{
+    DecodeError, SequenceError,
+    decode::{check_whole, readable_start},
+};
 use crate::dataset::FrameSource;
 
 /// Largest side of a picture, px: what an 8k camera gives, with room.

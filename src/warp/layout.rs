@@ -31,15 +31,24 @@ pub struct OpeningNodes {
 /// The three openings, their edges from the outer to the inner corner (the mouth: from the subject's left to the right).
 pub const OPENINGS: [OpeningNodes; 3] = [
     OpeningNodes { opening: Opening::Mouth, upper: [88, 81, 87, 82, 89], lower: [88, 83, 40, 84, 89], iris: &[] },
-    OpeningNodes { opening: Opening::LeftEye, upper: [20, 97, 21, 105, 23], lower: [20, 99, 22, 107, 23], iris: &[67, 71, 72, 68] },
-    OpeningNodes { opening: Opening::RightEye, upper: [53, 98, 54, 106, 56], lower: [53, 100, 55, 108, 56], iris: &[69, 73, 74, 70] },
+    OpeningNodes {
+        opening: Opening::LeftEye,
+        upper: [20, 97, 21, 105, 23],
+        lower: [20, 99, 22, 107, 23],
+        iris: &[67, 71, 72, 68],
+    },
+    OpeningNodes {
+        opening: Opening::RightEye,
+        upper: [53, 98, 54, 106, 56],
+        lower: [53, 100, 55, 108, 56],
+        iris: &[69, 73, 74, 70],
+    },
 ];
 
 /// Nodes that do not drive the skin: the irises, and the lid creases, which lie so near the lid margins that their small errors
 /// would fold the lid. The nine nodes in no triangle drive nothing either.
-const PASSIVE: [u16; 29] = [
-    67, 68, 69, 70, 71, 72, 73, 74, 95, 96, 101, 102, 103, 104, 109, 110, 19, 24, 52, 57, 4, 35, 36, 37, 38, 39, 41, 42, 43,
-];
+const PASSIVE: [u16; 29] =
+    [67, 68, 69, 70, 71, 72, 73, 74, 95, 96, 101, 102, 103, 104, 109, 110, 19, 24, 52, 57, 4, 35, 36, 37, 38, 39, 41, 42, 43];
 
 /// Nodes above and below the lips that give way when the mouth of the reference opens, and how far.
 const ABOVE: [(u16, f64); 8] = [(7, 1.0), (33, 1.0), (66, 1.0), (79, 0.7), (80, 0.7), (81, 0.7), (82, 0.7), (87, 1.0)];

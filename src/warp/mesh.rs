@@ -181,12 +181,7 @@ fn strips(upper: &[u32], lower: &[u32], between: &[(usize, f64, u32)]) -> Vec<[u
 }
 
 /// The outermost ring.
-fn ring(
-    gathered: &mut Gathered,
-    hull: &[Point2<f64>],
-    middle: &Point2<f64>,
-    margin: &impl Fn(&Point2<f64>) -> f64,
-) -> Vec<u32> {
+fn ring(gathered: &mut Gathered, hull: &[Point2<f64>], middle: &Point2<f64>, margin: &impl Fn(&Point2<f64>) -> f64) -> Vec<u32> {
     (0..RING)
         .map(|k| {
             let angle = std::f64::consts::TAU * k as f64 / RING as f64;

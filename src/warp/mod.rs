@@ -60,13 +60,17 @@ pub use sample::{Texture, resample};
 const MAX_GAZE: f64 = 0.12;
 /// Edges of an opening this near, over the eye distance, are shut.
 const SHUT: f64 = 1e-4;
-/// A skin triangle counts as folded when its area falls below this share of the area in the reference.
+/// A skin triangle counts as folded when its area falls below this share of the area in the reference, and below half of its area on
+/// the photograph.
 const LEAST_AREA: f64 = 0.02;
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
 /// pixel, and where lips close a sliver may turn.
 const MOST_FOLDED: f64 = 0.04;
 /// Rounds of smoothing that a folded frame gets.
 const UNFOLD_ROUNDS: usize = 40;
+/// Rounds of weakening that it gets when smoothing does not help, and the factor of each.
+const WEAKEN_ROUNDS: usize = 30;
+const WEAKEN: f64 = 0.75;
 /// Share of the way to its neighbours' mean that a node at a fold goes in a round.
 const UNFOLD_STEP: f64 = 0.35;
 
@@ -241,18 +245,25 @@ impl Warp {
     /// As [`Warp::deform`].
     pub fn deform_with(&self, nodes: &[Point2<f64>], background: &Similarity) -> Result<Deformation, WarpError> {
         check(nodes)?;
-        let mut wanted: Vec<Point2<f64>> = (0..NODE_COUNT)
-            .map(|k| background.apply(&self.nodes[k]) + (nodes[k] - background.apply(&self.given[k])))
-            .collect();
+        let mut wanted: Vec<Point2<f64>> =
+            (0..NODE_COUNT).map(|k| background.apply(&self.nodes[k]) + (nodes[k] - background.apply(&self.given[k]))).collect();
         self.separate(&mut wanted);
         let mut rounds = 0;
         let mut vertices = self.solve(&self.source, &self.nodes, &wanted, background);
-        while rounds < UNFOLD_ROUNDS {
+        while rounds < UNFOLD_ROUNDS + WEAKEN_ROUNDS {
             let folded: Vec<usize> = self.folded(&vertices).collect();
             if folded.is_empty() {
                 break;
             }
-            self.smooth(&mut wanted, &folded, background);
+            if rounds < UNFOLD_ROUNDS {
+                self.smooth(&mut wanted, &folded, background);
+            } else {
+                // No skin can do this: all of it is made weaker, until some skin can.
+                for (node, start) in wanted.iter_mut().zip(&self.nodes) {
+                    let start = background.apply(start);
+                    *node = start + (*node - start) * WEAKEN;
+                }
+            }
             self.separate(&mut wanted);
             vertices = self.solve(&self.source, &self.nodes, &wanted, background);
             rounds += 1;
@@ -361,7 +372,9 @@ impl Warp {
             .collect();
         for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
             // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
-            let gap = |k: usize| self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])]);
+            let gap = |k: usize| {
+                self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])])
+            };
             let shut: [bool; 5] = std::array::from_fn(|k| gap(k) <= SHUT * self.frame.eye_distance);
             for (k, (&a, &b)) in opening.upper.iter().zip(&opening.lower).enumerate() {
                 let (a, b) = (a as usize, b as usize);
@@ -396,7 +409,10 @@ impl Warp {
             (b - a).perp(&(c - a))
         };
         let skin = self.mesh.skin.iter().enumerate().filter(|(k, _)| !self.is_flat[*k]);
-        skin.filter_map(move |(k, t)| (area(vertices, t) < LEAST_AREA * area(&self.mesh.vertices, t)).then_some(k))
+        skin.filter_map(move |(k, t)| {
+            let least = (LEAST_AREA * area(&self.mesh.vertices, t)).min(0.5 * area(&self.source, t));
+            (area(vertices, t) < least).then_some(k)
+        })
     }
 
     /// Draws the nodes that dominate folded triangles towards the mean motion of the nodes around them.

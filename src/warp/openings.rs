@@ -5,8 +5,7 @@ use nalgebra::{Point2, Vector2};
 use tiny_skia::{FillRule, Mask, PathBuilder, Transform};
 
 use super::{
-    Deformation, MouthInside, Texture, Warp,
-    eye_motion,
+    Deformation, MouthInside, Texture, Warp, eye_motion,
     layout::{OPENINGS, Opening, OpeningNodes},
     mesh::OpeningMesh,
     raster, sample,

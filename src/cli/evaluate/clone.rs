@@ -4,9 +4,7 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 
 use grimace::{
     clone::CloneOptions,
-    evaluate::{
-        Cell, Table, Transfer, cross_table, evaluate_cross_cloning, evaluate_self_cloning, self_rows_table, self_table,
-    },
+    evaluate::{Cell, Table, Transfer, cross_table, evaluate_cross_cloning, evaluate_self_cloning, self_rows_table, self_table},
     pipeline::{PipelineOptions, Workbench},
     sequence::configure_opencv,
     simulate::{Emotion, SimulateOptions},
@@ -57,8 +55,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let bench = Workbench::new(None, options)?;
     let shown = json!({ "fit": bench.options.fit, "track": bench.options.track, "marks": args.marks.marks });
     let Some(dataset) = &args.dataset else {
-        let simulation =
-            SimulateOptions { subjects: args.subjects, emotions: Emotion::BASIC.to_vec(), seed: args.common.seed, ..SimulateOptions::default() };
+        let simulation = SimulateOptions {
+            subjects: args.subjects,
+            emotions: Emotion::BASIC.to_vec(),
+            seed: args.common.seed,
+            ..SimulateOptions::default()
+        };
         let rows = evaluate_cross_cloning(&simulation, &bench)?;
         let table = cross_table(&rows);
         folder.table("cross_cloning.csv", &table)?;
@@ -78,7 +80,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         folder.table("cross_cloning_pairs.csv", &pairs)?;
         let names: Vec<&str> = Transfer::ALL.iter().map(|t| t.name()).collect();
         let results = json!({ "pairs": rows.len() / Transfer::ALL.len(), "scalings": names });
-        folder.finish("cross-cloning", None, args.common.seed, json!({ "simulation": simulation, "clone": CloneOptions::default() }), results)?;
+        folder.finish(
+            "cross-cloning",
+            None,
+            args.common.seed,
+            json!({ "simulation": simulation, "clone": CloneOptions::default() }),
+            results,
+        )?;
         return Ok(Outcome::Done);
     };
     let stop = stop_flag()?;
