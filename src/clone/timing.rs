@@ -74,7 +74,7 @@ impl Timing {
         let fps = self.fps.or(source.fps).unwrap_or(DEFAULT_FPS);
         let own = match source.kind {
             SourceKind::Model => MODEL_SECONDS,
-            _ => steps / source.fps.unwrap_or(fps),
+            _ => steps / source.fps.unwrap_or(DEFAULT_FPS),
         };
         let count = (self.duration.unwrap_or(own) * fps).round().max(1.0) + 1.0;
         if !(count <= MAX_FRAMES as f64) {
