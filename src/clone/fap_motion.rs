@@ -26,7 +26,9 @@ const COMPANION: f64 = 40.0;
 /// Gain of an axis that nothing drives.
 const FREE: f64 = 1e-6;
 /// Gain that draws other nodes to rest.
-const REST: f64 = 0.12;
+const REST: f64 = 0.4;
+/// The same for brows that nothing drives: a lid that closes does not pull them down.
+const REST_BROW: f64 = 6.0;
 
 /// Neutral offsets of all nodes for every frame, face units, and the FAPs with values that do not show.
 pub fn offsets(
@@ -87,7 +89,11 @@ pub fn offsets(
                 let gain = Matrix2::new(gain_x, 0.0, 0.0, gain_y);
                 targets.push(Target { node, position: at + Vector2::new(x, y), pull: Pull::Matrix(gain) });
             } else {
-                let gain = if still.contains(&node) { DRIVEN } else { REST };
+                let gain = match bench.tables.region(node) {
+                    _ if still.contains(&node) => DRIVEN,
+                    Region::Brow => REST_BROW,
+                    _ => REST,
+                };
                 targets.push(Target { node, position: at, pull: Pull::Force(gain) });
             }
         }

@@ -38,8 +38,8 @@ pub struct SourceMotion {
     pub offsets: Vec<Vec<Vector2<f64>>>,
     /// FAPUs of the source's neutral face.
     pub fapus: Fapus,
-    /// Distance of the lids in the middle of the left and the right eye of the neutral face, same unit.
-    pub lid_gaps: [f64; 2],
+    /// Distance of the lids of the neutral face at each pair of [`LID_PAIRS`], same unit.
+    pub lid_gaps: [f64; LID_PAIRS.len()],
     /// Motion of the head from the neutral frame to each frame, in the source's picture (px); the identity where it is not known.
     pub head: Vec<Similarity>,
     /// Frame numbers and node positions in the source's own pictures; empty but for tracks.
@@ -183,12 +183,12 @@ impl SourceMotion {
     }
 }
 
-/// Upper and lower lid in the middle of the left and the right eye.
-const LID_MIDDLES: [(usize, usize); 2] = [(21, 22), (54, 55)];
+/// Nodes of the upper lid margin, each with the one of the lower lid that it meets: left eye, right eye, from outside to inside.
+pub const LID_PAIRS: [(usize, usize); 6] = [(97, 99), (21, 22), (105, 107), (98, 100), (54, 55), (106, 108)];
 
-/// Distance of the lids of an upright face (y up); 0 where the wireframe lacks them.
-pub fn lid_gaps(upright: &[Point2<f64>]) -> [f64; 2] {
-    LID_MIDDLES.map(|(above, below)| match (upright.get(above), upright.get(below)) {
+/// Distance of the lids of an upright face (y up) at each pair; 0 where the wireframe lacks them.
+pub fn lid_gaps(upright: &[Point2<f64>]) -> [f64; LID_PAIRS.len()] {
+    LID_PAIRS.map(|(above, below)| match (upright.get(above), upright.get(below)) {
         (Some(above), Some(below)) => above.y - below.y,
         _ => 0.0,
     })

@@ -4,7 +4,11 @@ use image::RgbImage;
 use nalgebra::{Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::{CloneError, SourceMotion, source::lid_gaps, timing::Moment};
+use super::{
+    CloneError, SourceMotion,
+    source::{LID_PAIRS, lid_gaps},
+    timing::Moment,
+};
 use crate::{
     fit::{Correspondence, FittedWireframe, validate_correspondences},
     geometry::Similarity,
@@ -32,8 +36,6 @@ pub enum Rescale {
 /// Least distance of the eyes, px.
 pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 
-/// Lid margins of the left and the right eye, without their corners.
-const LIDS: [[usize; 6]; 2] = [[97, 21, 105, 99, 22, 107], [98, 54, 106, 100, 55, 108]];
 /// How far the ratio of lid openings may lie from the ratio of IRISDs.
 const LID_LIMIT: f64 = 2.0;
 /// How far the lower lip beside its middle opens, over the middle: least and most.
@@ -56,7 +58,7 @@ pub struct Target {
     pub fapus: Fapus,
     /// Angle of the face's up against the image's up, radians, towards the image's left (y up).
     pub roll: f64,
-    lid_gaps: [f64; 2],
+    lid_gaps: [f64; LID_PAIRS.len()],
     texture: Texture,
     warp: Warp,
     stable: Vec<usize>,
@@ -136,8 +138,8 @@ impl Target {
         };
         // IRISD is the opening of the lids in neutral. On a fitted wireframe the lids know that better than the boxes around the irises:
         // what shuts the source's eye shuts the target's.
-        let lid_ratio = |eye: usize, irisd: f64| {
-            let (own, other) = (self.lid_gaps[eye], source.lid_gaps[eye]);
+        let lid_ratio = |pair: usize, irisd: f64| {
+            let (own, other) = (self.lid_gaps[pair], source.lid_gaps[pair]);
             if own > 0.0 && other > 0.0 { (own / other).clamp(irisd / LID_LIMIT, irisd * LID_LIMIT) } else { irisd }
         };
         let neutral = self.fitted.model.nodes();
@@ -149,8 +151,8 @@ impl Target {
                 let scale = match rescale {
                     Rescale::Fapu => {
                         let (x, y) = bench.tables.node_fapus(NodeId(k as u16));
-                        let lid = LIDS.iter().position(|lids| lids.contains(&k));
-                        Vector2::new(ratio(x), lid.map_or(ratio(y), |eye| lid_ratio(eye, ratio(y))))
+                        let lid = LID_PAIRS.iter().position(|&(above, below)| k == above || k == below);
+                        Vector2::new(ratio(x), lid.map_or(ratio(y), |pair| lid_ratio(pair, ratio(y))))
                     }
                     Rescale::Uniform => Vector2::repeat(self.fapus.es / source.fapus.es),
                     Rescale::None => Vector2::repeat(1.0),
