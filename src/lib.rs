@@ -36,6 +36,7 @@
 )]
 
 pub mod annotate;
+pub mod clone;
 pub mod dataset;
 pub mod evaluate;
 pub mod fap;

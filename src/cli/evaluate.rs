@@ -1,6 +1,7 @@
 //! `grimace evaluate`: the experiments.
 
 mod confidence;
+mod clone;
 mod fit;
 mod tracking;
 
@@ -36,6 +37,8 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Experiment {
+    /// How right clones are: a sequence on its own neutral frame, and simulated people on each other.
+    Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
     Fit(fit::Args),
     /// Error of the tracker over the frames, with and without deformation, beside plain KLT.
@@ -47,6 +50,7 @@ enum Experiment {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
+        Experiment::Clone(args) => clone::run(args),
         Experiment::Fit(args) => fit::run(args),
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Confidence(args) => confidence::run(args),

@@ -12,6 +12,7 @@ macro_rules! eprintln {
 
 mod analyze;
 mod annotate;
+mod clone;
 mod evaluate;
 mod fap;
 mod fit;
@@ -55,6 +56,8 @@ enum Command {
     Track(track::Args),
     /// Statistics, FAP files and report from tracks already there.
     Analyze(analyze::Args),
+    /// Put an expression on a new face: a textured animation from one photograph.
+    Clone(clone::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
@@ -99,6 +102,7 @@ pub fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),
+        Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
         Command::Simulate(args) => simulate::run(args),

@@ -13,7 +13,7 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, PipelineOptions, Workbench},
+    pipeline::{FapOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     sequence::configure_opencv,
     statistics::{MedianKind, StatisticsOptions},
     track::{AlignOptions, TrackOptions},
@@ -21,7 +21,9 @@ use grimace::{
 use serde::de::DeserializeOwned;
 
 /// One of some words, turned into the library's enum of the same words.
-fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(list: &'static [&'static str]) -> impl TypedValueParser<Value = T> {
+pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
+    list: &'static [&'static str],
+) -> impl TypedValueParser<Value = T> {
     PossibleValuesParser::new(list).try_map(|word| serde_json::from_value::<T>(serde_json::Value::String(word)))
 }
 
@@ -141,6 +143,12 @@ pub struct AnalysisArgs {
     /// Interpolated frames between two of the five key frames of a FAP file
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
     between: u16,
+    /// Photograph that the report shows the representatives on, instead of a simulated person; needs --report-marks
+    #[arg(long, requires = "report_marks", value_name = "IMAGE")]
+    report_face: Option<PathBuf>,
+    /// Marked points on that photograph: node,x,y, or 68 landmarks as point,x,y
+    #[arg(long, requires = "report_face", value_name = "C.csv")]
+    report_marks: Option<PathBuf>,
     /// Frame rate of the FAP files
     #[arg(long, default_value_t = FapOptions::default().fps, value_parser = clap::value_parser!(u32).range(1..=1000))]
     fps: u32,
@@ -151,6 +159,9 @@ impl AnalysisArgs {
         options.normalize = NormalizeOptions { resample: self.resample, size: self.size };
         options.statistics = StatisticsOptions { alpha: self.alpha, median: self.median };
         options.by.clone_from(&self.by);
+        if let (Some(image), Some(marks)) = (&self.report_face, &self.report_marks) {
+            options.report_face = ReportFace::photograph(image, marks);
+        }
         options.fap = FapOptions { between: usize::from(self.between), fps: self.fps };
     }
 }
@@ -183,7 +194,12 @@ pub struct GeneralArgs {
 impl GeneralArgs {
     pub fn workbench(&self, options: PipelineOptions) -> anyhow::Result<Workbench> {
         configure_opencv()?;
-        Ok(Workbench::new(self.wireframe.as_deref(), options)?)
+        let bench = Workbench::new(self.wireframe.as_deref(), options)?;
+        // A face that does not serve is said before hours of tracking, not after.
+        if let ReportFace::Photograph { image, .. } = &bench.options.report_face {
+            showcase_target(&bench).with_context(|| format!("--report-face {}", image.display()))?;
+        }
+        Ok(bench)
     }
 
     /// Refuses to write over a file unless `--force` is given.

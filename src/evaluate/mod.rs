@@ -9,6 +9,9 @@
 //! data alone, never from the number of threads.
 
 mod confidence;
+mod clone;
+mod clone_cross;
+mod clone_quality;
 mod figure;
 mod fit;
 mod marks;
@@ -22,6 +25,7 @@ mod variant;
 use std::path::PathBuf;
 
 use crate::{
+    clone::CloneError,
     dataset::{DatasetError, LandmarksError},
     fit::FitError,
     input::InputError,
@@ -35,6 +39,9 @@ pub use confidence::{
     calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples, expected_of_records,
     expected_of_samples, fit_confidence, verdict_table,
 };
+pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
+pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
+pub use clone_quality::{Likeness, likeness};
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use marks::{
@@ -62,6 +69,9 @@ pub enum EvaluateError {
     /// Simulation options out of range.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
+    /// A face that can not be cloned.
+    #[error(transparent)]
+    Clone(#[from] CloneError),
     /// A fit that failed where none may fail.
     #[error(transparent)]
     Fit(#[from] FitError),

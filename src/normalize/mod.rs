@@ -7,6 +7,7 @@ mod orientation;
 mod size;
 mod time;
 
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -16,6 +17,7 @@ use crate::{
     wireframe::{Fapus, FapusError, Tables, Wireframe},
 };
 
+pub use orientation::stable_nodes;
 pub use time::{Resample, resample};
 
 /// Frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
@@ -118,6 +120,27 @@ impl<'a> Normalizer<'a> {
         &self.canonical
     }
 
+    /// All frames of a track upright, without head motion, y up, in pixels of the neutral frame.
+    ///
+    /// # Errors
+    /// [`NormalizeError`].
+    pub fn upright(&self, track: &DynamicExpressionModel<Px>) -> Result<Vec<Vec<Point2<f64>>>, NormalizeError> {
+        let expected = self.wireframe.node_count();
+        if track.node_count() != expected {
+            return Err(NormalizeError::NodeCount { found: track.node_count(), expected });
+        }
+        orientation::upright(track, &self.wireframe.frontal(), self.tables)
+    }
+
+    /// A track in face units with all its frames, upright, without head motion, with canonical FAPUs.
+    ///
+    /// # Errors
+    /// [`NormalizeError`].
+    pub fn equalized(&self, track: &DynamicExpressionModel<Px>) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
+        let upright = self.upright(track)?;
+        size::equalize(&upright, self.tables, &self.canonical, self.wireframe, self.options.size)
+    }
+
     /// The normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright, without head motion, with canonical FAPUs.
     ///
     /// # Errors
@@ -136,7 +159,7 @@ impl<'a> Normalizer<'a> {
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
-    use nalgebra::{Point2, Vector2};
+    use nalgebra::Vector2;
     use proptest::prelude::*;
 
     use super::*;

@@ -9,8 +9,9 @@ use std::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Failure, MADE_BY, SCHEMA_VERSION, Workbench, files::file_blake3};
+use super::{Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, files::file_blake3, showcase::films};
 use crate::{
+    clone::CloneError,
     fap::{self, Clamped, ConvertError, FapCatalog, FapNumber, FapSequence, FapWriteError, Motion},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     output::{self, OutputError, nine_digits, write_atomic},
@@ -58,6 +59,9 @@ pub enum AnalysisError {
     /// A column to group by that no sequence has.
     #[error(transparent)]
     Group(#[from] GroupError),
+    /// The representatives can not be shown on the report's face.
+    #[error("the face of the report: {0}")]
+    Face(#[from] CloneError),
     /// A representative has no FAPs.
     #[error(transparent)]
     Convert(#[from] ConvertError),
@@ -474,6 +478,11 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         tables: &bench.tables,
         fapus: bench.normalizer()?.canonical().fapus,
         apex_faps: analysis.classes.iter().map(apex).collect(),
+        films: films(&representatives, bench)?,
+        face: match &bench.options.report_face {
+            ReportFace::Simulated => "a simulated person".to_owned(),
+            ReportFace::Photograph { image, .. } => image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        },
     })?;
     Ok(html)
 }

@@ -4,6 +4,7 @@ mod analysis;
 mod files;
 mod run;
 mod sequence;
+mod showcase;
 mod tracks;
 
 use std::path::Path;
@@ -20,9 +21,10 @@ use crate::{
 };
 
 pub use analysis::{Analysis, AnalysisError, AnalyzedModel, analyze, read_model, write_analysis, write_model};
-pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
+pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
+pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, track_files};
 
 /// Frames between two key frames of a FAP file: 5 key frames give 25 frames.
@@ -48,6 +50,9 @@ pub struct PipelineOptions {
     pub by: Vec<String>,
     /// Which landmarks serve as correspondences where a sequence has no marks of its own.
     pub marks: LandmarkSelection,
+    /// On whom the report shows the representatives moving.
+    #[serde(default)]
+    pub report_face: ReportFace,
 }
 
 /// Options of the FAP files.

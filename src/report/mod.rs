@@ -46,6 +46,19 @@ pub struct ApexFap {
     pub value: i32,
 }
 
+/// A representative on a face, moving: the frames side by side in one JPEG, neutral first.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Film {
+    /// The JPEG file.
+    pub jpeg: Vec<u8>,
+    /// Frames in it.
+    pub frames: usize,
+    /// Width of a frame, px.
+    pub width: u32,
+    /// Height of a frame, px.
+    pub height: u32,
+}
+
 /// Everything the report shows.
 #[derive(Debug)]
 pub struct ReportData<'a> {
@@ -67,6 +80,10 @@ pub struct ReportData<'a> {
     pub fapus: Fapus,
     /// FAP values at the apex of every representative (same order).
     pub apex_faps: Vec<Vec<ApexFap>>,
+    /// Every representative on one face (same order); empty for none.
+    pub films: Vec<Film>,
+    /// Whose face that is.
+    pub face: String,
 }
 
 /// Renders the report.

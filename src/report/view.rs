@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use base64::{Engine, prelude::BASE64_STANDARD};
 use serde::Serialize;
 
 use super::{
-    Failure, ReportData,
+    Failure, Film, ReportData,
     numbers::{MISSING, count, fixed, fixed_or_dash, ratio},
 };
 use crate::{
@@ -38,6 +39,21 @@ pub(super) struct View<'a> {
     track_count: String,
     fapus: Vec<(String, String)>,
     small_class: usize,
+    films: Vec<FilmView>,
+    face: &'a str,
+}
+
+/// A representative on the report's face.
+#[derive(Serialize)]
+struct FilmView {
+    emotion: String,
+    group: String,
+    label: String,
+    /// The strip of frames as a data URL.
+    strip: String,
+    frames: usize,
+    width: u32,
+    height: u32,
 }
 
 /// A sequence that a person should look at again.
@@ -147,6 +163,23 @@ impl<'a> View<'a> {
             track_count: count(data.tracks.len(), "sequence", "sequences"),
             fapus: fapus.collect(),
             small_class: SMALL_CLASS,
+            films: data.films.iter().zip(data.representatives).map(|(film, r)| FilmView::new(film, &r.label)).collect(),
+            face: &data.face,
+        }
+    }
+}
+
+impl FilmView {
+    fn new(film: &Film, label: &ClassLabel) -> Self {
+        let group = group_text(label);
+        Self {
+            label: if group.is_empty() { label.emotion.clone() } else { format!("{}, {group}", label.emotion) },
+            emotion: label.emotion.clone(),
+            group,
+            strip: format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(&film.jpeg)),
+            frames: film.frames,
+            width: film.width,
+            height: film.height,
         }
     }
 }

@@ -84,7 +84,7 @@ impl GrayDecoder {
 }
 
 /// Finds files that end before their image does, where the format tells.
-fn check_whole(bytes: &[u8]) -> Result<(), DecodeError> {
+pub(super) fn check_whole(bytes: &[u8]) -> Result<(), DecodeError> {
     /// A JPEG may carry some padding behind its end marker.
     const JPEG_TAIL: usize = 4096;
     let truncated = |format, reason: String| Err(DecodeError::Truncated { format, reason });
@@ -135,7 +135,7 @@ fn pgm_sizes(bytes: &[u8]) -> Option<(usize, usize)> {
 }
 
 /// The first bytes of a file as text where they are text, in hexadecimal where not.
-fn readable_start(bytes: &[u8]) -> String {
+pub(super) fn readable_start(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(12)];
     if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) {
         format!("the text {:?}", String::from_utf8_lossy(start))

@@ -3,7 +3,9 @@
 //! OpenCV decodes; its types stop here and in [`crate::track`]. A frame is decoded from bytes that were first checked to be whole,
 //! because OpenCV fills what a truncated file lacks with grey and reports success.
 
+mod colour;
 mod decode;
+mod film;
 mod video;
 
 use std::path::{Path, PathBuf};
@@ -12,7 +14,9 @@ use opencv::{core::Mat, prelude::*};
 
 use crate::dataset::{FrameFile, FrameSource};
 
+pub use colour::{MAX_SIDE, read_colour, read_colour_frames};
 pub use decode::{DecodeError, GrayDecoder};
+pub use film::{FilmError, write_video};
 
 /// Width and height in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

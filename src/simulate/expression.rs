@@ -307,7 +307,7 @@ fn fap_of(kind: &UnitKind) -> Option<(FapNumber, Fapu)> {
 }
 
 /// Index of the unit, and the length in model units of one unit of its weight.
-fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> Option<(usize, f64)> {
+pub(super) fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> Option<(usize, f64)> {
     wireframe.action_units().iter().enumerate().find_map(|(index, candidate)| match (unit, &candidate.kind) {
         (ExpressionUnit::Auv(wanted), UnitKind::Action { number }) if wanted == *number => Some((index, 1.0)),
         (ExpressionUnit::Fap(wanted), UnitKind::Fap { number, fapu }) if wanted == *number => {
@@ -321,7 +321,7 @@ fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> Opti
 const LIP_TWINS: [(u16, u16); 3] = [(87, 40), (81, 83), (82, 84)];
 
 /// Lips touch but do not pass through each other: where an upper inner lip node would end below its lower twin, both move to the middle.
-fn keep_lips_apart(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {
+pub(super) fn keep_lips_apart(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {
     for (upper, lower) in LIP_TWINS.map(|(u, l)| (NodeId(u).index(), NodeId(l).index())) {
         let gap = (wireframe.vertices()[upper].y + offsets[upper].y) - (wireframe.vertices()[lower].y + offsets[lower].y);
         if gap < 0.0 {

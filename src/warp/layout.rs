@@ -50,17 +50,18 @@ pub const OPENINGS: [OpeningNodes; 3] = [
 const PASSIVE: [u16; 29] =
     [67, 68, 69, 70, 71, 72, 73, 74, 95, 96, 101, 102, 103, 104, 109, 110, 19, 24, 52, 57, 4, 35, 36, 37, 38, 39, 41, 42, 43];
 
-/// Nodes above and below the lips that give way when the mouth of the reference opens.
-const ABOVE: [u16; 8] = [7, 33, 66, 79, 80, 81, 82, 87];
-const BELOW: [u16; 10] = [8, 85, 86, 83, 84, 40, 9, 10, 32, 65];
+/// Nodes above and below the lips that give way when the mouth of the reference opens, and how far.
+const ABOVE: [(u16, f64); 8] = [(7, 1.0), (33, 1.0), (66, 1.0), (79, 0.7), (80, 0.7), (81, 0.7), (82, 0.7), (87, 1.0)];
+const BELOW: [(u16, f64); 10] =
+    [(8, 1.0), (85, 0.7), (86, 0.7), (83, 0.7), (84, 0.7), (40, 1.0), (9, 0.9), (10, 0.6), (32, 0.5), (65, 0.5)];
 /// The same for the lids, both eyes.
 const UPPER_LIDS: [u16; 6] = [97, 21, 105, 98, 54, 106];
 const LOWER_LIDS: [u16; 6] = [99, 22, 107, 100, 55, 108];
 
 /// Distance of the lips in the reference, over the eye distance.
-const MOUTH_GAP: f64 = 0.10;
+const MOUTH_GAP: f64 = 0.06;
 /// Distance of the lids in the reference, over the eye distance.
-const LID_GAP: f64 = 0.12;
+const LID_GAP: f64 = 0.10;
 /// Lips nearer than this, over the eye distance, count as closed: the fit can not tell better.
 const CLOSED_GAP: f64 = 0.06;
 
@@ -134,8 +135,8 @@ pub fn reference(source: &[Point2<f64>], frame: &Frame) -> Vec<Point2<f64>> {
     let missing = MOUTH_GAP * frame.eye_distance - gap;
     if missing > 0.0 {
         let half = frame.down.into_inner() * (missing / 2.0);
-        ABOVE.iter().for_each(|&n| nodes[usize::from(n)] -= half);
-        BELOW.iter().for_each(|&n| nodes[usize::from(n)] += half);
+        ABOVE.iter().for_each(|&(n, share)| nodes[usize::from(n)] -= half * share);
+        BELOW.iter().for_each(|&(n, share)| nodes[usize::from(n)] += half * share);
     }
     for (&a, &b) in UPPER_LIDS.iter().zip(&LOWER_LIDS) {
         keep_apart(&mut nodes, a, b, frame, LID_GAP * frame.eye_distance);

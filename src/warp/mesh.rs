@@ -278,7 +278,7 @@ fn triangulate(
 }
 
 /// Whether a point lies inside a closed polygon (even-odd).
-fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
+pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
     let mut odd = false;
     let mut previous = polygon[polygon.len() - 1];
     for &corner in polygon {
@@ -294,7 +294,7 @@ fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
 }
 
 /// Convex hull, all corners turning the same way (Andrew's monotone chain).
-fn convex_hull(mut points: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
+pub fn convex_hull(mut points: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let turn = |o: &Point2<f64>, a: &Point2<f64>, b: &Point2<f64>| (a - o).perp(&(b - o));
     let chain = |points: &mut dyn Iterator<Item = Point2<f64>>| {

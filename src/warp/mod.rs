@@ -52,6 +52,7 @@ use self::{
 use crate::{geometry::Similarity, units::NodeId};
 
 pub use layout::{NODE_COUNT, Opening};
+pub(crate) use mesh::convex_hull;
 pub use render::MouthInside;
 pub use sample::{Texture, resample};
 
@@ -59,10 +60,17 @@ pub use sample::{Texture, resample};
 const MAX_GAZE: f64 = 0.12;
 /// Edges of an opening this near, over the eye distance, are shut.
 const SHUT: f64 = 1e-4;
-/// A skin triangle counts as folded when its area falls below this share of the area in the reference.
+/// A skin triangle counts as folded when its area falls below this share of the area in the reference, and below half of its area on
+/// the photograph.
 const LEAST_AREA: f64 = 0.02;
+/// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
+/// pixel, and where lips close a sliver may turn.
+const MOST_FOLDED: f64 = 0.04;
 /// Rounds of smoothing that a folded frame gets.
 const UNFOLD_ROUNDS: usize = 40;
+/// Rounds of weakening that it gets when smoothing does not help, and the factor of each.
+const WEAKEN_ROUNDS: usize = 30;
+const WEAKEN: f64 = 0.75;
 /// Share of the way to its neighbours' mean that a node at a fold goes in a round.
 const UNFOLD_STEP: f64 = 0.35;
 
@@ -103,6 +111,8 @@ pub struct Warp {
     closed: bool,
     /// The vertices on the photograph.
     source: Vec<Point2<f64>>,
+    /// Skin triangles that have no area on the photograph (at the corners of closed lips); they can not fold any further.
+    is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
 }
@@ -139,6 +149,19 @@ impl Deformation {
     }
 }
 
+/// How the skin covers a frame ([`Warp::audit`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Audit {
+    /// Skin triangles that are turned over.
+    pub folded: usize,
+    /// Pixels inside the border of the mesh.
+    pub inside: usize,
+    /// Of these, pixels that neither skin nor an opening covers.
+    pub holes: usize,
+    /// Of these, pixels that skin covers more than once.
+    pub doubled: usize,
+}
+
 /// Vertices of the mesh on some picture of a face ([`Warp::place`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placement(Vec<Point2<f64>>);
@@ -156,6 +179,7 @@ impl Warp {
         let mesh = Mesh::new(&reference_nodes, &frame)?;
         let weights = Weights::new(&mesh)?;
         let neighbours = neighbours(&mesh, &reference_nodes);
+        let triangles = mesh.skin.len();
         let mut warp = Self {
             mesh,
             weights,
@@ -164,6 +188,7 @@ impl Warp {
             nodes: source_nodes,
             closed,
             source: Vec::new(),
+            is_flat: vec![false; triangles],
             reference_nodes,
             neighbours,
         };
@@ -177,7 +202,14 @@ impl Warp {
                 (warp.source[a as usize], warp.source[b as usize]) = (middle, middle);
             }
         }
-        if warp.folded(&warp.source).next().is_some() {
+        let flat: Vec<usize> = warp.folded(&warp.source).collect();
+        flat.iter().for_each(|&k| warp.is_flat[k] = true);
+        let area = |k: usize| {
+            let [a, b, c] = warp.mesh.skin[k].map(|v| warp.mesh.vertices[v as usize]);
+            (b - a).perp(&(c - a)).abs()
+        };
+        let folded: f64 = flat.iter().map(|&k| area(k)).sum();
+        if folded > MOST_FOLDED * frame.eye_distance.powi(2) {
             return Err(WarpError::Folded);
         }
         Ok(warp)
@@ -218,12 +250,20 @@ impl Warp {
         self.separate(&mut wanted);
         let mut rounds = 0;
         let mut vertices = self.solve(&self.source, &self.nodes, &wanted, background);
-        while rounds < UNFOLD_ROUNDS {
+        while rounds < UNFOLD_ROUNDS + WEAKEN_ROUNDS {
             let folded: Vec<usize> = self.folded(&vertices).collect();
             if folded.is_empty() {
                 break;
             }
-            self.smooth(&mut wanted, &folded, background);
+            if rounds < UNFOLD_ROUNDS {
+                self.smooth(&mut wanted, &folded, background);
+            } else {
+                // No skin can do this: all of it is made weaker, until some skin can.
+                for (node, start) in wanted.iter_mut().zip(&self.nodes) {
+                    let start = background.apply(start);
+                    *node = start + (*node - start) * WEAKEN;
+                }
+            }
             self.separate(&mut wanted);
             vertices = self.solve(&self.source, &self.nodes, &wanted, background);
             rounds += 1;
@@ -262,6 +302,39 @@ impl Warp {
     /// an opening.
     pub fn map(&self, deformation: &Deformation, point: &Point2<f64>) -> Option<Point2<f64>> {
         self.carry(&self.source, &deformation.vertices, point)
+    }
+
+    /// How a frame covers the picture: for tests, and for whoever wants to be sure.
+    pub fn audit(&self, deformation: &Deformation, size: (u32, u32)) -> Audit {
+        let mut counts = vec![0_u8; size.0 as usize * size.1 as usize];
+        let mut cover = |triangles: &[[u32; 3]], step: u8| {
+            for t in triangles {
+                let corners = t.map(|v| deformation.vertices[v as usize]);
+                raster::fill(corners, corners, size, |x, y, _| {
+                    let count = &mut counts[(y * size.0 + x) as usize];
+                    *count = count.saturating_add(step);
+                });
+            }
+        };
+        const OPENING: u8 = 16;
+        cover(&self.mesh.skin, 1);
+        for opening in &self.mesh.openings {
+            cover(&opening.triangles, OPENING);
+        }
+        let mut audit = Audit { folded: self.folded(&deformation.vertices).count(), ..Audit::default() };
+        // The border of the mesh does not move: inside of it every pixel is skin once, or in an opening.
+        let border = convex_hull(self.mesh.fixed.iter().map(|&v| deformation.vertices[v as usize]).collect());
+        for y in 0..size.1 {
+            for x in 0..size.0 {
+                let count = counts[(y * size.0 + x) as usize];
+                if mesh::inside(&border, &Point2::new(f64::from(x), f64::from(y))) {
+                    audit.inside += 1;
+                    audit.holes += usize::from(count == 0);
+                    audit.doubled += usize::from(count % OPENING > 1);
+                }
+            }
+        }
+        audit
     }
 
     fn carry(&self, from: &[Point2<f64>], to: &[Point2<f64>], point: &Point2<f64>) -> Option<Point2<f64>> {
@@ -335,8 +408,11 @@ impl Warp {
             let [a, b, c] = t.map(|v| points[v as usize]);
             (b - a).perp(&(c - a))
         };
-        let skin = self.mesh.skin.iter().enumerate();
-        skin.filter_map(move |(k, t)| (area(vertices, t) < LEAST_AREA * area(&self.mesh.vertices, t)).then_some(k))
+        let skin = self.mesh.skin.iter().enumerate().filter(|(k, _)| !self.is_flat[*k]);
+        skin.filter_map(move |(k, t)| {
+            let least = (LEAST_AREA * area(&self.mesh.vertices, t)).min(0.5 * area(&self.source, t));
+            (area(vertices, t) < least).then_some(k)
+        })
     }
 
     /// Draws the nodes that dominate folded triangles towards the mean motion of the nodes around them.
@@ -401,4 +477,117 @@ fn neighbours(mesh: &Mesh, reference: &[Point2<f64>]) -> Vec<Vec<usize>> {
             others
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, RgbImage};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::wireframe::Wireframe;
+
+    /// Candide-3 with 49 px between the eyes.
+    fn face() -> Vec<Point2<f64>> {
+        Wireframe::candide3().vertices().iter().map(|v| Point2::new(100.0 + 80.0 * v.x, 110.0 - 80.0 * v.y)).collect()
+    }
+
+    fn photograph() -> RgbImage {
+        RgbImage::from_fn(200, 230, |x, y| Rgb([(x * 5 % 256) as u8, (y * 3 % 256) as u8, ((x * y) % 251) as u8]))
+    }
+
+    #[test]
+    fn a_still_face_is_the_photograph_to_the_bit() {
+        let warp = Warp::new(&face()).unwrap();
+        let picture = warp.render(&Texture::new(&photograph()), &warp.deform(&face()).unwrap(), &MouthInside::Dark);
+        assert!(picture == photograph());
+    }
+
+    #[test]
+    fn driving_nodes_are_where_they_were_asked_to_be_and_the_map_agrees() {
+        let warp = Warp::new(&face()).unwrap();
+        let mut moved = face();
+        moved[31] += Vector2::new(4.0, -3.0);
+        moved[16] += Vector2::new(0.5, -4.0);
+        let frame = warp.deform(&moved).unwrap();
+        for n in [31, 16, 64, 5, 10] {
+            assert!((frame.node(n) - moved[n]).norm() < 1e-9, "node {n}");
+            assert!((warp.map(&frame, &face()[n]).unwrap() - moved[n]).norm() < 1e-6, "map of node {n}");
+        }
+        assert!(warp.map(&frame, &Point2::new(1.0, 1.0)).is_none());
+    }
+
+    #[test]
+    fn a_blink_covers_the_eye_and_does_not_squeeze_it() {
+        // Skin is white, eyes are black: a shut lid leaves no black.
+        let nodes = face();
+        let mut picture = RgbImage::from_pixel(200, 230, Rgb([255; 3]));
+        for eye in &OPENINGS[1..] {
+            let middle = nalgebra::center(&nodes[usize::from(eye.upper[0])], &nodes[usize::from(eye.upper[4])]);
+            for (x, y, pixel) in picture.enumerate_pixels_mut() {
+                if (Point2::new(f64::from(x), f64::from(y)) - middle).norm() < 2.0 {
+                    *pixel = Rgb([0; 3]);
+                }
+            }
+        }
+        let mut shut = nodes.clone();
+        for eye in &OPENINGS[1..] {
+            for k in 1..4 {
+                shut[usize::from(eye.upper[k])] = shut[usize::from(eye.lower[k])];
+            }
+        }
+        let warp = Warp::new(&nodes).unwrap();
+        let frame = warp.render(&Texture::new(&picture), &warp.deform(&shut).unwrap(), &MouthInside::Dark);
+        assert!(frame.pixels().all(|p| p.0[0] > 200), "black shows through shut lids");
+    }
+
+    #[test]
+    fn lips_open_onto_the_dark() {
+        let mut open = face();
+        for n in [40, 83, 84, 8, 85, 86, 9, 10, 32, 65] {
+            open[n].y += 12.0;
+        }
+        let warp = Warp::new(&face()).unwrap();
+        let white = RgbImage::from_pixel(200, 230, Rgb([255; 3]));
+        let frame = warp.render(&Texture::new(&white), &warp.deform(&open).unwrap(), &MouthInside::Dark);
+        let middle = nalgebra::center(&open[87], &open[40]);
+        assert!(frame.get_pixel(middle.x as u32, middle.y as u32).0[0] < 120);
+        let (lip, teeth) = (open[8], warp.render(&Texture::new(&white), &warp.deform(&open).unwrap(), &MouthInside::Teeth));
+        assert_eq!(frame.get_pixel(lip.x as u32, (lip.y + 3.0) as u32).0, [255; 3]);
+        assert!(teeth != frame);
+    }
+
+    #[test]
+    fn what_is_no_face_is_refused() {
+        assert_eq!(Warp::new(&face()[..50]).unwrap_err(), WarpError::NodeCount { found: 50 });
+        let mut nan = face();
+        nan[3].x = f64::NAN;
+        assert_eq!(Warp::new(&nan).unwrap_err(), WarpError::NotFinite);
+        assert_eq!(Warp::new(&vec![Point2::origin(); NODE_COUNT]).unwrap_err(), WarpError::NoEyes);
+        assert_eq!(Warp::new(&face()).unwrap().deform(&nan).unwrap_err(), WarpError::NotFinite);
+    }
+
+    #[test]
+    fn the_background_moves_when_it_is_asked_to() {
+        let warp = Warp::new(&face()).unwrap();
+        let shift = Similarity { translation: Vector2::new(7.0, -4.0), ..Similarity::identity() };
+        let moved: Vec<_> = face().iter().map(|p| shift.apply(p)).collect();
+        let picture = photograph();
+        let frame = warp.render(&Texture::new(&picture), &warp.deform_with(&moved, &shift).unwrap(), &MouthInside::Dark);
+        for (x, y) in [(20, 20), (100, 100), (100, 150), (180, 200)] {
+            assert_eq!(frame.get_pixel(x + 7, y - 4), picture.get_pixel(x, y));
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+
+        #[test]
+        fn no_motion_leaves_a_hole_or_a_fold(offsets in prop::collection::vec((-6.0..6.0f64, -6.0..6.0f64), NODE_COUNT)) {
+            let warp = Warp::new(&face()).unwrap();
+            let moved: Vec<_> = face().iter().zip(&offsets).map(|(p, &(x, y))| p + Vector2::new(x, y)).collect();
+            let audit = warp.audit(&warp.deform(&moved).unwrap(), (200, 230));
+            prop_assert_eq!((audit.folded, audit.holes), (0, 0));
+        }
+    }
 }

@@ -45,7 +45,12 @@ pub fn draw(
                 layer.fill(to, from, |at| texture.sample(at));
             }
         }
-        (Opening::Mouth, MouthInside::Dark) if warp.closed => dark(warp, opening, texture, deformation, gap, &mut layer),
+        (Opening::Mouth, MouthInside::Dark | MouthInside::Teeth) if warp.closed => {
+            dark(warp, opening, texture, deformation, gap, &mut layer);
+            if matches!(inside, MouthInside::Teeth) {
+                teeth(warp, texture, deformation, &mut layer);
+            }
+        }
         _ => {
             let behind = behind(warp, opening, deformation);
             for (triangle, corners) in opening.triangles.iter().zip(&behind) {
@@ -151,6 +156,56 @@ fn dark(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Def
             let warm = [1.0, 0.72 + 0.1 * tongue, 0.70 + 0.1 * tongue];
             std::array::from_fn(|c| lip[c] * (light * warm[c]) as f32)
         });
+    }
+}
+
+/// Right edges of the upper teeth from the midline, over the eye distance: incisors, canine, premolars (8.5, 6.5, 7.5, 7 and 7 mm of a
+/// mean 63 mm between the pupils, the outer ones foreshortened).
+const TOOTH_EDGES: [f64; 5] = [0.130, 0.225, 0.315, 0.385, 0.435];
+/// How far the incisors reach below the closed lips, over the eye distance (2 mm).
+const TEETH_BELOW_LIPS: f64 = 0.032;
+
+/// Draws the upper teeth over a dark mouth.
+fn teeth(warp: &Warp, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
+    let unit = warp.frame.eye_distance;
+    let down = warp.frame.down.into_inner();
+    let across = Vector2::new(down.y, -down.x);
+    // The skull goes with the base of the nose; the teeth end a little below the middle of the closed lips.
+    let moved = deformation.nodes[6] - warp.nodes[6];
+    let middle = warp.nodes[87] + moved;
+    // As bright as the skin of the cheeks allows.
+    let skin = [27_usize, 60, 90, 91].map(|n| texture.sample(warp.nodes[n]));
+    let light = skin.iter().map(|c| 0.3 * c[0] + 0.59 * c[1] + 0.11 * c[2]).sum::<f32>() / 4.0;
+    let enamel = [1.0, 0.965, 0.90].map(|c: f32| c * (light * 0.95 + 55.0).min(228.0));
+    let upper_lip = |x: f64| -> f64 {
+        let points = [88_usize, 81, 87, 82, 89].map(|n| deformation.nodes[n] - middle);
+        let at = points.map(|p| (p.dot(&across), p.dot(&down)));
+        at.windows(2)
+            .find(|w| (x - w[0].0) * (x - w[1].0) <= 0.0)
+            .map_or(0.0, |w| w[0].1 + (w[1].1 - w[0].1) * (x - w[0].0) / (w[1].0 - w[0].0 + 1e-9))
+    };
+    let (left, top, width) = (layer.left, layer.top, layer.width);
+    for (k, (colour, is_set)) in layer.pixels.iter_mut().enumerate() {
+        if !*is_set {
+            continue;
+        }
+        let place = Point2::new(f64::from(left + k as u32 % width), f64::from(top + k as u32 / width)) - middle;
+        let (x, y) = (place.dot(&across), place.dot(&down));
+        let side = x.abs() / unit;
+        let Some(tooth) = TOOTH_EDGES.iter().position(|&edge| side < edge) else { continue };
+        let from = if tooth == 0 { 0.0 } else { TOOTH_EDGES[tooth - 1] };
+        let within = (side - from) / (TOOTH_EDGES[tooth] - from);
+        // The row curves up towards the sides, and every tooth is rounded.
+        let round = (2.0 * within - 1.0).powi(4) * 0.010;
+        let edge = (TEETH_BELOW_LIPS - 0.20 * side * side - round - if tooth == 1 { 0.006 } else { 0.0 }) * unit;
+        let cover = ((edge - y) / (0.008 * unit).max(0.7)).clamp(0.0, 1.0);
+        let seam = (within.min(1.0 - within) * (TOOTH_EDGES[tooth] - from) / 0.006).clamp(0.0, 1.0);
+        // Darker under the lip, between the teeth and towards the corners of the mouth.
+        let shade = smooth_step(-0.01, 0.055, (y - upper_lip(x)) / unit);
+        let brightness = (0.55 + 0.45 * shade) * (0.80 + 0.20 * seam) * (1.0 - 1.9 * side * side).max(0.25);
+        for c in 0..3 {
+            colour[c] += (enamel[c] * brightness as f32 - colour[c]) * cover as f32;
+        }
     }
 }
 

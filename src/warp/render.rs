@@ -10,6 +10,8 @@ use crate::geometry::Similarity;
 pub enum MouthInside<'a> {
     /// A dark mouth. Where the photograph itself shows an open mouth, its own inside.
     Dark,
+    /// A dark mouth with upper teeth, drawn: they hang from the skull, so that a raised lip bares them and a dropped jaw does not.
+    Teeth,
     /// The inside of a mouth on another picture: its texture, and where the mesh lies on it.
     Picture {
         /// The picture.

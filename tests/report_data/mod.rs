@@ -86,6 +86,8 @@ impl Fixture {
             wireframe: &self.wireframe,
             tables: &self.tables,
             fapus: self.fapus,
+            films: Vec::new(),
+            face: String::new(),
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
         }
     }

@@ -1,0 +1,348 @@
+//! `grimace clone`.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use anyhow::Context;
+use grimace::{
+    clone::{
+        CLONE_SCHEMA, CloneInfo, CloneOptions, Details, Ease, Film, Rescale, Sheet, SourceMotion, Target, Teeth, Timing,
+        clone_expression, encode_png, read_marks, write_clone,
+    },
+    dataset::list_frames,
+    output::write_atomic,
+    pipeline::{MADE_BY, PipelineOptions, Workbench, file_blake3},
+    sequence::{read_colour, read_colour_frames},
+};
+use image::RgbImage;
+use indicatif::ProgressBar;
+
+use super::{
+    Outcome,
+    progress::frame_bar,
+    shared::{FitArgs, GeneralArgs, MarksArgs, positive, stop_flag, words},
+};
+
+/// Put an expression on a new face.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  grimace clone --source results/representatives/happiness.csv --target anna.jpg --correspondences anna.csv -o anna-happy --film gif
+  grimace clone --source tracks/S005_001.csv --source-frames faces/S005/001 --wrinkles --target anna.jpg --correspondences anna.csv -o smile
+  grimace clone --source results/representatives/*.csv --target anna.jpg --correspondences anna.csv -o anna --sheet
+
+OUT gets frames/ (PNG), track/ (the target's own dynamic model, for `analyze`), clone.fap, overlay.png (the wireframe on the apex frame), \
+sheet.png (side by side) and clone.json (what it was made from). Several sources or targets give a folder TARGET_SOURCE each; one that \
+fails costs only itself.")]
+pub struct Args {
+    /// What moves: a track, a representative or normalized model (.csv), or a FAP file (.fap); several for a batch
+    #[arg(short, long, required = true, num_args = 1.., value_name = "S")]
+    source: Vec<PathBuf>,
+    /// Neutral photograph, frontal; several for a batch
+    #[arg(short, long, required = true, num_args = 1.., value_name = "IMAGE")]
+    target: Vec<PathBuf>,
+    /// Marked points on each photograph, in the same order: node,x,y, or 68 landmarks as point,x,y
+    #[arg(short, long, required = true, num_args = 1.., value_name = "C.csv")]
+    correspondences: Vec<PathBuf>,
+    /// Folder for the results
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// One picture of all: a row for every target with its neutral face and the apex of every source (OUT/sheet.png)
+    #[arg(long)]
+    sheet: bool,
+    #[command(flatten)]
+    motion: MotionArgs,
+    #[command(flatten)]
+    look: LookArgs,
+    #[command(flatten)]
+    marks: MarksArgs,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+/// How the motion is carried over.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Motion")]
+struct MotionArgs {
+    /// Factor on the motion: 0.5 is half as strong, 1.5 a caricature
+    #[arg(long, default_value_t = 1.0, value_parser = positive, value_name = "C")]
+    emphasis: f64,
+    /// Frames per second; by default the source's, or 25
+    #[arg(long, value_parser = positive)]
+    fps: Option<f64>,
+    /// Seconds from neutral to apex; by default the source's, or 1 for a representative
+    #[arg(long, value_parser = positive, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Course of the motion
+    #[arg(long, default_value = "linear", value_parser = words::<Ease>(&["linear", "in", "out", "in-out"]))]
+    ease: Ease,
+    /// Back to the neutral face at the end, so that the film repeats without a jump
+    #[arg(long = "loop")]
+    back: bool,
+    /// Sizes carried over by the FAPUs of each facial region, by the eye distance alone, or not at all
+    #[arg(long, default_value = "fapu", value_parser = words::<Rescale>(&["fapu", "uniform", "none"]))]
+    rescale: Rescale,
+    /// Carry the motion of the source's head over, too (tracks only)
+    #[arg(long)]
+    head: bool,
+}
+
+/// What the frames show.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Picture")]
+struct LookArgs {
+    /// The frames that the source's track was made from (folder or video): for wrinkles, teeth, and the sheet
+    #[arg(long, value_name = "SEQUENCE")]
+    source_frames: Option<PathBuf>,
+    /// Carry the source's folds and wrinkles over, with a strength (1 if none is given)
+    #[arg(long, num_args = 0..=1, default_missing_value = "1", value_parser = positive, value_name = "STRENGTH")]
+    wrinkles: Option<f64>,
+    /// What shows in an open mouth: `auto` takes the source's where its frames are given and leaves it dark otherwise, `drawn` draws
+    /// upper teeth instead, `dark` is always dark
+    #[arg(long, default_value = "auto", value_parser = words::<Teeth>(&["auto", "drawn", "dark"]))]
+    teeth: Teeth,
+    /// Films in one file beside the frames: gif, apng, mp4, webm, several separated by commas
+    #[arg(long, value_delimiter = ',', value_parser = film, value_name = "FORMAT")]
+    film: Vec<Film>,
+}
+
+fn film(text: &str) -> Result<Film, String> {
+    match text.to_lowercase().as_str() {
+        "gif" => Ok(Film::Gif),
+        "apng" => Ok(Film::Apng),
+        "mp4" => Ok(Film::Mp4),
+        "webm" => Ok(Film::Webm),
+        _ => Err("expected gif, apng, mp4 or webm".to_owned()),
+    }
+}
+
+/// A source with its pictures.
+struct Source<'a> {
+    path: &'a Path,
+    motion: SourceMotion,
+    pictures: Option<Vec<RgbImage>>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(
+        args.correspondences.len() == args.target.len(),
+        "{} targets and {} files of correspondences: give one for each target, in the same order",
+        args.target.len(),
+        args.correspondences.len()
+    );
+    anyhow::ensure!(
+        args.look.source_frames.is_none() || args.source.len() == 1,
+        "--source-frames are the pictures of one track, but {} sources are given",
+        args.source.len()
+    );
+    anyhow::ensure!(
+        args.look.wrinkles.is_none() || args.look.source_frames.is_some(),
+        "--wrinkles needs the pictures of the source: give --source-frames"
+    );
+    let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
+    let stop = stop_flag()?;
+    let options = CloneOptions {
+        rescale: args.motion.rescale,
+        emphasis: args.motion.emphasis,
+        head: args.motion.head,
+        wrinkles: args.look.wrinkles.unwrap_or(0.0),
+        teeth: args.look.teeth,
+        timing: Timing { fps: args.motion.fps, duration: args.motion.duration, ease: args.motion.ease, back: args.motion.back },
+    };
+    let pairs = args.source.len() * args.target.len();
+    let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
+    let bar = frame_bar(args.general.quiet, None);
+    let mut sheet = Sheet::new();
+    let mut done = 0;
+    for (target_path, marks_path) in args.target.iter().zip(&args.correspondences) {
+        let job = Job { args, bench: &bench, options: &options, target_path, marks_path, stop: &stop, bar: &bar };
+        let target = match job.target() {
+            Ok(target) => target,
+            Err(error) if pairs == 1 => return Err(error),
+            Err(error) => {
+                failed.push(format!("{error:#}"));
+                continue;
+            }
+        };
+        let mut row = vec![target.picture.clone()];
+        for source in &sources {
+            let folder = if pairs == 1 {
+                args.output.clone()
+            } else {
+                args.output.join(format!("{}_{}", target.name, source.motion.name))
+            };
+            match job.clone(&target, source, &folder) {
+                Ok(apex) => {
+                    row.push(apex);
+                    done += 1;
+                }
+                Err(error) if pairs == 1 || stop.load(Ordering::Relaxed) => return Err(error),
+                Err(error) => failed.push(format!("{error:#}")),
+            }
+        }
+        sheet.push_row(row);
+    }
+    bar.finish_and_clear();
+    if args.sheet && pairs > 1 && done > 0 {
+        let path = args.output.join("sheet.png");
+        args.general.check_free(&path)?;
+        write_atomic(&path, |writer| encode_png(&sheet.draw(480), writer))?;
+    }
+    for failure in &failed {
+        eprintln!("failed: {failure}");
+    }
+    if !args.general.quiet && pairs > 1 {
+        println!("{done} of {pairs} clones written to {}", args.output.display());
+    }
+    Ok(match (done, failed.is_empty()) {
+        (_, true) => Outcome::Done,
+        (0, _) => Outcome::Failed,
+        _ => Outcome::SomeFailed,
+    })
+}
+
+/// Reads all sources; in a batch, those that do not read are named and left out.
+fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::Result<(Vec<Source<'a>>, Vec<String>)> {
+    let (mut sources, mut failed) = (Vec::new(), Vec::new());
+    for path in &args.source {
+        let read = || -> anyhow::Result<Source> {
+            let motion = SourceMotion::read(path, bench)?;
+            let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion)).transpose()?;
+            Ok(Source { path, motion, pictures })
+        };
+        match read() {
+            Ok(source) => {
+                if !source.motion.not_shown.is_empty() {
+                    let faps = source.motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+                    eprintln!(
+                        "warning: {}: FAP {faps} can not be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
+                        path.display()
+                    );
+                }
+                sources.push(source);
+            }
+            Err(error) if alone => return Err(error),
+            Err(error) => failed.push(format!("{error:#}")),
+        }
+    }
+    anyhow::ensure!(!sources.is_empty(), "no source could be read: {}", failed.join("; "));
+    Ok((sources, failed))
+}
+
+/// The pictures of a track's frames.
+fn pictures(folder: &Path, motion: &SourceMotion) -> anyhow::Result<Vec<RgbImage>> {
+    anyhow::ensure!(
+        !motion.frames.is_empty(),
+        "--source-frames belong to a track; {} is a representative, a model or a FAP file and has none",
+        motion.name
+    );
+    let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
+    let listed = list_frames(folder, None, None)?;
+    let read = read_colour_frames(&listed, &numbers)?;
+    anyhow::ensure!(
+        read.len() == numbers.len(),
+        "{}: has {} of the {} frames of the track {}; give the folder or video that the track was made from",
+        folder.display(),
+        read.len(),
+        numbers.len(),
+        motion.name
+    );
+    Ok(read.into_iter().map(|(_, picture)| picture).collect())
+}
+
+/// One target in work.
+struct Job<'a> {
+    args: &'a Args,
+    bench: &'a Workbench,
+    options: &'a CloneOptions,
+    target_path: &'a Path,
+    marks_path: &'a Path,
+    stop: &'a AtomicBool,
+    bar: &'a ProgressBar,
+}
+
+impl Job<'_> {
+    fn target(&self) -> anyhow::Result<Target> {
+        let name = self.target_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let picture = read_colour(self.target_path)?;
+        let marks = read_marks(self.marks_path, &self.args.marks.marks, self.bench)?;
+        let target = Target::new(&name, picture, &marks, self.bench);
+        target.with_context(|| format!("{} with {}", self.target_path.display(), self.marks_path.display()))
+    }
+
+    fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<RgbImage> {
+        self.args.general.check_free(&folder.join("clone.json"))?;
+        if self.args.general.force {
+            remove_frames(&folder.join("frames"))?;
+        }
+        let details = match &source.pictures {
+            Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
+            None => None,
+        };
+        let clone = clone_expression(&source.motion, target, details.as_ref(), self.options, self.bench)?;
+        let info = CloneInfo {
+            schema_version: CLONE_SCHEMA,
+            made_by: MADE_BY,
+            units: BTreeMap::from([
+                ("track", "px; x right, y down, the centre of the top-left pixel is (0, 0)"),
+                ("clone.fap", "FAPU/1024; angles 1e-5 rad"),
+            ]),
+            source: file_name(source.path),
+            source_blake3: file_blake3(source.path),
+            target: file_name(self.target_path),
+            target_blake3: file_blake3(self.target_path),
+            correspondences_blake3: file_blake3(self.marks_path),
+            options: *self.options,
+            fps: clone.fps,
+            frames: 0,
+            faps_not_shown: Vec::new(),
+            frames_unfolded: 0,
+            faps_limited: 0,
+        };
+        let apex = write_clone(
+            folder,
+            &clone,
+            &source.motion,
+            source.pictures.as_deref(),
+            &self.args.look.film,
+            info,
+            self.bench,
+            || {
+                self.bar.inc(1);
+                !self.stop.load(Ordering::Relaxed)
+            },
+        )?;
+        if !self.args.general.quiet && self.args.source.len() * self.args.target.len() == 1 {
+            println!(
+                "{} frames at {} frames per second: {} on {}, in {}",
+                clone.frames.len(),
+                clone.fps,
+                source.motion.name,
+                target.name,
+                folder.display()
+            );
+        }
+        Ok(apex)
+    }
+}
+
+/// Removes the frames of an earlier clone: a longer one would mix with the new one.
+fn remove_frames(folder: &Path) -> anyhow::Result<()> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
+    for entry in entries.flatten() {
+        if entry.path().extension().is_some_and(|e| e == "png") {
+            std::fs::remove_file(entry.path()).with_context(|| format!("cannot remove {}", entry.path().display()))?;
+        }
+    }
+    Ok(())
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

@@ -1,0 +1,281 @@
+//! What no warp gives: wrinkles and teeth, taken from the source's own frames.
+//!
+//! Wrinkles are an expression ratio image (Liu, Shan and Zhang, *Expressive expression mapping with ratio images*, SIGGRAPH 2001):
+//! where a frame of the source is darker or lighter than its neutral frame at the same point of the skin, the target becomes so by
+//! the same factor. Both pictures are carried into the geometry of the target's photograph by the mesh; the ratio of their grey
+//! levels counts less where it can not be trusted: slow changes (light, exposure) are taken out, strong edges of the source's neutral
+//! frame (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
+//! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target.
+
+use image::{GrayImage, RgbImage};
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use super::{CloneError, SourceMotion, Target};
+use crate::warp::{MouthInside, Placement, Texture};
+
+/// What shows between open lips.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Teeth {
+    /// The inside of the source's mouth where its frames are given, else a dark mouth.
+    #[default]
+    Auto,
+    /// Always a dark mouth.
+    Dark,
+    /// The inside of the source's mouth where its frames are given, else teeth that are drawn.
+    Drawn,
+}
+
+/// Smoothing of the two pictures before their ratio is taken, over the eye distance.
+const SMOOTHING: f64 = 0.010;
+/// Grey levels added to both before the ratio: noise in the dark is no wrinkle.
+const FLOOR: f32 = 12.0;
+/// Limit that the logarithm of a ratio approaches.
+const LOG_LIMIT: f32 = 0.38;
+/// Width of what counts as light and not as a wrinkle, over the eye distance, and the share of it that is taken out.
+const SLOW: (f64, f32) = (0.20, 0.75);
+/// Slope of the logarithm of grey levels per eye distance at which the ratio is trusted by half.
+const EDGE: f32 = 6.0;
+/// How far an edge spoils what is around it, over the eye distance.
+const EDGE_REACH: f64 = 0.022;
+/// Share of the ratio that is applied to lips, whose colour and shine is everybody's own.
+const LIPS: f32 = 0.35;
+/// Least and greatest factor on the light of a source's teeth: they must not glare.
+const LIGHT_LIMITS: (f32, f32) = (0.6, 1.15);
+/// Width of the fade at the border of the face, over the eye distance.
+const FADE: f64 = 0.30;
+/// Lips of the source nearer than this, over its eye distance, show no teeth.
+const TEETH_GAP: f64 = 0.012;
+
+/// Wrinkles and teeth of a source's frames.
+#[derive(Debug)]
+pub struct Details {
+    frames: Vec<RgbImage>,
+    /// Neutral frame in the geometry of the target.
+    neutral: Vec<f32>,
+    placements: Vec<Placement>,
+    /// Whether the lips of each frame are open.
+    open: Vec<bool>,
+    /// Share of the ratio that is applied, per pixel of the target.
+    mask: Vec<f32>,
+    /// Brightness of the target over that of the source.
+    light: f32,
+    sigma_px: f64,
+}
+
+impl Details {
+    /// Prepares the details of a source for a target; `frames` are the colour pictures of the source's track, in its order.
+    ///
+    /// # Errors
+    /// [`CloneError::NoSourceFrames`] when the source is no track or has other frames.
+    pub fn new(target: &Target, source: &SourceMotion, frames: Vec<RgbImage>) -> Result<Self, CloneError> {
+        if source.frames.is_empty() {
+            let reason = "wrinkles and teeth need a tracked sequence as source: a representative or a FAP file has no pictures";
+            return Err(CloneError::NoSourceFrames(reason.to_owned()));
+        }
+        if frames.len() != source.frames.len() {
+            let reason = format!("the track has {} frames, of which {} pictures were found", source.frames.len(), frames.len());
+            return Err(CloneError::NoSourceFrames(reason));
+        }
+        let warp = target.warp();
+        let placements: Vec<Placement> = source.frames.iter().map(|(_, nodes)| warp.place(nodes)).collect::<Result<_, _>>()?;
+        let sigma_px = (SMOOTHING * warp.eye_distance()).max(0.4);
+        let mut details = Self {
+            neutral: Vec::new(),
+            open: source.frames.iter().map(|(_, nodes)| is_open(nodes)).collect(),
+            mask: mask(target),
+            placements,
+            frames,
+            light: 1.0,
+            sigma_px,
+        };
+        details.neutral = details.carried(target, 0);
+        details.distrust_edges(target);
+        let own = grey(&target.picture);
+        let (mut of_target, mut of_source) = (0.0_f64, 0.0_f64);
+        for ((&m, &t), &s) in details.mask.iter().zip(&own).zip(&details.neutral) {
+            of_target += f64::from(m * t);
+            of_source += f64::from(m * s);
+        }
+        if of_source > 0.0 {
+            details.light = ((of_target / of_source) as f32).clamp(LIGHT_LIMITS.0, LIGHT_LIMITS.1);
+        }
+        Ok(details)
+    }
+
+    /// Lowers the mask near strong edges of the source's neutral frame.
+    fn distrust_edges(&mut self, target: &Target) {
+        let (width, height) = target.picture.dimensions();
+        let unit = target.warp().eye_distance();
+        let logs: Vec<f32> = smooth(&self.neutral, width, height, self.sigma_px).iter().map(|v| (v + FLOOR).ln()).collect();
+        let (w, h) = (width as usize, height as usize);
+        let mut slopes = vec![0.0; logs.len()];
+        for y in 1..h.saturating_sub(1) {
+            for x in 1..w.saturating_sub(1) {
+                let k = y * w + x;
+                let (dx, dy) = ((logs[k + 1] - logs[k - 1]) / 2.0, (logs[k + w] - logs[k - w]) / 2.0);
+                slopes[k] = (dx * dx + dy * dy) * (unit * unit) as f32;
+            }
+        }
+        let slopes = smooth(&slopes, width, height, (EDGE_REACH * unit).max(0.5));
+        for (share, slope) in self.mask.iter_mut().zip(slopes) {
+            *share /= 1.0 + slope / (EDGE * EDGE);
+        }
+    }
+
+    /// Grey levels of a frame of the source in the geometry of the target's photograph.
+    fn carried(&self, target: &Target, frame: usize) -> Vec<f32> {
+        let mut picture = target.picture.clone();
+        target.warp().unwarp(&Texture::new(&self.frames[frame]), &self.placements[frame], &mut picture);
+        grey(&picture)
+    }
+
+    /// The target's texture with the wrinkles of a frame, `strength` 1 as the source has them.
+    pub fn texture(&self, target: &Target, frame: usize, strength: f64) -> Texture {
+        let mut picture = target.picture.clone();
+        let (width, height) = picture.dimensions();
+        let neutral = smooth(&self.neutral, width, height, self.sigma_px);
+        let moved = smooth(&self.carried(target, frame), width, height, self.sigma_px);
+        let logs: Vec<f32> = moved.iter().zip(&neutral).map(|(m, n)| ((m + FLOOR) / (n + FLOOR)).ln()).collect();
+        let weighted: Vec<f32> = logs.iter().zip(&self.mask).map(|(l, m)| l * m).collect();
+        let slow_px = SLOW.0 * target.warp().eye_distance();
+        let (sums, weights) = (smooth(&weighted, width, height, slow_px), smooth(&self.mask, width, height, slow_px));
+        for (k, pixel) in picture.pixels_mut().enumerate() {
+            let share = self.mask[k];
+            if share > 0.0 {
+                let log = logs[k] - SLOW.1 * sums[k] / weights[k].max(1e-3);
+                let factor = (LOG_LIMIT * (log / LOG_LIMIT).tanh() * share * strength as f32).exp();
+                pixel.0 = pixel.0.map(|c| (f32::from(c) * factor).round().clamp(0.0, 255.0) as u8);
+            }
+        }
+        Texture::new(&picture)
+    }
+
+    /// What a frame of the source shows between its lips, in the light of the target; `None` while they are closed.
+    pub fn mouth(&self, frame: usize) -> Option<(Texture, &Placement)> {
+        self.open[frame].then(|| {
+            let mut picture = self.frames[frame].clone();
+            if self.light != 1.0 {
+                picture.pixels_mut().for_each(|p| p.0 = p.0.map(|c| (f32::from(c) * self.light).round().min(255.0) as u8));
+            }
+            (Texture::new(&picture), &self.placements[frame])
+        })
+    }
+}
+
+/// The inside of the mouth as the warp wants it.
+pub fn inside<'a>(mouth: &'a Option<(Texture, &'a Placement)>, teeth: Teeth) -> MouthInside<'a> {
+    match mouth {
+        Some((texture, placement)) => MouthInside::Picture { texture, placement },
+        None if teeth == Teeth::Drawn => MouthInside::Teeth,
+        None => MouthInside::Dark,
+    }
+}
+
+/// Whether the inner lips are apart.
+fn is_open(nodes: &[Point2<f64>]) -> bool {
+    let eyes = (nalgebra::center(&nodes[20], &nodes[23]) - nalgebra::center(&nodes[53], &nodes[56])).norm();
+    [(87, 40), (81, 83), (82, 84)].iter().any(|&(a, b)| (nodes[b] - nodes[a]).norm() > TEETH_GAP * eyes)
+}
+
+fn grey(picture: &RgbImage) -> Vec<f32> {
+    let luma: GrayImage = image::imageops::grayscale(picture);
+    luma.as_raw().iter().map(|&v| f32::from(v)).collect()
+}
+
+/// 1 on the face, fading to 0 at its border and at the eyes, whose lids hide other things on every face.
+fn mask(target: &Target) -> Vec<f32> {
+    let (width, height) = target.picture.dimensions();
+    let unit = target.warp().eye_distance();
+    let nodes = target.fitted.model.nodes();
+    let outline: Vec<Point2<f64>> = OUTLINE.iter().map(|&n| nodes[n]).collect();
+    let lips: Vec<Point2<f64>> = LIP_OUTLINE.iter().map(|&n| nodes[n]).collect();
+    let eyes: Vec<Vec<Point2<f64>>> = EYES.iter().map(|eye| eye.iter().map(|&n| nodes[n]).collect()).collect();
+    let mut mask = vec![0.0; width as usize * height as usize];
+    for (k, value) in mask.iter_mut().enumerate() {
+        let point = Point2::new((k as u32 % width) as f64, (k as u32 / width) as f64);
+        let depth = inside_depth(&outline, &point);
+        if depth > 0.0 {
+            let eye = eyes.iter().map(|eye| inside_depth(eye, &point)).fold(f64::NEG_INFINITY, f64::max);
+            let border = (depth / (FADE * unit)).min(1.0);
+            let off_eye = (-eye / (0.06 * unit)).clamp(0.0, 1.0);
+            let off_lips = (-inside_depth(&lips, &point) / (0.05 * unit)).clamp(0.0, 1.0) as f32;
+            *value = (border * border * (3.0 - 2.0 * border) * off_eye) as f32 * (LIPS + (1.0 - LIPS) * off_lips);
+        }
+    }
+    mask
+}
+
+/// Outline of the face between hair line and chin.
+const OUTLINE: [usize; 14] = [2, 13, 14, 29, 28, 30, 32, 10, 65, 63, 61, 62, 47, 46];
+/// Outline of the lips.
+const LIP_OUTLINE: [usize; 10] = [31, 79, 33, 7, 66, 80, 64, 86, 8, 85];
+/// The lid margins.
+const EYES: [[usize; 8]; 2] = [[20, 97, 21, 105, 23, 107, 22, 99], [53, 98, 54, 106, 56, 108, 55, 100]];
+
+/// Distance of a point from a polygon's border, positive inside.
+fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
+    let mut odd = false;
+    let mut nearest = f64::INFINITY;
+    for (k, a) in polygon.iter().enumerate() {
+        let b = &polygon[(k + 1) % polygon.len()];
+        let (edge, to) = (b - a, point - a);
+        let along = (to.dot(&edge) / edge.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+        nearest = nearest.min((to - edge * along).norm());
+        if (a.y > point.y) != (b.y > point.y) && point.x < a.x + (point.y - a.y) * edge.x / edge.y {
+            odd = !odd;
+        }
+    }
+    if odd { nearest } else { -nearest }
+}
+
+/// Gaussian smoothing, separable, the border's values going on beyond it.
+fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> Vec<f32> {
+    let radius = (3.0 * sigma_px).ceil().max(1.0) as i64;
+    let kernel: Vec<f32> = (-radius..=radius).map(|d| (-(d as f64).powi(2) / (2.0 * sigma_px * sigma_px)).exp() as f32).collect();
+    let sum: f32 = kernel.iter().sum();
+    let (w, h) = (i64::from(width), i64::from(height));
+    let mut across = vec![0.0; values.len()];
+    for y in 0..h {
+        let row = &values[(y * w) as usize..((y + 1) * w) as usize];
+        for x in 0..w {
+            let at = |d: i64| row[(x + d).clamp(0, w - 1) as usize];
+            across[(y * w + x) as usize] = kernel.iter().zip(-radius..).map(|(k, d)| k * at(d)).sum::<f32>() / sum;
+        }
+    }
+    let mut down = vec![0.0; values.len()];
+    for (k, d) in kernel.iter().zip(-radius..) {
+        for y in 0..h {
+            let from = ((y + d).clamp(0, h - 1) * w) as usize;
+            let to = (y * w) as usize;
+            for x in 0..w as usize {
+                down[to + x] += k / sum * across[from + x];
+            }
+        }
+    }
+    down
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn smoothing_keeps_what_is_even_and_the_sum_of_what_is_not() {
+        assert!(smooth(&[7.0; 35], 7, 5, 1.3).iter().all(|v| (v - 7.0).abs() < 1e-4));
+        let mut spot = vec![0.0; 21 * 21];
+        spot[10 * 21 + 10] = 100.0;
+        let smoothed = smooth(&spot, 21, 21, 1.5);
+        assert!((smoothed.iter().sum::<f32>() - 100.0).abs() < 1e-2);
+        // The peak of a Gaussian of sigma 1.5 is 100 / (2 pi 2.25) = 7.07.
+        assert!((smoothed[10 * 21 + 10] - 7.07).abs() < 0.1);
+    }
+
+    #[test]
+    fn depth_is_the_distance_to_the_border() {
+        let square = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)].map(|(x, y)| Point2::new(x, y));
+        assert_eq!(inside_depth(&square, &Point2::new(3.0, 5.0)), 3.0);
+        assert_eq!(inside_depth(&square, &Point2::new(13.0, 5.0)), -3.0);
+    }
+}

@@ -1,0 +1,141 @@
+//! From the few points that a FAP file drives to all nodes.
+//!
+//! A FAP says where its driving node goes along one axis. Candide-3's own vector of the same FAP names the nodes that go with it (the
+//! lid's outer parts with its middle, the underside of the brow with its top); they follow in the vector's proportions. The springs
+//! place the rest. Eye corners, the bone of the nose and the skull do not move, and every other node is drawn back to rest a little,
+//! so that a motion stays in its region.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::CloneError;
+use crate::{
+    fap::{FapCatalog, FapNumber, FapSequence, Motion, offsets_from_frame},
+    fit::{Pull, Springs, Target},
+    normalize::stable_nodes,
+    pipeline::Workbench,
+    units::NodeId,
+    wireframe::{Axis, Region, UnitKind},
+};
+
+/// Gain of a node that a FAP drives, over the stiffness of a spring: as good as exact.
+const DRIVEN: f64 = 1e6;
+/// Gain of a node that goes with a driving node.
+const COMPANION: f64 = 40.0;
+/// Gain of an axis that nothing drives.
+const FREE: f64 = 1e-6;
+/// Gain that draws other nodes to rest.
+const REST: f64 = 0.4;
+/// The same for brows that nothing drives: a lid that closes does not pull them down.
+const REST_BROW: f64 = 6.0;
+
+/// Neutral offsets of all nodes for every frame, face units, and the FAPs with values that do not show.
+pub fn offsets(
+    name: &str,
+    sequence: &FapSequence,
+    bench: &Workbench,
+) -> Result<(Vec<Vec<Vector2<f64>>>, Vec<FapNumber>), CloneError> {
+    let catalog = FapCatalog::mpeg4();
+    let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+    let canonical = normalizer.canonical();
+    let rest = canonical.neutral.nodes();
+    if sequence.frames.is_empty() {
+        return Err(CloneError::NoFrames { path: name.to_owned() });
+    }
+    let moves = |fap: FapNumber| {
+        let some = |value: Option<f64>| value.is_some_and(|v| v != 0.0);
+        sequence.frames.iter().any(|f| some(f.value(fap)) || f.fields(fap).is_some_and(|fields| fields.iter().any(|&v| v != 0)))
+    };
+    let shows = |fap: FapNumber| {
+        let row = catalog.row(fap);
+        row.fapu.is_some() && row.motion.and_then(Motion::frontal_axis).is_some() && !row.nodes.is_empty()
+    };
+    let moving: Vec<FapNumber> = FapNumber::all().filter(|&f| moves(f)).collect();
+    let (shown, not_shown): (Vec<_>, Vec<_>) = moving.iter().partition(|&&f| shows(f));
+    if shown.is_empty() && !not_shown.is_empty() {
+        let faps = not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        return Err(CloneError::NothingToShow { path: name.to_owned(), faps });
+    }
+    let companions = companions(bench, catalog);
+    let springs = Springs::new(&bench.wireframe);
+    let still: Vec<NodeId> = still_nodes(bench);
+    let mut frames = Vec::with_capacity(sequence.frames.len());
+    for frame in &sequence.frames {
+        let driven = offsets_from_frame(frame, &canonical.fapus, catalog)?;
+        // Offset and gain along x and y of every node that is driven or goes along.
+        let mut wanted: BTreeMap<NodeId, [Option<(f64, f64)>; 2]> = BTreeMap::new();
+        for (&node, offset) in &driven {
+            let slot = wanted.entry(node).or_default();
+            slot[0] = offset.x.map(|v| (v, DRIVEN));
+            slot[1] = offset.y.map(|v| (v, DRIVEN));
+        }
+        for &(driver, node, axis, share) in &companions {
+            let Some(offset) = driven.get(&driver) else { continue };
+            let (place, value) = if axis == Axis::X { (0, offset.x) } else { (1, offset.y) };
+            if let Some(value) = value {
+                let slot = &mut wanted.entry(node).or_default()[place];
+                if slot.is_none() {
+                    *slot = Some((value * share, COMPANION));
+                }
+            }
+        }
+        let mut targets: Vec<Target> = Vec::new();
+        for &node in bench.wireframe.live_nodes() {
+            let at = rest[node.index()];
+            if let Some(&[x, y]) = wanted.get(&node) {
+                let (x, gain_x) = x.unwrap_or((0.0, FREE));
+                let (y, gain_y) = y.unwrap_or((0.0, FREE));
+                let gain = Matrix2::new(gain_x, 0.0, 0.0, gain_y);
+                targets.push(Target { node, position: at + Vector2::new(x, y), pull: Pull::Matrix(gain) });
+            } else {
+                let gain = match bench.tables.region(node) {
+                    _ if still.contains(&node) => DRIVEN,
+                    Region::Brow => REST_BROW,
+                    _ => REST,
+                };
+                targets.push(Target { node, position: at, pull: Pull::Force(gain) });
+            }
+        }
+        let moved: Vec<Point2<f64>> = springs.deform(&bench.wireframe, rest, &targets)?;
+        frames.push(moved.iter().zip(rest).map(|(p, r)| p - r).collect());
+    }
+    Ok((frames, not_shown))
+}
+
+/// Nodes that no expression moves: eye corners and nose bone, the skull's outline, the irises (they are driven by the gaze or stay).
+fn still_nodes(bench: &Workbench) -> Vec<NodeId> {
+    let mut still: Vec<NodeId> =
+        stable_nodes(&bench.tables, bench.wireframe.node_count()).into_iter().map(|k| NodeId(k as u16)).collect();
+    let catalog = FapCatalog::mpeg4();
+    let gaze = catalog.rows().iter().filter(|r| !r.relative_to.is_empty()).flat_map(|r| r.nodes.iter().copied());
+    still.extend(gaze);
+    // The brow line is the upper end of what moves.
+    let top = (0..bench.wireframe.node_count() as u16).map(NodeId).filter(|&n| {
+        let high = bench.wireframe.vertices()[n.index()].y > 0.75;
+        high && matches!(bench.tables.region(n), Region::Forehead | Region::Contour)
+    });
+    still.extend(top);
+    still.sort_unstable();
+    still.dedup();
+    still
+}
+
+/// Driving node, node that goes with it, axis, and the share it takes, from the FAP vectors of the wireframe.
+fn companions(bench: &Workbench, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f64)> {
+    let mut found = Vec::new();
+    for unit in bench.wireframe.action_units() {
+        let UnitKind::Fap { number, .. } = unit.kind else { continue };
+        let Some(row) = u8::try_from(number).ok().and_then(|n| FapNumber::try_from(n).ok()).map(|f| catalog.row(f)) else {
+            continue;
+        };
+        let Some(axis) = row.motion.and_then(Motion::frontal_axis) else { continue };
+        let ([driver], true) = (row.nodes.as_slice(), row.relative_to.is_empty()) else { continue };
+        let along = |v: &nalgebra::Vector3<f64>| if axis == Axis::X { v.x } else { v.y };
+        let Some(own) = unit.offsets.iter().find(|o| o.0 == *driver).map(|o| along(&o.1)).filter(|v| *v != 0.0) else { continue };
+        for (node, offset) in unit.offsets.iter().filter(|o| o.0 != *driver && along(&o.1) != 0.0) {
+            found.push((*driver, *node, axis, along(offset) / own));
+        }
+    }
+    found
+}

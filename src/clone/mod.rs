@@ -1,0 +1,198 @@
+//! Cloning: an expression on a new face [KP, section 5].
+//!
+//! A [`SourceMotion`] is a tracked sequence, a representative, a normalized model or a FAP file: neutral offsets of all nodes over
+//! time, upright, in the source's own units. A [`Target`] is a neutral photograph with the wireframe fitted to it. The offsets are
+//! rescaled by target over source FAPU, region by region (`transfer`), turned by the target's roll, put on its neutral nodes, and
+//! the photograph is moved along by [`crate::warp`]. [`Details`] carries wrinkles and teeth of the source's frames over.
+//!
+//! KP add the displacement vectors of the source to the target. Neutral offsets are their sums, so nothing is lost, and nothing
+//! accumulates; the rescaling is ours: KP's own models have equal FAPUs before the transfer.
+
+mod detail;
+mod fap_motion;
+mod marks;
+mod output;
+mod picture;
+mod render;
+mod source;
+mod target;
+mod timing;
+
+use std::path::PathBuf;
+
+use crate::{
+    dataset::LandmarksError,
+    fap::{ConvertError, FapReadError, FapWriteError},
+    fit::{CorrespondenceError, FitError, MarksError, SpringError},
+    input::InputError,
+    model::ModelError,
+    normalize::NormalizeError,
+    output::OutputError,
+    sequence::{FilmError, SequenceError},
+    track::TrackFileError,
+    warp::WarpError,
+    wireframe::FapusError,
+};
+
+pub use detail::{Details, Teeth};
+pub use marks::read_marks;
+pub use output::{CLONE_SCHEMA, CloneInfo, Film, encode_png, write_clone};
+pub use picture::{Sheet, animated_gif, animated_png, at_height};
+pub use render::{Clone, CloneFrame, CloneOptions, clone_expression};
+pub use source::{LID_PAIRS, SourceKind, SourceMotion};
+pub use target::{Rescale, Target};
+pub use timing::{Ease, Moment, Timing};
+
+/// Why an expression can not be cloned.
+#[derive(Debug, thiserror::Error)]
+pub enum CloneError {
+    /// The source's track or model does not read.
+    #[error(transparent)]
+    Track(#[from] TrackFileError),
+    /// The source's FAP file does not read.
+    #[error(transparent)]
+    FapRead(#[from] FapReadError),
+    /// A source that is none of the known kinds.
+    #[error("{path}: is neither a track or model (.csv) nor a FAP file (.fap)")]
+    UnknownSource {
+        /// The file.
+        path: String,
+    },
+    /// A FAP file without motion.
+    #[error("{path}: the file has no frame")]
+    NoFrames {
+        /// The file.
+        path: String,
+    },
+    /// No FAP of the file moves anything a frontal face can show.
+    #[error("{path}: none of its FAPs ({faps}) shows on a face seen from the front")]
+    NothingToShow {
+        /// The file.
+        path: String,
+        /// The FAPs it sets.
+        faps: String,
+    },
+    /// Source or target of another topology than the wireframe in use.
+    #[error("{what} has {found} nodes, the wireframe {expected}; give the wireframe that it was made with by --wireframe")]
+    Topology {
+        /// The source or the target.
+        what: String,
+        /// Its nodes.
+        found: usize,
+        /// Nodes of the wireframe.
+        expected: usize,
+    },
+    /// The frames do not make a model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The source can not be made upright.
+    #[error("the source: {0}")]
+    Normalize(#[from] NormalizeError),
+    /// FAPs can not be converted.
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
+    /// A face without FAPUs.
+    #[error("{what}: {source}")]
+    Fapus {
+        /// Source or target.
+        what: &'static str,
+        /// Why.
+        source: FapusError,
+    },
+    /// The springs have no equilibrium.
+    #[error(transparent)]
+    Springs(#[from] SpringError),
+    /// A correspondence file that does not read.
+    #[error(transparent)]
+    Correspondences(#[from] CorrespondenceError),
+    /// A table that does not read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// Landmarks that lack a node that was asked for.
+    #[error(transparent)]
+    LandmarkSelection(#[from] LandmarksError),
+    /// Landmarks that are not 68.
+    #[error("{}: {found} landmarks; the points 0 to 67 were expected, each once", path.display())]
+    Landmarks {
+        /// The file.
+        path: PathBuf,
+        /// Landmarks found.
+        found: usize,
+    },
+    /// Marks that do not determine a fit.
+    #[error(transparent)]
+    Marks(#[from] MarksError),
+    /// The wireframe can not be fitted to the target.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// The eyes, the mouth and the chin do not lie like those of a face seen from the front.
+    #[error(
+        "the face is turned away by about {degrees:.0} degrees: one half of it is {ratio:.1} times as wide as the other; cloning needs a frontal photograph (up to about 25 degrees)"
+    )]
+    Profile {
+        /// Estimated yaw.
+        degrees: f64,
+        /// Wider over narrower half.
+        ratio: f64,
+    },
+    /// A face too small to show anything.
+    #[error(
+        "the eyes are {eye_distance:.1} px apart; at least {least} px are needed for an expression to show: take a larger picture of the face"
+    )]
+    TooSmall {
+        /// Distance between the eyes.
+        eye_distance: f64,
+        /// Least distance.
+        least: f64,
+    },
+    /// A picture beyond what can be worked on.
+    #[error("the picture is {width}x{height}; at most {most} px a side are supported: scale it down")]
+    TooLarge {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Most px a side.
+        most: u32,
+    },
+    /// The photograph can not be warped.
+    #[error(transparent)]
+    Warp(#[from] WarpError),
+    /// A picture does not read.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
+    /// Wrinkles or teeth of a source without frames.
+    #[error("{0}")]
+    NoSourceFrames(String),
+    /// More frames than make sense.
+    #[error("{frames} frames were asked for; at most {most} are made: choose a shorter duration or a lower frame rate")]
+    TooManyFrames {
+        /// Frames asked for.
+        frames: f64,
+        /// Most frames.
+        most: usize,
+    },
+    /// A file can not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The FAP file can not be written.
+    #[error(transparent)]
+    FapWrite(#[from] FapWriteError),
+    /// The video can not be written.
+    #[error(transparent)]
+    Film(#[from] FilmError),
+    /// A picture can not be encoded.
+    #[error("cannot encode {what}: {reason}")]
+    Encode {
+        /// GIF, APNG, PNG.
+        what: &'static str,
+        /// Why.
+        reason: String,
+    },
+    /// The simulated face of the report could not be made.
+    #[error("the simulated face: {0}")]
+    Showcase(String),
+    /// The user asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}

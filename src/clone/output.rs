@@ -1,0 +1,237 @@
+//! The files of a clone.
+
+use std::{collections::BTreeMap, io, path::Path};
+
+use image::{
+    ImageEncoder, RgbImage,
+    codecs::png::{CompressionType, FilterType, PngEncoder},
+};
+use serde::Serialize;
+
+use super::{Clone, CloneError, CloneOptions, Sheet, SourceMotion, picture};
+use crate::{
+    fap::{Clamped, FapCatalog, FapSequence, write_fap},
+    fit::MarkKind,
+    model::DynamicExpressionModel,
+    normalize::{NormalizeOptions, SizeMode},
+    output::{write_atomic, write_bytes, write_json},
+    overlay::draw_overlay,
+    pipeline::{MADE_BY, Workbench},
+    sequence::{Frame, ImageSize, write_video},
+    track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackedFrame, TrackedNode, summarize, track_units, write_track},
+    units::SequenceId,
+};
+
+/// A film in one file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Film {
+    /// Animated GIF.
+    Gif,
+    /// Animated PNG.
+    Apng,
+    /// MP4, through OpenCV.
+    Mp4,
+    /// WebM, through OpenCV.
+    Webm,
+}
+
+/// Version of the schema of `clone.json`.
+pub const CLONE_SCHEMA: u32 = 1;
+
+/// What a clone was made from, beside its files.
+#[derive(Clone, Debug, Serialize)]
+pub struct CloneInfo {
+    /// Always [`CLONE_SCHEMA`].
+    pub schema_version: u32,
+    /// Program and version.
+    pub made_by: &'static str,
+    /// Units of lengths.
+    pub units: BTreeMap<&'static str, &'static str>,
+    /// The source's file.
+    pub source: String,
+    /// BLAKE3 of the source's file.
+    pub source_blake3: Option<String>,
+    /// The target's file.
+    pub target: String,
+    /// BLAKE3 of the target's file.
+    pub target_blake3: Option<String>,
+    /// BLAKE3 of the correspondences' file.
+    pub correspondences_blake3: Option<String>,
+    /// Options.
+    pub options: CloneOptions,
+    /// Frames per second.
+    pub fps: f64,
+    /// Frames.
+    pub frames: usize,
+    /// FAPs with values that do not show on a frontal face.
+    pub faps_not_shown: Vec<u8>,
+    /// Frames whose motion was smoothed so that no skin folds.
+    pub frames_unfolded: usize,
+    /// FAP values beyond the standard's range that were set to its limit.
+    pub faps_limited: usize,
+}
+
+/// Height of the pictures of a sheet, px.
+const SHEET_HEIGHT: u32 = 480;
+/// Frames of each row of the side-by-side sheet.
+const SHEET_FRAMES: usize = 5;
+
+/// Writes a clone to a folder: `frames/`, `track/` (the target's own dynamic model, as `analyze` reads it), `clone.fap`,
+/// `overlay.png` (the wireframe on the apex frame), `sheet.png` (source and clone side by side), `clone.json`, and the films asked for.
+///
+/// `info` is completed with what the rendering found; `source_frames` are the source's own pictures, for the sheet. `tick` is called
+/// after every frame and says whether to go on.
+///
+/// Returns the rendered apex frame.
+///
+/// # Errors
+/// [`CloneError`] for a file that can not be written, or an interruption.
+pub fn write_clone(
+    folder: &Path,
+    clone: &Clone,
+    source: &SourceMotion,
+    source_frames: Option<&[RgbImage]>,
+    films: &[Film],
+    mut info: CloneInfo,
+    bench: &Workbench,
+    mut tick: impl FnMut() -> bool,
+) -> Result<RgbImage, CloneError> {
+    let apex = clone.apex();
+    let chosen = spread(clone.frames.len().min(apex + 1));
+    let (mut pictures, mut shown, mut apex_picture) = (Vec::new(), BTreeMap::new(), RgbImage::default());
+    for k in 0..clone.frames.len() {
+        let picture = clone.picture(k);
+        let path = folder.join("frames").join(format!("{}_{:08}.png", clone.target().name, k + 1));
+        write_atomic(&path, |writer| encode_png(&picture, writer))?;
+        if chosen.contains(&k) {
+            shown.insert(k, picture.clone());
+        }
+        if k == apex {
+            apex_picture = picture.clone();
+        }
+        if !films.is_empty() {
+            pictures.push(picture);
+        }
+        if !tick() {
+            return Err(CloneError::Interrupted);
+        }
+    }
+    for film in films {
+        match film {
+            Film::Gif => write_bytes(&folder.join("clone.gif"), &picture::animated_gif(&pictures, clone.fps)?)?,
+            Film::Apng => write_bytes(&folder.join("clone.apng"), &picture::animated_png(&pictures, clone.fps)?)?,
+            Film::Mp4 => write_video(&folder.join("clone.mp4"), &pictures, clone.fps)?,
+            Film::Webm => write_video(&folder.join("clone.webm"), &pictures, clone.fps)?,
+        }
+    }
+    let model = clone.model()?;
+    let frames = tracked(clone, bench);
+    let (csv, mut track_info) = track_info(folder, clone, source, &frames, &info, bench);
+    write_track(&csv, &frames, &mut track_info)?;
+    let (faps, clamped) = fap_of(&model, clone, source, bench)?;
+    write_fap(&folder.join("clone.fap"), &faps)?;
+    info.fps = clone.fps;
+    info.frames = clone.frames.len();
+    info.frames_unfolded = clone.frames.iter().filter(|f| f.deformation.unfolding_rounds() > 0).count();
+    info.faps_limited = clamped.len();
+    info.faps_not_shown = source.not_shown.iter().map(|f| f.get()).collect();
+    write_json(&folder.join("clone.json"), &info)?;
+    let grey = image::imageops::grayscale(&apex_picture);
+    let overlay = draw_overlay(&Frame::from_image(1, &grey)?, &bench.wireframe, &frames[apex].nodes, &[])?;
+    write_atomic(&folder.join("overlay.png"), |writer| encode_png(&overlay, writer))?;
+    let mut sheet = Sheet::new();
+    if let Some(pictures) = source_frames {
+        let last = chosen.iter().filter_map(|&k| pictures.get(clone.frames[k].nearest).cloned());
+        sheet.push_row(last.collect());
+    }
+    sheet.push_row(shown.into_values().collect());
+    write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(SHEET_HEIGHT), writer))?;
+    Ok(apex_picture)
+}
+
+/// Frames from the first to the last, evenly.
+fn spread(count: usize) -> Vec<usize> {
+    let wanted = SHEET_FRAMES.min(count);
+    let mut chosen: Vec<usize> = (0..wanted).map(|k| if wanted < 2 { 0 } else { k * (count - 1) / (wanted - 1) }).collect();
+    chosen.dedup();
+    chosen
+}
+
+/// The clone as a track. Its nodes are computed, not tracked: the first frame is `fitted`, what the warp carries along `follows`.
+fn tracked(clone: &Clone, bench: &Workbench) -> Vec<TrackedFrame> {
+    let followers: Vec<usize> = bench.wireframe.followers().iter().map(|f| f.node.index()).collect();
+    let frame = |(k, frame): (usize, &super::CloneFrame)| TrackedFrame {
+        number: k as u32 + 1,
+        nodes: frame
+            .deformation
+            .nodes()
+            .iter()
+            .enumerate()
+            .map(|(n, &position)| {
+                let state = if followers.contains(&n) { NodeState::Follows } else { NodeState::Fitted };
+                TrackedNode::new(position, state, None)
+            })
+            .collect(),
+    };
+    clone.frames.iter().enumerate().map(frame).collect()
+}
+
+/// Where the track goes, and what stands beside it.
+fn track_info(
+    folder: &Path,
+    clone: &Clone,
+    source: &SourceMotion,
+    frames: &[TrackedFrame],
+    info: &CloneInfo,
+    bench: &Workbench,
+) -> (std::path::PathBuf, TrackInfo) {
+    let target = clone.target();
+    let id = SequenceId { subject: target.name.replace('_', "-"), sequence: source.name.replace('_', "-") };
+    let (width, height) = target.picture.dimensions();
+    let marks = &target.fitted.correspondences;
+    let inputs = [&info.source_blake3, &info.target_blake3, &info.correspondences_blake3];
+    let inputs = inputs.map(|hash| hash.clone().unwrap_or_default()).join(" ");
+    let track_info = TrackInfo {
+        schema_version: TRACK_SCHEMA,
+        made_by: MADE_BY.to_owned(),
+        units: track_units(),
+        emotion: source.emotion.clone().unwrap_or_else(|| source.name.to_lowercase()),
+        metadata: BTreeMap::from([("cloned_from".to_owned(), source.name.clone())]),
+        source: vec![info.target.clone()],
+        image_size: ImageSize { width, height },
+        fps: Some(clone.fps),
+        marks_from: "clone".to_owned(),
+        marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
+        fit: bench.options.fit.clone(),
+        track: bench.options.track,
+        summary: summarize(frames, &bench.wireframe, &bench.tables),
+        inputs_blake3: blake3::hash(inputs.as_bytes()).to_hex().to_string(),
+        csv_blake3: String::new(),
+        id: id.clone(),
+    };
+    (folder.join("track").join(format!("{id}.csv")), track_info)
+}
+
+/// The target's FAP file: its own motion in its own FAPUs.
+fn fap_of(
+    model: &DynamicExpressionModel<crate::units::Px>,
+    clone: &Clone,
+    source: &SourceMotion,
+    bench: &Workbench,
+) -> Result<(FapSequence, Vec<Clamped>), CloneError> {
+    let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
+    let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
+    let normalizer = crate::normalize::Normalizer::new(&bench.wireframe, &bench.tables, options).map_err(wireframe)?;
+    let normalized = normalizer.equalized(model)?;
+    let name = format!("{}_{}", clone.target().name, source.name);
+    // FAP files have whole frame rates.
+    let fps = clone.fps.round().clamp(1.0, 1000.0) as u32;
+    Ok(FapSequence::from_model(&normalized, &normalizer.canonical().fapus, FapCatalog::mpeg4(), &name, fps, 0)?)
+}
+
+/// Writes a picture as PNG, quickly.
+pub fn encode_png(picture: &RgbImage, writer: &mut dyn io::Write) -> io::Result<()> {
+    PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(picture, picture.width(), picture.height(), image::ExtendedColorType::Rgb8)
+        .map_err(io::Error::other)
+}

@@ -1,0 +1,128 @@
+//! A source on a target: the frames.
+
+use image::RgbImage;
+use serde::{Deserialize, Serialize};
+
+use super::{CloneError, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail};
+use crate::{
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    pipeline::Workbench,
+    units::Px,
+    warp::Deformation,
+};
+
+/// Options of cloning.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CloneOptions {
+    /// How offsets are scaled to the target's face.
+    pub rescale: Rescale,
+    /// Factor on all offsets; 1 is the source's own strength.
+    pub emphasis: f64,
+    /// Carry the source's head motion over, too.
+    pub head: bool,
+    /// Strength of the source's wrinkles, 0 for none, 1 as the source has them.
+    pub wrinkles: f64,
+    /// What shows in an open mouth.
+    pub teeth: Teeth,
+    /// Frame rate, length, course.
+    pub timing: Timing,
+}
+
+impl Default for CloneOptions {
+    fn default() -> Self {
+        Self {
+            rescale: Rescale::default(),
+            emphasis: 1.0,
+            head: false,
+            wrinkles: 0.0,
+            teeth: Teeth::default(),
+            timing: Timing::default(),
+        }
+    }
+}
+
+/// One frame of a clone.
+#[derive(Clone, Debug)]
+pub struct CloneFrame {
+    /// Where everything is.
+    pub deformation: Deformation,
+    /// The source's frame nearest in time.
+    pub nearest: usize,
+}
+
+/// A source on a target: the motion, from which the pictures are rendered one by one.
+#[derive(Debug)]
+pub struct Clone<'a> {
+    target: &'a Target,
+    details: Option<&'a Details>,
+    options: CloneOptions,
+    /// Frames per second.
+    pub fps: f64,
+    /// The frames.
+    pub frames: Vec<CloneFrame>,
+}
+
+/// Computes the motion of a source on a target.
+///
+/// # Errors
+/// [`CloneError`] for too many frames.
+pub fn clone_expression<'a>(
+    source: &SourceMotion,
+    target: &'a Target,
+    details: Option<&'a Details>,
+    options: &CloneOptions,
+    bench: &Workbench,
+) -> Result<Clone<'a>, CloneError> {
+    let (fps, moments) = options.timing.moments(source)?;
+    let frames = moments
+        .iter()
+        .map(|moment| {
+            let nodes = target.nodes_at(source, moment, options.rescale, options.emphasis, options.head, bench);
+            Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest })
+        })
+        .collect::<Result<_, CloneError>>()?;
+    Ok(Clone { target, details, options: *options, fps, frames })
+}
+
+impl Clone<'_> {
+    /// Renders one frame.
+    ///
+    /// # Panics
+    /// If there is no such frame (a programmer's error).
+    pub fn picture(&self, frame: usize) -> RgbImage {
+        let CloneFrame { deformation, nearest } = &self.frames[frame];
+        let (warp, plain) = (self.target.warp(), self.target.texture());
+        let teeth = self.options.teeth;
+        let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(&None, teeth)) };
+        let mouth = if teeth == Teeth::Dark { None } else { details.mouth(*nearest) };
+        let inside = detail::inside(&mouth, teeth);
+        if self.options.wrinkles > 0.0 {
+            let strength = self.options.wrinkles * self.options.emphasis;
+            warp.render(&details.texture(self.target, *nearest, strength), deformation, &inside)
+        } else {
+            warp.render(plain, deformation, &inside)
+        }
+    }
+
+    /// The target's own dynamic model, px.
+    ///
+    /// # Errors
+    /// [`CloneError::Model`] for fewer than two frames.
+    pub fn model(&self) -> Result<DynamicExpressionModel<Px>, CloneError> {
+        let frames = self.frames.iter().map(|f| FrameExpressionModel::new(f.deformation.nodes().to_vec()));
+        Ok(DynamicExpressionModel::new(frames.collect())?)
+    }
+
+    /// The target.
+    pub fn target(&self) -> &Target {
+        self.target
+    }
+
+    /// The frame in which the nodes are farthest from neutral; the first of equals.
+    pub fn apex(&self) -> usize {
+        let neutral = self.target.warp().nodes();
+        let size = |f: &CloneFrame| f.deformation.nodes().iter().zip(neutral).map(|(p, n)| (p - n).norm()).sum::<f64>();
+        let sizes: Vec<f64> = self.frames.iter().map(size).collect();
+        (0..sizes.len()).fold(0, |best, k| if sizes[k] > sizes[best] { k } else { best })
+    }
+}

@@ -1,0 +1,222 @@
+//! What is cloned: the motion of a track, a representative or normalized model, or a FAP file.
+
+use std::path::Path;
+
+use nalgebra::{Point2, Vector2};
+
+use super::{CloneError, fap_motion};
+use crate::{
+    fap::{FapNumber, FapSequence, read_fap},
+    geometry::Similarity,
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    normalize::stable_nodes,
+    pipeline::Workbench,
+    track::{TrackedFrame, read_track, read_track_info, track_model},
+    units::{FaceUnit, Px},
+    wireframe::Fapus,
+};
+
+/// What a motion was read from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SourceKind {
+    /// A tracked sequence, in pixels.
+    Track,
+    /// A representative or a normalized model, in face units.
+    Model,
+    /// A FAP file.
+    Fap,
+}
+
+/// The motion of one expression, free of the head: neutral offsets of all nodes over time.
+#[derive(Clone, Debug)]
+pub struct SourceMotion {
+    /// Name for files and captions: the file's stem.
+    pub name: String,
+    /// What it was read from.
+    pub kind: SourceKind,
+    /// Neutral offsets of all nodes, frame by frame: upright, y up, in the unit of `fapus`. The first frame is zero.
+    pub offsets: Vec<Vec<Vector2<f64>>>,
+    /// FAPUs of the source's neutral face.
+    pub fapus: Fapus,
+    /// Distance of the lids of the neutral face at each pair of [`LID_PAIRS`], same unit.
+    pub lid_gaps: [f64; LID_PAIRS.len()],
+    /// Motion of the head from the neutral frame to each frame, in the source's picture (px); the identity where it is not known.
+    pub head: Vec<Similarity>,
+    /// Frame numbers and node positions in the source's own pictures; empty but for tracks.
+    pub frames: Vec<(u32, Vec<Point2<f64>>)>,
+    /// Frames per second, where the source says.
+    pub fps: Option<f64>,
+    /// Emotion label, where the source says.
+    pub emotion: Option<String>,
+    /// FAPs that have values and do not show on a face seen from the front.
+    pub not_shown: Vec<FapNumber>,
+}
+
+impl SourceMotion {
+    /// Reads a track (`.csv` with a column `state`), a representative or normalized model (`.csv` without), or a FAP file.
+    ///
+    /// # Errors
+    /// [`CloneError`] for a file that is none of these, does not read, or is over another wireframe.
+    pub fn read(path: &Path, bench: &Workbench) -> Result<Self, CloneError> {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        match extension.as_str() {
+            "fap" => {
+                let file = read_fap(path)?;
+                Self::from_fap(&name, &file.sequence, bench).map_err(|error| with_path(error, path))
+            }
+            "csv" => {
+                let frames = read_track(path)?;
+                let expected = bench.wireframe.node_count();
+                let found = frames.first().map_or(0, |f| f.nodes.len());
+                if found != expected {
+                    return Err(CloneError::Topology { what: path.display().to_string(), found, expected });
+                }
+                if has_states(path) {
+                    let mut motion = Self::from_track(&name, &frames, bench)?;
+                    if let Some(info) = read_track_info(path)? {
+                        motion.fps = info.fps;
+                        motion.emotion = Some(info.emotion);
+                    }
+                    Ok(motion)
+                } else {
+                    let frame = |f: &TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
+                    let model = DynamicExpressionModel::new(frames.iter().map(frame).collect())?;
+                    Self::from_model(&name, &model, bench)
+                }
+            }
+            _ => Err(CloneError::UnknownSource { path: path.display().to_string() }),
+        }
+    }
+
+    /// The motion of tracked frames; the head's motion is taken out and kept beside it.
+    ///
+    /// # Errors
+    /// [`CloneError`] for fewer than two frames or a neutral face without FAPUs.
+    pub fn from_track(name: &str, frames: &[TrackedFrame], bench: &Workbench) -> Result<Self, CloneError> {
+        let model: DynamicExpressionModel<Px> = track_model(frames)?;
+        let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+        let upright = normalizer.upright(&model)?;
+        let fapus = Fapus::measure(&bench.tables.fapus, &upright[0])
+            .map_err(|source| CloneError::Fapus { what: "the source's neutral face", source })?;
+        let stable = stable_nodes(&bench.tables, bench.wireframe.node_count());
+        let pick = |nodes: &[Point2<f64>]| stable.iter().map(|&k| nodes[k]).collect::<Vec<_>>();
+        let neutral = pick(model.neutral().nodes());
+        let head = model
+            .frames()
+            .iter()
+            .map(|f| Similarity::fit(&neutral, &pick(f.nodes()), None).unwrap_or_else(|_| Similarity::identity()))
+            .collect();
+        Ok(Self {
+            name: name.to_owned(),
+            kind: SourceKind::Track,
+            offsets: upright.iter().map(|f| f.iter().zip(&upright[0]).map(|(p, n)| p - n).collect()).collect(),
+            fapus,
+            lid_gaps: lid_gaps(&upright[0]),
+            head,
+            frames: frames.iter().map(|f| (f.number, f.nodes.iter().map(|n| n.position).collect())).collect(),
+            fps: None,
+            emotion: None,
+            not_shown: Vec::new(),
+        })
+    }
+
+    /// The motion of a representative or a normalized model.
+    ///
+    /// # Errors
+    /// [`CloneError::Topology`] for another wireframe.
+    pub fn from_model(name: &str, model: &DynamicExpressionModel<FaceUnit>, bench: &Workbench) -> Result<Self, CloneError> {
+        let expected = bench.wireframe.node_count();
+        if model.node_count() != expected {
+            return Err(CloneError::Topology { what: name.to_owned(), found: model.node_count(), expected });
+        }
+        let fapus = canonical_fapus(bench)?;
+        let offsets: Vec<_> = (0..model.frame_count()).map(|m| model.neutral_offsets(m)).collect();
+        Ok(Self {
+            name: name.to_owned(),
+            kind: SourceKind::Model,
+            head: vec![Similarity::identity(); offsets.len()],
+            offsets,
+            fapus,
+            lid_gaps: lid_gaps(model.neutral().nodes()),
+            frames: Vec::new(),
+            fps: None,
+            emotion: None,
+            not_shown: Vec::new(),
+        })
+    }
+
+    /// The motion that FAPs ask for: they drive their nodes, the springs place the rest.
+    ///
+    /// # Errors
+    /// [`CloneError`] for a file without frames, or without a FAP that shows from the front.
+    pub fn from_fap(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<Self, CloneError> {
+        let (mut offsets, not_shown) = fap_motion::offsets(name, sequence, bench)?;
+        if offsets.len() == 1 {
+            // A single pose is reached from the neutral face.
+            offsets.insert(0, vec![Vector2::zeros(); bench.wireframe.node_count()]);
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            kind: SourceKind::Fap,
+            head: vec![Similarity::identity(); offsets.len()],
+            offsets,
+            fapus: canonical_fapus(bench)?,
+            lid_gaps: lid_gaps(canonical_neutral(bench)?.nodes()),
+            frames: Vec::new(),
+            fps: Some(sequence.fps),
+            emotion: None,
+            not_shown,
+        })
+    }
+
+    /// Number of frames, at least one.
+    pub fn frame_count(&self) -> usize {
+        self.offsets.len()
+    }
+
+    /// The frame in which the expression is strongest: the one whose offsets are largest in sum; the first of equals.
+    pub fn apex(&self) -> usize {
+        let size = |frame: &Vec<Vector2<f64>>| frame.iter().map(Vector2::norm).sum::<f64>();
+        let sizes: Vec<f64> = self.offsets.iter().map(size).collect();
+        (0..sizes.len()).fold(0, |best, k| if sizes[k] > sizes[best] { k } else { best })
+    }
+}
+
+/// Nodes of the upper lid margin, each with the one of the lower lid that it meets: left eye, right eye, from outside to inside.
+pub const LID_PAIRS: [(usize, usize); 6] = [(97, 99), (21, 22), (105, 107), (98, 100), (54, 55), (106, 108)];
+
+/// Distance of the lids of an upright face (y up) at each pair; 0 where the wireframe lacks them.
+pub fn lid_gaps(upright: &[Point2<f64>]) -> [f64; LID_PAIRS.len()] {
+    LID_PAIRS.map(|(above, below)| match (upright.get(above), upright.get(below)) {
+        (Some(above), Some(below)) => above.y - below.y,
+        _ => 0.0,
+    })
+}
+
+fn canonical_neutral(bench: &Workbench) -> Result<FrameExpressionModel<FaceUnit>, CloneError> {
+    let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+    Ok(normalizer.canonical().neutral.clone())
+}
+
+fn canonical_fapus(bench: &Workbench) -> Result<Fapus, CloneError> {
+    let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+    Ok(normalizer.canonical().fapus)
+}
+
+/// Whether the header of a file of node positions has states: a track in pixels, not a model in face units.
+fn has_states(path: &Path) -> bool {
+    use std::io::BufRead;
+    let mut header = String::new();
+    let read = std::fs::File::open(path).and_then(|file| std::io::BufReader::new(file).read_line(&mut header));
+    read.is_ok() && header.trim().split(',').any(|column| column.trim() == "state")
+}
+
+fn with_path(error: CloneError, path: &Path) -> CloneError {
+    let path = path.display().to_string();
+    match error {
+        CloneError::NoFrames { .. } => CloneError::NoFrames { path },
+        CloneError::NothingToShow { faps, .. } => CloneError::NothingToShow { path, faps },
+        other => other,
+    }
+}

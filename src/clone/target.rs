@@ -1,0 +1,315 @@
+//! Whom an expression is put on: a neutral photograph and the wireframe on it.
+
+use image::RgbImage;
+use nalgebra::{Point2, Rotation2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    CloneError, SourceMotion,
+    source::{LID_PAIRS, lid_gaps},
+    timing::Moment,
+};
+use crate::{
+    fit::{Correspondence, FittedWireframe, validate_correspondences},
+    geometry::Similarity,
+    normalize::stable_nodes,
+    pipeline::Workbench,
+    sequence::MAX_SIDE,
+    units::NodeId,
+    warp::{NODE_COUNT, Texture, Warp},
+    wireframe::Fapus,
+};
+
+/// How offsets are scaled from the source's face to the target's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rescale {
+    /// By the FAPUs of each node's region: a wide mouth smiles wider.
+    #[default]
+    Fapu,
+    /// By the distance of the eyes alone.
+    Uniform,
+    /// Not at all: pixels are pixels (for comparison).
+    None,
+}
+
+/// Least distance of the eyes, px.
+pub const LEAST_EYE_DISTANCE: f64 = 6.0;
+
+/// How far the ratio of lid openings may lie from the ratio of IRISDs.
+const LID_LIMIT: f64 = 2.0;
+/// How far the lower lip beside its middle opens, over the middle: least and most.
+const LIP_ROUND: (f64, f64) = (0.75, 0.97);
+/// One half of the face wider than the other by more than this is a face turned away.
+const MAX_HALF_RATIO: f64 = 1.9;
+/// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
+const MIDLINE_DEPTH: f64 = 0.45;
+
+/// A neutral photograph, ready to be moved.
+#[derive(Clone, Debug)]
+pub struct Target {
+    /// Name for files and captions.
+    pub name: String,
+    /// The photograph.
+    pub picture: RgbImage,
+    /// The wireframe on it.
+    pub fitted: FittedWireframe,
+    /// Its FAPUs, px.
+    pub fapus: Fapus,
+    /// Angle of the face's up against the image's up, radians, towards the image's left (y up).
+    pub roll: f64,
+    lid_gaps: [f64; LID_PAIRS.len()],
+    texture: Texture,
+    warp: Warp,
+    stable: Vec<usize>,
+}
+
+impl Target {
+    /// Fits the wireframe to a photograph and prepares it.
+    ///
+    /// # Errors
+    /// [`CloneError`] for marks that do not fit a frontal face, a face too small, a picture too large, or another wireframe.
+    pub fn new(name: &str, picture: RgbImage, marks: &[Correspondence], bench: &Workbench) -> Result<Self, CloneError> {
+        let (width, height) = picture.dimensions();
+        if width.max(height) > MAX_SIDE {
+            return Err(CloneError::TooLarge { width, height, most: MAX_SIDE });
+        }
+        validate_correspondences(marks, width, height)?;
+        let fitted = bench.fitter().fit(&bench.wireframe, marks)?;
+        Self::from_fit(name, picture, fitted, bench)
+    }
+
+    /// A target whose wireframe is already there.
+    ///
+    /// # Errors
+    /// As [`Target::new`].
+    pub fn from_fit(name: &str, picture: RgbImage, fitted: FittedWireframe, bench: &Workbench) -> Result<Self, CloneError> {
+        let nodes = fitted.model.nodes();
+        if nodes.len() != NODE_COUNT {
+            return Err(CloneError::Topology { what: name.to_owned(), found: nodes.len(), expected: NODE_COUNT });
+        }
+        let stable = stable_nodes(&bench.tables, nodes.len());
+        let frontal = bench.wireframe.frontal();
+        let pick = |points: &[Point2<f64>]| stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
+        let y_up: Vec<Point2<f64>> = nodes.iter().map(|p| Point2::new(p.x, -p.y)).collect();
+        let from_face = Similarity::fit(&pick(&frontal), &pick(&y_up), None).map_err(|_| crate::warp::WarpError::NoEyes)?;
+        let unroll = Rotation2::new(-from_face.angle);
+        let upright: Vec<Point2<f64>> = y_up.iter().map(|p| unroll * p).collect();
+        let fapus = Fapus::measure(&bench.tables.fapus, &upright)
+            .map_err(|source| CloneError::Fapus { what: "the target's neutral face", source })?;
+        check_frontal(&upright)?;
+        if fapus.es < LEAST_EYE_DISTANCE {
+            return Err(CloneError::TooSmall { eye_distance: fapus.es, least: LEAST_EYE_DISTANCE });
+        }
+        let warp = Warp::new(nodes)?;
+        let texture = Texture::new(&picture);
+        let lid_gaps = lid_gaps(&upright);
+        Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
+    }
+
+    /// The photograph as a texture.
+    pub fn texture(&self) -> &Texture {
+        &self.texture
+    }
+
+    /// The photograph's warp.
+    pub fn warp(&self) -> &Warp {
+        &self.warp
+    }
+
+    /// Where the target's nodes are asked to be at a moment of a source's motion, px.
+    ///
+    /// Every neutral offset is scaled, along the face's x and y, by target over source FAPU of its node's region times `emphasis`,
+    /// turned by the target's roll, and added to the target's neutral node. With `head`, the source's head motion is added, in the
+    /// proportions of the two faces.
+    pub fn nodes_at(
+        &self,
+        source: &SourceMotion,
+        moment: &Moment,
+        rescale: Rescale,
+        emphasis: f64,
+        head: bool,
+        bench: &Workbench,
+    ) -> Vec<Point2<f64>> {
+        let roll = Rotation2::new(self.roll);
+        let ratio = |fapu| match (self.fapus.length(fapu), source.fapus.length(fapu)) {
+            (Some(target), Some(source)) => target / source,
+            _ => self.fapus.es / source.fapus.es,
+        };
+        // IRISD is the opening of the lids in neutral. On a fitted wireframe the lids know that better than the boxes around the irises:
+        // what shuts the source's eye shuts the target's.
+        let lid_ratio = |pair: usize, irisd: f64| {
+            let (own, other) = (self.lid_gaps[pair], source.lid_gaps[pair]);
+            if own > 0.0 && other > 0.0 { (own / other).clamp(irisd / LID_LIMIT, irisd * LID_LIMIT) } else { irisd }
+        };
+        let neutral = self.fitted.model.nodes();
+        let mut nodes: Vec<Point2<f64>> = neutral
+            .iter()
+            .zip(&moment.offsets)
+            .enumerate()
+            .map(|(k, (p, offset))| {
+                let scale = match rescale {
+                    Rescale::Fapu => {
+                        let (x, y) = bench.tables.node_fapus(NodeId(k as u16));
+                        let lid = LID_PAIRS.iter().position(|&(above, below)| k == above || k == below);
+                        Vector2::new(ratio(x), lid.map_or(ratio(y), |pair| lid_ratio(pair, ratio(y))))
+                    }
+                    Rescale::Uniform => Vector2::repeat(self.fapus.es / source.fapus.es),
+                    Rescale::None => Vector2::repeat(1.0),
+                };
+                let up = roll * (offset.component_mul(&scale) * emphasis);
+                p + Vector2::new(up.x, -up.y)
+            })
+            .collect();
+        self.round_lower_lip(&mut nodes);
+        if head && let Some((_, first)) = source.frames.first() {
+            let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
+            if let Ok(target_from_source) = Similarity::fit(&pick(first), &pick(neutral), None) {
+                let motion = target_from_source.after(&moment.head).after(&target_from_source.inverse());
+                nodes.iter_mut().for_each(|p| *p = motion.apply(p));
+            }
+        }
+        nodes
+    }
+}
+
+impl Target {
+    /// Makes the lower lip open round: seen from the corners, the points beside the middle go down by three quarters (a parabola) to
+    /// nearly all of the way of the middle. A median over people, and a tracker on lips that part, may leave a notch; no mouth has
+    /// one. The change is the least in squares.
+    fn round_lower_lip(&self, nodes: &mut [Point2<f64>]) {
+        let down = self.warp.down();
+        let neutral = self.fitted.model.nodes();
+        let moved = |n: usize| (nodes[n] - neutral[n]).dot(&down);
+        let corners = f64::midpoint(moved(88), moved(89));
+        let (middle, beside) = (moved(40) - corners, f64::midpoint(moved(83), moved(84)) - corners);
+        let share = if middle > 0.0 && beside < LIP_ROUND.0 * middle {
+            LIP_ROUND.0
+        } else if beside > 0.0 && beside > LIP_ROUND.1 * middle {
+            LIP_ROUND.1
+        } else {
+            return;
+        };
+        let round = (middle + 2.0 * share * beside) / (1.0 + 2.0 * share * share);
+        nodes[40] += down * (round - middle);
+        for n in [83, 84] {
+            nodes[n] += down * (share * round - beside);
+        }
+    }
+}
+
+/// Refuses a face that is turned away: from the front both halves of the face are about equally wide, at the eyes and at the mouth.
+fn check_frontal(upright: &[Point2<f64>]) -> Result<(), CloneError> {
+    let x = |n: usize| upright[n].x;
+    // Outer eye corners against the bone of the nose, mouth corners against the lips' middle.
+    let eyes = (x(20) - x(94), x(94) - x(53));
+    let mouth = (x(31) - x(7), x(7) - x(64));
+    let widths = (eyes.0 + mouth.0, eyes.1 + mouth.1);
+    let ratio = widths.0.max(widths.1) / widths.0.min(widths.1).max(1e-9);
+    if widths.0 <= 0.0 || widths.1 <= 0.0 || ratio > MAX_HALF_RATIO {
+        // The midline lies before the corners: turned by a, the halves are cos a -+ d sin a.
+        let share = ((ratio - 1.0) / (ratio + 1.0)).min(1.0);
+        let degrees = (share / MIDLINE_DEPTH).atan().to_degrees();
+        return Err(CloneError::Profile { degrees, ratio: ratio.min(99.0) });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        clone::timing::Moment,
+        model::FrameExpressionModel,
+        pipeline::PipelineOptions,
+        track::{NodeState, TrackedFrame, TrackedNode},
+        wireframe::Wireframe,
+    };
+
+    /// Candide-3 on a picture, 100 px between the eyes, seen through a similarity.
+    fn neutral(view: &Similarity) -> Vec<Point2<f64>> {
+        let scale = 100.0 / 0.613;
+        let place = |v: &nalgebra::Point3<f64>| view.apply(&Point2::new(200.0 + v.x * scale, 180.0 - v.y * scale));
+        Wireframe::candide3().vertices().iter().map(place).collect()
+    }
+
+    fn tracked(number: u32, nodes: &[Point2<f64>]) -> TrackedFrame {
+        let node = |&position: &Point2<f64>| TrackedNode { position, state: NodeState::Tracked, residual: None };
+        TrackedFrame { number, nodes: nodes.iter().map(node).collect() }
+    }
+
+    fn target(nodes: Vec<Point2<f64>>, bench: &Workbench) -> Result<Target, CloneError> {
+        let fitted = FittedWireframe {
+            model: FrameExpressionModel::new(nodes),
+            image_from_face: Similarity::identity(),
+            correspondences: Vec::new(),
+            residuals: Vec::new(),
+        };
+        Target::from_fit("t", RgbImage::new(400, 400), fitted, bench)
+    }
+
+    /// A smile: the mouth corners go 5 px out and 4 px up, in a head that rolls.
+    fn smile(bench: &Workbench) -> (SourceMotion, Vec<Point2<f64>>) {
+        let start = neutral(&Similarity::identity());
+        let roll = Similarity { scale: 1.02, angle: 0.05, translation: Vector2::new(3.0, -2.0) };
+        let mut end = start.clone();
+        end[31] += Vector2::new(5.0, -4.0);
+        end[64] += Vector2::new(-5.0, -4.0);
+        let end: Vec<_> = end.iter().map(|p| roll.apply(p)).collect();
+        let motion = SourceMotion::from_track("smile", &[tracked(1, &start), tracked(2, &end)], bench).unwrap();
+        (motion, end)
+    }
+
+    fn bench() -> Workbench {
+        Workbench::new(None, PipelineOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn cloning_onto_the_same_face_is_the_motion_itself() {
+        let bench = bench();
+        let (motion, end) = smile(&bench);
+        let same = target(neutral(&Similarity::identity()), &bench).unwrap();
+        for rescale in [Rescale::Fapu, Rescale::Uniform, Rescale::None] {
+            let nodes = same.nodes_at(&motion, &motion.at(1.0), rescale, 1.0, true, &bench);
+            assert!(nodes.iter().zip(&end).all(|(a, b)| (a - b).norm() < 1e-6), "{rescale:?}");
+        }
+    }
+
+    #[test]
+    fn a_face_twice_as_large_and_rolled_smiles_twice_as_wide_along_its_own_axes() {
+        let bench = bench();
+        let (motion, _) = smile(&bench);
+        let view = Similarity { scale: 2.0, angle: 0.3, translation: Vector2::new(10.0, 20.0) };
+        let start = neutral(&view);
+        let large = target(start.clone(), &bench).unwrap();
+        let nodes = large.nodes_at(&motion, &motion.at(1.0), Rescale::Fapu, 1.0, false, &bench);
+        // The offset (5, -4) px of the left corner, doubled, and turned with the face.
+        assert!(((nodes[31] - start[31]) - view.apply_vector(&Vector2::new(5.0, -4.0))).norm() < 1e-6);
+        let half = large.nodes_at(&motion, &motion.at(1.0), Rescale::Fapu, 0.5, false, &bench);
+        assert!(((half[31] - start[31]) * 2.0 - (nodes[31] - start[31])).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_notched_lower_lip_opens_round() {
+        let bench = bench();
+        let (motion, _) = smile(&bench);
+        let start = neutral(&Similarity::identity());
+        let face = target(start.clone(), &bench).unwrap();
+        let mut offsets = vec![Vector2::zeros(); 113];
+        // Canonical upright offsets, y up: the points beside the middle go down, the middle itself does not.
+        (offsets[83].y, offsets[84].y) = (-10.0, -10.0);
+        let moment = Moment { offsets, head: Similarity::identity(), nearest: 0 };
+        let nodes = face.nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench);
+        let down = |n: usize| nodes[n].y - start[n].y;
+        assert!((down(83) - 0.97 * down(40)).abs() < 1e-6 && down(40) > 6.0, "{} {}", down(83), down(40));
+    }
+
+    #[test]
+    fn a_face_in_profile_is_refused() {
+        let bench = bench();
+        let start = neutral(&Similarity::identity());
+        let turned = start.iter().map(|p| if p.x > 200.0 { Point2::new(200.0 + 0.3 * (p.x - 200.0), p.y) } else { *p }).collect();
+        let error = target(turned, &bench).unwrap_err();
+        assert!(matches!(error, CloneError::Profile { ratio, .. } if (ratio - 1.0 / 0.3).abs() < 0.1), "{error}");
+    }
+}
