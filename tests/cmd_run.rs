@@ -22,7 +22,7 @@ fn every_output_is_there_with_its_header_and_shape() {
     ran.prints(&["6 sequences: 6 tracked, 0 unchanged, 0 failed", "3 sequences  out/fap/happiness.fap"]);
     let names: BTreeSet<String> = work.files("out").into_keys().collect();
     let mut expected: BTreeSet<String> =
-        ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv"].map(str::to_owned).into();
+        ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv", "verdicts.csv"].map(str::to_owned).into();
     for id in SEQUENCES {
         expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
     }
@@ -37,13 +37,16 @@ fn every_output_is_there_with_its_header_and_shape() {
 
     for id in SEQUENCES {
         let track = format!("out/tracks/{id}.csv");
-        assert_eq!(work.header(&track), "frame,node,x,y,state,residual");
+        assert_eq!(work.header(&track), "frame,node,x,y,state,residual,expected_error");
         let rows = work.rows(&track);
         assert_eq!(rows.len(), FRAMES * NODES);
         for (k, row) in rows.iter().enumerate() {
             assert_eq!(row["frame"], (k / NODES + 1).to_string());
             assert_eq!(row["node"], (k % NODES).to_string());
             assert!(row["x"].parse::<f64>().unwrap().is_finite() && row["y"].parse::<f64>().unwrap().is_finite());
+            // The neutral frame has no offset to be wrong; every later one has an expectation.
+            let expected = row["expected_error"].parse::<f64>();
+            assert_eq!(expected.is_ok_and(|e| e > 0.0), row["frame"] != "1", "{row:?}");
         }
         check_model(&work, &format!("out/models/{id}.csv"));
     }
@@ -70,6 +73,9 @@ fn every_output_is_there_with_its_header_and_shape() {
     assert_eq!(trimming.len(), 2 * 4 * 3);
     assert!(trimming.iter().all(|r| r["dropped"] == "false"));
     assert_eq!(work.read("out/failures.csv"), "subject,sequence,stage,reason\n");
+    let verdicts = work.rows("out/verdicts.csv");
+    assert_eq!(verdicts.len(), SEQUENCES.len());
+    assert!(verdicts.iter().all(|r| (r["verdict"] == "good") == r["reasons"].is_empty()));
     let run: serde_json::Value = serde_json::from_str(&work.read("out/run.json")).unwrap();
     assert_eq!(run["complete"], true);
     assert_eq!(run["units"]["tracks"], "px");

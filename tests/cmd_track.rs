@@ -36,7 +36,7 @@ fn a_track_has_every_node_of_every_frame_and_says_what_it_was_made_from() {
     let work = work();
     let ran = work.grimace(&format!("{TRACK} --emotion Happiness --fps 25 --overlay pictures")).exit(0);
     ran.prints(&["6 frames, ", "% of the nodes tracked, mean forward-backward distance", "eye distance"]);
-    assert_eq!(work.header("S001_005.csv"), "frame,node,x,y,state,residual");
+    assert_eq!(work.header("S001_005.csv"), "frame,node,x,y,state,residual,expected_error");
     let rows = work.rows("S001_005.csv");
     assert_eq!(rows.len(), 6 * 113);
     let follows = |node: &str| ["4", "35", "36", "37", "38", "39", "41", "42", "43"].contains(&node);
@@ -55,6 +55,8 @@ fn a_track_has_every_node_of_every_frame_and_says_what_it_was_made_from() {
     assert_eq!(info["marks"].as_array().unwrap().len(), 7);
     assert_eq!(info["fps"], 25.0);
     assert!(info["units"]["x"].as_str().unwrap().starts_with("px"));
+    assert!(["good", "look_again"].contains(&info["summary"]["verdict"].as_str().unwrap()));
+    assert!(info["summary"]["expected_error_px"].as_f64().unwrap() > 0.0);
     assert_eq!(work.files("pictures").len(), 6);
 }
 
