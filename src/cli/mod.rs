@@ -11,6 +11,7 @@ macro_rules! eprintln {
 }
 
 mod analyze;
+mod bank;
 mod evaluate;
 mod fap;
 mod fit;
@@ -58,6 +59,8 @@ enum Command {
     Prior(prior::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
+    /// Banks of expression meshes for `synthesize`.
+    Bank(bank::Args),
     /// Experiments against ground truth: how right fit and tracker are.
     Evaluate(evaluate::Args),
 }
@@ -98,6 +101,7 @@ pub fn main() -> ExitCode {
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Bank(args) => bank::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
     };
     let result = result.and_then(|outcome| print::check().map(|()| outcome));

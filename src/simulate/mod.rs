@@ -34,6 +34,7 @@ mod subject;
 mod texture;
 
 pub use dataset::{DatasetSummary, MARKED_NODES, simulate_dataset};
+pub(crate) use expression::{find_unit, settle_offsets};
 pub use expression::{EXPRESSIONS, Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError};
 pub use motion::{Course, HeadPose};
 pub use neutral::neutral_nodes;
