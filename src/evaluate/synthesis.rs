@@ -12,7 +12,7 @@ use crate::{
     mesh::TriangleMesh,
     synthesis::{
         Bank, Crossover, FpBasis, FpMotion, FrameAnswer, GaOptions, Goal, RegionScheme, Regions, Run, Solver, SynthesisOptions,
-        Synthesizer, evolve, surface_error,
+        Synthesizer, evolve, mix, surface_error,
     },
 };
 
@@ -76,7 +76,7 @@ pub struct SolverRow {
     pub share_of_bound: Option<(f64, f64)>,
     /// Surface error of every target; see [`surface_error`].
     pub errors: Vec<f64>,
-    /// Largest stretch of an edge across an overlap over the largest inside a region, over the targets; `None` for one region.
+    /// The largest of [`Seams::ratio`] over the targets; `None` for one region.
     pub seam: Option<f64>,
 }
 
@@ -152,7 +152,8 @@ pub fn evaluate_solvers(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> bool +
     let mut rows = Vec::new();
     for scheme in [RegionScheme::Whole, RegionScheme::Halves, RegionScheme::Quarters] {
         let count = if scheme == RegionScheme::Whole { study.targets.len() } else { study.region_targets.min(study.targets.len()) };
-        let seams = (scheme != RegionScheme::Whole).then(|| Seams::new(study.bank, scheme, study.overlap)).transpose()?;
+        let regions = Regions::new(study.bank, scheme, study.overlap)?;
+        let seams = (scheme != RegionScheme::Whole).then(|| Seams::new(study.bank.mesh(), &regions));
         for solver in Solver::ALL {
             if solver == Solver::Rbf && scheme != RegionScheme::Whole {
                 continue;
@@ -185,7 +186,11 @@ fn measure(synthesizer: &Synthesizer<'_>, target: &SynthesisTarget<'_>, frame: u
     let answer = synthesizer.solve(&motion, frame);
     let surface = synthesizer.surface(&answer, &motion);
     let error = surface_error(&surface, target.truth).unwrap_or(0.0);
-    Measured { error, seam: seams.and_then(|s| s.ratio(synthesizer.bank().mesh(), &surface)), answer }
+    let seam = seams.and_then(|seams| {
+        let own: Vec<_> = answer.weights.iter().map(|weights| mix(synthesizer.bank(), weights)).collect();
+        seams.ratio(synthesizer.bank().mesh(), &surface, &own)
+    });
+    Measured { answer, error, seam }
 }
 
 fn summarize(scheme: RegionScheme, solver: Solver, measured: &[Measured]) -> SolverRow {
@@ -239,38 +244,44 @@ pub fn time_solvers(study: &SynthesisStudy<'_>, targets: usize, go_on: &impl Fn(
     Ok(rows)
 }
 
-/// The edges across overlaps and those inside one region.
+/// Whether joining regions leaves a seam: the edges across overlaps, and the edges of each region, its overlaps included.
 pub struct Seams {
     across: Vec<[u32; 2]>,
-    inside: Vec<[u32; 2]>,
+    regions: Vec<Vec<[u32; 2]>>,
 }
 
 impl Seams {
-    /// Sorts the edges of a bank's mesh. An edge is across an overlap when one of its ends has a share in more than one region.
-    ///
-    /// # Errors
-    /// [`EvaluateError`] for an overlap out of range.
-    pub fn new(bank: &Bank, scheme: RegionScheme, overlap: f64) -> Result<Self, EvaluateError> {
-        let regions = Regions::new(bank, scheme, overlap)?;
-        let shared = |v: u32| (0..regions.count()).filter(|&r| regions.vertex_shares(r)[v as usize] > 0.0).count() > 1;
-        let (across, inside) = bank.mesh().edges().into_keys().partition(|&[a, b]| shared(a) || shared(b));
-        Ok(Self { across, inside })
+    /// Sorts the edges of a bank's mesh. An edge is across an overlap when one of its ends has a share in more than one region, and of a
+    /// region when both its ends have a share in it.
+    pub fn new(mesh: &TriangleMesh, regions: &Regions) -> Self {
+        let has_share = |region: usize, v: u32| regions.vertex_shares(region)[v as usize] > 0.0;
+        let shared = |v: u32| (0..regions.count()).filter(|&r| has_share(r, v)).count() > 1;
+        let edges: Vec<[u32; 2]> = mesh.edges().into_keys().collect();
+        let of_region = |r: usize| edges.iter().copied().filter(|&[a, b]| has_share(r, a) && has_share(r, b)).collect();
+        Self {
+            across: edges.iter().copied().filter(|&[a, b]| shared(a) || shared(b)).collect(),
+            regions: (0..regions.count()).map(of_region).collect(),
+        }
     }
 
-    /// Largest stretch of an edge (its length over that in neutral) across an overlap, over the largest inside a region.
-    pub fn ratio(&self, mesh: &TriangleMesh, displacements: &[[f32; 3]]) -> Option<f64> {
-        let stretch = |edges: &[[u32; 2]]| {
-            let of = |&[a, b]: &[u32; 2]| {
-                let (p, q) = (mesh.positions()[a as usize], mesh.positions()[b as usize]);
-                let (u, v) = (displacements[a as usize], displacements[b as usize]);
-                let neutral: f32 = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum();
-                let moved: f32 = (0..3).map(|k| (p[k] + u[k] - q[k] - v[k]).powi(2)).sum();
-                (neutral > 0.0).then(|| f64::from(moved / neutral).sqrt())
-            };
-            edges.iter().filter_map(of).max_by(f64::total_cmp)
-        };
-        stretch(&self.across).zip(stretch(&self.inside)).map(|(across, inside)| across / inside)
+    /// The largest stretch of an edge across an overlap of the joined surface over the largest stretch of an edge of any region in
+    /// that region's own surface. Stretch is an edge's length over that in neutral. At 1 and below the join adds nothing to what the
+    /// regions do by themselves.
+    pub fn ratio(&self, mesh: &TriangleMesh, joined: &[[f32; 3]], own: &[Vec<[f32; 3]>]) -> Option<f64> {
+        let inside = self.regions.iter().zip(own).filter_map(|(edges, surface)| largest_stretch(mesh, edges, surface));
+        largest_stretch(mesh, &self.across, joined).zip(inside.max_by(f64::total_cmp)).map(|(across, inside)| across / inside)
     }
+}
+
+fn largest_stretch(mesh: &TriangleMesh, edges: &[[u32; 2]], displacements: &[[f32; 3]]) -> Option<f64> {
+    let stretch = |&[a, b]: &[u32; 2]| {
+        let (p, q) = (mesh.positions()[a as usize], mesh.positions()[b as usize]);
+        let (u, v) = (displacements[a as usize], displacements[b as usize]);
+        let neutral: f32 = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum();
+        let moved: f32 = (0..3).map(|k| (p[k] + u[k] - q[k] - v[k]).powi(2)).sum();
+        (neutral > 0.0).then(|| f64::from(moved / neutral).sqrt())
+    };
+    edges.iter().filter_map(stretch).max_by(f64::total_cmp)
 }
 
 /// [ZL, Table 1] with their figures beside ours.

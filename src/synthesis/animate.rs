@@ -9,13 +9,13 @@
 //!
 //! smallest, sigma in frames: E. Whittaker's smoother (*On a new method of graduation*, 1923) with first differences. Frames that move
 //! far count for more; a frame near neutral, whose directions mean little, takes them from its neighbours. The smoother is an average
-//! with positive shares, so that weights stay non-negative and a rigid motion's weights stay what they are.
+//! with positive shares: non-negative weights stay so, and where the direction does not change nothing does.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Bank, FpBasis, FpMotion, Goal, RegionScheme, Regions, Solution, Solver, SynthesisError,
+    Bank, FpBasis, FpMotion, Goal, RegionScheme, Regions, Signs, Solution, Solver, SynthesisError,
     fitness::fitness,
     regions::OVERLAP,
     search::{GaOptions, Run},
@@ -46,6 +46,8 @@ pub struct SynthesisOptions {
     pub smoothing_frames: f64,
     /// Starts of the search for the bound; 0 for no bound.
     pub bound_starts: usize,
+    /// Which weights refinement and bound allow.
+    pub signs: Signs,
 }
 
 impl Default for SynthesisOptions {
@@ -58,6 +60,7 @@ impl Default for SynthesisOptions {
             emphasis: 1.0,
             smoothing_frames: SMOOTHING_FRAMES,
             bound_starts: BOUND_STARTS,
+            signs: Signs::Auto,
         }
     }
 }
@@ -180,8 +183,13 @@ impl<'b> Synthesizer<'b> {
                 continue;
             };
             let (starts, seed) = (self.options.bound_starts, self.options.ga.seed);
-            let climbed = (starts > 0).then(|| bound(&goal, starts, seed, frame, region));
-            let solution = self.solve_goal(&goal, frame, region, climbed.as_ref());
+            let is_signed = match self.options.signs {
+                Signs::Auto => !motion.planar,
+                Signs::Any => true,
+                Signs::Nonnegative => false,
+            };
+            let climbed = (starts > 0).then(|| bound(&goal, starts, is_signed, seed, frame, region));
+            let solution = self.solve_goal(&goal, is_signed, frame, region, climbed.as_ref());
             // A bound that an answer exceeds was none.
             answer.region_bound.push(climbed.map(|b| b.fitness.max(solution.fitness)));
             answer.region_fitness.push(Some(solution.fitness));
@@ -192,14 +200,14 @@ impl<'b> Synthesizer<'b> {
         answer
     }
 
-    fn solve_goal(&self, goal: &Goal, frame: usize, region: usize, climbed: Option<&Solution>) -> Solution {
+    fn solve_goal(&self, goal: &Goal, is_signed: bool, frame: usize, region: usize, climbed: Option<&Solution>) -> Solution {
         let ga = &self.options.ga;
         match self.options.solver {
             Solver::Best | Solver::Rbf => best_member(goal),
             Solver::Nnls => least_squares(goal),
             Solver::Ga => genetic(goal, ga, frame, region),
-            Solver::Refined => refined(goal, ga, frame, region),
-            Solver::Cosine => climbed.cloned().unwrap_or_else(|| bound(goal, BOUND_STARTS, ga.seed, frame, region)),
+            Solver::Refined => refined(goal, ga, is_signed, frame, region),
+            Solver::Cosine => climbed.cloned().unwrap_or_else(|| bound(goal, BOUND_STARTS, is_signed, ga.seed, frame, region)),
         }
     }
 
@@ -227,7 +235,9 @@ impl<'b> Synthesizer<'b> {
             });
         }
         if rbf.is_some() {
+            // The bound is that of mixtures of the bank, which this is not.
             answer.weights.clear();
+            answer.region_bound.fill(None);
         }
     }
 

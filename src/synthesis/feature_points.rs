@@ -114,11 +114,15 @@ pub fn place_feature_points(mesh: &TriangleMesh, landmarks: &[u32]) -> Result<Ve
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let position = |vertex: u32| Vector3::from(mesh.positions()[vertex as usize].map(f64::from));
     let trusted: Vec<&LandmarkRow> = tables.landmarks.iter().filter(|r| r.confidence != LandmarkConfidence::Low).collect();
-    let source: Vec<Vector3<f64>> = trusted
-        .iter()
-        .map(|r| r.nodes.iter().map(|&(n, w)| wireframe.vertices()[n.index()].coords * w).sum())
-        .collect();
-    let target: Vec<Vector3<f64>> = trusted.iter().map(|r| position(landmarks[usize::from(r.landmark)])).collect();
+    let (mut source, mut target): (Vec<Vector3<f64>>, Vec<Vector3<f64>>) = (Vec::new(), Vec::new());
+    for row in &trusted {
+        let node = row.nodes.iter().map(|&(n, w)| wireframe.vertices()[n.index()].coords * w).sum();
+        // Candide-3's inner lips coincide in neutral: one of the two says where they are.
+        if !source.contains(&node) {
+            source.push(node);
+            target.push(position(landmarks[usize::from(row.landmark)]));
+        }
+    }
     let warp = Warp::new(&source, &target).ok_or_else(|| BankError::Number {
         what: "the landmarks' place",
         found: "on a line or a point".to_owned(),

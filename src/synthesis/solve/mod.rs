@@ -1,6 +1,6 @@
 //! Ways to the weights of one goal: the genetic algorithm of [ZL] and what stands beside it.
 
-mod cosine;
+mod climb;
 mod nonnegative;
 mod rbf;
 
@@ -9,7 +9,7 @@ use std::fmt;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-pub use cosine::climb;
+pub use climb::{Climb, Signs, climb};
 pub use rbf::interpolate;
 
 use super::{
@@ -31,7 +31,7 @@ pub enum Solver {
     Nnls,
     /// The genetic algorithm as published.
     Ga,
-    /// The genetic algorithm, then a climb of the fitness from its answer, then the best agreement in length that this fitness allows.
+    /// The genetic algorithm, then a climb from its answer: the fitness, with a pull towards the target's lengths (see [`Climb`]).
     Refined,
     /// The best of climbs from many starts: the bound that the others are compared with.
     Cosine,
@@ -100,20 +100,21 @@ pub fn genetic(goal: &Goal, options: &GaOptions, frame: usize, region: usize) ->
     Solution { weights: runs[best].weights.clone(), fitness: runs[best].fitness, runs }
 }
 
-/// The genetic algorithm's answer refined: climbed to the maximum of the fitness above it.
-pub fn refined(goal: &Goal, options: &GaOptions, frame: usize, region: usize) -> Solution {
+/// The genetic algorithm's answer refined by a climb.
+pub fn refined(goal: &Goal, options: &GaOptions, is_signed: bool, frame: usize, region: usize) -> Solution {
     let found = genetic(goal, options, frame, region);
-    let (weights, fitness) = climb(goal, &found.weights);
+    let (weights, fitness) = climb(goal, &found.weights, Climb::with_pull(is_signed));
     Solution { weights, fitness, runs: found.runs }
 }
 
 /// Run number of the stream that draws the starts of the bound.
 const BOUND_RUN: usize = (1 << 24) - 1;
 
-/// The fittest of climbs from `starts` places: least squares, the fittest members in turn with random mixtures.
+/// The fittest of climbs from `starts` places: the refinement of least squares, then the fittest members in turn with random mixtures.
 ///
-/// A lower bound of the largest fitness there is over non-negative weights, and in practice that largest fitness; no proof.
-pub fn bound(goal: &Goal, starts: usize, seed: u64, frame: usize, region: usize) -> Solution {
+/// What it finds is reached, so the largest fitness there is over the allowed weights is at least that; in practice it is that. It is
+/// no proof.
+pub fn bound(goal: &Goal, starts: usize, is_signed: bool, seed: u64, frame: usize, region: usize) -> Solution {
     let members = goal.member_count();
     let mut random = generator(seed, frame, region, BOUND_RUN);
     let mut order: Vec<usize> = (0..members).collect();
@@ -124,7 +125,7 @@ pub fn bound(goal: &Goal, starts: usize, seed: u64, frame: usize, region: usize)
     let mut best: Option<(Vec<f64>, f64)> = None;
     for k in 0..starts.max(1) {
         let start = if k == 0 {
-            least_squares(goal).weights
+            climb(goal, &least_squares(goal).weights, Climb::with_pull(is_signed)).0
         } else if k % 2 == 1 {
             let mut one = vec![0.0; members];
             one[order[(k / 2) % members]] = 1.0;
@@ -136,7 +137,7 @@ pub fn bound(goal: &Goal, starts: usize, seed: u64, frame: usize, region: usize)
             }
             mixture
         };
-        let found = climb(goal, &start);
+        let found = climb(goal, &start, Climb::fitness_alone(is_signed));
         if best.as_ref().is_none_or(|b| found.1 > b.1) {
             best = Some(found);
         }
