@@ -244,6 +244,9 @@ fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
     check_free(args.force, &[args.picture.as_deref(), args.save_feature_points.as_deref()])?;
     let bank = open(&args.bank)?;
     print_info(&bank);
+    if let Some(path) = &args.picture {
+        synthesis::write_bank_picture(&bank, path)?;
+    }
     if let Some(path) = &args.save_feature_points {
         write_feature_points(path, bank.feature_points())?;
     }

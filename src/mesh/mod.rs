@@ -7,6 +7,7 @@ pub mod gltf;
 mod npy;
 mod obj;
 mod ply;
+mod sphere;
 mod subdivide;
 
 use std::{collections::BTreeMap, path::PathBuf};
@@ -14,6 +15,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 pub use npy::{NpyArray, NpyRows, read_npy_indices, read_npy_rows, write_npy_f32};
 pub use obj::{read_obj, write_obj};
 pub use ply::{read_ply, write_ply};
+pub use sphere::sphere_front;
 pub use subdivide::Subdivision;
 
 /// Why positions and triangles are no mesh.

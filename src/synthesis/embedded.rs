@@ -11,7 +11,7 @@ use super::{
     feature_points::skin_feature_points, perform,
 };
 use crate::{
-    mesh::{Subdivision, TriangleMesh},
+    mesh::{Subdivision, TriangleMesh, sphere_front},
     pipeline::MADE_BY,
     simulate::{EXPRESSIONS, Emotion, ExpressionUnit, find_unit, settle_offsets},
     units::NodeId,
@@ -193,26 +193,13 @@ const EYE_GRID: (u32, u32) = (28, 56);
 /// Adds the fronts of two eyeballs.
 fn with_eyeballs(skin: &TriangleMesh) -> Result<TriangleMesh, BankError> {
     let (mut positions, mut triangles) = (skin.positions().to_vec(), skin.triangles().to_vec());
+    let (rings, sectors) = EYE_GRID;
     for side in [1.0_f32, -1.0] {
         let first = positions.len() as u32;
         let [x, y, z] = EYE_CENTRE;
-        positions.push([side * x, y, z + EYE_RADIUS]);
-        let (rings, sectors) = EYE_GRID;
-        for ring in 1..=rings {
-            let (sin, cos) = (ring as f32 / rings as f32 * std::f32::consts::FRAC_PI_2).sin_cos();
-            for sector in 0..sectors {
-                let (up, right) = (sector as f32 / sectors as f32 * std::f32::consts::TAU).sin_cos();
-                positions.push([side * x + EYE_RADIUS * sin * right, y + EYE_RADIUS * sin * up, z + EYE_RADIUS * cos]);
-            }
-        }
-        let at = |ring: u32, sector: u32| first + 1 + (ring - 1) * sectors + sector % sectors;
-        for sector in 0..sectors {
-            triangles.push([first, at(1, sector), at(1, sector + 1)]);
-            for ring in 1..rings {
-                let (a, b, c, d) = (at(ring, sector), at(ring + 1, sector), at(ring + 1, sector + 1), at(ring, sector + 1));
-                triangles.extend([[a, b, c], [a, c, d]]);
-            }
-        }
+        let (ball, faces) = sphere_front([side * x, y, z], EYE_RADIUS, rings, sectors);
+        positions.extend(ball);
+        triangles.extend(faces.into_iter().map(|t| t.map(|v| v + first)));
     }
     Ok(TriangleMesh::new(positions, triangles)?)
 }

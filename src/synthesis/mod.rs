@@ -16,10 +16,12 @@ mod build;
 mod crossover;
 mod embedded;
 mod error;
+mod export;
 mod feature_points;
 mod file;
 mod fitness;
 mod mix;
+mod motion;
 mod performance;
 mod random;
 mod regions;
@@ -35,12 +37,14 @@ pub use build::{BuildOptions, BuildSummary, MAX_SUBDIVIDE, build_bank};
 pub use crossover::Crossover;
 pub use embedded::{candide_bank, candide_expressions, candide_shapes, candide_study};
 pub use error::{BankError, SynthesisError};
+pub use export::{Animation, compare_with_truth, write_bank_picture, write_png};
 pub use feature_points::{
     place_feature_points, read_feature_points, read_landmark_vertices, skin_feature_points, write_feature_points,
 };
 pub use file::{BANK_VERSION, write as write_bank};
 pub use fitness::fitness;
 pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
+pub use motion::{Motion, MotionKind, read_motion};
 pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};
 pub use regions::{OVERLAP, RegionScheme, Regions};
 pub use search::{BLX_ALPHA, GENERATIONS, GaOptions, Generation, Run, TOURNAMENT_SIZE, evolve};
