@@ -150,7 +150,7 @@ pub const EMBEDDED: &str = "candide";
 
 /// Opens a bank file, or makes the embedded bank.
 pub fn open(path: &Path) -> anyhow::Result<Bank> {
-    if path.as_os_str() == EMBEDDED && !path.exists() {
+    if path.as_os_str() == EMBEDDED && !path.is_file() {
         return Ok(synthesis::candide_bank()?);
     }
     Ok(Bank::open(path)?)
@@ -189,7 +189,7 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
 
 fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     check_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
-    let embedded = args.shapes.as_os_str() == EMBEDDED && !args.shapes.exists();
+    let embedded = args.shapes.as_os_str() == EMBEDDED && !args.shapes.is_file();
     let shapes = if embedded { synthesis::candide_shapes()? } else { Bank::open(&args.shapes)? };
     let (recipes, dominant) = match (&args.weights, args.performance) {
         (Some(path), _) => (read_recipes(path, shapes.names())?, 0),

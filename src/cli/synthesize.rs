@@ -177,6 +177,10 @@ struct TimeArgs {
     /// Frames per second; by default what the motion says, or 25
     #[arg(long, value_parser = positive)]
     fps: Option<f64>,
+    /// Feature points that never move this share of the farthest moving one count as at rest; by default 0.05 for measured motion, 0 for
+    /// a CSV file of feature points
+    #[arg(long, value_name = "SHARE")]
+    noise: Option<f64>,
     /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units
     #[arg(long, value_parser = positive, value_name = "FACTOR")]
     scale: Option<f64>,
@@ -185,6 +189,8 @@ struct TimeArgs {
 /// Frames between two key frames of a representative: 5 make 25 frames of its 5, as in its FAP file.
 const BETWEEN: u16 = 5;
 const FPS: f64 = 25.0;
+/// Share of the farthest motion that tracking may give a point at rest.
+const NOISE: f64 = 0.05;
 /// Mean fitness below which a person should be told that the bank does not have the expression.
 const POOR_FITNESS: f64 = 0.5;
 /// Version of the layout of `synthesis.json`.
@@ -241,7 +247,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let bank = bank::open(&args.bank)?;
     let motion = read_motion(&args.motion, &bank, args.time.scale)?;
     let between = args.time.between.unwrap_or(if motion.kind == MotionKind::Model { BETWEEN } else { 0 });
-    let motion = motion.with_frames_between(usize::from(between));
+    let noise = args.time.noise.unwrap_or(if motion.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE });
+    anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
+    let motion = motion.without_noise(noise).with_frames_between(usize::from(between));
     let fps = args.time.fps.or(motion.fps).unwrap_or(FPS);
 
     let synthesizer = Synthesizer::new(&bank, options)?;
@@ -253,7 +261,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let errors = args.truth.as_ref().map(|path| compare_with_truth(&animation, path)).transpose()?;
     let files = write(args, &animation)?;
     let report = Report::new(&animation, errors.as_deref());
-    write_json(&out.join("synthesis.json"), &report.json(args, &motion, &animation, &files))?;
+    write_json(&out.join("synthesis.json"), &report.json(args, &motion, noise, &animation, &files))?;
     if !args.quiet {
         report.print(&motion, &bank, out);
     }
@@ -342,7 +350,7 @@ impl Report {
         }
     }
 
-    fn json(&self, args: &Args, motion: &Motion, animation: &Animation<'_>, files: &BTreeSet<String>) -> serde_json::Value {
+    fn json(&self, args: &Args, motion: &Motion, noise: f64, animation: &Animation<'_>, files: &BTreeSet<String>) -> serde_json::Value {
         let bank = animation.synthesizer.bank();
         let text = |p: &Path| p.file_name().unwrap_or(p.as_os_str()).to_string_lossy().into_owned();
         json!({
@@ -354,7 +362,7 @@ impl Report {
             },
             "motion": {
                 "file": text(&args.motion), "blake3": file_blake3(&args.motion), "kind": motion.kind, "fps": animation.fps,
-                "bank_units_per_face_unit": motion.scale,
+                "bank_units_per_face_unit": motion.scale, "noise": noise,
                 "ignored_feature_points": motion.ignored.iter().map(ToString::to_string).collect::<Vec<_>>(),
             },
             "units": {

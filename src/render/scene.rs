@@ -74,14 +74,15 @@ impl<'b> FaceScene<'b> {
         loops.retain(|walk| part[walk[0] as usize] == face);
         let mut openings = if loops.is_empty() { Vec::new() } else { loops.split_off(1) };
         let mut eyes = Vec::new();
-        if !has_eyes {
-            openings.retain(|walk| match eyeball(bank, walk) {
-                Some(eye) => {
-                    eyes.push(eye);
-                    false
-                }
-                None => true,
-            });
+        openings.retain(|walk| match eyeball(bank, walk) {
+            Some(eye) => {
+                eyes.push(eye);
+                false
+            }
+            None => true,
+        });
+        if has_eyes {
+            eyes.clear();
         }
         let [low, high] = bank.mesh().bounds();
         let middle = add(low, high).map(|c| c / 2.0);

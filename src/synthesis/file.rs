@@ -202,3 +202,85 @@ fn map(file: &File) -> io::Result<Mmap> {
     // program; another program that shortens one in place while it is in use ends this one, as it would end any that maps files.
     unsafe { Mmap::map(file) }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::synthesis::testing;
+
+    fn written() -> (tempfile::TempDir, std::path::PathBuf, Vec<u8>) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bank");
+        testing::bank().write(&path).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        (folder, path, bytes)
+    }
+
+    #[test]
+    fn a_bank_reads_back_to_the_last_bit() {
+        let (_folder, path, _) = written();
+        let (bank, read) = (testing::bank(), Bank::open(&path).unwrap());
+        assert_eq!(read.mesh(), bank.mesh());
+        assert_eq!(read.names(), bank.names());
+        assert_eq!(read.feature_points(), bank.feature_points());
+        assert_eq!(read.info(), bank.info());
+        assert!((0..3).all(|m| read.displacements(m) == bank.displacements(m)));
+    }
+
+    #[test]
+    fn sections_lie_where_the_format_says() {
+        let (_folder, _, bytes) = written();
+        let long = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+        assert_eq!(&bytes[..8], MAGIC);
+        assert_eq!([16, 24, 32, 40].map(long), [4, 2, 3, 3]);
+        // Displacements, the last section: 3 members of 4 vertices of 12 bytes.
+        assert_eq!(long(96), bytes.len() as u64);
+        assert_eq!(long(88), long(96) - 3 * 4 * 12);
+        assert!([64, 72, 80, 88].iter().all(|&at| long(at).is_multiple_of(ALIGNMENT)));
+        assert_eq!(bytes[long(88) as usize..][..4], 1.0_f32.to_le_bytes());
+    }
+
+    #[test]
+    fn damaged_files_are_errors() {
+        let (_folder, path, whole) = written();
+        let says = |bytes: &[u8], part: &str| {
+            fs::write(&path, bytes).unwrap();
+            let error = Bank::open(&path).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        };
+        let with = |at: usize, byte: u8| {
+            let mut bytes = whole.clone();
+            bytes[at] = byte;
+            bytes
+        };
+        says(b"hello", "shorter than the header");
+        says(&with(0, b'X'), "does not start with GRIMBANK");
+        says(&with(8, 2), "version 2; this program reads version 1");
+        says(&with(12, 9), "byte order");
+        says(&with(16, 9), "counts and offsets do not fit");
+        says(&with(23, 255), "counts and offsets do not fit");
+        says(&whole[..whole.len() - 1], "it was cut or damaged");
+        says(&with(128, b'X'), "description does not read");
+        let last = whole.len() - 1;
+        let mut nan = whole.clone();
+        nan[last - 3..].copy_from_slice(&f32::NAN.to_le_bytes());
+        says(&nan, "member `out`: vertex 3 has a displacement that is not a finite number");
+        for length in (0..whole.len()).step_by(7) {
+            fs::write(&path, &whole[..length]).unwrap();
+            assert!(Bank::open(&path).is_err());
+        }
+    }
+
+    #[test]
+    fn a_member_that_fails_leaves_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("b.bank");
+        let bank = testing::bank();
+        let head = BankHead { mesh: bank.mesh(), names: bank.names(), feature_points: bank.feature_points(), info: bank.info() };
+        let error = write(&path, &head, |_| Ok(Cow::Owned(vec![[0.0; 3]; 5]))).unwrap_err();
+        assert_eq!(error.to_string(), "member `right` has 5 vertices, the neutral mesh 4; all must share one topology");
+        assert!(!path.exists());
+    }
+}

@@ -129,3 +129,50 @@ fn borders(bank: &Bank, low: [f64; 3], high: [f64; 3]) -> (f64, f64) {
     let height = eyes.zip(mouth).map(|(eyes, mouth)| f64::midpoint(eyes, mouth));
     (middle.unwrap_or(f64::midpoint(low[0], high[0])), height.unwrap_or(f64::midpoint(low[1], high[1])))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthesis::{candide_bank, testing};
+
+    #[test]
+    fn shares_fall_with_the_distance_to_the_border() {
+        // The unit square: middle 0.5 by its mouth corners at x 0 and 1, D = 0.5, so the overlap is 0.25 to 0.75.
+        let bank = testing::bank();
+        let regions = Regions::new(&bank, RegionScheme::Halves, 0.5).unwrap();
+        assert_eq!(regions.vertex_shares(0), [1.0, 0.0, 0.0, 1.0]);
+        assert_eq!(regions.vertex_shares(1), [0.0, 1.0, 1.0, 0.0]);
+        // Over the whole width: a vertex on the border of the overlap has all of one region.
+        let wide = Regions::new(&bank, RegionScheme::Halves, 1.0).unwrap();
+        assert_eq!(wide.vertex_shares(1), [0.0, 1.0, 1.0, 0.0]);
+        assert_eq!(Regions::new(&bank, RegionScheme::Whole, 0.5).unwrap().vertex_shares(0), [1.0; 4]);
+        assert!(Regions::new(&bank, RegionScheme::Halves, 0.0).unwrap_err().to_string().contains("the overlap is 0"));
+        assert!(RegionScheme::of_count(3).is_err());
+    }
+
+    #[test]
+    fn shares_are_a_partition_of_unity_and_mirror_each_other() {
+        let bank = candide_bank().unwrap();
+        for scheme in [RegionScheme::Halves, RegionScheme::Quarters] {
+            let regions = Regions::new(&bank, scheme, OVERLAP).unwrap();
+            for vertex in 0..bank.vertex_count() {
+                let shares: Vec<f32> = (0..regions.count()).map(|r| regions.vertex_shares(r)[vertex]).collect();
+                assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-6 && shares.iter().all(|s| (0.0..=1.0).contains(s)));
+            }
+            let sum = |r: usize| regions.vertex_shares(r).iter().map(|&s| f64::from(s)).sum::<f64>();
+            assert!((sum(0) / sum(1) - 1.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn points_around_the_border_belong_to_both_sides() {
+        let bank = candide_bank().unwrap();
+        let regions = Regions::new(&bank, RegionScheme::Quarters, OVERLAP).unwrap();
+        let count = |fp: &str| {
+            let point = bank.feature_point_index(fp.parse().unwrap()).unwrap();
+            (0..4).filter(|&r| regions.point_shares(r)[point] > 0.0).count()
+        };
+        // Chin on the midline below; outer mouth corner L on the left; outer end of the left brow.
+        assert_eq!((count("2.1"), count("4.5")), (2, 1));
+    }
+}

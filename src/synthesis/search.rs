@@ -152,3 +152,81 @@ fn cross(mother: &Individual, father: &Individual, a: f64, b: f64) -> Individual
         fitness: 0.0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::synthesis::{FpBasis, FpMotion, testing};
+
+    fn goal(x: f64, y: f64, z: f64) -> Goal {
+        let basis = FpBasis::new(&testing::bank());
+        let offsets = vec![Some(Vector3::new(x, y, z)); 3];
+        Goal::new(&basis, &FpMotion { offsets, planar: false }, |_| true).unwrap()
+    }
+
+    #[test]
+    fn the_first_generation_is_the_papers() {
+        // Members right, up, out; all three are drawn whatever the stream. Target along x: right has fitness 1, up 0; out moves point 0
+        // along x, point 1 along y, point 2 along z: 1/3. So up is replaced by the midpoint of right and out.
+        let options = GaOptions { crossover: Crossover::Midpoint, generations: 1, ..GaOptions::default() };
+        let run = evolve(&goal(2.0, 0.0, 0.0), &options, 0, 0, 0);
+        // Points of the offspring: (1,0,0), (1/2,1/2,0), (1/2,0,1/2): cosines 1, 1/sqrt 2, 1/sqrt 2.
+        let expected = (1.0 + 2.0_f64.sqrt()) / 3.0;
+        assert_eq!(run.history.len(), 2);
+        assert_eq!(run.history[0], Generation { offspring: 1.0, best: 1.0 });
+        assert_relative_eq!(run.history[1].offspring, expected, epsilon = 1e-12);
+        // The best is the member itself, with its length fitted: three motions of 2 against three of 1.
+        assert_eq!(run.weights, [2.0, 0.0, 0.0]);
+        assert_eq!(run.fitness, 1.0);
+    }
+
+    #[test]
+    fn a_mixture_that_no_member_is_is_found() {
+        let target = goal(1.0, 1.0, 0.0);
+        let run = evolve(&target, &GaOptions::default(), 0, 0, 0);
+        // Every member has at most cos 45 degrees = 0.707.
+        assert!(run.fitness > 0.9, "{}", run.fitness);
+        assert_relative_eq!(summed_length(&target.motion(&run.weights)), target.length(), epsilon = 1e-9);
+        assert_relative_eq!(fitness(&target, &target.motion(&run.weights)), run.fitness, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn a_single_member_and_a_target_opposite_to_it_are_answered() {
+        let bank = testing::bank().select(&[0]).unwrap();
+        let offsets = vec![Some(-Vector3::x()); 3];
+        let goal = Goal::new(&FpBasis::new(&bank), &FpMotion { offsets, planar: false }, |_| true).unwrap();
+        let run = evolve(&goal, &GaOptions::default(), 0, 0, 0);
+        assert_eq!((run.fitness, &run.weights[..]), (-1.0, &[1.0][..]));
+        assert_eq!(run.history.len(), 1);
+    }
+
+    #[test]
+    fn options_out_of_range_are_named() {
+        let says = |options: GaOptions, text: &str| assert!(options.check().unwrap_err().to_string().contains(text));
+        says(GaOptions { tournament: 1, ..GaOptions::default() }, "2 or more");
+        says(GaOptions { population: Some(0), ..GaOptions::default() }, "the population is 0");
+        says(GaOptions { runs: 0, ..GaOptions::default() }, "the number of runs is 0");
+        says(GaOptions { crossover: Crossover::Blx { alpha: 1.5 }, ..GaOptions::default() }, "alpha is 1.5");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn the_best_never_worsens_and_seeds_repeat(
+            x in -1.0..1.0_f64, y in -1.0..1.0_f64, z in 0.1..1.0_f64, seed in 0..1000_u64, population in 1..9_usize,
+        ) {
+            let goal = goal(x, y, z);
+            let options = GaOptions { seed, population: Some(population), crossover: Crossover::Blx { alpha: 0.3 }, ..GaOptions::default() };
+            let run = evolve(&goal, &options, 3, 1, 2);
+            prop_assert!(run.history.windows(2).all(|p| p[1].best >= p[0].best));
+            prop_assert!(run.history.iter().all(|g| g.offspring <= 1.0 + 1e-12 && g.best >= g.offspring));
+            prop_assert_eq!(run.fitness, run.history.last().unwrap().best);
+            prop_assert_eq!(&run, &evolve(&goal, &options, 3, 1, 2));
+        }
+    }
+}

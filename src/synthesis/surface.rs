@@ -50,3 +50,49 @@ pub fn surface_error(found: &[[f32; 3]], truth: &[[f32; 3]]) -> Option<f64> {
     let size: f64 = truth.iter().copied().map(square).sum();
     (size > 0.0).then(|| (difference / size).sqrt())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthesis::{FpBasis, OVERLAP, RegionScheme, candide_bank, testing};
+
+    #[test]
+    fn a_surface_is_the_weighted_sum_of_members() {
+        let bank = testing::bank();
+        let whole = Regions::new(&bank, RegionScheme::Whole, OVERLAP).unwrap();
+        let sum = surface(&bank, &whole, &[vec![2.0, 0.0, 0.5]]);
+        // 2 right + 1/2 out: vertex 0 along x, 1 along y, 2 along z.
+        assert_eq!(sum[..3], [[2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]]);
+        // The right half only goes up: its vertices are 0 and 3.
+        let halves = Regions::new(&bank, RegionScheme::Halves, 0.5).unwrap();
+        let sum = surface(&bank, &halves, &[vec![0.0, 1.0, 0.0], vec![0.0; 3]]);
+        assert_eq!(sum, [[0.0, 1.0, 0.0], [0.0; 3], [0.0; 3], [0.0, 1.0, 0.0]]);
+    }
+
+    #[test]
+    fn equal_weights_in_all_regions_are_the_whole_face_and_blocks_do_not_show() {
+        let bank = candide_bank().unwrap();
+        let weights: Vec<f64> = (0..30).map(|k| (f64::from(k) * 0.7).sin()).collect();
+        let whole = surface(&bank, &Regions::new(&bank, RegionScheme::Whole, OVERLAP).unwrap(), &[weights.clone()]);
+        let quarters = Regions::new(&bank, RegionScheme::Quarters, OVERLAP).unwrap();
+        let joined = surface(&bank, &quarters, &vec![weights.clone(); 4]);
+        assert!(surface_error(&joined, &whole).unwrap() < 1e-5);
+        let basis = FpBasis::new(&bank);
+        for (k, point) in bank.feature_points().iter().enumerate() {
+            for axis in 0..3 {
+                let expected: f64 = (0..30).map(|m| weights[m] * basis.motion(m, k)[axis]).sum();
+                assert!((f64::from(whole[point.vertex as usize][axis]) - expected).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn errors_are_relative_to_the_true_motion() {
+        let truth = [[3.0, 4.0, 0.0], [0.0; 3]];
+        assert_eq!(surface_error(&truth, &truth), Some(0.0));
+        assert_eq!(surface_error(&[[0.0; 3]; 2], &truth), Some(1.0));
+        // Off by (0, 0, 5) against a motion of length 5.
+        assert_eq!(surface_error(&[[3.0, 4.0, 5.0], [0.0; 3]], &truth), Some(1.0));
+        assert_eq!(surface_error(&truth, &[[0.0; 3]; 2]), None);
+    }
+}
