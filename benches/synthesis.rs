@@ -3,9 +3,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use grimace::synthesis::{
-    Animation, FpMotion, RegionScheme, Solver, SynthesisOptions, Synthesizer, candide_bank, candide_study,
-};
+use grimace::synthesis::{Animation, FpMotion, RegionScheme, Solver, SynthesisOptions, Synthesizer, candide_bank, candide_study};
 
 fn search(c: &mut Criterion) {
     let (bank, unseen) = candide_study(1).unwrap();
@@ -38,7 +36,8 @@ fn animation(c: &mut Criterion) {
     group.bench_function("25 frames to glTF", |b| {
         b.iter(|| {
             let answers = synthesizer.animate(black_box(&motions), || ());
-            let animation = Animation { synthesizer: &synthesizer, motions: &motions, answers: &answers, name: "bench", fps: 25.0 };
+            let animation =
+                Animation { synthesizer: &synthesizer, motions: &motions, answers: &answers, name: "bench", fps: 25.0 };
             animation.write_gltf(&path).unwrap();
         });
     });

@@ -31,7 +31,15 @@ fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
     let ran = work.grimace("bank build meshes -o face.bank --unit cm --credit me").exit(0);
     ran.prints(&["9 vertices, 8 triangles, 2 members", "3 feature points", "without 53 of the 56"]);
     let ran = work.grimace("bank info face.bank --picture face.png --save-feature-points fp.csv").exit(0);
-    ran.prints(&["vertices        9", "members         2", "unit            cm", "credit          me", "8.3 8.4 2.1", "smile", "0.5099"]);
+    ran.prints(&[
+        "vertices        9",
+        "members         2",
+        "unit            cm",
+        "credit          me",
+        "8.3 8.4 2.1",
+        "smile",
+        "0.5099",
+    ]);
     assert_eq!(work.read("fp.csv"), "fp,vertex\n8.3,5\n8.4,3\n2.1,1\n");
     assert!(work.bytes("face.png").starts_with(b"\x89PNG"));
     work.grimace("bank build meshes -o face.bank").exit(1).says(&["face.bank is there already; --force"]);
@@ -58,7 +66,9 @@ fn arrays_and_gltf_are_sources_too() {
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0,1,0.2\n0,8.4,0,1,0.2\n0,2.1,0,-0.4,0\n");
     work.grimace("synthesize -b face.bank -m m.csv -o out --format glb").exit(0);
     work.write("fp.csv", "fp,vertex\n8.3,5\n8.4,3\n2.1,1\n");
-    work.grimace("bank build out/animation.glb --feature-points fp.csv -o again.bank").exit(0).prints(&["9 vertices, 8 triangles, 2 members"]);
+    work.grimace("bank build out/animation.glb --feature-points fp.csv -o again.bank")
+        .exit(0)
+        .prints(&["9 vertices, 8 triangles, 2 members"]);
     work.grimace("bank info again.bank").exit(0).prints(&["smile", "open", "unit            metre"]);
 }
 
@@ -72,7 +82,9 @@ fn shapes_mix_to_members() {
     work.grimace("bank info face.bank").exit(0).prints(&["mixed from      2 shapes", "laugh", "wide                     1.0198"]);
     assert!(work.read("again.csv").contains("laugh,open,0.5"));
     work.write("bad.csv", "member,shape,weight\nlaugh,frown,1\n");
-    work.grimace("bank mix shapes.bank --weights bad.csv -o b.bank").exit(1).says(&["there is no `frown`; there are open, smile"]);
+    work.grimace("bank mix shapes.bank --weights bad.csv -o b.bank")
+        .exit(1)
+        .says(&["there is no `frown`; there are open, smile"]);
     work.grimace("bank mix shapes.bank --performance 20 -o b.bank").exit(1).says(&["no ARKit names", "--expressions"]);
     work.grimace("bank mix shapes.bank -o b.bank").exit(2);
     let seeded = "bank mix shapes.bank --performance 40 --expressions mix.csv --members 6 --unseen rest.bank";
@@ -84,7 +96,14 @@ fn shapes_mix_to_members() {
 fn the_embedded_bank_is_described() {
     let work = Work::new();
     let ran = work.grimace("bank info candide").exit(0);
-    ran.prints(&["vertices        23424", "triangles       46096", "members         30", "feature points  56", "happiness", "Ahlberg"]);
+    ran.prints(&[
+        "vertices        23424",
+        "triangles       46096",
+        "members         30",
+        "feature points  56",
+        "happiness",
+        "Ahlberg",
+    ]);
 }
 
 #[test]

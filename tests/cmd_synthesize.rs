@@ -60,7 +60,9 @@ fn the_same_bytes_for_any_number_of_threads() {
     let work = Work::new();
     work.write("m.csv", representative());
     let run = |out: &str, threads: u8| {
-        let args = format!("synthesize -b candide -m m.csv -o {out} --solver ga --runs 2 --regions 4 --bound-starts 2 -j {threads} --between 1 --history");
+        let args = format!(
+            "synthesize -b candide -m m.csv -o {out} --solver ga --runs 2 --regions 4 --bound-starts 2 -j {threads} --between 1 --history"
+        );
         work.grimace(&args).exit(0);
     };
     run("one", 1);
@@ -88,7 +90,9 @@ fn every_solver_and_format_runs_and_truth_is_compared() {
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0.1,0.1,0\n0,8.4,-0.1,0.1,0\n0,2.1,0,-0.05,0\n1,8.3,0.2,0.2,0\n1,8.4,-0.2,0.2,0\n1,2.1,0,-0.1,0\n");
     work.grimace("synthesize -b candide -m m.csv -o truth --format npy --solver nnls --smooth 0").exit(0);
     for solver in ["best", "rbf", "nnls", "ga", "refined", "cosine"] {
-        let args = format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format npy,glb --truth truth/surface.npy --smooth 0 --bound-starts 2");
+        let args = format!(
+            "synthesize -b candide -m m.csv -o {solver} --solver {solver} --format npy,glb --truth truth/surface.npy --smooth 0 --bound-starts 2"
+        );
         work.grimace(&args).exit(0).prints(&["surface error"]);
     }
     assert_eq!(report(&work, "nnls")["surface_error"]["mean"], 0.0);
@@ -106,7 +110,8 @@ fn a_motion_of_zeros_is_the_neutral_face_and_says_so() {
     let work = Work::new();
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0,0,0\n1,8.3,0,0,0\n");
     for solver in ["best", "rbf", "nnls", "ga", "refined", "cosine"] {
-        let ran = work.grimace(&format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format npy,pictures")).exit(0);
+        let ran =
+            work.grimace(&format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format npy,pictures")).exit(0);
         ran.prints(&["nothing moves in the whole motion: every frame is the neutral face"]);
         let bytes = work.bytes(&format!("{solver}/surface.npy"));
         assert!(bytes[bytes.len() - 2 * 23_424 * 12..].iter().all(|&b| b == 0 || b == 0x80), "{solver}");
@@ -159,7 +164,9 @@ fn a_bank_of_one_member_and_arkit_names_work() {
     work.grimace("bank build meshes -o one.bank").exit(0);
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,2.1,0,-0.25,0\n1,2.1,0,-0.5,0\n");
     for solver in ["best", "nnls", "ga", "refined", "cosine"] {
-        work.grimace(&format!("synthesize -b one.bank -m m.csv -o {solver} --solver {solver} --format pictures --fps 10")).exit(0).prints(&["fitness           1.0000"]);
+        work.grimace(&format!("synthesize -b one.bank -m m.csv -o {solver} --solver {solver} --format pictures --fps 10"))
+            .exit(0)
+            .prints(&["fitness           1.0000"]);
         let arkit = work.read(&format!("{solver}/arkit.csv"));
         let mut rows = csv::Reader::from_reader(arkit.as_bytes());
         let header = rows.headers().unwrap().clone();
@@ -171,7 +178,9 @@ fn a_bank_of_one_member_and_arkit_names_work() {
     }
     // The other way the member can only be subtracted.
     work.write("up.csv", "frame,fp,dx,dy,dz\n0,2.1,0,0.5,0\n");
-    work.grimace("synthesize -b one.bank -m up.csv -o up --solver ga --format npy").exit(0).prints(&["fitness           -1.0000", "nothing like this motion"]);
+    work.grimace("synthesize -b one.bank -m up.csv -o up --solver ga --format npy")
+        .exit(0)
+        .prints(&["fitness           -1.0000", "nothing like this motion"]);
 }
 
 #[test]
@@ -180,7 +189,9 @@ fn evaluate_synthesis_repeats_the_papers_tables() {
     let args = "evaluate synthesis --targets 3 --region-targets 2 --runs 2 --bound-starts 2";
     let ran = work.grimace(&format!("{args} -o out")).exit(0);
     ran.prints(&["| midpoint", "| line", "| blx-0.2", "0.970", "| refined", "40000"]);
-    for file in ["crossovers.csv", "solvers.csv", "time.csv", "history.csv", "history.svg", "surface_error.svg", "evaluation.json"] {
+    for file in
+        ["crossovers.csv", "solvers.csv", "time.csv", "history.csv", "history.svg", "surface_error.svg", "evaluation.json"]
+    {
         assert!(work.path(&format!("out/{file}")).is_file(), "{file}");
     }
     // Six solvers with the whole face, five each with two and four regions.

@@ -103,7 +103,8 @@ fn the_solved_weights_are_the_arkit_coefficients_behind_a_model() {
     let half: Vec<[f32; 3]> = bank.displacements(3).iter().map(|d| d.map(|c| c / 2.0)).collect();
     let synthesizer = Synthesizer::new(&bank, SynthesisOptions { bound_starts: 0, ..SynthesisOptions::default() }).unwrap();
     let answer = synthesizer.solve(&FpMotion::of_surface(&bank, &half), 0);
-    let values = arkit::coefficients(bank.names(), bank.info().composition.as_ref(), RegionScheme::Whole, &answer.weights).unwrap();
+    let values =
+        arkit::coefficients(bank.names(), bank.info().composition.as_ref(), RegionScheme::Whole, &answer.weights).unwrap();
     let at = |name: &str| values[arkit::coefficient(name).unwrap()];
     assert!((at("mouthSmileLeft") - 0.425).abs() < 0.02, "{}", at("mouthSmileLeft"));
     assert!((at("cheekSquintRight") - 0.35).abs() < 0.03 && at("jawForward").abs() < 0.02);

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::synthesis::{
-    self, Bank, BuildOptions, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank, perform, read_recipes,
-    recipe_motions, write_feature_points, write_recipes,
+    self, Bank, BuildOptions, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank, perform,
+    read_recipes, recipe_motions, write_feature_points, write_recipes,
 };
 
 use super::Outcome;

@@ -11,8 +11,8 @@ use grimace::{
     pipeline::MADE_BY,
     synthesis::{
         Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, MotionKind, OVERLAP,
-        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth, jump,
-        read_motion,
+        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
+        jump, read_motion,
     },
 };
 use serde_json::json;
@@ -292,7 +292,8 @@ fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<Stri
     if animation.synthesizer.options().solver != Solver::Rbf {
         animation.write_weights(&file("weights.csv"))?;
         let (bank, scheme) = (animation.synthesizer.bank(), animation.synthesizer.regions().scheme());
-        let coefficients = |a: &FrameAnswer| arkit::coefficients(bank.names(), bank.info().composition.as_ref(), scheme, &a.weights);
+        let coefficients =
+            |a: &FrameAnswer| arkit::coefficients(bank.names(), bank.info().composition.as_ref(), scheme, &a.weights);
         let frames: Option<Vec<[f64; 52]>> = animation.answers.iter().map(coefficients).collect();
         if let Some(frames) = frames {
             arkit::write_arkit(&file("arkit.csv"), animation.fps, &frames)?;
@@ -350,7 +351,14 @@ impl Report {
         }
     }
 
-    fn json(&self, args: &Args, motion: &Motion, noise: f64, animation: &Animation<'_>, files: &BTreeSet<String>) -> serde_json::Value {
+    fn json(
+        &self,
+        args: &Args,
+        motion: &Motion,
+        noise: f64,
+        animation: &Animation<'_>,
+        files: &BTreeSet<String>,
+    ) -> serde_json::Value {
         let bank = animation.synthesizer.bank();
         let text = |p: &Path| p.file_name().unwrap_or(p.as_os_str()).to_string_lossy().into_owned();
         json!({
@@ -383,7 +391,13 @@ impl Report {
     }
 
     fn print(&self, motion: &Motion, bank: &Bank, out: &Path) {
-        println!("{} frames, {} of them move; bank of {} members, {} vertices", motion.frames.len(), self.moving, bank.member_count(), bank.vertex_count());
+        println!(
+            "{} frames, {} of them move; bank of {} members, {} vertices",
+            motion.frames.len(),
+            self.moving,
+            bank.member_count(),
+            bank.vertex_count()
+        );
         if !motion.ignored.is_empty() {
             let points: Vec<String> = motion.ignored.iter().map(ToString::to_string).collect();
             println!("not in the bank and left out: feature points {}", points.join(" "));

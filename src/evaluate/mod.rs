@@ -43,8 +43,8 @@ pub use records::{
     Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,
 };
 pub use synthesis::{
-    CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart, evaluate_crossovers,
-    evaluate_solvers, history_chart, solver_table, time_solvers, time_table,
+    CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart,
+    evaluate_crossovers, evaluate_solvers, history_chart, solver_table, time_solvers, time_table,
 };
 pub use table::{Cell, Table};
 pub use tracking::{

@@ -111,7 +111,10 @@ fn mean(values: &[f64]) -> f64 {
 ///
 /// # Errors
 /// [`EvaluateError::Interrupted`].
-pub fn evaluate_crossovers(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> bool + Sync)) -> Result<Vec<CrossoverRow>, EvaluateError> {
+pub fn evaluate_crossovers(
+    study: &SynthesisStudy<'_>,
+    go_on: &(impl Fn() -> bool + Sync),
+) -> Result<Vec<CrossoverRow>, EvaluateError> {
     let basis = FpBasis::new(study.bank);
     let goals: Vec<Option<Goal>> =
         study.targets.iter().map(|t| Goal::new(&basis, &FpMotion::of_surface(study.bank, t.truth), |_| true)).collect();
@@ -136,10 +139,17 @@ pub fn evaluate_crossovers(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> boo
         let all: Vec<&Run> = runs.iter().flatten().collect();
         let length = all.iter().map(|r| r.history.len()).min().unwrap_or(0);
         let history = (0..length).map(|g| {
-            let values = |pick: fn(&crate::synthesis::Generation) -> f64| mean(&all.iter().map(|r| pick(&r.history[g])).collect::<Vec<_>>());
+            let values = |pick: fn(&crate::synthesis::Generation) -> f64| {
+                mean(&all.iter().map(|r| pick(&r.history[g])).collect::<Vec<_>>())
+            };
             (values(|g| g.best), values(|g| g.offspring))
         });
-        rows.push(CrossoverRow { crossover, fitness: mean(&averages), deviation: deviations.map(|d| mean(&d)), history: history.collect() });
+        rows.push(CrossoverRow {
+            crossover,
+            fitness: mean(&averages),
+            deviation: deviations.map(|d| mean(&d)),
+            history: history.collect(),
+        });
     }
     Ok(rows)
 }
@@ -151,7 +161,8 @@ pub fn evaluate_crossovers(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> boo
 pub fn evaluate_solvers(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> bool + Sync)) -> Result<Vec<SolverRow>, EvaluateError> {
     let mut rows = Vec::new();
     for scheme in [RegionScheme::Whole, RegionScheme::Halves, RegionScheme::Quarters] {
-        let count = if scheme == RegionScheme::Whole { study.targets.len() } else { study.region_targets.min(study.targets.len()) };
+        let count =
+            if scheme == RegionScheme::Whole { study.targets.len() } else { study.region_targets.min(study.targets.len()) };
         let regions = Regions::new(study.bank, scheme, study.overlap)?;
         let seams = (scheme != RegionScheme::Whole).then(|| Seams::new(study.bank.mesh(), &regions));
         for solver in Solver::ALL {
@@ -214,7 +225,11 @@ fn summarize(scheme: RegionScheme, solver: Solver, measured: &[Measured]) -> Sol
 ///
 /// # Errors
 /// As [`evaluate_solvers`].
-pub fn time_solvers(study: &SynthesisStudy<'_>, targets: usize, go_on: &impl Fn() -> bool) -> Result<Vec<TimeRow>, EvaluateError> {
+pub fn time_solvers(
+    study: &SynthesisStudy<'_>,
+    targets: usize,
+    go_on: &impl Fn() -> bool,
+) -> Result<Vec<TimeRow>, EvaluateError> {
     let mut rows = Vec::new();
     for scheme in [RegionScheme::Whole, RegionScheme::Halves, RegionScheme::Quarters] {
         for solver in Solver::ALL {
@@ -313,8 +328,17 @@ fn region_count(scheme: RegionScheme) -> usize {
 /// Fitness, bound and surface error of every solver and scheme.
 pub fn solver_table(rows: &[SolverRow]) -> Table {
     let mut table = Table::new([
-        "regions", "solver", "targets", "fitness", "least fitness", "joined fitness", "share of bound", "least share", "surface error",
-        "largest error", "seam",
+        "regions",
+        "solver",
+        "targets",
+        "fitness",
+        "least fitness",
+        "joined fitness",
+        "share of bound",
+        "least share",
+        "surface error",
+        "largest error",
+        "seam",
     ]);
     for row in rows {
         let largest = row.errors.iter().copied().fold(0.0, f64::max);
@@ -374,7 +398,10 @@ pub fn error_chart(rows: &[SolverRow]) -> LineChart {
     let series = rows.iter().filter(|r| r.scheme == RegionScheme::Whole).map(|row| {
         let mut errors = row.errors.clone();
         errors.sort_by(f64::total_cmp);
-        Series { name: row.solver.name().to_owned(), points: errors.into_iter().enumerate().map(|(k, e)| (k as f64 + 1.0, e)).collect() }
+        Series {
+            name: row.solver.name().to_owned(),
+            points: errors.into_iter().enumerate().map(|(k, e)| (k as f64 + 1.0, e)).collect(),
+        }
     });
     LineChart {
         title: "Surface error, targets sorted for each solver".to_owned(),

@@ -114,7 +114,7 @@ pub fn read_npy_indices(path: &Path) -> Result<NpyArray<u32>, MeshFileError> {
 }
 
 fn open(path: &Path) -> Result<(NpyFile<Source>, Vec<usize>), MeshFileError> {
-    check_header(path)?;
+    let header = check_header(path)?;
     let file = File::open(path).map_err(MeshFileError::io(path))?;
     let length = file.metadata().map_err(MeshFileError::io(path))?.len();
     let array = NpyFile::new(BufReader::new(file)).map_err(|e| MeshFileError::format(path, format!("no .npy array: {e}")))?;
@@ -122,7 +122,7 @@ fn open(path: &Path) -> Result<(NpyFile<Source>, Vec<usize>), MeshFileError> {
         return Err(MeshFileError::format(path, "the array is in Fortran order; save it with numpy.ascontiguousarray"));
     }
     let bytes = array.dtype().num_bytes().unwrap_or(0) as u64;
-    let needed = array.len().checked_mul(bytes);
+    let needed = array.len().checked_mul(bytes).and_then(|n| n.checked_add(header));
     if needed.is_none_or(|n| n > length) {
         let reason = format!("the header says {:?} values of {bytes} bytes, but the file has {length} bytes", array.shape());
         return Err(MeshFileError::format(path, reason));
@@ -131,16 +131,16 @@ fn open(path: &Path) -> Result<(NpyFile<Source>, Vec<usize>), MeshFileError> {
     Ok((array, shape))
 }
 
-/// Refuses headers that lie about their length or about sizes that no file has.
-fn check_header(path: &Path) -> Result<(), MeshFileError> {
+/// Refuses headers that lie about their length or about sizes that no file has; returns the bytes before the values.
+fn check_header(path: &Path) -> Result<u64, MeshFileError> {
     let mut start = Vec::new();
     let file = File::open(path).map_err(MeshFileError::io(path))?;
     file.take(u64::from(MAX_HEADER)).read_to_end(&mut start).map_err(MeshFileError::io(path))?;
     let bytes_at = |k: usize| start.get(k).copied().unwrap_or(0);
-    let length = if bytes_at(6) >= 2 {
-        u32::from_le_bytes([bytes_at(8), bytes_at(9), bytes_at(10), bytes_at(11)])
+    let (length, preamble) = if bytes_at(6) >= 2 {
+        (u32::from_le_bytes([bytes_at(8), bytes_at(9), bytes_at(10), bytes_at(11)]), 12)
     } else {
-        u32::from(u16::from_le_bytes([bytes_at(8), bytes_at(9)]))
+        (u32::from(u16::from_le_bytes([bytes_at(8), bytes_at(9)])), 10)
     };
     let text = String::from_utf8_lossy(&start);
     let digits = text.split_once("shape").map(|(_, rest)| {
@@ -150,7 +150,7 @@ fn check_header(path: &Path) -> Result<(), MeshFileError> {
     if !start.starts_with(b"\x93NUMPY") || length >= MAX_HEADER || digits.is_none_or(|d| d > MAX_SHAPE_DIGITS) {
         return Err(MeshFileError::format(path, "no .npy array: its header is damaged"));
     }
-    Ok(())
+    Ok(preamble + u64::from(length))
 }
 
 /// Writes a C-order `f32` array of a shape; `fill` hands over the values in order through its argument.

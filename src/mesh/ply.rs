@@ -98,7 +98,10 @@ pub fn read_ply(path: &Path) -> Result<TriangleMesh, MeshFileError> {
             "face" => {
                 for (face, row) in rows.iter().enumerate() {
                     if let Some(corner) = row.bad_corner {
-                        return Err(MeshFileError::format(path, format!("face {face} has the corner {corner}; 0 or more was expected")));
+                        return Err(MeshFileError::format(
+                            path,
+                            format!("face {face} has the corner {corner}; 0 or more was expected"),
+                        ));
                     }
                     if row.corners.len() < 3 {
                         let found = row.corners.len();
@@ -181,7 +184,8 @@ mod tests {
         says("4 0 1 2 3", "4 0 1 2 7", "refers to vertex 7, but there are 4");
         says("4 0 1 2 3", "4 0 1 2 -7", "the corner -7");
         says("4 0 1 2 3", "2 0 1", "has 2 corners");
-        says("0 1 0.5 3", "0 nan 0.5 3", "vertex 3 is at (0, NaN, 0.5)");
+        says("0 1 0.5 3", "0 nan 0.5 3", "Line 15");
+        says("0 1 0.5 3", "0 1e99 0.5 3", "vertex 3 is at (0, inf, 0.5)");
         says("property float y", "property float w", "not a finite position");
     }
 }

@@ -200,7 +200,9 @@ fn eyeball(bank: &Bank, walk: &[u32]) -> Option<Prop> {
     let corner = |group: u8, point: u8| bank.feature_point_position(FeaturePoint { group, point });
     let eyes = [(corner(3, 7), corner(3, 11)), (corner(3, 12), corner(3, 8))];
     let is_eye = eyes.iter().any(|&(outer, inner)| {
-        outer.zip(inner).is_some_and(|(o, i)| (f32::midpoint(o[0], i[0]) - centre[0]).hypot(f32::midpoint(o[1], i[1]) - centre[1]) < half / 2.0)
+        outer.zip(inner).is_some_and(|(o, i)| {
+            (f32::midpoint(o[0], i[0]) - centre[0]).hypot(f32::midpoint(o[1], i[1]) - centre[1]) < half / 2.0
+        })
     });
     if !is_eye {
         return None;

@@ -1,6 +1,10 @@
 //! Contact sheets, labels and GIF animations.
 
-use image::{Frame, Rgb, RgbImage, codecs::gif::{GifEncoder, Repeat}, imageops};
+use image::{
+    Frame, Rgb, RgbImage,
+    codecs::gif::{GifEncoder, Repeat},
+    imageops,
+};
 
 /// A picture and what it shows.
 #[derive(Clone, Debug)]
@@ -39,7 +43,8 @@ const GLYPH: (usize, u32) = (8, 8);
 pub fn write_label(picture: &mut RgbImage, text: &str, x: u32, y: u32, width: u32) {
     let fitting = (width / GLYPH.1) as usize;
     for (k, letter) in text.chars().take(fitting).enumerate() {
-        let glyph = font8x8::legacy::BASIC_LEGACY.get(letter as usize).unwrap_or(&font8x8::legacy::BASIC_LEGACY[usize::from(b'?')]);
+        let glyph =
+            font8x8::legacy::BASIC_LEGACY.get(letter as usize).unwrap_or(&font8x8::legacy::BASIC_LEGACY[usize::from(b'?')]);
         for (row, bits) in glyph.iter().enumerate().take(GLYPH.0) {
             for column in (0..8).filter(|c| bits >> c & 1 == 1) {
                 let (px, py) = (x + GLYPH.1 * k as u32 + column, y + row as u32);

@@ -34,8 +34,8 @@ mod subject;
 mod texture;
 
 pub use dataset::{DatasetSummary, MARKED_NODES, simulate_dataset};
-pub(crate) use expression::{find_unit, settle_offsets};
 pub use expression::{EXPRESSIONS, Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError};
+pub(crate) use expression::{find_unit, settle_offsets};
 pub use motion::{Course, HeadPose};
 pub use neutral::neutral_nodes;
 pub use options::{FrameFormat, SimulateError, SimulateOptions};

@@ -223,7 +223,10 @@ impl<'b> Synthesizer<'b> {
         };
         let fitness_of = |goal: &Goal, is_in: &dyn Fn(usize) -> bool| {
             let moved = self.moving_points(motion, is_in);
-            let flat: Vec<f64> = moved.iter().flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }]).collect();
+            let flat: Vec<f64> = moved
+                .iter()
+                .flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }])
+                .collect();
             fitness(goal, &flat)
         };
         answer.fitness = self.whole_goal(motion).map(|goal| fitness_of(&goal, &|_| true));

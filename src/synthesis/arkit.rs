@@ -69,7 +69,9 @@ pub fn coefficient(shape: &str) -> Option<usize> {
     let find = |name: &str| COEFFICIENTS.iter().position(|c| c.eq_ignore_ascii_case(name));
     let sided = ["_L", "_R", ".L", ".R"].iter().zip(["Left", "Right", "Left", "Right"]);
     find(shape).or_else(|| {
-        sided.filter_map(|(end, side)| shape.strip_suffix(end).map(|s| (s, side))).find_map(|(s, side)| find(&format!("{s}{side}")).or_else(|| find(s)))
+        sided
+            .filter_map(|(end, side)| shape.strip_suffix(end).map(|s| (s, side)))
+            .find_map(|(s, side)| find(&format!("{s}{side}")).or_else(|| find(s)))
     })
 }
 
@@ -125,7 +127,8 @@ pub fn coefficients(
     let mut sums = [(0.0, 0.0); 52];
     for (shape, name) in shapes.iter().enumerate() {
         let Some(place) = coefficient(name) else { continue };
-        let regions = scheme.names().iter().zip(weights).filter(|(region, _)| is_seen_in(COEFFICIENTS[place], side(name), region));
+        let regions =
+            scheme.names().iter().zip(weights).filter(|(region, _)| is_seen_in(COEFFICIENTS[place], side(name), region));
         let mut found = (0.0, 0.0);
         for (_, weights) in regions {
             found.0 += match composition {

@@ -63,10 +63,11 @@ pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> 
     let mut source = BankSource::open(source_path)?;
     let kept = match &options.part {
         None => source.mesh.vertex_count(),
-        Some(name) => *source.about.parts.get(name).ok_or_else(|| BankError::NoSuchMember {
-            name: name.clone(),
-            found: source.about.parts.keys().cloned().collect(),
-        })?,
+        Some(name) => *source
+            .about
+            .parts
+            .get(name)
+            .ok_or_else(|| BankError::NoSuchMember { name: name.clone(), found: source.about.parts.keys().cloned().collect() })?,
     };
     let coarse = source.mesh.first_vertices(kept)?;
     let kept = coarse.vertex_count();
@@ -104,7 +105,9 @@ fn feature_points(
     source: &BankSource,
     coarse: &crate::mesh::TriangleMesh,
 ) -> Result<(Vec<FeaturePointVertex>, String), BankError> {
-    if let Some(path) = options.feature_points.as_ref().or(source.about.feature_points.as_ref().filter(|_| options.landmarks.is_none())) {
+    if let Some(path) =
+        options.feature_points.as_ref().or(source.about.feature_points.as_ref().filter(|_| options.landmarks.is_none()))
+    {
         return Ok((read_feature_points(path, coarse.vertex_count())?, path.display().to_string()));
     }
     let landmarks = match &options.landmarks {

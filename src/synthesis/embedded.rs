@@ -142,7 +142,12 @@ impl Candide {
         perform(&self.expressions(), &self.shapes.iter().map(side).collect::<Vec<_>>(), options)
     }
 
-    fn bank(&self, names: Vec<String>, displacements: Vec<[f32; 3]>, composition: Option<Composition>) -> Result<Bank, BankError> {
+    fn bank(
+        &self,
+        names: Vec<String>,
+        displacements: Vec<[f32; 3]>,
+        composition: Option<Composition>,
+    ) -> Result<Bank, BankError> {
         let info = BankInfo {
             made_by: MADE_BY.to_owned(),
             unit: "Candide-3 model unit".to_owned(),

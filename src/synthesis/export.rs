@@ -5,7 +5,7 @@ use std::{borrow::Cow, path::Path};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{FrameAnswer, FpMotion, SynthesisError, Synthesizer, Solver};
+use super::{FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer};
 use crate::{
     mesh::{
         add,
@@ -99,7 +99,8 @@ impl Animation<'_> {
             }
             Cow::Owned(all.iter().zip(regions.vertex_shares(region)).map(|(d, &share)| d.map(|c| c * share)).collect())
         };
-        let weights = self.answers.iter().flat_map(|a| pairs.iter().map(|&(member, region)| a.weights[region][member] as f32)).collect();
+        let weights =
+            self.answers.iter().flat_map(|a| pairs.iter().map(|&(member, region)| a.weights[region][member] as f32)).collect();
         let animation = GltfAnimation { name: self.name.to_owned(), times_s, weights };
         write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &displacements, Some(&animation)))
     }
@@ -302,7 +303,9 @@ pub fn write_bank_picture(bank: &super::Bank, path: &Path) -> Result<(), Synthes
         points(-SHEET_YAW, "feature points".to_owned()),
     ];
     let members = (0..bank.member_count()).into_par_iter();
-    pictures.par_extend(members.map(|k| Labelled { picture: scene.draw(bank.displacements(k), view), label: bank.names()[k].clone() }));
+    pictures.par_extend(
+        members.map(|k| Labelled { picture: scene.draw(bank.displacements(k), view), label: bank.names()[k].clone() }),
+    );
     write_png(path, &contact_sheet(&pictures, 6))
 }
 

@@ -93,7 +93,8 @@ pub fn write<'a>(
     let written = write_atomic(path, |out| {
         let text = serde_json::to_vec(&description).map_err(io::Error::from)?;
         let counts = [head.mesh.vertex_count(), head.mesh.triangles().len(), head.names.len(), head.feature_points.len()];
-        let layout = Layout::new(counts.map(|n| n as u64), text.len() as u64).ok_or_else(|| io::Error::other("the bank is too large"))?;
+        let layout =
+            Layout::new(counts.map(|n| n as u64), text.len() as u64).ok_or_else(|| io::Error::other("the bank is too large"))?;
         let mut place = 0;
         let mut put = |at: u64, bytes: &[u8]| -> io::Result<()> {
             let gap = [0; 2 * HEADER as usize];

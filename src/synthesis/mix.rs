@@ -2,7 +2,7 @@
 
 use std::{borrow::Cow, path::Path};
 
-use super::{Bank, BankError, BankHead, BankInfo, Composition, FpBasis, performance::Recipe, file};
+use super::{Bank, BankError, BankHead, BankInfo, Composition, FpBasis, file, performance::Recipe};
 use crate::{
     input::CsvFile,
     output::{OutputError, nine_digits, write_atomic},

@@ -57,7 +57,11 @@ impl Motion {
                 let share = step as f64 / (between + 1) as f64;
                 let mix = |(a, b): (&Option<Vector3<f64>>, &Option<Vector3<f64>>)| Some(a.as_ref()?.lerp(b.as_ref()?, share));
                 let offsets = pair[0].offsets.iter().zip(&pair[1].offsets).map(mix).collect();
-                frames.push(if step == 0 { pair[0].clone() } else { FpMotion { offsets, planar: pair[0].planar || pair[1].planar } });
+                frames.push(if step == 0 {
+                    pair[0].clone()
+                } else {
+                    FpMotion { offsets, planar: pair[0].planar || pair[1].planar }
+                });
             }
         }
         frames.extend(self.frames.last().cloned());
@@ -73,7 +77,8 @@ impl Motion {
         let largest = |point: usize| self.frames.iter().filter_map(|f| f.offsets[point]).map(|v| v.norm()).fold(0.0, f64::max);
         let reach: Vec<f64> = (0..count).map(largest).collect();
         let least = share * reach.iter().copied().fold(0.0, f64::max);
-        let still = |(offset, reach): (&Option<Vector3<f64>>, &f64)| offset.map(|v| if *reach < least { Vector3::zeros() } else { v });
+        let still =
+            |(offset, reach): (&Option<Vector3<f64>>, &f64)| offset.map(|v| if *reach < least { Vector3::zeros() } else { v });
         let frame = |f: &FpMotion| FpMotion { offsets: f.offsets.iter().zip(&reach).map(still).collect(), planar: f.planar };
         Self { frames: self.frames.iter().map(frame).collect(), ..self.clone() }
     }
@@ -171,9 +176,8 @@ fn read_track_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisEr
     let track = track_model(&read_track(path)?)?;
     let fps = read_track_info(path)?.and_then(|info| info.fps);
     let normalizer = Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())?;
-    let model = normalizer
-        .normalize_every_frame(&track)
-        .map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
+    let model =
+        normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
     face.motion(MotionKind::Track, &model, fps, path)
 }
 
@@ -209,7 +213,8 @@ impl<'b> Face<'b> {
                 return Err(SynthesisError::Option { what: "the scale", found, expected: "a number greater than 0" });
             }
             None => {
-                let of_bank = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
+                let of_bank =
+                    |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
                 let of_candide = |fp: FeaturePoint| {
                     let node = tables.feature_point_nodes(fp)?.first()?;
                     canonical.neutral.node(*node).map(|p| p.coords)
@@ -271,7 +276,8 @@ fn scale_of(
         (bank > 0.0 && candide > 0.0).then(|| bank / candide)
     };
     let es = ratio(Fapu::Es).ok_or_else(|| SynthesisError::Scale {
-        reason: "the eye separation needs the corners of both eyes, feature points 3.7, 3.8, 3.11 and 3.12, left of each other".to_owned(),
+        reason: "the eye separation needs the corners of both eyes, feature points 3.7, 3.8, 3.11 and 3.12, left of each other"
+            .to_owned(),
     })?;
     Ok(Fapu::LENGTHS.map(|fapu| ratio(fapu).unwrap_or(es)))
 }

@@ -173,8 +173,9 @@ fn open_arrays(path: &Path) -> Result<BankSource, BankError> {
         }
         Err(_) => Manifest::default(),
     };
-    let wrong = |file: &Path, shape: &[usize], expected: String| {
-        MeshFileError::Format { path: file.to_owned(), reason: format!("the array is of shape {shape:?}; {expected} was expected") }
+    let wrong = |file: &Path, shape: &[usize], expected: String| MeshFileError::Format {
+        path: file.to_owned(),
+        reason: format!("the array is of shape {shape:?}; {expected} was expected"),
     };
     let file = path.join("neutral_vertices.npy");
     let mut rows = read_npy_rows(&file)?;
@@ -195,7 +196,8 @@ fn open_arrays(path: &Path) -> Result<BankSource, BankError> {
         [members, vertices, 3] if vertices == count => members,
         _ => return Err(wrong(&file, rows.shape(), format!("M x {count} x 3")).into()),
     };
-    let names = if manifest.expressions.is_empty() { (0..members).map(|k| format!("shape_{k}")).collect() } else { manifest.expressions };
+    let names =
+        if manifest.expressions.is_empty() { (0..members).map(|k| format!("shape_{k}")).collect() } else { manifest.expressions };
     if names.len() != members {
         let reason = format!("it names {} expressions, but expression_deltas.npy has {members}", names.len());
         return Err(BankError::Source { path: path.join("manifest.json"), reason });

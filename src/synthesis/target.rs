@@ -73,7 +73,8 @@ type PointTarget = (usize, [f64; 3]);
 fn split_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> (Vec<PointTarget>, Vec<PointTarget>) {
     let flat = |v: Vector3<f64>| if motion.planar { [v.x, v.y, 0.0] } else { [v.x, v.y, v.z] };
     let longest = motion.offsets.iter().flatten().map(|&v| norm(&flat(v))).fold(0.0, f64::max);
-    let known = (0..points.min(motion.offsets.len())).filter(|&k| is_in(k)).filter_map(|k| motion.offsets[k].map(|v| (k, flat(v))));
+    let known =
+        (0..points.min(motion.offsets.len())).filter(|&k| is_in(k)).filter_map(|k| motion.offsets[k].map(|v| (k, flat(v))));
     known.partition(|(_, v)| norm(v) > longest * STILL_SHARE)
 }
 

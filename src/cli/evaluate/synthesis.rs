@@ -4,8 +4,8 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 
 use grimace::{
     evaluate::{
-        Cell, SynthesisStudy, SynthesisTarget, Table, crossover_table, error_chart, evaluate_crossovers, evaluate_solvers, history_chart,
-        solver_table, time_solvers, time_table,
+        Cell, SynthesisStudy, SynthesisTarget, Table, crossover_table, error_chart, evaluate_crossovers, evaluate_solvers,
+        history_chart, solver_table, time_solvers, time_table,
     },
     synthesis::{BOUND_STARTS, Bank, Crossover, GENERATIONS, GaOptions, OVERLAP, TOURNAMENT_SIZE, choose_targets},
 };
@@ -109,14 +109,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for row in &crossovers {
         for (generation, (best, offspring)) in row.history.iter().enumerate() {
             let numbers = [Cell::Number(*best, 4), Cell::Number(*offspring, 4)];
-            generations.rows.push([Cell::text(row.crossover.name()), Cell::Count(generation)].into_iter().chain(numbers).collect());
+            generations
+                .rows
+                .push([Cell::text(row.crossover.name()), Cell::Count(generation)].into_iter().chain(numbers).collect());
         }
     }
     folder.table("history.csv", &generations)?;
     folder.figure("history.svg", &history_chart(&crossovers))?;
     folder.figure("surface_error.svg", &error_chart(&solvers))?;
     let (count, runs) = (study.targets.len(), study.runs);
-    folder.print(&format!("Whole face, {count} unseen targets, {runs} runs each (Zhu and Lee, Table 1)"), &crossover_table(&crossovers));
+    folder.print(
+        &format!("Whole face, {count} unseen targets, {runs} runs each (Zhu and Lee, Table 1)"),
+        &crossover_table(&crossovers),
+    );
     folder.print("Solvers by number of regions", &solver_table(&solvers));
     folder.print("Time of one search with its surface, one thread", &time_table(&times));
     let names: Vec<&str> = study.targets.iter().map(|t| t.name.as_str()).collect();

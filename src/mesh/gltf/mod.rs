@@ -27,7 +27,8 @@ mod tests {
             GltfTarget { name: "smile \"wide\"".to_owned(), vertices: None },
             GltfTarget { name: "jawOpen".to_owned(), vertices: Some(vec![1]) },
         ];
-        let animation = GltfAnimation { name: "happiness".to_owned(), times_s: vec![0.0, 0.04], weights: vec![0.0, 0.0, 1.0, 0.5] };
+        let animation =
+            GltfAnimation { name: "happiness".to_owned(), times_s: vec![0.0, 0.04], weights: vec![0.0, 0.0, 1.0, 0.5] };
         let mut bytes = Vec::new();
         write_glb(&mut bytes, &mesh, &targets, &|k| Cow::Borrowed(&moves[k][..]), Some(&animation)).unwrap();
         bytes

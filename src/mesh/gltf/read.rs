@@ -6,6 +6,7 @@ use gltf::{
     Accessor, Document, Gltf, Primitive, Semantic,
     accessor::{DataType, Dimensions},
     buffer,
+    json::validation::Checked,
     mesh::Mode,
 };
 
@@ -29,10 +30,19 @@ pub struct GltfMorphs {
 pub fn read_gltf(path: &Path) -> Result<GltfMorphs, MeshFileError> {
     let bytes = std::fs::read(path).map_err(MeshFileError::io(path))?;
     let error = |reason: String| MeshFileError::format(path, reason);
-    let gltf = Gltf::from_slice(&bytes).map_err(|e| error(format!("no valid glTF: {e}")))?;
-    let buffers = load_buffers(&gltf.document, gltf.blob, path)?;
+    let invalid = |e: gltf::Error| error(format!("no valid glTF: {e}"));
+    let Gltf { document, blob } = Gltf::from_slice_without_validation(&bytes).map_err(invalid)?;
+    let json = document.into_json();
+    // The crate's validation takes the accessors of positions as given.
+    let positions =
+        json.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.attributes.get(&Checked::Valid(Semantic::Positions)));
+    if let Some(missing) = positions.map(|index| index.value()).find(|&index| index >= json.accessors.len()) {
+        return Err(error(format!("no valid glTF: there is no accessor {missing}, which has a mesh's positions")));
+    }
+    let document = Document::from_json(json).map_err(invalid)?;
+    let buffers = load_buffers(&document, blob, path)?;
     let is_morphed = |mesh: &gltf::Mesh| mesh.primitives().any(|p| p.morph_targets().len() > 0);
-    let mesh = gltf.document.meshes().find(is_morphed).ok_or_else(|| error("no mesh with morph targets".to_owned()))?;
+    let mesh = document.meshes().find(is_morphed).ok_or_else(|| error("no mesh with morph targets".to_owned()))?;
     let (mut positions, mut triangles, mut targets) = (Vec::new(), Vec::new(), Vec::<Vec<[f32; 3]>>::new());
     for primitive in mesh.primitives() {
         read_primitive(&primitive, &buffers, &mut positions, &mut triangles, &mut targets).map_err(error)?;
@@ -98,7 +108,8 @@ fn read_primitive(
         return Err(format!("primitive {} is not made of triangles", primitive.index()));
     }
     let first = positions.len();
-    let accessor = primitive.get(&Semantic::Positions).ok_or_else(|| format!("primitive {} has no positions", primitive.index()))?;
+    let accessor =
+        primitive.get(&Semantic::Positions).ok_or_else(|| format!("primitive {} has no positions", primitive.index()))?;
     let own = vectors(&accessor, buffers)?;
     let count = own.len();
     positions.extend(own);
@@ -114,7 +125,12 @@ fn read_primitive(
     }
     let morphs: Vec<_> = primitive.morph_targets().collect();
     if first > 0 && morphs.len() != targets.len() {
-        return Err(format!("primitive {} has {} morph targets; {} were expected", primitive.index(), morphs.len(), targets.len()));
+        return Err(format!(
+            "primitive {} has {} morph targets; {} were expected",
+            primitive.index(),
+            morphs.len(),
+            targets.len()
+        ));
     }
     targets.resize(morphs.len(), Vec::new());
     for (target, morph) in targets.iter_mut().zip(&morphs) {
@@ -162,7 +178,9 @@ fn vectors(accessor: &Accessor, buffers: &[buffer::Data]) -> Result<Vec<[f32; 3]
     let mut values = match accessor.view() {
         Some(view) => items(&view, accessor.offset(), accessor.count(), 12, buffers)?.map(vector).collect(),
         // Zeros take no bytes in the file: a count that the file could not hold otherwise is a lie.
-        None if accessor.count() > limit => return Err(format!("accessor {} counts {} values", accessor.index(), accessor.count())),
+        None if accessor.count() > limit => {
+            return Err(format!("accessor {} counts {} values", accessor.index(), accessor.count()));
+        }
         None => vec![[0.0; 3]; accessor.count()],
     };
     if let Some(sparse) = accessor.sparse() {

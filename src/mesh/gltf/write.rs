@@ -62,7 +62,8 @@ pub fn write_glb<'a>(
     let mut text = json::serialize::to_vec(&root).map_err(io::Error::from)?;
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() as u64 + 8 + bin_length;
-    let total = u32::try_from(total).map_err(|_| io::Error::other("the glTF would be larger than 4 GiB; write npy, obj or ply"))?;
+    let total =
+        u32::try_from(total).map_err(|_| io::Error::other("the glTF would be larger than 4 GiB; write npy, obj or ply"))?;
     for word in [GLB_MAGIC, 2, total, text.len() as u32, CHUNK_JSON] {
         out.write_all(&word.to_le_bytes())?;
     }
@@ -177,7 +178,13 @@ impl Builder {
     }
 
     /// Zeros but at some vertices; the view with their numbers is shared.
-    fn sparse_vectors(&mut self, count: usize, places: Index<View>, moved: usize, bounds: Option<[[f32; 3]; 2]>) -> Index<Accessor> {
+    fn sparse_vectors(
+        &mut self,
+        count: usize,
+        places: Index<View>,
+        moved: usize,
+        bounds: Option<[[f32; 3]; 2]>,
+    ) -> Index<Accessor> {
         let values = self.view(12 * moved as u64, None);
         let index = self.accessor(None, count, ComponentType::F32, Type::Vec3);
         self.set_bounds(index, bounds);

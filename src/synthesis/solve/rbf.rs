@@ -27,6 +27,9 @@ pub fn interpolate(bank: &Bank, motion: &FpMotion) -> Vec<[f32; 3]> {
         }
     }
     let count = centres.len();
+    if count == 0 {
+        return vec![[0.0; 3]; positions.len()];
+    }
     let softness = |k: usize| {
         let others = centres.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, c)| (c.0 - centres[k].0).norm_squared());
         others.fold(f64::INFINITY, f64::min)
@@ -36,7 +39,7 @@ pub fn interpolate(bank: &Bank, motion: &FpMotion) -> Vec<[f32; 3]> {
     let matrix = DMatrix::from_fn(count, count, |row, k| basis(&centres[row].0, k));
     let wanted = MatrixXx3::from_rows(&centres.iter().map(|c| (c.1 / c.2).transpose()).collect::<Vec<_>>());
     let weights = match matrix.lu().solve(&wanted) {
-        Some(weights) if count > 0 && weights.iter().all(|w| w.is_finite()) => weights.transpose(),
+        Some(weights) if weights.iter().all(|w| w.is_finite()) => weights.transpose(),
         _ => Matrix3xX::zeros(count),
     };
     positions
