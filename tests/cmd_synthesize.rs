@@ -78,7 +78,8 @@ fn tracks_and_fap_files_are_motions_too() {
         work.grimace(&format!("synthesize -b candide -m {motion} -o {kind} --format npy --bound-starts 1")).exit(0);
         let report = report(&work, kind);
         assert_eq!(report["motion"]["kind"], kind);
-        assert!(report["fitness"].as_f64().unwrap() > 0.5, "{report}");
+        // How fit a noisy track of small frames can be is the bank's affair; that it is nearly reached is ours.
+        assert!(report["share_of_bound"].as_f64().unwrap() > 0.8, "{report}");
     }
     // All 6 frames of the track; the FAP file has 25.
     assert_eq!((report(&work, "track")["frames"].clone(), report(&work, "fap")["frames"].clone()), (6.into(), 25.into()));
@@ -143,7 +144,7 @@ fn bad_input_is_named() {
     says("-b candide -m m.csv --tournament 1", &["the tournament's size is 1"]);
     says("-b candide -m m.csv --solver ga --crossover blx --alpha 2", &["alpha is 2"]);
     says("-b candide -m m.csv --overlap 2", &["the overlap is 2"]);
-    says("-b candide -m m.csv --smooth -1", &["the smoothing is -1"]);
+    says("-b candide -m m.csv --smooth=-1", &["the smoothing is -1"]);
     says("-b candide -m m.csv --noise 1", &["--noise 1"]);
     work.write("bad.csv", "frame,fp,dx,dy\n0,8.3,1,inf\n");
     says("-b candide -m bad.csv", &["bad.csv, line 2: dy is `inf`"]);

@@ -27,8 +27,8 @@ pub enum Shade {
     Eye {
         /// Centre in the model.
         centre: [f32; 3],
-        /// Radius in the model.
-        radius: f32,
+        /// Radius of the iris in the model.
+        iris: f32,
     },
     /// The inside of an opening: dark.
     Cavity,
@@ -125,7 +125,7 @@ fn colour(shade: Shade, normal: [f32; 3], model: [f32; 3]) -> [f32; 3] {
     let (albedo, gloss) = match shade {
         Shade::Flat(colour) => return colour,
         Shade::Skin => ([0.80, 0.55, 0.43], 0.10),
-        Shade::Eye { centre, radius } => (eye(centre, radius, model), 0.55),
+        Shade::Eye { centre, iris } => (eye(centre, iris, model), 0.55),
         Shade::Cavity => ([0.09, 0.025, 0.022], 0.0),
     };
     let lambert = |light: [f32; 3]| normalized(light).map_or(0.0, |l| dot(l, normal));
@@ -138,14 +138,14 @@ fn colour(shade: Shade, normal: [f32; 3], model: [f32; 3]) -> [f32; 3] {
     albedo.map(|a| a * light + shine)
 }
 
-fn eye(centre: [f32; 3], radius: f32, model: [f32; 3]) -> [f32; 3] {
-    let distance = ((model[0] - centre[0]).powi(2) + (model[1] - centre[1]).powi(2)).sqrt() / radius;
-    if distance < 0.19 {
+fn eye(centre: [f32; 3], iris: f32, model: [f32; 3]) -> [f32; 3] {
+    let distance = (model[0] - centre[0]).hypot(model[1] - centre[1]) / iris;
+    if distance < 0.42 {
         [0.012, 0.012, 0.014]
-    } else if distance < 0.46 {
-        let share = (distance - 0.19) / 0.27;
+    } else if distance < 0.92 {
+        let share = (distance - 0.42) / 0.5;
         [0.10 + 0.06 * share, 0.17 + 0.05 * share, 0.21 - 0.02 * share]
-    } else if distance < 0.50 {
+    } else if distance < 1.0 {
         [0.06, 0.07, 0.08]
     } else {
         [0.80, 0.77, 0.74]

@@ -61,6 +61,15 @@ const FILLING: f32 = 0.90;
 const CAVITY_DEPTH: f32 = 0.25;
 /// Radius of an eyeball over half the width of the opening for it.
 const EYE_FIT: f32 = 1.02;
+/// Radius of an iris: over the opening of the lids, of which it shows a little less than all; and at most over the eyeball's.
+const IRIS: (f32, f32) = (0.60, 0.48);
+
+/// Radius of the iris of an eyeball.
+fn iris(bank: &Bank, eyeball: f32) -> f32 {
+    let lid = |point: u8| bank.feature_point_position(FeaturePoint { group: 3, point });
+    let opening = lid(1).zip(lid(3)).map_or(f32::INFINITY, |(upper, lower)| (upper[1] - lower[1]).abs());
+    (IRIS.0 * opening).min(IRIS.1 * eyeball)
+}
 
 impl<'b> FaceScene<'b> {
     /// Finds out what the parts of a bank's mesh are: a part without feature points that no member moves is an eyeball; a hole around
@@ -183,7 +192,7 @@ fn shades(bank: &Bank, part: &[u32]) -> (Vec<Shade>, bool) {
             return Shade::Skin;
         }
         let [low, high] = bounds[part];
-        Shade::Eye { centre: add(low, high).map(|c| c / 2.0), radius: (high[0] - low[0]) / 2.0 }
+        Shade::Eye { centre: add(low, high).map(|c| c / 2.0), iris: iris(bank, (high[0] - low[0]) / 2.0) }
     };
     let shades: Vec<Shade> = bank.mesh().triangles().iter().map(shade).collect();
     let has_eyes = shades.iter().any(|s| matches!(s, Shade::Eye { .. }));
@@ -214,7 +223,7 @@ fn eyeball(bank: &Bank, walk: &[u32]) -> Option<Prop> {
     let centre = [centre[0], centre[1], centre[2] - behind];
     let (positions, triangles) = sphere_front(centre, radius, 24, 48);
     let normals = positions.iter().map(|p| [p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]].map(|c| c / radius)).collect();
-    Some(Prop { positions, normals, triangles, shade: Shade::Eye { centre, radius } })
+    Some(Prop { positions, normals, triangles, shade: Shade::Eye { centre, iris: iris(bank, radius) } })
 }
 
 /// The inside of an opening: a fan behind its border.
