@@ -25,7 +25,7 @@ pub const BLX_ALPHA: f64 = 0.2;
 pub struct GaOptions {
     /// Individuals; `None` for as many as the bank has members [ZL]. Fewer are drawn from the bank, more repeat it.
     pub population: Option<usize>,
-    /// Individuals drawn per generation, 2 or more; all but the two best are candidates for replacement, the worst is replaced.
+    /// Individuals drawn per generation, 2 or more; the worst of them is replaced by the crossover of the two best.
     pub tournament: usize,
     /// Generations.
     pub generations: usize,

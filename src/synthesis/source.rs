@@ -64,9 +64,6 @@ impl BankSource {
     ///
     /// # Errors
     /// [`BankError`] for a file that does not read, another topology, or numbers that are not finite.
-    ///
-    /// # Panics
-    /// Never: members past the last are an error.
     pub fn next_member(&mut self, name: &str) -> Result<Vec<[f32; 3]>, BankError> {
         let missing = || BankError::NoSuchMember { name: name.to_owned(), found: Vec::new() };
         let displacements = match &mut self.members {
