@@ -1,4 +1,4 @@
-//! NumPy `.npy` arrays of numbers: real ones as `f32`, whole ones as indices.
+//! `.npy` arrays (`NumPy`) of numbers: real ones as `f32`, whole ones as indices.
 
 use std::{
     fs::File,

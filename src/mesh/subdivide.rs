@@ -156,8 +156,8 @@ mod tests {
         // 4 old vertices and 6 edges; 16 triangles.
         assert_eq!((fine.len(), rule.triangles().len()), (10, 16));
         // Valence 3: beta = (5/8 - (3/8 - 1/8)^2)/3 = 3/16; vertex 0: 7/16 (1,1,1) + 3/16 (-1,-1,-1) = (1/4, 1/4, 1/4).
-        for axis in 0..3 {
-            assert_relative_eq!(fine[0][axis], 0.25, epsilon = 1e-6);
+        for coordinate in fine[0] {
+            assert_relative_eq!(coordinate, 0.25, epsilon = 1e-6);
         }
         // Edge 0-1, opposite 2 and 3: 3/8 (2, 0, 0) + 1/8 (-2, 0, 0) = (1/2, 0, 0).
         assert_relative_eq!(fine[4][0], 0.5, epsilon = 1e-6);

@@ -131,7 +131,7 @@ fn colour(shade: Shade, normal: [f32; 3], model: [f32; 3]) -> [f32; 3] {
     let lambert = |light: [f32; 3]| normalized(light).map_or(0.0, |l| dot(l, normal));
     // Light that has gone through skin softens the edge of the shadow.
     let wrap = |x: f32| ((x + 0.25) / 1.25).max(0.0);
-    let sky = (normal[1] + 1.0) / 2.0;
+    let sky = f32::midpoint(normal[1], 1.0);
     let light = KEY.1 * wrap(lambert(KEY.0)) + FILL.1 * wrap(lambert(FILL.0)) + GROUND + (SKY - GROUND) * sky;
     let half = normalized(add(normalized(KEY.0).unwrap_or_default(), [0.0, 0.0, 1.0])).unwrap_or_default();
     let shine = gloss * dot(half, normal).max(0.0).powi(if gloss > 0.3 { 90 } else { 22 });

@@ -150,7 +150,6 @@ impl<'b> FaceScene<'b> {
 
 /// Number of the connected part of every vertex.
 fn parts(bank: &Bank) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..bank.vertex_count() as u32).collect();
     fn root(parent: &mut [u32], mut v: u32) -> u32 {
         while parent[v as usize] != v {
             parent[v as usize] = parent[parent[v as usize] as usize];
@@ -158,6 +157,7 @@ fn parts(bank: &Bank) -> Vec<u32> {
         }
         v
     }
+    let mut parent: Vec<u32> = (0..bank.vertex_count() as u32).collect();
     for &[a, b, c] in bank.mesh().triangles() {
         for (from, to) in [(a, b), (b, c)] {
             let (p, q) = (root(&mut parent, from), root(&mut parent, to));

@@ -365,8 +365,8 @@ pub fn jump(motions: &[Vec<[f64; 3]>]) -> Option<f64> {
     let square = |v: [f64; 3]| v.iter().map(|c| c * c).sum::<f64>();
     let mut jumps = (0.0, 0_usize);
     for three in motions.windows(3) {
-        for k in 0..three[0].len() {
-            jumps.0 += square(std::array::from_fn(|axis| three[0][k][axis] - 2.0 * three[1][k][axis] + three[2][k][axis]));
+        for ((a, b), c) in three[0].iter().zip(&three[1]).zip(&three[2]) {
+            jumps.0 += square(std::array::from_fn(|axis| a[axis] - 2.0 * b[axis] + c[axis]));
             jumps.1 += 1;
         }
     }

@@ -1,4 +1,4 @@
-//! Shapes with ARKit names: which coefficient they stand for, the six expressions made of them, and the CSV file of 52 columns.
+//! Shapes with `ARKit` names: which coefficient they stand for, the six expressions made of them, and the CSV file of 52 columns.
 
 use std::{io, path::Path};
 
@@ -63,7 +63,7 @@ pub const COEFFICIENTS: [&str; 52] = [
     "tongueOut",
 ];
 
-/// The coefficient that a shape stands for: its own name, `_L` and `_R` or `.L` and `.R` read as sides, and a side dropped where ARKit has
+/// The coefficient that a shape stands for: its own name, `_L` and `_R` or `.L` and `.R` read as sides, and a side dropped where `ARKit` has
 /// none (`browInnerUp_L`). `None` for other names. Case does not matter.
 pub fn coefficient(shape: &str) -> Option<usize> {
     let find = |name: &str| COEFFICIENTS.iter().position(|c| c.eq_ignore_ascii_case(name));
@@ -87,7 +87,7 @@ pub fn side(shape: &str) -> f64 {
     }
 }
 
-/// The six dominant expressions as weights of shapes with ARKit names, from `arkit_expressions.csv` (after the action units that FACS
+/// The six dominant expressions as weights of shapes with `ARKit` names, from `arkit_expressions.csv` (after the action units that FACS
 /// names for them); `None` when no emotion finds a shape.
 pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>> {
     #[derive(Deserialize)]
@@ -116,7 +116,7 @@ pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>
 /// `shapes` names the shapes and, for a mixed bank, `composition` says how members are made of them; without one members are shapes. A
 /// coefficient with a side takes the weights of the regions of that side; brows, eyes, nose and the squint of the cheeks those of the
 /// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. Values are
-/// limited to 0 to 1, the coefficients' range. `None` when no shape has an ARKit name.
+/// limited to 0 to 1, the coefficients' range. `None` when no shape has an `ARKit` name.
 pub fn coefficients(
     names: &[String],
     composition: Option<&Composition>,

@@ -50,7 +50,7 @@ pub struct BuildSummary {
     pub missing: Vec<FeaturePoint>,
 }
 
-/// Builds a bank file from a source. Memory: the neutral mesh, the subdivision rule and one member (for NumPy arrays and folders; a
+/// Builds a bank file from a source. Memory: the neutral mesh, the subdivision rule and one member (for `NumPy` arrays and folders; a
 /// glTF file is in memory as a whole).
 ///
 /// # Errors

@@ -49,12 +49,11 @@ fn shapes(wireframe: &Wireframe, fapus: &Fapus) -> Vec<Shape> {
         let unit = &wireframe.action_units()[index];
         let push = |shapes: &mut Vec<Shape>, name: String, side| shapes.push(Shape { name, unit: row.unit, side });
         match row.unit {
-            ExpressionUnit::Auv(JAW_DROP) => push(&mut shapes, unit.name.clone(), 0.0),
+            ExpressionUnit::Auv(JAW_DROP) | ExpressionUnit::Fap(_) => push(&mut shapes, unit.name.clone(), 0.0),
             ExpressionUnit::Auv(_) => {
                 push(&mut shapes, format!("{}_L", unit.name), 1.0);
                 push(&mut shapes, format!("{}_R", unit.name), -1.0);
             }
-            ExpressionUnit::Fap(_) => push(&mut shapes, unit.name.clone(), 0.0),
         }
     }
     shapes
@@ -199,7 +198,7 @@ fn node_offsets(wireframe: &Wireframe, fapus: &Fapus, shape: &Shape) -> Vec<Vect
     if let Some((unit, length)) = find_unit(wireframe, fapus, shape.unit) {
         for &(node, offset) in &wireframe.action_units()[unit].offsets {
             let place = wireframe.vertices()[node.index()].x / SIDE_RAMP;
-            let share = if shape.side == 0.0 { 1.0 } else { ((1.0 + shape.side * place) / 2.0).clamp(0.0, 1.0) };
+            let share = if shape.side == 0.0 { 1.0 } else { f64::midpoint(1.0, shape.side * place).clamp(0.0, 1.0) };
             offsets[node.index()] += offset * (length * share);
         }
     }
@@ -309,8 +308,8 @@ mod tests {
         let bank = candide_bank().unwrap();
         for fp in ["8.3", "8.4", "4.1", "2.1"] {
             let vertex = bank.feature_points()[bank.feature_point_index(fp.parse().unwrap()).unwrap()].vertex as usize;
-            for axis in 0..3 {
-                assert!((mixed[vertex][axis] - bank.displacements(4)[vertex][axis]).abs() < 0.012, "{fp}");
+            for (a, b) in mixed[vertex].iter().zip(bank.displacements(4)[vertex]) {
+                assert!((a - b).abs() < 0.012, "{fp}");
             }
         }
     }

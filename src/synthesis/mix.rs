@@ -27,13 +27,10 @@ pub fn read_recipes(path: &Path, shapes: &[String]) -> Result<Vec<Recipe>, BankE
             .iter()
             .position(|s| s == wanted)
             .ok_or_else(|| BankError::NoSuchMember { name: wanted.to_owned(), found: shapes.to_vec() })?;
-        let at = match recipes.iter().position(|r| r.name == name) {
-            Some(at) => at,
-            None => {
-                recipes.push(Recipe { name: name.to_owned(), weights: vec![0.0; shapes.len()] });
-                recipes.len() - 1
-            }
-        };
+        let at = recipes.iter().position(|r| r.name == name).unwrap_or(recipes.len());
+        if at == recipes.len() {
+            recipes.push(Recipe { name: name.to_owned(), weights: vec![0.0; shapes.len()] });
+        }
         recipes[at].weights[place] += row.number(weight)?;
     }
     if recipes.is_empty() { Err(BankError::NoMembers) } else { Ok(recipes) }

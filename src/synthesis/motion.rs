@@ -133,13 +133,9 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
     for row in file.rows() {
         let row = row?;
         let point: FeaturePoint = row.get(fp).parse().map_err(|_| row.field_error(fp, "an MPEG-4 feature point such as 8.3"))?;
-        let z = match dz.filter(|&dz| !row.get(dz).is_empty()) {
-            Some(dz) => row.number(dz)?,
-            None => {
-                planar = true;
-                0.0
-            }
-        };
+        let depth = dz.filter(|&dz| !row.get(dz).is_empty());
+        planar |= depth.is_none();
+        let z = depth.map_or(Ok(0.0), |dz| row.number(dz))?;
         let offset = Vector3::new(row.number(dx)?, row.number(dy)?, z);
         let number = row.whole_number(frame)?;
         let motion = frames.entry(number).or_insert_with(|| FpMotion { offsets: vec![None; count], planar: false });
@@ -288,7 +284,7 @@ fn length(fapu: Fapu, at: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>) -> Opti
     let pupil = |outer: u8, inner: u8| Some((at(3, outer)? + at(3, inner)?) / 2.0);
     let eyes = || Some((pupil(7, 11)?, pupil(12, 8)?));
     match fapu {
-        Fapu::Irisd => Some(((at(3, 1)?.y - at(3, 3)?.y) + (at(3, 2)?.y - at(3, 4)?.y)) / 2.0),
+        Fapu::Irisd => Some(f64::midpoint(at(3, 1)?.y - at(3, 3)?.y, at(3, 2)?.y - at(3, 4)?.y)),
         Fapu::Es => eyes().map(|(left, right)| left.x - right.x),
         Fapu::Ens => eyes().and_then(|(left, right)| Some(f64::midpoint(left.y, right.y) - at(9, 15)?.y)),
         Fapu::Mns => Some(at(9, 15)?.y - at(2, 2)?.y),

@@ -1,4 +1,4 @@
-//! What banks are built from: a folder of OBJ or PLY files, a glTF file with morph targets, or NumPy arrays.
+//! What banks are built from: a folder of OBJ or PLY files, a glTF file with morph targets, or `NumPy` arrays.
 
 use std::{
     collections::BTreeMap,
@@ -134,7 +134,7 @@ fn open_gltf(path: &Path) -> Result<BankSource, BankError> {
     Ok(BankSource { mesh: morphs.mesh, names: morphs.names, about, members: Members::Targets(morphs.targets.into_iter()) })
 }
 
-/// `manifest.json` beside NumPy arrays; everything in it may be missing.
+/// `manifest.json` beside `NumPy` arrays; everything in it may be missing.
 #[derive(Default, Deserialize)]
 struct Manifest {
     #[serde(default)]

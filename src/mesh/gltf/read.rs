@@ -6,7 +6,7 @@ use gltf::{
     Accessor, Document, Gltf, Primitive, Semantic,
     accessor::{DataType, Dimensions},
     buffer,
-    json::validation::Checked,
+    json::{self, validation::Checked},
     mesh::Mode,
 };
 
@@ -32,14 +32,14 @@ pub fn read_gltf(path: &Path) -> Result<GltfMorphs, MeshFileError> {
     let error = |reason: String| MeshFileError::format(path, reason);
     let invalid = |e: gltf::Error| error(format!("no valid glTF: {e}"));
     let Gltf { document, blob } = Gltf::from_slice_without_validation(&bytes).map_err(invalid)?;
-    let json = document.into_json();
+    let root = document.into_json();
     // The crate's validation takes the accessors of positions as given.
     let positions =
-        json.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.attributes.get(&Checked::Valid(Semantic::Positions)));
-    if let Some(missing) = positions.map(|index| index.value()).find(|&index| index >= json.accessors.len()) {
+        root.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.attributes.get(&Checked::Valid(Semantic::Positions)));
+    if let Some(missing) = positions.map(json::Index::value).find(|&index| index >= root.accessors.len()) {
         return Err(error(format!("no valid glTF: there is no accessor {missing}, which has a mesh's positions")));
     }
-    let document = Document::from_json(json).map_err(invalid)?;
+    let document = Document::from_json(root).map_err(invalid)?;
     let buffers = load_buffers(&document, blob, path)?;
     let is_morphed = |mesh: &gltf::Mesh| mesh.primitives().any(|p| p.morph_targets().len() > 0);
     let mesh = document.meshes().find(is_morphed).ok_or_else(|| error("no mesh with morph targets".to_owned()))?;
@@ -83,15 +83,12 @@ fn is_percent_utf8(uri: &str) -> bool {
     let mut rest = uri.as_bytes();
     while let Some((&first, after)) = rest.split_first() {
         let hex = after.get(..2).and_then(|h| std::str::from_utf8(h).ok()).and_then(|h| u8::from_str_radix(h, 16).ok());
-        match (first, hex) {
-            (b'%', Some(byte)) => {
-                bytes.push(byte);
-                rest = &after[2..];
-            }
-            _ => {
-                bytes.push(first);
-                rest = after;
-            }
+        if let (b'%', Some(byte)) = (first, hex) {
+            bytes.push(byte);
+            rest = &after[2..];
+        } else {
+            bytes.push(first);
+            rest = after;
         }
     }
     String::from_utf8(bytes).is_ok()

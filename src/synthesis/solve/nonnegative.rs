@@ -51,7 +51,7 @@ pub fn minimize(h: &DMatrix<f64>, f: &DVector<f64>, warm: &[f64]) -> Vec<f64> {
     }
     (0..n).for_each(|k| {
         if !free.contains(&k) {
-            z[k] = 0.0
+            z[k] = 0.0;
         }
     });
     z.iter().map(|v| v.max(0.0)).collect()
