@@ -16,7 +16,7 @@
 //! - **\[Candide-3\]** J. Ahlberg: *Candide-3 - an updated parameterised face*, report LiTH-ISY-R-2326, 2001.
 //! - **\[MPEG-4\]** ISO/IEC 14496-2 (Visual), Annex C: FAPs, FAPUs, feature points.
 //! - **\[Bouguet\]** J.-Y. Bouguet: *Pyramidal implementation of the Lucas Kanade feature tracker*, Intel, 1999.
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 #![warn(missing_docs, clippy::pedantic)]
 // Tests compare exact values on purpose.
 #![cfg_attr(test, allow(clippy::unreadable_literal, clippy::items_after_statements, clippy::format_collect))]
@@ -43,16 +43,19 @@ pub mod fap;
 pub mod fit;
 pub mod geometry;
 pub mod input;
+pub mod mesh;
 pub mod model;
 pub mod normalize;
 pub mod output;
 pub mod overlay;
 pub mod pipeline;
+pub mod render;
 pub mod report;
 pub mod robust;
 pub mod sequence;
 pub mod simulate;
 pub mod statistics;
+pub mod synthesis;
 pub mod track;
 pub mod units;
 pub mod warp;

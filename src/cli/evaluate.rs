@@ -3,6 +3,7 @@
 mod confidence;
 mod clone;
 mod fit;
+mod synthesis;
 mod tracking;
 
 use std::{
@@ -22,7 +23,7 @@ use serde_json::{Value, json};
 
 use super::{
     Outcome,
-    shared::{not_negative, set_threads},
+    shared::set_threads,
 };
 
 /// Version of the layout of `evaluation.json`.
@@ -45,6 +46,8 @@ enum Experiment {
     Tracking(tracking::Args),
     /// The tracker's expected errors against true ones; fits the model anew from simulated people.
     Confidence(confidence::Args),
+    /// Fitness, surface error and time of the dense synthesis, every solver beside the genetic algorithm.
+    Synthesis(synthesis::Args),
 }
 
 /// Runs the command.
@@ -54,6 +57,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Fit(args) => fit::run(args),
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Confidence(args) => confidence::run(args),
+        Experiment::Synthesis(args) => synthesis::run(args),
     }
 }
 

@@ -13,6 +13,7 @@ macro_rules! eprintln {
 mod analyze;
 mod annotate;
 mod clone;
+mod bank;
 mod evaluate;
 mod fap;
 mod fit;
@@ -22,6 +23,7 @@ mod progress;
 mod run;
 mod shared;
 mod simulate;
+mod synthesize;
 mod track;
 
 use std::process::ExitCode;
@@ -64,6 +66,10 @@ enum Command {
     Prior(prior::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
+    /// Dense animation from the motion of feature points, by a bank of expression meshes.
+    Synthesize(synthesize::Args),
+    /// Banks of expression meshes for `synthesize`.
+    Bank(bank::Args),
     /// Experiments against ground truth: how right fit and tracker are.
     Evaluate(evaluate::Args),
 }
@@ -106,6 +112,8 @@ pub fn main() -> ExitCode {
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Synthesize(args) => synthesize::run(&args),
+        Command::Bank(args) => bank::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
     };
     let result = result.and_then(|outcome| print::check().map(|()| outcome));

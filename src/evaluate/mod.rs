@@ -17,6 +17,7 @@ mod fit;
 mod marks;
 mod people;
 mod records;
+mod synthesis;
 mod table;
 mod tracking;
 mod truth;
@@ -32,6 +33,7 @@ use crate::{
     output::OutputError,
     sequence::SequenceError,
     simulate::SimulateError,
+    synthesis::SynthesisError,
 };
 
 pub use confidence::{
@@ -53,6 +55,10 @@ pub use people::{
 };
 pub use records::{
     Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,
+};
+pub use synthesis::{
+    CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart,
+    evaluate_crossovers, evaluate_solvers, history_chart, solver_table, time_solvers, time_table,
 };
 pub use table::{Cell, Table};
 pub use tracking::{
@@ -133,6 +139,9 @@ pub enum EvaluateError {
         /// Why.
         reason: String,
     },
+    /// A bank or options that make no synthesis.
+    #[error(transparent)]
+    Synthesis(#[from] SynthesisError),
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

@@ -146,12 +146,22 @@ impl<'a> Normalizer<'a> {
     /// # Errors
     /// [`NormalizeError`].
     pub fn normalize(&self, track: &DynamicExpressionModel<Px>) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
+        self.normalize_every_frame(&resample(track, FRAMES_PER_MODEL, self.options.resample)?)
+    }
+
+    /// As [`Normalizer::normalize`], with all frames of the track.
+    ///
+    /// # Errors
+    /// [`NormalizeError`].
+    pub fn normalize_every_frame(
+        &self,
+        track: &DynamicExpressionModel<Px>,
+    ) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
         let expected = self.wireframe.node_count();
         if track.node_count() != expected {
             return Err(NormalizeError::NodeCount { found: track.node_count(), expected });
         }
-        let sampled = resample(track, FRAMES_PER_MODEL, self.options.resample)?;
-        let upright = orientation::upright(&sampled, &self.wireframe.frontal(), self.tables)?;
+        let upright = orientation::upright(track, &self.wireframe.frontal(), self.tables)?;
         size::equalize(&upright, self.tables, &self.canonical, self.wireframe, self.options.size)
     }
 }

@@ -255,9 +255,7 @@ pub fn apex_offsets(
             }
         }
     }
-    let raised = BROWS.iter().map(|&n| offsets[n].y).sum::<f64>() / BROWS.len() as f64;
-    offsets[FOREHEAD].y += FOREHEAD_SHARE * raised.max(0.0);
-    keep_lips_apart(wireframe, &mut offsets);
+    settle_offsets(wireframe, &mut offsets);
     offsets
 }
 
@@ -306,8 +304,15 @@ fn fap_of(kind: &UnitKind) -> Option<(FapNumber, Fapu)> {
     }
 }
 
+/// What summed units leave undone: raised brows take the forehead along, and lips do not pass through each other.
+pub(crate) fn settle_offsets(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {
+    let raised = BROWS.iter().map(|&n| offsets[n].y).sum::<f64>() / BROWS.len() as f64;
+    offsets[FOREHEAD].y += FOREHEAD_SHARE * raised.max(0.0);
+    keep_lips_apart(wireframe, offsets);
+}
+
 /// Index of the unit, and the length in model units of one unit of its weight.
-pub(super) fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> Option<(usize, f64)> {
+pub(crate) fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> Option<(usize, f64)> {
     wireframe.action_units().iter().enumerate().find_map(|(index, candidate)| match (unit, &candidate.kind) {
         (ExpressionUnit::Auv(wanted), UnitKind::Action { number }) if wanted == *number => Some((index, 1.0)),
         (ExpressionUnit::Fap(wanted), UnitKind::Fap { number, fapu }) if wanted == *number => {

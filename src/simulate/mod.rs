@@ -44,6 +44,7 @@ pub use camera::CameraOptions;
 pub use dataset::{DatasetSummary, simulate_dataset};
 pub use expression::{EXPRESSIONS, Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError, faps_without_unit};
 pub use files::MARKED_NODES;
+pub(crate) use expression::{find_unit, settle_offsets};
 pub use motion::{Course, HeadPose};
 pub use options::{DatasetLayout, FrameFormat, SimulateError, SimulateOptions};
 pub use photograph::{AnimatedPortrait, MAX_FAP_MOTIONS, PortraitMotion, simulate_photographs};

@@ -1,0 +1,278 @@
+//! `grimace bank`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use grimace::synthesis::{
+    self, Bank, BuildOptions, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank, perform,
+    read_recipes, recipe_motions, write_feature_points, write_recipes,
+};
+
+use super::Outcome;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Action {
+    /// Build a bank from meshes over one topology.
+    Build(BuildArgs),
+    /// Make expressions from a bank's shapes by weights.
+    Mix(MixArgs),
+    /// What is in a bank, with a picture on request.
+    Info(InfoArgs),
+}
+
+/// Build a bank.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  grimace bank build meshes -o face.bank                      (meshes/neutral.obj, one OBJ per expression, feature_points.csv)
+  grimace bank build face.glb --feature-points fp.csv -o face.bank
+  grimace bank build ict --part narrow_face --subdivide 1 -o shapes.bank
+
+A source is a folder of OBJ or PLY files over one topology (neutral.obj and one file per expression, named after it), a glTF or GLB \
+file with morph targets, or a folder of NumPy arrays: neutral_vertices.npy (V x 3), triangles.npy (T x 3) or quads.npy (Q x 4), \
+expression_deltas.npy (M x V x 3), and manifest.json with `expressions` (names), and on request `units`, `regions` and `landmarks`.
+
+Feature points come from a CSV file `fp,vertex` (8.3,1702; vertices from 0), or are placed by the vertices of the 68 iBUG landmarks. \
+Members are read one after another: memory is that of two meshes, whatever their number; the file takes 12 bytes per vertex and member.")]
+struct BuildArgs {
+    /// Folder of meshes or arrays, or a .glb or .gltf file
+    source: PathBuf,
+    /// Bank file to write
+    #[arg(short, long, value_name = "BANK")]
+    output: PathBuf,
+    /// CSV file `fp,vertex`; without it feature_points.csv in SOURCE, or placing by landmarks
+    #[arg(long, value_name = "CSV")]
+    feature_points: Option<PathBuf>,
+    /// CSV file `landmark,vertex` (0 to 67) to place feature points by, where the source names no landmarks
+    #[arg(long, value_name = "CSV", conflicts_with = "feature_points")]
+    landmarks: Option<PathBuf>,
+    /// Part of the surface to keep, one of `regions` in manifest.json
+    #[arg(long, value_name = "NAME")]
+    part: Option<String>,
+    /// Rounds of smooth (Loop) subdivision
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=MAX_SUBDIVIDE as i64))]
+    subdivide: u8,
+    /// Unit of lengths, in words
+    #[arg(long, value_name = "TEXT")]
+    unit: Option<String>,
+    /// Whose work the meshes are, with the licence
+    #[arg(long, value_name = "TEXT")]
+    credit: Option<String>,
+    /// Also write the feature points in use as `fp,vertex`
+    #[arg(long, value_name = "CSV")]
+    save_feature_points: Option<PathBuf>,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+}
+
+/// Mix a bank.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  grimace bank mix shapes.bank --weights expressions.csv -o face.bank
+  grimace bank mix shapes.bank --performance 384 --members 30 --seed 1 -o face.bank --unseen unseen.bank
+
+--weights is a CSV file `member,shape,weight`. --performance makes models as a face shows them that goes through anger, disgust, fear, \
+happiness, sadness and surprise: the six expressions in full, then frame after frame, with expressions that overlap, blend and are \
+performed differently every time. It needs shapes with ARKit names (jawOpen, mouthSmileLeft or mouthSmile_L, ...), or --expressions. \
+With --members N the six and the N - 6 frames that differ most become the bank, the rest goes to --unseen. The name `candide` stands \
+for the shapes of the embedded bank.")]
+struct MixArgs {
+    /// Bank whose members are the shapes, or `candide`
+    shapes: PathBuf,
+    /// Bank file to write
+    #[arg(short, long, value_name = "BANK")]
+    output: PathBuf,
+    /// CSV file `member,shape,weight`
+    #[arg(long, value_name = "CSV", conflicts_with = "performance", required_unless_present = "performance")]
+    weights: Option<PathBuf>,
+    /// Models of a performance, the pure expressions included
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=20_000))]
+    performance: Option<u16>,
+    /// CSV file `member,shape,weight` of the expressions that are performed, instead of the six by ARKit names
+    #[arg(long, value_name = "CSV", requires = "performance")]
+    expressions: Option<PathBuf>,
+    /// Models that become the bank
+    #[arg(long, value_name = "N", requires = "performance", value_parser = clap::value_parser!(u16).range(1..=20_000))]
+    members: Option<u16>,
+    /// Bank file for the models that do not
+    #[arg(long, value_name = "BANK", requires = "members")]
+    unseen: Option<PathBuf>,
+    /// Also write the weights of all models, as --weights reads them
+    #[arg(long, value_name = "CSV")]
+    save_weights: Option<PathBuf>,
+    /// Seed of the performance
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write over files that are there
+    #[arg(long)]
+    force: bool,
+}
+
+/// Describe a bank.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace bank info face.bank --picture face.png")]
+struct InfoArgs {
+    /// Bank file, or `candide` for the embedded bank
+    bank: PathBuf,
+    /// Draw neutral, feature points and members into a PNG file
+    #[arg(long, value_name = "PNG")]
+    picture: Option<PathBuf>,
+    /// Write the feature points as `fp,vertex`
+    #[arg(long, value_name = "CSV")]
+    save_feature_points: Option<PathBuf>,
+    /// Write over files that are there
+    #[arg(long)]
+    force: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    match &args.action {
+        Action::Build(args) => build(args),
+        Action::Mix(args) => mix(args),
+        Action::Info(args) => info(args),
+    }
+}
+
+/// The word that stands for the embedded bank.
+pub const EMBEDDED: &str = "candide";
+
+/// Opens a bank file, or makes the embedded bank.
+pub fn open(path: &Path) -> anyhow::Result<Bank> {
+    if path.as_os_str() == EMBEDDED && !path.is_file() {
+        return Ok(synthesis::candide_bank()?);
+    }
+    Ok(Bank::open(path)?)
+}
+
+fn check_free(force: bool, files: &[Option<&Path>]) -> anyhow::Result<()> {
+    for path in files.iter().flatten() {
+        anyhow::ensure!(force || !path.exists(), "{} is there already; --force writes over it", path.display());
+    }
+    Ok(())
+}
+
+fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
+    check_free(args.force, &[Some(&args.output), args.save_feature_points.as_deref()])?;
+    let options = BuildOptions {
+        feature_points: args.feature_points.clone(),
+        landmarks: args.landmarks.clone(),
+        part: args.part.clone(),
+        subdivide: usize::from(args.subdivide),
+        unit: args.unit.clone(),
+        credit: args.credit.clone(),
+    };
+    let summary = build_bank(&args.source, &args.output, &options)?;
+    if let Some(path) = &args.save_feature_points {
+        write_feature_points(path, &summary.feature_points)?;
+    }
+    println!("{} vertices, {} triangles, {} members", summary.vertices, summary.triangles, summary.members);
+    println!("{} feature points, from {}", summary.feature_points.len(), summary.feature_points_from);
+    if !summary.missing.is_empty() {
+        let missing: Vec<String> = summary.missing.iter().map(ToString::to_string).collect();
+        println!("without {} of the 56: {}", missing.len(), missing.join(" "));
+    }
+    println!("written to {}", args.output.display());
+    Ok(Outcome::Done)
+}
+
+fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
+    check_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
+    let embedded = args.shapes.as_os_str() == EMBEDDED && !args.shapes.is_file();
+    let shapes = if embedded { synthesis::candide_shapes()? } else { Bank::open(&args.shapes)? };
+    let (recipes, dominant) = match (&args.weights, args.performance) {
+        (Some(path), _) => (read_recipes(path, shapes.names())?, 0),
+        (None, models) => {
+            let expressions = match &args.expressions {
+                Some(path) => read_recipes(path, shapes.names())?.into_iter().map(|r| (r.name, r.weights)).collect(),
+                None if embedded => synthesis::candide_expressions()?,
+                None => arkit::dominant_expressions(shapes.names())
+                    .context("the shapes have no ARKit names; give the expressions to perform with --expressions")?,
+            };
+            let sides: Vec<f64> = shapes.names().iter().map(|n| arkit::side(n)).collect();
+            let options = PerformanceOptions { models: usize::from(models.unwrap_or_default()), seed: args.seed };
+            let dominant = expressions.len();
+            anyhow::ensure!(
+                options.models >= dominant,
+                "--performance {}: at least {dominant} models are needed, one for each expression",
+                options.models
+            );
+            (perform(&expressions, &sides, &options), dominant)
+        }
+    };
+    let write = |recipes: &[synthesis::Recipe], path: &Path| -> anyhow::Result<()> {
+        mix_bank(&shapes, recipes, path)?;
+        println!("{} members, {} vertices, written to {}", recipes.len(), shapes.vertex_count(), path.display());
+        Ok(())
+    };
+    if let Some(path) = &args.save_weights {
+        write_recipes(path, shapes.names(), &recipes)?;
+    }
+    let Some(members) = args.members else {
+        write(&recipes, &args.output)?;
+        return Ok(Outcome::Done);
+    };
+    let chosen = choose_members(&recipe_motions(&shapes, &recipes), dominant, usize::from(members));
+    anyhow::ensure!(
+        chosen.len() == usize::from(members),
+        "--members {members}: only {} of {} models move enough to be chosen",
+        chosen.len(),
+        recipes.len()
+    );
+    let bank: Vec<_> = chosen.iter().map(|&k| recipes[k].clone()).collect();
+    write(&bank, &args.output)?;
+    if let Some(path) = &args.unseen {
+        let rest: Vec<_> = (0..recipes.len()).filter(|k| !chosen.contains(k)).map(|k| recipes[k].clone()).collect();
+        anyhow::ensure!(!rest.is_empty(), "--unseen: every model became a member of the bank");
+        write(&rest, path)?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
+    check_free(args.force, &[args.picture.as_deref(), args.save_feature_points.as_deref()])?;
+    let bank = open(&args.bank)?;
+    print_info(&bank);
+    if let Some(path) = &args.picture {
+        synthesis::write_bank_picture(&bank, path)?;
+    }
+    if let Some(path) = &args.save_feature_points {
+        write_feature_points(path, bank.feature_points())?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn print_info(bank: &Bank) {
+    let info = bank.info();
+    let or_unknown = |text: &str| if text.is_empty() { "not stated".to_owned() } else { text.to_owned() };
+    let bytes = 12 * bank.vertex_count() * bank.member_count();
+    println!("vertices        {}", bank.vertex_count());
+    println!("triangles       {}", bank.mesh().triangles().len());
+    println!("members         {} ({:.1} MB of displacements, mapped, not loaded)", bank.member_count(), bytes as f64 / 1e6);
+    println!("feature points  {}", bank.feature_points().len());
+    println!("unit            {}", or_unknown(&info.unit));
+    println!("source          {}", or_unknown(&info.source));
+    println!("credit          {}", or_unknown(&info.credit));
+    if let Some(composition) = &info.composition {
+        println!("mixed from      {} shapes", composition.shapes.len());
+    }
+    let points: Vec<String> = bank.feature_points().iter().map(|p| p.fp.to_string()).collect();
+    println!("\nfeature points: {}", points.join(" "));
+    println!("\nmembers, with their largest displacement:");
+    for (member, name) in bank.names().iter().enumerate() {
+        let square = |d: &[f32; 3]| d.iter().map(|c| c * c).sum::<f32>();
+        let largest = bank.displacements(member).iter().map(square).fold(0.0, f32::max).sqrt();
+        println!("  {name:<24} {largest:.4}");
+    }
+}

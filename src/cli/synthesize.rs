@@ -1,0 +1,429 @@
+//! `grimace synthesize`.
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use clap::ValueEnum;
+use grimace::{
+    output::write_json,
+    pipeline::MADE_BY,
+    synthesis::{
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, MotionKind, OVERLAP,
+        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
+        jump, read_motion,
+    },
+};
+use serde_json::json;
+
+use super::{
+    Outcome, bank,
+    progress::frame_bar,
+    shared::{positive, set_threads},
+};
+
+const EXAMPLE: &str = "\
+Examples:
+  grimace synthesize --bank candide --motion results/representatives/happiness.csv -o happiness
+  grimace synthesize --bank face.bank --motion results/fap/surprise.fap --regions 4 -o surprise
+  grimace synthesize --bank face.bank --motion points.csv --solver ga --crossover line --seed 3 --history -o points
+
+The motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,residual), a .fap file, or a CSV \
+file frame,fp,dx,dy,dz in the bank's unit (dz empty or missing for motion in the plane). The first three are seen from the front: they \
+are compared in the x-y plane and scaled by the facial animation units of the bank. Writes into OUT: animation.glb (morph targets with \
+the members' names), weights.csv, fitness.csv, synthesis.json, contact_sheet.png, turntable.png, turntable.gif, arkit.csv where the \
+shapes have ARKit names, and on request surface.npy, obj/, ply/ and history.csv.";
+
+/// Dense animation from the motion of feature points.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLE)]
+pub struct Args {
+    /// Bank file, or `candide` for the embedded bank
+    #[arg(short, long, value_name = "BANK")]
+    bank: PathBuf,
+    /// Representative, model, track, .fap file or CSV of feature point motions
+    #[arg(short, long, value_name = "FILE")]
+    motion: PathBuf,
+    /// Folder of the results; must be new or empty
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Files to write
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,pictures", value_name = "LIST")]
+    format: Vec<Format>,
+    /// True surface to compare with, as --format npy writes it
+    #[arg(long, value_name = "NPY")]
+    truth: Option<PathBuf>,
+    /// Write the course of every run of the genetic algorithm to history.csv
+    #[arg(long)]
+    history: bool,
+    #[command(flatten)]
+    search: SearchArgs,
+    #[command(flatten)]
+    time: TimeArgs,
+    /// Threads; 0 for one per processor. The results do not depend on it
+    #[arg(short = 'j', long, default_value_t = 0)]
+    threads: usize,
+    /// Write into a folder that is not empty
+    #[arg(long)]
+    force: bool,
+    /// No progress bar, no summary
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Animated binary glTF
+    Glb,
+    /// NumPy array of displacements, frames x vertices x 3
+    Npy,
+    /// An OBJ file for every frame
+    Obj,
+    /// A PLY file for every frame
+    Ply,
+    /// Contact sheet and turntable
+    Pictures,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum SolverWord {
+    /// The fittest member alone
+    Best,
+    /// Radial basis functions, without the bank
+    Rbf,
+    /// Non-negative least squares
+    Nnls,
+    /// The genetic algorithm as published
+    Ga,
+    /// The genetic algorithm, then a climb from its answer
+    Refined,
+    /// The best of climbs from many starts
+    Cosine,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum CrossoverWord {
+    Midpoint,
+    Line,
+    Blx,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum SignsWord {
+    /// Any for motion in space, nonnegative for motion in the plane
+    Auto,
+    /// Members may be subtracted
+    Any,
+    /// Mixtures only
+    Nonnegative,
+}
+
+/// Options of the search.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Search")]
+struct SearchArgs {
+    /// How weights are found
+    #[arg(long, value_enum, default_value = "refined")]
+    solver: SolverWord,
+    /// Regions of the face that are searched each by itself: 1, 2 (right, left) or 4 (these, upper and lower)
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
+    regions: u8,
+    /// Width of the overlap of two regions over the width of the face
+    #[arg(long, default_value_t = OVERLAP, value_name = "SHARE", value_parser = positive)]
+    overlap: f64,
+    /// Emphasis level c: a factor on the motion
+    #[arg(short = 'c', long, default_value_t = 1.0, value_name = "C", value_parser = positive)]
+    emphasis: f64,
+    /// Crossover of the genetic algorithm
+    #[arg(long, value_enum, default_value = "line")]
+    crossover: CrossoverWord,
+    /// Alpha of the BLX crossover
+    #[arg(long, default_value_t = BLX_ALPHA)]
+    alpha: f64,
+    /// Generations
+    #[arg(long, default_value_t = GENERATIONS, value_name = "N")]
+    generations: usize,
+    /// Individuals; by default as many as the bank has members
+    #[arg(long, value_name = "N")]
+    population: Option<usize>,
+    /// Individuals drawn per generation
+    #[arg(long, default_value_t = TOURNAMENT_SIZE, value_name = "N")]
+    tournament: usize,
+    /// Independent runs, of which the best counts
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    runs: usize,
+    /// Seed of every draw
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Which weights refinement and bound allow
+    #[arg(long, value_enum, default_value = "auto")]
+    weights: SignsWord,
+    /// Starts of the search for the bound of the fitness; 0 for no bound
+    #[arg(long, default_value_t = BOUND_STARTS, value_name = "N")]
+    bound_starts: usize,
+}
+
+/// Time and scale.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Time and scale")]
+struct TimeArgs {
+    /// Width of the smoothing in time, frames; 0 for none
+    #[arg(long, default_value_t = SMOOTHING_FRAMES, value_name = "FRAMES")]
+    smooth: f64,
+    /// Frames put between every two of the motion; by default 5 for representatives and models, 0 for others
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
+    between: Option<u16>,
+    /// Frames per second; by default what the motion says, or 25
+    #[arg(long, value_parser = positive)]
+    fps: Option<f64>,
+    /// Feature points that never move this share of the farthest moving one count as at rest; by default 0.05 for measured motion, 0 for
+    /// a CSV file of feature points
+    #[arg(long, value_name = "SHARE")]
+    noise: Option<f64>,
+    /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units
+    #[arg(long, value_parser = positive, value_name = "FACTOR")]
+    scale: Option<f64>,
+}
+
+/// Frames between two key frames of a representative: 5 make 25 frames of its 5, as in its FAP file.
+const BETWEEN: u16 = 5;
+const FPS: f64 = 25.0;
+/// Share of the farthest motion that tracking may give a point at rest.
+const NOISE: f64 = 0.05;
+/// Mean fitness below which a person should be told that the bank does not have the expression.
+const POOR_FITNESS: f64 = 0.5;
+/// Version of the layout of `synthesis.json`.
+const SCHEMA_VERSION: u32 = 1;
+
+impl SearchArgs {
+    fn options(&self, smoothing_frames: f64) -> anyhow::Result<SynthesisOptions> {
+        let crossover = match self.crossover {
+            CrossoverWord::Midpoint => Crossover::Midpoint,
+            CrossoverWord::Line => Crossover::Line,
+            CrossoverWord::Blx => Crossover::Blx { alpha: self.alpha },
+        };
+        let ga = GaOptions {
+            population: self.population,
+            tournament: self.tournament,
+            generations: self.generations,
+            crossover,
+            runs: self.runs,
+            seed: self.seed,
+        };
+        let options = SynthesisOptions {
+            solver: match self.solver {
+                SolverWord::Best => Solver::Best,
+                SolverWord::Rbf => Solver::Rbf,
+                SolverWord::Nnls => Solver::Nnls,
+                SolverWord::Ga => Solver::Ga,
+                SolverWord::Refined => Solver::Refined,
+                SolverWord::Cosine => Solver::Cosine,
+            },
+            ga,
+            regions: RegionScheme::of_count(usize::from(self.regions))?,
+            overlap: self.overlap,
+            emphasis: self.emphasis,
+            smoothing_frames,
+            bound_starts: self.bound_starts,
+            signs: match self.weights {
+                SignsWord::Auto => Signs::Auto,
+                SignsWord::Any => Signs::Any,
+                SignsWord::Nonnegative => Signs::Nonnegative,
+            },
+        };
+        options.check()?;
+        Ok(options)
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    set_threads(args.threads)?;
+    let options = args.search.options(args.time.smooth)?;
+    let out = &args.output;
+    let occupied = out.is_file() || std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
+    anyhow::ensure!(args.force || !occupied, "{} is not empty; choose a new folder, or --force to write into it", out.display());
+    let bank = bank::open(&args.bank)?;
+    let motion = read_motion(&args.motion, &bank, args.time.scale)?;
+    let between = args.time.between.unwrap_or(if motion.kind == MotionKind::Model { BETWEEN } else { 0 });
+    let noise = args.time.noise.unwrap_or(if motion.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE });
+    anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
+    let motion = motion.without_noise(noise).with_frames_between(usize::from(between));
+    let fps = args.time.fps.or(motion.fps).unwrap_or(FPS);
+
+    let synthesizer = Synthesizer::new(&bank, options)?;
+    let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));
+    let answers = synthesizer.animate(&motion.frames, || bar.inc(1));
+    bar.finish_and_clear();
+    let name = args.motion.file_stem().unwrap_or_default().to_string_lossy();
+    let animation = Animation { synthesizer: &synthesizer, motions: &motion.frames, answers: &answers, name: &name, fps };
+    let errors = args.truth.as_ref().map(|path| compare_with_truth(&animation, path)).transpose()?;
+    let files = write(args, &animation)?;
+    let report = Report::new(&animation, errors.as_deref());
+    write_json(&out.join("synthesis.json"), &report.json(args, &motion, noise, &animation, &files))?;
+    if !args.quiet {
+        report.print(&motion, &bank, out);
+    }
+    Ok(Outcome::Done)
+}
+
+/// Writes the files asked for; their names.
+fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<String>> {
+    let out = &args.output;
+    let mut files = BTreeSet::new();
+    let mut file = |name: &str| -> PathBuf {
+        files.insert(name.to_owned());
+        out.join(name)
+    };
+    for format in &args.format {
+        match format {
+            Format::Glb => animation.write_gltf(&file("animation.glb"))?,
+            Format::Npy => animation.write_npy(&file("surface.npy"))?,
+            Format::Obj => animation.write_meshes(&file("obj"), false)?,
+            Format::Ply => animation.write_meshes(&file("ply"), true)?,
+            Format::Pictures => {
+                animation.write_contact_sheet(&file("contact_sheet.png"))?;
+                animation.write_turntable(&file("turntable.png"), &file("turntable.gif"))?;
+            }
+        }
+    }
+    animation.write_fitness(&file("fitness.csv"))?;
+    if animation.synthesizer.options().solver != Solver::Rbf {
+        animation.write_weights(&file("weights.csv"))?;
+        let (bank, scheme) = (animation.synthesizer.bank(), animation.synthesizer.regions().scheme());
+        let coefficients =
+            |a: &FrameAnswer| arkit::coefficients(bank.names(), bank.info().composition.as_ref(), scheme, &a.weights);
+        let frames: Option<Vec<[f64; 52]>> = animation.answers.iter().map(coefficients).collect();
+        if let Some(frames) = frames {
+            arkit::write_arkit(&file("arkit.csv"), animation.fps, &frames)?;
+        }
+    }
+    if args.history {
+        animation.write_history(&file("history.csv"))?;
+    }
+    Ok(files)
+}
+
+/// BLAKE3 of a file; `None` when it can not be read, as for the embedded bank.
+fn file_blake3(path: &Path) -> Option<String> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(std::fs::File::open(path).ok()?).ok()?;
+    Some(hasher.finalize().to_hex().to_string())
+}
+
+/// What an animation comes to.
+struct Report {
+    moving: usize,
+    fitness: Option<f64>,
+    region_fitness: Option<f64>,
+    share_of_bound: Option<f64>,
+    /// Root mean square of second differences over that of the motion: of the target, of the result.
+    jumps: (Option<f64>, Option<f64>),
+    /// Of the frames whose truth moves.
+    errors: Option<(f64, f64)>,
+}
+
+impl Report {
+    fn new(animation: &Animation<'_>, errors: Option<&[Option<f64>]>) -> Self {
+        let mean = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+        let answers = animation.answers;
+        let flat = |m: &grimace::synthesis::FpMotion| {
+            m.offsets.iter().map(|o| o.map_or([0.0; 3], |v| [v.x, v.y, v.z])).collect::<Vec<_>>()
+        };
+        let known: Vec<usize> = animation.motions.first().map_or(Vec::new(), |first| {
+            (0..first.offsets.len()).filter(|&k| animation.motions.iter().all(|m| m.offsets[k].is_some())).collect()
+        });
+        let planar = animation.motions.iter().any(|m| m.planar);
+        let pick = |all: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
+            known.iter().map(|&k| if planar { [all[k][0], all[k][1], 0.0] } else { all[k] }).collect()
+        };
+        let target: Vec<_> = animation.motions.iter().map(|m| pick(flat(m))).collect();
+        let result: Vec<_> = animation.synthesizer.point_motions(answers, animation.motions).into_iter().map(pick).collect();
+        let errors = errors.map(|e| e.iter().flatten().copied().collect::<Vec<f64>>());
+        Self {
+            moving: answers.iter().filter(|a| a.fitness.is_some()).count(),
+            fitness: mean(answers.iter().filter_map(|a| a.fitness).collect()),
+            region_fitness: mean(answers.iter().filter_map(FrameAnswer::mean_region_fitness).collect()),
+            share_of_bound: mean(answers.iter().filter_map(FrameAnswer::share_of_bound).collect()),
+            jumps: (jump(&target), jump(&result)),
+            errors: errors.and_then(|e| mean(e.clone()).map(|m| (m, e.into_iter().fold(0.0, f64::max)))),
+        }
+    }
+
+    fn json(
+        &self,
+        args: &Args,
+        motion: &Motion,
+        noise: f64,
+        animation: &Animation<'_>,
+        files: &BTreeSet<String>,
+    ) -> serde_json::Value {
+        let bank = animation.synthesizer.bank();
+        let text = |p: &Path| p.file_name().unwrap_or(p.as_os_str()).to_string_lossy().into_owned();
+        json!({
+            "schema_version": SCHEMA_VERSION,
+            "made_by": MADE_BY,
+            "bank": {
+                "file": text(&args.bank), "blake3": file_blake3(&args.bank), "unit": bank.info().unit, "credit": bank.info().credit,
+                "vertices": bank.vertex_count(), "members": bank.member_count(), "feature_points": bank.feature_points().len(),
+            },
+            "motion": {
+                "file": text(&args.motion), "blake3": file_blake3(&args.motion), "kind": motion.kind, "fps": animation.fps,
+                "bank_units_per_face_unit": motion.scale, "noise": noise,
+                "ignored_feature_points": motion.ignored.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            },
+            "units": {
+                "surface": "the bank's unit; displacements from neutral", "fitness": "mean cosine, -1 to 1",
+                "surface_error": "root of summed squared distances to the truth over that of the true motion",
+                "jump": "root mean square of second differences in time over that of the motion of the feature points",
+            },
+            "options": animation.synthesizer.options(),
+            "frames": animation.answers.len(),
+            "frames_that_move": self.moving,
+            "fitness": self.fitness,
+            "region_fitness": self.region_fitness,
+            "share_of_bound": self.share_of_bound,
+            "jump": { "target": self.jumps.0, "result": self.jumps.1 },
+            "surface_error": self.errors.map(|(mean, largest)| json!({ "mean": mean, "largest": largest })),
+            "files": files,
+        })
+    }
+
+    fn print(&self, motion: &Motion, bank: &Bank, out: &Path) {
+        println!(
+            "{} frames, {} of them move; bank of {} members, {} vertices",
+            motion.frames.len(),
+            self.moving,
+            bank.member_count(),
+            bank.vertex_count()
+        );
+        if !motion.ignored.is_empty() {
+            let points: Vec<String> = motion.ignored.iter().map(ToString::to_string).collect();
+            println!("not in the bank and left out: feature points {}", points.join(" "));
+        }
+        let Some(fitness) = self.fitness else {
+            println!("nothing moves in the whole motion: every frame is the neutral face");
+            println!("written to {}", out.display());
+            return;
+        };
+        println!("fitness           {fitness:.4} (mean over the frames that move)");
+        if let Some(regions) = self.region_fitness.filter(|f| (f - fitness).abs() > 5e-5) {
+            println!("  in the regions  {regions:.4}");
+        }
+        match self.share_of_bound {
+            Some(share) => println!("share of the bound {share:.4}"),
+            None => println!("no bound to compare with"),
+        }
+        if let (Some(target), Some(result)) = self.jumps {
+            println!("jump in time      {result:.4} (the motion itself {target:.4})");
+        }
+        if let Some((mean, largest)) = self.errors {
+            println!("surface error     {mean:.4}, at most {largest:.4}");
+        }
+        if fitness < POOR_FITNESS {
+            println!("the bank shows nothing like this motion: add expressions to it, or allow subtraction with --weights any");
+        }
+        println!("written to {}", out.display());
+    }
+}

@@ -1,0 +1,224 @@
+//! The first mesh with morph targets of a glTF or GLB file.
+
+use std::path::Path;
+
+use gltf::{
+    Accessor, Document, Gltf, Primitive, Semantic,
+    accessor::{DataType, Dimensions},
+    buffer,
+    json::{self, validation::Checked},
+    mesh::Mode,
+};
+
+use crate::mesh::{MeshFileError, TriangleMesh, check_finite};
+
+/// A neutral mesh and its morph targets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GltfMorphs {
+    /// The neutral mesh; several primitives are joined in order.
+    pub mesh: TriangleMesh,
+    /// Names of the targets; `target_0`, `target_1`, ... where the file has none.
+    pub names: Vec<String>,
+    /// Displacements of every vertex, target by target.
+    pub targets: Vec<Vec<[f32; 3]>>,
+}
+
+/// Reads the first mesh with morph targets. Transforms of nodes, normals and skins are not applied.
+///
+/// # Errors
+/// [`MeshFileError`] for what is no glTF, has no morph targets or refers to data that is not there.
+pub fn read_gltf(path: &Path) -> Result<GltfMorphs, MeshFileError> {
+    let bytes = std::fs::read(path).map_err(MeshFileError::io(path))?;
+    let error = |reason: String| MeshFileError::format(path, reason);
+    let invalid = |e: gltf::Error| error(format!("no valid glTF: {e}"));
+    let Gltf { document, blob } = Gltf::from_slice_without_validation(&bytes).map_err(invalid)?;
+    let root = document.into_json();
+    // The crate's validation takes the accessors of positions as given.
+    let positions =
+        root.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.attributes.get(&Checked::Valid(Semantic::Positions)));
+    if let Some(missing) = positions.map(json::Index::value).find(|&index| index >= root.accessors.len()) {
+        return Err(error(format!("no valid glTF: there is no accessor {missing}, which has a mesh's positions")));
+    }
+    let document = Document::from_json(root).map_err(invalid)?;
+    let buffers = load_buffers(&document, blob, path)?;
+    let is_morphed = |mesh: &gltf::Mesh| mesh.primitives().any(|p| p.morph_targets().len() > 0);
+    let mesh = document.meshes().find(is_morphed).ok_or_else(|| error("no mesh with morph targets".to_owned()))?;
+    let (mut positions, mut triangles, mut targets) = (Vec::new(), Vec::new(), Vec::<Vec<[f32; 3]>>::new());
+    for primitive in mesh.primitives() {
+        read_primitive(&primitive, &buffers, &mut positions, &mut triangles, &mut targets).map_err(error)?;
+    }
+    let names = target_names(&mesh, targets.len());
+    let mesh = TriangleMesh::new(positions, triangles).map_err(MeshFileError::mesh(path))?;
+    for (name, target) in names.iter().zip(&targets) {
+        check_finite(target).map_err(|e| error(format!("morph target `{name}`: {e}")))?;
+    }
+    Ok(GltfMorphs { mesh, names, targets })
+}
+
+fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> Result<Vec<buffer::Data>, MeshFileError> {
+    let error = |reason: String| MeshFileError::format(path, reason);
+    let mut buffers = Vec::new();
+    for buffer in document.buffers() {
+        if let buffer::Source::Uri(uri) = buffer.source()
+            && !uri.starts_with("data:")
+            && uri.contains('%')
+            && !is_percent_utf8(uri)
+        {
+            return Err(error(format!("the buffer's address `{uri}` is not UTF-8")));
+        }
+        let data = buffer::Data::from_source_and_blob(buffer.source(), path.parent(), &mut blob)
+            .map_err(|e| error(format!("buffer {}: {e}", buffer.index())))?;
+        if data.len() < buffer.length() {
+            let (found, expected) = (data.len(), buffer.length());
+            return Err(error(format!("buffer {} has {found} bytes; {expected} were expected", buffer.index())));
+        }
+        buffers.push(data);
+    }
+    Ok(buffers)
+}
+
+/// Whether an address with percent signs decodes to UTF-8.
+fn is_percent_utf8(uri: &str) -> bool {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let hex = after.get(..2).and_then(|h| std::str::from_utf8(h).ok()).and_then(|h| u8::from_str_radix(h, 16).ok());
+        if let (b'%', Some(byte)) = (first, hex) {
+            bytes.push(byte);
+            rest = &after[2..];
+        } else {
+            bytes.push(first);
+            rest = after;
+        }
+    }
+    String::from_utf8(bytes).is_ok()
+}
+
+fn read_primitive(
+    primitive: &Primitive,
+    buffers: &[buffer::Data],
+    positions: &mut Vec<[f32; 3]>,
+    triangles: &mut Vec<[u32; 3]>,
+    targets: &mut Vec<Vec<[f32; 3]>>,
+) -> Result<(), String> {
+    if primitive.mode() != Mode::Triangles {
+        return Err(format!("primitive {} is not made of triangles", primitive.index()));
+    }
+    let first = positions.len();
+    let accessor =
+        primitive.get(&Semantic::Positions).ok_or_else(|| format!("primitive {} has no positions", primitive.index()))?;
+    let own = vectors(&accessor, buffers)?;
+    let count = own.len();
+    positions.extend(own);
+    let indices = match primitive.indices() {
+        Some(accessor) => indices(&accessor, buffers)?,
+        None => (0..count as u32).collect(),
+    };
+    for corners in indices.chunks_exact(3) {
+        if let Some(vertex) = corners.iter().find(|&&v| v as usize >= count) {
+            return Err(format!("an index refers to vertex {vertex}, but the primitive has {count}"));
+        }
+        triangles.push([corners[0], corners[1], corners[2]].map(|v| v + first as u32));
+    }
+    let morphs: Vec<_> = primitive.morph_targets().collect();
+    if first > 0 && morphs.len() != targets.len() {
+        return Err(format!(
+            "primitive {} has {} morph targets; {} were expected",
+            primitive.index(),
+            morphs.len(),
+            targets.len()
+        ));
+    }
+    targets.resize(morphs.len(), Vec::new());
+    for (target, morph) in targets.iter_mut().zip(&morphs) {
+        let moves = match morph.positions() {
+            Some(accessor) => vectors(&accessor, buffers)?,
+            None => vec![[0.0; 3]; count],
+        };
+        if moves.len() != count {
+            return Err(format!("a morph target has {} vertices; {count} were expected", moves.len()));
+        }
+        target.extend(moves);
+    }
+    Ok(())
+}
+
+/// The bytes of `count` items of `size` bytes in a view, each by its place.
+fn items<'b>(
+    view: &buffer::View,
+    offset: usize,
+    count: usize,
+    size: usize,
+    buffers: &'b [buffer::Data],
+) -> Result<impl Iterator<Item = &'b [u8]>, String> {
+    let beyond = || format!("an accessor reaches beyond buffer view {}", view.index());
+    let start = view.offset();
+    let end = start.checked_add(view.length()).ok_or_else(beyond)?;
+    let bytes = buffers.get(view.buffer().index()).and_then(|data| data.get(start..end)).ok_or_else(beyond)?;
+    let stride = view.stride().unwrap_or(size);
+    let needed = count.checked_sub(1).map_or(Some(0), |n| n.checked_mul(stride)?.checked_add(size)?.checked_add(offset));
+    if needed.is_none_or(|n| n > bytes.len()) {
+        return Err(beyond());
+    }
+    Ok((0..count).map(move |k| &bytes[offset + k * stride..offset + k * stride + size]))
+}
+
+/// A float VEC3 accessor, with its sparse part.
+fn vectors(accessor: &Accessor, buffers: &[buffer::Data]) -> Result<Vec<[f32; 3]>, String> {
+    if accessor.data_type() != DataType::F32 || accessor.dimensions() != Dimensions::Vec3 {
+        let (found, kind) = (accessor.dimensions(), accessor.data_type());
+        return Err(format!("accessor {} holds {kind:?} {found:?}; float VEC3 was expected", accessor.index()));
+    }
+    let number = |b: &[u8], k: usize| f32::from_le_bytes([b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3]]);
+    let vector = |b: &[u8]| [number(b, 0), number(b, 1), number(b, 2)];
+    let limit: usize = buffers.iter().map(|b| b.len()).sum();
+    let mut values = match accessor.view() {
+        Some(view) => items(&view, accessor.offset(), accessor.count(), 12, buffers)?.map(vector).collect(),
+        // Zeros take no bytes in the file: a count that the file could not hold otherwise is a lie.
+        None if accessor.count() > limit => {
+            return Err(format!("accessor {} counts {} values", accessor.index(), accessor.count()));
+        }
+        None => vec![[0.0; 3]; accessor.count()],
+    };
+    if let Some(sparse) = accessor.sparse() {
+        let (places, moved) = (sparse.indices(), sparse.values());
+        let size = places.index_type().size();
+        let (places_view, moved_view) = (places.view(), moved.view());
+        let places = items(&places_view, places.offset(), sparse.count(), size, buffers)?.map(|b| match size {
+            1 => usize::from(b[0]),
+            2 => usize::from(u16::from_le_bytes([b[0], b[1]])),
+            _ => u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize,
+        });
+        for (place, bytes) in places.zip(items(&moved_view, moved.offset(), sparse.count(), 12, buffers)?) {
+            let count = values.len();
+            *values.get_mut(place).ok_or_else(|| format!("a sparse index is {place}; there are {count} values"))? = vector(bytes);
+        }
+    }
+    Ok(values)
+}
+
+fn indices(accessor: &Accessor, buffers: &[buffer::Data]) -> Result<Vec<u32>, String> {
+    let size = match (accessor.data_type(), accessor.dimensions()) {
+        (DataType::U8, Dimensions::Scalar) => 1,
+        (DataType::U16, Dimensions::Scalar) => 2,
+        (DataType::U32, Dimensions::Scalar) => 4,
+        (kind, found) => return Err(format!("indices are {kind:?} {found:?}; whole scalars were expected")),
+    };
+    let view = accessor.view().ok_or("indices have no buffer view")?;
+    let read = |b: &[u8]| match size {
+        1 => u32::from(b[0]),
+        2 => u32::from(u16::from_le_bytes([b[0], b[1]])),
+        _ => u32::from_le_bytes([b[0], b[1], b[2], b[3]]),
+    };
+    Ok(items(&view, accessor.offset(), accessor.count(), size, buffers)?.map(read).collect())
+}
+
+fn target_names(mesh: &gltf::Mesh, count: usize) -> Vec<String> {
+    #[derive(Default, serde::Deserialize)]
+    struct Extras {
+        #[serde(rename = "targetNames", default)]
+        names: Vec<String>,
+    }
+    let extras: Extras = mesh.extras().as_ref().and_then(|raw| serde_json::from_str(raw.get()).ok()).unwrap_or_default();
+    (0..count).map(|k| extras.names.get(k).cloned().unwrap_or_else(|| format!("target_{k}"))).collect()
+}

@@ -1,0 +1,306 @@
+//! A mesh with morph targets and an animation of their weights as one GLB file.
+
+use std::{
+    borrow::Cow,
+    io::{self, Write},
+};
+
+use gltf::json::{
+    self, Accessor, Animation, Asset, Buffer, Index, Material, Mesh, Node, Root, Scene, Value,
+    accessor::{ComponentType, GenericComponentType, IndexComponentType, Type, sparse},
+    animation::{Channel, Interpolation, Property, Sampler, Target},
+    buffer::{self, View},
+    material::{PbrBaseColorFactor, PbrMetallicRoughness, StrengthFactor},
+    mesh::{Mode, MorphTarget, Primitive, Semantic},
+    validation::{Checked, USize64},
+};
+
+use crate::mesh::{TriangleMesh, add, sub, vertex_normals};
+
+/// A morph target to write.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GltfTarget {
+    /// Its name.
+    pub name: String,
+    /// The vertices it moves, ascending, when it leaves many at rest: only these are written (a sparse accessor).
+    pub vertices: Option<Vec<u32>>,
+}
+
+/// Weights over time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GltfAnimation {
+    /// Its name.
+    pub name: String,
+    /// Time of every key frame, s, ascending.
+    pub times_s: Vec<f32>,
+    /// Weights of all targets, key frame by key frame.
+    pub weights: Vec<f32>,
+}
+
+/// Colour of the skin, linear RGBA; a face without texture should not look like paper.
+const SKIN: [f32; 4] = [0.74, 0.52, 0.42, 1.0];
+const ROUGHNESS: f32 = 0.65;
+const GLB_MAGIC: u32 = 0x4654_6C67;
+const CHUNK_JSON: u32 = 0x4E4F_534A;
+const CHUNK_BIN: u32 = 0x004E_4942;
+
+/// Writes a mesh, its morph targets (positions and normals) and, where given, an animation as binary glTF.
+///
+/// `displacements(k)` are those of target k, of every vertex. They are asked for twice and never kept: beside the mesh, one target
+/// at a time is in memory.
+///
+/// # Errors
+/// When `out` can not be written to, or the file would exceed the 4 GiB of the format.
+pub fn write_glb<'a>(
+    out: &mut dyn Write,
+    mesh: &TriangleMesh,
+    targets: &[GltfTarget],
+    displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
+    animation: Option<&GltfAnimation>,
+) -> io::Result<()> {
+    let (root, bin_length) = document(mesh, targets, displacements, animation)?;
+    let mut text = json::serialize::to_vec(&root).map_err(io::Error::from)?;
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + text.len() as u64 + 8 + bin_length;
+    let total =
+        u32::try_from(total).map_err(|_| io::Error::other("the glTF would be larger than 4 GiB; write npy, obj or ply"))?;
+    for word in [GLB_MAGIC, 2, total, text.len() as u32, CHUNK_JSON] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    out.write_all(&text)?;
+    for word in [bin_length as u32, CHUNK_BIN] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    // The order of the views in `document`.
+    let normals = vertex_normals(mesh.positions(), mesh.triangles());
+    write_vectors(out, mesh.positions())?;
+    write_vectors(out, &normals)?;
+    for triangle in mesh.triangles() {
+        write_words(out, triangle)?;
+    }
+    for (k, target) in targets.iter().enumerate() {
+        let moves = displacements(k);
+        let turns = normal_changes(mesh, &normals, &moves);
+        match &target.vertices {
+            None => {
+                write_vectors(out, &moves)?;
+                write_vectors(out, &turns)?;
+            }
+            Some(vertices) => {
+                write_words(out, vertices)?;
+                for values in [&moves[..], &turns] {
+                    let moved: Vec<[f32; 3]> = vertices.iter().map(|&v| values[v as usize]).collect();
+                    write_vectors(out, &moved)?;
+                }
+            }
+        }
+    }
+    if let Some(animation) = animation {
+        for number in animation.times_s.iter().chain(&animation.weights) {
+            out.write_all(&number.to_le_bytes())?;
+        }
+    }
+    Ok(())
+}
+
+fn write_vectors(out: &mut dyn Write, values: &[[f32; 3]]) -> io::Result<()> {
+    // glTF is little-endian.
+    if cfg!(target_endian = "little") {
+        return out.write_all(bytemuck::cast_slice(values));
+    }
+    values.as_flattened().iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))
+}
+
+fn write_words(out: &mut dyn Write, values: &[u32]) -> io::Result<()> {
+    if cfg!(target_endian = "little") {
+        return out.write_all(bytemuck::cast_slice(values));
+    }
+    values.iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))
+}
+
+/// Normals of the displaced mesh minus those of the neutral one.
+fn normal_changes(mesh: &TriangleMesh, normals: &[[f32; 3]], moves: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let moved: Vec<[f32; 3]> = mesh.positions().iter().zip(moves).map(|(&p, &d)| add(p, d)).collect();
+    vertex_normals(&moved, mesh.triangles()).iter().zip(normals).map(|(&n, &m)| sub(n, m)).collect()
+}
+
+/// The document under construction: views follow each other in one buffer.
+struct Builder {
+    root: Root,
+    length: u64,
+}
+
+impl Builder {
+    fn view(&mut self, bytes: u64, target: Option<buffer::Target>) -> Index<View> {
+        let view = View {
+            buffer: Index::new(0),
+            byte_length: USize64(bytes),
+            byte_offset: Some(USize64(self.length)),
+            byte_stride: None,
+            name: None,
+            target: target.map(Checked::Valid),
+            extensions: None,
+            extras: None,
+        };
+        self.length += bytes;
+        self.root.push(view)
+    }
+
+    fn accessor(&mut self, view: Option<Index<View>>, count: usize, component: ComponentType, kind: Type) -> Index<Accessor> {
+        self.root.push(Accessor {
+            buffer_view: view,
+            byte_offset: None,
+            count: USize64::from(count),
+            component_type: Checked::Valid(GenericComponentType(component)),
+            type_: Checked::Valid(kind),
+            min: None,
+            max: None,
+            name: None,
+            normalized: false,
+            sparse: None,
+            extensions: None,
+            extras: None,
+        })
+    }
+
+    fn vectors(&mut self, count: usize, bounds: Option<[[f32; 3]; 2]>) -> Index<Accessor> {
+        let view = self.view(12 * count as u64, Some(buffer::Target::ArrayBuffer));
+        let index = self.accessor(Some(view), count, ComponentType::F32, Type::Vec3);
+        self.set_bounds(index, bounds);
+        index
+    }
+
+    fn set_bounds(&mut self, index: Index<Accessor>, bounds: Option<[[f32; 3]; 2]>) {
+        if let (Some([min, max]), Some(accessor)) = (bounds, self.root.accessors.get_mut(index.value())) {
+            accessor.min = Some(Value::from(min.to_vec()));
+            accessor.max = Some(Value::from(max.to_vec()));
+        }
+    }
+
+    /// Zeros but at some vertices; the view with their numbers is shared.
+    fn sparse_vectors(
+        &mut self,
+        count: usize,
+        places: Index<View>,
+        moved: usize,
+        bounds: Option<[[f32; 3]; 2]>,
+    ) -> Index<Accessor> {
+        let values = self.view(12 * moved as u64, None);
+        let index = self.accessor(None, count, ComponentType::F32, Type::Vec3);
+        self.set_bounds(index, bounds);
+        if let Some(accessor) = self.root.accessors.get_mut(index.value()) {
+            accessor.sparse = Some(sparse::Sparse {
+                count: USize64::from(moved),
+                indices: sparse::Indices {
+                    buffer_view: places,
+                    byte_offset: USize64(0),
+                    component_type: Checked::Valid(IndexComponentType(ComponentType::U32)),
+                    extensions: None,
+                    extras: None,
+                },
+                values: sparse::Values { buffer_view: values, byte_offset: USize64(0), extensions: None, extras: None },
+                extensions: None,
+                extras: None,
+            });
+        }
+        index
+    }
+}
+
+fn document<'a>(
+    mesh: &TriangleMesh,
+    targets: &[GltfTarget],
+    displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
+    animation: Option<&GltfAnimation>,
+) -> io::Result<(Root, u64)> {
+    let count = mesh.vertex_count();
+    let generator = Some(format!("grimace {}", env!("CARGO_PKG_VERSION")));
+    let asset = Asset { generator, version: "2.0".to_owned(), ..Asset::default() };
+    let mut builder = Builder { root: Root { asset, ..Root::default() }, length: 0 };
+    let positions = builder.vectors(count, Some(mesh.bounds()));
+    let normals = builder.vectors(count, None);
+    let view = builder.view(12 * mesh.triangles().len() as u64, Some(buffer::Target::ElementArrayBuffer));
+    let indices = builder.accessor(Some(view), 3 * mesh.triangles().len(), ComponentType::U32, Type::Scalar);
+    let mut morphs = Vec::with_capacity(targets.len());
+    for (k, target) in targets.iter().enumerate() {
+        let bounds = Some(bounds(&displacements(k)));
+        let (positions, normals) = match &target.vertices {
+            None => (builder.vectors(count, bounds), builder.vectors(count, None)),
+            Some(vertices) => {
+                let places = builder.view(4 * vertices.len() as u64, None);
+                let moved = vertices.len();
+                (builder.sparse_vectors(count, places, moved, bounds), builder.sparse_vectors(count, places, moved, None))
+            }
+        };
+        morphs.push(MorphTarget { positions: Some(positions), normals: Some(normals), tangents: None });
+    }
+    let sampler = animation.map(|animation| {
+        let frames = animation.times_s.len();
+        let view = builder.view(4 * frames as u64, None);
+        let input = builder.accessor(Some(view), frames, ComponentType::F32, Type::Scalar);
+        if let Some(accessor) = builder.root.accessors.get_mut(input.value()) {
+            accessor.min = Some(Value::from(vec![animation.times_s.first().copied().unwrap_or(0.0)]));
+            accessor.max = Some(Value::from(vec![animation.times_s.last().copied().unwrap_or(0.0)]));
+        }
+        let view = builder.view(4 * animation.weights.len() as u64, None);
+        let output = builder.accessor(Some(view), animation.weights.len(), ComponentType::F32, Type::Scalar);
+        Sampler { input, output, interpolation: Checked::Valid(Interpolation::Linear), extensions: None, extras: None }
+    });
+    let Builder { mut root, length } = builder;
+    root.push(Buffer { byte_length: USize64(length), name: None, uri: None, extensions: None, extras: None });
+    let material = root.push(Material {
+        name: Some("skin".to_owned()),
+        double_sided: true,
+        pbr_metallic_roughness: PbrMetallicRoughness {
+            base_color_factor: PbrBaseColorFactor(SKIN),
+            metallic_factor: StrengthFactor(0.0),
+            roughness_factor: StrengthFactor(ROUGHNESS),
+            ..PbrMetallicRoughness::default()
+        },
+        ..Material::default()
+    });
+    let attributes =
+        [(Checked::Valid(Semantic::Positions), positions), (Checked::Valid(Semantic::Normals), normals)].into_iter().collect();
+    let names: Vec<&str> = targets.iter().map(|t| t.name.as_str()).collect();
+    let extras = serde_json::value::to_raw_value(&serde_json::json!({ "targetNames": names })).map_err(io::Error::from)?;
+    let mesh = root.push(Mesh {
+        name: Some("face".to_owned()),
+        weights: (!targets.is_empty()).then(|| vec![0.0; targets.len()]),
+        extras: (!targets.is_empty()).then_some(extras),
+        extensions: None,
+        primitives: vec![Primitive {
+            attributes,
+            indices: Some(indices),
+            material: Some(material),
+            mode: Checked::Valid(Mode::Triangles),
+            targets: (!targets.is_empty()).then_some(morphs),
+            extensions: None,
+            extras: None,
+        }],
+    });
+    let node = root.push(Node { mesh: Some(mesh), name: Some("face".to_owned()), ..Node::default() });
+    let scene = root.push(Scene { nodes: vec![node], name: None, extensions: None, extras: None });
+    root.scene = Some(scene);
+    if let (Some(animation), Some(sampler)) = (animation, sampler) {
+        let target = Target { node, path: Checked::Valid(Property::MorphTargetWeights), extensions: None, extras: None };
+        root.push(Animation {
+            name: Some(animation.name.clone()),
+            channels: vec![Channel { sampler: Index::new(0), target, extensions: None, extras: None }],
+            samplers: vec![sampler],
+            extensions: None,
+            extras: None,
+        });
+    }
+    Ok((root, length))
+}
+
+fn bounds(values: &[[f32; 3]]) -> [[f32; 3]; 2] {
+    let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    for value in values {
+        for axis in 0..3 {
+            bounds[0][axis] = bounds[0][axis].min(value[axis]);
+            bounds[1][axis] = bounds[1][axis].max(value[axis]);
+        }
+    }
+    bounds
+}

@@ -1,0 +1,11 @@
+//! Pictures of dense faces: a software rasterizer, the scene it draws, and the sheets and animations made of its pictures.
+//!
+//! Nothing here needs a display or a graphics card, and the same face gives the same bytes.
+
+mod raster;
+mod scene;
+mod sheet;
+
+pub use raster::{Canvas, Shade, Vertex};
+pub use scene::{FaceScene, View};
+pub use sheet::{Labelled, contact_sheet, gif_bytes, write_label};

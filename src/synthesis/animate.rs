@@ -1,0 +1,435 @@
+//! From the motion of feature points to weights over time: every frame solved, then made smooth.
+//!
+//! Each frame and region is a search of its own, and two searches may give different answers to nearly the same question: taken as
+//! they are, the frames would flicker. So the answers are split into what the paper splits them into, direction and length. The
+//! length of every frame is the target's, untouched. The direction, `u = w / L` (weights per length of motion), is smoothed in time
+//! by the x that makes
+//!
+//! `sum_t L_t^2 |x_t - u_t|^2 + sigma^2 mean(L^2) sum_t |x_(t+1) - x_t|^2`
+//!
+//! smallest, sigma in frames: E. Whittaker's smoother (*On a new method of graduation*, 1923) with first differences. Frames that move
+//! far count for more; a frame near neutral, whose directions mean little, takes them from its neighbours. The smoother is an average
+//! with positive shares: non-negative weights stay so, and where the direction does not change nothing does.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Bank, FpBasis, FpMotion, Goal, RegionScheme, Regions, Signs, Solution, Solver, SynthesisError,
+    fitness::fitness,
+    regions::OVERLAP,
+    search::{GaOptions, Run},
+    solve::{best_member, bound, genetic, interpolate, least_squares, refined},
+    surface::surface,
+    target::summed_length,
+};
+
+/// Default width of the smoothing in time, frames.
+pub const SMOOTHING_FRAMES: f64 = 2.0;
+/// Default number of starts of the bound.
+pub const BOUND_STARTS: usize = 8;
+
+/// How a motion becomes a surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SynthesisOptions {
+    /// How weights are found.
+    pub solver: Solver,
+    /// Parameters of the genetic algorithm.
+    pub ga: GaOptions,
+    /// How the face is parted.
+    pub regions: RegionScheme,
+    /// Width of the overlap of two regions over the width of the face.
+    pub overlap: f64,
+    /// Emphasis level c [ZL, section 5]: a factor on the input motion, greater than 0.
+    pub emphasis: f64,
+    /// Width sigma of the smoothing in time, frames; 0 for none.
+    pub smoothing_frames: f64,
+    /// Starts of the search for the bound; 0 for no bound.
+    pub bound_starts: usize,
+    /// Which weights refinement and bound allow.
+    pub signs: Signs,
+}
+
+impl Default for SynthesisOptions {
+    fn default() -> Self {
+        Self {
+            solver: Solver::Refined,
+            ga: GaOptions::default(),
+            regions: RegionScheme::Whole,
+            overlap: OVERLAP,
+            emphasis: 1.0,
+            smoothing_frames: SMOOTHING_FRAMES,
+            bound_starts: BOUND_STARTS,
+            signs: Signs::Auto,
+        }
+    }
+}
+
+impl SynthesisOptions {
+    /// Checks the ranges that [`Regions::new`] does not.
+    ///
+    /// # Errors
+    /// [`SynthesisError::Option`].
+    pub fn check(&self) -> Result<(), SynthesisError> {
+        self.ga.check()?;
+        if !(self.emphasis > 0.0 && self.emphasis.is_finite()) {
+            let found = self.emphasis.to_string();
+            return Err(SynthesisError::Option { what: "the emphasis", found, expected: "a number greater than 0" });
+        }
+        if !(self.smoothing_frames >= 0.0 && self.smoothing_frames.is_finite()) {
+            let found = self.smoothing_frames.to_string();
+            return Err(SynthesisError::Option { what: "the smoothing", found, expected: "0 or more frames" });
+        }
+        Ok(())
+    }
+}
+
+/// The answer for one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameAnswer {
+    /// Weights of the members, region by region; zeros where nothing should move, empty for [`Solver::Rbf`].
+    pub weights: Vec<Vec<f64>>,
+    /// Fitness in each region; `None` where nothing should move.
+    pub region_fitness: Vec<Option<f64>>,
+    /// Fitness of the joined surface over all feature points; `None` where nothing should move.
+    pub fitness: Option<f64>,
+    /// The bound of the fitness in each region; `None` where nothing should move or no bound was asked for.
+    pub region_bound: Vec<Option<f64>>,
+    /// Runs of the genetic algorithm, region by region.
+    pub runs: Vec<Vec<Run>>,
+}
+
+impl FrameAnswer {
+    /// Mean fitness of the regions that move.
+    pub fn mean_region_fitness(&self) -> Option<f64> {
+        mean(self.region_fitness.iter().flatten())
+    }
+
+    /// Mean fitness over mean bound of the regions, 1 at the bound.
+    pub fn share_of_bound(&self) -> Option<f64> {
+        let pairs = self.region_fitness.iter().zip(&self.region_bound).filter_map(|(f, b)| f.zip(*b));
+        let (fitness, bound) = pairs.fold((0.0, 0.0), |(f, b), (x, y)| (f + x, b + y));
+        (bound > 0.0).then(|| fitness / bound)
+    }
+}
+
+fn mean<'a>(values: impl Iterator<Item = &'a f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+/// A bank made ready for searches.
+#[derive(Debug)]
+pub struct Synthesizer<'b> {
+    bank: &'b Bank,
+    basis: FpBasis,
+    regions: Regions,
+    options: SynthesisOptions,
+}
+
+impl<'b> Synthesizer<'b> {
+    /// Reads the feature points' motion and parts the face.
+    ///
+    /// # Errors
+    /// [`SynthesisError::Option`] for options out of range.
+    pub fn new(bank: &'b Bank, options: SynthesisOptions) -> Result<Self, SynthesisError> {
+        options.check()?;
+        let regions = Regions::new(bank, options.regions, options.overlap)?;
+        Ok(Self { bank, basis: FpBasis::new(bank), regions, options })
+    }
+
+    /// The bank.
+    pub fn bank(&self) -> &'b Bank {
+        self.bank
+    }
+
+    /// The regions.
+    pub fn regions(&self) -> &Regions {
+        &self.regions
+    }
+
+    /// The options.
+    pub fn options(&self) -> &SynthesisOptions {
+        &self.options
+    }
+
+    /// The goal of a region; `None` when nothing in it should move. `motion` is emphasized already.
+    pub fn goal(&self, motion: &FpMotion, region: usize) -> Option<Goal> {
+        Goal::new(&self.basis, motion, |point| self.regions.point_shares(region)[point] > 0.0)
+    }
+
+    /// The goal of all feature points, whatever the regions.
+    pub fn whole_goal(&self, motion: &FpMotion) -> Option<Goal> {
+        Goal::new(&self.basis, motion, |_| true)
+    }
+
+    /// Solves one frame; `frame` only chooses the streams of chance.
+    pub fn solve(&self, motion: &FpMotion, frame: usize) -> FrameAnswer {
+        let motion = motion.emphasized(self.options.emphasis);
+        let count = self.regions.count();
+        let mut answer = FrameAnswer {
+            weights: Vec::with_capacity(count),
+            region_fitness: Vec::with_capacity(count),
+            fitness: None,
+            region_bound: Vec::with_capacity(count),
+            runs: Vec::with_capacity(count),
+        };
+        for region in 0..count {
+            let Some(goal) = self.goal(&motion, region) else {
+                answer.weights.push(vec![0.0; self.bank.member_count()]);
+                answer.region_fitness.push(None);
+                answer.region_bound.push(None);
+                answer.runs.push(Vec::new());
+                continue;
+            };
+            let (starts, seed) = (self.options.bound_starts, self.options.ga.seed);
+            let is_signed = match self.options.signs {
+                Signs::Auto => !motion.planar,
+                Signs::Any => true,
+                Signs::Nonnegative => false,
+            };
+            let climbed = (starts > 0).then(|| bound(&goal, starts, is_signed, seed, frame, region));
+            let solution = self.solve_goal(&goal, is_signed, frame, region, climbed.as_ref());
+            // A bound that an answer exceeds was none.
+            answer.region_bound.push(climbed.map(|b| b.fitness.max(solution.fitness)));
+            answer.region_fitness.push(Some(solution.fitness));
+            answer.weights.push(solution.weights);
+            answer.runs.push(solution.runs);
+        }
+        self.measure(&mut answer, &motion);
+        answer
+    }
+
+    fn solve_goal(&self, goal: &Goal, is_signed: bool, frame: usize, region: usize, climbed: Option<&Solution>) -> Solution {
+        let ga = &self.options.ga;
+        match self.options.solver {
+            Solver::Best | Solver::Rbf => best_member(goal),
+            Solver::Nnls => least_squares(goal),
+            Solver::Ga => genetic(goal, ga, frame, region),
+            Solver::Refined => refined(goal, ga, is_signed, frame, region),
+            Solver::Cosine => climbed.cloned().unwrap_or_else(|| bound(goal, BOUND_STARTS, is_signed, ga.seed, frame, region)),
+        }
+    }
+
+    /// Fitness of each region and of the joined surface, from the weights; for [`Solver::Rbf`] from its surface. `motion` is emphasized.
+    fn measure(&self, answer: &mut FrameAnswer, motion: &FpMotion) {
+        let rbf = (self.options.solver == Solver::Rbf).then(|| {
+            let surface = interpolate(self.bank, motion);
+            self.bank.feature_points().iter().map(|p| surface[p.vertex as usize].map(f64::from)).collect::<Vec<_>>()
+        });
+        let points = match &rbf {
+            Some(points) => points.clone(),
+            None => self.joined_motion(&answer.weights),
+        };
+        let fitness_of = |goal: &Goal, is_in: &dyn Fn(usize) -> bool| {
+            let moved = self.moving_points(motion, is_in);
+            let flat: Vec<f64> = moved
+                .iter()
+                .flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }])
+                .collect();
+            fitness(goal, &flat)
+        };
+        answer.fitness = self.whole_goal(motion).map(|goal| fitness_of(&goal, &|_| true));
+        for region in 0..self.regions.count() {
+            let goal = self.goal(motion, region);
+            answer.region_fitness[region] = goal.map(|goal| match &rbf {
+                Some(_) => fitness_of(&goal, &|point| self.regions.point_shares(region)[point] > 0.0),
+                None => fitness(&goal, &goal.motion(&answer.weights[region])),
+            });
+        }
+        if rbf.is_some() {
+            // The bound is that of mixtures of the bank, which this is not.
+            answer.weights.clear();
+            answer.region_bound.fill(None);
+        }
+    }
+
+    /// The feature points that a goal calls moving, in its order.
+    fn moving_points(&self, motion: &FpMotion, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
+        super::target::moving_points(motion, self.bank.feature_points().len(), is_in)
+    }
+
+    /// Motion of the feature points in the joined surface.
+    fn joined_motion(&self, weights: &[Vec<f64>]) -> Vec<[f64; 3]> {
+        let points = self.bank.feature_points().len();
+        let mut sum = vec![[0.0; 3]; points];
+        for (region, weights) in weights.iter().enumerate() {
+            let shares = self.regions.point_shares(region);
+            for (member, &weight) in weights.iter().enumerate().filter(|(_, w)| **w != 0.0) {
+                for (point, sum) in sum.iter_mut().enumerate() {
+                    let motion = self.basis.motion(member, point);
+                    (0..3).for_each(|axis| sum[axis] += weight * shares[point] * motion[axis]);
+                }
+            }
+        }
+        sum
+    }
+
+    /// Displacements of the surface of an answer to `motion` (as given, not emphasized).
+    pub fn surface(&self, answer: &FrameAnswer, motion: &FpMotion) -> Vec<[f32; 3]> {
+        if self.options.solver == Solver::Rbf {
+            interpolate(self.bank, &motion.emphasized(self.options.emphasis))
+        } else {
+            surface(self.bank, &self.regions, &answer.weights)
+        }
+    }
+
+    /// Solves all frames and makes them smooth in time. Frames are spread over threads; the answer does not depend on their number.
+    ///
+    /// `done` is told of every frame solved.
+    pub fn animate(&self, motions: &[FpMotion], done: impl Fn() + Sync) -> Vec<FrameAnswer> {
+        let solve = |(frame, motion)| {
+            let answer = self.solve(motion, frame);
+            done();
+            answer
+        };
+        let mut answers: Vec<FrameAnswer> = motions.par_iter().enumerate().map(solve).collect();
+        if self.options.smoothing_frames > 0.0 && self.options.solver != Solver::Rbf {
+            for region in 0..self.regions.count() {
+                self.smooth(&mut answers, motions, region);
+            }
+            let measured = answers.par_iter_mut().zip(motions);
+            measured.for_each(|(answer, motion)| self.measure(answer, &motion.emphasized(self.options.emphasis)));
+        }
+        answers
+    }
+
+    fn smooth(&self, answers: &mut [FrameAnswer], motions: &[FpMotion], region: usize) {
+        let emphasized = |m: &FpMotion| m.emphasized(self.options.emphasis);
+        let goals: Vec<Option<Goal>> = motions.iter().map(|m| self.goal(&emphasized(m), region)).collect();
+        let lengths: Vec<f64> = goals.iter().map(|g| g.as_ref().map_or(0.0, Goal::length)).collect();
+        let Some(smoother) = Smoother::new(&lengths, self.options.smoothing_frames) else { return };
+        for member in 0..self.bank.member_count() {
+            let weights: Vec<f64> = answers.iter().map(|a| a.weights[region][member]).collect();
+            let directions = smoother.directions(&weights);
+            for ((answer, direction), length) in answers.iter_mut().zip(directions).zip(&lengths) {
+                answer.weights[region][member] = direction * length;
+            }
+        }
+        if self.options.solver != Solver::Nnls {
+            for (answer, goal) in answers.iter_mut().zip(&goals) {
+                if let Some(goal) = goal {
+                    goal.fit_length(&mut answer.weights[region]);
+                }
+            }
+        }
+    }
+}
+
+/// The tridiagonal system of the smoother, eliminated.
+struct Smoother<'a> {
+    lengths: &'a [f64],
+    tie: f64,
+    pivots: Vec<f64>,
+}
+
+impl<'a> Smoother<'a> {
+    /// `None` when nothing moves in any frame.
+    fn new(lengths: &'a [f64], sigma: f64) -> Option<Self> {
+        let mean = lengths.iter().map(|l| l * l).sum::<f64>() / lengths.len().max(1) as f64;
+        if mean <= 0.0 {
+            return None;
+        }
+        let tie = sigma * sigma * mean;
+        let last = lengths.len() - 1;
+        let mut pivots = Vec::with_capacity(lengths.len());
+        for (t, length) in lengths.iter().enumerate() {
+            let ties = if last == 0 { 0.0 } else { f64::from(u8::from(t > 0) + u8::from(t < last)) };
+            let diagonal = length * length + ties * tie;
+            let above = pivots.last().map_or(0.0, |p: &f64| tie * tie / p);
+            pivots.push(diagonal - above);
+        }
+        Some(Self { lengths, tie, pivots })
+    }
+
+    /// The smoothed weights per length, from the weights.
+    fn directions(&self, weights: &[f64]) -> Vec<f64> {
+        // L^2 u = L w.
+        let mut x: Vec<f64> = weights.iter().zip(self.lengths).map(|(w, l)| w * l).collect();
+        for t in 1..x.len() {
+            x[t] += x[t - 1] * self.tie / self.pivots[t - 1];
+        }
+        for t in (0..x.len()).rev() {
+            let next = x.get(t + 1).copied().unwrap_or(0.0);
+            x[t] = (x[t] + self.tie * next) / self.pivots[t];
+        }
+        x
+    }
+}
+
+/// How much the motion of the feature points jumps: root mean square of the second differences in time over that of the motion.
+///
+/// 0 for a motion of constant speed. Of the target it says how smooth the input was, of the result whether the surface flickers.
+/// `None` for fewer than three frames or no motion.
+pub fn jump(motions: &[Vec<[f64; 3]>]) -> Option<f64> {
+    let square = |v: [f64; 3]| v.iter().map(|c| c * c).sum::<f64>();
+    let mut jumps = (0.0, 0_usize);
+    for three in motions.windows(3) {
+        for ((a, b), c) in three[0].iter().zip(&three[1]).zip(&three[2]) {
+            jumps.0 += square(std::array::from_fn(|axis| a[axis] - 2.0 * b[axis] + c[axis]));
+            jumps.1 += 1;
+        }
+    }
+    let size: f64 = motions.iter().flatten().map(|&v| square(v)).sum();
+    let count = motions.iter().map(Vec::len).sum::<usize>();
+    (jumps.1 > 0 && size > 0.0).then(|| (jumps.0 / jumps.1 as f64).sqrt() / (size / count as f64).sqrt())
+}
+
+impl Synthesizer<'_> {
+    /// Motion of the feature points of every answer; for [`Solver::Rbf`] what its surface does there.
+    pub fn point_motions(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> Vec<Vec<[f64; 3]>> {
+        let of = |(answer, motion): (&FrameAnswer, &FpMotion)| {
+            if self.options.solver == Solver::Rbf {
+                let surface = self.surface(answer, motion);
+                self.bank.feature_points().iter().map(|p| surface[p.vertex as usize].map(f64::from)).collect()
+            } else {
+                self.joined_motion(&answer.weights)
+            }
+        };
+        answers.iter().zip(motions).map(of).collect()
+    }
+
+    /// Summed length of the moving feature points in an answer over that of the target; 1 where lengths agree.
+    pub fn length_ratio(&self, answer: &FrameAnswer, motion: &FpMotion) -> Option<f64> {
+        let motion = motion.emphasized(self.options.emphasis);
+        let goal = self.whole_goal(&motion)?;
+        let points = self.joined_motion(&answer.weights);
+        let moved = self.moving_points(&motion, &|_| true);
+        let flat: Vec<f64> =
+            moved.iter().flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }]).collect();
+        Some(summed_length(&flat) / goal.length())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    #[test]
+    fn the_smoother_keeps_what_is_constant_and_averages_what_jumps() {
+        // Weights in proportion to the lengths: direction 2 in every frame, also in the frame that rests.
+        let lengths = [0.0, 1.0, 2.0, 3.0];
+        let smoother = Smoother::new(&lengths, 2.0).unwrap();
+        for x in smoother.directions(&[0.0, 2.0, 4.0, 6.0]) {
+            assert_relative_eq!(x, 2.0, epsilon = 1e-12);
+        }
+        // Two frames of length 1 with directions 0 and 1, sigma 1: (x0 - 0) = x1 - x0 and (1 - x1) = x1 - x0, so 1/3 and 2/3.
+        let lengths = [1.0, 1.0];
+        let x = Smoother::new(&lengths, 1.0).unwrap().directions(&[0.0, 1.0]);
+        assert_relative_eq!(x[0], 1.0 / 3.0, epsilon = 1e-12);
+        assert_relative_eq!(x[1], 2.0 / 3.0, epsilon = 1e-12);
+        assert!(Smoother::new(&[0.0; 5], 2.0).is_none());
+    }
+
+    #[test]
+    fn constant_speed_has_no_jump() {
+        let line: Vec<Vec<[f64; 3]>> = (0..5).map(|t| vec![[f64::from(t), 0.0, 0.0]]).collect();
+        assert_eq!(jump(&line), Some(0.0));
+        // 0, 1, 0: second difference -2 over the mean square 1/3.
+        let tick = vec![vec![[0.0; 3]], vec![[1.0, 0.0, 0.0]], vec![[0.0; 3]]];
+        assert_relative_eq!(jump(&tick).unwrap(), 2.0 * 3.0_f64.sqrt(), epsilon = 1e-12);
+        assert_eq!(jump(&line[..2]), None);
+    }
+}

@@ -1,0 +1,220 @@
+//! Shapes with `ARKit` names: which coefficient they stand for, the six expressions made of them, and the CSV file of 52 columns.
+
+use std::{io, path::Path};
+
+use serde::Deserialize;
+
+use super::{Composition, RegionScheme};
+use crate::output::{OutputError, nine_digits, write_atomic};
+
+/// The 52 blend shape coefficients in the order of Apple's face capture files.
+pub const COEFFICIENTS: [&str; 52] = [
+    "eyeBlinkLeft",
+    "eyeLookDownLeft",
+    "eyeLookInLeft",
+    "eyeLookOutLeft",
+    "eyeLookUpLeft",
+    "eyeSquintLeft",
+    "eyeWideLeft",
+    "eyeBlinkRight",
+    "eyeLookDownRight",
+    "eyeLookInRight",
+    "eyeLookOutRight",
+    "eyeLookUpRight",
+    "eyeSquintRight",
+    "eyeWideRight",
+    "jawForward",
+    "jawRight",
+    "jawLeft",
+    "jawOpen",
+    "mouthClose",
+    "mouthFunnel",
+    "mouthPucker",
+    "mouthRight",
+    "mouthLeft",
+    "mouthSmileLeft",
+    "mouthSmileRight",
+    "mouthFrownLeft",
+    "mouthFrownRight",
+    "mouthDimpleLeft",
+    "mouthDimpleRight",
+    "mouthStretchLeft",
+    "mouthStretchRight",
+    "mouthRollLower",
+    "mouthRollUpper",
+    "mouthShrugLower",
+    "mouthShrugUpper",
+    "mouthPressLeft",
+    "mouthPressRight",
+    "mouthLowerDownLeft",
+    "mouthLowerDownRight",
+    "mouthUpperUpLeft",
+    "mouthUpperUpRight",
+    "browDownLeft",
+    "browDownRight",
+    "browInnerUp",
+    "browOuterUpLeft",
+    "browOuterUpRight",
+    "cheekPuff",
+    "cheekSquintLeft",
+    "cheekSquintRight",
+    "noseSneerLeft",
+    "noseSneerRight",
+    "tongueOut",
+];
+
+/// The coefficient that a shape stands for: its own name, `_L` and `_R` or `.L` and `.R` read as sides, and a side dropped where `ARKit` has
+/// none (`browInnerUp_L`). `None` for other names. Case does not matter.
+pub fn coefficient(shape: &str) -> Option<usize> {
+    let find = |name: &str| COEFFICIENTS.iter().position(|c| c.eq_ignore_ascii_case(name));
+    let sided = ["_L", "_R", ".L", ".R"].iter().zip(["Left", "Right", "Left", "Right"]);
+    find(shape).or_else(|| {
+        sided
+            .filter_map(|(end, side)| shape.strip_suffix(end).map(|s| (s, side)))
+            .find_map(|(s, side)| find(&format!("{s}{side}")).or_else(|| find(s)))
+    })
+}
+
+/// -1 for a shape of the right side by its name, 1 for the left, 0 for neither.
+pub fn side(shape: &str) -> f64 {
+    let ends = |list: [&str; 3]| list.iter().any(|end| shape.ends_with(end));
+    // jawLeft and mouthLeft move the middle to a side.
+    let whole = ["jawLeft", "jawRight", "mouthLeft", "mouthRight"].iter().any(|n| n.eq_ignore_ascii_case(shape));
+    match (whole, ends(["_L", ".L", "Left"]), ends(["_R", ".R", "Right"])) {
+        (false, true, _) => 1.0,
+        (false, _, true) => -1.0,
+        _ => 0.0,
+    }
+}
+
+/// The six dominant expressions as weights of shapes with `ARKit` names, from `arkit_expressions.csv` (after the action units that FACS
+/// names for them); `None` when no emotion finds a shape.
+pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>> {
+    #[derive(Deserialize)]
+    struct Row {
+        emotion: String,
+        shape: String,
+        weight: f64,
+    }
+    let mut reader = csv::Reader::from_reader(include_str!("arkit_expressions.csv").as_bytes());
+    let mut expressions: Vec<(String, Vec<f64>)> = Vec::new();
+    for row in reader.deserialize::<Row>().flatten() {
+        if expressions.last().is_none_or(|(name, _)| *name != row.emotion) {
+            expressions.push((row.emotion.clone(), vec![0.0; shapes.len()]));
+        }
+        let wanted = coefficient(&row.shape);
+        if let Some((_, weights)) = expressions.last_mut() {
+            let found = shapes.iter().zip(weights).filter(|(shape, _)| wanted.is_some() && coefficient(shape) == wanted);
+            found.for_each(|(_, weight)| *weight = row.weight);
+        }
+    }
+    expressions.iter().all(|(_, weights)| weights.iter().any(|&w| w != 0.0)).then_some(expressions)
+}
+
+/// Weights of shapes as the 52 coefficients, from the weights of members in each region.
+///
+/// `shapes` names the shapes and, for a mixed bank, `composition` says how members are made of them; without one members are shapes. A
+/// coefficient with a side takes the weights of the regions of that side; brows, eyes, nose and the squint of the cheeks those of the
+/// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. Values are
+/// limited to 0 to 1, the coefficients' range. `None` when no shape has an `ARKit` name.
+pub fn coefficients(
+    names: &[String],
+    composition: Option<&Composition>,
+    scheme: RegionScheme,
+    weights: &[Vec<f64>],
+) -> Option<[f64; 52]> {
+    let shapes = composition.map_or(names, |c| &c.shapes[..]);
+    let mut sums = [(0.0, 0.0); 52];
+    for (shape, name) in shapes.iter().enumerate() {
+        let Some(place) = coefficient(name) else { continue };
+        let regions =
+            scheme.names().iter().zip(weights).filter(|(region, _)| is_seen_in(COEFFICIENTS[place], side(name), region));
+        let mut found = (0.0, 0.0);
+        for (_, weights) in regions {
+            found.0 += match composition {
+                None => weights.get(shape).copied().unwrap_or(0.0),
+                Some(c) => weights.iter().zip(&c.weights).map(|(w, row)| w * row.get(shape).copied().unwrap_or(0.0)).sum::<f64>(),
+            };
+            found.1 += 1.0;
+        }
+        if found.1 > 0.0 {
+            sums[place].0 += found.0 / found.1;
+            sums[place].1 += 1.0;
+        }
+    }
+    let any = sums.iter().any(|s| s.1 > 0.0);
+    any.then(|| sums.map(|(sum, count)| if count > 0.0 { (sum / count).clamp(0.0, 1.0) } else { 0.0 }))
+}
+
+/// Whether a region shows a coefficient.
+fn is_seen_in(coefficient: &str, side: f64, region: &str) -> bool {
+    let upper = ["brow", "eye", "nose", "cheekSquint"].iter().any(|start| coefficient.starts_with(start));
+    let height = if upper { !region.starts_with("lower") } else { !region.starts_with("upper") };
+    let other_side = if side > 0.0 { "right" } else { "left" };
+    height && (side == 0.0 || !region.ends_with(other_side))
+}
+
+/// Writes `frame,time_s` and the 52 coefficients.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_arkit(path: &Path, fps: f64, frames: &[[f64; 52]]) -> Result<(), OutputError> {
+    write_atomic(path, |writer| {
+        let mut csv = csv::Writer::from_writer(writer);
+        csv.write_record(["frame", "time_s"].iter().chain(&COEFFICIENTS)).map_err(io::Error::from)?;
+        for (frame, values) in frames.iter().enumerate() {
+            let start = [frame.to_string(), nine_digits(frame as f64 / fps)];
+            csv.write_record(start.into_iter().chain(values.iter().map(|&v| nine_digits(v)))).map_err(io::Error::from)?;
+        }
+        csv.flush()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(list: &[&str]) -> Vec<String> {
+        list.iter().map(|&n| n.to_owned()).collect()
+    }
+
+    #[test]
+    fn names_of_the_ict_model_and_of_blender_are_known() {
+        let at = |name| coefficient(name).map(|k| COEFFICIENTS[k]);
+        assert_eq!(at("browDown_L"), Some("browDownLeft"));
+        assert_eq!(at("eyeBlink.R"), Some("eyeBlinkRight"));
+        assert_eq!(at("browInnerUp_R"), Some("browInnerUp"));
+        assert_eq!(at("JawOpen"), Some("jawOpen"));
+        assert_eq!(at("mouthLeft"), Some("mouthLeft"));
+        assert_eq!(at("smile"), None);
+        assert_eq!((side("eyeBlink_L"), side("noseSneerRight"), side("mouthLeft"), side("jawOpen")), (1.0, -1.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn every_shape_of_the_table_is_a_coefficient() {
+        let all = names(&COEFFICIENTS);
+        let expressions = dominant_expressions(&all).unwrap();
+        let labels: Vec<&str> = expressions.iter().map(|e| e.0.as_str()).collect();
+        assert_eq!(labels, ["anger", "disgust", "fear", "happiness", "sadness", "surprise"]);
+        let rows = include_str!("arkit_expressions.csv").lines().count() - 1;
+        let weights = expressions.iter().flat_map(|e| &e.1).filter(|w| **w != 0.0).count();
+        assert_eq!(rows, weights);
+        assert!(dominant_expressions(&names(&["a", "b"])).is_none());
+    }
+
+    #[test]
+    fn sides_come_from_their_regions_and_compositions_are_multiplied_out() {
+        let shapes = names(&["mouthSmile_L", "mouthSmile_R", "jawOpen", "other"]);
+        let at = |name: &str| coefficient(name).unwrap();
+        let weights = [vec![0.1, 0.2, 0.4, 9.0], vec![0.5, 0.6, 0.8, 9.0]]; // right, left
+        let values = coefficients(&shapes, None, RegionScheme::Halves, &weights).unwrap();
+        assert_eq!((values[at("mouthSmileLeft")], values[at("mouthSmileRight")]), (0.5, 0.2));
+        assert!((values[at("jawOpen")] - 0.6).abs() < 1e-12);
+        // One member of half a smile and a full jaw, weighing 0.5; a second of 4 jaws, weighing 1: limited to 1.
+        let composition = Composition { shapes, weights: vec![vec![0.5, 0.5, 1.0, 0.0], vec![0.0, 0.0, 4.0, 0.0]] };
+        let members = names(&["a", "b"]);
+        let values = coefficients(&members, Some(&composition), RegionScheme::Whole, &[vec![0.5, 1.0]]).unwrap();
+        assert_eq!((values[at("mouthSmileLeft")], values[at("jawOpen")], values[at("tongueOut")]), (0.25, 1.0, 0.0));
+        assert!(coefficients(&members, None, RegionScheme::Whole, &[vec![0.5, 1.0]]).is_none());
+    }
+}

@@ -1,0 +1,247 @@
+//! The expression bank [ZL, section 2]: a neutral mesh, members over its topology, and the vertices of MPEG-4 feature points.
+
+use std::{borrow::Cow, collections::BTreeSet, path::Path};
+
+use memmap2::Mmap;
+use serde::{Deserialize, Serialize};
+
+use super::{BankError, file};
+use crate::{
+    mesh::{TriangleMesh, check_finite},
+    units::FeaturePoint,
+};
+
+/// The vertex that stands for a feature point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FeaturePointVertex {
+    /// The feature point.
+    pub fp: FeaturePoint,
+    /// Its vertex.
+    pub vertex: u32,
+}
+
+/// Of which shapes the members of a mixed bank are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Composition {
+    /// Names of the shapes.
+    pub shapes: Vec<String>,
+    /// Weights of the shapes, member by member.
+    pub weights: Vec<Vec<f64>>,
+}
+
+/// What a bank says of itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BankInfo {
+    /// Program and version that made it.
+    pub made_by: String,
+    /// Unit of lengths, in words.
+    pub unit: String,
+    /// What it was made from.
+    pub source: String,
+    /// Whose work it is, with the licence.
+    pub credit: String,
+    /// How the members were mixed, where they were.
+    pub composition: Option<Composition>,
+}
+
+/// Displacements in memory, or in a mapped file.
+#[derive(Debug)]
+pub(super) enum Displacements {
+    /// All members, one after another.
+    Owned(Vec<[f32; 3]>),
+    /// From a byte of a mapped file on.
+    Mapped(Mmap, usize),
+}
+
+/// An expression bank: V vertices, M members, F feature points.
+///
+/// Every displacement is finite, every feature point a vertex of the mesh, names and feature points differ. Read from a file the
+/// displacements stay there (mapped), so that a bank of any size costs little more memory than its neutral mesh.
+#[derive(Debug)]
+pub struct Bank {
+    mesh: TriangleMesh,
+    names: Vec<String>,
+    feature_points: Vec<FeaturePointVertex>,
+    info: BankInfo,
+    displacements: Displacements,
+}
+
+impl Bank {
+    /// A bank in memory; `displacements` has V vectors for each of the M names.
+    ///
+    /// # Errors
+    /// [`BankError`] for no members or feature points, wrong counts, numbers that are not finite, and names or feature points
+    /// given twice.
+    pub fn new(
+        mesh: TriangleMesh,
+        names: Vec<String>,
+        displacements: Vec<[f32; 3]>,
+        feature_points: Vec<FeaturePointVertex>,
+        info: BankInfo,
+    ) -> Result<Self, BankError> {
+        let expected = mesh.vertex_count();
+        if displacements.len() != expected * names.len() {
+            let name = names.last().cloned().unwrap_or_default();
+            let found = displacements.len().saturating_sub(expected * names.len().saturating_sub(1));
+            return Err(BankError::VertexCount { name, found, expected });
+        }
+        Self::from_parts(mesh, names, feature_points, info, Displacements::Owned(displacements))
+    }
+
+    /// Checks everything but the number of displacements, which is the caller's.
+    pub(super) fn from_parts(
+        mesh: TriangleMesh,
+        names: Vec<String>,
+        feature_points: Vec<FeaturePointVertex>,
+        info: BankInfo,
+        displacements: Displacements,
+    ) -> Result<Self, BankError> {
+        check_head(&mesh, &names, &feature_points)?;
+        let bank = Self { mesh, names, feature_points, info, displacements };
+        for (member, name) in bank.names.iter().enumerate() {
+            check_member(name, bank.displacements(member), bank.vertex_count())?;
+        }
+        Ok(bank)
+    }
+
+    /// Opens a bank file; the displacements stay in the file.
+    ///
+    /// # Errors
+    /// [`BankError::Format`] for a file that is damaged or of another version, and as [`Bank::new`].
+    pub fn open(path: &Path) -> Result<Self, BankError> {
+        file::open(path)
+    }
+
+    /// Writes the bank file.
+    ///
+    /// # Errors
+    /// [`BankError::Output`].
+    pub fn write(&self, path: &Path) -> Result<(), BankError> {
+        let head = BankHead { mesh: &self.mesh, names: &self.names, feature_points: &self.feature_points, info: &self.info };
+        file::write(path, &head, |member| Ok(Cow::Borrowed(self.displacements(member))))
+    }
+
+    /// The neutral mesh.
+    pub fn mesh(&self) -> &TriangleMesh {
+        &self.mesh
+    }
+
+    /// Number of vertices V.
+    pub fn vertex_count(&self) -> usize {
+        self.mesh.vertex_count()
+    }
+
+    /// Names of the members.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Number of members M.
+    pub fn member_count(&self) -> usize {
+        self.names.len()
+    }
+
+    /// The feature points with their vertices.
+    pub fn feature_points(&self) -> &[FeaturePointVertex] {
+        &self.feature_points
+    }
+
+    /// Place of a feature point among [`Bank::feature_points`].
+    pub fn feature_point_index(&self, fp: FeaturePoint) -> Option<usize> {
+        self.feature_points.iter().position(|p| p.fp == fp)
+    }
+
+    /// Neutral position of a feature point; `None` when the bank does not have it.
+    pub fn feature_point_position(&self, fp: FeaturePoint) -> Option<[f32; 3]> {
+        self.feature_point_index(fp).map(|k| self.mesh.positions()[self.feature_points[k].vertex as usize])
+    }
+
+    /// What the bank says of itself.
+    pub fn info(&self) -> &BankInfo {
+        &self.info
+    }
+
+    /// Displacements from neutral of all vertices in member `member`, the bank's unit.
+    ///
+    /// # Panics
+    /// If there is no such member (a programmer's error).
+    pub fn displacements(&self, member: usize) -> &[[f32; 3]] {
+        let count = self.mesh.vertex_count();
+        match &self.displacements {
+            Displacements::Owned(all) => &all[member * count..(member + 1) * count],
+            Displacements::Mapped(map, start) => {
+                let bytes = 12 * count;
+                bytemuck::cast_slice(&map[start + member * bytes..start + (member + 1) * bytes])
+            }
+        }
+    }
+
+    /// A bank of some of the members, in the order asked for.
+    ///
+    /// # Errors
+    /// As [`Bank::new`]; [`BankError::Number`] for a member that is not there.
+    pub fn select(&self, members: &[usize]) -> Result<Self, BankError> {
+        let mut displacements = Vec::with_capacity(members.len() * self.vertex_count());
+        for &member in members {
+            if member >= self.member_count() {
+                let expected = format!("0 to {}", self.member_count() - 1);
+                return Err(BankError::Number { what: "the member", found: member.to_string(), expected });
+            }
+            displacements.extend_from_slice(self.displacements(member));
+        }
+        let composition = self.info.composition.as_ref().map(|c| Composition {
+            shapes: c.shapes.clone(),
+            weights: members.iter().map(|&m| c.weights.get(m).cloned().unwrap_or_default()).collect(),
+        });
+        let names = members.iter().map(|&m| self.names[m].clone()).collect();
+        let info = BankInfo { composition, ..self.info.clone() };
+        Self::new(self.mesh.clone(), names, displacements, self.feature_points.clone(), info)
+    }
+}
+
+/// Everything of a bank but its displacements.
+#[derive(Clone, Copy, Debug)]
+pub struct BankHead<'a> {
+    /// The neutral mesh.
+    pub mesh: &'a TriangleMesh,
+    /// Names of the members.
+    pub names: &'a [String],
+    /// Feature points.
+    pub feature_points: &'a [FeaturePointVertex],
+    /// What the bank says of itself.
+    pub info: &'a BankInfo,
+}
+
+pub(super) fn check_head(mesh: &TriangleMesh, names: &[String], feature_points: &[FeaturePointVertex]) -> Result<(), BankError> {
+    if names.is_empty() {
+        return Err(BankError::NoMembers);
+    }
+    let mut seen = BTreeSet::new();
+    if let Some(name) = names.iter().find(|n| !seen.insert(n.as_str())) {
+        return Err(BankError::DuplicateMember { name: name.clone() });
+    }
+    if feature_points.is_empty() {
+        return Err(BankError::NoFeaturePoints);
+    }
+    let mut seen = BTreeSet::new();
+    for &FeaturePointVertex { fp, vertex } in feature_points {
+        let count = mesh.vertex_count();
+        if vertex as usize >= count {
+            return Err(BankError::NoSuchVertex { fp, vertex: u64::from(vertex), count });
+        }
+        if !seen.insert(fp) {
+            return Err(BankError::DuplicateFeaturePoint { fp });
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn check_member(name: &str, displacements: &[[f32; 3]], expected: usize) -> Result<(), BankError> {
+    if displacements.len() != expected {
+        return Err(BankError::VertexCount { name: name.to_owned(), found: displacements.len(), expected });
+    }
+    match check_finite(displacements) {
+        Err(crate::mesh::MeshError::NotFinite { vertex, .. }) => Err(BankError::NotFinite { name: name.to_owned(), vertex }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,119 @@
+//! `bank build`: from a source to a bank file, one member in memory at a time.
+
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    BankError, BankHead, BankInfo, FeaturePointVertex,
+    feature_points::{place_feature_points, read_feature_points, read_landmark_vertices, skin_feature_points},
+    file,
+    source::BankSource,
+};
+use crate::{mesh::Subdivision, pipeline::MADE_BY, units::FeaturePoint};
+
+/// What is built.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BuildOptions {
+    /// CSV file `fp,vertex`; `None` for the source's own, or placing by landmarks.
+    pub feature_points: Option<PathBuf>,
+    /// CSV file `landmark,vertex`, to place feature points by.
+    pub landmarks: Option<PathBuf>,
+    /// Part of the surface that is kept, by its name in the source's manifest.
+    pub part: Option<String>,
+    /// Rounds of smooth subdivision.
+    pub subdivide: usize,
+    /// Unit of lengths, in words; `None` for what the source says.
+    pub unit: Option<String>,
+    /// Whose work it is; `None` for what the source says.
+    pub credit: Option<String>,
+}
+
+/// Most rounds of subdivision: 256 triangles of one.
+pub const MAX_SUBDIVIDE: usize = 4;
+
+/// What came out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuildSummary {
+    /// Vertices of the bank.
+    pub vertices: usize,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Its members.
+    pub members: usize,
+    /// Its feature points.
+    pub feature_points: Vec<FeaturePointVertex>,
+    /// Where they came from, in words.
+    pub feature_points_from: String,
+    /// Feature points of a face's skin that it does not have.
+    pub missing: Vec<FeaturePoint>,
+}
+
+/// Builds a bank file from a source. Memory: the neutral mesh, the subdivision rule and one member (for `NumPy` arrays and folders; a
+/// glTF file is in memory as a whole).
+///
+/// # Errors
+/// [`BankError`].
+pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> Result<BuildSummary, BankError> {
+    if options.subdivide > MAX_SUBDIVIDE {
+        let (found, expected) = (options.subdivide.to_string(), format!("0 to {MAX_SUBDIVIDE}"));
+        return Err(BankError::Number { what: "the number of subdivisions", found, expected });
+    }
+    let mut source = BankSource::open(source_path)?;
+    let kept = match &options.part {
+        None => source.mesh.vertex_count(),
+        Some(name) => *source
+            .about
+            .parts
+            .get(name)
+            .ok_or_else(|| BankError::NoSuchMember { name: name.clone(), found: source.about.parts.keys().cloned().collect() })?,
+    };
+    let coarse = source.mesh.first_vertices(kept)?;
+    let kept = coarse.vertex_count();
+    let rule = Subdivision::new(&coarse, options.subdivide)?;
+    let mesh = rule.refine_mesh(&coarse)?;
+    let (points, from) = feature_points(options, &source, &coarse)?;
+    let info = BankInfo {
+        made_by: MADE_BY.to_owned(),
+        unit: options.unit.clone().unwrap_or_else(|| source.about.unit.clone()),
+        source: source_path.file_name().unwrap_or(source_path.as_os_str()).to_string_lossy().into_owned(),
+        credit: options.credit.clone().unwrap_or_else(|| source.about.credit.clone()),
+        composition: None,
+    };
+    let names = source.names.clone();
+    let head = BankHead { mesh: &mesh, names: &names, feature_points: &points, info: &info };
+    file::write(output, &head, |member| {
+        let mut displacements = source.next_member(&names[member])?;
+        displacements.truncate(kept);
+        Ok(Cow::Owned(if options.subdivide == 0 { displacements } else { rule.refine(&displacements) }))
+    })?;
+    let missing = skin_feature_points().filter(|fp| points.iter().all(|p| p.fp != *fp)).collect();
+    Ok(BuildSummary {
+        vertices: mesh.vertex_count(),
+        triangles: mesh.triangles().len(),
+        members: names.len(),
+        feature_points: points,
+        feature_points_from: from,
+        missing,
+    })
+}
+
+/// Subdivision keeps the numbers of old vertices, so that feature points are found on the coarse mesh.
+fn feature_points(
+    options: &BuildOptions,
+    source: &BankSource,
+    coarse: &crate::mesh::TriangleMesh,
+) -> Result<(Vec<FeaturePointVertex>, String), BankError> {
+    if let Some(path) =
+        options.feature_points.as_ref().or(source.about.feature_points.as_ref().filter(|_| options.landmarks.is_none()))
+    {
+        return Ok((read_feature_points(path, coarse.vertex_count())?, path.display().to_string()));
+    }
+    let landmarks = match &options.landmarks {
+        Some(path) => Some(read_landmark_vertices(path)?),
+        None => source.about.landmarks.clone(),
+    };
+    let landmarks = landmarks.ok_or(BankError::NoFeaturePoints)?;
+    Ok((place_feature_points(coarse, &landmarks)?, "the 68 landmarks".to_owned()))
+}

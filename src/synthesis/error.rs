@@ -1,0 +1,190 @@
+//! Why a bank or a synthesis fails.
+
+use std::path::PathBuf;
+
+use crate::{
+    fap::{ConvertError, FapReadError},
+    input::InputError,
+    mesh::{MeshError, MeshFileError},
+    model::ModelError,
+    normalize::NormalizeError,
+    output::OutputError,
+    track::TrackFileError,
+    units::FeaturePoint,
+    wireframe::FapusError,
+};
+
+/// A bank that can not be made, read or used.
+#[derive(Debug, thiserror::Error)]
+pub enum BankError {
+    /// A mesh or array file that does not read.
+    #[error(transparent)]
+    File(#[from] MeshFileError),
+    /// A CSV file that does not read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A file that can not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// No mesh.
+    #[error("the neutral mesh: {0}")]
+    Mesh(#[from] MeshError),
+    /// A folder or file that holds no bank source.
+    #[error("{}: {reason}", path.display())]
+    Source {
+        /// Folder or file.
+        path: PathBuf,
+        /// What was found and what was expected.
+        reason: String,
+    },
+    /// A bank file that is damaged or of another version.
+    #[error("{} is no readable bank: {reason}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Not a single member.
+    #[error("the bank has no member; at least one expression beside the neutral mesh is needed")]
+    NoMembers,
+    /// Two members of one name.
+    #[error("two members are named `{name}`; names must differ")]
+    DuplicateMember {
+        /// The name.
+        name: String,
+    },
+    /// A member over another number of vertices.
+    #[error("member `{name}` has {found} vertices, the neutral mesh {expected}; all must share one topology")]
+    VertexCount {
+        /// The member.
+        name: String,
+        /// Its vertices.
+        found: usize,
+        /// Those of the neutral mesh.
+        expected: usize,
+    },
+    /// A member whose triangles differ from the neutral mesh.
+    #[error("member `{name}` differs from the neutral mesh in triangle {triangle}; all must share one topology")]
+    Topology {
+        /// The member.
+        name: String,
+        /// First triangle that differs, from 0.
+        triangle: usize,
+    },
+    /// A displacement that is NaN or infinite.
+    #[error("member `{name}`: vertex {vertex} has a displacement that is not a finite number")]
+    NotFinite {
+        /// The member.
+        name: String,
+        /// The vertex.
+        vertex: usize,
+    },
+    /// A feature point past the mesh.
+    #[error("feature point {fp} is at vertex {vertex}, but the mesh has {count} vertices (0 to {})", count.saturating_sub(1))]
+    NoSuchVertex {
+        /// The feature point.
+        fp: FeaturePoint,
+        /// Its vertex.
+        vertex: u64,
+        /// Vertices there are.
+        count: usize,
+    },
+    /// A feature point given twice.
+    #[error("feature point {fp} is given twice")]
+    DuplicateFeaturePoint {
+        /// The feature point.
+        fp: FeaturePoint,
+    },
+    /// No feature points.
+    #[error("the bank has no feature points; give them as a CSV file `fp,vertex` (--feature-points)")]
+    NoFeaturePoints,
+    /// A member or shape that is not there.
+    #[error("there is no `{name}`; there are {}", found.join(", "))]
+    NoSuchMember {
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        found: Vec<String>,
+    },
+    /// A number that does not fit.
+    #[error("{what} is {found}; {expected} was expected")]
+    Number {
+        /// What it is.
+        what: &'static str,
+        /// The number.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+}
+
+/// A motion that can not be read or synthesized.
+#[derive(Debug, thiserror::Error)]
+pub enum SynthesisError {
+    /// The bank.
+    #[error(transparent)]
+    Bank(#[from] BankError),
+    /// A CSV file that does not read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A track that does not read.
+    #[error(transparent)]
+    Track(#[from] TrackFileError),
+    /// A track that can not be normalized.
+    #[error("{}: {source}", path.display())]
+    Normalize {
+        /// The track.
+        path: PathBuf,
+        /// Why.
+        source: NormalizeError,
+    },
+    /// Frames that make no model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A wireframe without facial animation units.
+    #[error(transparent)]
+    Fapus(#[from] FapusError),
+    /// A FAP file that does not read.
+    #[error(transparent)]
+    Fap(#[from] FapReadError),
+    /// FAP values that become no motion.
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
+    /// A file that can not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A motion file that is none of those that are read.
+    #[error("{}: {reason}", path.display())]
+    Motion {
+        /// The file.
+        path: PathBuf,
+        /// What was found and what was expected.
+        reason: String,
+    },
+    /// The bank's feature points do not say how large the face is.
+    #[error("the bank's facial animation units can not be measured: {reason}; give --scale, the bank's units per face unit")]
+    Scale {
+        /// What is missing.
+        reason: String,
+    },
+    /// None of the motion's feature points is in the bank.
+    #[error("the motion has no feature point in common with the bank, which has {}", found.join(", "))]
+    NothingInCommon {
+        /// Feature points of the bank.
+        found: Vec<String>,
+    },
+    /// An option out of range.
+    #[error("{what} is {found}; {expected} was expected")]
+    Option {
+        /// The option.
+        what: &'static str,
+        /// As given.
+        found: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// A picture that can not be encoded.
+    #[error("the picture can not be made: {0}")]
+    Picture(#[from] image::ImageError),
+}

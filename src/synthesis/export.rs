@@ -1,0 +1,330 @@
+//! Files of a synthesized animation: glTF, meshes, arrays, weights, and pictures.
+
+use std::{borrow::Cow, path::Path};
+
+use image::RgbImage;
+use rayon::prelude::*;
+
+use super::{FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer};
+use crate::{
+    mesh::{
+        add,
+        gltf::{GltfAnimation, GltfTarget, write_glb},
+        write_npy_f32, write_obj, write_ply,
+    },
+    output::{OutputError, nine_digits, write_atomic, write_bytes},
+    overlay::png_bytes,
+    render::{FaceScene, Labelled, View, contact_sheet, gif_bytes},
+};
+
+/// An animation: a synthesizer's answers to the frames of a motion.
+#[derive(Clone, Copy, Debug)]
+pub struct Animation<'a> {
+    /// What made it.
+    pub synthesizer: &'a Synthesizer<'a>,
+    /// The motion.
+    pub motions: &'a [FpMotion],
+    /// One answer for every frame.
+    pub answers: &'a [FrameAnswer],
+    /// Its name.
+    pub name: &'a str,
+    /// Frames per second.
+    pub fps: f64,
+}
+
+/// Frames whose surfaces are in memory at once while files are written.
+const BATCH: usize = 8;
+
+impl Animation<'_> {
+    /// Displacements of the surface of a frame.
+    pub fn surface(&self, frame: usize) -> Vec<[f32; 3]> {
+        self.synthesizer.surface(&self.answers[frame], &self.motions[frame])
+    }
+
+    /// Hands over the surfaces in order; a few at a time are computed, by all threads.
+    ///
+    /// # Errors
+    /// What `take` fails with.
+    pub fn for_each_surface<E>(&self, mut take: impl FnMut(usize, Vec<[f32; 3]>) -> Result<(), E>) -> Result<(), E> {
+        for start in (0..self.answers.len()).step_by(BATCH) {
+            let end = (start + BATCH).min(self.answers.len());
+            let surfaces: Vec<_> = (start..end).into_par_iter().map(|frame| self.surface(frame)).collect();
+            for (frame, surface) in (start..end).zip(surfaces) {
+                take(frame, surface)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the animation as binary glTF: the members with a weight in any frame as morph targets under their names, and their weights
+    /// over time. With several regions there is a target for every member and region, `NAME.REGION`, that moves the vertices of the
+    /// region by their share. A surface without weights ([`Solver::Rbf`]) has a target for every frame.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write_gltf(&self, path: &Path) -> Result<(), OutputError> {
+        let bank = self.synthesizer.bank();
+        let times_s = (0..self.answers.len()).map(|frame| (frame as f64 / self.fps) as f32).collect();
+        if self.synthesizer.options().solver == Solver::Rbf {
+            let frames = self.answers.len();
+            let targets: Vec<GltfTarget> =
+                (0..frames).map(|k| GltfTarget { name: format!("frame_{k:03}"), vertices: None }).collect();
+            let weights = (0..frames * frames).map(|k| f32::from(u8::from(k / frames == k % frames))).collect();
+            let animation = GltfAnimation { name: self.name.to_owned(), times_s, weights };
+            let surface = |frame: usize| Cow::Owned(self.surface(frame));
+            return write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &surface, Some(&animation)));
+        }
+        let regions = self.synthesizer.regions();
+        let used = |region: usize, member: usize| self.answers.iter().any(|a| a.weights[region][member] != 0.0);
+        let pairs: Vec<(usize, usize)> = (0..bank.member_count())
+            .flat_map(|member| (0..regions.count()).map(move |region| (member, region)))
+            .filter(|&(member, region)| used(region, member))
+            .collect();
+        let names = regions.scheme().names();
+        let target = |&(member, region): &(usize, usize)| {
+            let name = &bank.names()[member];
+            if regions.count() == 1 {
+                return GltfTarget { name: name.clone(), vertices: None };
+            }
+            let shares = regions.vertex_shares(region).iter().enumerate();
+            let vertices = shares.filter(|(_, share)| **share > 0.0).map(|(v, _)| v as u32).collect();
+            GltfTarget { name: format!("{name}.{}", names[region]), vertices: Some(vertices) }
+        };
+        let targets: Vec<GltfTarget> = pairs.iter().map(target).collect();
+        let displacements = |k: usize| -> Cow<'_, [[f32; 3]]> {
+            let (member, region) = pairs[k];
+            let all = bank.displacements(member);
+            if regions.count() == 1 {
+                return Cow::Borrowed(all);
+            }
+            Cow::Owned(all.iter().zip(regions.vertex_shares(region)).map(|(d, &share)| d.map(|c| c * share)).collect())
+        };
+        let weights =
+            self.answers.iter().flat_map(|a| pairs.iter().map(|&(member, region)| a.weights[region][member] as f32)).collect();
+        let animation = GltfAnimation { name: self.name.to_owned(), times_s, weights };
+        write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &displacements, Some(&animation)))
+    }
+
+    /// Writes `surface.npy`: frames x vertices x 3, displacements from neutral.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write_npy(&self, path: &Path) -> Result<(), OutputError> {
+        let shape = [self.answers.len(), self.synthesizer.bank().vertex_count(), 3];
+        write_atomic(path, |out| {
+            write_npy_f32(out, &shape, |push| self.for_each_surface(|_, surface| push(surface.as_flattened())))
+        })
+    }
+
+    /// Writes one OBJ or PLY file for every frame, `frame_000.obj` and so on, into a folder.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write_meshes(&self, folder: &Path, as_ply: bool) -> Result<(), OutputError> {
+        let mesh = self.synthesizer.bank().mesh();
+        self.for_each_surface(|frame, surface| {
+            let positions: Vec<[f32; 3]> = mesh.positions().iter().zip(&surface).map(|(&p, &d)| add(p, d)).collect();
+            let write = if as_ply { write_ply } else { write_obj };
+            let path = folder.join(format!("frame_{frame:03}.{}", if as_ply { "ply" } else { "obj" }));
+            write_atomic(&path, |out| write(out, &positions, mesh.triangles()))
+        })
+    }
+
+    /// Writes `frame,region` and a column of weights for every member.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write_weights(&self, path: &Path) -> Result<(), OutputError> {
+        let names = self.synthesizer.regions().scheme().names();
+        write_atomic(path, |out| {
+            let mut csv = csv::Writer::from_writer(out);
+            csv.write_record(["frame", "region"].into_iter().chain(self.synthesizer.bank().names().iter().map(String::as_str)))?;
+            for (frame, answer) in self.answers.iter().enumerate() {
+                for (region, weights) in names.iter().zip(&answer.weights) {
+                    let start = [frame.to_string(), (*region).to_owned()];
+                    csv.write_record(start.into_iter().chain(weights.iter().map(|&w| nine_digits(w))))?;
+                }
+            }
+            csv.flush()
+        })
+    }
+
+    /// Writes `frame,region,moving,fitness,bound,share_of_bound`: a row for every frame and region, and one named `joined` for the joined
+    /// surface, whose bound is unknown. What does not move has no numbers.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write_fitness(&self, path: &Path) -> Result<(), OutputError> {
+        let names = self.synthesizer.regions().scheme().names();
+        let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
+        write_atomic(path, |out| {
+            let mut csv = csv::Writer::from_writer(out);
+            csv.write_record(["frame", "region", "fitness", "bound", "share_of_bound"])?;
+            for (frame, answer) in self.answers.iter().enumerate() {
+                let frame = frame.to_string();
+                for (region, (fitness, bound)) in names.iter().zip(answer.region_fitness.iter().zip(&answer.region_bound)) {
+                    let share = fitness.zip(*bound).and_then(|(f, b)| (b > 0.0).then(|| f / b));
+                    csv.write_record([&frame, *region, &number(*fitness), &number(*bound), &number(share)])?;
+                }
+                if names.len() > 1 {
+                    csv.write_record([&frame, "joined", &number(answer.fitness), "", ""])?;
+                }
+            }
+            csv.flush()
+        })
+    }
+
+    /// Writes `frame,region,run,generation,offspring,best`, the course of every run of the genetic algorithm [ZL, Fig. 6b].
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write_history(&self, path: &Path) -> Result<(), OutputError> {
+        let names = self.synthesizer.regions().scheme().names();
+        write_atomic(path, |out| {
+            let mut csv = csv::Writer::from_writer(out);
+            csv.write_record(["frame", "region", "run", "generation", "offspring", "best"])?;
+            for (frame, answer) in self.answers.iter().enumerate() {
+                for (region, runs) in names.iter().zip(&answer.runs) {
+                    for (run, history) in runs.iter().map(|r| &r.history).enumerate() {
+                        for (generation, g) in history.iter().enumerate() {
+                            let place = [frame, run, generation].map(|n| n.to_string());
+                            let values = [g.offspring, g.best].map(nine_digits);
+                            csv.write_record([&place[0], *region, &place[1], &place[2], &values[0], &values[1]])?;
+                        }
+                    }
+                }
+            }
+            csv.flush()
+        })
+    }
+
+    /// Up to `count` frames, evenly spread from the first to the last.
+    fn chosen_frames(&self, count: usize) -> Vec<usize> {
+        let frames = self.answers.len();
+        let count = count.min(frames);
+        (0..count).map(|k| if count == 1 { frames - 1 } else { (k * (frames - 1) + (count - 1) / 2) / (count - 1) }).collect()
+    }
+
+    /// The frame that moves most.
+    pub fn apex(&self) -> usize {
+        let length = |k: &usize| self.motions[*k].total_length();
+        (0..self.motions.len()).max_by(|a, b| length(a).total_cmp(&length(b)).then(b.cmp(a))).unwrap_or(0)
+    }
+
+    /// Writes a sheet of eight frames, from the front and from the side.
+    ///
+    /// # Errors
+    /// [`SynthesisError`] when the picture can not be encoded or written.
+    pub fn write_contact_sheet(&self, path: &Path) -> Result<(), SynthesisError> {
+        let scene = FaceScene::new(self.synthesizer.bank());
+        let frames = self.chosen_frames(SHEET_COLUMNS);
+        let cells: Vec<(usize, f32)> = [0.0, SHEET_YAW].iter().flat_map(|&yaw| frames.iter().map(move |&f| (f, yaw))).collect();
+        let pictures: Vec<Labelled> = cells
+            .par_iter()
+            .map(|&(frame, yaw)| {
+                let fitness = self.answers[frame].fitness.map_or("rest".to_owned(), |f| format!("{f:.3}"));
+                Labelled {
+                    picture: scene.draw(&self.surface(frame), View::front(SHEET_CELL.0, SHEET_CELL.1).turned(yaw)),
+                    label: format!("frame {frame} {fitness}"),
+                }
+            })
+            .collect();
+        write_png(path, &contact_sheet(&pictures, frames.len()))
+    }
+
+    /// Writes the frame that moves most from nine sides as a PNG file, and the animation while the head turns as an endless GIF file.
+    ///
+    /// # Errors
+    /// [`SynthesisError`] when a picture can not be encoded or written.
+    pub fn write_turntable(&self, png: &Path, gif: &Path) -> Result<(), SynthesisError> {
+        let scene = FaceScene::new(self.synthesizer.bank());
+        let apex = self.surface(self.apex());
+        let pictures: Vec<Labelled> = (0..TURNTABLE_VIEWS)
+            .into_par_iter()
+            .map(|k| {
+                let yaw = TURNTABLE_YAW * (2.0 * k as f32 / (TURNTABLE_VIEWS - 1) as f32 - 1.0);
+                let picture = scene.draw(&apex, View::front(SHEET_CELL.0, SHEET_CELL.1).turned(yaw));
+                Labelled { picture, label: format!("{yaw:+.0} degrees") }
+            })
+            .collect();
+        write_png(png, &contact_sheet(&pictures, TURNTABLE_VIEWS))?;
+        let steps: Vec<RgbImage> = (0..GIF_FRAMES)
+            .into_par_iter()
+            .map(|step| {
+                let share = step as f32 / GIF_FRAMES as f32;
+                let yaw = GIF_YAW * (share * std::f32::consts::TAU).sin();
+                // Twice there and back during one turn.
+                let play = 1.0 - (1.0 - (2.0 * share).fract() * 2.0).abs();
+                let frame = (play * (self.answers.len() - 1) as f32).round() as usize;
+                scene.draw(&self.surface(frame), View::front(GIF_SIZE.0, GIF_SIZE.1).turned(yaw))
+            })
+            .collect();
+        Ok(write_bytes(gif, &gif_bytes(&steps, GIF_CENTISECONDS)?)?)
+    }
+}
+
+/// Frames on a contact sheet, the size of a cell in px, and the turn of the second row in degrees.
+const SHEET_COLUMNS: usize = 8;
+const SHEET_CELL: (u32, u32) = (220, 260);
+const SHEET_YAW: f32 = 38.0;
+/// Views of the turntable and the largest turn in degrees.
+const TURNTABLE_VIEWS: usize = 7;
+const TURNTABLE_YAW: f32 = 60.0;
+/// Frames of the GIF animation, their duration in 1/100 s, its size in px and its largest turn in degrees.
+const GIF_FRAMES: usize = 48;
+const GIF_CENTISECONDS: u32 = 6;
+const GIF_SIZE: (u32, u32) = (280, 330);
+const GIF_YAW: f32 = 35.0;
+
+/// Writes a picture as PNG.
+///
+/// # Errors
+/// [`SynthesisError`] when it can not be encoded or written.
+pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), SynthesisError> {
+    Ok(write_bytes(path, &png_bytes(picture)?)?)
+}
+
+/// A picture of a bank: neutral from three sides, its feature points, and every member.
+///
+/// # Errors
+/// [`SynthesisError`] when it can not be encoded or written.
+pub fn write_bank_picture(bank: &super::Bank, path: &Path) -> Result<(), SynthesisError> {
+    let scene = FaceScene::new(bank);
+    let still = vec![[0.0; 3]; bank.vertex_count()];
+    let view = View::front(SHEET_CELL.0, SHEET_CELL.1);
+    let neutral = |yaw: f32, label: &str| Labelled { picture: scene.draw(&still, view.turned(yaw)), label: label.to_owned() };
+    let points = |yaw: f32, label: String| Labelled { picture: scene.draw_feature_points(view.turned(yaw)), label };
+    let mut pictures = vec![
+        neutral(0.0, "neutral"),
+        neutral(SHEET_YAW, "neutral"),
+        neutral(-SHEET_YAW, "neutral"),
+        points(0.0, format!("{} feature points", bank.feature_points().len())),
+        points(SHEET_YAW, "feature points".to_owned()),
+        points(-SHEET_YAW, "feature points".to_owned()),
+    ];
+    let members = (0..bank.member_count()).into_par_iter();
+    pictures.par_extend(
+        members.map(|k| Labelled { picture: scene.draw(bank.displacements(k), view), label: bank.names()[k].clone() }),
+    );
+    write_png(path, &contact_sheet(&pictures, 6))
+}
+
+/// Reads displacements as [`Animation::write_npy`] writes them, and compares every frame with a surface: the surface errors.
+///
+/// # Errors
+/// [`SynthesisError`] for an array that does not read or is of another shape.
+pub fn compare_with_truth(animation: &Animation<'_>, path: &Path) -> Result<Vec<Option<f64>>, SynthesisError> {
+    let mut rows = crate::mesh::read_npy_rows(path).map_err(super::BankError::from)?;
+    let expected = [animation.answers.len(), animation.synthesizer.bank().vertex_count(), 3];
+    if rows.shape() != expected {
+        let reason = format!("the array is of shape {:?}; frames x vertices x 3 = {expected:?} was expected", rows.shape());
+        return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+    }
+    let mut errors = Vec::with_capacity(expected[0]);
+    animation.for_each_surface(|_, surface| -> Result<(), SynthesisError> {
+        let truth = rows.next_block().map_err(super::BankError::from)?;
+        errors.push(super::surface_error(&surface, truth.as_chunks::<3>().0));
+        Ok(())
+    })?;
+    Ok(errors)
+}

@@ -1,0 +1,74 @@
+//! Dense expressions from sparse motion [ZL]: a bank of expression meshes, and the search for the mixture whose MPEG-4 feature points
+//! move as asked.
+//!
+//! ```text
+//! meshes -> Bank -> FpBasis -> Goal (of a region) -> Solver -> weights -> dense surface
+//! representative, track, .fap, CSV -> FpMotion ----^
+//! ```
+//!
+//! Letters: V vertices, M members of the bank, F feature points; in formulas of [ZL] M is the number of moving feature points. Lengths
+//! are in the bank's own unit, axes those of face space.
+
+mod animate;
+pub mod arkit;
+mod bank;
+mod build;
+mod crossover;
+mod embedded;
+mod error;
+mod export;
+mod feature_points;
+mod file;
+mod fitness;
+mod mix;
+mod motion;
+mod performance;
+mod random;
+mod regions;
+mod search;
+mod solve;
+mod source;
+mod surface;
+mod target;
+
+pub use animate::{BOUND_STARTS, FrameAnswer, SMOOTHING_FRAMES, SynthesisOptions, Synthesizer, jump};
+pub use bank::{Bank, BankHead, BankInfo, Composition, FeaturePointVertex};
+pub use build::{BuildOptions, BuildSummary, MAX_SUBDIVIDE, build_bank};
+pub use crossover::Crossover;
+pub use embedded::{candide_bank, candide_expressions, candide_shapes, candide_study};
+pub use error::{BankError, SynthesisError};
+pub use export::{Animation, compare_with_truth, write_bank_picture, write_png};
+pub use feature_points::{
+    place_feature_points, read_feature_points, read_landmark_vertices, skin_feature_points, write_feature_points,
+};
+pub use file::{BANK_VERSION, write as write_bank};
+pub use fitness::fitness;
+pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
+pub use motion::{Motion, MotionKind, read_motion};
+pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};
+pub use regions::{OVERLAP, RegionScheme, Regions};
+pub use search::{BLX_ALPHA, GENERATIONS, GaOptions, Generation, Run, TOURNAMENT_SIZE, evolve};
+pub use solve::{Climb, Signs, Solution, Solver, best_member, bound, climb, genetic, interpolate, least_squares, refined};
+pub use surface::{surface, surface_error};
+pub use target::{FpBasis, FpMotion, Goal, summed_length};
+
+#[cfg(test)]
+pub(crate) mod testing {
+    //! A bank small enough to work out by hand.
+
+    use super::*;
+    use crate::mesh::TriangleMesh;
+
+    /// Four vertices, two triangles, three feature points (vertices 0, 1, 2) and the members
+    /// `right` (all along x), `up` (all along y) and `out` (vertex 0 along x, 1 along y, 2 and 3 along z).
+    pub fn bank() -> Bank {
+        let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let mesh = TriangleMesh::new(positions, vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+        let (x, y, z) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
+        let displacements = vec![x, x, x, x, y, y, y, y, x, y, z, z];
+        let names = ["right", "up", "out"].map(str::to_owned).to_vec();
+        let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+        let points = points.map(|(fp, vertex)| FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+        Bank::new(mesh, names, displacements, points, BankInfo::default()).unwrap()
+    }
+}

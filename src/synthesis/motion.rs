@@ -1,0 +1,366 @@
+//! The motion of feature points from what other stages write: representatives, normalized models, tracks, FAP files, or a CSV file.
+//!
+//! Everything but the CSV file is seen from the front: two-dimensional, in units of Candide-3's face. It is brought to the bank's face as
+//! the main job makes faces equal: each offset by the ratio of the FAPUs of its facial region, along x and along y. FAPUs of bank and
+//! Candide-3 are measured on the same feature points.
+
+use std::{collections::BTreeMap, path::Path};
+
+use nalgebra::{Vector2, Vector3};
+
+use super::{Bank, FpMotion, SynthesisError};
+use crate::{
+    fap::{FapCatalog, offsets_from_frame, read_fap},
+    input::CsvFile,
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    normalize::{Canonical, NormalizeOptions, Normalizer},
+    track::{read_track, read_track_info, track_model},
+    units::{FaceUnit, FeaturePoint, NodeId},
+    wireframe::{Fapu, Tables, Wireframe},
+};
+
+/// What a motion was read from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MotionKind {
+    /// `frame,fp,dx,dy,dz` in the bank's unit.
+    FeaturePoints,
+    /// `frame,node,x,y`: a representative or a normalized model, face units.
+    Model,
+    /// `frame,node,x,y,state,residual`: a track, pixels.
+    Track,
+    /// A FAP file.
+    Fap,
+}
+
+/// A motion of the bank's feature points over time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// What it was read from.
+    pub kind: MotionKind,
+    /// Frames in order.
+    pub frames: Vec<FpMotion>,
+    /// Frames per second, where the source says so.
+    pub fps: Option<f64>,
+    /// Feature points of the motion that the bank does not have.
+    pub ignored: Vec<FeaturePoint>,
+    /// Bank units per face unit along x and y for the five FAPUs in the order of the standard; `None` for motion in the bank's unit.
+    pub scale: Option<[f64; 5]>,
+}
+
+impl Motion {
+    /// The motion with `between` frames put between every two, on straight lines.
+    pub fn with_frames_between(&self, between: usize) -> Self {
+        let mut frames = Vec::new();
+        for pair in self.frames.windows(2) {
+            for step in 0..=between {
+                let share = step as f64 / (between + 1) as f64;
+                let mix = |(a, b): (&Option<Vector3<f64>>, &Option<Vector3<f64>>)| Some(a.as_ref()?.lerp(b.as_ref()?, share));
+                let offsets = pair[0].offsets.iter().zip(&pair[1].offsets).map(mix).collect();
+                frames.push(if step == 0 {
+                    pair[0].clone()
+                } else {
+                    FpMotion { offsets, planar: pair[0].planar || pair[1].planar }
+                });
+            }
+        }
+        frames.extend(self.frames.last().cloned());
+        Self { frames, ..self.clone() }
+    }
+
+    /// The motion with feature points at rest that move less than `share` of the farthest moving one, each judged by its largest offset
+    /// of all frames.
+    ///
+    /// The fitness counts every feature point with a motion alike [ZL], and a tracker gives some to all of them.
+    pub fn without_noise(&self, share: f64) -> Self {
+        let count = self.frames.first().map_or(0, |f| f.offsets.len());
+        let largest = |point: usize| self.frames.iter().filter_map(|f| f.offsets[point]).map(|v| v.norm()).fold(0.0, f64::max);
+        let reach: Vec<f64> = (0..count).map(largest).collect();
+        let least = share * reach.iter().copied().fold(0.0, f64::max);
+        let still =
+            |(offset, reach): (&Option<Vector3<f64>>, &f64)| offset.map(|v| if *reach < least { Vector3::zeros() } else { v });
+        let frame = |f: &FpMotion| FpMotion { offsets: f.offsets.iter().zip(&reach).map(still).collect(), planar: f.planar };
+        Self { frames: self.frames.iter().map(frame).collect(), ..self.clone() }
+    }
+
+    /// Whether nothing moves in any frame.
+    pub fn is_still(&self) -> bool {
+        self.frames.iter().all(|f| f.total_length() == 0.0)
+    }
+}
+
+/// Reads a motion for a bank. `scale` is in bank units per face unit and stands for the bank's FAPUs where these can not be measured.
+///
+/// The kind is known by the name (`.fap`) or the header: a column `fp` for feature points, `state` for a track, else a model.
+///
+/// # Errors
+/// [`SynthesisError`] for files that do not read, for a bank without the feature points that its size is measured on, and for motions
+/// that have no feature point in common with the bank.
+pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motion, SynthesisError> {
+    let motion = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("fap")) {
+        read_fap_motion(path, &Face::new(bank, scale)?)?
+    } else {
+        let file = CsvFile::open(path)?;
+        if file.column("fp").is_some() {
+            read_points(&file, bank)?
+        } else if file.column("state").is_some() {
+            read_track_motion(path, &Face::new(bank, scale)?)?
+        } else if file.column("node").is_some() {
+            read_model(&file, &Face::new(bank, scale)?)?
+        } else {
+            let found = file.header().join(",");
+            let reason = format!(
+                "the header is `{found}`; expected were frame,fp,dx,dy,dz (feature points), frame,node,x,y (a representative or a \
+                 normalized model) or frame,node,x,y,state,residual (a track)"
+            );
+            return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+        }
+    };
+    if motion.frames.iter().all(|f| f.offsets.iter().all(Option::is_none)) {
+        let found = bank.feature_points().iter().map(|p| p.fp.to_string()).collect();
+        return Err(SynthesisError::NothingInCommon { found });
+    }
+    Ok(motion)
+}
+
+fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
+    let [frame, fp, dx, dy] = file.require(["frame", "fp", "dx", "dy"])?;
+    let dz = file.column("dz");
+    let mut frames: BTreeMap<u32, FpMotion> = BTreeMap::new();
+    let mut ignored = Vec::new();
+    let count = bank.feature_points().len();
+    let mut planar = dz.is_none();
+    for row in file.rows() {
+        let row = row?;
+        let point: FeaturePoint = row.get(fp).parse().map_err(|_| row.field_error(fp, "an MPEG-4 feature point such as 8.3"))?;
+        let depth = dz.filter(|&dz| !row.get(dz).is_empty());
+        planar |= depth.is_none();
+        let z = depth.map_or(Ok(0.0), |dz| row.number(dz))?;
+        let offset = Vector3::new(row.number(dx)?, row.number(dy)?, z);
+        let number = row.whole_number(frame)?;
+        let motion = frames.entry(number).or_insert_with(|| FpMotion { offsets: vec![None; count], planar: false });
+        match bank.feature_point_index(point) {
+            None if !ignored.contains(&point) => ignored.push(point),
+            None => {}
+            Some(place) if motion.offsets[place].is_some() => {
+                return Err(row.field_error(fp, "one row for every feature point of a frame").into());
+            }
+            Some(place) => motion.offsets[place] = Some(offset),
+        }
+    }
+    let mut frames: Vec<FpMotion> = frames.into_values().collect();
+    frames.iter_mut().for_each(|f| f.planar = planar);
+    Ok(Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, scale: None })
+}
+
+fn read_model(file: &CsvFile, face: &Face<'_>) -> Result<Motion, SynthesisError> {
+    let [frame, node, x, y] = file.require(["frame", "node", "x", "y"])?;
+    let mut frames: BTreeMap<u32, Vec<nalgebra::Point2<f64>>> = BTreeMap::new();
+    for row in file.rows() {
+        let row = row?;
+        let nodes = frames.entry(row.whole_number(frame)?).or_default();
+        if row.whole_number(node)? as usize != nodes.len() {
+            return Err(row.field_error(node, "every frame with all nodes from 0 in order").into());
+        }
+        nodes.push(nalgebra::Point2::new(row.number(x)?, row.number(y)?));
+    }
+    let model = DynamicExpressionModel::new(frames.into_values().map(FrameExpressionModel::new).collect())?;
+    face.motion(MotionKind::Model, &model, None, file.path())
+}
+
+fn read_track_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisError> {
+    let track = track_model(&read_track(path)?)?;
+    let fps = read_track_info(path)?.and_then(|info| info.fps);
+    let normalizer = Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())?;
+    let model =
+        normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
+    face.motion(MotionKind::Track, &model, fps, path)
+}
+
+fn read_fap_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisError> {
+    let sequence = read_fap(path)?.sequence;
+    let mut frames = Vec::with_capacity(sequence.frames.len());
+    for frame in &sequence.frames {
+        let offsets = offsets_from_frame(frame, &face.canonical.fapus, FapCatalog::mpeg4())?;
+        // A feature point that no FAP drives is unknown; an axis that none drives rests.
+        frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
+    }
+    Ok(Motion { kind: MotionKind::Fap, frames, fps: Some(sequence.fps), ignored: Vec::new(), scale: Some(face.scale) })
+}
+
+/// Candide-3's face beside the bank's.
+struct Face<'b> {
+    bank: &'b Bank,
+    wireframe: Wireframe,
+    tables: Tables,
+    canonical: Canonical,
+    /// Bank units per face unit, by FAPU.
+    scale: [f64; 5],
+}
+
+impl<'b> Face<'b> {
+    fn new(bank: &'b Bank, scale: Option<f64>) -> Result<Self, SynthesisError> {
+        let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+        let canonical = Canonical::new(&wireframe, &tables)?;
+        let scale = match scale {
+            Some(scale) if scale > 0.0 && scale.is_finite() => [scale; 5],
+            Some(scale) => {
+                let found = scale.to_string();
+                return Err(SynthesisError::Option { what: "the scale", found, expected: "a number greater than 0" });
+            }
+            None => {
+                let of_bank =
+                    |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
+                let of_candide = |fp: FeaturePoint| {
+                    let node = tables.feature_point_nodes(fp)?.first()?;
+                    canonical.neutral.node(*node).map(|p| p.coords)
+                };
+                scale_of(&of_bank, &of_candide)?
+            }
+        };
+        Ok(Self { bank, wireframe, tables, canonical, scale })
+    }
+
+    fn motion(
+        &self,
+        kind: MotionKind,
+        model: &DynamicExpressionModel<FaceUnit>,
+        fps: Option<f64>,
+        path: &Path,
+    ) -> Result<Motion, SynthesisError> {
+        let (found, expected) = (model.node_count(), self.wireframe.node_count());
+        if found != expected {
+            let reason = format!("{found} nodes; Candide-3 has {expected}");
+            return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+        }
+        let frames = (0..model.frame_count())
+            .map(|m| {
+                let offsets = model.neutral_offsets(m);
+                self.frame(|node| offsets.get(node.index()).copied())
+            })
+            .collect();
+        Ok(Motion { kind, frames, fps, ignored: Vec::new(), scale: Some(self.scale) })
+    }
+
+    /// The motion of the bank's feature points from node offsets, face units.
+    fn frame(&self, offset: impl Fn(NodeId) -> Option<Vector2<f64>>) -> FpMotion {
+        let ratio = |fapu: Fapu| Fapu::LENGTHS.iter().position(|&u| u == fapu).map_or(self.scale[1], |k| self.scale[k]);
+        let of_point = |fp: FeaturePoint| {
+            let nodes = self.tables.feature_point_nodes(fp)?;
+            let known: Vec<Vector2<f64>> = nodes
+                .iter()
+                .filter_map(|&node| {
+                    let (x, y) = self.tables.node_fapus(node);
+                    offset(node).map(|o| Vector2::new(o.x * ratio(x), o.y * ratio(y)))
+                })
+                .collect();
+            let sum: Vector2<f64> = known.iter().sum();
+            (!known.is_empty()).then(|| (sum / known.len() as f64).push(0.0))
+        };
+        FpMotion { offsets: self.bank.feature_points().iter().map(|p| of_point(p.fp)).collect(), planar: true }
+    }
+}
+
+/// Lengths of the bank over those of the canonical Candide-3 for the five FAPUs. A length that one of them lacks takes the ratio of the
+/// eye separation.
+fn scale_of(
+    bank: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>,
+    candide: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>,
+) -> Result<[f64; 5], SynthesisError> {
+    let ratio = |fapu: Fapu| {
+        let (bank, candide) = (length(fapu, bank)?, length(fapu, candide)?);
+        (bank > 0.0 && candide > 0.0).then(|| bank / candide)
+    };
+    let es = ratio(Fapu::Es).ok_or_else(|| SynthesisError::Scale {
+        reason: "the eye separation needs the corners of both eyes, feature points 3.7, 3.8, 3.11 and 3.12, left of each other"
+            .to_owned(),
+    })?;
+    Ok(Fapu::LENGTHS.map(|fapu| ratio(fapu).unwrap_or(es)))
+}
+
+/// A FAPU length by feature points of the skin; the pupils stand halfway between the corners of their eye.
+fn length(fapu: Fapu, at: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>) -> Option<f64> {
+    let at = |group: u8, point: u8| at(FeaturePoint { group, point });
+    let pupil = |outer: u8, inner: u8| Some((at(3, outer)? + at(3, inner)?) / 2.0);
+    let eyes = || Some((pupil(7, 11)?, pupil(12, 8)?));
+    match fapu {
+        Fapu::Irisd => Some(f64::midpoint(at(3, 1)?.y - at(3, 3)?.y, at(3, 2)?.y - at(3, 4)?.y)),
+        Fapu::Es => eyes().map(|(left, right)| left.x - right.x),
+        Fapu::Ens => eyes().and_then(|(left, right)| Some(f64::midpoint(left.y, right.y) - at(9, 15)?.y)),
+        Fapu::Mns => Some(at(9, 15)?.y - at(2, 2)?.y),
+        Fapu::Mw => Some(at(8, 3)?.x - at(8, 4)?.x),
+        Fapu::Au => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use approx::assert_relative_eq;
+
+    use super::*;
+    use crate::synthesis::{candide_bank, testing};
+
+    fn read(text: &str) -> Result<Motion, SynthesisError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.csv");
+        fs::write(&path, text).unwrap();
+        read_motion(&path, &testing::bank(), None)
+    }
+
+    #[test]
+    fn feature_points_are_read_in_space_and_in_the_plane() {
+        let motion = read("frame,fp,dx,dy,dz\n3,8.4,1,2,3\n7,8.3,0,0,0\n7,2.1,1,1,1\n").unwrap();
+        assert_eq!(motion.frames.len(), 2);
+        assert_eq!(motion.frames[0].offsets, [Some(Vector3::new(1.0, 2.0, 3.0)), None, None]);
+        assert!(!motion.frames[0].planar);
+        assert_eq!(motion.ignored, ["2.1".parse().unwrap()]);
+        assert!(read("frame,fp,dx,dy,dz\n3,8.4,1,2,\n").unwrap().frames[0].planar);
+        assert!(read("frame,fp,dx,dy\n3,8.4,1,2\n").unwrap().frames[0].planar);
+    }
+
+    #[test]
+    fn bad_motions_say_where() {
+        let says = |text: &str, part: &str| {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        };
+        says("a,b\n1,2\n", "the header is `a,b`; expected were frame,fp,dx,dy,dz");
+        says("frame,fp,dx,dy\n0,8.4,1,x\n", "line 2: dy is `x`");
+        says("frame,fp,dx,dy\n0,8.4,1,1\n0,8.4,1,1\n", "line 3: fp is `8.4`; one row for every feature point");
+        says("frame,fp,dx,dy\n0,2.1,1,1\n", "no feature point in common with the bank, which has 8.4, 8.3, 3.11");
+        // The tiny bank has no eyes to measure its size on.
+        says("frame,node,x,y\n0,0,1,1\n", "3.7, 3.8, 3.11 and 3.12");
+    }
+
+    #[test]
+    fn candide_measures_itself_at_its_own_size() {
+        // The bank's neutral is Candide-3 in model units, rounded by the subdivision; ES0 is 0.613 of them and 1024 face units.
+        let bank = candide_bank().unwrap();
+        let face = Face::new(&bank, None).unwrap();
+        let expected = 0.613 / 1024.0;
+        for scale in face.scale {
+            assert!((scale / expected - 1.0).abs() < 0.25, "{scale}");
+        }
+        let motion = face.frame(|node| (node == NodeId(31)).then(|| Vector2::new(10.0, 0.0)));
+        let corner = bank.feature_point_index("8.3".parse().unwrap()).unwrap();
+        assert_relative_eq!(motion.offsets[corner].unwrap().x, 10.0 * face.scale[4], epsilon = 1e-12);
+        assert_eq!(motion.offsets.iter().flatten().count(), 1);
+    }
+
+    #[test]
+    fn frames_in_between_lie_on_lines() {
+        let motion = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,3,6\n").unwrap().with_frames_between(2);
+        let x: Vec<f64> = motion.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();
+        assert_eq!(motion.frames.len(), 4);
+        (0..4).for_each(|k| assert_relative_eq!(x[k], k as f64, epsilon = 1e-12));
+        // 8.3 goes 0.1 at most where 8.4 goes 6.7: less than 5 %.
+        let noisy = read("frame,fp,dx,dy\n0,8.4,0,0\n0,8.3,0.1,0\n1,8.4,3,6\n1,8.3,0,0.1\n").unwrap();
+        let quiet = noisy.without_noise(0.05);
+        assert!(quiet.frames.iter().all(|f| f.offsets[1] == Some(Vector3::zeros())));
+        assert_eq!(quiet.frames[1].offsets[0], noisy.frames[1].offsets[0]);
+        assert_eq!(noisy.without_noise(0.0), noisy);
+        assert!(!motion.is_still() && read("frame,fp,dx,dy\n0,8.4,0,0\n").unwrap().is_still());
+    }
+}

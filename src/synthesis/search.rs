@@ -1,0 +1,228 @@
+//! The genetic algorithm [ZL, section 3].
+//!
+//! Steady state: in each generation three individuals are drawn from the population and compared; the worst of them is replaced by
+//! the crossover of the two others. An individual is its weights of the bank's members. The motion of its feature points is carried
+//! along, a sum of the parents' as its weights are, and its fitness is computed once; the dense surface is nobody's business here.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Crossover, SynthesisError,
+    fitness::fitness,
+    random::{distinct, generator},
+    target::{Goal, summed_length},
+};
+
+/// Individuals drawn per generation [ZL: "we decide to evaluate 3 expression faces at a time"].
+pub const TOURNAMENT_SIZE: usize = 3;
+/// Generations [ZL: "N = 70 is chosen"].
+pub const GENERATIONS: usize = 70;
+/// The best alpha of BLX in [ZL, section 4].
+pub const BLX_ALPHA: f64 = 0.2;
+
+/// Parameters of the search.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GaOptions {
+    /// Individuals; `None` for as many as the bank has members [ZL]. Fewer are drawn from the bank, more repeat it.
+    pub population: Option<usize>,
+    /// Individuals drawn per generation, 2 or more; the worst of them is replaced by the crossover of the two best.
+    pub tournament: usize,
+    /// Generations.
+    pub generations: usize,
+    /// How offspring are made.
+    pub crossover: Crossover,
+    /// Independent runs per goal, of which the best is taken; 1 or more.
+    pub runs: usize,
+    /// Seed of every draw.
+    pub seed: u64,
+}
+
+impl Default for GaOptions {
+    /// Those of [ZL], with line crossover, the best of their Table 1.
+    fn default() -> Self {
+        let (tournament, generations) = (TOURNAMENT_SIZE, GENERATIONS);
+        Self { population: None, tournament, generations, crossover: Crossover::Line, runs: 1, seed: 1 }
+    }
+}
+
+impl GaOptions {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`SynthesisError::Option`].
+    pub fn check(&self) -> Result<(), SynthesisError> {
+        let wrong = |what, found: String, expected| Err(SynthesisError::Option { what, found, expected });
+        if self.tournament < 2 {
+            return wrong("the tournament's size", self.tournament.to_string(), "2 or more");
+        }
+        if self.population == Some(0) {
+            return wrong("the population", "0".to_owned(), "1 or more");
+        }
+        if self.runs == 0 || self.runs >= 1 << 24 {
+            return wrong("the number of runs", self.runs.to_string(), "1 to 16777215");
+        }
+        match self.crossover {
+            Crossover::Blx { alpha } if !(0.0..=1.0).contains(&alpha) => wrong("alpha", alpha.to_string(), "0 to 1"),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// One generation of a run, as in [ZL, Fig. 6b].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Generation {
+    /// Fitness of the offspring; in generation 0, of the best of the initial population.
+    pub offspring: f64,
+    /// Best fitness so far.
+    pub best: f64,
+}
+
+/// One run of the search.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Weights of the best individual ever, its summed length of motion that of the target.
+    pub weights: Vec<f64>,
+    /// Its fitness.
+    pub fitness: f64,
+    /// The generations, from 0, the initial population.
+    pub history: Vec<Generation>,
+}
+
+#[derive(Clone)]
+struct Individual {
+    weights: Vec<f64>,
+    /// Of the moving feature points.
+    motion: Vec<f64>,
+    fitness: f64,
+}
+
+/// One run of the genetic algorithm on a goal.
+///
+/// Implements [ZL, section 3 and Fig. 4]. Left open there and decided here: the initial population is the bank as it is, unscaled,
+/// and counts for the best ever; of equally fit individuals the first drawn is the fitter; an offspring without motion is not
+/// scaled; the best individual's length is fitted in the end too, which matters when it is a member of the bank. The run's stream
+/// of chance is that of `frame`, `region` and `run`.
+pub fn evolve(goal: &Goal, options: &GaOptions, frame: usize, region: usize, run: usize) -> Run {
+    let mut random = generator(options.seed, frame, region, run);
+    let members = goal.member_count();
+    let size = options.population.unwrap_or(members).max(1);
+    let founders = if size < members { distinct(&mut random, members, size) } else { (0..size).map(|k| k % members).collect() };
+    let mut population: Vec<Individual> = founders
+        .into_iter()
+        .map(|member| {
+            let mut weights = vec![0.0; members];
+            weights[member] = 1.0;
+            let motion = goal.moving_candidate(member).to_vec();
+            Individual { fitness: fitness(goal, &motion), weights, motion }
+        })
+        .collect();
+    let first = (0..size).fold(0, |best, k| if population[k].fitness > population[best].fitness { k } else { best });
+    let mut best = population[first].clone();
+    let mut history = Vec::with_capacity(options.generations + 1);
+    history.push(Generation { offspring: best.fitness, best: best.fitness });
+    for _ in 0..options.generations {
+        let mut drawn = distinct(&mut random, size, options.tournament);
+        drawn.sort_by(|&a, &b| population[b].fitness.total_cmp(&population[a].fitness));
+        // A population of one has nobody to cross with.
+        let [mother, father, ..] = drawn[..] else { break };
+        let (a, b) = options.crossover.shares(&mut random);
+        let mut offspring = cross(&population[mother], &population[father], a, b);
+        let length = summed_length(&offspring.motion);
+        if length > 0.0 {
+            let factor = goal.length() / length;
+            offspring.weights.iter_mut().chain(&mut offspring.motion).for_each(|w| *w *= factor);
+        }
+        offspring.fitness = fitness(goal, &offspring.motion);
+        if offspring.fitness > best.fitness {
+            best = offspring.clone();
+        }
+        history.push(Generation { offspring: offspring.fitness, best: best.fitness });
+        let worst = drawn[drawn.len() - 1];
+        population[worst] = offspring;
+    }
+    goal.fit_length(&mut best.weights);
+    Run { weights: best.weights, fitness: best.fitness, history }
+}
+
+fn cross(mother: &Individual, father: &Individual, a: f64, b: f64) -> Individual {
+    let mix = |m: &[f64], f: &[f64]| m.iter().zip(f).map(|(m, f)| a * m + b * f).collect();
+    Individual { weights: mix(&mother.weights, &father.weights), motion: mix(&mother.motion, &father.motion), fitness: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::synthesis::{FpBasis, FpMotion, testing};
+
+    fn goal(x: f64, y: f64, z: f64) -> Goal {
+        let basis = FpBasis::new(&testing::bank());
+        let offsets = vec![Some(Vector3::new(x, y, z)); 3];
+        Goal::new(&basis, &FpMotion { offsets, planar: false }, |_| true).unwrap()
+    }
+
+    #[test]
+    fn the_first_generation_is_the_papers() {
+        // Members right, up, out; all three are drawn whatever the stream. Target along x: right has fitness 1, up 0; out moves point 0
+        // along x, point 1 along y, point 2 along z: 1/3. So up is replaced by the midpoint of right and out.
+        let options = GaOptions { crossover: Crossover::Midpoint, generations: 1, ..GaOptions::default() };
+        let run = evolve(&goal(2.0, 0.0, 0.0), &options, 0, 0, 0);
+        // Points of the offspring: (1,0,0), (1/2,1/2,0), (1/2,0,1/2): cosines 1, 1/sqrt 2, 1/sqrt 2.
+        let expected = (1.0 + 2.0_f64.sqrt()) / 3.0;
+        assert_eq!(run.history.len(), 2);
+        assert_eq!(run.history[0], Generation { offspring: 1.0, best: 1.0 });
+        assert_relative_eq!(run.history[1].offspring, expected, epsilon = 1e-12);
+        // The best is the member itself, with its length fitted: three motions of 2 against three of 1.
+        assert_eq!(run.weights, [2.0, 0.0, 0.0]);
+        assert_eq!(run.fitness, 1.0);
+    }
+
+    #[test]
+    fn a_mixture_that_no_member_is_is_found() {
+        let target = goal(1.0, 1.0, 0.0);
+        let run = evolve(&target, &GaOptions::default(), 0, 0, 0);
+        // Every member has at most cos 45 degrees = 0.707; the sum of the first two has 1.
+        assert!(run.fitness > 0.8 && run.fitness <= 1.0 + 1e-12, "{}", run.fitness);
+        assert_relative_eq!(summed_length(&target.motion(&run.weights)), target.length(), epsilon = 1e-9);
+        assert_relative_eq!(fitness(&target, &target.motion(&run.weights)), run.fitness, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn a_single_member_and_a_target_opposite_to_it_are_answered() {
+        let bank = testing::bank().select(&[0]).unwrap();
+        let offsets = vec![Some(-Vector3::x()); 3];
+        let goal = Goal::new(&FpBasis::new(&bank), &FpMotion { offsets, planar: false }, |_| true).unwrap();
+        let run = evolve(&goal, &GaOptions::default(), 0, 0, 0);
+        assert_eq!((run.fitness, &run.weights[..]), (-1.0, &[1.0][..]));
+        assert_eq!(run.history.len(), 1);
+    }
+
+    #[test]
+    fn options_out_of_range_are_named() {
+        let says = |options: GaOptions, text: &str| assert!(options.check().unwrap_err().to_string().contains(text));
+        says(GaOptions { tournament: 1, ..GaOptions::default() }, "2 or more");
+        says(GaOptions { population: Some(0), ..GaOptions::default() }, "the population is 0");
+        says(GaOptions { runs: 0, ..GaOptions::default() }, "the number of runs is 0");
+        says(GaOptions { crossover: Crossover::Blx { alpha: 1.5 }, ..GaOptions::default() }, "alpha is 1.5");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn the_best_never_worsens_and_seeds_repeat(
+            x in -1.0..1.0_f64, y in -1.0..1.0_f64, z in 0.1..1.0_f64, seed in 0..1000_u64, population in 1..9_usize,
+        ) {
+            let goal = goal(x, y, z);
+            let options = GaOptions { seed, population: Some(population), crossover: Crossover::Blx { alpha: 0.3 }, ..GaOptions::default() };
+            let run = evolve(&goal, &options, 3, 1, 2);
+            prop_assert!(run.history.windows(2).all(|p| p[1].best >= p[0].best));
+            prop_assert!(run.history.iter().all(|g| g.offspring <= 1.0 + 1e-12 && g.best >= g.offspring));
+            prop_assert_eq!(run.fitness, run.history.last().unwrap().best);
+            prop_assert_eq!(&run, &evolve(&goal, &options, 3, 1, 2));
+        }
+    }
+}

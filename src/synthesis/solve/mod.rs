@@ -1,0 +1,147 @@
+//! Ways to the weights of one goal: the genetic algorithm of [ZL] and what stands beside it.
+
+mod climb;
+mod nonnegative;
+mod rbf;
+
+use std::fmt;
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+pub use climb::{Climb, Signs, climb};
+pub use rbf::interpolate;
+
+use super::{
+    fitness::fitness,
+    random::{distinct, generator, unit},
+    search::{GaOptions, Run, evolve},
+    target::Goal,
+};
+
+/// How a surface is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Solver {
+    /// The fittest member of the bank, alone.
+    Best,
+    /// Radial basis functions over the feature points, without the bank.
+    Rbf,
+    /// Non-negative least squares: the weights whose feature points come closest, lengths and points at rest included.
+    Nnls,
+    /// The genetic algorithm as published.
+    Ga,
+    /// The genetic algorithm, then a climb from its answer: the fitness, with a pull towards the target's lengths (see [`Climb`]).
+    Refined,
+    /// The best of climbs from many starts: the bound that the others are compared with.
+    Cosine,
+}
+
+impl Solver {
+    /// All, in the order of reports.
+    pub const ALL: [Self; 6] = [Self::Best, Self::Rbf, Self::Nnls, Self::Ga, Self::Refined, Self::Cosine];
+
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Best => "best",
+            Self::Rbf => "rbf",
+            Self::Nnls => "nnls",
+            Self::Ga => "ga",
+            Self::Refined => "refined",
+            Self::Cosine => "cosine",
+        }
+    }
+}
+
+impl fmt::Display for Solver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// Weights of the members, and how fit they are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// Weights, their summed length of motion that of the target (for [`Solver::Nnls`] whatever least squares gave).
+    pub weights: Vec<f64>,
+    /// Fitness.
+    pub fitness: f64,
+    /// The runs of the genetic algorithm, where there were any.
+    pub runs: Vec<Run>,
+}
+
+/// The fittest member alone; the first of equally fit ones.
+pub fn best_member(goal: &Goal) -> Solution {
+    let value = |m: usize| fitness(goal, goal.moving_candidate(m));
+    let best = (1..goal.member_count()).fold((0, value(0)), |best, m| if value(m) > best.1 { (m, value(m)) } else { best });
+    let mut weights = vec![0.0; goal.member_count()];
+    weights[best.0] = 1.0;
+    goal.fit_length(&mut weights);
+    Solution { weights, fitness: best.1, runs: Vec::new() }
+}
+
+/// Non-negative least squares over moving and staying feature points.
+pub fn least_squares(goal: &Goal) -> Solution {
+    let (gram, right) = normal_equations(goal);
+    let weights = nonnegative::minimize(&gram, &right, &[]);
+    Solution { fitness: fitness(goal, &goal.motion(&weights)), weights, runs: Vec::new() }
+}
+
+fn normal_equations(goal: &Goal) -> (DMatrix<f64>, DVector<f64>) {
+    let matrix = DMatrix::from_fn(goal.target().len(), goal.member_count(), |row, m| goal.candidate(m)[row]);
+    (matrix.tr_mul(&matrix), matrix.tr_mul(&DVector::from_column_slice(goal.target())))
+}
+
+/// The genetic algorithm: the best of its runs.
+pub fn genetic(goal: &Goal, options: &GaOptions, frame: usize, region: usize) -> Solution {
+    let runs: Vec<Run> = (0..options.runs.max(1)).map(|run| evolve(goal, options, frame, region, run)).collect();
+    let best = (1..runs.len()).fold(0, |best, k| if runs[k].fitness > runs[best].fitness { k } else { best });
+    Solution { weights: runs[best].weights.clone(), fitness: runs[best].fitness, runs }
+}
+
+/// The genetic algorithm's answer refined by a climb.
+pub fn refined(goal: &Goal, options: &GaOptions, is_signed: bool, frame: usize, region: usize) -> Solution {
+    let found = genetic(goal, options, frame, region);
+    let (weights, fitness) = climb(goal, &found.weights, Climb::with_pull(is_signed));
+    Solution { weights, fitness, runs: found.runs }
+}
+
+/// Run number of the stream that draws the starts of the bound.
+const BOUND_RUN: usize = (1 << 24) - 1;
+
+/// The fittest of climbs from `starts` places: the refinement of least squares, then the fittest members in turn with random mixtures.
+///
+/// What it finds is reached, so the largest fitness there is over the allowed weights is at least that; in practice it is that. It is
+/// no proof.
+pub fn bound(goal: &Goal, starts: usize, is_signed: bool, seed: u64, frame: usize, region: usize) -> Solution {
+    let members = goal.member_count();
+    let mut random = generator(seed, frame, region, BOUND_RUN);
+    let mut order: Vec<usize> = (0..members).collect();
+    order.sort_by(|&a, &b| {
+        let value = |m: usize| fitness(goal, goal.moving_candidate(m));
+        value(b).total_cmp(&value(a)).then(a.cmp(&b))
+    });
+    let mut best: Option<(Vec<f64>, f64)> = None;
+    for k in 0..starts.max(1) {
+        let start = if k == 0 {
+            climb(goal, &least_squares(goal).weights, Climb::with_pull(is_signed)).0
+        } else if k % 2 == 1 {
+            let mut one = vec![0.0; members];
+            one[order[(k / 2) % members]] = 1.0;
+            one
+        } else {
+            let mut mixture = vec![0.0; members];
+            for member in distinct(&mut random, members, 5) {
+                mixture[member] = unit(&mut random);
+            }
+            mixture
+        };
+        let found = climb(goal, &start, Climb::fitness_alone(is_signed));
+        if best.as_ref().is_none_or(|b| found.1 > b.1) {
+            best = Some(found);
+        }
+    }
+    let (weights, fitness) = best.unwrap_or_else(|| (vec![0.0; members], 0.0));
+    Solution { weights, fitness, runs: Vec::new() }
+}
