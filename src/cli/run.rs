@@ -50,6 +50,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         fit: args.fit.options(),
         track: args.track.options(),
         marks: args.marks.marks.clone(),
+        landmarks: args.marks.landmarks(),
         ..PipelineOptions::default()
     };
     args.analysis.fill(&mut options);

@@ -13,7 +13,7 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, PipelineOptions, Workbench},
+    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, Workbench},
     sequence::configure_opencv,
     statistics::{MedianKind, StatisticsOptions},
     track::TrackOptions,
@@ -39,6 +39,10 @@ pub fn positive(text: &str) -> Result<f64, String> {
 
 fn alpha(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
 }
 
 fn landmark_marks(text: &str) -> Result<LandmarkSelection, String> {
@@ -149,12 +153,24 @@ impl AnalysisArgs {
 
 /// Where marks come from when a sequence has landmarks only.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Marks")]
+#[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
     /// Landmarks used as marks where a sequence has no correspondences: `default` (eye corners, mouth corners, chin), `high`, `all`, or
     /// a list of nodes such as 20,23,53,56,31,64,10
     #[arg(long, default_value = "default", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
+    /// Least confidence, 0 to 1, at which a frame of a landmark file that tells one counts; frames under it are lost
+    #[arg(long, default_value_t = LandmarkOptions::default().least_confidence, value_parser = share, value_name = "SHARE")]
+    landmark_confidence: f64,
+    /// Drive sequences by their landmarks even where they have images
+    #[arg(long)]
+    prefer_landmarks: bool,
+}
+
+impl MarksArgs {
+    pub fn landmarks(&self) -> LandmarkOptions {
+        LandmarkOptions { least_confidence: self.landmark_confidence, prefer: self.prefer_landmarks }
+    }
 }
 
 /// The machine and the wireframe.

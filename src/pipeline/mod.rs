@@ -2,20 +2,21 @@
 
 mod analysis;
 mod files;
+mod landmarks;
 mod run;
 mod sequence;
 mod tracks;
 
-use std::path::Path;
+use std::{path::Path, sync::OnceLock};
 
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    dataset::LandmarkSelection,
-    fit::{FitOptions, Fitter},
+    dataset::{LEAST_CONFIDENCE, LandmarkSelection},
+    fit::{FitOptions, Fitter, SpringError},
     normalize::{NormalizeOptions, Normalizer},
     statistics::StatisticsOptions,
-    track::{TrackOptions, TrackPlan},
+    track::{LandmarkPlan, TrackOptions, TrackPlan},
     wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
 };
 
@@ -48,6 +49,24 @@ pub struct PipelineOptions {
     pub by: Vec<String>,
     /// Which landmarks serve as correspondences where a sequence has no marks of its own.
     pub marks: LandmarkSelection,
+    /// Sequences given as landmarks.
+    #[serde(default)]
+    pub landmarks: LandmarkOptions,
+}
+
+/// Options for sequences given as landmarks.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LandmarkOptions {
+    /// Confidence under which a frame counts as lost, where a file tells one, 0 to 1.
+    pub least_confidence: f64,
+    /// Drive a sequence by its landmarks even where it has images.
+    pub prefer: bool,
+}
+
+impl Default for LandmarkOptions {
+    fn default() -> Self {
+        Self { least_confidence: LEAST_CONFIDENCE, prefer: false }
+    }
 }
 
 /// Options of the FAP files.
@@ -90,6 +109,8 @@ pub struct Workbench {
     pub options: PipelineOptions,
     fitter: Fitter,
     plan: TrackPlan,
+    /// Made when the first sequence is driven by landmarks.
+    landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
     /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
     wireframe_blake3: Option<String>,
 }
@@ -108,7 +129,7 @@ impl Workbench {
         let tables = Tables::candide3();
         let fitter = Fitter::new(&wireframe, options.fit.clone());
         let plan = TrackPlan::new(&wireframe, &tables);
-        let bench = Self { wireframe, tables, options, fitter, plan, wireframe_blake3 };
+        let bench = Self { wireframe, tables, options, fitter, plan, landmark_plan: OnceLock::new(), wireframe_blake3 };
         bench.normalizer()?;
         Ok(bench)
     }
@@ -121,6 +142,15 @@ impl Workbench {
     /// What the tracker knows of the wireframe.
     pub fn plan(&self) -> &TrackPlan {
         &self.plan
+    }
+
+    /// How landmarks drive the wireframe.
+    ///
+    /// # Errors
+    /// [`SpringError`] when the wireframe has no node that a landmark stands for.
+    pub fn landmark_plan(&self) -> Result<&LandmarkPlan, SpringError> {
+        let make = || LandmarkPlan::new(&self.wireframe, &self.tables, self.options.track.force);
+        self.landmark_plan.get_or_init(make).as_ref().map_err(Clone::clone)
     }
 
     /// Normalizes tracked models.

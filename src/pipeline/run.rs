@@ -19,13 +19,14 @@ use super::{
     analysis::AnalysisError,
     analysis::write_failures,
     files::{file_blake3, run_units},
+    landmarks::LandmarkSource,
     sequence::{normalized, overlay_path, track_or_reuse},
 };
 use crate::{
     dataset::{CorrespondenceSource, Dataset, MANIFEST_NAME, SequenceEntry},
     output::{self, OutputError},
     overlay::png_bytes,
-    pipeline::{analyze, overlay_pictures, write_analysis, write_model},
+    pipeline::{analyze, overlay_pictures, track_one, write_analysis, write_model},
     statistics::{SequenceModel, check_columns},
     track::TrackQuality,
     units::SequenceId,
@@ -135,7 +136,13 @@ struct Planned<'a> {
     id: SequenceId,
     emotion: String,
     entry: Option<&'a SequenceEntry>,
-    source: Result<(SequenceSource, String), SequenceFailure>,
+    source: Result<(Source, String), SequenceFailure>,
+}
+
+/// What drives a sequence.
+enum Source {
+    Images(SequenceSource),
+    Landmarks(LandmarkSource),
 }
 
 impl Planned<'_> {
@@ -346,7 +353,10 @@ fn remove_stale(out: &Path, outputs: &BTreeMap<String, String>) {
 }
 
 /// Source and inputs' hash of a sequence.
-fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(SequenceSource, String), SequenceFailure> {
+fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(Source, String), SequenceFailure> {
+    if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
+        return LandmarkSource::new(entry, path, bench).map(|(source, hash)| (Source::Landmarks(source), hash));
+    }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
     let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
         CorrespondenceSource::Landmarks(_) => "landmarks",
@@ -366,7 +376,7 @@ fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(SequenceSource, Str
         fps: entry.fps,
     };
     let hash = source.inputs_blake3(bench)?;
-    Ok((source, hash))
+    Ok((Source::Images(source), hash))
 }
 
 fn process(
@@ -381,14 +391,23 @@ fn process(
     if halt() {
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }
-    let csv_path = out.join("tracks").join(format!("{}.csv", source.id));
+    let id = &item.id;
+    let csv_path = out.join("tracks").join(format!("{id}.csv"));
     let tick = |_| {
         event(Event::Frame);
         !halt()
     };
+    let labels = match source {
+        Source::Images(source) => source.labels(),
+        Source::Landmarks(source) => source.labels(),
+    };
+    let make = || match source {
+        Source::Images(source) => track_one(source, bench, tick).map(|(track, info)| (track.frames, info)),
+        Source::Landmarks(source) => source.track(bench),
+    };
     let (frames, summary, reused) =
-        track_or_reuse(source, hash, &csv_path, bench, tick).map_err(|failure| name_marks(failure, item.entry))?;
-    if let Some(folder) = overlay {
+        track_or_reuse(&labels, hash, &csv_path, make).map_err(|failure| name_marks(failure, item.entry))?;
+    if let (Some(folder), Source::Images(source)) = (overlay, source) {
         let last = frames.len() - 1;
         overlay_pictures(
             source,
@@ -402,12 +421,12 @@ fn process(
         )?;
     }
     let model = normalized(&frames, bench)?;
-    let model_path = out.join("models").join(format!("{}.csv", source.id));
+    let model_path = out.join("models").join(format!("{id}.csv"));
     write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = TrackQuality { id: source.id.clone(), emotion: source.emotion.clone(), summary };
-    let model = SequenceModel { id: source.id.clone(), model };
+    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary };
+    let model = SequenceModel { id: id.clone(), model };
     let metadata = item.metadata();
-    Ok(Done { model: AnalyzedModel { model, emotion: source.emotion.clone(), metadata, quality: Some(quality) }, reused })
+    Ok(Done { model: AnalyzedModel { model, emotion: item.emotion.clone(), metadata, quality: Some(quality) }, reused })
 }
 
 /// Puts the file that the marks came from in front of a failure of the fit.

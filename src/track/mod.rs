@@ -8,6 +8,7 @@
 
 mod file;
 mod klt;
+mod landmarks;
 mod quality;
 mod recover;
 mod state;
@@ -26,6 +27,7 @@ use crate::{
 
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
+pub use landmarks::LandmarkPlan;
 pub use quality::{TrackQuality, TrackSummary, summarize};
 pub use state::{LossReason, NodeState};
 pub use step::TrackPlan;
@@ -119,6 +121,14 @@ pub enum TrackError {
         found: usize,
         /// Live nodes.
         live: usize,
+    },
+    /// A frame whose landmarks do not place the face.
+    #[error("frame {frame}: {reason}")]
+    Landmarks {
+        /// Frame number.
+        frame: u32,
+        /// What is wrong.
+        reason: String,
     },
     /// The springs have no equilibrium.
     #[error(transparent)]
