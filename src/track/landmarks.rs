@@ -84,15 +84,6 @@ impl LandmarkPlan {
         all.into_iter().filter(|mark| self.driven.iter().any(|(_, node)| *node == mark.node)).collect()
     }
 
-    /// [`LandmarkPlan::marks`] without the contour of the face, of which the chin is kept.
-    pub fn inner_marks(&self, points: &[Point2<f64>], tables: &Tables) -> Vec<Correspondence> {
-        let is_contour = |node: NodeId| {
-            let row = tables.landmarks.iter().find(|row| matches!(row.nodes[..], [(n, _)] if n == node));
-            row.is_some_and(|row| row.part == "jaw" && row.confidence != LandmarkConfidence::High)
-        };
-        self.marks(points, tables).into_iter().filter(|mark| !is_contour(mark.node)).collect()
-    }
-
     /// The track of a wireframe fitted to the neutral frame of the landmarks.
     ///
     /// # Errors
