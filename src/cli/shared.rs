@@ -13,9 +13,9 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, Workbench},
+    pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, Workbench},
     sequence::configure_opencv,
-    statistics::{MedianKind, StatisticsOptions},
+    statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
     track::TrackOptions,
 };
 use serde::de::DeserializeOwned;
@@ -39,6 +39,14 @@ pub fn positive(text: &str) -> Result<f64, String> {
 
 fn alpha(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
+}
+
+/// A whole number within bounds.
+fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
+    move |text| match text.parse::<usize>() {
+        Ok(value) if (least..=most).contains(&value) => Ok(value),
+        _ => Err(format!("expected a whole number from {least} to {most}")),
+    }
 }
 
 fn share(text: &str) -> Result<f64, String> {
@@ -134,6 +142,18 @@ pub struct AnalysisArgs {
     /// Columns of the manifest to group by, besides the emotion
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
+    /// Permutations of the test between two groups
+    #[arg(long, default_value_t = CompareOptions::default().permutations, value_parser = count(99, 10_000_000), value_name = "COUNT")]
+    permutations: usize,
+    /// Most people of a group that a test uses; of larger groups as many are drawn by the seed
+    #[arg(long, default_value_t = CompareOptions::default().people, value_parser = count(5, 2000), value_name = "COUNT")]
+    test_people: usize,
+    /// Replicates of the bootstrap of every dispersion, where there are groups; 0 for none
+    #[arg(long, default_value_t = GroupOptions::default().bootstrap, value_parser = count(0, 1_000_000), value_name = "COUNT")]
+    bootstrap: usize,
+    /// Seed of permutations, draws and bootstrap
+    #[arg(long, default_value_t = CompareOptions::default().seed)]
+    seed: u64,
     /// Interpolated frames between two of the five key frames of a FAP file
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
     between: u16,
@@ -147,6 +167,9 @@ impl AnalysisArgs {
         options.normalize = NormalizeOptions { resample: self.resample, size: self.size };
         options.statistics = StatisticsOptions { alpha: self.alpha, median: self.median };
         options.by.clone_from(&self.by);
+        options.groups.bootstrap = self.bootstrap;
+        options.groups.compare =
+            CompareOptions { permutations: self.permutations, people: self.test_people, seed: self.seed, ..CompareOptions::default() };
         options.fap = FapOptions { between: usize::from(self.between), fps: self.fps };
     }
 }

@@ -9,13 +9,21 @@ use std::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Failure, MADE_BY, SCHEMA_VERSION, Workbench, files::file_blake3};
+use super::{
+    Comparisons, Failure, MADE_BY, SCHEMA_VERSION, Workbench,
+    files::file_blake3,
+    groups::{comparisons, write_groups},
+};
 use crate::{
     fap::{self, Clamped, ConvertError, FapCatalog, FapNumber, FapSequence, FapWriteError, Motion},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     output::{self, OutputError, nine_digits, write_atomic},
-    report::{ApexFap, ReportData, render_html},
-    statistics::{self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models},
+    report::{ApexFap, GroupsData, ReportData, render_html},
+    statistics::{
+        self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError,
+        bootstrap::{DispersionInterval, dispersion_interval},
+        group_models,
+    },
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
     wireframe::FapusError,
@@ -74,6 +82,10 @@ pub struct AnalyzedClass {
     pub fap: FapSequence,
     /// Values that the standard's ranges clamped.
     pub clamped: Vec<Clamped>,
+    /// People behind it.
+    pub subjects: usize,
+    /// Bootstrap interval of its dispersion; only where there are groups, and people enough.
+    pub interval: Option<DispersionInterval>,
 }
 
 /// Everything that statistics make of a set of models.
@@ -81,6 +93,8 @@ pub struct AnalyzedClass {
 pub struct Analysis {
     /// Classes by emotion, then by group.
     pub classes: Vec<AnalyzedClass>,
+    /// Tests between groups; `None` when nothing was grouped.
+    pub comparisons: Option<Comparisons>,
     /// How well each sequence was tracked, by id.
     pub tracks: Vec<TrackQuality>,
     /// What failed before.
@@ -111,6 +125,7 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
         .map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata })
         .collect::<Vec<_>>();
     let groups = group_models(&grouped, &options.by)?;
+    let live = bench.wireframe.live_nodes();
     let normalizer = bench.normalizer()?;
     let fapus = normalizer.canonical().fapus;
     let mut stems = BTreeSet::new();
@@ -132,23 +147,33 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
             (label, models, unique)
         })
         .collect();
+    let replicates = if options.by.is_empty() { 0 } else { options.groups.bootstrap };
     let classes = groups
-        .into_par_iter()
-        .map(|(label, models, stem)| {
-            let representative = statistics::representative(label, &models, &bench.wireframe, &options.statistics)?;
+        .par_iter()
+        .enumerate()
+        .map(|(number, (label, models, stem))| {
+            let representative = statistics::representative(label.clone(), models, &bench.wireframe, &options.statistics)?;
+            let (alpha, seed) = (options.statistics.alpha, options.groups.compare.seed);
+            let interval = dispersion_interval(&representative, models, live, alpha, replicates, seed, number as u32);
+            let subjects: BTreeSet<&str> = models.iter().map(|m| m.id.subject.as_str()).collect();
             let (fap, clamped) = FapSequence::from_model(
                 &representative.model,
                 &fapus,
                 FapCatalog::mpeg4(),
-                &stem,
+                stem,
                 options.fap.fps,
                 options.fap.between,
             )?;
-            Ok(AnalyzedClass { representative, stem, fap, clamped })
+            Ok(AnalyzedClass { representative, stem: stem.clone(), fap, clamped, subjects: subjects.len(), interval })
         })
         .collect::<Result<Vec<_>, AnalysisError>>()?;
-    let warnings = warnings(&classes);
-    Ok(Analysis { classes, tracks, failures, warnings, tracked_here: false })
+    let mut warnings = warnings(&classes);
+    let comparisons = (!options.by.is_empty()).then(|| {
+        let groups: Vec<_> = groups.into_iter().map(|(label, models, _)| (label, models)).collect();
+        comparisons(&groups, live, &options.groups)
+    });
+    warnings.extend(comparisons.iter().flat_map(Comparisons::warnings));
+    Ok(Analysis { classes, comparisons, tracks, failures, warnings, tracked_here: false })
 }
 
 /// Longest stem of a file name, characters: the file systems in use allow 255 bytes.
@@ -303,6 +328,9 @@ pub fn write_analysis(
     write_failures(&out.join("failures.csv"), &analysis.failures)?;
     let html = report_html(analysis, title, bench)?;
     output::write_bytes(&out.join("report.html"), html.as_bytes())?;
+    if let Some(comparisons) = &analysis.comparisons {
+        files.extend(write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)?);
+    }
     files.extend(["statistics.csv", "trimming.csv", "failures.csv", "report.html"].map(str::to_owned));
     Ok(files.into_iter().filter_map(|file| file_blake3(&out.join(&file)).map(|hash| (file, hash))).collect())
 }
@@ -445,6 +473,11 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         tables: &bench.tables,
         fapus: bench.normalizer()?.canonical().fapus,
         apex_faps: analysis.classes.iter().map(apex).collect(),
+        groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
+            comparisons,
+            options: &bench.options.groups,
+            classes: analysis.classes.iter().map(|c| (c.subjects, c.interval)).collect(),
+        }),
     })?;
     Ok(html)
 }

@@ -2,6 +2,7 @@
 
 mod analysis;
 mod files;
+mod groups;
 mod landmarks;
 mod run;
 mod sequence;
@@ -20,7 +21,9 @@ use crate::{
     wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
 };
 
-pub use analysis::{Analysis, AnalysisError, AnalyzedModel, analyze, read_model, write_analysis, write_model};
+pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze, read_model, write_analysis, write_model};
+pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
+pub(crate) use groups::values as group_values;
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
@@ -52,6 +55,9 @@ pub struct PipelineOptions {
     /// Sequences given as landmarks.
     #[serde(default)]
     pub landmarks: LandmarkOptions,
+    /// Groups: intervals and tests.
+    #[serde(default)]
+    pub groups: GroupOptions,
 }
 
 /// Options for sequences given as landmarks.

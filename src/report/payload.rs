@@ -53,6 +53,7 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
         "nodes": node_names(data.wireframe, data.tables),
         "faps": faps,
         "representatives": representatives,
+        "pairs": data.groups.as_ref().map(|groups| super::groups::payload(groups, data)),
         "tracks": data.tracks.iter().map(|t| track(t, &index)).collect::<Vec<_>>(),
     });
     // `<` occurs inside strings only, where JSON allows the escape.

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::{
     Failure, ReportData,
+    groups::GroupsView,
     numbers::{MISSING, count, fixed, fixed_or_dash, ratio},
 };
 use crate::{
@@ -35,6 +36,7 @@ pub(super) struct View<'a> {
     track_count: String,
     fapus: Vec<(String, String)>,
     small_class: usize,
+    groups: Option<GroupsView>,
 }
 
 /// Dispersions in the form of [KP, Table 1]: a column per emotion, a block of rows per group.
@@ -114,6 +116,7 @@ impl<'a> View<'a> {
             track_count: count(data.tracks.len(), "sequence", "sequences"),
             fapus: fapus.collect(),
             small_class: SMALL_CLASS,
+            groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data)),
         }
     }
 }

@@ -6,6 +6,8 @@
 //! Letters as in [KP]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
 //! order in which models are given nor on the number of threads.
 
+pub mod bootstrap;
+pub mod compare;
 pub mod dispersion;
 pub mod distance;
 mod groups;

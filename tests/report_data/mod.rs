@@ -87,6 +87,7 @@ impl Fixture {
             tables: &self.tables,
             fapus: self.fapus,
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
+            groups: None,
         }
     }
 }
