@@ -1,6 +1,7 @@
 //! `grimace evaluate`: the experiments.
 
 mod fit;
+mod recognition;
 mod tracking;
 
 use std::{
@@ -36,6 +37,8 @@ enum Experiment {
     Fit(fit::Args),
     /// Error of the tracker over the frames, with and without deformation, beside plain KLT.
     Tracking(tracking::Args),
+    /// Whether the nearest representative, made of other people, has the right emotion.
+    Recognition(recognition::Args),
 }
 
 /// Runs the command.
@@ -43,6 +46,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
         Experiment::Fit(args) => fit::run(args),
         Experiment::Tracking(args) => tracking::run(args),
+        Experiment::Recognition(args) => recognition::run(args),
     }
 }
 

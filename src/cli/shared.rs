@@ -21,7 +21,7 @@ use grimace::{
 use serde::de::DeserializeOwned;
 
 /// One of some words, turned into the library's enum of the same words.
-fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(list: &'static [&'static str]) -> impl TypedValueParser<Value = T> {
+pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(list: &'static [&'static str]) -> impl TypedValueParser<Value = T> {
     PossibleValuesParser::new(list).try_map(|word| serde_json::from_value::<T>(serde_json::Value::String(word)))
 }
 
@@ -37,7 +37,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
-fn alpha(text: &str) -> Result<f64, String> {
+pub fn alpha(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
 }
 

@@ -11,6 +11,7 @@ mod figure;
 mod fit;
 mod marks;
 mod people;
+mod recognition;
 mod records;
 mod table;
 mod tracking;
@@ -36,6 +37,9 @@ pub use marks::{
 };
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
+};
+pub use recognition::{
+    LabelledSequence, Recognition, RecognitionError, RecognitionSummary, RecognizedSequence, evaluate_recognition,
 };
 pub use records::{
     Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,

@@ -14,7 +14,7 @@ const heatTicks = ticks(0, highest, 5);
 const heatTop = heatTicks.step * Math.ceil(highest / heatTicks.step - 1e-9);
 
 /** Fills every triangle with the colours of the values at its corners: linear in between, so a linear gradient is exact. */
-function heatMap(box, p, values, view, top = heatTop) {
+function heatMap(box, p, values, view, most = heatTop) {
   const canvas = element("canvas", { "aria-hidden": "true" });
   const paint = () => {
     const { width, height } = box.getBoundingClientRect();
@@ -32,7 +32,7 @@ function heatMap(box, p, values, view, top = heatTop) {
     for (const corners of triangles) {
       const [a, b, c] = [...corners].sort((i, j) => values[i] - values[j]);
       const [ax, ay, bx, by, cx, cy] = [X(a), Y(a), X(b), Y(b), X(c), Y(c)];
-      const [u, v, w2] = [values[a], values[b], values[c]].map((x) => (x ?? 0) / top);
+      const [u, v, w2] = [values[a], values[b], values[c]].map((x) => (x ?? 0) / most);
       const area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay);
       let style = viridis((u + v + w2) / 3);
       if (Math.abs(area) > 1e-6 && w2 - u > 1e-6) {
