@@ -35,6 +35,7 @@
     clippy::cast_sign_loss
 )]
 
+pub mod columnar;
 pub mod dataset;
 pub mod evaluate;
 pub mod fap;

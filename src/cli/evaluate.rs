@@ -1,7 +1,9 @@
 //! `grimace evaluate`: the experiments.
 
 mod fit;
+mod groups;
 mod recognition;
+mod scale;
 mod tracking;
 
 use std::{
@@ -39,6 +41,10 @@ enum Experiment {
     Tracking(tracking::Args),
     /// Whether the nearest representative, made of other people, has the right emotion.
     Recognition(recognition::Args),
+    /// Size and power of the test between groups, on simulated people.
+    Groups(groups::Args),
+    /// Time and memory of the statistics by the number of models.
+    Scale(scale::Args),
 }
 
 /// Runs the command.
@@ -47,6 +53,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Fit(args) => fit::run(args),
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Recognition(args) => recognition::run(args),
+        Experiment::Groups(args) => groups::run(args),
+        Experiment::Scale(args) => scale::run(args),
     }
 }
 

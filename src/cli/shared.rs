@@ -49,6 +49,26 @@ fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + 
     }
 }
 
+/// Bytes from a text such as `500MB`, `2GB` or `1.5 GiB`.
+pub fn memory(text: &str) -> Result<u64, String> {
+    const LEAST: f64 = 16e6;
+    let text = text.trim();
+    let digits = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let factor = match text[digits..].to_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1024.0 * 1024.0,
+        "gib" => 1024.0 * 1024.0 * 1024.0,
+        _ => return Err("expected a size such as 500MB or 2GB".to_owned()),
+    };
+    number(text[..digits].trim(), |v| v * factor >= LEAST && v * factor < 1e15, "a size of at least 16MB, such as 500MB or 2GB")
+        .map(|v| (v * factor) as u64)
+}
+
 fn share(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
 }

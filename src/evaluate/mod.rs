@@ -9,10 +9,13 @@
 
 mod figure;
 mod fit;
+mod groups;
 mod marks;
 mod people;
 mod recognition;
 mod records;
+mod scale;
+mod synthetic;
 mod table;
 mod tracking;
 mod truth;
@@ -35,6 +38,7 @@ pub use marks::{
     MarkChoice, MarkableNode, SELECTION_SIZES, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks,
     suggested_marks, suggested_table,
 };
+pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, evaluate_groups, wilson};
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
@@ -44,6 +48,8 @@ pub use recognition::{
 pub use records::{
     Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,
 };
+pub use scale::{ScaleError, ScaleOptions, ScaleRow, evaluate_scale, growth_exponent, scale_table, write_synthetic_models};
+pub use synthetic::SyntheticPeople;
 pub use table::{Cell, Table};
 pub use tracking::{
     Failed, Start, TrackingCase, TrackingOptions, TrackingResult, dataset_cases, evaluate_tracking, hard_simulation,

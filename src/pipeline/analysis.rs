@@ -275,6 +275,8 @@ struct RepresentativeJson<'a> {
     sequences: Vec<String>,
     alpha: f64,
     median: statistics::MedianKind,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trimming_certificate: Option<&'a statistics::scale::Certificate>,
     trimmed: Vec<Trimmed>,
     sums: MedianSums,
     dispersion: Option<f64>,
@@ -346,7 +348,8 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
         group: &r.label.group,
         sequences: r.sequences.iter().map(SequenceId::to_string).collect(),
         alpha: bench.options.statistics.alpha,
-        median: bench.options.statistics.median,
+        median: r.median,
+        trimming_certificate: r.certificate.as_ref(),
         trimmed: dropped.map(|row| Trimmed { frame: row.field, sequence: row.id.to_string(), distance: row.distance }).collect(),
         sums: r.sums,
         dispersion: r.dispersion,

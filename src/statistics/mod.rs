@@ -13,6 +13,7 @@ pub mod distance;
 mod groups;
 pub mod median;
 mod representative;
+pub mod scale;
 mod sum;
 pub mod trimming;
 
@@ -130,6 +131,11 @@ pub struct Representative {
     pub sequences: Vec<SequenceId>,
     /// The trimming trace: (N' - 1) x N'' rows, by field, then by sequence.
     pub trimming: Vec<TrimmingRow>,
+    /// How sure the trimming is, where it was decided from bounds: for more than [`scale::MANY_MODELS`] models. The distances of
+    /// the trace then carry the error stated there.
+    pub certificate: Option<scale::Certificate>,
+    /// Which median it is: the one asked for, or the exact one for more than [`scale::MANY_MODELS`] models.
+    pub median: MedianKind,
     /// Sums of distances and gaps, after trimming.
     pub sums: MedianSums,
     /// How the searches for the medians went.
@@ -213,6 +219,9 @@ pub enum StatisticsError {
         /// Magnitudes must be below this.
         limit: f64,
     },
+    /// Displacement vectors that can not be read.
+    #[error(transparent)]
+    Source(#[from] scale::SourceError),
     /// The result is not a model.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
