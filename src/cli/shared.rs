@@ -174,6 +174,9 @@ pub struct AnalysisArgs {
     /// Seed of permutations, draws and bootstrap
     #[arg(long, default_value_t = CompareOptions::default().seed)]
     seed: u64,
+    /// Write all normalized models into one Parquet file, models.parquet, too
+    #[arg(long)]
+    columnar: bool,
     /// Interpolated frames between two of the five key frames of a FAP file
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
     between: u16,
@@ -187,6 +190,7 @@ impl AnalysisArgs {
         options.normalize = NormalizeOptions { resample: self.resample, size: self.size };
         options.statistics = StatisticsOptions { alpha: self.alpha, median: self.median };
         options.by.clone_from(&self.by);
+        options.columnar = self.columnar;
         options.groups.bootstrap = self.bootstrap;
         options.groups.compare =
             CompareOptions { permutations: self.permutations, people: self.test_people, seed: self.seed, ..CompareOptions::default() };

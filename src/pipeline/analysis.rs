@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    Comparisons, Failure, MADE_BY, SCHEMA_VERSION, Workbench,
+    Comparisons, Failure, FapOptions, MADE_BY, SCHEMA_VERSION, Workbench,
     files::file_blake3,
     groups::{comparisons, write_groups},
 };
@@ -20,13 +20,14 @@ use crate::{
     output::{self, OutputError, nine_digits, write_atomic},
     report::{ApexFap, GroupsData, ReportData, render_html},
     statistics::{
-        self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError,
+        self, ClassLabel, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError,
         bootstrap::{DispersionInterval, dispersion_interval},
         group_models,
+        scale::MANY_MODELS,
     },
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
-    wireframe::FapusError,
+    wireframe::{Fapus, FapusError},
 };
 
 /// A normalized model with everything that the statistics group by.
@@ -69,6 +70,17 @@ pub enum AnalysisError {
     /// A representative has no FAPs.
     #[error(transparent)]
     Convert(#[from] ConvertError),
+    /// A columnar file of models.
+    #[error(transparent)]
+    Columnar(#[from] crate::columnar::ColumnarError),
+    /// Groups of models that do not fit into memory.
+    #[error("the models take about {needed} MB, more than the {allowed} MB of --memory, in which groups can not be compared; allow more, or leave --by out")]
+    GroupsNeedMemory {
+        /// Megabytes of all models.
+        needed: u64,
+        /// Megabytes allowed.
+        allowed: u64,
+    },
 }
 
 /// One representative, with its FAPs.
@@ -132,19 +144,8 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
     let groups: Vec<_> = groups
         .into_iter()
         .map(|(label, models)| {
-            let mut stem = file_stem(&label.emotion);
-            for (column, value) in &label.group {
-                stem = format!("{stem}_{}-{}", file_stem(column), file_stem(value));
-            }
-            let stem: String = stem.chars().take(MAX_STEM).collect();
-            let mut unique = stem.clone();
-            for number in 2.. {
-                if stems.insert(unique.clone()) {
-                    break;
-                }
-                unique = format!("{stem}~{number}");
-            }
-            (label, models, unique)
+            let stem = unique_stem(&label, &mut stems);
+            (label, models, stem)
         })
         .collect();
     let replicates = if options.by.is_empty() { 0 } else { options.groups.bootstrap };
@@ -156,15 +157,7 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
             let (alpha, seed) = (options.statistics.alpha, options.groups.compare.seed);
             let interval = dispersion_interval(&representative, models, live, alpha, replicates, seed, number as u32);
             let subjects: BTreeSet<&str> = models.iter().map(|m| m.id.subject.as_str()).collect();
-            let (fap, clamped) = FapSequence::from_model(
-                &representative.model,
-                &fapus,
-                FapCatalog::mpeg4(),
-                stem,
-                options.fap.fps,
-                options.fap.between,
-            )?;
-            Ok(AnalyzedClass { representative, stem: stem.clone(), fap, clamped, subjects: subjects.len(), interval })
+            class(representative, stem.clone(), subjects.len(), interval, &fapus, bench)
         })
         .collect::<Result<Vec<_>, AnalysisError>>()?;
     let mut warnings = warnings(&classes);
@@ -174,6 +167,37 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
     });
     warnings.extend(comparisons.iter().flat_map(Comparisons::warnings));
     Ok(Analysis { classes, comparisons, tracks, failures, warnings, tracked_here: false })
+}
+
+/// A representative with its FAPs.
+pub(super) fn class(
+    representative: Representative,
+    stem: String,
+    subjects: usize,
+    interval: Option<DispersionInterval>,
+    fapus: &Fapus,
+    bench: &Workbench,
+) -> Result<AnalyzedClass, AnalysisError> {
+    let FapOptions { fps, between } = bench.options.fap;
+    let (fap, clamped) = FapSequence::from_model(&representative.model, fapus, FapCatalog::mpeg4(), &stem, fps, between)?;
+    Ok(AnalyzedClass { representative, stem, fap, clamped, subjects, interval })
+}
+
+/// Stem of a class's files, different from all `stems` so far.
+pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> String {
+    let mut stem = file_stem(&label.emotion);
+    for (column, value) in &label.group {
+        stem = format!("{stem}_{}-{}", file_stem(column), file_stem(value));
+    }
+    let stem: String = stem.chars().take(MAX_STEM).collect();
+    let mut unique = stem.clone();
+    for number in 2.. {
+        if stems.insert(unique.clone()) {
+            break;
+        }
+        unique = format!("{stem}~{number}");
+    }
+    unique
 }
 
 /// Longest stem of a file name, characters: the file systems in use allow 255 bytes.
@@ -186,7 +210,7 @@ const SMALL_CLASS: usize = 5;
 const NOTABLE_CLAMP: f64 = 20.0;
 
 /// What a person should know before using the results: at most one line of each kind.
-fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
+pub(super) fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     let mut warnings = Vec::new();
     let counted = |few: &dyn Fn(usize) -> bool| -> Vec<String> {
         let chosen = classes.iter().map(|c| (&c.stem, c.representative.sequences.len())).filter(|&(_, n)| few(n));
@@ -200,6 +224,22 @@ fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     let small = counted(&|n| n > 1 && n < SMALL_CLASS);
     if !small.is_empty() {
         warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {}", small.join(", ")));
+    }
+    let many: Vec<String> = classes
+        .iter()
+        .filter(|c| c.representative.sequences.len() > MANY_MODELS)
+        .map(|c| format!("{} ({})", c.stem, c.representative.sequences.len()))
+        .collect();
+    if !many.is_empty() {
+        let list = many.join(", ");
+        warnings.push(format!("more than {MANY_MODELS} sequences: the exact median, no greedy one, and certified trimming: {list}"));
+    }
+    let undecided: usize =
+        classes.iter().filter_map(|c| c.representative.certificate.as_ref()).map(|c| c.undecided.len()).sum();
+    if undecided > 0 {
+        warnings.push(format!(
+            "rounding does not tell which of {undecided} sequences to trim, see `trimming_certificate` in representatives/*.json"
+        ));
     }
     let much = |c: &&Clamped| (c.value - f64::from(c.limit)).abs() >= NOTABLE_CLAMP;
     let clamped: BTreeSet<u8> = classes.iter().flat_map(|c| c.clamped.iter().filter(much).map(|c| c.fap.get())).collect();

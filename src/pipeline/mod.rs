@@ -1,6 +1,7 @@
 //! The main job, stage by stage: dataset -> tracks -> normalized models -> representatives, FAP files, report.
 
 mod analysis;
+mod columnar;
 mod files;
 mod groups;
 mod landmarks;
@@ -24,6 +25,7 @@ use crate::{
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze, read_model, write_analysis, write_model};
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
 pub(crate) use groups::values as group_values;
+pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
@@ -58,6 +60,9 @@ pub struct PipelineOptions {
     /// Groups: intervals and tests.
     #[serde(default)]
     pub groups: GroupOptions,
+    /// Write `models.parquet`.
+    #[serde(default)]
+    pub columnar: bool,
 }
 
 /// Options for sequences given as landmarks.

@@ -26,7 +26,7 @@ use crate::{
     dataset::{CorrespondenceSource, Dataset, MANIFEST_NAME, SequenceEntry},
     output::{self, OutputError},
     overlay::png_bytes,
-    pipeline::{analyze, overlay_pictures, track_one, write_analysis, write_model},
+    pipeline::{analyze, overlay_pictures, track_one, write_analysis, write_columnar, write_model},
     statistics::{SequenceModel, check_columns},
     track::TrackQuality,
     units::SequenceId,
@@ -267,6 +267,12 @@ pub fn run(
         });
     }
 
+    if bench.options.columnar {
+        write_columnar(&out.join("models.parquet"), &models).map_err(AnalysisError::from)?;
+        if let Some(hash) = file_blake3(&out.join("models.parquet")) {
+            outputs.insert("models.parquet".to_owned(), hash);
+        }
+    }
     let analysis = Analysis { tracked_here: true, ..analyze(models, failures, bench)? };
     outputs.extend(write_analysis(&analysis, out, &record.dataset, bench)?);
     remove_stale(out, &outputs);

@@ -7,10 +7,11 @@ use serde::Serialize;
 use super::{
     Failure, ReportData,
     groups::GroupsView,
+    payload::MOST_DOTS,
     numbers::{MISSING, count, fixed, fixed_or_dash, ratio},
 };
 use crate::{
-    statistics::{ClassLabel, Representative},
+    statistics::{ClassLabel, Representative, scale::MANY_MODELS},
     wireframe::Fapu,
 };
 
@@ -76,6 +77,9 @@ struct Card {
     label: String,
     sequence_count: String,
     n: usize,
+    /// Dots in the strips, where not every sequence has one.
+    dots: Option<usize>,
+    greedy_ran: bool,
     frames: usize,
     apex: usize,
     single: bool,
@@ -184,6 +188,8 @@ impl Card {
             label,
             sequence_count: count(r.sequences.len(), "sequence", "sequences"),
             n: r.sequences.len(),
+            dots: (r.sequences.len() > MOST_DOTS).then_some(MOST_DOTS),
+            greedy_ran: r.sequences.len() <= MANY_MODELS,
             frames: r.model.frame_count(),
             apex: fields,
             single,

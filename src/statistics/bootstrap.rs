@@ -25,8 +25,11 @@ pub const MAX_RETRIMMED: usize = 400;
 /// People below which no interval is given: with fewer, the few values a replicate can take are no distribution.
 pub const LEAST_PEOPLE: usize = 5;
 
-/// Steps of a replicate's medians, from the median of all.
-const MEDIAN_STEPS: usize = 6;
+/// Most steps of a replicate's medians, from the median of all.
+const MEDIAN_STEPS: usize = 24;
+
+/// Slope, over the weight, at which a replicate's median is good enough: its sum is then within about the square of it.
+const FLAT: f64 = 1e-5;
 
 /// An interval for the dispersion of a class.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -186,8 +189,9 @@ fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector
     let mut weiszfeld = start;
     for _ in 0..MEDIAN_STEPS {
         let (mut sum, mut g, mut here, mut inverse) = (0.0, Vector2::zeros(), 0.0, 0.0);
-        let (mut hxx, mut hxy, mut hyy) = (0.0, 0.0, 0.0);
+        let (mut hxx, mut hxy, mut hyy, mut weight) = (0.0, 0.0, 0.0, 0.0);
         for &(p, w) in points {
+            weight += w;
             let d = x - p;
             let r = length(d.x, d.y);
             if r == 0.0 {
@@ -211,7 +215,7 @@ fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector
             continue;
         }
         let slope = g.norm();
-        if slope <= here || inverse <= 0.0 {
+        if slope <= here + FLAT * weight || inverse <= 0.0 {
             break;
         }
         weiszfeld = x - g * ((1.0 - here / slope) / inverse);
