@@ -12,7 +12,8 @@ use serde::Serialize;
 use super::{
     Comparisons, Failure, FapOptions, MADE_BY, SCHEMA_VERSION, Workbench,
     files::file_blake3,
-    groups::{comparisons, write_groups},
+    groups::write_groups,
+    parts::EmotionPart,
 };
 use crate::{
     fap::{self, Clamped, ConvertError, FapCatalog, FapNumber, FapSequence, FapWriteError, Motion},
@@ -21,7 +22,7 @@ use crate::{
     report::{ApexFap, GroupsData, ReportData, render_html},
     statistics::{
         self, ClassLabel, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError,
-        bootstrap::{DispersionInterval, dispersion_interval},
+        bootstrap::DispersionInterval,
         group_models,
         scale::MANY_MODELS,
     },
@@ -129,44 +130,60 @@ impl Analysis {
 /// # Errors
 /// [`AnalysisError`] when a column to group by does not exist or the options are out of range.
 pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> Result<Analysis, AnalysisError> {
+    analyze_with(models, failures, bench, None)
+}
+
+/// [`analyze`], with the parts of emotions that were computed before into the output folder `parts_of`, where they fit.
+pub(super) fn analyze_with(
+    models: Vec<AnalyzedModel>,
+    failures: Vec<Failure>,
+    bench: &Workbench,
+    parts_of: Option<&Path>,
+) -> Result<Analysis, AnalysisError> {
     let options = &bench.options;
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
-    let grouped = models
-        .into_iter()
-        .map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata })
-        .collect::<Vec<_>>();
-    let groups = group_models(&grouped, &options.by)?;
-    let live = bench.wireframe.live_nodes();
-    let normalizer = bench.normalizer()?;
-    let fapus = normalizer.canonical().fapus;
+    let grouped = labelled(models);
+    let emotions = by_emotion(group_models(&grouped, &options.by)?);
+    let part = |(emotion, groups): &(String, Vec<(ClassLabel, Vec<&SequenceModel>)>)| {
+        let known = parts_of.and_then(|out| EmotionPart::read(out, emotion, groups, bench));
+        known.map_or_else(|| EmotionPart::compute(emotion, groups, bench), Ok)
+    };
+    let parts = emotions.par_iter().map(part).collect::<Result<Vec<_>, AnalysisError>>()?;
+    let fapus = bench.normalizer()?.canonical().fapus;
     let mut stems = BTreeSet::new();
-    let groups: Vec<_> = groups
-        .into_iter()
-        .map(|(label, models)| {
-            let stem = unique_stem(&label, &mut stems);
-            (label, models, stem)
-        })
-        .collect();
-    let replicates = if options.by.is_empty() { 0 } else { options.groups.bootstrap };
-    let classes = groups
-        .par_iter()
-        .enumerate()
-        .map(|(number, (label, models, stem))| {
-            let representative = statistics::representative(label.clone(), models, &bench.wireframe, &options.statistics)?;
-            let (alpha, seed) = (options.statistics.alpha, options.groups.compare.seed);
-            let interval = dispersion_interval(&representative, models, live, alpha, replicates, seed, number as u32);
-            let subjects: BTreeSet<&str> = models.iter().map(|m| m.id.subject.as_str()).collect();
-            class(representative, stem.clone(), subjects.len(), interval, &fapus, bench)
-        })
-        .collect::<Result<Vec<_>, AnalysisError>>()?;
+    let (mut classes, mut comparisons) = (Vec::new(), Vec::new());
+    for part in parts {
+        for c in part.classes {
+            let stem = unique_stem(&c.representative.label, &mut stems);
+            classes.push(class(c.representative, stem, c.subjects, c.interval, &fapus, bench)?);
+        }
+        comparisons.push(part.comparisons);
+    }
     let mut warnings = warnings(&classes);
-    let comparisons = (!options.by.is_empty()).then(|| {
-        let groups: Vec<_> = groups.into_iter().map(|(label, models, _)| (label, models)).collect();
-        comparisons(&groups, live, &options.groups)
-    });
+    let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(Comparisons::warnings));
     Ok(Analysis { classes, comparisons, tracks, failures, warnings, tracked_here: false })
+}
+
+/// Models as the groups want them.
+pub(super) fn labelled(models: Vec<AnalyzedModel>) -> Vec<LabelledModel> {
+    models.into_iter().map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata }).collect()
+}
+
+/// Classes by emotion.
+pub(super) type EmotionGroups<'a> = Vec<(String, Vec<(ClassLabel, Vec<&'a SequenceModel>)>)>;
+
+/// Classes, which are sorted by emotion, by emotion.
+pub(super) fn by_emotion(classes: Vec<(ClassLabel, Vec<&SequenceModel>)>) -> EmotionGroups<'_> {
+    let mut emotions: EmotionGroups<'_> = Vec::new();
+    for class in classes {
+        match emotions.last_mut().filter(|(emotion, _)| *emotion == class.0.emotion) {
+            Some((_, classes)) => classes.push(class),
+            None => emotions.push((class.0.emotion.clone(), vec![class])),
+        }
+    }
+    emotions
 }
 
 /// A representative with its FAPs.

@@ -1,6 +1,9 @@
 //! Groups beside each other: intervals of their dispersions, tests between them, and the files of both.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +41,7 @@ impl Default for GroupOptions {
 }
 
 /// What was compared, and what was not.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Comparisons {
     /// All pairs of groups of every emotion, by emotion, then in the order of the groups; corrected for their number.
     pub pairs: Vec<Comparison>,
@@ -53,49 +56,59 @@ fn is_known(label: &ClassLabel) -> bool {
     !label.group.is_empty() && label.group.values().all(|value| value != UNKNOWN_GROUP)
 }
 
-/// Compares every two groups of every emotion.
-pub(super) fn comparisons(groups: &[(ClassLabel, Vec<&SequenceModel>)], live: &[NodeId], options: &GroupOptions) -> Comparisons {
+/// Random stream of a class or a pair of classes: it depends on their names alone, so that neither other groups nor the order in which
+/// emotions are worked on change a result.
+pub(super) fn stream_of(labels: &[(&str, &BTreeMap<String, String>)]) -> u32 {
+    let hash = blake3::hash(&serde_json::to_vec(labels).unwrap_or_default());
+    let bytes = hash.as_bytes();
+    // Half the range: the bootstrap has the other.
+    u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) >> 1
+}
+
+/// Compares every two groups of one emotion; the p values are not corrected yet.
+pub(super) fn compare_groups(
+    emotion: &str,
+    groups: &[(ClassLabel, Vec<&SequenceModel>)],
+    live: &[NodeId],
+    options: &GroupOptions,
+) -> Comparisons {
     let mut all = Comparisons::default();
-    let mut by_emotion: Vec<(&str, Vec<&(ClassLabel, Vec<&SequenceModel>)>)> = Vec::new();
-    for class in groups.iter().filter(|(label, _)| !label.group.is_empty()) {
-        if !is_known(&class.0) {
-            all.unknown_left_out = true;
-            continue;
-        }
-        match by_emotion.last_mut().filter(|(emotion, _)| *emotion == class.0.emotion) {
-            Some((_, classes)) => classes.push(class),
-            None => by_emotion.push((&class.0.emotion, vec![class])),
+    let grouped = groups.iter().filter(|(label, _)| !label.group.is_empty());
+    let (known, unknown): (Vec<_>, Vec<_>) = grouped.partition(|(label, _)| is_known(label));
+    all.unknown_left_out = !unknown.is_empty();
+    if known.len() > MAX_COMPARED_GROUPS {
+        all.too_many.push((emotion.to_owned(), known.len()));
+        return all;
+    }
+    let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
+    for (i, (a, of_a)) in known.iter().enumerate() {
+        for (b, of_b) in &known[i + 1..] {
+            let stream = stream_of(&[(emotion, &a.group), (emotion, &b.group)]);
+            all.pairs.push(Comparison {
+                emotion: emotion.to_owned(),
+                groups: [a.group.clone(), b.group.clone()],
+                people: [people(of_a), people(of_b)],
+                sequences: [of_a.len(), of_b.len()],
+                outcome: compare(of_a, of_b, live, &options.compare, stream),
+            });
         }
     }
-    let people = |models: &[&SequenceModel]| {
-        let mut subjects: Vec<&str> = models.iter().map(|m| m.id.subject.as_str()).collect();
-        subjects.sort_unstable();
-        subjects.dedup();
-        subjects.len()
-    };
-    for (emotion, classes) in by_emotion {
-        if classes.len() > MAX_COMPARED_GROUPS {
-            all.too_many.push((emotion.to_owned(), classes.len()));
-            continue;
-        }
-        for (i, (a, of_a)) in classes.iter().enumerate() {
-            for (b, of_b) in &classes[i + 1..] {
-                let stream = all.pairs.len() as u32;
-                all.pairs.push(Comparison {
-                    emotion: emotion.to_owned(),
-                    groups: [a.group.clone(), b.group.clone()],
-                    people: [people(of_a), people(of_b)],
-                    sequences: [of_a.len(), of_b.len()],
-                    outcome: compare(of_a, of_b, live, &options.compare, stream),
-                });
-            }
-        }
-    }
-    adjust(&mut all.pairs);
     all
 }
 
 impl Comparisons {
+    /// Those of all emotions, corrected for their number.
+    pub(super) fn together(parts: impl IntoIterator<Item = Self>) -> Self {
+        let mut all = Self::default();
+        for part in parts {
+            all.pairs.extend(part.pairs);
+            all.too_many.extend(part.too_many);
+            all.unknown_left_out |= part.unknown_left_out;
+        }
+        adjust(&mut all.pairs);
+        all
+    }
+
     /// Tests made.
     pub fn tests(&self) -> usize {
         self.pairs.iter().filter(|pair| pair.outcome.is_ok()).count()

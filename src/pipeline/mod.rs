@@ -5,6 +5,7 @@ mod columnar;
 mod files;
 mod groups;
 mod landmarks;
+mod parts;
 mod run;
 mod sequence;
 mod tracks;
@@ -27,7 +28,7 @@ pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
 pub(crate) use groups::values as group_values;
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
-pub use run::{Event, RunError, RunSummary, run};
+pub use run::{Event, Plan, RunError, RunSummary, run, run_emotion, run_part, run_plan};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use tracks::{id_of, load_tracks, track_files};
 

@@ -16,18 +16,18 @@ use rayon::prelude::*;
 use super::{
     Analysis, AnalyzedModel, Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceFailure, SequenceRecord, SequenceSource, Stage,
     Workbench,
-    analysis::AnalysisError,
-    analysis::write_failures,
+    analysis::{AnalysisError, analyze_with, by_emotion, labelled, write_failures},
     files::{file_blake3, run_units},
     landmarks::LandmarkSource,
+    parts::{EmotionPart, PARTS_FOLDER},
     sequence::{normalized, overlay_path, track_or_reuse},
 };
 use crate::{
     dataset::{CorrespondenceSource, Dataset, MANIFEST_NAME, SequenceEntry},
     output::{self, OutputError},
     overlay::png_bytes,
-    pipeline::{analyze, overlay_pictures, track_one, write_analysis, write_columnar, write_model},
-    statistics::{SequenceModel, check_columns},
+    pipeline::{overlay_pictures, track_one, write_analysis, write_columnar, write_model},
+    statistics::{EMOTIONS, SequenceModel, check_columns, group_models_unchecked},
     track::TrackQuality,
     units::SequenceId,
 };
@@ -117,6 +117,18 @@ pub enum RunError {
         /// Why.
         reason: String,
     },
+    /// A part of a run in a folder in which none was begun.
+    #[error("{}: no run was begun here; `grimace run DATASET -o OUT --plan` begins one", path.display())]
+    NotBegun {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// An emotion that no sequence shows.
+    #[error("no sequence shows the emotion `{emotion}`")]
+    NoSuchEmotion {
+        /// The emotion.
+        emotion: String,
+    },
     /// The dataset has no sequences.
     #[error("{} has no sequences", path.display())]
     Empty {
@@ -173,26 +185,12 @@ pub fn run(
     stop: &AtomicBool,
     event: impl Fn(Event) + Sync,
 ) -> Result<RunSummary, RunError> {
-    let opened = Dataset::open(dataset)?;
-    // Found out now and not after hours of tracking.
-    check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
-    let name = dataset_name(dataset);
-    let earlier = check_output(out, &name, bench, force)?;
+    let (opened, name, earlier) = open(dataset, out, bench, force)?;
     let sequences = opened.sequences.len() + opened.failures.len();
-    if sequences == 0 {
-        return Err(RunError::Empty { path: dataset.to_owned() });
-    }
     event(Event::Started { sequences });
 
-    let mut planned: Vec<Planned<'_>> = opened
-        .sequences
-        .par_iter()
-        .map(|entry| {
-            let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
-            let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, bench) };
-            Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
-        })
-        .collect();
+    let chosen: Vec<&SequenceEntry> = opened.sequences.iter().collect();
+    let mut planned = plan_all(&chosen, bench, stop);
     planned.extend(opened.failures.iter().map(|failure| Planned {
         id: SequenceId { subject: failure.subject.clone(), sequence: failure.sequence.clone() },
         emotion: String::new(),
@@ -219,41 +217,11 @@ pub fn run(
     {
         return Ok(summary_of(earlier));
     }
-    let mut record = RunJson {
-        schema_version: SCHEMA_VERSION,
-        made_by: MADE_BY.to_owned(),
-        dataset: name,
-        units: run_units(),
-        options: bench.options.clone(),
-        wireframe_blake3: bench.wireframe_blake3.clone(),
-        complete: false,
-        sequences: Vec::new(),
-        skipped,
-        outputs: earlier.as_ref().map(|e| e.outputs.clone()).unwrap_or_default(),
-        representatives: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let mut record = new_record(name, skipped, bench);
+    record.outputs = earlier.as_ref().map(|e| e.outputs.clone()).unwrap_or_default();
     output::write_json(&out.join(RUN_JSON), &record)?;
 
-    // Set by the first failure that is not a sequence's own fault, such as a full disk: the others need not try.
-    let abort = AtomicBool::new(false);
-    let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
-    let one = |item: &Planned<'_>| {
-        let result = process(item, out, bench, overlay, &halt, &event);
-        if !halt() {
-            let reused = result.as_ref().is_ok_and(|done| done.reused);
-            let failure = result.as_ref().err().map(|f| f.reason.clone());
-            event(Event::Finished { id: item.id.clone(), reused, failure });
-        }
-        if result.as_ref().is_err_and(|f| f.fatal) {
-            abort.store(true, Ordering::Relaxed);
-        }
-        result
-    };
-    let results: Vec<Result<Done, SequenceFailure>> = planned.par_iter().map(one).collect();
-    if stop.load(Ordering::Relaxed) {
-        return Err(RunError::Interrupted);
-    }
+    let results = process_all(&planned, out, bench, overlay, stop, &event)?;
     event(Event::Analyzing);
 
     let Collected { models, failures, tracked, reused, mut outputs } = collect(planned, results, out, &mut record)?;
@@ -273,7 +241,7 @@ pub fn run(
             outputs.insert("models.parquet".to_owned(), hash);
         }
     }
-    let analysis = Analysis { tracked_here: true, ..analyze(models, failures, bench)? };
+    let analysis = Analysis { tracked_here: true, ..analyze_with(models, failures, bench, Some(out))? };
     outputs.extend(write_analysis(&analysis, out, &record.dataset, bench)?);
     remove_stale(out, &outputs);
     record.outputs = outputs;
@@ -281,7 +249,177 @@ pub fn run(
     record.warnings.clone_from(&analysis.warnings);
     record.complete = true;
     output::write_json(&out.join(RUN_JSON), &record)?;
+    // Whatever was computed apart is part of the results now; left behind it does no harm.
+    let _ = fs::remove_dir_all(out.join(PARTS_FOLDER));
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
+}
+
+/// What there is to do in a dataset, for those who divide a run among machines.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Plan {
+    /// Sequences that can be worked on.
+    pub sequences: usize,
+    /// Emotions in the order of the tables, with their sequences.
+    pub emotions: Vec<(String, usize)>,
+}
+
+/// Opens the dataset, marks the output folder as this run's, and says what there is to do.
+///
+/// # Errors
+/// As [`run`], before any sequence is worked on.
+pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
+    let (opened, name, earlier) = open(dataset, out, bench, force)?;
+    if earlier.is_none_or(|earlier| !earlier.complete) {
+        let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
+        output::write_json(&out.join(RUN_JSON), &new_record(name, skipped, bench))?;
+    }
+    let mut emotions: BTreeMap<(usize, &str), usize> = BTreeMap::new();
+    for entry in &opened.sequences {
+        let rank = EMOTIONS.iter().position(|&e| e == entry.emotion).unwrap_or(EMOTIONS.len());
+        *emotions.entry((rank, &entry.emotion)).or_default() += 1;
+    }
+    let emotions = emotions.into_iter().map(|((_, emotion), count)| (emotion.to_owned(), count)).collect();
+    Ok(Plan { sequences: opened.sequences.len(), emotions })
+}
+
+/// Tracks and normalizes part `part` (from 1) of `of` equal parts of the sequences in the order of their ids, into a folder that
+/// [`run_plan`] or [`run`] has begun. The last step of a divided run is [`run`] itself, which uses all that is done.
+///
+/// # Errors
+/// As [`run`]; sequences that fail are in the answer.
+pub fn run_part(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    (part, of): (usize, usize),
+    stop: &AtomicBool,
+    event: impl Fn(Event) + Sync,
+) -> Result<Vec<Failure>, RunError> {
+    let (opened, ..) = open_begun(dataset, out, bench)?;
+    let count = opened.sequences.len();
+    let of = of.max(1);
+    let bounds = |k: usize| (k as u128 * count as u128 / of as u128) as usize;
+    let chosen: Vec<&SequenceEntry> = opened.sequences[bounds(part.saturating_sub(1).min(of))..bounds(part.min(of))].iter().collect();
+    Ok(work(&chosen, out, bench, stop, &event)?.1)
+}
+
+/// Tracks and normalizes what is not done yet of one emotion, and computes its statistics for the run to use.
+///
+/// # Errors
+/// As [`run`]; [`RunError::NoSuchEmotion`]; sequences that fail are in the answer.
+pub fn run_emotion(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    emotion: &str,
+    stop: &AtomicBool,
+    event: impl Fn(Event) + Sync,
+) -> Result<Vec<Failure>, RunError> {
+    let (opened, ..) = open_begun(dataset, out, bench)?;
+    let chosen: Vec<&SequenceEntry> = opened.sequences.iter().filter(|entry| entry.emotion == emotion).collect();
+    if chosen.is_empty() {
+        return Err(RunError::NoSuchEmotion { emotion: emotion.to_owned() });
+    }
+    let (models, failures) = work(&chosen, out, bench, stop, &event)?;
+    event(Event::Analyzing);
+    let grouped = labelled(models);
+    // A column that is empty in this emotion need not be so in the others, where the run will say so.
+    let groups = group_models_unchecked(&grouped, &bench.options.by).map_err(AnalysisError::from)?;
+    for (emotion, groups) in by_emotion(groups) {
+        EmotionPart::compute(&emotion, &groups, bench)?.write(out, &emotion, &groups, bench)?;
+    }
+    Ok(failures)
+}
+
+/// Opens the dataset and makes sure that the output may be written to.
+fn open(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<(Dataset, String, Option<RunJson>), RunError> {
+    let opened = Dataset::open(dataset)?;
+    // Found out now and not after hours of tracking.
+    check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    let name = dataset_name(dataset);
+    let earlier = check_output(out, &name, bench, force)?;
+    if opened.sequences.is_empty() && opened.failures.is_empty() {
+        return Err(RunError::Empty { path: dataset.to_owned() });
+    }
+    Ok((opened, name, earlier))
+}
+
+/// [`open`] for a folder in which the run was begun.
+fn open_begun(dataset: &Path, out: &Path, bench: &Workbench) -> Result<(Dataset, String, RunJson), RunError> {
+    let (opened, name, earlier) = open(dataset, out, bench, false)?;
+    let earlier = earlier.ok_or_else(|| RunError::NotBegun { path: out.to_owned() })?;
+    Ok((opened, name, earlier))
+}
+
+/// Tracks and normalizes sequences; models and failures in the order of the sequences.
+fn work(
+    chosen: &[&SequenceEntry],
+    out: &Path,
+    bench: &Workbench,
+    stop: &AtomicBool,
+    event: &(impl Fn(Event) + Sync),
+) -> Result<(Vec<AnalyzedModel>, Vec<Failure>), RunError> {
+    event(Event::Started { sequences: chosen.len() });
+    let planned = plan_all(chosen, bench, stop);
+    let results = process_all(&planned, out, bench, None, stop, event)?;
+    let mut record = new_record(String::new(), Vec::new(), bench);
+    let Collected { models, failures, .. } = collect(planned, results, out, &mut record)?;
+    Ok((models, failures))
+}
+
+fn plan_all<'a>(chosen: &[&'a SequenceEntry], bench: &Workbench, stop: &AtomicBool) -> Vec<Planned<'a>> {
+    let one = |entry: &&'a SequenceEntry| {
+        let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
+        let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, bench) };
+        Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
+    };
+    chosen.par_iter().map(one).collect()
+}
+
+/// The record of a run that has just begun.
+fn new_record(dataset: String, skipped: Vec<(String, String)>, bench: &Workbench) -> RunJson {
+    RunJson {
+        schema_version: SCHEMA_VERSION,
+        made_by: MADE_BY.to_owned(),
+        dataset,
+        units: run_units(),
+        options: bench.options.clone(),
+        wireframe_blake3: bench.wireframe_blake3.clone(),
+        complete: false,
+        sequences: Vec::new(),
+        skipped,
+        outputs: BTreeMap::new(),
+        representatives: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+/// Works on all planned sequences in parallel.
+fn process_all(
+    planned: &[Planned<'_>],
+    out: &Path,
+    bench: &Workbench,
+    overlay: Option<&Path>,
+    stop: &AtomicBool,
+    event: &(impl Fn(Event) + Sync),
+) -> Result<Vec<Result<Done, SequenceFailure>>, RunError> {
+    // Set by the first failure that is not a sequence's own fault, such as a full disk: the others need not try.
+    let abort = AtomicBool::new(false);
+    let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
+    let one = |item: &Planned<'_>| {
+        let result = process(item, out, bench, overlay, &halt, event);
+        if !halt() {
+            let reused = result.as_ref().is_ok_and(|done| done.reused);
+            let failure = result.as_ref().err().map(|f| f.reason.clone());
+            event(Event::Finished { id: item.id.clone(), reused, failure });
+        }
+        if result.as_ref().is_err_and(|f| f.fatal) {
+            abort.store(true, Ordering::Relaxed);
+        }
+        result
+    };
+    let results = planned.par_iter().map(one).collect();
+    if stop.load(Ordering::Relaxed) { Err(RunError::Interrupted) } else { Ok(results) }
 }
 
 /// What the sequences gave, in order.

@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{
     Representative, SequenceModel,
@@ -32,7 +32,7 @@ const MEDIAN_STEPS: usize = 24;
 const FLAT: f64 = 1e-5;
 
 /// An interval for the dispersion of a class.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DispersionInterval {
     /// Lower end, face units.
     pub low: f64,

@@ -72,6 +72,17 @@ pub fn group_models<'a>(
     by: &[String],
 ) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
     check_columns(by, models.iter().map(|m| &m.metadata))?;
+    group_models_unchecked(models, by)
+}
+
+/// [`group_models`] for models that are not all there are: a column may be empty in all of them.
+///
+/// # Errors
+/// [`GroupError::TooManyGroups`].
+pub fn group_models_unchecked<'a>(
+    models: &'a [LabelledModel],
+    by: &[String],
+) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
     // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
     let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&SequenceModel>> = BTreeMap::new();
     for labelled in models {

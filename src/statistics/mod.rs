@@ -19,7 +19,7 @@ pub mod trimming;
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     model::DynamicExpressionModel,
@@ -27,7 +27,7 @@ use crate::{
 };
 use median::Ending;
 
-pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models};
+pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models, group_models_unchecked};
 pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, representative};
 
 /// A normalized model and the sequence it was made from.
@@ -40,7 +40,7 @@ pub struct SequenceModel {
 }
 
 /// What the representative is taken of: an emotion, or an emotion within a group of people.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ClassLabel {
     /// Emotion label.
     pub emotion: String,
@@ -80,7 +80,7 @@ impl Default for StatisticsOptions {
 }
 
 /// One line of the trimming trace: how far one model's displacement field is from the others' [KP, eq. 6].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrimmingRow {
     /// Displacement field m, from 0: the motion from frame m to m + 1.
     pub field: usize,
@@ -93,7 +93,7 @@ pub struct TrimmingRow {
 }
 
 /// A generalized median as a sum of distances, and how sure we are of it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MedianSums {
     /// Sum of distances [KP, eq. 7] of the greedy answer, face units.
     pub greedy: f64,
@@ -108,7 +108,7 @@ pub struct MedianSums {
 }
 
 /// How the searches for the medians after trimming went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MedianSearch {
     /// Displacement vectors that the greedy search replaced.
     pub greedy_replacements: usize,
@@ -121,11 +121,12 @@ pub struct MedianSearch {
 }
 
 /// A representative dynamic expression with its dispersion.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Representative {
     /// What it represents.
     pub label: ClassLabel,
     /// The generalized median, from the canonical neutral, N' frames over all nodes.
+    #[serde(with = "crate::model::as_points")]
     pub model: DynamicExpressionModel<FaceUnit>,
     /// Sequences it was computed from (N''), sorted.
     pub sequences: Vec<SequenceId>,

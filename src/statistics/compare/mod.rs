@@ -29,7 +29,7 @@ mod permutation;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{SequenceModel, distance::DisplacementFields};
 use crate::units::NodeId;
@@ -39,7 +39,7 @@ use pairs::PairDistances;
 use permutation::{Permuted, permute};
 
 /// How groups are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CompareOptions {
     /// Permutations of each test.
     pub permutations: usize,
@@ -61,7 +61,7 @@ impl Default for CompareOptions {
 pub const LEAST_PEOPLE: usize = 2;
 
 /// Why two groups were not compared.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotTested {
     /// A group of one says nothing about its scatter.
     #[error("a group of {people} can not be tested")]
@@ -83,7 +83,7 @@ pub enum NotTested {
 const NAMED_PEOPLE: usize = 3;
 
 /// A test's outcome.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tested {
     /// People that the test used, of A and of B.
     pub people_used: [usize; 2],
@@ -110,7 +110,7 @@ pub struct Tested {
 }
 
 /// Two groups of one emotion, compared.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Emotion.
     pub emotion: String,

@@ -15,7 +15,7 @@
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{SlotSource, SourceError, nodes_at_once};
 use crate::units::SequenceId;
@@ -42,7 +42,7 @@ pub struct CertifiedTrimming {
 }
 
 /// How sure the trimming of a class is.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Certificate {
     /// Largest relative error of the stated `d_tf`, in parts per million, rounded up.
     pub distance_error_ppm: u64,
