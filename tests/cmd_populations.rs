@@ -93,13 +93,8 @@ fn every_form_of_landmarks_gives_the_same_model_beside_images() {
         work.write(&format!("faces/pts/p_{frame:04}.pts"), pts(smile));
         work.write(&format!("faces/ck/S9_1_{frame:08}_landmarks.txt"), ck(smile));
     }
-    let rows = [
-        row("A", "own.csv", ""),
-        row("B", "openface.csv", ""),
-        row("C", "pts", ""),
-        row("D", "ck", ""),
-        row("E", "", "own.csv"),
-    ];
+    let rows =
+        [row("A", "own.csv", ""), row("B", "openface.csv", ""), row("C", "pts", ""), row("D", "ck", ""), row("E", "", "own.csv")];
     work.write("faces/manifest.csv", format!("{manifest}{}\n", rows.join("\n")));
     work.grimace("run faces -o out --resample linear").exit(0).prints(&["6 sequences: 6 tracked"]);
     // 10 px of a face whose eyes are 160 * 0.613 px apart are 10 * 1024 / 98.1 = 104 face units, less what the springs keep back.
@@ -197,7 +192,8 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     assert!(value("low") < value("dispersion") && value("dispersion") < value("high"));
     assert_eq!(intervals.iter().find(|r| r["group_place"] == "island").unwrap()["low"], "");
     let report = work.read("out/report.html");
-    for text in ["is not “alike”", "A small group, fewer than 10 people", "Not tested: happiness: island and north", "unknown"] {
+    for text in ["is not “alike”", "A small group, fewer than 10 people", "Not tested: happiness: island and north", "unknown"]
+    {
         assert!(report.contains(text), "{text}");
     }
     // Tests follow from the seed, not from threads.
@@ -219,7 +215,9 @@ fn groups_that_can_not_be_made_or_tested_are_named() {
     // Person c in both groups.
     let manifest = work.read("people/manifest.csv") + "c,2,happiness,c.csv,north,\n";
     work.write("people/manifest.csv", manifest);
-    work.grimace("run people -o out --by place --resample linear").exit(0).prints(&["c is in both groups; a test needs different people"]);
+    work.grimace("run people -o out --by place --resample linear")
+        .exit(0)
+        .prints(&["c is in both groups; a test needs different people"]);
     assert_eq!(work.rows("out/comparisons.csv")[0]["not_tested"], "c is in both groups; a test needs different people");
     // Two against two can never reach 5 %: all 6 splits are tried.
     work.grimace("analyze out/tracks/a_1.csv out/tracks/b_1.csv out/tracks/c_1.csv out/tracks/d_1.csv -o two --by place").exit(0);

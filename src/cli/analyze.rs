@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
-    dataset::Dataset,
     columnar::ColumnarModels,
+    dataset::Dataset,
     pipeline::{
         Analysis, PipelineOptions, Workbench, analyze, analyze_columnar, load_columnar, load_tracks, track_files, write_analysis,
         write_columnar, write_model,

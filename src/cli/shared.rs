@@ -21,7 +21,9 @@ use grimace::{
 use serde::de::DeserializeOwned;
 
 /// One of some words, turned into the library's enum of the same words.
-pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(list: &'static [&'static str]) -> impl TypedValueParser<Value = T> {
+pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
+    list: &'static [&'static str],
+) -> impl TypedValueParser<Value = T> {
     PossibleValuesParser::new(list).try_map(|word| serde_json::from_value::<T>(serde_json::Value::String(word)))
 }
 
@@ -192,8 +194,12 @@ impl AnalysisArgs {
         options.by.clone_from(&self.by);
         options.columnar = self.columnar;
         options.groups.bootstrap = self.bootstrap;
-        options.groups.compare =
-            CompareOptions { permutations: self.permutations, people: self.test_people, seed: self.seed, ..CompareOptions::default() };
+        options.groups.compare = CompareOptions {
+            permutations: self.permutations,
+            people: self.test_people,
+            seed: self.seed,
+            ..CompareOptions::default()
+        };
         options.fap = FapOptions { between: usize::from(self.between), fps: self.fps };
     }
 }

@@ -136,7 +136,8 @@ impl ColumnarModels {
                 _ => {}
             }
         }
-        let missing = |column: &str, expected| ColumnarError::Column { path: path.to_owned(), column: column.to_owned(), expected };
+        let missing =
+            |column: &str, expected| ColumnarError::Column { path: path.to_owned(), column: column.to_owned(), expected };
         let known = numbers.keys().filter_map(|name| parse_coordinate(name));
         let (frames, nodes) = known.fold((0, 0), |(f, n), (_, frame, node)| (f.max(frame + 1), n.max(node + 1)));
         if frames < 2 || nodes > usize::from(u16::MAX) {
@@ -147,8 +148,16 @@ impl ColumnarModels {
             let name = coordinate(axis, m, k);
             columns.push(*numbers.get(&name).ok_or_else(|| missing(&name, "double"))?);
         }
-        let mut file =
-            Self { path: path.to_owned(), reader, ids: Vec::new(), emotions: Vec::new(), metadata: BTreeMap::new(), frames, nodes, columns };
+        let mut file = Self {
+            path: path.to_owned(),
+            reader,
+            ids: Vec::new(),
+            emotions: Vec::new(),
+            metadata: BTreeMap::new(),
+            frames,
+            nodes,
+            columns,
+        };
         let [subjects, sequences, emotions] = NAMES.map(|name| match texts.remove(name) {
             Some(place) => file.texts(place, name),
             None => Err(missing(name, "text")),
@@ -209,7 +218,11 @@ impl ColumnarModels {
                 }
             }
         }
-        if values.len() == rows { Ok(values) } else { Err(parquet_error(&self.path, &ParquetError::EOF(format!("{} of {rows} rows", values.len())))) }
+        if values.len() == rows {
+            Ok(values)
+        } else {
+            Err(parquet_error(&self.path, &ParquetError::EOF(format!("{} of {rows} rows", values.len()))))
+        }
     }
 
     fn texts(&self, place: usize, name: &str) -> Result<Vec<String>, ColumnarError> {
@@ -304,7 +317,10 @@ impl SlotSource for ColumnarClass<'_> {
         let first = self.rows.first().map(|&row| before[row]).unwrap_or_default();
         let is_off = |row: &&usize| !((before[**row] - first).norm() <= NEUTRAL_TOLERANCE);
         if let Some(&row) = self.rows.iter().find(is_off) {
-            let reason = format!("node {node} of the neutral frame is not where {} has it; normalize all alike", self.file.ids[self.rows[0]]);
+            let reason = format!(
+                "node {node} of the neutral frame is not where {} has it; normalize all alike",
+                self.file.ids[self.rows[0]]
+            );
             return Err(self.error(row, reason));
         }
         let mut fields = Vec::with_capacity(self.field_count());

@@ -6,8 +6,8 @@ use std::{
 };
 
 use super::{
-    frames::{has_extension, has_frames},
     DatasetError, FrameSource, FramesError, LandmarkSelection, LandmarkTrack, LandmarksError, correspondences_from_landmarks,
+    frames::{has_extension, has_frames},
     landmark_files, list_frames, read_landmarks,
 };
 use crate::{

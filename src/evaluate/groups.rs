@@ -164,7 +164,14 @@ impl GroupStudy {
     /// A row per difference: share rejected with its 95 % interval.
     pub fn table(&self) -> Table {
         let mut table = Table::new([
-            "difference_percent", "pairs", "rejected", "rejected_percent", "low_percent", "high_percent", "wrong_nodes_percent", "mean_effect_percent",
+            "difference_percent",
+            "pairs",
+            "rejected",
+            "rejected_percent",
+            "low_percent",
+            "high_percent",
+            "wrong_nodes_percent",
+            "mean_effect_percent",
         ]);
         for t in &self.trials {
             let (low, high) = wilson(t.rejected, t.pairs);

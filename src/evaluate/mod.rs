@@ -34,11 +34,11 @@ use crate::{
 
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
+pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, evaluate_groups, wilson};
 pub use marks::{
     MarkChoice, MarkableNode, SELECTION_SIZES, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks,
     suggested_marks, suggested_table,
 };
-pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, evaluate_groups, wilson};
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };

@@ -180,8 +180,7 @@ impl Recognition {
         let judged: usize = sums.iter().sum();
         let right: usize = (0..counts.len()).map(|k| counts[k][k]).sum();
         let share = |part: usize, whole: usize| if whole > 0 { part as f64 / whole as f64 } else { 0.0 };
-        let recalls: Vec<f64> =
-            (0..counts.len()).filter(|&k| sums[k] > 0).map(|k| share(counts[k][k], sums[k])).collect();
+        let recalls: Vec<f64> = (0..counts.len()).filter(|&k| sums[k] > 0).map(|k| share(counts[k][k], sums[k])).collect();
         // Right and judged, by subject.
         let mut subjects: BTreeMap<&str, (usize, usize)> = BTreeMap::new();
         for s in self.sequences.iter().filter(|s| s.recognized.is_some()) {
@@ -199,7 +198,8 @@ impl Recognition {
             })
             .collect();
         replicates.sort_by(f64::total_cmp);
-        let at = |part: f64| replicates.get((part * (replicates.len().max(1) - 1) as f64).round() as usize).copied().unwrap_or(0.0);
+        let at =
+            |part: f64| replicates.get((part * (replicates.len().max(1) - 1) as f64).round() as usize).copied().unwrap_or(0.0);
         RecognitionSummary {
             judged,
             not_judged: self.sequences.len() - judged,

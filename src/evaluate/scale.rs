@@ -44,6 +44,8 @@ pub struct ScaleRow {
     pub alpha: f64,
     /// Time of reading, trimming, both medians and dispersions, seconds.
     pub seconds: f64,
+    /// Processor time of all threads meanwhile, seconds; `None` where the system does not tell.
+    pub cpu_seconds: Option<f64>,
     /// Largest resident memory while doing so, MB; `None` where the system does not tell.
     pub peak_mb: Option<f64>,
     /// (Field, model) pairs whose trimming was computed exactly, and those that rounding leaves open; `None` without trimming.
@@ -104,7 +106,11 @@ pub fn write_synthetic_models(path: &Path, count: usize, seed: u64) -> Result<()
 ///
 /// # Errors
 /// [`ScaleError`].
-pub fn evaluate_scale(options: &ScaleOptions, folder: &Path, mut tick: impl FnMut(&ScaleRow)) -> Result<Vec<ScaleRow>, ScaleError> {
+pub fn evaluate_scale(
+    options: &ScaleOptions,
+    folder: &Path,
+    mut tick: impl FnMut(&ScaleRow),
+) -> Result<Vec<ScaleRow>, ScaleError> {
     let people = SyntheticPeople::new(options.seed)?;
     let live = people.wireframe().live_nodes();
     let path: PathBuf = folder.join("models.parquet");
@@ -119,7 +125,7 @@ pub fn evaluate_scale(options: &ScaleOptions, folder: &Path, mut tick: impl FnMu
                 continue;
             }
             reset_peak();
-            let started = Instant::now();
+            let (started, cpu) = (Instant::now(), cpu_seconds());
             let file = ColumnarModels::open(&path)?;
             let class = file.class((0..file.row_count()).collect(), live);
             let (ids, neutral) = (class.ids(), class.neutral()?);
@@ -131,6 +137,7 @@ pub fn evaluate_scale(options: &ScaleOptions, folder: &Path, mut tick: impl FnMu
                 models,
                 alpha,
                 seconds: started.elapsed().as_secs_f64(),
+                cpu_seconds: cpu.and_then(|before| Some(cpu_seconds()? - before)),
                 peak_mb: peak_mb(),
                 exact_and_open: r.certificate.as_ref().map(|c| (c.decided_exactly, c.undecided.len())),
                 certificate_gap: r.sums.certificate_gap,
@@ -162,17 +169,40 @@ fn peak_mb() -> Option<f64> {
     line.split_whitespace().next()?.parse::<f64>().ok().map(|kb| kb * 1024.0 / 1e6)
 }
 
+/// Processor time of this process so far, seconds.
+fn cpu_seconds() -> Option<f64> {
+    // Linux counts hundredths of a second in this file.
+    const TICKS: f64 = 100.0;
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name may hold blanks; user and system time are the 12th and 13th fields behind it.
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks = |place: usize| fields.get(place)?.parse::<f64>().ok();
+    Some((ticks(11)? + ticks(12)?) / TICKS)
+}
+
 /// Exponent of the growth of the time of the untrimmed median between the smallest and the largest number of models.
 pub fn growth_exponent(rows: &[ScaleRow]) -> Option<f64> {
     let untrimmed: Vec<&ScaleRow> = rows.iter().filter(|row| row.alpha == 0.0).collect();
     let (first, last) = (untrimmed.first()?, untrimmed.last()?);
-    (last.models > first.models).then(|| (last.seconds / first.seconds).ln() / (last.models as f64 / first.models as f64).ln())
+    // Processor time, where there is one: others on the machine do not count.
+    let time = |row: &ScaleRow| row.cpu_seconds.filter(|t| *t > 0.0).unwrap_or(row.seconds);
+    (last.models > first.models).then(|| (time(last) / time(first)).ln() / (last.models as f64 / first.models as f64).ln())
 }
 
 /// A row per measurement.
 pub fn scale_table(rows: &[ScaleRow]) -> Table {
     let mut table = Table::new([
-        "models", "alpha", "seconds", "peak_mb", "decided_exactly", "undecided", "certificate_gap", "dispersion", "file_mb", "write_seconds",
+        "models",
+        "alpha",
+        "seconds",
+        "cpu_seconds",
+        "peak_mb",
+        "decided_exactly",
+        "undecided",
+        "certificate_gap",
+        "dispersion",
+        "file_mb",
+        "write_seconds",
     ]);
     for row in rows {
         let count = |n: Option<usize>| n.map_or(Cell::Empty, Cell::Count);
@@ -180,6 +210,7 @@ pub fn scale_table(rows: &[ScaleRow]) -> Table {
             Cell::Count(row.models),
             Cell::Number(row.alpha, 2),
             Cell::Number(row.seconds, 2),
+            Cell::maybe(row.cpu_seconds, 2),
             Cell::maybe(row.peak_mb, 0),
             count(row.exact_and_open.map(|(exact, _)| exact)),
             count(row.exact_and_open.map(|(_, open)| open)),

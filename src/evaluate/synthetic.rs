@@ -17,7 +17,8 @@ use crate::{
 };
 
 /// Action units of the smile, and how strong.
-const SMILE: [(&str, f64); 4] = [("Lip stretcher", 0.7), ("Lip corner depressor", -0.7), ("Lid tightener", 0.5), ("Jaw drop", 0.15)];
+const SMILE: [(&str, f64); 4] =
+    [("Lip stretcher", 0.7), ("Lip corner depressor", -0.7), ("Lid tightener", 0.5), ("Jaw drop", 0.15)];
 
 /// Standard deviation of the logarithm of a person's strength.
 const STRENGTH_SD: f64 = 0.35;

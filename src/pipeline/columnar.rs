@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     Analysis, AnalysisError, AnalyzedModel, Workbench,
-    analysis::{class, unique_stem, warnings},
+    classes::{class, unique_stem, warnings},
 };
 use crate::{
     columnar::{ColumnarError, ColumnarModels, ColumnarRow, ColumnarWriter},

@@ -128,7 +128,8 @@ impl Comparisons {
         }
         if !self.too_many.is_empty() {
             let list: Vec<String> = self.too_many.iter().map(|(emotion, groups)| format!("{emotion} has {groups}")).collect();
-            warnings.push(format!("more than {MAX_COMPARED_GROUPS} groups are not compared with each other: {}", list.join(", ")));
+            warnings
+                .push(format!("more than {MAX_COMPARED_GROUPS} groups are not compared with each other: {}", list.join(", ")));
         }
         if self.unknown_left_out && !self.pairs.is_empty() {
             warnings.push(format!("people without a value are the group `{UNKNOWN_GROUP}`, which is compared with nobody"));
@@ -167,7 +168,8 @@ pub(super) fn write_groups(
     let rows = classes.iter().map(|class| {
         let r = &class.representative;
         let interval = class.interval.as_ref();
-        let method = interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "percentile" } else { "percentile, median held" });
+        let method =
+            interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "percentile" } else { "percentile, median held" });
         let mut row = vec![
             r.label.emotion.clone(),
             class.subjects.to_string(),
@@ -186,7 +188,19 @@ pub(super) fn write_groups(
 
     let header: Vec<String> = ["emotion", "group_a", "group_b", "subjects_a", "subjects_b", "sequences_a", "sequences_b"]
         .into_iter()
-        .chain(["energy", "effect", "effect_by_chance", "p", "p_holm", "least_p", "permutations", "exhaustive", "used_a", "used_b", "not_tested"])
+        .chain([
+            "energy",
+            "effect",
+            "effect_by_chance",
+            "p",
+            "p_holm",
+            "least_p",
+            "permutations",
+            "exhaustive",
+            "used_a",
+            "used_b",
+            "not_tested",
+        ])
         .map(str::to_owned)
         .collect();
     let rows = comparisons.pairs.iter().map(|pair| {

@@ -8,7 +8,8 @@ use super::{
 };
 use crate::{
     dataset::{
-        CorrespondenceSource, LandmarkSelection, LandmarkSequence, SequenceEntry, correspondences_from_landmarks, read_landmarks_with,
+        CorrespondenceSource, LandmarkSelection, LandmarkSequence, SequenceEntry, correspondences_from_landmarks,
+        read_landmarks_with,
     },
     fit::{Correspondence, FitError, MarkKind, read_correspondences},
     sequence::ImageSize,
@@ -68,8 +69,14 @@ impl LandmarkSource {
         };
         part(MADE_BY.as_bytes());
         let options = &bench.options;
-        let depends =
-            (TRACK_SCHEMA, "landmarks", &options.fit, options.track.force, options.landmarks.least_confidence, &bench.wireframe_blake3);
+        let depends = (
+            TRACK_SCHEMA,
+            "landmarks",
+            &options.fit,
+            options.track.force,
+            options.landmarks.least_confidence,
+            &bench.wireframe_blake3,
+        );
         part(&serde_json::to_vec(&depends).unwrap_or_default());
         part(self.id.to_string().as_bytes());
         part(format!("{:?} {:?}", self.first_frame, self.last_frame).as_bytes());
@@ -106,7 +113,8 @@ impl LandmarkSource {
         // fold the wireframe: fewer marks then, those that are the same anatomical point, or the corners and the chin.
         for fewer in [LandmarkSelection::High, LandmarkSelection::Default] {
             if self.marks.is_none() && matches!(fitted, Err(FitError::Folded { .. })) {
-                marks = correspondences_from_landmarks(neutral, &bench.tables, &fewer).map_err(SequenceFailure::at(Stage::Fit))?;
+                marks =
+                    correspondences_from_landmarks(neutral, &bench.tables, &fewer).map_err(SequenceFailure::at(Stage::Fit))?;
                 fitted = fit(&marks);
             }
         }

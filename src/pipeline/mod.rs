@@ -1,7 +1,9 @@
 //! The main job, stage by stage: dataset -> tracks -> normalized models -> representatives, FAP files, report.
 
 mod analysis;
+mod classes;
 mod columnar;
+mod divide;
 mod files;
 mod groups;
 mod landmarks;
@@ -24,11 +26,12 @@ use crate::{
 };
 
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze, read_model, write_analysis, write_model};
-pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
-pub(crate) use groups::values as group_values;
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
+pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord};
-pub use run::{Event, Plan, RunError, RunSummary, run, run_emotion, run_part, run_plan};
+pub(crate) use groups::values as group_values;
+pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
+pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use tracks::{id_of, load_tracks, track_files};
 

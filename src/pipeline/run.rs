@@ -16,10 +16,10 @@ use rayon::prelude::*;
 use super::{
     Analysis, AnalyzedModel, Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceFailure, SequenceRecord, SequenceSource, Stage,
     Workbench,
-    analysis::{AnalysisError, analyze_with, by_emotion, labelled, write_failures},
+    analysis::{AnalysisError, analyze_with, write_failures},
     files::{file_blake3, run_units},
     landmarks::LandmarkSource,
-    parts::{EmotionPart, PARTS_FOLDER},
+    parts::PARTS_FOLDER,
     sequence::{normalized, overlay_path, track_or_reuse},
 };
 use crate::{
@@ -27,7 +27,7 @@ use crate::{
     output::{self, OutputError},
     overlay::png_bytes,
     pipeline::{overlay_pictures, track_one, write_analysis, write_columnar, write_model},
-    statistics::{EMOTIONS, SequenceModel, check_columns, group_models_unchecked},
+    statistics::{SequenceModel, check_columns},
     track::TrackQuality,
     units::SequenceId,
 };
@@ -144,7 +144,7 @@ pub enum RunError {
 }
 
 /// A sequence on its way through the run.
-struct Planned<'a> {
+pub(super) struct Planned<'a> {
     id: SequenceId,
     emotion: String,
     entry: Option<&'a SequenceEntry>,
@@ -165,7 +165,7 @@ impl Planned<'_> {
 }
 
 /// One processed sequence.
-struct Done {
+pub(super) struct Done {
     model: AnalyzedModel,
     reused: bool,
 }
@@ -254,85 +254,13 @@ pub fn run(
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
 }
 
-/// What there is to do in a dataset, for those who divide a run among machines.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct Plan {
-    /// Sequences that can be worked on.
-    pub sequences: usize,
-    /// Emotions in the order of the tables, with their sequences.
-    pub emotions: Vec<(String, usize)>,
-}
-
-/// Opens the dataset, marks the output folder as this run's, and says what there is to do.
-///
-/// # Errors
-/// As [`run`], before any sequence is worked on.
-pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
-    let (opened, name, earlier) = open(dataset, out, bench, force)?;
-    if earlier.is_none_or(|earlier| !earlier.complete) {
-        let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
-        output::write_json(&out.join(RUN_JSON), &new_record(name, skipped, bench))?;
-    }
-    let mut emotions: BTreeMap<(usize, &str), usize> = BTreeMap::new();
-    for entry in &opened.sequences {
-        let rank = EMOTIONS.iter().position(|&e| e == entry.emotion).unwrap_or(EMOTIONS.len());
-        *emotions.entry((rank, &entry.emotion)).or_default() += 1;
-    }
-    let emotions = emotions.into_iter().map(|((_, emotion), count)| (emotion.to_owned(), count)).collect();
-    Ok(Plan { sequences: opened.sequences.len(), emotions })
-}
-
-/// Tracks and normalizes part `part` (from 1) of `of` equal parts of the sequences in the order of their ids, into a folder that
-/// [`run_plan`] or [`run`] has begun. The last step of a divided run is [`run`] itself, which uses all that is done.
-///
-/// # Errors
-/// As [`run`]; sequences that fail are in the answer.
-pub fn run_part(
-    dataset: &Path,
-    out: &Path,
-    bench: &Workbench,
-    (part, of): (usize, usize),
-    stop: &AtomicBool,
-    event: impl Fn(Event) + Sync,
-) -> Result<Vec<Failure>, RunError> {
-    let (opened, ..) = open_begun(dataset, out, bench)?;
-    let count = opened.sequences.len();
-    let of = of.max(1);
-    let bounds = |k: usize| (k as u128 * count as u128 / of as u128) as usize;
-    let chosen: Vec<&SequenceEntry> = opened.sequences[bounds(part.saturating_sub(1).min(of))..bounds(part.min(of))].iter().collect();
-    Ok(work(&chosen, out, bench, stop, &event)?.1)
-}
-
-/// Tracks and normalizes what is not done yet of one emotion, and computes its statistics for the run to use.
-///
-/// # Errors
-/// As [`run`]; [`RunError::NoSuchEmotion`]; sequences that fail are in the answer.
-pub fn run_emotion(
-    dataset: &Path,
-    out: &Path,
-    bench: &Workbench,
-    emotion: &str,
-    stop: &AtomicBool,
-    event: impl Fn(Event) + Sync,
-) -> Result<Vec<Failure>, RunError> {
-    let (opened, ..) = open_begun(dataset, out, bench)?;
-    let chosen: Vec<&SequenceEntry> = opened.sequences.iter().filter(|entry| entry.emotion == emotion).collect();
-    if chosen.is_empty() {
-        return Err(RunError::NoSuchEmotion { emotion: emotion.to_owned() });
-    }
-    let (models, failures) = work(&chosen, out, bench, stop, &event)?;
-    event(Event::Analyzing);
-    let grouped = labelled(models);
-    // A column that is empty in this emotion need not be so in the others, where the run will say so.
-    let groups = group_models_unchecked(&grouped, &bench.options.by).map_err(AnalysisError::from)?;
-    for (emotion, groups) in by_emotion(groups) {
-        EmotionPart::compute(&emotion, &groups, bench)?.write(out, &emotion, &groups, bench)?;
-    }
-    Ok(failures)
-}
-
 /// Opens the dataset and makes sure that the output may be written to.
-fn open(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<(Dataset, String, Option<RunJson>), RunError> {
+pub(super) fn open(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    force: bool,
+) -> Result<(Dataset, String, Option<RunJson>), RunError> {
     let opened = Dataset::open(dataset)?;
     // Found out now and not after hours of tracking.
     check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
@@ -344,30 +272,7 @@ fn open(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<(D
     Ok((opened, name, earlier))
 }
 
-/// [`open`] for a folder in which the run was begun.
-fn open_begun(dataset: &Path, out: &Path, bench: &Workbench) -> Result<(Dataset, String, RunJson), RunError> {
-    let (opened, name, earlier) = open(dataset, out, bench, false)?;
-    let earlier = earlier.ok_or_else(|| RunError::NotBegun { path: out.to_owned() })?;
-    Ok((opened, name, earlier))
-}
-
-/// Tracks and normalizes sequences; models and failures in the order of the sequences.
-fn work(
-    chosen: &[&SequenceEntry],
-    out: &Path,
-    bench: &Workbench,
-    stop: &AtomicBool,
-    event: &(impl Fn(Event) + Sync),
-) -> Result<(Vec<AnalyzedModel>, Vec<Failure>), RunError> {
-    event(Event::Started { sequences: chosen.len() });
-    let planned = plan_all(chosen, bench, stop);
-    let results = process_all(&planned, out, bench, None, stop, event)?;
-    let mut record = new_record(String::new(), Vec::new(), bench);
-    let Collected { models, failures, .. } = collect(planned, results, out, &mut record)?;
-    Ok((models, failures))
-}
-
-fn plan_all<'a>(chosen: &[&'a SequenceEntry], bench: &Workbench, stop: &AtomicBool) -> Vec<Planned<'a>> {
+pub(super) fn plan_all<'a>(chosen: &[&'a SequenceEntry], bench: &Workbench, stop: &AtomicBool) -> Vec<Planned<'a>> {
     let one = |entry: &&'a SequenceEntry| {
         let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
         let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, bench) };
@@ -377,7 +282,7 @@ fn plan_all<'a>(chosen: &[&'a SequenceEntry], bench: &Workbench, stop: &AtomicBo
 }
 
 /// The record of a run that has just begun.
-fn new_record(dataset: String, skipped: Vec<(String, String)>, bench: &Workbench) -> RunJson {
+pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench: &Workbench) -> RunJson {
     RunJson {
         schema_version: SCHEMA_VERSION,
         made_by: MADE_BY.to_owned(),
@@ -395,7 +300,7 @@ fn new_record(dataset: String, skipped: Vec<(String, String)>, bench: &Workbench
 }
 
 /// Works on all planned sequences in parallel.
-fn process_all(
+pub(super) fn process_all(
     planned: &[Planned<'_>],
     out: &Path,
     bench: &Workbench,
@@ -424,9 +329,9 @@ fn process_all(
 
 /// What the sequences gave, in order.
 #[derive(Default)]
-struct Collected {
-    models: Vec<AnalyzedModel>,
-    failures: Vec<Failure>,
+pub(super) struct Collected {
+    pub models: Vec<AnalyzedModel>,
+    pub failures: Vec<Failure>,
     tracked: usize,
     reused: usize,
     /// BLAKE3 of the files written for sequences.
@@ -434,7 +339,7 @@ struct Collected {
 }
 
 /// Sorts the results of the sequences into models and failures and enters them in the record.
-fn collect(
+pub(super) fn collect(
     planned: Vec<Planned<'_>>,
     results: Vec<Result<Done, SequenceFailure>>,
     out: &Path,

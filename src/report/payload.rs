@@ -122,7 +122,6 @@ fn node_names(wireframe: &Wireframe, tables: &Tables) -> Vec<String> {
     wireframe.live_nodes().iter().map(name).collect()
 }
 
-
 /// Most sequences of a class of which the report draws a dot.
 pub(super) const MOST_DOTS: usize = 2048;
 

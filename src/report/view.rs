@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::{
     Failure, ReportData,
     groups::GroupsView,
-    payload::MOST_DOTS,
     numbers::{MISSING, count, fixed, fixed_or_dash, ratio},
+    payload::MOST_DOTS,
 };
 use crate::{
     statistics::{ClassLabel, Representative, scale::MANY_MODELS},

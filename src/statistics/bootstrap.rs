@@ -96,7 +96,13 @@ pub fn dispersion_interval(
     let mut values: Vec<f64> = (0..replicates).into_par_iter().map(replicate).collect();
     values.sort_by(f64::total_cmp);
     let tail = (1.0 - LEVEL) / 2.0;
-    Some(DispersionInterval { low: quantile(&values, tail), high: quantile(&values, 1.0 - tail), level: LEVEL, replicates, retrimmed })
+    Some(DispersionInterval {
+        low: quantile(&values, tail),
+        high: quantile(&values, 1.0 - tail),
+        level: LEVEL,
+        replicates,
+        retrimmed,
+    })
 }
 
 /// Linear between the two values around the share, of sorted values, at least one.
@@ -156,7 +162,8 @@ impl Sample {
         for (place, &i) in drawn.iter().enumerate() {
             for copy in 0..copies[i] {
                 let in_fields = (0..fields).filter(|&m| copy < kept[m][i]);
-                let (sum, number) = in_fields.fold((0.0, 0), |(sum, n), m| (sum + sums[place * fields + m] / nodes as f64, n + 1));
+                let (sum, number) =
+                    in_fields.fold((0.0, 0), |(sum, n), m| (sum + sums[place * fields + m] / nodes as f64, n + 1));
                 if number > 0 {
                     distances.push(sum / f64::from(number));
                 }

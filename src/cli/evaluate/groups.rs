@@ -68,7 +68,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         println!("one test of 10000 permutations of {a} and {b} people: {:.2} s", study.seconds_per_10000);
         if let (Some((covered, tried)), Some(truth)) = (study.covered, study.true_dispersion) {
             let share = 100.0 * covered as f64 / tried as f64;
-            println!("95 % intervals that hold the dispersion of {TRUTH} people, {truth:.3}: {covered} of {tried} ({share:.1} %)");
+            println!(
+                "95 % intervals that hold the dispersion of {TRUTH} people, {truth:.3}: {covered} of {tried} ({share:.1} %)"
+            );
         }
     }
     let options = json!({
@@ -81,6 +83,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     });
     let covered = study.covered.map(|(covered, tried)| json!({ "covered": covered, "tried": tried }));
     // No times here: the same options give the same file.
-    folder.finish("groups", None, args.common.seed, options, json!({ "intervals": covered, "true_dispersion": study.true_dispersion }))?;
+    folder.finish(
+        "groups",
+        None,
+        args.common.seed,
+        options,
+        json!({ "intervals": covered, "true_dispersion": study.true_dispersion }),
+    )?;
     Ok(Outcome::Done)
 }

@@ -18,7 +18,7 @@ Example:
   grimace evaluate scale -o scale --models 10000,100000,1000000
 
 Made-up models are written to a Parquet file in OUT, which is removed again (9 KB a model), and read from it by the statistics: with \
-trimming up to --trim-up-to models, and without. Times are wall-clock; the peak is the process's largest resident memory.")]
+trimming up to --trim-up-to models, and without. Times are wall-clock and, of all threads, processor time; the peak is the process's largest resident memory.")]
 pub struct Args {
     /// Numbers of models, ascending
     #[arg(long, default_value = "10000,100000", value_delimiter = ',', value_name = "COUNT")]
@@ -52,7 +52,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let rows = evaluate_scale(&options, &folder.path, |row| {
         if !quiet {
             let peak = row.peak_mb.map(|mb| format!(", peak {mb:.0} MB")).unwrap_or_default();
-            println!("{} models, alpha {}: {:.2} s{peak}", row.models, row.alpha, row.seconds);
+            let cpu = row.cpu_seconds.map(|s| format!(" ({s:.2} s of processor time)")).unwrap_or_default();
+            println!("{} models, alpha {}: {:.2} s{cpu}{peak}", row.models, row.alpha, row.seconds);
         }
     })?;
     let table = scale_table(&rows);

@@ -282,7 +282,8 @@ enum Form {
 /// Recognizes a file by its first line that is not blank.
 fn form_of(path: &Path) -> Form {
     let mut start = Vec::new();
-    let read = fs::File::open(path).and_then(|file| io::Read::read_to_end(&mut io::Read::take(file, SNIFFED_BYTES as u64), &mut start));
+    let read =
+        fs::File::open(path).and_then(|file| io::Read::read_to_end(&mut io::Read::take(file, SNIFFED_BYTES as u64), &mut start));
     if read.is_err() {
         return Form::Other;
     }
@@ -316,8 +317,7 @@ pub fn read_landmarks(path: &Path) -> Result<LandmarkTrack, LandmarksError> {
 /// As [`read_landmarks`].
 pub fn read_landmarks_with(path: &Path, least_confidence: f64) -> Result<LandmarkTrack, LandmarksError> {
     let files = landmark_files(path)?;
-    let mut track =
-        LandmarkTrack { path: path.to_owned(), files, frames: BTreeMap::new(), lost: Vec::new(), least_confidence };
+    let mut track = LandmarkTrack { path: path.to_owned(), files, frames: BTreeMap::new(), lost: Vec::new(), least_confidence };
     match &track.files[..] {
         [] => {}
         [file] if file == path || has_extension(file, &["csv"]) => {

@@ -119,12 +119,10 @@ fn openface_reads_by_name_and_low_confidence_or_no_success_is_lost() {
     assert_eq!(track.lost, [2, 3]);
     assert_eq!(track.frame(4).unwrap()[10], Point2::new(10.5, 4010.5));
     let frames = track.sequence(None, None).unwrap().frames;
-    assert_eq!(frames.iter().map(|f| (f.number, f.points.is_some())).collect::<Vec<_>>(), [
-        (1, true),
-        (2, false),
-        (3, false),
-        (4, true)
-    ]);
+    assert_eq!(
+        frames.iter().map(|f| (f.number, f.points.is_some())).collect::<Vec<_>>(),
+        [(1, true), (2, false), (3, false), (4, true)]
+    );
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("o.csv");
     fs::write(&path, open_face(&[(1, 0.98, 1), (2, 0.4, 1)])).unwrap();

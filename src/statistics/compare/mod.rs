@@ -140,7 +140,13 @@ fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
 ///
 /// Models are normalized, of one shape (as [`super::representative`] checks), in any order; distances are over the `live` nodes. `stream`
 /// numbers the comparison, so that each has its own random numbers.
-pub fn compare(a: &[&SequenceModel], b: &[&SequenceModel], live: &[NodeId], options: &CompareOptions, stream: u32) -> Result<Tested, NotTested> {
+pub fn compare(
+    a: &[&SequenceModel],
+    b: &[&SequenceModel],
+    live: &[NodeId],
+    options: &CompareOptions,
+    stream: u32,
+) -> Result<Tested, NotTested> {
     let (a, b) = (by_subject(a), by_subject(b));
     let shared: BTreeSet<&str> = a.keys().filter(|subject| b.contains_key(*subject)).copied().collect();
     if !shared.is_empty() {
@@ -172,7 +178,8 @@ pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareO
     let observed: Vec<usize> = (0..first).collect();
     let energy = distances.energy(&observed);
     let total = mean(&energy.nodes);
-    let Permuted { at_least, effects, least_p, node_p, permutations, exhaustive } = permute(&distances, first, &energy, options, stream);
+    let Permuted { at_least, effects, least_p, node_p, permutations, exhaustive } =
+        permute(&distances, first, &energy, options, stream);
     let p = if exhaustive { at_least as f64 / permutations as f64 } else { (1 + at_least) as f64 / (1 + permutations) as f64 };
     Tested {
         people_used: sizes,

@@ -84,7 +84,13 @@ fn next_subset(subset: &mut [usize], count: usize) -> bool {
 }
 
 /// Tries other splits into groups of `first` and the rest.
-pub(super) fn permute(distances: &PairDistances, first: usize, observed: &Energy, options: &CompareOptions, stream: u32) -> Permuted {
+pub(super) fn permute(
+    distances: &PairDistances,
+    first: usize,
+    observed: &Energy,
+    options: &CompareOptions,
+    stream: u32,
+) -> Permuted {
     let (n, wanted) = (distances.people(), options.permutations.max(1));
     // The smaller group is the cheaper one to sum over; E is the same from both sides.
     let size = first.min(n - first);
@@ -119,7 +125,14 @@ pub(super) fn permute(distances: &PairDistances, first: usize, observed: &Energy
     // Two groups of one size: every split is there twice, as itself and as its complement.
     let twins = if 2 * size == n { 2.0 } else { 1.0 };
     let least_p = if exhaustive { (twins / permutations as f64).min(1.0) } else { 1.0 / (1 + permutations) as f64 };
-    Permuted { at_least, effects: energies.into_iter().map(|(effect, _)| effect).collect(), least_p, node_p, permutations, exhaustive }
+    Permuted {
+        at_least,
+        effects: energies.into_iter().map(|(effect, _)| effect).collect(),
+        least_p,
+        node_p,
+        permutations,
+        exhaustive,
+    }
 }
 
 /// p of every node against the largest standardized `E_k` of each split.

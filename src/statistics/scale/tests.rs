@@ -86,8 +86,7 @@ fn the_representative_of_many_is_that_of_few() {
     let fields = models(120, live, 4, 4);
     let neutral: Vec<_> = wireframe.frontal().iter().map(|p| p * 1024.0 / 0.613).collect();
     let label = ClassLabel { emotion: "happiness".to_owned(), group: BTreeMap::new() };
-    let ids: Vec<SequenceId> =
-        (0..120).map(|i| SequenceId { subject: format!("s{i:03}"), sequence: "1".to_owned() }).collect();
+    let ids: Vec<SequenceId> = (0..120).map(|i| SequenceId { subject: format!("s{i:03}"), sequence: "1".to_owned() }).collect();
     let sequences: Vec<_> = ids
         .iter()
         .zip(&fields)

@@ -79,6 +79,9 @@ fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) 
     let step = std::f64::consts::PI / directions as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / n;
     let mut sums = vec![0.0; wanted.len()];
+    if wanted.len() == points.len() {
+        return all_projected_sums(points, mean, directions);
+    }
     let mut line: Vec<f64> = Vec::with_capacity(points.len());
     let mut prefix: Vec<f64> = Vec::with_capacity(points.len() + 1);
     for a in 0..directions {
@@ -99,6 +102,29 @@ fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) 
             let s = project(&points[i]);
             let below = line.partition_point(|value| *value < s);
             *to += s * (2.0 * below as f64 - n) + sum - 2.0 * prefix[below];
+        }
+    }
+    sums.iter_mut().for_each(|sum| *sum *= step / 2.0);
+    sums
+}
+
+/// [`projected_sums`] of all points, whose ranks come from the sorting itself.
+fn all_projected_sums(points: &[Vector2<f64>], mean: Vector2<f64>, directions: usize) -> Vec<f64> {
+    let n = points.len() as f64;
+    let step = std::f64::consts::PI / directions as f64;
+    let mut sums = vec![0.0; points.len()];
+    let mut line: Vec<(f64, u32)> = Vec::with_capacity(points.len());
+    for a in 0..directions {
+        let (sin, cos) = ((a as f64 + 0.5) * step).sin_cos();
+        line.clear();
+        line.extend((0..).zip(points).map(|(i, p)| ((p.x - mean.x) * cos + (p.y - mean.y) * sin, i)));
+        // Equal ones add nothing to each other: their order does not matter.
+        line.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let total: f64 = line.iter().map(|(s, _)| s).sum();
+        let mut below = 0.0;
+        for (rank, &(s, i)) in line.iter().enumerate() {
+            sums[i as usize] += s * (2.0 * rank as f64 - n) + total - 2.0 * below;
+            below += s;
         }
     }
     sums.iter_mut().for_each(|sum| *sum *= step / 2.0);
@@ -160,7 +186,11 @@ impl Field {
 ///
 /// # Errors
 /// [`SourceError`].
-pub fn trim_certified<S: SlotSource + ?Sized>(source: &S, drop_count: usize, memory: u64) -> Result<CertifiedTrimming, SourceError> {
+pub fn trim_certified<S: SlotSource + ?Sized>(
+    source: &S,
+    drop_count: usize,
+    memory: u64,
+) -> Result<CertifiedTrimming, SourceError> {
     let (n, field_count, node_count) = (source.model_count(), source.field_count(), source.node_count());
     // Sums over models and nodes to d_tf.
     let scale = 1.0 / (node_count as f64 * (n - 1).max(1) as f64);
@@ -264,7 +294,10 @@ mod tests {
                 let angle = f64::from(k) * 0.0314;
                 let points = [Vector2::new(7.0, -3.0), Vector2::new(7.0 + 5.0 * angle.cos(), -3.0 + 5.0 * angle.sin())];
                 let sums = projected_sums(&points, directions, &[0, 1]);
-                assert!(sums[0] / most <= 5.0 * (1.0 + 1e-14) && 5.0 <= sums[0] / least * (1.0 + 1e-14), "{directions} {k} {sums:?}");
+                assert!(
+                    sums[0] / most <= 5.0 * (1.0 + 1e-14) && 5.0 <= sums[0] / least * (1.0 + 1e-14),
+                    "{directions} {k} {sums:?}"
+                );
                 tightest = (tightest.0.max(sums[0] / most), tightest.1.min(sums[0] / least));
             }
             // The bounds are reached: nothing tighter holds for every direction.
