@@ -76,7 +76,10 @@ fn files_that_are_no_models_are_refused() {
     let empty = written(vec![]);
     assert!(matches!(ColumnarModels::open(&empty.path().join("m.parquet")), Err(ColumnarError::Empty { .. })));
     // Values that are no motion of a face are named when they are read.
-    let wild = written(vec![row("a", 1.0), row("b", f64::NAN)]);
+    let mut no_number = row("b", 1.0);
+    // Frame 1, node 0, x.
+    no_number.coordinates[4] = f64::NAN;
+    let wild = written(vec![row("a", 1.0), no_number]);
     let file = ColumnarModels::open(&wild.path().join("m.parquet")).unwrap();
     assert!(file.models().unwrap_err().to_string().contains("b_1"));
     let live = [NodeId(0)];

@@ -26,7 +26,7 @@ pub const MAX_RETRIMMED: usize = 400;
 pub const LEAST_PEOPLE: usize = 5;
 
 /// Most steps of a replicate's medians, from the median of all.
-const MEDIAN_STEPS: usize = 24;
+const MEDIAN_STEPS: usize = 12;
 
 /// Slope, over the weight, at which a replicate's median is good enough: its sum is then within about the square of it.
 const FLAT: f64 = 1e-5;
@@ -190,20 +190,35 @@ impl Sample {
     }
 }
 
-/// The geometric median of weighted points after a few Newton steps from a start that is near it; the best place seen.
-fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector2<f64> {
-    let (mut x, mut best) = (start, (f64::INFINITY, start));
-    let mut weiszfeld = start;
-    for _ in 0..MEDIAN_STEPS {
-        let (mut sum, mut g, mut here, mut inverse) = (0.0, Vector2::zeros(), 0.0, 0.0);
-        let (mut hxx, mut hxy, mut hyy, mut weight) = (0.0, 0.0, 0.0, 0.0);
+/// Distance under which x is at a point, face units: less than what files keep.
+const AT_POINT: f64 = 1e-7;
+
+/// The sum of distances from x to weighted points, and where to go from there.
+struct Place {
+    x: Vector2<f64>,
+    sum: f64,
+    /// No direction leads down by more than [`FLAT`].
+    flat: bool,
+    /// Where a lower sum is likely, best first: the Newton step, the nearest point, the Weiszfeld step (which never leads up).
+    next: [Option<Vector2<f64>>; 3],
+}
+
+impl Place {
+    fn new(points: &[(Vector2<f64>, f64)], x: Vector2<f64>) -> Self {
+        let (mut sum, mut g, mut here, mut inverse, mut weight) = (0.0, Vector2::zeros(), 0.0, 0.0, 0.0);
+        let (mut hxx, mut hxy, mut hyy) = (0.0, 0.0, 0.0);
+        let mut nearest = (f64::INFINITY, None);
         for &(p, w) in points {
             weight += w;
             let d = x - p;
             let r = length(d.x, d.y);
-            if r == 0.0 {
+            if r <= AT_POINT {
                 here += w;
+                sum += w * r;
                 continue;
+            }
+            if r < nearest.0 {
+                nearest = (r, Some(p));
             }
             let (u, per_length) = (d / r, w / r);
             sum += w * r;
@@ -213,24 +228,32 @@ fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector
             hxy -= per_length * u.x * u.y;
             hyy += per_length * u.x * u.x;
         }
-        if sum < best.0 {
-            best = (sum, x);
-        } else {
-            // The Newton step led up: the shorter step, which never does.
-            x = weiszfeld;
-            weiszfeld = best.1;
-            continue;
-        }
         let slope = g.norm();
-        if slope <= here + FLAT * weight || inverse <= 0.0 {
-            break;
-        }
-        weiszfeld = x - g * ((1.0 - here / slope) / inverse);
         let determinant = hxx * hyy - hxy * hxy;
         let regular = here == 0.0 && determinant > 1e-9 * inverse * inverse;
-        x = if regular { x - Vector2::new(hyy * g.x - hxy * g.y, hxx * g.y - hxy * g.x) / determinant } else { weiszfeld };
+        let newton = || x - Vector2::new(hyy * g.x - hxy * g.y, hxx * g.y - hxy * g.x) / determinant;
+        let weiszfeld = || x - g * ((1.0 - here / slope) / inverse);
+        Self {
+            x,
+            sum,
+            flat: slope <= here + FLAT * weight,
+            next: [regular.then(newton), nearest.1, (inverse > 0.0 && slope > here).then(weiszfeld)],
+        }
     }
-    best.1
+}
+
+/// The geometric median of weighted points after a few steps from a start that is near it.
+fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector2<f64> {
+    let mut place = Place::new(points, start);
+    for _ in 0..MEDIAN_STEPS {
+        let lower = |next: Option<Vector2<f64>>| next.map(|x| Place::new(points, x)).filter(|there| there.sum < place.sum);
+        let next = if place.flat { None } else { place.next.into_iter().find_map(lower) };
+        match next {
+            Some(there) => place = there,
+            None => break,
+        }
+    }
+    place.x
 }
 
 #[cfg(test)]
