@@ -289,7 +289,7 @@ impl ColumnarClass<'_> {
         (0..self.file.nodes).map(|k| self.file.positions(0, k).map(|column| column[first])).collect()
     }
 
-    fn error(&self, row: usize, reason: String) -> SourceError {
+    fn error(&self, row: usize, reason: &str) -> SourceError {
         SourceError { path: self.file.path.clone(), reason: format!("{}: {reason}", self.file.ids[row]) }
     }
 }
@@ -321,7 +321,7 @@ impl SlotSource for ColumnarClass<'_> {
                 "node {node} of the neutral frame is not where {} has it; normalize all alike",
                 self.file.ids[self.rows[0]]
             );
-            return Err(self.error(row, reason));
+            return Err(self.error(row, &reason));
         }
         let mut fields = Vec::with_capacity(self.field_count());
         for frame in 1..self.file.frames {
@@ -329,7 +329,7 @@ impl SlotSource for ColumnarClass<'_> {
             let moved: Vec<Vector2<f64>> = self.rows.iter().map(|&row| now[row] - before[row]).collect();
             if let Some(place) = moved.iter().position(|v| !(v.x.abs() < MAX_DISPLACEMENT && v.y.abs() < MAX_DISPLACEMENT)) {
                 let (x, y) = (moved[place].x, moved[place].y);
-                return Err(self.error(self.rows[place], format!("node {node} moves by ({x}, {y}) in field {}", frame - 1)));
+                return Err(self.error(self.rows[place], &format!("node {node} moves by ({x}, {y}) in field {}", frame - 1)));
             }
             fields.push(moved);
             before = now;

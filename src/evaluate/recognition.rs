@@ -335,7 +335,7 @@ mod tests {
         assert_eq!(recognition.confusion(), [[2, 1, 0], [0, 2, 0], [0, 0, 0]]);
         let summary = recognition.summary(1);
         assert_eq!((summary.judged, summary.not_judged, summary.accuracy), (5, 1, 0.8));
-        assert!((summary.balanced_accuracy - (2.0 / 3.0 + 1.0) / 2.0).abs() < 1e-12);
+        assert!((summary.balanced_accuracy - 5.0 / 6.0).abs() < 1e-12);
         assert_eq!((summary.most_frequent, summary.guessing), (0.6, 1.0 / 3.0));
         assert!(summary.accuracy_interval[0] <= 0.8 && summary.accuracy_interval[1] >= 0.8);
         let own = &recognition.sequences[0];

@@ -108,7 +108,7 @@ fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench) -> String {
         for model in models {
             part(model.id.subject.as_bytes());
             part(model.id.sequence.as_bytes());
-            let positions = model.model.frames().iter().flat_map(|frame| frame.nodes());
+            let positions = model.model.frames().iter().flat_map(crate::model::FrameExpressionModel::nodes);
             let bytes: Vec<u8> = positions.flat_map(|p| [p.x.to_le_bytes(), p.y.to_le_bytes()]).flatten().collect();
             part(&bytes);
         }

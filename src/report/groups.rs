@@ -37,15 +37,13 @@ pub(super) struct GroupsView {
     test_count: String,
     tests_made: usize,
     differing: usize,
-    people_drawn: bool,
     permutations: usize,
     replicates: usize,
     significance: String,
     significance_percent: String,
-    unknown_left_out: bool,
+    /// Notes under the tables, in the words of the template.
+    notes: Vec<&'static str>,
     small_group: usize,
-    any_small: bool,
-    any_held: bool,
     max_retrimmed: usize,
 }
 
@@ -161,6 +159,13 @@ impl GroupsView {
             let more = if pairs.len() > 8 { format!("; and {} more", pairs.len() - 8) } else { String::new() };
             format!("{shown}{more}: {why}")
         });
+        let notes = [
+            ("drawn", tested.iter().any(|(_, c, t)| t.people_used != c.people)),
+            ("unknown", comparisons.unknown_left_out),
+            ("small", rows.iter().any(|row| row.small)),
+            ("held", rows.iter().any(|row| row.held)),
+        ];
+        let notes = notes.into_iter().filter(|(_, holds)| *holds).map(|(note, _)| note).collect();
         Self {
             untested: untested.collect(),
             too_many: comparisons.too_many.iter().map(|(emotion, n)| format!("{emotion} ({n} groups)")).collect(),
@@ -169,15 +174,12 @@ impl GroupsView {
             test_count: count(tests_made, "test", "tests"),
             tests_made,
             differing: drawn.len(),
-            people_drawn: tested.iter().any(|(_, c, t)| t.people_used != c.people),
             permutations: groups.options.compare.permutations,
             replicates: groups.options.bootstrap,
             significance: format!("{significance}"),
             significance_percent: format!("{}", significance * 100.0),
-            unknown_left_out: comparisons.unknown_left_out,
             small_group: SMALL_GROUP,
-            any_small: rows.iter().any(|row| row.small),
-            any_held: rows.iter().any(|row| row.held),
+            notes,
             max_retrimmed: crate::statistics::bootstrap::MAX_RETRIMMED,
             rows,
             tests,

@@ -123,7 +123,7 @@ fn node_names(wireframe: &Wireframe, tables: &Tables) -> Vec<String> {
 }
 
 /// Most sequences of a class of which the report draws a dot.
-pub(super) const MOST_DOTS: usize = 2048;
+pub(super) const MOST_DOTS: usize = crate::statistics::scale::MANY_MODELS;
 
 /// A representative with no more sequences than the report draws: every so many of the sequences in order.
 fn shown(r: &Representative) -> Cow<'_, Representative> {

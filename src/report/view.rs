@@ -11,7 +11,7 @@ use super::{
     payload::MOST_DOTS,
 };
 use crate::{
-    statistics::{ClassLabel, Representative, scale::MANY_MODELS},
+    statistics::{ClassLabel, Representative},
     wireframe::Fapu,
 };
 
@@ -77,9 +77,8 @@ struct Card {
     label: String,
     sequence_count: String,
     n: usize,
-    /// Dots in the strips, where not every sequence has one.
+    /// Dots in the strips, where not every sequence has one; there the greedy median did not run either.
     dots: Option<usize>,
-    greedy_ran: bool,
     frames: usize,
     apex: usize,
     single: bool,
@@ -189,7 +188,6 @@ impl Card {
             sequence_count: count(r.sequences.len(), "sequence", "sequences"),
             n: r.sequences.len(),
             dots: (r.sequences.len() > MOST_DOTS).then_some(MOST_DOTS),
-            greedy_ran: r.sequences.len() <= MANY_MODELS,
             frames: r.model.frame_count(),
             apex: fields,
             single,

@@ -83,15 +83,13 @@ pub fn dispersion_interval(
             let drawn = random.random_range(0..people.len());
             people[drawn].iter().for_each(|&i| copies[i] += 1);
         }
-        match &sample {
-            Some(sample) => sample.dispersion(&copies),
-            None => {
-                let drawn = representative.distances.iter().zip(&copies);
-                let mut distances: Vec<f64> =
-                    drawn.flat_map(|(distance, &n)| distance.iter().flat_map(move |&d| std::iter::repeat_n(d, n))).collect();
-                median(&mut distances).unwrap_or(0.0)
-            }
+        if let Some(sample) = &sample {
+            return sample.dispersion(&copies);
         }
+        let drawn = representative.distances.iter().zip(&copies);
+        let mut distances: Vec<f64> =
+            drawn.flat_map(|(distance, &n)| distance.iter().flat_map(move |&d| std::iter::repeat_n(d, n))).collect();
+        median(&mut distances).unwrap_or(0.0)
     };
     let mut values: Vec<f64> = (0..replicates).into_par_iter().map(replicate).collect();
     values.sort_by(f64::total_cmp);

@@ -140,6 +140,9 @@ fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
 ///
 /// Models are normalized, of one shape (as [`super::representative`] checks), in any order; distances are over the `live` nodes. `stream`
 /// numbers the comparison, so that each has its own random numbers.
+///
+/// # Errors
+/// [`NotTested`] for a group of one, or people in both groups.
 pub fn compare(
     a: &[&SequenceModel],
     b: &[&SequenceModel],
