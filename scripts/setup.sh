@@ -33,3 +33,4 @@ need_cargo() {
 
 BUILD_PACKAGES=(build-essential pkg-config clang libclang-dev libopencv-dev opencv-data)
 BROWSER_PACKAGES=(chromium chromium-driver)
+WORKFLOW_PACKAGES=(python3 python3-venv)

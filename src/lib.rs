@@ -37,6 +37,7 @@
 
 pub mod annotate;
 pub mod clone;
+pub mod columnar;
 pub mod dataset;
 pub mod evaluate;
 pub mod fap;

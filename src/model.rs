@@ -143,6 +143,26 @@ impl<U: Unit> DynamicExpressionModel<U> {
     }
 }
 
+/// A dynamic model as lists of frames of positions `[x, y]`, for `#[serde(with)]`.
+pub(crate) mod as_points {
+    use nalgebra::Point2;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    use super::{DynamicExpressionModel, FrameExpressionModel, Unit};
+
+    pub fn serialize<U: Unit, S: Serializer>(model: &DynamicExpressionModel<U>, serializer: S) -> Result<S::Ok, S::Error> {
+        let frames: Vec<Vec<[f64; 2]>> =
+            model.frames().iter().map(|frame| frame.nodes().iter().map(|p| [p.x, p.y]).collect()).collect();
+        frames.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, U: Unit, D: Deserializer<'de>>(deserializer: D) -> Result<DynamicExpressionModel<U>, D::Error> {
+        let frames = Vec::<Vec<[f64; 2]>>::deserialize(deserializer)?;
+        let frame = |nodes: Vec<[f64; 2]>| FrameExpressionModel::new(nodes.into_iter().map(|[x, y]| Point2::new(x, y)).collect());
+        DynamicExpressionModel::new(frames.into_iter().map(frame).collect()).map_err(D::Error::custom)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

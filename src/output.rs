@@ -33,6 +33,16 @@ impl OutputError {
 /// [`OutputError`] when a folder or the file can not be written (no space, no permission).
 pub fn write_atomic(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
     let error = |source| OutputError { path: path.to_owned(), source };
+    let mut writer = BufWriter::new(temporary_beside(path)?);
+    fill(&mut writer).map_err(error)?;
+    let file = writer.into_inner().map_err(|e| error(e.into_error()))?;
+    file.persist(path).map_err(|e| error(e.error))?;
+    Ok(())
+}
+
+/// A temporary file in the folder of `path`, which is made if it is not there.
+fn temporary_beside(path: &Path) -> Result<tempfile::NamedTempFile, OutputError> {
+    let error = |source| OutputError { path: path.to_owned(), source };
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -45,12 +55,41 @@ pub fn write_atomic(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o644));
     }
-    let file = builder.tempfile_in(folder).map_err(error)?;
-    let mut writer = BufWriter::new(file);
-    fill(&mut writer).map_err(error)?;
-    let file = writer.into_inner().map_err(|e| error(e.into_error()))?;
-    file.persist(path).map_err(|e| error(e.error))?;
-    Ok(())
+    builder.tempfile_in(folder).map_err(error)
+}
+
+/// A file under a temporary name, for writers that need a file of their own.
+#[derive(Debug)]
+pub struct PendingFile {
+    path: PathBuf,
+    file: tempfile::NamedTempFile,
+}
+
+impl PendingFile {
+    /// A file that will be at `path`. Missing parent folders are made.
+    ///
+    /// # Errors
+    /// [`OutputError`] when a folder or the file can not be made.
+    pub fn create(path: &Path) -> Result<Self, OutputError> {
+        Ok(Self { path: path.to_owned(), file: temporary_beside(path)? })
+    }
+
+    /// A handle to write to.
+    ///
+    /// # Errors
+    /// [`OutputError`] when the system gives no further handle.
+    pub fn handle(&self) -> Result<fs::File, OutputError> {
+        self.file.as_file().try_clone().map_err(OutputError::at(&self.path))
+    }
+
+    /// Puts the whole file in its place.
+    ///
+    /// # Errors
+    /// [`OutputError`] when it can not be renamed.
+    pub fn persist(self) -> Result<(), OutputError> {
+        let Self { path, file } = self;
+        file.persist(&path).map(|_| ()).map_err(|e| OutputError { path, source: e.error })
+    }
 }
 
 /// [`write_atomic`] for bytes at hand.

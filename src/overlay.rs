@@ -26,7 +26,7 @@ fn colour(state: NodeState) -> [u8; 3] {
         NodeState::Recovered(LossReason::Klt) => [213, 94, 0],
         NodeState::Recovered(LossReason::ForwardBackward) => [230, 159, 0],
         NodeState::Recovered(LossReason::Extreme) => [204, 121, 167],
-        NodeState::Recovered(LossReason::Outside) => [20, 20, 20],
+        NodeState::Recovered(LossReason::Outside | LossReason::NoLandmark | LossReason::LostFrame) => [20, 20, 20],
     }
 }
 

@@ -1,16 +1,20 @@
 //! `grimace analyze`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
+    columnar::ColumnarModels,
     dataset::Dataset,
-    pipeline::{PipelineOptions, analyze, load_tracks, track_files, write_analysis, write_model},
+    pipeline::{
+        Analysis, PipelineOptions, Workbench, analyze, analyze_columnar, load_columnar, load_tracks, track_files, write_analysis,
+        write_columnar, write_model,
+    },
 };
 
 use super::{
     Outcome,
-    shared::{AnalysisArgs, GeneralArgs, set_threads},
+    shared::{AnalysisArgs, GeneralArgs, memory, set_threads},
 };
 
 /// Statistics from tracks already there.
@@ -23,8 +27,14 @@ Emotion and further columns come from the .json beside each track, or from the m
 not there when the sequences were tracked.")]
 pub struct Args {
     /// Track files, or folders of them
-    #[arg(required = true)]
+    #[arg(required_unless_present = "models")]
     tracks: Vec<PathBuf>,
+    /// A Parquet file of normalized models, as --columnar writes it, instead of tracks
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["tracks", "dataset"])]
+    models: Option<PathBuf>,
+    /// Memory for models, such as 500MB or 2GB; a file of --models that needs more is read node by node
+    #[arg(long, default_value = "2GB", value_parser = memory, value_name = "SIZE")]
+    memory: u64,
     /// Folder for models, representatives, FAP files, tables and the report
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
@@ -53,6 +63,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut options = PipelineOptions::default();
     args.analysis.fill(&mut options);
     let bench = args.general.workbench(options)?;
+    if let Some(path) = &args.models {
+        return from_models(args, path, &bench);
+    }
     let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
@@ -63,14 +76,43 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(!models.is_empty(), "none of the {} tracks can be used", files.len());
     let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
+    if bench.options.columnar {
+        write_columnar(&args.output.join("models.parquet"), &models)?;
+    }
     let analysis = analyze(models, failures, &bench)?;
     for model in &normalized {
         write_model(&args.output.join("models").join(format!("{}.csv", model.id)), &model.model)?;
     }
+    let what = format!("{} tracks, {failed} failed", files.len());
+    finish(args, &analysis, &bench, &what)?;
+    Ok(if failed == 0 { Outcome::Done } else { Outcome::SomeFailed })
+}
+
+/// Statistics of a columnar file.
+fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Outcome> {
+    let file = ColumnarModels::open(path)?;
+    anyhow::ensure!(
+        file.node_count() == bench.wireframe.node_count(),
+        "{}: its models have {} nodes, the wireframe {}",
+        path.display(),
+        file.node_count(),
+        bench.wireframe.node_count()
+    );
+    let analysis = if file.memory() <= args.memory {
+        analyze(load_columnar(&file)?, Vec::new(), bench)?
+    } else {
+        analyze_columnar(&file, bench, args.memory)?
+    };
+    finish(args, &analysis, bench, &format!("{} models", file.row_count()))?;
+    Ok(Outcome::Done)
+}
+
+/// Writes and prints the results.
+fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str) -> anyhow::Result<()> {
     let title = args.output.file_name().map_or_else(|| "tracks".to_owned(), |n| n.to_string_lossy().into_owned());
-    write_analysis(&analysis, &args.output, &title, &bench).context("writing the results")?;
+    write_analysis(analysis, &args.output, &title, bench).context("writing the results")?;
     if !args.general.quiet {
-        println!("{} tracks, {failed} failed", files.len());
+        println!("{what}");
         for (stem, count) in analysis.counts() {
             println!("  {stem:<12} {count:>4} sequences  {}/fap/{stem}.fap", args.output.display());
         }
@@ -79,5 +121,5 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         println!("report: {}/report.html", args.output.display());
     }
-    Ok(if failed == 0 { Outcome::Done } else { Outcome::SomeFailed })
+    Ok(())
 }

@@ -4,6 +4,9 @@ mod confidence;
 mod clone;
 mod fit;
 mod synthesis;
+mod groups;
+mod recognition;
+mod scale;
 mod tracking;
 
 use std::{
@@ -48,6 +51,12 @@ enum Experiment {
     Confidence(confidence::Args),
     /// Fitness, surface error and time of the dense synthesis, every solver beside the genetic algorithm.
     Synthesis(synthesis::Args),
+    /// Whether the nearest representative, made of other people, has the right emotion.
+    Recognition(recognition::Args),
+    /// Size and power of the test between groups, on simulated people.
+    Groups(groups::Args),
+    /// Time and memory of the statistics by the number of models.
+    Scale(scale::Args),
 }
 
 /// Runs the command.
@@ -58,6 +67,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Confidence(args) => confidence::run(args),
         Experiment::Synthesis(args) => synthesis::run(args),
+        Experiment::Recognition(args) => recognition::run(args),
+        Experiment::Groups(args) => groups::run(args),
+        Experiment::Scale(args) => scale::run(args),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use grimace::pipeline::{self, PipelineOptions, RunSummary};
+use grimace::pipeline::{self, PipelineOptions, RunSummary, Workbench};
 
 use super::{
     Outcome,
@@ -32,6 +32,8 @@ pub struct Args {
     #[arg(short = 'j', long, default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
+    division: DivisionArgs,
+    #[command(flatten)]
     marks: MarksArgs,
     #[command(flatten)]
     fit: FitArgs,
@@ -43,6 +45,48 @@ pub struct Args {
     general: GeneralArgs,
 }
 
+/// One step of a run that is divided among processes or machines; the last step is the same command without any of these.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Division of a run (see docs/scale.md)")]
+#[group(multiple = false)]
+struct DivisionArgs {
+    /// Begin a run in OUT and print what there is to do as JSON, no more
+    #[arg(long)]
+    plan: bool,
+    /// Track and normalize the K-th of N equal parts of the sequences, no more
+    #[arg(long, value_parser = part, value_name = "K/N")]
+    part: Option<(usize, usize)>,
+    /// Compute the statistics of one emotion ahead, no more
+    #[arg(long, value_name = "EMOTION")]
+    emotion: Option<String>,
+}
+
+fn part(text: &str) -> Result<(usize, usize), String> {
+    let numbers = text.split_once('/').and_then(|(k, n)| Some((k.trim().parse().ok()?, n.trim().parse().ok()?)));
+    numbers.filter(|&(k, n)| k >= 1 && k <= n).ok_or_else(|| "expected K/N such as 3/24, K from 1 to N".to_owned())
+}
+
+/// Runs one step of a divided run; `None` when the run is not divided.
+fn run_division(args: &Args, bench: &Workbench) -> anyhow::Result<Option<Outcome>> {
+    let DivisionArgs { plan, part, emotion } = &args.division;
+    if *plan {
+        let plan = pipeline::run_plan(&args.dataset, &args.output, bench, args.general.force)?;
+        println!("{}", serde_json::to_string(&plan)?);
+        return Ok(Some(Outcome::Done));
+    }
+    let stop = || stop_flag();
+    let bar = SequenceBar::new(args.general.quiet);
+    let failures = match (part, emotion) {
+        (Some(part), _) => pipeline::run_part(&args.dataset, &args.output, bench, *part, &*stop()?, |event| bar.show(&event)),
+        (_, Some(emotion)) => {
+            pipeline::run_emotion(&args.dataset, &args.output, bench, emotion, &*stop()?, |event| bar.show(&event))
+        }
+        _ => return Ok(None),
+    };
+    bar.finish();
+    Ok(Some(if failures?.is_empty() { Outcome::Done } else { Outcome::SomeFailed }))
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
@@ -50,10 +94,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         fit: args.fit.options(),
         track: args.track.options(),
         marks: args.marks.marks.clone(),
+        landmarks: args.marks.landmarks(),
         ..PipelineOptions::default()
     };
     args.analysis.fill(&mut options);
     let bench = args.general.workbench(options)?;
+    if let Some(outcome) = run_division(args, &bench)? {
+        return Ok(outcome);
+    }
     let stop = stop_flag()?;
     let bar = SequenceBar::new(args.general.quiet);
     let result =

@@ -13,9 +13,9 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
+    pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     sequence::configure_opencv,
-    statistics::{MedianKind, StatisticsOptions},
+    statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
     track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;
@@ -43,8 +43,40 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text, |v| v >= 0.0, "a number of at least 0")
 }
 
-fn alpha(text: &str) -> Result<f64, String> {
+pub fn alpha(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
+}
+
+/// A whole number within bounds.
+fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
+    move |text| match text.parse::<usize>() {
+        Ok(value) if (least..=most).contains(&value) => Ok(value),
+        _ => Err(format!("expected a whole number from {least} to {most}")),
+    }
+}
+
+/// Bytes from a text such as `500MB`, `2GB` or `1.5 GiB`.
+pub fn memory(text: &str) -> Result<u64, String> {
+    const LEAST: f64 = 16e6;
+    let text = text.trim();
+    let digits = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let factor = match text[digits..].to_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1024.0 * 1024.0,
+        "gib" => 1024.0 * 1024.0 * 1024.0,
+        _ => return Err("expected a size such as 500MB or 2GB".to_owned()),
+    };
+    number(text[..digits].trim(), |v| v * factor >= LEAST && v * factor < 1e15, "a size of at least 16MB, such as 500MB or 2GB")
+        .map(|v| (v * factor) as u64)
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
 }
 
 fn landmark_marks(text: &str) -> Result<LandmarkSelection, String> {
@@ -140,6 +172,21 @@ pub struct AnalysisArgs {
     /// Columns of the manifest to group by, besides the emotion
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
+    /// Permutations of the test between two groups
+    #[arg(long, default_value_t = CompareOptions::default().permutations, value_parser = count(99, 10_000_000), value_name = "COUNT")]
+    permutations: usize,
+    /// Most people of a group that a test uses; of larger groups as many are drawn by the seed
+    #[arg(long, default_value_t = CompareOptions::default().people, value_parser = count(5, 2000), value_name = "COUNT")]
+    test_people: usize,
+    /// Replicates of the bootstrap of every dispersion, where there are groups; 0 for none
+    #[arg(long, default_value_t = GroupOptions::default().bootstrap, value_parser = count(0, 1_000_000), value_name = "COUNT")]
+    bootstrap: usize,
+    /// Seed of permutations, draws and bootstrap
+    #[arg(long, default_value_t = CompareOptions::default().seed)]
+    seed: u64,
+    /// Write all normalized models into one Parquet file, models.parquet, too
+    #[arg(long)]
+    columnar: bool,
     /// Interpolated frames between two of the five key frames of a FAP file
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
     between: u16,
@@ -162,18 +209,38 @@ impl AnalysisArgs {
         if let (Some(image), Some(marks)) = (&self.report_face, &self.report_marks) {
             options.report_face = ReportFace::photograph(image, marks);
         }
+        options.columnar = self.columnar;
+        options.groups.bootstrap = self.bootstrap;
+        options.groups.compare = CompareOptions {
+            permutations: self.permutations,
+            people: self.test_people,
+            seed: self.seed,
+            ..CompareOptions::default()
+        };
         options.fap = FapOptions { between: usize::from(self.between), fps: self.fps };
     }
 }
 
 /// Where marks come from when a sequence has landmarks only.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Marks")]
+#[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
     /// Landmarks used as marks where a sequence has no correspondences: `default` (eye corners, mouth corners, chin), `high`, `all`, or
     /// a list of nodes such as 20,23,53,56,31,64,10
     #[arg(long, default_value = "default", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
+    /// Least confidence, 0 to 1, at which a frame of a landmark file that tells one counts; frames under it are lost
+    #[arg(long, default_value_t = LandmarkOptions::default().least_confidence, value_parser = share, value_name = "SHARE")]
+    landmark_confidence: f64,
+    /// Drive sequences by their landmarks even where they have images
+    #[arg(long)]
+    prefer_landmarks: bool,
+}
+
+impl MarksArgs {
+    pub fn landmarks(&self) -> LandmarkOptions {
+        LandmarkOptions { least_confidence: self.landmark_confidence, prefer: self.prefer_landmarks }
+    }
 }
 
 /// The machine and the wireframe.

@@ -7,7 +7,8 @@ use std::{
 
 use super::{
     DatasetError, FrameSource, FramesError, LandmarkSelection, LandmarkTrack, LandmarksError, correspondences_from_landmarks,
-    list_frames, read_landmarks,
+    frames::{has_extension, has_frames},
+    landmark_files, list_frames, read_landmarks,
 };
 use crate::{
     fit::{Correspondence, read_correspondences},
@@ -112,6 +113,33 @@ impl SequenceEntry {
             None if self.landmarks_paths.is_empty() => Ok(None),
             None => Err(LandmarksError::NotFound { paths: self.landmarks_paths.clone() }),
         }
+    }
+
+    /// Where the landmarks are that drive the sequence, when it is given as landmarks instead of images: the file or folder that
+    /// `frames` names, or, where that is not there or holds no images, what `landmarks` names. `prefer` takes landmarks also where
+    /// there are images. `None` for a sequence of images.
+    ///
+    /// # Errors
+    /// [`LandmarksError`] for a landmark file that is named and not there, or a folder with several sets of landmarks.
+    pub fn driving_landmarks(&self, prefer: bool) -> Result<Option<PathBuf>, LandmarksError> {
+        let path = &self.frames_path;
+        let named = || Ok(self.landmarks_path()?.map(Path::to_owned));
+        if path.is_dir() {
+            if has_frames(path) && !prefer {
+                return Ok(None);
+            }
+            if !self.landmarks_paths.is_empty() {
+                return named();
+            }
+            return Ok((!landmark_files(path)?.is_empty()).then(|| path.clone()));
+        }
+        if path.is_file() {
+            if has_extension(path, &["csv", "txt", "pts"]) {
+                return Ok(Some(path.clone()));
+            }
+            return if prefer { named() } else { Ok(None) };
+        }
+        named()
     }
 
     /// Reads the landmarks; `None` for a sequence without.

@@ -20,8 +20,8 @@ pub use entry::{CorrespondenceSource, SequenceEntry};
 pub use error::{DatasetError, RowError};
 pub use frames::{FIRST_VIDEO_FRAME, FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, list_frames};
 pub use landmarks::{
-    DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LandmarkSelection, LandmarkTrack, LandmarksError, correspondences_from_landmarks,
-    read_landmarks,
+    DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
+    LandmarksError, correspondences_from_landmarks, landmark_files, read_landmarks, read_landmarks_with,
 };
 
 /// Name of the manifest in a dataset's folder.

@@ -14,9 +14,13 @@ mod clone_cross;
 mod clone_quality;
 mod figure;
 mod fit;
+mod groups;
 mod marks;
 mod people;
+mod recognition;
 mod records;
+mod scale;
+mod synthetic;
 mod synthesis;
 mod table;
 mod tracking;
@@ -46,6 +50,7 @@ pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
 pub use clone_quality::{Likeness, likeness};
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
+pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, evaluate_groups, wilson};
 pub use marks::{
     MarkChoice, MarkableNode, SELECTION_SIZES, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks,
     suggested_marks, suggested_table,
@@ -53,9 +58,14 @@ pub use marks::{
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
+pub use recognition::{
+    LabelledSequence, Recognition, RecognitionError, RecognitionSummary, RecognizedSequence, evaluate_recognition,
+};
 pub use records::{
     Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,
 };
+pub use scale::{ScaleError, ScaleOptions, ScaleRow, evaluate_scale, growth_exponent, scale_table, write_synthetic_models};
+pub use synthetic::SyntheticPeople;
 pub use synthesis::{
     CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart,
     evaluate_crossovers, evaluate_solvers, history_chart, solver_table, time_solvers, time_table,

@@ -9,14 +9,24 @@ use std::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, files::file_blake3, showcase::films};
+use super::{
+    Comparisons, Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench,
+    classes::{class, unique_stem, warnings},
+    files::file_blake3,
+    groups::write_groups,
+    parts::EmotionPart,
+    showcase::films,
+};
 use crate::{
     clone::CloneError,
     fap::{self, Clamped, ConvertError, FapCatalog, FapNumber, FapSequence, FapWriteError, Motion},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     output::{self, OutputError, nine_digits, write_atomic},
-    report::{ApexFap, ReportData, render_html},
-    statistics::{self, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError, group_models},
+    report::{ApexFap, GroupsData, ReportData, render_html},
+    statistics::{
+        self, ClassLabel, GroupError, LabelledModel, MedianSums, Representative, SequenceModel, StatisticsError,
+        bootstrap::DispersionInterval, group_models,
+    },
     track::{TrackQuality, Verdict},
     units::{FaceUnit, SequenceId},
     wireframe::FapusError,
@@ -65,6 +75,19 @@ pub enum AnalysisError {
     /// A representative has no FAPs.
     #[error(transparent)]
     Convert(#[from] ConvertError),
+    /// A columnar file of models.
+    #[error(transparent)]
+    Columnar(#[from] crate::columnar::ColumnarError),
+    /// Groups of models that do not fit into memory.
+    #[error(
+        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which groups can not be compared; allow more, or leave --by out"
+    )]
+    GroupsNeedMemory {
+        /// Megabytes of all models.
+        needed: u64,
+        /// Megabytes allowed.
+        allowed: u64,
+    },
 }
 
 /// One representative, with its FAPs.
@@ -78,6 +101,10 @@ pub struct AnalyzedClass {
     pub fap: FapSequence,
     /// Values that the standard's ranges clamped.
     pub clamped: Vec<Clamped>,
+    /// People behind it.
+    pub subjects: usize,
+    /// Bootstrap interval of its dispersion; only where there are groups, and people enough.
+    pub interval: Option<DispersionInterval>,
 }
 
 /// Everything that statistics make of a set of models.
@@ -85,6 +112,8 @@ pub struct AnalyzedClass {
 pub struct Analysis {
     /// Classes by emotion, then by group.
     pub classes: Vec<AnalyzedClass>,
+    /// Tests between groups; `None` when nothing was grouped.
+    pub comparisons: Option<Comparisons>,
     /// How well each sequence was tracked, by id.
     pub tracks: Vec<TrackQuality>,
     /// What failed before.
@@ -107,62 +136,41 @@ impl Analysis {
 /// # Errors
 /// [`AnalysisError`] when a column to group by does not exist or the options are out of range.
 pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> Result<Analysis, AnalysisError> {
+    analyze_with(models, failures, bench, None)
+}
+
+/// [`analyze`], with the parts of emotions that were computed before into the output folder `parts_of`, where they fit.
+pub(super) fn analyze_with(
+    models: Vec<AnalyzedModel>,
+    failures: Vec<Failure>,
+    bench: &Workbench,
+    parts_of: Option<&Path>,
+) -> Result<Analysis, AnalysisError> {
     let options = &bench.options;
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
-    let grouped = models
-        .into_iter()
-        .map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata })
-        .collect::<Vec<_>>();
-    let groups = group_models(&grouped, &options.by)?;
-    let normalizer = bench.normalizer()?;
-    let fapus = normalizer.canonical().fapus;
+    let grouped = labelled(models);
+    let emotions = by_emotion(group_models(&grouped, &options.by)?);
+    let part = |(emotion, groups): &(String, Vec<(ClassLabel, Vec<&SequenceModel>)>)| {
+        let known = parts_of.and_then(|out| EmotionPart::read(out, emotion, groups, bench));
+        known.map_or_else(|| EmotionPart::compute(emotion, groups, bench), Ok)
+    };
+    let parts = emotions.par_iter().map(part).collect::<Result<Vec<_>, AnalysisError>>()?;
+    let fapus = bench.normalizer()?.canonical().fapus;
     let mut stems = BTreeSet::new();
-    let groups: Vec<_> = groups
-        .into_iter()
-        .map(|(label, models)| {
-            let mut stem = file_stem(&label.emotion);
-            for (column, value) in &label.group {
-                stem = format!("{stem}_{}-{}", file_stem(column), file_stem(value));
-            }
-            let stem: String = stem.chars().take(MAX_STEM).collect();
-            let mut unique = stem.clone();
-            for number in 2.. {
-                if stems.insert(unique.clone()) {
-                    break;
-                }
-                unique = format!("{stem}~{number}");
-            }
-            (label, models, unique)
-        })
-        .collect();
-    let classes = groups
-        .into_par_iter()
-        .map(|(label, models, stem)| {
-            let representative = statistics::representative(label, &models, &bench.wireframe, &options.statistics)?;
-            let (fap, clamped) = FapSequence::from_model(
-                &representative.model,
-                &fapus,
-                FapCatalog::mpeg4(),
-                &stem,
-                options.fap.fps,
-                options.fap.between,
-            )?;
-            Ok(AnalyzedClass { representative, stem, fap, clamped })
-        })
-        .collect::<Result<Vec<_>, AnalysisError>>()?;
-    let warnings = look_again(&tracks).into_iter().chain(warnings(&classes)).collect();
-    Ok(Analysis { classes, tracks, failures, warnings, tracked_here: false })
+    let (mut classes, mut comparisons) = (Vec::new(), Vec::new());
+    for part in parts {
+        for c in part.classes {
+            let stem = unique_stem(&c.representative.label, &mut stems);
+            classes.push(class(c.representative, stem, c.subjects, c.interval, &fapus, bench)?);
+        }
+        comparisons.push(part.comparisons);
+    }
+    let mut warnings: Vec<String> = look_again(&tracks).into_iter().chain(warnings(&classes)).collect();
+    let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
+    warnings.extend(comparisons.iter().flat_map(Comparisons::warnings));
+    Ok(Analysis { classes, comparisons, tracks, failures, warnings, tracked_here: false })
 }
-
-/// Longest stem of a file name, characters: the file systems in use allow 255 bytes.
-const MAX_STEM: usize = 60;
-
-/// Sequences below which a representative says little.
-const SMALL_CLASS: usize = 5;
-
-/// FAP units by which a value is changed before a person need be told.
-const NOTABLE_CLAMP: f64 = 20.0;
 
 /// Sequences named in the warning to look at some again.
 const NAMED_SEQUENCES: usize = 6;
@@ -177,39 +185,24 @@ fn look_again(tracks: &[TrackQuality]) -> Option<String> {
         .then(|| format!("{count} of {all} sequences should be looked at again, the reasons are in verdicts.csv: {named}{more}"))
 }
 
-/// What a person should know before using the results: at most one line of each kind.
-fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
-    let mut warnings = Vec::new();
-    let counted = |few: &dyn Fn(usize) -> bool| -> Vec<String> {
-        let chosen = classes.iter().map(|c| (&c.stem, c.representative.sequences.len())).filter(|&(_, n)| few(n));
-        chosen.map(|(stem, n)| if n == 1 { stem.clone() } else { format!("{stem} ({n})") }).collect()
-    };
-    let single = counted(&|n| n == 1);
-    if !single.is_empty() {
-        let list = single.join(", ");
-        warnings.push(format!("a single sequence is its own representative and has no dispersion: {list}"));
-    }
-    let small = counted(&|n| n > 1 && n < SMALL_CLASS);
-    if !small.is_empty() {
-        warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {}", small.join(", ")));
-    }
-    let much = |c: &&Clamped| (c.value - f64::from(c.limit)).abs() >= NOTABLE_CLAMP;
-    let clamped: BTreeSet<u8> = classes.iter().flat_map(|c| c.clamped.iter().filter(much).map(|c| c.fap.get())).collect();
-    if !clamped.is_empty() {
-        let list = clamped.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!(
-            "values outside the standard's range were clamped, see `clamped` in representatives/*.json: FAP {list}"
-        ));
-    }
-    warnings
+/// Models as the groups want them.
+pub(super) fn labelled(models: Vec<AnalyzedModel>) -> Vec<LabelledModel> {
+    models.into_iter().map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata }).collect()
 }
 
-/// Text that is safe in a file name on any system: letters, digits, `.`, `-`; everything else becomes `-`.
-fn file_stem(text: &str) -> String {
-    let safe = |c: char| if c.is_alphanumeric() || c == '.' || c == '-' || c == '_' { c } else { '-' };
-    let stem: String = text.trim().chars().map(safe).collect();
-    let stem = stem.trim_start_matches('.');
-    if stem.is_empty() { "none".to_owned() } else { stem.to_owned() }
+/// Classes by emotion.
+pub(super) type EmotionGroups<'a> = Vec<(String, Vec<(ClassLabel, Vec<&'a SequenceModel>)>)>;
+
+/// Classes, which are sorted by emotion, by emotion.
+pub(super) fn by_emotion(classes: Vec<(ClassLabel, Vec<&SequenceModel>)>) -> EmotionGroups<'_> {
+    let mut emotions: EmotionGroups<'_> = Vec::new();
+    for class in classes {
+        match emotions.last_mut().filter(|(emotion, _)| *emotion == class.0.emotion) {
+            Some((_, classes)) => classes.push(class),
+            None => emotions.push((class.0.emotion.clone(), vec![class])),
+        }
+    }
+    emotions
 }
 
 /// Writes a normalized model or a representative: `frame,node,x,y`, face units, frames from 0.
@@ -267,6 +260,8 @@ struct RepresentativeJson<'a> {
     sequences: Vec<String>,
     alpha: f64,
     median: statistics::MedianKind,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trimming_certificate: Option<&'a statistics::scale::Certificate>,
     trimmed: Vec<Trimmed>,
     sums: MedianSums,
     dispersion: Option<f64>,
@@ -321,6 +316,9 @@ pub fn write_analysis(
     write_verdicts(&out.join("verdicts.csv"), &analysis.tracks)?;
     let html = report_html(analysis, title, bench)?;
     output::write_bytes(&out.join("report.html"), html.as_bytes())?;
+    if let Some(comparisons) = &analysis.comparisons {
+        files.extend(write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)?);
+    }
     files.extend(["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "report.html"].map(str::to_owned));
     Ok(files.into_iter().filter_map(|file| file_blake3(&out.join(&file)).map(|hash| (file, hash))).collect())
 }
@@ -336,7 +334,8 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
         group: &r.label.group,
         sequences: r.sequences.iter().map(SequenceId::to_string).collect(),
         alpha: bench.options.statistics.alpha,
-        median: bench.options.statistics.median,
+        median: r.median,
+        trimming_certificate: r.certificate.as_ref(),
         trimmed: dropped.map(|row| Trimmed { frame: row.field, sequence: row.id.to_string(), distance: row.distance }).collect(),
         sums: r.sums,
         dispersion: r.dispersion,
@@ -483,6 +482,11 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
             ReportFace::Simulated => "a simulated person".to_owned(),
             ReportFace::Photograph { image, .. } => image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         },
+        groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
+            comparisons,
+            options: &bench.options.groups,
+            classes: analysis.classes.iter().map(|c| (c.subjects, c.interval)).collect(),
+        }),
     })?;
     Ok(html)
 }

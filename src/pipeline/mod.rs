@@ -1,27 +1,37 @@
 //! The main job, stage by stage: dataset -> tracks -> normalized models -> representatives, FAP files, report.
 
 mod analysis;
+mod classes;
+mod columnar;
+mod divide;
 mod files;
+mod groups;
+mod landmarks;
+mod parts;
 mod run;
 mod sequence;
 mod showcase;
 mod tracks;
 
-use std::path::Path;
+use std::{path::Path, sync::OnceLock};
 
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    dataset::LandmarkSelection,
-    fit::{FitOptions, Fitter},
+    dataset::{LEAST_CONFIDENCE, LandmarkSelection},
+    fit::{FitOptions, Fitter, SpringError},
     normalize::{NormalizeOptions, Normalizer},
     statistics::StatisticsOptions,
-    track::{TrackOptions, TrackPlan},
+    track::{LandmarkPlan, TrackOptions, TrackPlan},
     wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
 };
 
-pub use analysis::{Analysis, AnalysisError, AnalyzedModel, analyze, read_model, write_analysis, write_model};
+pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze, read_model, write_analysis, write_model};
+pub use columnar::{analyze_columnar, load_columnar, write_columnar};
+pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
+pub(crate) use groups::values as group_values;
+pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
@@ -53,6 +63,30 @@ pub struct PipelineOptions {
     /// On whom the report shows the representatives moving.
     #[serde(default)]
     pub report_face: ReportFace,
+    /// Sequences given as landmarks.
+    #[serde(default)]
+    pub landmarks: LandmarkOptions,
+    /// Groups: intervals and tests.
+    #[serde(default)]
+    pub groups: GroupOptions,
+    /// Write `models.parquet`.
+    #[serde(default)]
+    pub columnar: bool,
+}
+
+/// Options for sequences given as landmarks.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LandmarkOptions {
+    /// Confidence under which a frame counts as lost, where a file tells one, 0 to 1.
+    pub least_confidence: f64,
+    /// Drive a sequence by its landmarks even where it has images.
+    pub prefer: bool,
+}
+
+impl Default for LandmarkOptions {
+    fn default() -> Self {
+        Self { least_confidence: LEAST_CONFIDENCE, prefer: false }
+    }
 }
 
 /// Options of the FAP files.
@@ -95,6 +129,8 @@ pub struct Workbench {
     pub options: PipelineOptions,
     fitter: Fitter,
     plan: TrackPlan,
+    /// Made when the first sequence is driven by landmarks.
+    landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
     /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
     wireframe_blake3: Option<String>,
 }
@@ -113,7 +149,7 @@ impl Workbench {
         let tables = Tables::candide3();
         let fitter = Fitter::new(&wireframe, options.fit.clone());
         let plan = TrackPlan::new(&wireframe, &tables);
-        let bench = Self { wireframe, tables, options, fitter, plan, wireframe_blake3 };
+        let bench = Self { wireframe, tables, options, fitter, plan, landmark_plan: OnceLock::new(), wireframe_blake3 };
         bench.normalizer()?;
         Ok(bench)
     }
@@ -126,6 +162,15 @@ impl Workbench {
     /// What the tracker knows of the wireframe.
     pub fn plan(&self) -> &TrackPlan {
         &self.plan
+    }
+
+    /// How landmarks drive the wireframe.
+    ///
+    /// # Errors
+    /// [`SpringError`] when the wireframe has no node that a landmark stands for.
+    pub fn landmark_plan(&self) -> Result<&LandmarkPlan, SpringError> {
+        let make = || LandmarkPlan::new(&self.wireframe, &self.tables, self.options.track.force);
+        self.landmark_plan.get_or_init(make).as_ref().map_err(Clone::clone)
     }
 
     /// Normalizes tracked models.

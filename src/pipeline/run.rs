@@ -16,16 +16,17 @@ use rayon::prelude::*;
 use super::{
     Analysis, AnalyzedModel, Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceFailure, SequenceRecord, SequenceSource, Stage,
     Workbench,
-    analysis::AnalysisError,
-    analysis::write_failures,
+    analysis::{AnalysisError, analyze_with, write_failures},
     files::{file_blake3, run_units},
+    landmarks::LandmarkSource,
+    parts::PARTS_FOLDER,
     sequence::{normalized, overlay_path, track_or_reuse},
 };
 use crate::{
     dataset::{CorrespondenceSource, Dataset, MANIFEST_NAME, SequenceEntry},
     output::{self, OutputError},
     overlay::png_bytes,
-    pipeline::{analyze, overlay_pictures, write_analysis, write_model},
+    pipeline::{overlay_pictures, track_one, write_analysis, write_columnar, write_model},
     statistics::{SequenceModel, check_columns},
     track::TrackQuality,
     units::SequenceId,
@@ -116,6 +117,18 @@ pub enum RunError {
         /// Why.
         reason: String,
     },
+    /// A part of a run in a folder in which none was begun.
+    #[error("{}: no run was begun here; `grimace run DATASET -o OUT --plan` begins one", path.display())]
+    NotBegun {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// An emotion that no sequence shows.
+    #[error("no sequence shows the emotion `{emotion}`")]
+    NoSuchEmotion {
+        /// The emotion.
+        emotion: String,
+    },
     /// The dataset has no sequences.
     #[error("{} has no sequences", path.display())]
     Empty {
@@ -131,11 +144,17 @@ pub enum RunError {
 }
 
 /// A sequence on its way through the run.
-struct Planned<'a> {
+pub(super) struct Planned<'a> {
     id: SequenceId,
     emotion: String,
     entry: Option<&'a SequenceEntry>,
-    source: Result<(SequenceSource, String), SequenceFailure>,
+    source: Result<(Source, String), SequenceFailure>,
+}
+
+/// What drives a sequence.
+enum Source {
+    Images(SequenceSource),
+    Landmarks(LandmarkSource),
 }
 
 impl Planned<'_> {
@@ -146,7 +165,7 @@ impl Planned<'_> {
 }
 
 /// One processed sequence.
-struct Done {
+pub(super) struct Done {
     model: AnalyzedModel,
     reused: bool,
 }
@@ -166,26 +185,12 @@ pub fn run(
     stop: &AtomicBool,
     event: impl Fn(Event) + Sync,
 ) -> Result<RunSummary, RunError> {
-    let opened = Dataset::open(dataset)?;
-    // Found out now and not after hours of tracking.
-    check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
-    let name = dataset_name(dataset);
-    let earlier = check_output(out, &name, bench, force)?;
+    let (opened, name, earlier) = open(dataset, out, bench, force)?;
     let sequences = opened.sequences.len() + opened.failures.len();
-    if sequences == 0 {
-        return Err(RunError::Empty { path: dataset.to_owned() });
-    }
     event(Event::Started { sequences });
 
-    let mut planned: Vec<Planned<'_>> = opened
-        .sequences
-        .par_iter()
-        .map(|entry| {
-            let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
-            let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, bench) };
-            Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
-        })
-        .collect();
+    let chosen: Vec<&SequenceEntry> = opened.sequences.iter().collect();
+    let mut planned = plan_all(&chosen, bench, stop);
     planned.extend(opened.failures.iter().map(|failure| Planned {
         id: SequenceId { subject: failure.subject.clone(), sequence: failure.sequence.clone() },
         emotion: String::new(),
@@ -212,41 +217,11 @@ pub fn run(
     {
         return Ok(summary_of(earlier));
     }
-    let mut record = RunJson {
-        schema_version: SCHEMA_VERSION,
-        made_by: MADE_BY.to_owned(),
-        dataset: name,
-        units: run_units(),
-        options: bench.options.clone(),
-        wireframe_blake3: bench.wireframe_blake3.clone(),
-        complete: false,
-        sequences: Vec::new(),
-        skipped,
-        outputs: earlier.as_ref().map(|e| e.outputs.clone()).unwrap_or_default(),
-        representatives: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let mut record = new_record(name, skipped, bench);
+    record.outputs = earlier.as_ref().map(|e| e.outputs.clone()).unwrap_or_default();
     output::write_json(&out.join(RUN_JSON), &record)?;
 
-    // Set by the first failure that is not a sequence's own fault, such as a full disk: the others need not try.
-    let abort = AtomicBool::new(false);
-    let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
-    let one = |item: &Planned<'_>| {
-        let result = process(item, out, bench, overlay, &halt, &event);
-        if !halt() {
-            let reused = result.as_ref().is_ok_and(|done| done.reused);
-            let failure = result.as_ref().err().map(|f| f.reason.clone());
-            event(Event::Finished { id: item.id.clone(), reused, failure });
-        }
-        if result.as_ref().is_err_and(|f| f.fatal) {
-            abort.store(true, Ordering::Relaxed);
-        }
-        result
-    };
-    let results: Vec<Result<Done, SequenceFailure>> = planned.par_iter().map(one).collect();
-    if stop.load(Ordering::Relaxed) {
-        return Err(RunError::Interrupted);
-    }
+    let results = process_all(&planned, out, bench, overlay, stop, &event)?;
     event(Event::Analyzing);
 
     let Collected { models, failures, tracked, reused, mut outputs } = collect(planned, results, out, &mut record)?;
@@ -260,7 +235,13 @@ pub fn run(
         });
     }
 
-    let analysis = Analysis { tracked_here: true, ..analyze(models, failures, bench)? };
+    if bench.options.columnar {
+        write_columnar(&out.join("models.parquet"), &models).map_err(AnalysisError::from)?;
+        if let Some(hash) = file_blake3(&out.join("models.parquet")) {
+            outputs.insert("models.parquet".to_owned(), hash);
+        }
+    }
+    let analysis = Analysis { tracked_here: true, ..analyze_with(models, failures, bench, Some(out))? };
     outputs.extend(write_analysis(&analysis, out, &record.dataset, bench)?);
     remove_stale(out, &outputs);
     record.outputs = outputs;
@@ -268,14 +249,89 @@ pub fn run(
     record.warnings.clone_from(&analysis.warnings);
     record.complete = true;
     output::write_json(&out.join(RUN_JSON), &record)?;
+    // Whatever was computed apart is part of the results now; left behind it does no harm.
+    let _ = fs::remove_dir_all(out.join(PARTS_FOLDER));
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
+}
+
+/// Opens the dataset and makes sure that the output may be written to.
+pub(super) fn open(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    force: bool,
+) -> Result<(Dataset, String, Option<RunJson>), RunError> {
+    let opened = Dataset::open(dataset)?;
+    // Found out now and not after hours of tracking.
+    check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    let name = dataset_name(dataset);
+    let earlier = check_output(out, &name, bench, force)?;
+    if opened.sequences.is_empty() && opened.failures.is_empty() {
+        return Err(RunError::Empty { path: dataset.to_owned() });
+    }
+    Ok((opened, name, earlier))
+}
+
+pub(super) fn plan_all<'a>(chosen: &[&'a SequenceEntry], bench: &Workbench, stop: &AtomicBool) -> Vec<Planned<'a>> {
+    let one = |entry: &&'a SequenceEntry| {
+        let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
+        let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, bench) };
+        Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
+    };
+    chosen.par_iter().map(one).collect()
+}
+
+/// The record of a run that has just begun.
+pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench: &Workbench) -> RunJson {
+    RunJson {
+        schema_version: SCHEMA_VERSION,
+        made_by: MADE_BY.to_owned(),
+        dataset,
+        units: run_units(),
+        options: bench.options.clone(),
+        wireframe_blake3: bench.wireframe_blake3.clone(),
+        complete: false,
+        sequences: Vec::new(),
+        skipped,
+        outputs: BTreeMap::new(),
+        representatives: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+/// Works on all planned sequences in parallel.
+pub(super) fn process_all(
+    planned: &[Planned<'_>],
+    out: &Path,
+    bench: &Workbench,
+    overlay: Option<&Path>,
+    stop: &AtomicBool,
+    event: &(impl Fn(Event) + Sync),
+) -> Result<Vec<Result<Done, SequenceFailure>>, RunError> {
+    // Set by the first failure that is not a sequence's own fault, such as a full disk: the others need not try.
+    let abort = AtomicBool::new(false);
+    let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
+    let one = |item: &Planned<'_>| {
+        let result = process(item, out, bench, overlay, &halt, event);
+        if !halt() {
+            let reused = result.as_ref().is_ok_and(|done| done.reused);
+            let failure = result.as_ref().err().map(|f| f.reason.clone());
+            event(Event::Finished { id: item.id.clone(), reused, failure });
+        }
+        if result.as_ref().is_err_and(|f| f.fatal) {
+            abort.store(true, Ordering::Relaxed);
+        }
+        result
+    };
+    let results = planned.par_iter().map(one).collect();
+    if stop.load(Ordering::Relaxed) { Err(RunError::Interrupted) } else { Ok(results) }
 }
 
 /// What the sequences gave, in order.
 #[derive(Default)]
-struct Collected {
-    models: Vec<AnalyzedModel>,
-    failures: Vec<Failure>,
+pub(super) struct Collected {
+    pub models: Vec<AnalyzedModel>,
+    pub failures: Vec<Failure>,
     tracked: usize,
     reused: usize,
     /// BLAKE3 of the files written for sequences.
@@ -283,7 +339,7 @@ struct Collected {
 }
 
 /// Sorts the results of the sequences into models and failures and enters them in the record.
-fn collect(
+pub(super) fn collect(
     planned: Vec<Planned<'_>>,
     results: Vec<Result<Done, SequenceFailure>>,
     out: &Path,
@@ -346,7 +402,10 @@ fn remove_stale(out: &Path, outputs: &BTreeMap<String, String>) {
 }
 
 /// Source and inputs' hash of a sequence.
-fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(SequenceSource, String), SequenceFailure> {
+fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(Source, String), SequenceFailure> {
+    if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
+        return LandmarkSource::new(entry, path, bench).map(|(source, hash)| (Source::Landmarks(source), hash));
+    }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
     let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
         CorrespondenceSource::Landmarks(_) => "landmarks",
@@ -366,7 +425,7 @@ fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(SequenceSource, Str
         fps: entry.fps,
     };
     let hash = source.inputs_blake3(bench)?;
-    Ok((source, hash))
+    Ok((Source::Images(source), hash))
 }
 
 fn process(
@@ -381,14 +440,23 @@ fn process(
     if halt() {
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }
-    let csv_path = out.join("tracks").join(format!("{}.csv", source.id));
+    let id = &item.id;
+    let csv_path = out.join("tracks").join(format!("{id}.csv"));
     let tick = |_| {
         event(Event::Frame);
         !halt()
     };
+    let labels = match source {
+        Source::Images(source) => source.labels(),
+        Source::Landmarks(source) => source.labels(),
+    };
+    let make = || match source {
+        Source::Images(source) => track_one(source, bench, tick).map(|(track, info)| (track.frames, info)),
+        Source::Landmarks(source) => source.track(bench),
+    };
     let (frames, summary, reused) =
-        track_or_reuse(source, hash, &csv_path, bench, tick).map_err(|failure| name_marks(failure, item.entry))?;
-    if let Some(folder) = overlay {
+        track_or_reuse(&labels, hash, &csv_path, make).map_err(|failure| name_marks(failure, item.entry))?;
+    if let (Some(folder), Source::Images(source)) = (overlay, source) {
         let last = frames.len() - 1;
         overlay_pictures(
             source,
@@ -402,12 +470,12 @@ fn process(
         )?;
     }
     let model = normalized(&frames, bench)?;
-    let model_path = out.join("models").join(format!("{}.csv", source.id));
+    let model_path = out.join("models").join(format!("{id}.csv"));
     write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = TrackQuality { id: source.id.clone(), emotion: source.emotion.clone(), summary };
-    let model = SequenceModel { id: source.id.clone(), model };
+    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary };
+    let model = SequenceModel { id: id.clone(), model };
     let metadata = item.metadata();
-    Ok(Done { model: AnalyzedModel { model, emotion: source.emotion.clone(), metadata, quality: Some(quality) }, reused })
+    Ok(Done { model: AnalyzedModel { model, emotion: item.emotion.clone(), metadata, quality: Some(quality) }, reused })
 }
 
 /// Puts the file that the marks came from in front of a failure of the fit.

@@ -107,6 +107,11 @@ pub struct SequenceSource {
 }
 
 impl SequenceSource {
+    /// What the track is labelled with.
+    pub(super) fn labels(&self) -> Labels<'_> {
+        Labels { emotion: &self.emotion, metadata: &self.metadata, marks_from: &self.marks_from, fps: self.fps }
+    }
+
     /// BLAKE3 of everything the track depends on: program version, options, wireframe, marks, and name and content of every frame.
     /// Emotion, further columns and frame rate are not among it: a new label does not make a new track.
     ///
@@ -144,7 +149,7 @@ impl SequenceSource {
     }
 }
 
-fn file_name(path: &Path) -> String {
+pub(super) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
@@ -187,45 +192,52 @@ pub fn track_one(
     Ok((track, info))
 }
 
+/// What a track is labelled with; none of it makes another track.
+pub(super) struct Labels<'a> {
+    pub emotion: &'a str,
+    pub metadata: &'a BTreeMap<String, String>,
+    pub marks_from: &'a str,
+    pub fps: Option<f64>,
+}
+
 /// The tracked frames of a sequence, their summary, and whether they were there already: read where an unchanged track is there,
-/// tracked and written where not.
+/// made by `make` and written where not.
 pub(super) fn track_or_reuse(
-    source: &SequenceSource,
+    labels: &Labels<'_>,
     inputs_blake3: &str,
     csv_path: &Path,
-    bench: &Workbench,
-    tick: impl FnMut(u32) -> bool,
+    make: impl FnOnce() -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure>,
 ) -> Result<(Vec<TrackedFrame>, TrackSummary, bool), SequenceFailure> {
     if let Ok(Some(info)) = read_track_info(csv_path) {
         let unchanged =
             info.inputs_blake3 == inputs_blake3 && super::files::file_blake3(csv_path) == Some(info.csv_blake3.clone());
         if unchanged && let Ok(frames) = read_track(csv_path) {
             let summary = info.summary.clone();
-            relabel(source, info, csv_path)?;
+            relabel(labels, info, csv_path)?;
             return Ok((frames, summary, true));
         }
     }
-    let (track, mut info) = track_one(source, bench, tick)?;
+    let (frames, mut info) = make()?;
     inputs_blake3.clone_into(&mut info.inputs_blake3);
-    write_track(csv_path, &track.frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
+    write_track(csv_path, &frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
     // What is used is what is in the file, so that a resumed run gives the same bytes.
     let frames = read_track(csv_path).map_err(SequenceFailure::at(Stage::Write))?;
     Ok((frames, info.summary, false))
 }
 
 /// Brings the labels beside an unchanged track up to date.
-fn relabel(source: &SequenceSource, mut info: TrackInfo, csv_path: &Path) -> Result<(), SequenceFailure> {
-    let fps = source.fps.or(info.fps);
-    let same = info.emotion == source.emotion
-        && info.metadata == source.metadata
+fn relabel(labels: &Labels<'_>, mut info: TrackInfo, csv_path: &Path) -> Result<(), SequenceFailure> {
+    let fps = labels.fps.or(info.fps);
+    let same = info.emotion == labels.emotion
+        && info.metadata == *labels.metadata
         && info.fps == fps
-        && info.marks_from == source.marks_from;
+        && info.marks_from == labels.marks_from;
     if same {
         return Ok(());
     }
-    info.emotion.clone_from(&source.emotion);
-    info.metadata.clone_from(&source.metadata);
-    info.marks_from.clone_from(&source.marks_from);
+    labels.emotion.clone_into(&mut info.emotion);
+    info.metadata.clone_from(labels.metadata);
+    labels.marks_from.clone_into(&mut info.marks_from);
     info.fps = fps;
     output::write_json(&csv_path.with_extension("json"), &info).map_err(SequenceFailure::at(Stage::Write))
 }

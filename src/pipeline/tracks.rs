@@ -1,6 +1,9 @@
 //! Tracks already there as input of the statistics.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use rayon::prelude::*;
 
@@ -44,13 +47,14 @@ pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
 pub fn load_tracks(files: &[PathBuf], dataset: Option<&Dataset>, bench: &Workbench) -> (Vec<AnalyzedModel>, Vec<Failure>) {
     let loaded: Vec<_> = files.par_iter().map(|path| (path, load(path, dataset, bench))).collect();
     let (mut models, mut failures): (Vec<AnalyzedModel>, Vec<Failure>) = (Vec::new(), Vec::new());
+    let mut seen = BTreeSet::new();
     for (path, result) in loaded {
         let id = id_of(path);
         let mut fail = |id: SequenceId, stage, reason| {
             failures.push(Failure { subject: id.subject, sequence: id.sequence, stage, reason });
         };
         match result {
-            Ok(model) if models.iter().any(|m| m.model.id.to_string() == model.model.id.to_string()) => {
+            Ok(model) if !seen.insert(model.model.id.to_string()) => {
                 let reason = format!("{}: a track of {} was read already", path.display(), model.model.id);
                 fail(model.model.id, Stage::Dataset, reason);
             }

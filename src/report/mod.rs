@@ -4,6 +4,7 @@
 //! so). Text and tables are rendered here; the figures are drawn by the page's script from the embedded data. The bytes depend
 //! on the input alone: no clock, no random names, lengths rounded to 0.01 face units.
 
+mod groups;
 mod numbers;
 mod payload;
 mod view;
@@ -15,8 +16,8 @@ use minijinja::{
 };
 
 use crate::{
-    pipeline::Failure,
-    statistics::Representative,
+    pipeline::{Comparisons, Failure, GroupOptions},
+    statistics::{Representative, bootstrap::DispersionInterval},
     track::TrackQuality,
     wireframe::{Fapus, Tables, Wireframe},
 };
@@ -24,10 +25,11 @@ use crate::{
 const TEMPLATE: &str = include_str!("assets/report.html");
 const STYLE: &str = include_str!("assets/report.css");
 /// The parts of the page's script, in the order they build on each other.
-const SCRIPTS: [&str; 4] = [
+const SCRIPTS: [&str; 5] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
     include_str!("assets/charts.js"),
+    include_str!("assets/groups.js"),
     include_str!("assets/page.js"),
 ];
 
@@ -84,6 +86,19 @@ pub struct ReportData<'a> {
     pub films: Vec<Film>,
     /// Whose face that is.
     pub face: String,
+    /// Groups beside each other; `None` when nothing was grouped.
+    pub groups: Option<GroupsData<'a>>,
+}
+
+/// What the report shows of groups.
+#[derive(Debug)]
+pub struct GroupsData<'a> {
+    /// Tests between groups.
+    pub comparisons: &'a Comparisons,
+    /// Options of tests and bootstrap.
+    pub options: &'a GroupOptions,
+    /// People and interval of every representative (same order).
+    pub classes: Vec<(usize, Option<DispersionInterval>)>,
 }
 
 /// Renders the report.

@@ -1,6 +1,9 @@
 //! The data that the page's script draws from, as compact JSON.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    borrow::Cow,
+    collections::{BTreeMap, BTreeSet},
+};
 
 use nalgebra::{Point3, Vector3};
 use serde_json::{Map, Value, json};
@@ -33,14 +36,14 @@ struct Index<'a> {
 /// The data as JSON that is safe inside a script element: `<` is escaped wherever it occurs.
 pub(super) fn json(data: &ReportData<'_>) -> String {
     let live = data.wireframe.live_nodes();
-    let index = Index::new(data);
+    let shown: Vec<Cow<'_, Representative>> = data.representatives.iter().map(shown).collect();
+    let index = Index::new(data, &shown);
     let mut faps: BTreeMap<u8, (&str, &str, bool)> = BTreeMap::new();
     for fap in data.apex_faps.iter().flatten() {
         faps.entry(fap.number).or_insert((&fap.name, &fap.unit, fap.is_angle));
     }
     let no_faps = Vec::new();
-    let representatives: Vec<Value> = data
-        .representatives
+    let representatives: Vec<Value> = shown
         .iter()
         .enumerate()
         .map(|(k, r)| representative(r, live, &index, data.apex_faps.get(k).unwrap_or(&no_faps)))
@@ -53,6 +56,7 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
         "nodes": node_names(data.wireframe, data.tables),
         "faps": faps,
         "representatives": representatives,
+        "pairs": data.groups.as_ref().map(|groups| super::groups::payload(groups, data)),
         "tracks": data.tracks.iter().map(|t| track(t, &index)).collect::<Vec<_>>(),
     });
     // `<` occurs inside strings only, where JSON allows the escape.
@@ -60,11 +64,11 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
 }
 
 impl<'a> Index<'a> {
-    fn new(data: &ReportData<'a>) -> Self {
+    fn new(data: &ReportData<'a>, representatives: &'a [Cow<'_, Representative>]) -> Self {
         fn number<T: Ord>(set: BTreeSet<T>) -> BTreeMap<T, usize> {
             set.into_iter().enumerate().map(|(k, item)| (item, k)).collect()
         }
-        let (representatives, tracks) = (data.representatives, data.tracks);
+        let tracks = data.tracks;
         let ids = tracks.iter().map(|t| &t.id).chain(representatives.iter().flat_map(|r| &r.sequences));
         let emotions = tracks.iter().map(|t| t.emotion.as_str());
         let emotions = emotions.chain(representatives.iter().map(|r| r.label.emotion.as_str()));
@@ -116,6 +120,31 @@ fn node_names(wireframe: &Wireframe, tables: &Tables) -> Vec<String> {
     }
     let name = |n: &NodeId| names.get(n).cloned().unwrap_or_else(|| tables.region(*n).to_string());
     wireframe.live_nodes().iter().map(name).collect()
+}
+
+/// Most sequences of a class of which the report draws a dot.
+pub(super) const MOST_DOTS: usize = crate::statistics::scale::MANY_MODELS;
+
+/// A representative with no more sequences than the report draws: every so many of the sequences in order.
+fn shown(r: &Representative) -> Cow<'_, Representative> {
+    let n = r.sequences.len();
+    if n <= MOST_DOTS {
+        return Cow::Borrowed(r);
+    }
+    let chosen: Vec<usize> = (0..MOST_DOTS).map(|k| k * n / MOST_DOTS).collect();
+    let rows = |field: usize| chosen.iter().filter_map(move |i| r.trimming.get(field * n + i).cloned());
+    let fields = r.trimming.len() / n;
+    Cow::Owned(Representative {
+        label: r.label.clone(),
+        model: r.model.clone(),
+        sequences: chosen.iter().map(|&i| r.sequences[i].clone()).collect(),
+        trimming: (0..fields).flat_map(rows).collect(),
+        certificate: r.certificate.clone(),
+        distances: chosen.iter().map(|&i| r.distances[i]).collect(),
+        distances_untrimmed: chosen.iter().map(|&i| r.distances_untrimmed[i]).collect(),
+        node_dispersion: r.node_dispersion.clone(),
+        ..*r
+    })
 }
 
 fn representative(r: &Representative, live: &[NodeId], index: &Index<'_>, faps: &[ApexFap]) -> Value {

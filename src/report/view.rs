@@ -7,7 +7,9 @@ use serde::Serialize;
 
 use super::{
     Failure, Film, ReportData,
+    groups::GroupsView,
     numbers::{MISSING, count, fixed, fixed_or_dash, ratio},
+    payload::MOST_DOTS,
 };
 use crate::{
     statistics::{ClassLabel, Representative},
@@ -41,6 +43,7 @@ pub(super) struct View<'a> {
     small_class: usize,
     films: Vec<FilmView>,
     face: &'a str,
+    groups: Option<GroupsView>,
 }
 
 /// A representative on the report's face.
@@ -115,6 +118,8 @@ struct Card {
     label: String,
     sequence_count: String,
     n: usize,
+    /// Dots in the strips, where not every sequence has one; there the greedy median did not run either.
+    dots: Option<usize>,
     frames: usize,
     apex: usize,
     single: bool,
@@ -165,6 +170,7 @@ impl<'a> View<'a> {
             small_class: SMALL_CLASS,
             films: data.films.iter().zip(data.representatives).map(|(film, r)| FilmView::new(film, &r.label)).collect(),
             face: &data.face,
+            groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data)),
         }
     }
 }
@@ -247,6 +253,7 @@ impl Card {
             label,
             sequence_count: count(r.sequences.len(), "sequence", "sequences"),
             n: r.sequences.len(),
+            dots: (r.sequences.len() > MOST_DOTS).then_some(MOST_DOTS),
             frames: r.model.frame_count(),
             apex: fields,
             single,

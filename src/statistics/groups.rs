@@ -35,7 +35,28 @@ pub enum GroupError {
         /// `subject`, `sequence`, and the metadata columns that at least one sequence has, sorted.
         known: Vec<String>,
     },
+    /// A column that is there and empty in every sequence.
+    #[error("the column `{column}` to group by is empty in all {sequences} sequences")]
+    EmptyColumn {
+        /// The column asked for.
+        column: String,
+        /// Sequences.
+        sequences: usize,
+    },
+    /// More groups than anybody reads; each makes a representative, a FAP file and a part of the report.
+    #[error("grouping by {} makes {found} classes of emotion and group, more than {limit}; group by fewer columns, or by a column with fewer values", columns.join(", "))]
+    TooManyGroups {
+        /// The columns grouped by.
+        columns: Vec<String>,
+        /// Classes.
+        found: usize,
+        /// Most classes.
+        limit: usize,
+    },
 }
+
+/// Most classes of emotion and group.
+pub const MAX_CLASSES: usize = 1000;
 
 /// Splits models into classes: one for every emotion and, with columns in `by`, one for every emotion and combination of the
 /// columns' values that occurs.
@@ -45,12 +66,23 @@ pub enum GroupError {
 /// keep the order of `models`.
 ///
 /// # Errors
-/// [`GroupError::UnknownColumn`] for a column that no model has.
+/// [`GroupError`] for a column that no model has or that is empty in all, and for more than [`MAX_CLASSES`] classes.
 pub fn group_models<'a>(
     models: &'a [LabelledModel],
     by: &[String],
 ) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
     check_columns(by, models.iter().map(|m| &m.metadata))?;
+    group_models_unchecked(models, by)
+}
+
+/// [`group_models`] for models that are not all there are: a column may be empty in all of them.
+///
+/// # Errors
+/// [`GroupError::TooManyGroups`].
+pub fn group_models_unchecked<'a>(
+    models: &'a [LabelledModel],
+    by: &[String],
+) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
     // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
     let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&SequenceModel>> = BTreeMap::new();
     for labelled in models {
@@ -69,6 +101,9 @@ pub fn group_models<'a>(
             classes.entry((rank, &labelled.emotion, by.iter().map(value).collect())).or_default().push(&labelled.model);
         }
     }
+    if !by.is_empty() && classes.len() > MAX_CLASSES {
+        return Err(GroupError::TooManyGroups { columns: by.to_vec(), found: classes.len(), limit: MAX_CLASSES });
+    }
     let label = |emotion: &str, values: &[&str]| ClassLabel {
         emotion: emotion.to_owned(),
         group: by.iter().zip(values).map(|(column, &value)| (column.clone(), value.to_owned())).collect(),
@@ -79,16 +114,21 @@ pub fn group_models<'a>(
 /// Checks that every column to group by is `subject`, `sequence`, or a metadata column of at least one sequence.
 ///
 /// # Errors
-/// [`GroupError::UnknownColumn`]; without any sequence nothing is checked.
+/// [`GroupError::UnknownColumn`], [`GroupError::EmptyColumn`]; without any sequence nothing is checked.
 pub fn check_columns<'a>(
     by: &[String],
     metadata: impl IntoIterator<Item = &'a BTreeMap<String, String>>,
 ) -> Result<(), GroupError> {
     let mut sequences = 0;
-    let mut known = BTreeSet::new();
+    let (mut known, mut filled) = (BTreeSet::new(), BTreeSet::new());
     for columns in metadata {
         sequences += 1;
         known.extend(columns.keys());
+        filled.extend(columns.iter().filter(|(_, value)| !value.trim().is_empty()).map(|(column, _)| column));
+    }
+    let is_empty = |column: &&String| known.contains(column) && !filled.contains(column);
+    if let Some(column) = by.iter().find(is_empty) {
+        return Err(GroupError::EmptyColumn { column: column.clone(), sequences });
     }
     let is_known = |column: &String| ID_COLUMNS.contains(&column.as_str()) || known.contains(column);
     match by.iter().find(|&column| !is_known(column)) {

@@ -6,17 +6,20 @@
 //! Letters as in [KP]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
 //! order in which models are given nor on the number of threads.
 
+pub mod bootstrap;
+pub mod compare;
 pub mod dispersion;
 pub mod distance;
 mod groups;
 pub mod median;
 mod representative;
+pub mod scale;
 mod sum;
 pub mod trimming;
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     model::DynamicExpressionModel,
@@ -24,7 +27,7 @@ use crate::{
 };
 use median::Ending;
 
-pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models};
+pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models, group_models_unchecked};
 pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, representative};
 
 /// A normalized model and the sequence it was made from.
@@ -37,7 +40,7 @@ pub struct SequenceModel {
 }
 
 /// What the representative is taken of: an emotion, or an emotion within a group of people.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ClassLabel {
     /// Emotion label.
     pub emotion: String,
@@ -77,7 +80,7 @@ impl Default for StatisticsOptions {
 }
 
 /// One line of the trimming trace: how far one model's displacement field is from the others' [KP, eq. 6].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrimmingRow {
     /// Displacement field m, from 0: the motion from frame m to m + 1.
     pub field: usize,
@@ -90,7 +93,7 @@ pub struct TrimmingRow {
 }
 
 /// A generalized median as a sum of distances, and how sure we are of it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MedianSums {
     /// Sum of distances [KP, eq. 7] of the greedy answer, face units.
     pub greedy: f64,
@@ -105,7 +108,7 @@ pub struct MedianSums {
 }
 
 /// How the searches for the medians after trimming went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MedianSearch {
     /// Displacement vectors that the greedy search replaced.
     pub greedy_replacements: usize,
@@ -118,16 +121,22 @@ pub struct MedianSearch {
 }
 
 /// A representative dynamic expression with its dispersion.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Representative {
     /// What it represents.
     pub label: ClassLabel,
     /// The generalized median, from the canonical neutral, N' frames over all nodes.
+    #[serde(with = "crate::model::as_points")]
     pub model: DynamicExpressionModel<FaceUnit>,
     /// Sequences it was computed from (N''), sorted.
     pub sequences: Vec<SequenceId>,
     /// The trimming trace: (N' - 1) x N'' rows, by field, then by sequence.
     pub trimming: Vec<TrimmingRow>,
+    /// How sure the trimming is, where it was decided from bounds: for more than [`scale::MANY_MODELS`] models. The distances of
+    /// the trace then carry the error stated there.
+    pub certificate: Option<scale::Certificate>,
+    /// Which median it is: the one asked for, or the exact one for more than [`scale::MANY_MODELS`] models.
+    pub median: MedianKind,
     /// Sums of distances and gaps, after trimming.
     pub sums: MedianSums,
     /// How the searches for the medians went.
@@ -211,6 +220,9 @@ pub enum StatisticsError {
         /// Magnitudes must be below this.
         limit: f64,
     },
+    /// Displacement vectors that can not be read.
+    #[error(transparent)]
+    Source(#[from] scale::SourceError),
     /// The result is not a model.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),

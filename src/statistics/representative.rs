@@ -11,6 +11,7 @@ use super::{
     dispersion::{KeptFields, median},
     distance::DisplacementFields,
     median::{ExactOptions, GreedyOptions, Median, Slots, exact_median, greedy_median},
+    scale::{DEFAULT_MEMORY, MANY_MODELS, representative_of_many},
     trimming::{Trimming, sums_of_distances, trim_outliers},
 };
 use crate::{
@@ -32,7 +33,8 @@ pub const MAX_DISPLACEMENT: f64 = 1e9;
 /// in any order; distances are over the wireframe's live nodes. The answer starts at the models' common neutral frame, adds the
 /// median displacement vectors field by field, and moves followers with their leaders. Both medians are computed whichever is
 /// chosen, so that the gap is always known; where rounding makes the greedy vector of a slot better than the exact one, it is
-/// the exact one too. Both dispersions are around medians of the chosen kind.
+/// the exact one too. Both dispersions are around medians of the chosen kind. More than [`MANY_MODELS`] models go another way
+/// ([`super::scale`]): trimming from bounds, and the exact median whatever the options say.
 ///
 /// # Errors
 /// [`StatisticsError`] for no models, alpha outside 0 <= alpha < 0.5, two models of one sequence, models whose shape or neutral
@@ -51,6 +53,11 @@ pub fn representative<M: Borrow<SequenceModel>>(
     let live = wireframe.live_nodes();
     let neutral = common_neutral(&models, live)?;
     let fields = displacement_fields(&models, live)?;
+
+    if models.len() > MANY_MODELS {
+        let ids = models.iter().map(|m| m.id.clone()).collect();
+        return representative_of_many(label, ids, neutral, fields.as_slice(), wireframe, options, DEFAULT_MEMORY);
+    }
 
     let everything: Vec<Vec<usize>> = vec![(0..models.len()).collect(); fields[0].field_count()];
     let row_sums = sums_of_distances(&fields, &everything);
@@ -80,6 +87,8 @@ pub fn representative<M: Borrow<SequenceModel>>(
     Ok(Representative {
         model: model_from_displacements(neutral, &center, wireframe)?,
         trimming: trimming_rows(&models, &trimming),
+        certificate: None,
+        median: options.median,
         sums: median_sums(&slots, &greedy, &exact),
         search: MedianSearch {
             greedy_replacements: greedy.iterations,
@@ -198,7 +207,7 @@ fn median_sums(slots: &Slots, greedy: &Median, exact: &Median) -> MedianSums {
 }
 
 /// The neutral frame and, frame by frame, the displacement vectors added to it.
-fn model_from_displacements(
+pub(super) fn model_from_displacements(
     neutral: Vec<Point2<f64>>,
     center: &DisplacementFields,
     wireframe: &Wireframe,
@@ -217,7 +226,7 @@ fn model_from_displacements(
 }
 
 /// Values of live nodes at their place among all nodes, 0 elsewhere.
-fn at_all_nodes(values: &[f64], wireframe: &Wireframe) -> Vec<f64> {
+pub(super) fn at_all_nodes(values: &[f64], wireframe: &Wireframe) -> Vec<f64> {
     let mut all = vec![0.0; wireframe.node_count()];
     wireframe.live_nodes().iter().zip(values).for_each(|(n, &value)| all[n.index()] = value);
     all

@@ -42,7 +42,7 @@ pub struct TrackInfo {
     pub metadata: BTreeMap<String, String>,
     /// Names of the frame files in order, or of the video.
     pub source: Vec<String>,
-    /// Size of the frames.
+    /// Size of the frames; 0x0 for a track from landmarks, which has no images.
     pub image_size: ImageSize,
     /// Frames per second, where known.
     pub fps: Option<f64>,

@@ -10,6 +10,7 @@ mod align;
 mod confidence;
 mod file;
 mod klt;
+mod landmarks;
 mod quality;
 mod recover;
 mod resume;
@@ -31,6 +32,7 @@ pub use align::{AlignOptions, Patch};
 pub use confidence::{Confidence, ConfidenceError, Evidence, NodeFeatures, expect_errors, node_features};
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
+pub use landmarks::LandmarkPlan;
 pub use quality::{TrackQuality, TrackSummary, Verdict, summarize};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};
@@ -148,6 +150,14 @@ pub enum TrackError {
         found: usize,
         /// Live nodes.
         live: usize,
+    },
+    /// A frame whose landmarks do not place the face.
+    #[error("frame {frame}: {reason}")]
+    Landmarks {
+        /// Frame number.
+        frame: u32,
+        /// What is wrong.
+        reason: String,
     },
     /// The springs have no equilibrium.
     #[error(transparent)]

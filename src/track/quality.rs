@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{NodeState, TrackedFrame, eye_distance_px};
+use super::{LossReason, NodeState, TrackedFrame, eye_distance_px};
 use crate::{
     robust::median,
     units::{NodeId, SequenceId},
@@ -100,7 +100,10 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
             match node.state {
                 NodeState::Recovered(reason) => {
                     *recovered.entry(reason.name().to_owned()).or_insert(0) += 1;
-                    *losses.entry(id).or_insert(0) += 1;
+                    // Without a landmark it is never tracked: that is no weakness of the node.
+                    if reason != LossReason::NoLandmark {
+                        *losses.entry(id).or_insert(0) += 1;
+                    }
                 }
                 _ => tracked += 1,
             }

@@ -13,6 +13,10 @@ pub enum LossReason {
     Outside,
     /// Its displacement was extreme against its neighbours'.
     Extreme,
+    /// No landmark stands for it; only in tracks from landmarks.
+    NoLandmark,
+    /// The whole frame was lost or is missing; only in tracks from landmarks.
+    LostFrame,
 }
 
 impl LossReason {
@@ -23,6 +27,8 @@ impl LossReason {
             Self::ForwardBackward => "forward_backward",
             Self::Outside => "outside",
             Self::Extreme => "extreme",
+            Self::NoLandmark => "no_landmark",
+            Self::LostFrame => "lost_frame",
         }
     }
 }
@@ -36,7 +42,7 @@ pub enum NodeState {
     Fitted,
     /// Set by hand.
     Corrected,
-    /// Followed by KLT.
+    /// Followed by KLT, or by its landmark.
     Tracked,
     /// Lost, and placed by the springs.
     Recovered(LossReason),
@@ -45,7 +51,7 @@ pub enum NodeState {
 }
 
 impl NodeState {
-    const NAMES: [(Self, &'static str); 9] = [
+    const NAMES: [(Self, &'static str); 11] = [
         (Self::Marked, "marked"),
         (Self::Fitted, "fitted"),
         (Self::Corrected, "corrected"),
@@ -54,6 +60,8 @@ impl NodeState {
         (Self::Recovered(LossReason::ForwardBackward), "recovered_forward_backward"),
         (Self::Recovered(LossReason::Outside), "recovered_outside"),
         (Self::Recovered(LossReason::Extreme), "recovered_extreme"),
+        (Self::Recovered(LossReason::NoLandmark), "recovered_no_landmark"),
+        (Self::Recovered(LossReason::LostFrame), "recovered_lost_frame"),
         (Self::Follows, "follows"),
     ];
 

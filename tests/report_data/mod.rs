@@ -89,6 +89,7 @@ impl Fixture {
             films: Vec::new(),
             face: String::new(),
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
+            groups: None,
         }
     }
 }

@@ -14,7 +14,7 @@ const heatTicks = ticks(0, highest, 5);
 const heatTop = heatTicks.step * Math.ceil(highest / heatTicks.step - 1e-9);
 
 /** Fills every triangle with the colours of the values at its corners: linear in between, so a linear gradient is exact. */
-function heatMap(box, p, values, view) {
+function heatMap(box, p, values, view, most = heatTop) {
   const canvas = element("canvas", { "aria-hidden": "true" });
   const paint = () => {
     const { width, height } = box.getBoundingClientRect();
@@ -32,7 +32,7 @@ function heatMap(box, p, values, view) {
     for (const corners of triangles) {
       const [a, b, c] = [...corners].sort((i, j) => values[i] - values[j]);
       const [ax, ay, bx, by, cx, cy] = [X(a), Y(a), X(b), Y(b), X(c), Y(c)];
-      const [u, v, w2] = [values[a], values[b], values[c]].map((x) => (x ?? 0) / heatTop);
+      const [u, v, w2] = [values[a], values[b], values[c]].map((x) => (x ?? 0) / most);
       const area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay);
       let style = viridis((u + v + w2) / 3);
       if (Math.abs(area) > 1e-6 && w2 - u > 1e-6) {
@@ -57,13 +57,13 @@ function heatMap(box, p, values, view) {
   return { canvas, paint };
 }
 
-function colorBar(root) {
+function colorBar(root, top = heatTop, unit = "dispersion per node, face units") {
   const gradient = VIRIDIS.map((c, k) => `${c} ${(100 * k) / (VIRIDIS.length - 1)}%`).join(", ");
   const marks = element("div", { class: "marks" });
-  const { list, digits } = ticks(0, heatTop, 5);
-  for (const v of list) marks.append(element("span", { style: `left:${(100 * v) / heatTop}%` }, v.toFixed(digits)));
+  const { list, digits } = ticks(0, top, 5);
+  for (const v of list) marks.append(element("span", { style: `left:${(100 * v) / top}%` }, v.toFixed(digits)));
   root.append(element("div", { class: "ramp", style: `background:linear-gradient(to right, ${gradient})` }), marks);
-  root.append(element("div", { class: "unit" }, "dispersion per node, face units"));
+  root.append(element("div", { class: "unit" }, unit));
 }
 
 /** Names the node nearest to the pointer. */

@@ -58,6 +58,8 @@ const near = new IntersectionObserver((entries) => {
 if (cards.length <= 12) cards.forEach(drawCard);
 else cards.forEach((card) => near.observe(card));
 
+$$("[data-pair]").forEach(drawPair);
+
 const overview = $("#overview");
 if (overview) {
   const faces = $$("[data-mini]", overview).map((box) => {

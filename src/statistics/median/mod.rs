@@ -9,7 +9,7 @@ mod greedy;
 mod points;
 
 use nalgebra::Vector2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{distance::DisplacementFields, sum::CompensatedSum};
 
@@ -18,7 +18,7 @@ pub use greedy::{GreedyOptions, greedy_median};
 pub use points::{PointSet, PointSetError};
 
 /// How a search for a median ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
     /// Within its tolerance.

@@ -116,7 +116,7 @@ impl<'a> PointSet<'a> {
     }
 
     /// A set of points that are known to be at least one and finite.
-    pub(super) fn unweighted(points: &'a [Vector2<f64>]) -> Self {
+    pub(in crate::statistics) fn unweighted(points: &'a [Vector2<f64>]) -> Self {
         Self { points, weights: None, total_weight: points.len() as f64 }
     }
 

@@ -1,0 +1,339 @@
+//! Reading models: all of them, or node by node.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs::File,
+    io::{self, Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use nalgebra::{Point2, Vector2};
+use parquet::{
+    basic::Type as PhysicalType,
+    column::reader::{ColumnReader, get_typed_column_reader},
+    data_type::{ByteArray, ByteArrayType, DataType, DoubleType},
+    errors::ParquetError,
+    file::reader::{ChunkReader, FileReader, Length, SerializedFileReader},
+};
+
+use super::{ColumnarError, NAMES, coordinate};
+use crate::{
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    statistics::{
+        MAX_DISPLACEMENT, NEUTRAL_TOLERANCE,
+        scale::{SlotSource, SourceError},
+    },
+    units::{FaceUnit, NodeId, SequenceId},
+};
+
+/// A file that is read at places, by one thread at a time.
+#[derive(Clone)]
+struct SharedFile {
+    file: Arc<Mutex<File>>,
+    length: u64,
+}
+
+impl SharedFile {
+    fn read_at(&self, start: u64, buffer: &mut [u8]) -> io::Result<()> {
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        file.seek(SeekFrom::Start(start))?;
+        file.read_exact(buffer)
+    }
+}
+
+/// A part of a [`SharedFile`] as a stream.
+struct Stream {
+    file: SharedFile,
+    at: u64,
+}
+
+impl Read for Stream {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let left = usize::try_from(self.file.length.saturating_sub(self.at)).unwrap_or(usize::MAX);
+        let count = buffer.len().min(left);
+        self.file.read_at(self.at, &mut buffer[..count])?;
+        self.at += count as u64;
+        Ok(count)
+    }
+}
+
+impl Length for SharedFile {
+    fn len(&self) -> u64 {
+        self.length
+    }
+}
+
+impl ChunkReader for SharedFile {
+    type T = io::BufReader<Stream>;
+
+    fn get_read(&self, start: u64) -> Result<Self::T, ParquetError> {
+        Ok(io::BufReader::new(Stream { file: self.clone(), at: start }))
+    }
+
+    fn get_bytes(&self, start: u64, length: usize) -> Result<bytes::Bytes, ParquetError> {
+        if start.checked_add(length as u64).is_none_or(|end| end > self.length) {
+            return Err(ParquetError::EOF(format!("{length} bytes at {start} of a file of {}", self.length)));
+        }
+        let mut buffer = vec![0; length];
+        self.read_at(start, &mut buffer)?;
+        Ok(buffer.into())
+    }
+}
+
+/// Axis, frame and node of a coordinate's column.
+pub(super) fn parse_coordinate(name: &str) -> Option<(usize, usize, usize)> {
+    let mut parts = name.split('_');
+    let axis = match parts.next()? {
+        "x" => 0,
+        "y" => 1,
+        _ => return None,
+    };
+    let (frame, node) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+    parts.next().is_none().then_some((axis, frame, node))
+}
+
+/// An open file of models.
+pub struct ColumnarModels {
+    path: PathBuf,
+    reader: SerializedFileReader<SharedFile>,
+    /// Sequences by row.
+    pub ids: Vec<SequenceId>,
+    /// Emotions by row.
+    pub emotions: Vec<String>,
+    /// Further text columns: name and values by row.
+    pub metadata: BTreeMap<String, Vec<String>>,
+    frames: usize,
+    nodes: usize,
+    /// Column of frame m, node k, axis a at (m * nodes + k) * 2 + a.
+    columns: Vec<usize>,
+}
+
+impl std::fmt::Debug for ColumnarModels {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "ColumnarModels({}, {} rows)", self.path.display(), self.ids.len())
+    }
+}
+
+impl ColumnarModels {
+    /// Opens a file and reads the names of its rows.
+    ///
+    /// # Errors
+    /// [`ColumnarError`] for a file that can not be read, has other columns, or holds a sequence twice or none.
+    pub fn open(path: &Path) -> Result<Self, ColumnarError> {
+        let io_error = |reason| ColumnarError::Io { path: path.to_owned(), reason };
+        let file = File::open(path).map_err(io_error)?;
+        let length = file.metadata().map_err(io_error)?.len();
+        let shared = SharedFile { file: Arc::new(Mutex::new(file)), length };
+        let reader = SerializedFileReader::new(shared).map_err(|e| parquet_error(path, &e))?;
+        let schema = reader.metadata().file_metadata().schema_descr_ptr();
+        let (mut numbers, mut texts) = (BTreeMap::new(), BTreeMap::new());
+        for (place, column) in schema.columns().iter().enumerate() {
+            let is_flat = column.path().parts().len() == 1 && column.max_rep_level() == 0;
+            match column.physical_type() {
+                PhysicalType::DOUBLE if is_flat => drop(numbers.insert(column.name().to_owned(), place)),
+                PhysicalType::BYTE_ARRAY if is_flat => drop(texts.insert(column.name().to_owned(), place)),
+                _ => {}
+            }
+        }
+        let missing =
+            |column: &str, expected| ColumnarError::Column { path: path.to_owned(), column: column.to_owned(), expected };
+        let known = numbers.keys().filter_map(|name| parse_coordinate(name));
+        let (frames, nodes) = known.fold((0, 0), |(f, n), (_, frame, node)| (f.max(frame + 1), n.max(node + 1)));
+        if frames < 2 || nodes > usize::from(u16::MAX) {
+            return Err(missing("x_1_0", "double"));
+        }
+        let mut columns = Vec::with_capacity(frames * nodes * 2);
+        for (m, k, axis) in (0..frames).flat_map(|m| (0..nodes).flat_map(move |k| (0..2).map(move |axis| (m, k, axis)))) {
+            let name = coordinate(axis, m, k);
+            columns.push(*numbers.get(&name).ok_or_else(|| missing(&name, "double"))?);
+        }
+        let mut file = Self {
+            path: path.to_owned(),
+            reader,
+            ids: Vec::new(),
+            emotions: Vec::new(),
+            metadata: BTreeMap::new(),
+            frames,
+            nodes,
+            columns,
+        };
+        let [subjects, sequences, emotions] = NAMES.map(|name| match texts.remove(name) {
+            Some(place) => file.texts(place, name),
+            None => Err(missing(name, "text")),
+        });
+        file.ids = subjects?.into_iter().zip(sequences?).map(|(subject, sequence)| SequenceId { subject, sequence }).collect();
+        file.emotions = emotions?;
+        for (name, place) in texts {
+            let values = file.texts(place, &name)?;
+            file.metadata.insert(name, values);
+        }
+        if file.ids.is_empty() {
+            return Err(ColumnarError::Empty { path: path.to_owned() });
+        }
+        let mut seen = BTreeSet::new();
+        if let Some(twice) = file.ids.iter().find(|id| !seen.insert(*id)) {
+            return Err(ColumnarError::Duplicate { path: path.to_owned(), id: twice.to_string() });
+        }
+        drop(seen);
+        Ok(file)
+    }
+
+    /// Rows.
+    pub fn row_count(&self) -> usize {
+        self.ids.len()
+    }
+
+    /// Nodes of every model.
+    pub fn node_count(&self) -> usize {
+        self.nodes
+    }
+
+    /// Bytes that all models take in memory, about: positions, displacement vectors and names.
+    pub fn memory(&self) -> u64 {
+        (self.row_count() * (self.frames * self.nodes * 16 * 2 + 512)) as u64
+    }
+
+    /// All values of a column.
+    fn values<T: DataType>(&self, place: usize, name: &str) -> Result<Vec<T::T>, ColumnarError> {
+        let error = |e: ParquetError| parquet_error(&self.path, &e);
+        let rows = usize::try_from(self.reader.metadata().file_metadata().num_rows()).unwrap_or(0);
+        let mut values: Vec<T::T> = Vec::new();
+        for group in 0..self.reader.num_row_groups() {
+            let group = self.reader.get_row_group(group).map_err(error)?;
+            let count = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
+            let column: ColumnReader = group.get_column_reader(place).map_err(error)?;
+            let mut column = get_typed_column_reader::<T>(column);
+            let mut levels = Vec::new();
+            let before = values.len();
+            let (mut read, mut last) = (0, usize::MAX);
+            while read < count && last > 0 {
+                levels.clear();
+                let (records, _, _) = column.read_records(count - read, Some(&mut levels), None, &mut values).map_err(error)?;
+                (read, last) = (read + records, records);
+                if values.len() != before + read {
+                    let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
+                    let row = before + read - records + null + 1;
+                    return Err(ColumnarError::Missing { path: self.path.clone(), row, column: name.to_owned() });
+                }
+            }
+        }
+        if values.len() == rows {
+            Ok(values)
+        } else {
+            Err(parquet_error(&self.path, &ParquetError::EOF(format!("{} of {rows} rows", values.len()))))
+        }
+    }
+
+    fn texts(&self, place: usize, name: &str) -> Result<Vec<String>, ColumnarError> {
+        let values = self.values::<ByteArrayType>(place, name)?;
+        Ok(values.iter().map(|text: &ByteArray| String::from_utf8_lossy(text.data()).into_owned()).collect())
+    }
+
+    /// Positions of a node in a frame, by row.
+    fn positions(&self, frame: usize, node: usize) -> Result<Vec<Point2<f64>>, ColumnarError> {
+        let at = (frame * self.nodes + node) * 2;
+        let [x, y] = [0, 1].map(|axis| self.values::<DoubleType>(self.columns[at + axis], &coordinate(axis, frame, node)));
+        Ok(x?.into_iter().zip(y?).map(|(x, y)| Point2::new(x, y)).collect())
+    }
+
+    /// All models, by row.
+    ///
+    /// # Errors
+    /// [`ColumnarError`] for values that can not be read or make no model.
+    pub fn models(&self) -> Result<Vec<DynamicExpressionModel<FaceUnit>>, ColumnarError> {
+        let mut rows = vec![vec![Vec::with_capacity(self.nodes); self.frames]; self.row_count()];
+        for (m, k) in (0..self.frames).flat_map(|m| (0..self.nodes).map(move |k| (m, k))) {
+            for (row, position) in rows.iter_mut().zip(self.positions(m, k)?) {
+                row[m].push(position);
+            }
+        }
+        let model = |(frames, id): (Vec<Vec<Point2<f64>>>, &SequenceId)| {
+            DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())
+                .map_err(|e| ColumnarError::Model { path: self.path.clone(), id: id.to_string(), reason: e.to_string() })
+        };
+        rows.into_iter().zip(&self.ids).map(model).collect()
+    }
+
+    /// The models of some rows, to be read node by node.
+    pub fn class<'a>(&'a self, mut rows: Vec<usize>, live: &'a [NodeId]) -> ColumnarClass<'a> {
+        rows.sort_by(|&a, &b| self.ids[a].cmp(&self.ids[b]));
+        ColumnarClass { file: self, rows, live }
+    }
+}
+
+fn parquet_error(path: &Path, error: &ParquetError) -> ColumnarError {
+    ColumnarError::Parquet { path: path.to_owned(), reason: error.to_string() }
+}
+
+/// Models of a file, read node by node, in the order of their ids.
+#[derive(Debug)]
+pub struct ColumnarClass<'a> {
+    file: &'a ColumnarModels,
+    rows: Vec<usize>,
+    live: &'a [NodeId],
+}
+
+impl ColumnarClass<'_> {
+    /// Sequences in order.
+    pub fn ids(&self) -> Vec<SequenceId> {
+        self.rows.iter().map(|&row| self.file.ids[row].clone()).collect()
+    }
+
+    /// The neutral frame of the first model, all nodes; that the others have the same is checked as they are read.
+    ///
+    /// # Errors
+    /// [`ColumnarError`] for values that can not be read.
+    pub fn neutral(&self) -> Result<Vec<Point2<f64>>, ColumnarError> {
+        let first = self.rows.first().copied().unwrap_or(0);
+        (0..self.file.nodes).map(|k| self.file.positions(0, k).map(|column| column[first])).collect()
+    }
+
+    fn error(&self, row: usize, reason: &str) -> SourceError {
+        SourceError { path: self.file.path.clone(), reason: format!("{}: {reason}", self.file.ids[row]) }
+    }
+}
+
+impl SlotSource for ColumnarClass<'_> {
+    fn model_count(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn node_count(&self) -> usize {
+        self.live.len()
+    }
+
+    fn field_count(&self) -> usize {
+        self.file.frames - 1
+    }
+
+    fn node(&self, k: usize) -> Result<Vec<Vec<Vector2<f64>>>, SourceError> {
+        let node = self.live[k];
+        let read = |frame| {
+            let column = self.file.positions(frame, node.index());
+            column.map_err(|e| SourceError { path: self.file.path.clone(), reason: e.to_string() })
+        };
+        let mut before = read(0)?;
+        let first = self.rows.first().map(|&row| before[row]).unwrap_or_default();
+        let is_off = |row: &&usize| !((before[**row] - first).norm() <= NEUTRAL_TOLERANCE);
+        if let Some(&row) = self.rows.iter().find(is_off) {
+            let reason = format!(
+                "node {node} of the neutral frame is not where {} has it; normalize all alike",
+                self.file.ids[self.rows[0]]
+            );
+            return Err(self.error(row, &reason));
+        }
+        let mut fields = Vec::with_capacity(self.field_count());
+        for frame in 1..self.file.frames {
+            let now = read(frame)?;
+            let moved: Vec<Vector2<f64>> = self.rows.iter().map(|&row| now[row] - before[row]).collect();
+            if let Some(place) = moved.iter().position(|v| !(v.x.abs() < MAX_DISPLACEMENT && v.y.abs() < MAX_DISPLACEMENT)) {
+                let (x, y) = (moved[place].x, moved[place].y);
+                return Err(self.error(self.rows[place], &format!("node {node} moves by ({x}, {y}) in field {}", frame - 1)));
+            }
+            fields.push(moved);
+            before = now;
+        }
+        Ok(fields)
+    }
+}

@@ -1,0 +1,89 @@
+use super::*;
+use crate::{
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    statistics::scale::SlotSource,
+    units::{FaceUnit, NodeId, SequenceId},
+};
+use nalgebra::{Point2, Vector2};
+
+/// Two frames over two nodes: neutral (0, 0) and (10, 0), moved by (x, 1) and (0, x).
+fn model(x: f64) -> DynamicExpressionModel<FaceUnit> {
+    let frame = |a: (f64, f64), b: (f64, f64)| FrameExpressionModel::new(vec![Point2::new(a.0, a.1), Point2::new(b.0, b.1)]);
+    DynamicExpressionModel::new(vec![frame((0.0, 0.0), (10.0, 0.0)), frame((x, 1.0), (10.0, x))]).unwrap()
+}
+
+fn row(subject: &str, x: f64) -> ColumnarRow {
+    let id = SequenceId { subject: subject.to_owned(), sequence: "1".to_owned() };
+    ColumnarRow::new(id, "fear".to_owned(), vec![format!("<{subject}>")], &model(x))
+}
+
+fn written(rows: Vec<ColumnarRow>) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = ColumnarWriter::create(&folder.path().join("m.parquet"), &["note".to_owned()], 2, 2).unwrap();
+    rows.into_iter().for_each(|row| writer.push(row).unwrap());
+    writer.finish().unwrap();
+    folder
+}
+
+#[test]
+fn models_come_back_to_the_last_bit() {
+    let x = 1.0 / 3.0;
+    let folder = written(vec![row("a", x), row("b", -2.0), row("c", 0.1)]);
+    let file = ColumnarModels::open(&folder.path().join("m.parquet")).unwrap();
+    assert_eq!((file.row_count(), file.node_count()), (3, 2));
+    assert_eq!(file.ids[1].to_string(), "b_1");
+    assert_eq!((file.emotions[2].as_str(), file.metadata["note"][0].as_str()), ("fear", "<a>"));
+    assert_eq!(file.models().unwrap(), [model(x), model(-2.0), model(0.1)]);
+    // A class of some rows is in the order of the ids, and read node by node.
+    let live = [NodeId(0), NodeId(1)];
+    let class = file.class(vec![2, 0], &live);
+    assert_eq!(class.ids()[0].to_string(), "a_1");
+    assert_eq!(class.node(0).unwrap(), [[Vector2::new(x, 1.0), Vector2::new(0.1, 1.0)]]);
+    assert_eq!(class.neutral().unwrap(), [Point2::new(0.0, 0.0), Point2::new(10.0, 0.0)]);
+}
+
+#[test]
+fn many_row_groups_are_one_column() {
+    let count = GROUP_ROWS + 7;
+    let folder = written((0..count).map(|i| row(&format!("{i:06}"), i as f64)).collect());
+    let file = ColumnarModels::open(&folder.path().join("m.parquet")).unwrap();
+    let live = [NodeId(1)];
+    let class = file.class((0..count).collect(), &live);
+    let node = class.node(0).unwrap();
+    assert!(node[0].iter().enumerate().all(|(i, v)| *v == Vector2::new(0.0, i as f64)));
+}
+
+#[test]
+fn the_same_rows_are_the_same_bytes() {
+    let bytes = |folder: &tempfile::TempDir| std::fs::read(folder.path().join("m.parquet")).unwrap();
+    assert_eq!(bytes(&written(vec![row("a", 1.0)])), bytes(&written(vec![row("a", 1.0)])));
+}
+
+#[test]
+fn files_that_are_no_models_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let error = |name: &str| ColumnarModels::open(&folder.path().join(name)).unwrap_err().to_string();
+    assert!(error("none").contains("No such file"));
+    std::fs::write(folder.path().join("text"), "frame,node,x,y\n").unwrap();
+    assert!(error("text").contains("is no Parquet file of models"));
+    let good = written(vec![row("a", 1.0), row("b", 2.0)]);
+    let bytes = std::fs::read(good.path().join("m.parquet")).unwrap();
+    std::fs::write(folder.path().join("cut"), &bytes[..bytes.len() - 20]).unwrap();
+    assert!(error("cut").contains("is no Parquet file of models"));
+    let twice = written(vec![row("a", 1.0), row("a", 2.0)]);
+    let error = ColumnarModels::open(&twice.path().join("m.parquet")).unwrap_err().to_string();
+    assert!(error.ends_with("sequence a_1 is there twice; keep one row"), "{error}");
+    let empty = written(vec![]);
+    assert!(matches!(ColumnarModels::open(&empty.path().join("m.parquet")), Err(ColumnarError::Empty { .. })));
+    // Values that are no motion of a face are named when they are read.
+    let mut no_number = row("b", 1.0);
+    // Frame 1, node 0, x.
+    no_number.coordinates[4] = f64::NAN;
+    let wild = written(vec![row("a", 1.0), no_number]);
+    let file = ColumnarModels::open(&wild.path().join("m.parquet")).unwrap();
+    assert!(file.models().unwrap_err().to_string().contains("b_1"));
+    let live = [NodeId(0)];
+    assert!(file.class(vec![0, 1], &live).node(0).unwrap_err().to_string().contains("b_1: node 0 moves by (NaN, 1)"));
+    let mut writer = ColumnarWriter::create(&folder.path().join("odd"), &[], 3, 2).unwrap();
+    assert!(matches!(writer.push(row("a", 1.0)), Err(ColumnarError::Shape { found: 8, expected: 12, .. })));
+}

@@ -1,0 +1,158 @@
+//! Writing models, a row group at a time.
+
+use std::{fs::File, path::Path, path::PathBuf, sync::Arc};
+
+use parquet::{
+    basic::{LogicalType, Repetition, Type as PhysicalType},
+    data_type::{ByteArray, ByteArrayType, DoubleType},
+    file::{
+        properties::{EnabledStatistics, WriterProperties},
+        writer::SerializedFileWriter,
+    },
+    schema::types::{ColumnPath, Type, TypePtr},
+};
+
+use super::{ColumnarError, GROUP_ROWS, NAMES, coordinate};
+use crate::{
+    model::DynamicExpressionModel,
+    output::{OutputError, PendingFile},
+    units::{FaceUnit, SequenceId},
+};
+
+/// One model as a row.
+#[derive(Clone, Debug)]
+pub struct ColumnarRow {
+    /// Subject and sequence.
+    pub id: SequenceId,
+    /// Emotion.
+    pub emotion: String,
+    /// Values of the further columns, in their order.
+    pub metadata: Vec<String>,
+    /// x and y of every node of every frame: frame 0 node 0 x, y, node 1 x, y, ...
+    pub coordinates: Vec<f64>,
+}
+
+impl ColumnarRow {
+    /// The row of a model.
+    pub fn new(id: SequenceId, emotion: String, metadata: Vec<String>, model: &DynamicExpressionModel<FaceUnit>) -> Self {
+        let coordinates = model.frames().iter().flat_map(|f| f.nodes().iter().flat_map(|p| [p.x, p.y])).collect();
+        Self { id, emotion, metadata, coordinates }
+    }
+}
+
+/// A file that models are written to. Rows must come sorted by id; the file appears under its name with [`ColumnarWriter::finish`].
+pub struct ColumnarWriter {
+    path: PathBuf,
+    pending: PendingFile,
+    writer: SerializedFileWriter<File>,
+    texts: usize,
+    coordinates: usize,
+    rows: Vec<ColumnarRow>,
+}
+
+impl ColumnarWriter {
+    /// A file for models of that many frames and nodes, with further text columns.
+    ///
+    /// # Errors
+    /// [`ColumnarError`] when the file can not be made.
+    pub fn create(path: &Path, metadata: &[String], frames: usize, nodes: usize) -> Result<Self, ColumnarError> {
+        let pending = PendingFile::create(path).map_err(unwritable)?;
+        let error = |e: parquet::errors::ParquetError| ColumnarError::Parquet { path: path.to_owned(), reason: e.to_string() };
+        let mut fields: Vec<TypePtr> = Vec::new();
+        let names = NAMES.iter().map(|&name| name.to_owned());
+        // A column of the user's that is called like one of ours keeps its content under another name.
+        let further = metadata.iter().map(|name| {
+            let taken = NAMES.contains(&name.as_str()) || super::read::parse_coordinate(name).is_some();
+            if taken { format!("by_{name}") } else { name.clone() }
+        });
+        for name in names.chain(further) {
+            let text = Type::primitive_type_builder(&name, PhysicalType::BYTE_ARRAY)
+                .with_repetition(Repetition::REQUIRED)
+                .with_logical_type(Some(LogicalType::String));
+            fields.push(Arc::new(text.build().map_err(error)?));
+        }
+        let texts = fields.len();
+        let mut properties = WriterProperties::builder()
+            .set_created_by(crate::pipeline::MADE_BY.to_owned())
+            .set_statistics_enabled(EnabledStatistics::None)
+            .set_offset_index_disabled(true)
+            .set_max_row_group_row_count(Some(GROUP_ROWS));
+        for (m, k) in (0..frames).flat_map(|m| (0..nodes).map(move |k| (m, k))) {
+            for axis in 0..2 {
+                let name = coordinate(axis, m, k);
+                let number = Type::primitive_type_builder(&name, PhysicalType::DOUBLE).with_repetition(Repetition::REQUIRED);
+                fields.push(Arc::new(number.build().map_err(error)?));
+                // The neutral frame is the same in every row; no other value is there twice.
+                properties = properties.set_column_dictionary_enabled(ColumnPath::from(name), m == 0);
+            }
+        }
+        let coordinates = fields.len() - texts;
+        let schema = Arc::new(Type::group_type_builder("models").with_fields(fields).build().map_err(error)?);
+        let file = pending.handle().map_err(unwritable)?;
+        let writer = SerializedFileWriter::new(file, schema, Arc::new(properties.build())).map_err(error)?;
+        Ok(Self { path: path.to_owned(), pending, writer, texts, coordinates, rows: Vec::new() })
+    }
+
+    /// Adds a model.
+    ///
+    /// # Errors
+    /// [`ColumnarError::Shape`] for another number of coordinates; [`ColumnarError::Parquet`] when the disk is full.
+    pub fn push(&mut self, row: ColumnarRow) -> Result<(), ColumnarError> {
+        if row.coordinates.len() != self.coordinates {
+            return Err(ColumnarError::Shape {
+                id: row.id.to_string(),
+                found: row.coordinates.len(),
+                expected: self.coordinates,
+            });
+        }
+        self.rows.push(row);
+        if self.rows.len() == GROUP_ROWS { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<(), ColumnarError> {
+        if self.rows.is_empty() {
+            return Ok(());
+        }
+        let rows = std::mem::take(&mut self.rows);
+        let (texts, path) = (self.texts, self.path.clone());
+        let error = |e: parquet::errors::ParquetError| ColumnarError::Parquet { path: path.clone(), reason: e.to_string() };
+        let mut group = self.writer.next_row_group().map_err(error)?;
+        let mut place = 0;
+        let mut numbers = Vec::with_capacity(rows.len());
+        while let Some(mut column) = group.next_column().map_err(error)? {
+            if place < texts {
+                let text = |row: &ColumnarRow| match place {
+                    0 => row.id.subject.clone(),
+                    1 => row.id.sequence.clone(),
+                    2 => row.emotion.clone(),
+                    further => row.metadata.get(further - NAMES.len()).cloned().unwrap_or_default(),
+                };
+                let values: Vec<ByteArray> = rows.iter().map(|row| ByteArray::from(text(row).into_bytes())).collect();
+                column.typed::<ByteArrayType>().write_batch(&values, None, None).map_err(error)?;
+            } else {
+                numbers.clear();
+                numbers.extend(rows.iter().map(|row| row.coordinates[place - texts]));
+                column.typed::<DoubleType>().write_batch(&numbers, None, None).map_err(error)?;
+            }
+            column.close().map_err(error)?;
+            place += 1;
+        }
+        group.close().map_err(error)?;
+        Ok(())
+    }
+
+    /// Writes what is left and puts the file in its place.
+    ///
+    /// # Errors
+    /// [`ColumnarError`] when the file can not be written.
+    pub fn finish(mut self) -> Result<(), ColumnarError> {
+        self.flush()?;
+        let path = self.path;
+        self.writer.close().map_err(|e| ColumnarError::Parquet { path, reason: e.to_string() })?;
+        self.pending.persist().map_err(unwritable)
+    }
+}
+
+fn unwritable(error: OutputError) -> ColumnarError {
+    ColumnarError::Io { path: error.path, reason: error.source }
+}

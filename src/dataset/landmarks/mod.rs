@@ -1,0 +1,381 @@
+//! 68-point landmarks (Multi-PIE / iBUG order) of the frames of a sequence, and correspondences from them.
+//!
+//! | form | what | frame number | unit |
+//! | --- | --- | --- | --- |
+//! | own | CSV `frame,x0,y0,...,x67,y67` | column `frame` | px from 0 |
+//! | `OpenFace` | CSV with `frame`, `confidence`, `success`, `x_0..x_67`, `y_0..y_67` among others | column `frame` | px from 0 |
+//! | iBUG | a `.pts` file per frame | last number in the name | px from 1; shifted to 0 here |
+//! | CK+ | a text file per frame, 68 lines `x y` | last number in the name | px, as they are |
+//!
+//! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down. A
+//! frame is *lost* when its row says so (`success` 0, a confidence under the least one, or no coordinates at all).
+
+mod correspond;
+mod points;
+mod sequence;
+mod table;
+
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::Point2;
+
+use super::frames::{has_extension, last_digits, visible};
+use crate::{input::InputError, units::NodeId};
+
+pub use correspond::{DEFAULT_LANDMARK_NODES, LandmarkSelection, correspondences_from_landmarks};
+pub use sequence::{LandmarkFrame, LandmarkSequence};
+
+/// Points of the scheme.
+pub const LANDMARK_COUNT: usize = 68;
+
+/// Confidence under which a frame counts as lost, where a file tells one: what users of `OpenFace` commonly keep.
+pub const LEAST_CONFIDENCE: f64 = 0.75;
+
+/// End of the names of CK+'s landmark files, before the extension.
+const TEXT_FILE_SUFFIX: &str = "_landmarks";
+
+/// Bytes of a file that its form is recognized by: the header of a table of `OpenFace` is longer, but not up to `frame`.
+const SNIFFED_BYTES: usize = 4096;
+
+/// Characters of a bad line that an error shows.
+const SHOWN: usize = 60;
+
+/// Landmarks of the frames of one sequence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LandmarkTrack {
+    /// File or folder they were read from.
+    pub path: PathBuf,
+    /// The files, in the order of the frames.
+    pub files: Vec<PathBuf>,
+    /// Frame number to [`LANDMARK_COUNT`] positions in image pixels, in the order of the scheme.
+    pub frames: BTreeMap<u32, Vec<Point2<f64>>>,
+    /// Frames that were lost, ascending.
+    pub lost: Vec<u32>,
+    /// Confidence under which a frame counted as lost.
+    pub least_confidence: f64,
+}
+
+/// Landmarks that do not read or do not serve.
+#[derive(Debug, thiserror::Error)]
+pub enum LandmarksError {
+    /// A CSV file that does not read, or a field that is no finite number.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A file or folder that can not be read.
+    #[error("{}: cannot be read: {reason}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        reason: io::Error,
+    },
+    /// Another number of points than the scheme has.
+    #[error("{}: {found} points, {LANDMARK_COUNT} were expected", path.display())]
+    Count {
+        /// The file.
+        path: PathBuf,
+        /// Points found: rows of a text file, or column pairs of a CSV file.
+        found: usize,
+    },
+    /// A line of a text file that is not two finite numbers.
+    #[error("{}, line {line}: found `{found}`; two finite numbers `x y` were expected", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The line, shortened.
+        found: String,
+    },
+    /// A number with a decimal comma.
+    #[error("{}, line {line}: found `{found}`; write decimals with a point and columns with commas", path.display())]
+    DecimalComma {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The field or line, shortened.
+        found: String,
+    },
+    /// A row with more fields than columns, as decimal commas make them.
+    #[error("{}, line {line}: {found} fields where the header has {expected}; are there decimal commas? write decimals with a point", path.display())]
+    ExtraFields {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Fields of the row.
+        found: usize,
+        /// Columns of the header.
+        expected: usize,
+    },
+    /// A `.pts` file that is not one.
+    #[error("{}, line {line}: found `{found}`; {expected} was expected (a .pts file is `version: 1`, `n_points: 68`, `{{`, a line `x y` per point, `}}`)", path.display())]
+    Pts {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The line, shortened.
+        found: String,
+        /// What should be there.
+        expected: &'static str,
+    },
+    /// A table of more than one face.
+    #[error("{}: frame {frame} has {faces} faces; keep the rows of one `face_id`", path.display())]
+    SeveralFaces {
+        /// The file.
+        path: PathBuf,
+        /// The first such frame.
+        frame: u32,
+        /// Faces in it.
+        faces: usize,
+    },
+    /// A folder with more than one set of landmarks.
+    #[error("{}: more than one set of landmarks: {}; name one in the manifest's column `landmarks`, or leave one in the folder", folder.display(), found.join(", "))]
+    Ambiguous {
+        /// The folder.
+        folder: PathBuf,
+        /// What is there.
+        found: Vec<String>,
+    },
+    /// Something else than landmarks.
+    #[error("{}: is no landmark file; known are tables with a column `frame` (own and OpenFace), .pts files, and CK+'s text files of 68 lines `x y`", path.display())]
+    Unknown {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Every frame was lost.
+    #[error("{}: the face is lost in all {frames} frames (no success, or a confidence under {least})", path.display())]
+    AllLost {
+        /// File or folder.
+        path: PathBuf,
+        /// Frames there are.
+        frames: usize,
+        /// Least confidence that counts as found.
+        least: f64,
+    },
+    /// The neutral or the apex frame was lost.
+    #[error("{}: the face is lost in frame {frame}, the {what} frame; choose another `{column}` (found in frames {first} to {last})", path.display())]
+    EndLost {
+        /// File or folder.
+        path: PathBuf,
+        /// The frame.
+        frame: u32,
+        /// `neutral` or `apex`.
+        what: &'static str,
+        /// `first_frame` or `last_frame`.
+        column: &'static str,
+        /// First frame in which it was found.
+        first: u32,
+        /// Last frame in which it was found.
+        last: u32,
+    },
+    /// More frames to guess than there are.
+    #[error("{}: of {frames} frames from {first} to {last} only {found} have landmarks; at least half of them must", path.display())]
+    MostlyLost {
+        /// File or folder.
+        path: PathBuf,
+        /// Frames from neutral to apex.
+        frames: u64,
+        /// The neutral frame.
+        first: u32,
+        /// The apex frame.
+        last: u32,
+        /// Frames with landmarks.
+        found: usize,
+    },
+    /// One frame only.
+    #[error("{}: {found} frame from neutral to apex; at least 2 are needed", path.display())]
+    TooFew {
+        /// File or folder.
+        path: PathBuf,
+        /// Frames.
+        found: usize,
+    },
+    /// A frame in two rows or files.
+    #[error("{}: landmarks of frame {frame} are there twice", path.display())]
+    DuplicateFrame {
+        /// The file, or the second of two files.
+        path: PathBuf,
+        /// The frame number.
+        frame: u32,
+    },
+    /// A text file without a frame number in its name.
+    #[error("{}: the file name has no frame number such as in S005_001_00000001_landmarks.txt", path.display())]
+    NoNumber {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No frame at all.
+    #[error("{}: no landmarks of any frame", path.display())]
+    Empty {
+        /// The file or folder.
+        path: PathBuf,
+    },
+    /// A file named in the manifest that is not there.
+    #[error("the landmark file is not there; looked for {}", paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" and "))]
+    NotFound {
+        /// Where it was looked for.
+        paths: Vec<PathBuf>,
+    },
+    /// A frame without landmarks.
+    #[error("{}: frame {frame} has no landmarks; there are {count} frames from {first} to {last}", path.display())]
+    NoSuchFrame {
+        /// File or folder of the landmarks.
+        path: PathBuf,
+        /// The frame asked for.
+        frame: u32,
+        /// Frames there are.
+        count: usize,
+        /// Smallest frame number.
+        first: u32,
+        /// Largest frame number.
+        last: u32,
+    },
+    /// A node that no landmark stands for.
+    #[error("no landmark marks node {node}; nodes with one are {}", nodes.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "))]
+    NoLandmark {
+        /// The node.
+        node: NodeId,
+        /// Nodes that have a landmark.
+        nodes: Vec<NodeId>,
+    },
+}
+
+impl LandmarkTrack {
+    /// First and last frame that have landmarks; 0 where there is none.
+    fn ends(&self) -> (u32, u32) {
+        let number = |key: Option<&u32>| key.copied().unwrap_or_default();
+        (number(self.frames.keys().next()), number(self.frames.keys().next_back()))
+    }
+
+    /// The 68 positions in a frame.
+    ///
+    /// # Errors
+    /// [`LandmarksError::NoSuchFrame`] with the frames there are.
+    pub fn frame(&self, frame: u32) -> Result<&[Point2<f64>], LandmarksError> {
+        self.frames.get(&frame).map(Vec::as_slice).ok_or_else(|| {
+            let (first, last) = self.ends();
+            LandmarksError::NoSuchFrame { path: self.path.clone(), frame, count: self.frames.len(), first, last }
+        })
+    }
+}
+
+/// What a file is, by its content.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    /// A table with a column `frame`.
+    Table,
+    /// iBUG's `.pts`.
+    Pts,
+    /// Two numbers in the first line.
+    Text,
+    /// Something else.
+    Other,
+}
+
+/// Recognizes a file by its first line that is not blank.
+fn form_of(path: &Path) -> Form {
+    let mut start = Vec::new();
+    let read =
+        fs::File::open(path).and_then(|file| io::Read::read_to_end(&mut io::Read::take(file, SNIFFED_BYTES as u64), &mut start));
+    if read.is_err() {
+        return Form::Other;
+    }
+    let text = String::from_utf8_lossy(&start);
+    let text = text.trim_start_matches('\u{FEFF}');
+    let Some(line) = text.lines().map(str::trim).find(|line| !line.is_empty()) else { return Form::Other };
+    let lower = line.to_lowercase();
+    if lower.starts_with("version:") || lower.starts_with("n_points:") {
+        return Form::Pts;
+    }
+    if lower.split([',', ';', '\t']).any(|name| name.trim().trim_matches('"') == "frame") {
+        return Form::Table;
+    }
+    let numbers = line.split_whitespace().map(|word| word.replace(',', ".").parse::<f64>());
+    let numbers: Vec<_> = numbers.collect();
+    if numbers.len() == 2 && numbers.iter().all(Result::is_ok) { Form::Text } else { Form::Other }
+}
+
+/// Reads the landmarks of a sequence: a table, or a folder with one or with a file per frame; see the module's text for the forms.
+///
+/// # Errors
+/// [`LandmarksError`] for files that can not be read, another number of points than 68, fields that are no finite numbers, frames
+/// that are there twice, several sets of landmarks in one folder, or no frame.
+pub fn read_landmarks(path: &Path) -> Result<LandmarkTrack, LandmarksError> {
+    read_landmarks_with(path, LEAST_CONFIDENCE)
+}
+
+/// [`read_landmarks`] with another least confidence.
+///
+/// # Errors
+/// As [`read_landmarks`].
+pub fn read_landmarks_with(path: &Path, least_confidence: f64) -> Result<LandmarkTrack, LandmarksError> {
+    let files = landmark_files(path)?;
+    let mut track = LandmarkTrack { path: path.to_owned(), files, frames: BTreeMap::new(), lost: Vec::new(), least_confidence };
+    match &track.files[..] {
+        [] => {}
+        [file] if file == path || has_extension(file, &["csv"]) => {
+            let file = file.clone();
+            table::read(&file, &mut track)?;
+        }
+        files => {
+            for file in files {
+                let number = last_digits(file).and_then(|digits| digits.parse().ok());
+                let frame = number.ok_or_else(|| LandmarksError::NoNumber { path: file.clone() })?;
+                if track.frames.insert(frame, points::read(file)?).is_some() {
+                    return Err(LandmarksError::DuplicateFrame { path: file.clone(), frame });
+                }
+            }
+        }
+    }
+    if track.frames.is_empty() && track.lost.is_empty() {
+        return Err(LandmarksError::Empty { path: path.to_owned() });
+    }
+    Ok(track)
+}
+
+/// The files that hold the landmarks at `path`: the table itself, or those of a folder; none where a folder has none.
+///
+/// In a folder, files `*_landmarks.txt` go before all others; then files per frame (`.pts`, or `.txt` of that content); then a
+/// table.
+///
+/// # Errors
+/// [`LandmarksError::Io`] for a folder that can not be listed, [`LandmarksError::Unknown`] for a file that is no table,
+/// [`LandmarksError::Ambiguous`] for a folder with several tables, or with a table and files per frame.
+pub fn landmark_files(path: &Path) -> Result<Vec<PathBuf>, LandmarksError> {
+    if !path.is_dir() {
+        // A name with `.csv` is read as a table, so that the error says what is missing in it.
+        let is_table = has_extension(path, &["csv"]) || !path.exists() || form_of(path) == Form::Table;
+        return if is_table { Ok(vec![path.to_owned()]) } else { Err(LandmarksError::Unknown { path: path.to_owned() }) };
+    }
+    let entries = visible(path).map_err(|reason| LandmarksError::Io { path: path.to_owned(), reason })?;
+    let files: Vec<PathBuf> = entries.iter().map(fs::DirEntry::path).collect();
+    let texts: Vec<&PathBuf> = files.iter().filter(|file| has_extension(file, &["txt", "pts"])).collect();
+    let is_named = |file: &PathBuf| file.file_stem().is_some_and(|s| s.to_string_lossy().ends_with(TEXT_FILE_SUFFIX));
+    let named: Vec<PathBuf> = texts.iter().filter(|file| is_named(file)).map(|&file| file.clone()).collect();
+    if !named.is_empty() {
+        return Ok(named);
+    }
+    let is_frame = |file: &&&PathBuf| has_extension(file, &["pts"]) || matches!(form_of(file), Form::Pts | Form::Text);
+    let per_frame: Vec<PathBuf> = texts.iter().filter(is_frame).map(|&file| file.clone()).collect();
+    let tables: Vec<PathBuf> =
+        files.iter().filter(|file| has_extension(file, &["csv"]) && table::is_landmarks(file)).cloned().collect();
+    if tables.len() + usize::from(!per_frame.is_empty()) > 1 {
+        let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut found: Vec<String> = tables.iter().map(name).collect();
+        if let Some(first) = per_frame.first() {
+            found.push(format!("{} files per frame such as {}", per_frame.len(), name(first)));
+        }
+        return Err(LandmarksError::Ambiguous { folder: path.to_owned(), found });
+    }
+    Ok(if per_frame.is_empty() { tables } else { per_frame })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,70 @@
+//! Landmarks from the neutral to the apex frame, with the frames that are missing between.
+
+use nalgebra::Point2;
+
+use super::{LandmarkTrack, LandmarksError};
+
+/// One frame of a [`LandmarkSequence`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct LandmarkFrame {
+    /// Frame number.
+    pub number: u32,
+    /// The landmarks in image pixels; `None` for a frame that was lost or is not there.
+    pub points: Option<Vec<Point2<f64>>>,
+}
+
+/// Landmarks from the neutral to the apex frame: at least two frames, the first and the last with landmarks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LandmarkSequence {
+    /// Frames in order, at equal distances of their numbers.
+    pub frames: Vec<LandmarkFrame>,
+}
+
+fn greatest_common_divisor(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+}
+
+impl LandmarkTrack {
+    /// The frames from `first` to `last`, both included; by default the first and the last of the file.
+    ///
+    /// Frames are taken to be as far apart as the largest number that divides all distances between those there are; numbers that
+    /// this leaves out are missing frames (a neutral and an apex alone, 1 and 24, miss nothing; 1, 2 and 4 miss 3).
+    ///
+    /// # Errors
+    /// [`LandmarksError`] when every frame was lost, a frame asked for is not there, the face was lost in the neutral or the apex
+    /// frame, fewer than two frames are left, or fewer than half of the frames have landmarks.
+    pub fn sequence(&self, first: Option<u32>, last: Option<u32>) -> Result<LandmarkSequence, LandmarksError> {
+        let path = || self.path.clone();
+        let (found_first, found_last) = self.ends();
+        if self.frames.is_empty() {
+            return Err(LandmarksError::AllLost { path: path(), frames: self.lost.len(), least: self.least_confidence });
+        }
+        let mut numbers: Vec<u32> = self.frames.keys().chain(&self.lost).copied().collect();
+        numbers.sort_unstable();
+        let end = |asked: Option<u32>, default: Option<&u32>, what, column| {
+            let frame = asked.or(default.copied()).unwrap_or(found_first);
+            if self.frames.contains_key(&frame) {
+                Ok(frame)
+            } else if self.lost.contains(&frame) {
+                Err(LandmarksError::EndLost { path: path(), frame, what, column, first: found_first, last: found_last })
+            } else {
+                Err(self.frame(frame).map(|_| ()).err().unwrap_or(LandmarksError::Empty { path: path() }))
+            }
+        };
+        let first = end(first, numbers.first(), "neutral", "first_frame")?;
+        let last = end(last, numbers.last(), "apex", "last_frame")?;
+        numbers.retain(|number| (first..=last).contains(number));
+        if numbers.len() < 2 {
+            return Err(LandmarksError::TooFew { path: path(), found: numbers.len() });
+        }
+        let step = numbers.iter().map(|&n| u64::from(n - first)).fold(0, greatest_common_divisor).max(1);
+        let count = u64::from(last - first) / step + 1;
+        let found = numbers.iter().filter(|&n| self.frames.contains_key(n)).count();
+        if (found as u64) * 2 < count {
+            return Err(LandmarksError::MostlyLost { path: path(), frames: count, first, last, found });
+        }
+        let number = |m: u64| u32::try_from(u64::from(first) + m * step).unwrap_or(last);
+        let frame = |number| LandmarkFrame { number, points: self.frames.get(&number).cloned() };
+        Ok(LandmarkSequence { frames: (0..count).map(number).map(frame).collect() })
+    }
+}

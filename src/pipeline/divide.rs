@@ -1,0 +1,117 @@
+//! A run divided into steps, for processes and machines that share a folder: begin it, work on parts of the sequences, compute the
+//! statistics of single emotions ahead. The last step is [`super::run`] itself, which uses all that is done.
+
+use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
+
+use super::{
+    AnalysisError, AnalyzedModel, Event, Failure, RunError, RunJson, Workbench,
+    analysis::{by_emotion, labelled},
+    parts::EmotionPart,
+    run::{Collected, RUN_JSON, collect, new_record, open, plan_all, process_all},
+};
+use crate::{
+    dataset::{Dataset, SequenceEntry},
+    output,
+    statistics::{EMOTIONS, group_models_unchecked},
+};
+
+/// What there is to do in a dataset, for those who divide a run among machines.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Plan {
+    /// Sequences that can be worked on.
+    pub sequences: usize,
+    /// Emotions in the order of the tables, with their sequences.
+    pub emotions: Vec<(String, usize)>,
+}
+
+/// Opens the dataset, marks the output folder as this run's, and says what there is to do.
+///
+/// # Errors
+/// As [`run`], before any sequence is worked on.
+pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
+    let (opened, name, earlier) = open(dataset, out, bench, force)?;
+    if earlier.is_none_or(|earlier| !earlier.complete) {
+        let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
+        output::write_json(&out.join(RUN_JSON), &new_record(name, skipped, bench))?;
+    }
+    let mut emotions: BTreeMap<(usize, &str), usize> = BTreeMap::new();
+    for entry in &opened.sequences {
+        let rank = EMOTIONS.iter().position(|&e| e == entry.emotion).unwrap_or(EMOTIONS.len());
+        *emotions.entry((rank, &entry.emotion)).or_default() += 1;
+    }
+    let emotions = emotions.into_iter().map(|((_, emotion), count)| (emotion.to_owned(), count)).collect();
+    Ok(Plan { sequences: opened.sequences.len(), emotions })
+}
+
+/// Tracks and normalizes part `part` (from 1) of `of` equal parts of the sequences in the order of their ids, into a folder that
+/// [`run_plan`] or [`run`] has begun. The last step of a divided run is [`run`] itself, which uses all that is done.
+///
+/// # Errors
+/// As [`run`]; sequences that fail are in the answer.
+pub fn run_part(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    (part, of): (usize, usize),
+    stop: &AtomicBool,
+    event: impl Fn(Event) + Sync,
+) -> Result<Vec<Failure>, RunError> {
+    let (opened, ..) = open_begun(dataset, out, bench)?;
+    let count = opened.sequences.len();
+    let of = of.max(1);
+    let bounds = |k: usize| (k as u128 * count as u128 / of as u128) as usize;
+    let chosen: Vec<&SequenceEntry> =
+        opened.sequences[bounds(part.saturating_sub(1).min(of))..bounds(part.min(of))].iter().collect();
+    Ok(work(&chosen, out, bench, stop, &event)?.1)
+}
+
+/// Tracks and normalizes what is not done yet of one emotion, and computes its statistics for the run to use.
+///
+/// # Errors
+/// As [`run`]; [`RunError::NoSuchEmotion`]; sequences that fail are in the answer.
+pub fn run_emotion(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    emotion: &str,
+    stop: &AtomicBool,
+    event: impl Fn(Event) + Sync,
+) -> Result<Vec<Failure>, RunError> {
+    let (opened, ..) = open_begun(dataset, out, bench)?;
+    let chosen: Vec<&SequenceEntry> = opened.sequences.iter().filter(|entry| entry.emotion == emotion).collect();
+    if chosen.is_empty() {
+        return Err(RunError::NoSuchEmotion { emotion: emotion.to_owned() });
+    }
+    let (models, failures) = work(&chosen, out, bench, stop, &event)?;
+    event(Event::Analyzing);
+    let grouped = labelled(models);
+    // A column that is empty in this emotion need not be so in the others, where the run will say so.
+    let groups = group_models_unchecked(&grouped, &bench.options.by).map_err(AnalysisError::from)?;
+    for (emotion, groups) in by_emotion(groups) {
+        EmotionPart::compute(&emotion, &groups, bench)?.write(out, &emotion, &groups, bench)?;
+    }
+    Ok(failures)
+}
+
+/// [`open`] for a folder in which the run was begun.
+fn open_begun(dataset: &Path, out: &Path, bench: &Workbench) -> Result<(Dataset, String, RunJson), RunError> {
+    let (opened, name, earlier) = open(dataset, out, bench, false)?;
+    let earlier = earlier.ok_or_else(|| RunError::NotBegun { path: out.to_owned() })?;
+    Ok((opened, name, earlier))
+}
+
+/// Tracks and normalizes sequences; models and failures in the order of the sequences.
+fn work(
+    chosen: &[&SequenceEntry],
+    out: &Path,
+    bench: &Workbench,
+    stop: &AtomicBool,
+    event: &(impl Fn(Event) + Sync),
+) -> Result<(Vec<AnalyzedModel>, Vec<Failure>), RunError> {
+    event(Event::Started { sequences: chosen.len() });
+    let planned = plan_all(chosen, bench, stop);
+    let results = process_all(&planned, out, bench, None, stop, event)?;
+    let mut record = new_record(String::new(), Vec::new(), bench);
+    let Collected { models, failures, .. } = collect(planned, results, out, &mut record)?;
+    Ok((models, failures))
+}

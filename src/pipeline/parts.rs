@@ -1,0 +1,117 @@
+//! What the statistics make of one emotion, and a file of it: so that emotions can be worked on by different machines.
+//!
+//! A part is known by the content of everything it was computed from. `run` uses a part that is there and fits, and computes it where
+//! not: the results are the same to the bit.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    AnalysisError, Comparisons, MADE_BY, Workbench,
+    groups::{compare_groups, stream_of},
+};
+use crate::{
+    output::{OutputError, write_json},
+    statistics::{
+        self, ClassLabel, Representative, SequenceModel,
+        bootstrap::{DispersionInterval, dispersion_interval},
+    },
+};
+
+/// Folder of the parts in the output folder, while a run is divided.
+pub(super) const PARTS_FOLDER: &str = "parts";
+
+/// One class of an emotion.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct ClassPart {
+    pub representative: Representative,
+    pub subjects: usize,
+    pub interval: Option<DispersionInterval>,
+}
+
+/// Everything of one emotion.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct EmotionPart {
+    /// BLAKE3 of what it was computed from; empty until it is written.
+    inputs_blake3: String,
+    pub classes: Vec<ClassPart>,
+    /// Not yet corrected for the number of tests.
+    pub comparisons: Comparisons,
+}
+
+/// The classes of one emotion, the whole of it first.
+type Groups<'a> = [(ClassLabel, Vec<&'a SequenceModel>)];
+
+impl EmotionPart {
+    /// Computes the representatives, intervals and comparisons of one emotion.
+    ///
+    /// # Errors
+    /// [`AnalysisError`] when the options are out of range.
+    pub fn compute(emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Result<Self, AnalysisError> {
+        let options = &bench.options;
+        let live = bench.wireframe.live_nodes();
+        let replicates = if options.by.is_empty() { 0 } else { options.groups.bootstrap };
+        let class = |(label, models): &(ClassLabel, Vec<&SequenceModel>)| {
+            let representative = statistics::representative(label.clone(), models, &bench.wireframe, &options.statistics)?;
+            let (alpha, seed) = (options.statistics.alpha, options.groups.compare.seed);
+            let stream = stream_of(&[(emotion, &label.group)]);
+            let interval = dispersion_interval(&representative, models, live, alpha, replicates, seed, stream);
+            let subjects = models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
+            Ok(ClassPart { representative, subjects, interval })
+        };
+        let classes = groups.par_iter().map(class).collect::<Result<Vec<_>, AnalysisError>>()?;
+        let comparisons =
+            if options.by.is_empty() { Comparisons::default() } else { compare_groups(emotion, groups, live, &options.groups) };
+        Ok(Self { inputs_blake3: String::new(), classes, comparisons })
+    }
+
+    /// Writes the part for [`EmotionPart::read`].
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write(mut self, out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Result<(), OutputError> {
+        self.inputs_blake3 = inputs_blake3(groups, bench);
+        write_json(&part_path(out, emotion), &self)
+    }
+
+    /// The part that was written of exactly these models and options, if it is there.
+    pub fn read(out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Option<Self> {
+        let bytes = fs::read(part_path(out, emotion)).ok()?;
+        let part: Self = serde_json::from_slice(&bytes).ok()?;
+        (part.inputs_blake3 == inputs_blake3(groups, bench)).then_some(part)
+    }
+}
+
+/// Emotions are checked to be file names when the dataset is read.
+fn part_path(out: &Path, emotion: &str) -> PathBuf {
+    out.join(PARTS_FOLDER).join(format!("{emotion}.json"))
+}
+
+fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench) -> String {
+    let mut hasher = blake3::Hasher::new();
+    let mut part = |bytes: &[u8]| {
+        hasher.update(&(bytes.len() as u64).to_le_bytes());
+        hasher.update(bytes);
+    };
+    let options = &bench.options;
+    part(MADE_BY.as_bytes());
+    let chosen = (&options.normalize, &options.statistics, &options.groups, &options.by, &bench.wireframe_blake3);
+    part(&serde_json::to_vec(&chosen).unwrap_or_default());
+    for (label, models) in groups {
+        part(&serde_json::to_vec(label).unwrap_or_default());
+        for model in models {
+            part(model.id.subject.as_bytes());
+            part(model.id.sequence.as_bytes());
+            let positions = model.model.frames().iter().flat_map(crate::model::FrameExpressionModel::nodes);
+            let bytes: Vec<u8> = positions.flat_map(|p| [p.x.to_le_bytes(), p.y.to_le_bytes()]).flatten().collect();
+            part(&bytes);
+        }
+    }
+    hasher.finalize().to_hex().to_string()
+}

@@ -1,0 +1,32 @@
+// Groups beside each other: the two representatives, and where the groups differ.
+
+function drawPair(figure) {
+  const pair = data.pairs[figure.dataset.pair];
+  const [a, b] = [representatives[pair.a], representatives[pair.b]];
+  const neutral = positions(a, 0, 1);
+  const slot = (name) => $(`[data-figure="${name}"]`, figure);
+
+  const both = new Face(commonBox, `Representatives of ${pair.names.join(" and ")} at the apex`, { shaded: false });
+  both.svg.classList.add("both");
+  slot("both").append(both.svg);
+  both.draw(positions(a, a.offsets.length, 1));
+  both.edges.setAttribute("d", "");
+  const second = vector("path", { class: "contours other" });
+  const thin = vector("path", { class: "fine other" });
+  both.svg.append(thin, second);
+  const other = positions(b, b.offsets.length, 1);
+  second.setAttribute("d", contours(other));
+  thin.setAttribute("d", chains(other, wireframe.fine));
+
+  const top = Math.max(...pair.energy, 1e-9);
+  const box = slot("energy");
+  const { canvas, paint } = heatMap(box, neutral, pair.energy, commonBox, top);
+  const over = new Face(commonBox, `Energy distance per node between ${pair.names.join(" and ")}`, { shaded: false });
+  over.svg.classList.add("heat");
+  over.draw(neutral);
+  for (const k of pair.differing) over.svg.append(vector("circle", { class: "differs", cx: r1(neutral[2 * k]), cy: r1(neutral[2 * k + 1]), r: 13 }));
+  box.append(canvas, over.svg);
+  probeNodes(box, over.svg, neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(pair.energy[k], 2)} face units, p ${fixed(pair.p[k], 4)}`);
+  colorBar(slot("energybar"), top, "energy distance per node, face units");
+  repaint.push(paint);
+}

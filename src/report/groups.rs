@@ -1,0 +1,246 @@
+//! What the report says of groups: intervals, tests, where groups differ, and every reason to doubt it.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::{
+    GroupsData, ReportData,
+    numbers::{count, fixed, fixed_or_dash, length, rounded},
+    view::group_text,
+};
+use crate::{
+    pipeline::group_values,
+    statistics::compare::{Comparison, Tested},
+    units::NodeId,
+};
+
+/// People below which a group is named as small.
+const SMALL_GROUP: usize = 10;
+
+/// Pictures of pairs that differ; the tables have the others.
+const MOST_PICTURES: usize = 12;
+
+/// Regions of nodes that a row names.
+const NAMED_NODES: usize = 6;
+
+/// The section's text.
+#[derive(Serialize)]
+pub(super) struct GroupsView {
+    rows: Vec<GroupRow>,
+    tests: Vec<TestRow>,
+    untested: Vec<String>,
+    too_many: Vec<String>,
+    pictures: Vec<Picture>,
+    more_pictures: usize,
+    test_count: String,
+    tests_made: usize,
+    differing: usize,
+    permutations: usize,
+    replicates: usize,
+    significance: String,
+    significance_percent: String,
+    /// Notes under the tables, in the words of the template.
+    notes: Vec<&'static str>,
+    small_group: usize,
+    max_retrimmed: usize,
+}
+
+#[derive(Serialize)]
+struct GroupRow {
+    emotion: String,
+    group: String,
+    people: usize,
+    sequences: usize,
+    dispersion: String,
+    interval: String,
+    small: bool,
+    held: bool,
+}
+
+#[derive(Serialize)]
+struct TestRow {
+    emotion: String,
+    groups: [String; 2],
+    people: String,
+    small: bool,
+    energy: String,
+    effect: String,
+    chance: String,
+    p: String,
+    p_holm: String,
+    verdict: &'static str,
+    differs: bool,
+    hopeless: bool,
+    least_p: String,
+    place: String,
+}
+
+#[derive(Serialize)]
+struct Picture {
+    index: usize,
+    label: String,
+    a: String,
+    b: String,
+    nodes: usize,
+    live: usize,
+    place: String,
+    effect: String,
+    p_holm: String,
+}
+
+impl GroupsView {
+    pub(super) fn new(groups: &GroupsData<'_>, data: &ReportData<'_>) -> Self {
+        let significance = groups.options.compare.significance;
+        let comparisons = groups.comparisons;
+        let tested: Vec<(usize, &Comparison, &Tested)> =
+            comparisons.pairs.iter().enumerate().filter_map(|(k, c)| Some((k, c, c.outcome.as_ref().ok()?))).collect();
+        let rows: Vec<GroupRow> = data
+            .representatives
+            .iter()
+            .zip(&groups.classes)
+            .map(|(r, &(people, interval))| GroupRow {
+                emotion: r.label.emotion.clone(),
+                group: group_text(&r.label),
+                people,
+                sequences: r.sequences.len(),
+                dispersion: fixed_or_dash(r.dispersion, 2),
+                interval: interval.map_or_else(
+                    || if r.dispersion.is_some() { "too few people".to_owned() } else { String::new() },
+                    |i| format!("{} to {}", fixed(i.low, 2), fixed(i.high, 2)),
+                ),
+                small: people < SMALL_GROUP,
+                held: interval.is_some_and(|i| !i.retrimmed),
+            })
+            .collect();
+        let tests_made = tested.len();
+        let differs = |t: &Tested| t.p_adjusted <= significance;
+        let place = |t: &Tested| places(t, data, significance);
+        let tests = tested.iter().map(|(_, c, t)| TestRow {
+            emotion: c.emotion.clone(),
+            groups: [group_values(&c.groups[0]), group_values(&c.groups[1])],
+            people: format!("{} and {}", c.people[0], c.people[1]),
+            small: c.people.iter().any(|&n| n < SMALL_GROUP),
+            energy: fixed(t.energy, 2),
+            effect: percent(t.effect),
+            chance: percent(t.effect_by_chance),
+            p: p_text(t.p, t.least_p),
+            p_holm: p_text(t.p_adjusted, 0.0),
+            verdict: if differs(t) { "differ" } else { "not shown to differ" },
+            differs: differs(t),
+            hopeless: t.least_p > significance,
+            least_p: p_text(t.least_p, 0.0),
+            place: if differs(t) { place(t) } else { String::new() },
+        });
+        let tests: Vec<TestRow> = tests.collect();
+        let drawn: Vec<_> = tested.iter().filter(|(_, _, t)| differs(t)).collect();
+        let pictures = drawn.iter().take(MOST_PICTURES).map(|(k, c, t)| Picture {
+            index: *k,
+            label: c.emotion.clone(),
+            a: group_values(&c.groups[0]),
+            b: group_values(&c.groups[1]),
+            nodes: t.node_p.iter().filter(|&&p| p <= significance).count(),
+            live: t.node_p.len(),
+            place: place(t),
+            effect: percent(t.effect),
+            p_holm: p_text(t.p_adjusted, 0.0),
+        });
+        // Reasons by pair, equal ones together.
+        let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for c in &comparisons.pairs {
+            if let Err(why) = &c.outcome {
+                let pair = format!("{}: {} and {}", c.emotion, group_values(&c.groups[0]), group_values(&c.groups[1]));
+                reasons.entry(why.to_string()).or_default().push(pair);
+            }
+        }
+        let untested = reasons.into_iter().map(|(why, pairs)| {
+            let shown = pairs.iter().take(8).cloned().collect::<Vec<_>>().join("; ");
+            let more = if pairs.len() > 8 { format!("; and {} more", pairs.len() - 8) } else { String::new() };
+            format!("{shown}{more}: {why}")
+        });
+        let notes = [
+            ("drawn", tested.iter().any(|(_, c, t)| t.people_used != c.people)),
+            ("unknown", comparisons.unknown_left_out),
+            ("small", rows.iter().any(|row| row.small)),
+            ("held", rows.iter().any(|row| row.held)),
+        ];
+        let notes = notes.into_iter().filter(|(_, holds)| *holds).map(|(note, _)| note).collect();
+        Self {
+            untested: untested.collect(),
+            too_many: comparisons.too_many.iter().map(|(emotion, n)| format!("{emotion} ({n} groups)")).collect(),
+            more_pictures: drawn.len().saturating_sub(MOST_PICTURES),
+            pictures: pictures.collect(),
+            test_count: count(tests_made, "test", "tests"),
+            tests_made,
+            differing: drawn.len(),
+            permutations: groups.options.compare.permutations,
+            replicates: groups.options.bootstrap,
+            significance: format!("{significance}"),
+            significance_percent: format!("{}", significance * 100.0),
+            small_group: SMALL_GROUP,
+            notes,
+            max_retrimmed: crate::statistics::bootstrap::MAX_RETRIMMED,
+            rows,
+            tests,
+        }
+    }
+}
+
+/// A share in percent with one decimal.
+fn percent(share: f64) -> String {
+    format!("{} %", fixed(share * 100.0, 1))
+}
+
+/// A p value; one that no split can undercut as `≤`.
+fn p_text(p: f64, least: f64) -> String {
+    if p >= 0.995 {
+        return "1".to_owned();
+    }
+    let digits = if p < 0.001 { 4 } else { 3 };
+    let text = fixed(p, digits);
+    if least > 0.0 && p <= least { format!("{text} (least possible)") } else { text }
+}
+
+/// The names of the nodes that differ most, of those that differ.
+fn places(t: &Tested, data: &ReportData<'_>, significance: f64) -> String {
+    let live = data.wireframe.live_nodes();
+    let mut nodes: Vec<(f64, NodeId)> =
+        (0..live.len()).filter(|&k| t.node_p[k] <= significance).map(|k| (t.node_energy[k], live[k])).collect();
+    nodes.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    if nodes.is_empty() {
+        return "no single node stands out".to_owned();
+    }
+    let mut counts: Vec<(String, usize)> = Vec::new();
+    for (_, node) in &nodes {
+        let region = data.tables.region(*node).to_string();
+        match counts.iter_mut().find(|(name, _)| *name == region) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((region, 1)),
+        }
+    }
+    let shown: Vec<String> = counts.iter().take(NAMED_NODES).map(|(name, n)| format!("{name} ({n})")).collect();
+    shown.join(", ")
+}
+
+/// The pairs with pictures for the page's script: representatives, energies and the nodes that differ.
+pub(super) fn payload(groups: &GroupsData<'_>, data: &ReportData<'_>) -> Value {
+    let significance = groups.options.compare.significance;
+    let place = |emotion: &str, group: &BTreeMap<String, String>| {
+        data.representatives.iter().position(|r| r.label.emotion == emotion && r.label.group == *group)
+    };
+    let pairs = groups.comparisons.pairs.iter().enumerate().filter_map(|(k, c)| {
+        let t = c.outcome.as_ref().ok().filter(|t| t.p_adjusted <= significance)?;
+        let differing: Vec<usize> = (0..t.node_p.len()).filter(|&k| t.node_p[k] <= significance).collect();
+        let pair = json!({
+            "a": place(&c.emotion, &c.groups[0])?,
+            "b": place(&c.emotion, &c.groups[1])?,
+            "names": [group_values(&c.groups[0]), group_values(&c.groups[1])],
+            "energy": t.node_energy.iter().map(|&e| length(e.max(0.0))).collect::<Vec<_>>(),
+            "p": t.node_p.iter().map(|&p| rounded(p, 4)).collect::<Vec<_>>(),
+            "differing": differing,
+        });
+        Some((k.to_string(), pair))
+    });
+    Value::Object(pairs.take(MOST_PICTURES).collect())
+}

@@ -1,0 +1,223 @@
+//! Whether two groups of people make an expression differently: a permutation test on the energy distance.
+//!
+//! **Statistic.** With KP's distance d [KP, eq. (5)], the energy distance of two groups A and B (Székely & Rizzo 2004) is
+//!
+//! ```text
+//! E = 2 mean d(a, b) - mean d(a, a') - mean d(b, b'),    a, a' in A, b, b' in B, a != a', b != b'
+//! ```
+//!
+//! in face units: how much farther apart people of different groups are than people of one. It needs no mean, no variance and no
+//! normal distribution, only d; it is chosen over the distance of the two representatives because that sees a shift only, and over
+//! a mean difference because d is what KP's median, trimming and dispersion are made of. As d is the mean over nodes k of a distance
+//! `d_k`, E is the mean over nodes of the nodes' own energy distances `E_k`: the same number says *where* the groups differ. It
+//! follows that E sees any difference in how single displacement vectors are distributed and none that is only in how nodes go
+//! together.
+//!
+//! **Null distribution.** People, not sequences, are exchangeable: the labels of people are permuted, each with all their sequences;
+//! the distance of two people is the mean over their sequences. All splits are tried where there are no more than the permutations
+//! asked for; otherwise that many are drawn, and p = (1 + those at least as large) / (1 + drawn), which never rejects too often.
+//!
+//! **Many tests.** Holm's step-down over all pairs compared in one analysis ([`holm`]); over the nodes of one pair the
+//! distribution of the largest standardized `E_k` (Westfall & Young's single step), so that naming a node wrongly has the stated
+//! chance for the pair as a whole.
+//!
+//! **Effect size.** H = E / (2 mean d(a, b)), 0 for groups alike to 1 for groups apart, beside what permutations reach by chance.
+
+mod holm;
+mod pairs;
+mod permutation;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use super::{SequenceModel, distance::DisplacementFields};
+use crate::units::NodeId;
+
+pub use holm::holm;
+use pairs::PairDistances;
+use permutation::{Permuted, permute};
+
+/// How groups are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CompareOptions {
+    /// Permutations of each test.
+    pub permutations: usize,
+    /// Most people of a group that a test uses; of larger groups as many are drawn.
+    pub people: usize,
+    /// Chance of a false rejection that is accepted, over all tests.
+    pub significance: f64,
+    /// Seed of permutations and draws.
+    pub seed: u64,
+}
+
+impl Default for CompareOptions {
+    fn default() -> Self {
+        Self { permutations: 9999, people: 200, significance: 0.05, seed: 1 }
+    }
+}
+
+/// Fewest people in a group of a test.
+pub const LEAST_PEOPLE: usize = 2;
+
+/// Why two groups were not compared.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+pub enum NotTested {
+    /// A group of one says nothing about its scatter.
+    #[error("a group of {people} can not be tested")]
+    TooFewPeople {
+        /// People in the smaller group.
+        people: usize,
+    },
+    /// People in both groups: labels can not be exchanged freely.
+    #[error("{}{} in both groups; a test needs different people", .subjects.join(", "), if *.count > .subjects.len() { format!(" and {} more are", .count - .subjects.len()) } else if *.count == 1 { " is".to_owned() } else { " are".to_owned() })]
+    SharedPeople {
+        /// The first of them.
+        subjects: Vec<String>,
+        /// How many there are.
+        count: usize,
+    },
+}
+
+/// People in both groups that are named.
+const NAMED_PEOPLE: usize = 3;
+
+/// A test's outcome.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tested {
+    /// People that the test used, of A and of B.
+    pub people_used: [usize; 2],
+    /// E, face units; below 0 where the groups are more alike than chance makes them.
+    pub energy: f64,
+    /// H, the effect size.
+    pub effect: f64,
+    /// The H that chance alone stays under in 95 of 100 cases.
+    pub effect_by_chance: f64,
+    /// Chance of an E at least as large without a difference.
+    pub p: f64,
+    /// [`Tested::p`] after Holm over all pairs of the analysis; 1 until [`adjust`] was called.
+    pub p_adjusted: f64,
+    /// The smallest p that groups of this size can reach.
+    pub least_p: f64,
+    /// Splits tried.
+    pub permutations: usize,
+    /// Whether these are all splits there are.
+    pub exhaustive: bool,
+    /// `E_k` of every live node, face units.
+    pub node_energy: Vec<f64>,
+    /// p of every live node, corrected for the number of nodes.
+    pub node_p: Vec<f64>,
+}
+
+/// Two groups of one emotion, compared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// Emotion.
+    pub emotion: String,
+    /// The groups, as column and value.
+    pub groups: [BTreeMap<String, String>; 2],
+    /// People in each.
+    pub people: [usize; 2],
+    /// Sequences in each.
+    pub sequences: [usize; 2],
+    /// The test, or why there is none.
+    pub outcome: Result<Tested, NotTested>,
+}
+
+/// Models of one group by subject.
+type People<'a> = BTreeMap<&'a str, Vec<&'a SequenceModel>>;
+
+fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
+    let mut people = People::new();
+    for &model in models {
+        people.entry(model.id.subject.as_str()).or_default().push(model);
+    }
+    people.values_mut().for_each(|models| models.sort_by(|a, b| a.id.cmp(&b.id)));
+    people
+}
+
+/// Compares two groups of models of one emotion.
+///
+/// Models are normalized, of one shape (as [`super::representative`] checks), in any order; distances are over the `live` nodes. `stream`
+/// numbers the comparison, so that each has its own random numbers.
+///
+/// # Errors
+/// [`NotTested`] for a group of one, or people in both groups.
+pub fn compare(
+    a: &[&SequenceModel],
+    b: &[&SequenceModel],
+    live: &[NodeId],
+    options: &CompareOptions,
+    stream: u32,
+) -> Result<Tested, NotTested> {
+    let (a, b) = (by_subject(a), by_subject(b));
+    let shared: BTreeSet<&str> = a.keys().filter(|subject| b.contains_key(*subject)).copied().collect();
+    if !shared.is_empty() {
+        let subjects = shared.iter().take(NAMED_PEOPLE).map(|&s| s.to_owned()).collect();
+        return Err(NotTested::SharedPeople { subjects, count: shared.len() });
+    }
+    let people = a.len().min(b.len());
+    if people < LEAST_PEOPLE {
+        return Err(NotTested::TooFewPeople { people });
+    }
+    let chosen = [permutation::draw(a.len(), options, stream, 0), permutation::draw(b.len(), options, stream, 1)];
+    let of = |people: &People<'_>, chosen: &[usize]| -> Vec<Vec<DisplacementFields>> {
+        let fields = |models: &Vec<&SequenceModel>| models.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
+        let all: Vec<&Vec<&SequenceModel>> = people.values().collect();
+        chosen.iter().map(|&i| fields(all[i])).collect()
+    };
+    let people: Vec<Vec<DisplacementFields>> = of(&a, &chosen[0]).into_iter().chain(of(&b, &chosen[1])).collect();
+    Ok(test(&people, chosen[0].len(), options, stream))
+}
+
+/// The test for people of whom the first `first` are group A, each with the displacement fields of their sequences.
+///
+/// # Panics
+/// If a group has fewer than [`LEAST_PEOPLE`] or somebody has no sequence (a programmer's error).
+pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareOptions, stream: u32) -> Tested {
+    let sizes = [first, people.len() - first];
+    assert!(sizes.iter().all(|&n| n >= LEAST_PEOPLE) && people.iter().all(|p| !p.is_empty()), "groups of two or more");
+    let distances = PairDistances::new(people);
+    let observed: Vec<usize> = (0..first).collect();
+    let energy = distances.energy(&observed);
+    let total = mean(&energy.nodes);
+    let Permuted { at_least, effects, least_p, node_p, permutations, exhaustive } =
+        permute(&distances, first, &energy, options, stream);
+    let p = if exhaustive { at_least as f64 / permutations as f64 } else { (1 + at_least) as f64 / (1 + permutations) as f64 };
+    Tested {
+        people_used: sizes,
+        energy: total,
+        effect: energy.effect(),
+        effect_by_chance: upper_quantile(effects),
+        p,
+        p_adjusted: 1.0,
+        least_p,
+        permutations,
+        exhaustive,
+        node_energy: energy.nodes,
+        node_p,
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The value that 95 of 100 values do not exceed.
+fn upper_quantile(mut values: Vec<f64>) -> f64 {
+    const SHARE: f64 = 0.95;
+    values.sort_by(f64::total_cmp);
+    let at = ((values.len() as f64 * SHARE).ceil() as usize).clamp(1, values.len().max(1)) - 1;
+    values.get(at).copied().unwrap_or(0.0)
+}
+
+/// Corrects the p of all tests for their number.
+pub fn adjust(comparisons: &mut [Comparison]) {
+    let tested = comparisons.iter_mut().filter_map(|c| c.outcome.as_mut().ok());
+    let mut tested: Vec<&mut Tested> = tested.collect();
+    let adjusted = holm(&tested.iter().map(|t| t.p).collect::<Vec<_>>());
+    tested.iter_mut().zip(adjusted).for_each(|(t, p)| t.p_adjusted = p);
+}
+
+#[cfg(test)]
+mod tests;

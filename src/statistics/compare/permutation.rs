@@ -1,0 +1,192 @@
+//! The null distribution: the energy distance under other splits of the same people.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::{
+    CompareOptions, mean,
+    pairs::{Energy, PairDistances},
+};
+
+/// Splits per unit of work; every unit has its own random stream.
+const CHUNK: usize = 64;
+
+/// Relative difference of two energies that is rounding: sums of the same distances in another order.
+const ROUNDING: f64 = 1e-10;
+
+/// What the splits gave.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Permuted {
+    /// Splits with an energy at least as large as the observed one.
+    pub at_least: usize,
+    /// H of every split.
+    pub effects: Vec<f64>,
+    /// The smallest p that can come out.
+    pub least_p: f64,
+    /// p of every node, corrected for the number of nodes.
+    pub node_p: Vec<f64>,
+    /// Splits tried.
+    pub permutations: usize,
+    /// Whether they are all there are.
+    pub exhaustive: bool,
+}
+
+/// Random numbers of one use: comparison, purpose (0 and 1 draws of people, 2 splits), unit of work.
+fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream((u64::from(stream) << 32) | (purpose << 24) | (unit & 0x00ff_ffff));
+    random
+}
+
+/// Places of the people that a test uses of a group of `count`, ascending: all, or as many as the options allow, drawn.
+pub(super) fn draw(count: usize, options: &CompareOptions, stream: u32, group: u64) -> Vec<usize> {
+    let wanted = options.people.max(super::LEAST_PEOPLE);
+    if count <= wanted {
+        return (0..count).collect();
+    }
+    subset(count, wanted, &mut generator(options.seed, stream, group, 0))
+}
+
+/// `size` of `count` places, ascending, all subsets alike.
+fn subset(count: usize, size: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..count).collect();
+    for k in 0..size {
+        let other = random.random_range(k..count);
+        places.swap(k, other);
+    }
+    places.truncate(size);
+    places.sort_unstable();
+    places
+}
+
+/// Number of subsets of `size` out of `count`, or `None` beyond `limit`.
+fn subset_count(count: usize, size: usize, limit: usize) -> Option<usize> {
+    let mut number: u128 = 1;
+    for k in 0..size.min(count - size) {
+        number = number * (count - k) as u128 / (k + 1) as u128;
+        if number > limit as u128 {
+            return None;
+        }
+    }
+    usize::try_from(number).ok()
+}
+
+/// The next subset in lexicographic order; false after the last.
+fn next_subset(subset: &mut [usize], count: usize) -> bool {
+    let size = subset.len();
+    let Some(at) = (0..size).rev().find(|&k| subset[k] < count - size + k) else { return false };
+    subset[at] += 1;
+    for k in at + 1..size {
+        subset[k] = subset[k - 1] + 1;
+    }
+    true
+}
+
+/// Tries other splits into groups of `first` and the rest.
+pub(super) fn permute(
+    distances: &PairDistances,
+    first: usize,
+    observed: &Energy,
+    options: &CompareOptions,
+    stream: u32,
+) -> Permuted {
+    let (n, wanted) = (distances.people(), options.permutations.max(1));
+    // The smaller group is the cheaper one to sum over; E is the same from both sides.
+    let size = first.min(n - first);
+    let all = subset_count(n, size, wanted);
+    let energies: Vec<(f64, Energy)> = match all {
+        Some(count) => {
+            let mut splits = Vec::with_capacity(count);
+            let mut split: Vec<usize> = (0..size).collect();
+            loop {
+                splits.push(split.clone());
+                if !next_subset(&mut split, n) {
+                    break;
+                }
+            }
+            splits.par_iter().map(|split| distances.energy(split)).map(|e| (e.effect(), e)).collect()
+        }
+        None => (0..wanted.div_ceil(CHUNK))
+            .into_par_iter()
+            .flat_map_iter(|unit| {
+                let mut random = generator(options.seed, stream, 2, unit as u64);
+                let count = CHUNK.min(wanted - unit * CHUNK);
+                (0..count).map(move |_| distances.energy(&subset(n, size, &mut random))).map(|e| (e.effect(), e))
+            })
+            .collect(),
+    };
+    let permutations = energies.len();
+    let exhaustive = all.is_some();
+    let slack = ROUNDING * observed.between.abs();
+    let total = mean(&observed.nodes);
+    let at_least = energies.iter().filter(|(_, e)| mean(&e.nodes) >= total - slack).count();
+    let node_p = node_p(distances.nodes(), observed, &energies, exhaustive);
+    // Two groups of one size: every split is there twice, as itself and as its complement.
+    let twins = if 2 * size == n { 2.0 } else { 1.0 };
+    let least_p = if exhaustive { (twins / permutations as f64).min(1.0) } else { 1.0 / (1 + permutations) as f64 };
+    Permuted {
+        at_least,
+        effects: energies.into_iter().map(|(effect, _)| effect).collect(),
+        least_p,
+        node_p,
+        permutations,
+        exhaustive,
+    }
+}
+
+/// p of every node against the largest standardized `E_k` of each split.
+fn node_p(nodes: usize, observed: &Energy, energies: &[(f64, Energy)], exhaustive: bool) -> Vec<f64> {
+    let count = energies.len() as f64;
+    // The observed split is one of those that chance may give; without it a single draw would standardize by itself.
+    let (mut means, mut deviations) = (vec![0.0; nodes], vec![0.0; nodes]);
+    for (_, energy) in energies {
+        means.iter_mut().zip(&energy.nodes).for_each(|(sum, e)| *sum += e / count);
+    }
+    for (_, energy) in energies {
+        deviations.iter_mut().zip(&means).zip(&energy.nodes).for_each(|((sum, mean), e)| *sum += (e - mean).powi(2) / count);
+    }
+    let score = |k: usize, e: f64| if deviations[k] > 0.0 { (e - means[k]) / deviations[k].sqrt() } else { 0.0 };
+    let largest: Vec<f64> = energies
+        .iter()
+        .map(|(_, energy)| energy.nodes.iter().enumerate().map(|(k, &e)| score(k, e)).fold(f64::NEG_INFINITY, f64::max))
+        .collect();
+    (0..nodes)
+        .map(|k| {
+            let here = score(k, observed.nodes[k]);
+            let at_least = largest.iter().filter(|&&largest| largest >= here - 1e-9).count();
+            if exhaustive { at_least as f64 / count } else { (1 + at_least) as f64 / (1.0 + count) }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_subsets_come_once_in_order() {
+        let mut split = vec![0, 1];
+        let mut seen = vec![split.clone()];
+        while next_subset(&mut split, 4) {
+            seen.push(split.clone());
+        }
+        assert_eq!(seen, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]);
+        // 90 over 10 is about 5.7e12; 4 over 2 is 6.
+        assert_eq!((subset_count(4, 2, 6), subset_count(4, 2, 5), subset_count(90, 10, 9999)), (Some(6), None, None));
+        assert_eq!(subset_count(1000, 500, usize::MAX), None);
+    }
+
+    #[test]
+    fn drawn_subsets_are_of_different_places_and_even() {
+        let mut random = generator(1, 0, 2, 0);
+        let mut counts = [0; 10];
+        for _ in 0..10_000 {
+            let subset = subset(10, 3, &mut random);
+            assert!(subset.windows(2).all(|pair| pair[0] < pair[1]) && subset.len() == 3);
+            subset.iter().for_each(|&k| counts[k] += 1);
+        }
+        // 3000 expected each; the standard deviation is sqrt(10000 * 0.3 * 0.7) = 46.
+        assert!(counts.iter().all(|count| (2770..3230).contains(count)), "{counts:?}");
+    }
+}

@@ -1,0 +1,285 @@
+//! Statistics of very many models: linear or nearly linear in their number, in bounded memory.
+//!
+//! Everything that [KP, eq. (6) to (8)] need splits over the nodes: d is a mean over nodes, so `d_tf`, the sum of distances and the
+//! distance to the median are means over nodes of planar sums, and eq. (7) is a planar problem per node and field. A
+//! [`SlotSource`] hands out the vectors of one node at a time, from memory or from a file, and no more than a few nodes of all models
+//! are in memory at once. Which models are trimmed is decided from bounds ([`trimming`]) instead of from all pairs; the median is the
+//! exact one. What is summed over nodes is summed in their order, so neither the number of threads nor the memory allowed changes a
+//! bit.
+
+pub mod trimming;
+
+use std::{io, path::PathBuf};
+
+use nalgebra::{Point2, Vector2};
+use rayon::prelude::*;
+
+use super::{
+    ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, StatisticsError, StatisticsOptions, TrimmingRow,
+    dispersion::median,
+    distance::{DisplacementFields, length},
+    median::{Ending, ExactOptions, GeometricMedian, PointSet, geometric_median},
+    representative::{at_all_nodes, model_from_displacements},
+    sum::CompensatedSum,
+    trimming::trimmed_count,
+};
+use crate::{units::SequenceId, wireframe::Wireframe};
+
+pub use trimming::{Certificate, CertifiedTrimming, trim_certified};
+
+/// Models of a class above which statistics are computed here; up to it all pairs are, and the greedy median.
+pub const MANY_MODELS: usize = 2048;
+
+/// Memory that is used where nothing else is asked for, bytes.
+pub const DEFAULT_MEMORY: u64 = 1 << 31;
+
+/// Bytes per model and slot of a node that is worked on: its vectors, the copies that the median takes, sums of distances.
+const BYTES_PER_SLOT: u64 = 72;
+
+/// Most nodes worked on at once.
+const MOST_NODES_AT_ONCE: usize = 16;
+
+/// Displacement vectors that can not be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {reason}", path.display())]
+pub struct SourceError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong.
+    pub reason: String,
+}
+
+impl SourceError {
+    /// An I/O error of a file.
+    pub fn io(path: &std::path::Path) -> impl Fn(io::Error) -> Self + '_ {
+        move |error| Self { path: path.to_owned(), reason: error.to_string() }
+    }
+}
+
+/// Displacement vectors of very many models, node by node.
+pub trait SlotSource: Sync {
+    /// Models N''.
+    fn model_count(&self) -> usize;
+    /// Live nodes N.
+    fn node_count(&self) -> usize;
+    /// Displacement fields, N' - 1.
+    fn field_count(&self) -> usize;
+    /// The vectors of the k-th live node: by field, in the order of the models; finite.
+    ///
+    /// # Errors
+    /// [`SourceError`] when they can not be read.
+    fn node(&self, k: usize) -> Result<Vec<Vec<Vector2<f64>>>, SourceError>;
+}
+
+impl SlotSource for [DisplacementFields] {
+    fn model_count(&self) -> usize {
+        self.len()
+    }
+
+    fn node_count(&self) -> usize {
+        self.first().map_or(0, DisplacementFields::node_count)
+    }
+
+    fn field_count(&self) -> usize {
+        self.first().map_or(0, DisplacementFields::field_count)
+    }
+
+    fn node(&self, k: usize) -> Result<Vec<Vec<Vector2<f64>>>, SourceError> {
+        Ok((0..self.field_count()).map(|m| self.iter().map(|model| model.vector(m, k)).collect()).collect())
+    }
+}
+
+/// Nodes that fit into `memory` bytes at once, at least one.
+fn nodes_at_once<S: SlotSource + ?Sized>(source: &S, memory: u64) -> usize {
+    let per_node = BYTES_PER_SLOT * (source.model_count() * source.field_count()).max(1) as u64;
+    usize::try_from(memory / per_node).unwrap_or(usize::MAX).clamp(1, MOST_NODES_AT_ONCE)
+}
+
+/// The exact median of the models of a class and their distances to it.
+#[derive(Clone, Debug)]
+pub struct StreamedMedian {
+    /// The median's vectors, in slot order.
+    pub vectors: Vec<Vector2<f64>>,
+    /// Sum of distances [KP, eq. (7)] over the kept models, face units.
+    pub sum: f64,
+    /// Proven lower bound of it.
+    pub lower_bound: f64,
+    /// Steps over all slots.
+    pub steps: usize,
+    /// The worst ending over the slots.
+    pub ending: Ending,
+    /// Distance of every model over the fields it is kept in; `None` where that is no field.
+    pub distances: Vec<Option<f64>>,
+    /// Per live node the median over the models of the mean of `d_v` over the fields kept.
+    pub node_dispersion: Vec<f64>,
+}
+
+/// The exact median in one pass over the nodes.
+///
+/// `kept[m]` are the models kept in field m, ascending; `None` keeps all.
+///
+/// # Errors
+/// [`SourceError`].
+pub fn streamed_median<S: SlotSource + ?Sized>(
+    source: &S,
+    kept: Option<&[Vec<usize>]>,
+    memory: u64,
+) -> Result<StreamedMedian, SourceError> {
+    let (models, nodes, fields) = (source.model_count(), source.node_count(), source.field_count());
+    let options = ExactOptions::default();
+    // By field and model, whether it is kept; all are without trimming.
+    let is_kept: Option<Vec<Vec<bool>>> = kept.map(|kept| {
+        let of_field = |members: &Vec<usize>| {
+            let mut flags = vec![false; models];
+            members.iter().for_each(|&i| flags[i] = true);
+            flags
+        };
+        kept.iter().map(of_field).collect()
+    });
+    let fields_of: Vec<u8> = (0..models)
+        .map(|i| is_kept.as_ref().map_or(fields as u8, |flags| flags.iter().filter(|field| field[i]).count() as u8))
+        .collect();
+    let mut vectors = vec![Vector2::zeros(); nodes * fields];
+    let (mut sums, mut bounds) = (vec![0.0; nodes * fields], vec![0.0; nodes * fields]);
+    let (mut steps, mut ending) = (0, Ending::Converged);
+    let mut totals = vec![0.0; models];
+    let mut node_dispersion = Vec::with_capacity(nodes);
+    let mut start = 0;
+    while start < nodes {
+        let end = nodes.min(start + nodes_at_once(source, memory));
+        let read: Vec<Vec<Vec<Vector2<f64>>>> = (start..end).map(|k| source.node(k)).collect::<Result<_, _>>()?;
+        let slots: Vec<(usize, usize)> = (0..read.len()).flat_map(|k| (0..fields).map(move |m| (k, m))).collect();
+        let solve = |&(k, m): &(usize, usize)| {
+            let points = &read[k][m];
+            match &is_kept {
+                None => geometric_median(&PointSet::unweighted(points), &options),
+                Some(flags) => {
+                    let members: Vec<Vector2<f64>> =
+                        points.iter().zip(&flags[m]).filter(|(_, kept)| **kept).map(|(p, _)| *p).collect();
+                    geometric_median(&PointSet::unweighted(&members), &options)
+                }
+            }
+        };
+        let medians: Vec<GeometricMedian> = slots.par_iter().map(solve).collect();
+        for (&(k, m), found) in slots.iter().zip(&medians) {
+            let slot = m * nodes + start + k;
+            (vectors[slot], sums[slot], bounds[slot]) = (found.point, found.sum, found.lower_bound);
+            steps += found.iterations;
+            ending = ending.max(found.ending);
+        }
+        // Per node the sum of d_v over the fields kept, of every model.
+        let of_node = |k: usize| -> Vec<f64> {
+            let mut distances = vec![0.0; models];
+            for m in 0..fields {
+                let center = medians[k * fields + m].point;
+                for (i, (distance, p)) in distances.iter_mut().zip(&read[k][m]).enumerate() {
+                    if is_kept.as_ref().is_none_or(|flags| flags[m][i]) {
+                        *distance += length(p.x - center.x, p.y - center.y);
+                    }
+                }
+            }
+            distances
+        };
+        let per_node: Vec<(Vec<f64>, f64)> = (0..read.len())
+            .into_par_iter()
+            .map(|k| {
+                let distances = of_node(k);
+                let means = distances.iter().zip(&fields_of).filter(|(_, n)| **n > 0).map(|(d, &n)| d / f64::from(n));
+                let scatter = median(&mut means.collect::<Vec<_>>()).unwrap_or(0.0);
+                (distances, scatter)
+            })
+            .collect();
+        for (distances, scatter) in per_node {
+            totals.iter_mut().zip(&distances).for_each(|(total, d)| *total += d);
+            node_dispersion.push(scatter);
+        }
+        start = end;
+    }
+    let total = |values: &[f64]| CompensatedSum::of(values.iter().copied()) / (nodes * fields) as f64;
+    let distance = |(total, &n): (&f64, &u8)| (n > 0).then(|| total / (f64::from(n) * nodes as f64));
+    Ok(StreamedMedian {
+        sum: total(&sums),
+        lower_bound: total(&bounds),
+        steps,
+        ending,
+        distances: totals.iter().zip(&fields_of).map(distance).collect(),
+        node_dispersion,
+        vectors,
+    })
+}
+
+/// The representative of a class of very many models: certified trimming, the exact median, dispersions.
+///
+/// `ids` are the models' sequences in the order of `source`, ascending and different; `neutral` is the neutral frame they share, all
+/// nodes. The median is exact whatever the options say ([`Representative::median`]); where alpha trims nothing no `d_tf` is computed,
+/// and the trace is empty.
+///
+/// # Errors
+/// [`StatisticsError::Source`], [`StatisticsError::AlphaOutOfRange`], [`StatisticsError::Empty`].
+pub fn representative_of_many<S: SlotSource + ?Sized>(
+    label: ClassLabel,
+    ids: Vec<SequenceId>,
+    neutral: Vec<Point2<f64>>,
+    source: &S,
+    wireframe: &Wireframe,
+    options: &StatisticsOptions,
+    memory: u64,
+) -> Result<Representative, StatisticsError> {
+    if !(0.0..0.5).contains(&options.alpha) {
+        return Err(StatisticsError::AlphaOutOfRange { alpha: options.alpha });
+    }
+    if source.model_count() == 0 {
+        return Err(StatisticsError::Empty { emotion: label.emotion });
+    }
+    let dropped = trimmed_count(options.alpha, source.model_count());
+    let trimming = if dropped > 0 { Some(trim_certified(source, dropped, memory)?) } else { None };
+    let kept = trimming.as_ref().map(|t| t.kept.as_slice());
+    let trimmed = streamed_median(source, kept, memory)?;
+    let untrimmed = match &trimming {
+        Some(_) => streamed_median(source, None, memory)?,
+        None => trimmed.clone(),
+    };
+    let dispersion_of = |distances: &[Option<f64>]| {
+        let mut known: Vec<f64> = distances.iter().flatten().copied().collect();
+        if ids.len() > 1 { median(&mut known) } else { None }
+    };
+    let gap = if trimmed.sum == trimmed.lower_bound { 0.0 } else { (trimmed.sum - trimmed.lower_bound) / trimmed.sum };
+    let center = DisplacementFields::from_vectors(wireframe.live_nodes().len(), &trimmed.vectors);
+    let rows = trimming.as_ref().map_or_else(Vec::new, |t| trimming_rows(&ids, t));
+    Ok(Representative {
+        model: model_from_displacements(neutral, &center, wireframe)?,
+        trimming: rows,
+        certificate: trimming.map(|t| t.certificate(&ids)),
+        median: MedianKind::Exact,
+        sums: MedianSums {
+            greedy: trimmed.sum,
+            exact: trimmed.sum,
+            lower_bound: trimmed.lower_bound,
+            greedy_gap: 0.0,
+            certificate_gap: gap,
+        },
+        search: MedianSearch { exact_steps: trimmed.steps, exact_ending: trimmed.ending, ..MedianSearch::default() },
+        dispersion: dispersion_of(&trimmed.distances),
+        dispersion_untrimmed: dispersion_of(&untrimmed.distances),
+        node_dispersion: at_all_nodes(&trimmed.node_dispersion, wireframe),
+        distances: trimmed.distances,
+        distances_untrimmed: untrimmed.distances.into_iter().map(Option::unwrap_or_default).collect(),
+        sequences: ids,
+        label,
+    })
+}
+
+fn trimming_rows(ids: &[SequenceId], trimming: &CertifiedTrimming) -> Vec<TrimmingRow> {
+    let mut rows = Vec::with_capacity(trimming.kept.len() * ids.len());
+    for (field, (kept, distances)) in trimming.kept.iter().zip(&trimming.distances).enumerate() {
+        let mut kept = kept.iter().peekable();
+        for (i, (id, &distance)) in ids.iter().zip(distances).enumerate() {
+            let is_kept = kept.next_if(|&&next| next == i).is_some();
+            rows.push(TrimmingRow { field, id: id.clone(), distance, dropped: !is_kept });
+        }
+    }
+    rows
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,319 @@
+//! Certified trimming: which models have the largest `d_tf` [KP, eq. (6)], without all pairs.
+//!
+//! `d_tf` of model i is, up to constants, the sum over nodes of `F_k(x) = sum_j |x - p_j|` at its own vector. The length of a planar
+//! vector lies between multiples of the sum of its projections on A directions, evenly spaced over half a turn:
+//!
+//! ```text
+//! |v| x cot x  <=  pi / (2 A) sum_a |v . u_a|  <=  |v| x / sin x,    x = pi / (2 A)
+//! ```
+//!
+//! and on a line the sum of distances to all points comes from one sorting. So A directions bound every `F_k`, and with them every
+//! `d_tf`, within a relative pi^2 / (8 A^2), in N'' log N'' instead of N''^2 steps. A model is dropped for certain when
+//! its lower bound is above the upper bounds of enough others, and kept for certain when its upper bound is below enough lower bounds;
+//! the few between are tried with more directions and, in the end, computed exactly. Models whose exact sums differ by no more
+//! than rounding across the border are named: there the order is that of the sequence ids.
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{SlotSource, SourceError, nodes_at_once};
+use crate::units::SequenceId;
+
+/// Directions of each turn; the next one is taken while it is cheaper than computing exactly.
+const DIRECTIONS: [usize; 2] = [32, 128];
+
+/// Models that can be computed exactly in the time that one direction takes for all, about.
+const MODELS_PER_DIRECTION: usize = 50;
+
+/// Outcome of the trimming of a class.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CertifiedTrimming {
+    /// Indices of the models kept, by field, ascending.
+    pub kept: Vec<Vec<usize>>,
+    /// `d_tf` by field and model, within [`CertifiedTrimming::relative_bound`]; exact where the bounds did not decide.
+    pub distances: Vec<Vec<f64>>,
+    /// Largest relative distance of a stated `d_tf` from the true one.
+    pub relative_bound: f64,
+    /// (Field, model) pairs that were computed exactly.
+    pub exact: usize,
+    /// Models at the border of which rounding does not tell whether they belong to the dropped.
+    pub undecided: Vec<usize>,
+}
+
+/// How sure the trimming of a class is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Certificate {
+    /// Largest relative error of the stated `d_tf`, in parts per million, rounded up.
+    pub distance_error_ppm: u64,
+    /// (Field, model) pairs that bounds decided.
+    pub decided_by_bounds: usize,
+    /// (Field, model) pairs that were computed exactly.
+    pub decided_exactly: usize,
+    /// Sequences at the border that differ by rounding only; of these the larger ids were dropped.
+    pub undecided: Vec<SequenceId>,
+}
+
+impl CertifiedTrimming {
+    pub(super) fn certificate(&self, ids: &[SequenceId]) -> Certificate {
+        Certificate {
+            distance_error_ppm: (self.relative_bound * 1e6).ceil() as u64,
+            decided_by_bounds: self.kept.len() * ids.len() - self.exact,
+            decided_exactly: self.exact,
+            undecided: self.undecided.iter().map(|&i| ids[i].clone()).collect(),
+        }
+    }
+}
+
+/// Factors between a length and the mean of its projections: (x cot x, x / sin x), and what rounding adds.
+fn factors(directions: usize, models: usize) -> (f64, f64) {
+    let x = std::f64::consts::FRAC_PI_2 / directions as f64;
+    // Prefix sums of N'' terms err by at most N'' epsilons of the sum of magnitudes, which is within twice the sum itself.
+    let rounding = 8.0 * models as f64 * f64::EPSILON;
+    (x / x.tan() * (1.0 - rounding), x / x.sin() * (1.0 + rounding))
+}
+
+/// Sums over all models of the projected distances from the wanted ones, on `directions` directions, times pi / (2 A).
+fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) -> Vec<f64> {
+    let n = points.len() as f64;
+    let step = std::f64::consts::PI / directions as f64;
+    let mean = points.iter().sum::<Vector2<f64>>() / n;
+    let mut sums = vec![0.0; wanted.len()];
+    if wanted.len() == points.len() {
+        return all_projected_sums(points, mean, directions);
+    }
+    let mut line: Vec<f64> = Vec::with_capacity(points.len());
+    let mut prefix: Vec<f64> = Vec::with_capacity(points.len() + 1);
+    for a in 0..directions {
+        // Half a step off the axes, along which many vectors may lie.
+        let (sin, cos) = ((a as f64 + 0.5) * step).sin_cos();
+        let project = |p: &Vector2<f64>| (p.x - mean.x) * cos + (p.y - mean.y) * sin;
+        line.clear();
+        line.extend(points.iter().map(project));
+        line.sort_unstable_by(f64::total_cmp);
+        prefix.clear();
+        prefix.push(0.0);
+        let mut sum = 0.0;
+        for value in &line {
+            sum += value;
+            prefix.push(sum);
+        }
+        for (to, &i) in sums.iter_mut().zip(wanted) {
+            let s = project(&points[i]);
+            let below = line.partition_point(|value| *value < s);
+            *to += s * (2.0 * below as f64 - n) + sum - 2.0 * prefix[below];
+        }
+    }
+    sums.iter_mut().for_each(|sum| *sum *= step / 2.0);
+    sums
+}
+
+/// [`projected_sums`] of all points, whose ranks come from the sorting itself.
+fn all_projected_sums(points: &[Vector2<f64>], mean: Vector2<f64>, directions: usize) -> Vec<f64> {
+    let n = points.len() as f64;
+    let step = std::f64::consts::PI / directions as f64;
+    let mut sums = vec![0.0; points.len()];
+    let mut line: Vec<(f64, u32)> = Vec::with_capacity(points.len());
+    for a in 0..directions {
+        let (sin, cos) = ((a as f64 + 0.5) * step).sin_cos();
+        line.clear();
+        line.extend((0..).zip(points).map(|(i, p)| ((p.x - mean.x) * cos + (p.y - mean.y) * sin, i)));
+        // Equal ones add nothing to each other: their order does not matter.
+        line.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let total: f64 = line.iter().map(|(s, _)| s).sum();
+        let mut below = 0.0;
+        for (rank, &(s, i)) in line.iter().enumerate() {
+            sums[i as usize] += s * (2.0 * rank as f64 - n) + total - 2.0 * below;
+            below += s;
+        }
+    }
+    sums.iter_mut().for_each(|sum| *sum *= step / 2.0);
+    sums
+}
+
+/// Lanes summed side by side.
+const LANES: usize = 8;
+
+/// The sum of distances from a point to all points.
+fn exact_sum(x: &[f64], y: &[f64], px: f64, py: f64) -> f64 {
+    let mut lanes = [0.0; LANES];
+    let (xs, ys) = (x.chunks_exact(LANES), y.chunks_exact(LANES));
+    let rest: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| ((x - px).powi(2) + (y - py).powi(2)).sqrt()).sum();
+    for (cx, cy) in xs.zip(ys) {
+        for lane in 0..LANES {
+            let (dx, dy) = (cx[lane] - px, cy[lane] - py);
+            lanes[lane] += (dx * dx + dy * dy).sqrt();
+        }
+    }
+    lanes.iter().sum::<f64>() + rest
+}
+
+/// What is known of one field.
+struct Field {
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    /// Models that bounds do not decide.
+    open: Vec<usize>,
+    /// Models dropped for certain.
+    dropped: Vec<usize>,
+}
+
+impl Field {
+    /// Sorts the models by the bounds into dropped, kept and open.
+    fn decide(&mut self, drop_count: usize) {
+        let n = self.lower.len();
+        let threshold = |values: &[f64], rank: usize| {
+            let mut values = values.to_vec();
+            let (_, &mut value, _) = values.select_nth_unstable_by(n - 1 - rank, f64::total_cmp);
+            value
+        };
+        // The (h + 1)-th largest upper bound: a lower bound above it has at most h upper bounds, its own among them, that reach it.
+        let sure_above = threshold(&self.upper, drop_count);
+        // The h-th largest lower bound: an upper bound below it has h others that are larger for certain.
+        let sure_below = threshold(&self.lower, drop_count - 1);
+        (self.open, self.dropped) = (Vec::new(), Vec::new());
+        for i in 0..n {
+            if self.lower[i] > sure_above {
+                self.dropped.push(i);
+            } else if self.upper[i] >= sure_below {
+                self.open.push(i);
+            }
+        }
+    }
+}
+
+/// Drops from every field the `drop_count` models with the largest `d_tf`, at least one and fewer than all.
+///
+/// # Errors
+/// [`SourceError`].
+pub fn trim_certified<S: SlotSource + ?Sized>(
+    source: &S,
+    drop_count: usize,
+    memory: u64,
+) -> Result<CertifiedTrimming, SourceError> {
+    let (n, field_count, node_count) = (source.model_count(), source.field_count(), source.node_count());
+    // Sums over models and nodes to d_tf.
+    let scale = 1.0 / (node_count as f64 * (n - 1).max(1) as f64);
+    let all: Vec<usize> = (0..n).collect();
+    let mut fields: Vec<Field> = (0..field_count)
+        .map(|_| Field { lower: vec![0.0; n], upper: vec![f64::INFINITY; n], open: all.clone(), dropped: Vec::new() })
+        .collect();
+    let mut distances = vec![vec![0.0; n]; field_count];
+    let mut relative_bound: f64 = 0.0;
+    for (turn, &directions) in DIRECTIONS.iter().enumerate() {
+        let open = fields.iter().map(|f| f.open.len()).max().unwrap_or(0);
+        if turn > 0 && open <= MODELS_PER_DIRECTION * directions {
+            break;
+        }
+        let sums = sum_over_nodes(source, memory, |points, m| projected_sums(points, directions, &fields[m].open))?;
+        let (least, most) = factors(directions, n);
+        for ((field, sums), distances) in fields.iter_mut().zip(sums).zip(&mut distances) {
+            for (&i, sum) in field.open.iter().zip(sums) {
+                // Both bounds hold, so does the tighter of each.
+                field.lower[i] = field.lower[i].max(sum / most);
+                field.upper[i] = field.upper[i].min(sum / least);
+                distances[i] = sum * scale;
+            }
+            field.decide(drop_count);
+        }
+        if turn == 0 {
+            relative_bound = (most - 1.0).max(1.0 - least) / least;
+        }
+    }
+    let exact = sum_over_nodes(source, memory, |points, m| {
+        let (x, y): (Vec<f64>, Vec<f64>) = points.iter().map(|p| (p.x, p.y)).unzip();
+        fields[m].open.iter().map(|&i| exact_sum(&x, &y, x[i], y[i])).collect()
+    })?;
+    let mut undecided = Vec::new();
+    let mut kept = Vec::with_capacity(field_count);
+    let mut exactly = 0;
+    for ((field, sums), distances) in fields.iter_mut().zip(exact).zip(&mut distances) {
+        exactly += field.open.len();
+        let mut order: Vec<(f64, usize)> = sums.into_iter().zip(field.open.iter().copied()).collect();
+        order.iter().for_each(|&(sum, i)| distances[i] = sum * scale);
+        // The farthest first, of equally far ones the later.
+        order.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
+        let missing = drop_count - field.dropped.len();
+        // Sums of N'' N terms, by eighths.
+        let rounding = 2.0 * (n + node_count) as f64 * f64::EPSILON;
+        if missing > 0 && missing < order.len() {
+            let (last, first) = (order[missing - 1].0, order[missing].0);
+            if last != first && last - first <= rounding * last {
+                let near = |&&(sum, _): &&(f64, usize)| (sum - last).abs() <= rounding * last;
+                undecided.extend(order.iter().filter(near).map(|&(_, i)| i));
+            }
+        }
+        let mut is_dropped = vec![false; n];
+        let chosen = order.iter().take(missing).map(|&(_, i)| i);
+        chosen.chain(field.dropped.iter().copied()).for_each(|i| is_dropped[i] = true);
+        kept.push((0..n).filter(|&i| !is_dropped[i]).collect());
+    }
+    undecided.sort_unstable();
+    undecided.dedup();
+    Ok(CertifiedTrimming { kept, distances, relative_bound, exact: exactly, undecided })
+}
+
+/// By field, sums over the nodes of what `of_slot` makes of a slot's points (and the field's number), in the order of the nodes.
+fn sum_over_nodes<S: SlotSource + ?Sized>(
+    source: &S,
+    memory: u64,
+    of_slot: impl Fn(&[Vector2<f64>], usize) -> Vec<f64> + Sync,
+) -> Result<Vec<Vec<f64>>, SourceError> {
+    let (nodes, fields) = (source.node_count(), source.field_count());
+    let mut sums: Vec<Vec<f64>> = vec![Vec::new(); fields];
+    let mut start = 0;
+    while start < nodes {
+        let end = nodes.min(start + nodes_at_once(source, memory));
+        let read: Vec<_> = (start..end).map(|k| source.node(k)).collect::<Result<_, _>>()?;
+        let slots: Vec<(usize, &Vec<Vector2<f64>>)> = read.iter().flat_map(|node| node.iter().enumerate()).collect();
+        let parts: Vec<Vec<f64>> = slots.par_iter().map(|&(m, points)| of_slot(points, m)).collect();
+        for ((m, _), part) in slots.iter().zip(parts) {
+            let sums = &mut sums[*m];
+            if sums.is_empty() {
+                *sums = part;
+            } else {
+                sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            }
+        }
+        start = end;
+    }
+    Ok(sums)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn projections_bound_a_length_from_both_sides() {
+        // A distance of 5 between two points, whatever the direction.
+        for directions in [2, 8, 32, 128] {
+            let (least, most) = factors(directions, 2);
+            let mut tightest: (f64, f64) = (0.0, f64::INFINITY);
+            for k in 0..200 {
+                let angle = f64::from(k) * 0.0314;
+                let points = [Vector2::new(7.0, -3.0), Vector2::new(7.0 + 5.0 * angle.cos(), -3.0 + 5.0 * angle.sin())];
+                let sums = projected_sums(&points, directions, &[0, 1]);
+                assert!(
+                    sums[0] / most <= 5.0 * (1.0 + 1e-14) && 5.0 <= sums[0] / least * (1.0 + 1e-14),
+                    "{directions} {k} {sums:?}"
+                );
+                tightest = (tightest.0.max(sums[0] / most), tightest.1.min(sums[0] / least));
+            }
+            // The bounds are reached: nothing tighter holds for every direction.
+            assert!(tightest.0 > 5.0 * (1.0 - 1e-3) && tightest.1 < 5.0 * (1.0 + 1e-3), "{directions} {tightest:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_is_summed_as_by_hand() {
+        // From 0, 1, 2, 9: 12, 10, 10, 24 (as in the test of the plain trimming), here times the projection's bounds.
+        let points = [0.0, 1.0, 2.0, 9.0].map(|x| Vector2::new(x, 0.0));
+        let sums = projected_sums(&points, 128, &[0, 1, 2, 3]);
+        for (sum, expected) in sums.iter().zip([12.0, 10.0, 10.0, 24.0]) {
+            approx::assert_relative_eq!(*sum, expected, max_relative = 1e-4);
+        }
+        let (x, y): (Vec<f64>, Vec<f64>) = (points.iter().map(|p| p.x).collect(), vec![0.0; 4]);
+        assert_eq!(exact_sum(&x, &y, 9.0, 0.0), 24.0);
+    }
+}
