@@ -9,8 +9,8 @@ use std::{
 use anyhow::Context;
 use grimace::{
     clone::{
-        CLONE_SCHEMA, CloneInfo, CloneOptions, Details, Ease, Film, Rescale, Sheet, SourceMotion, Target, Teeth, Timing,
-        clone_expression, encode_png, read_marks, write_clone,
+        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, Details, Ease, Film, Rescale, Sheet, SourceMotion, Target, Teeth,
+        Timing, clone_expression, encode_png, read_marks, write_clone,
     },
     dataset::list_frames,
     output::write_atomic,
@@ -305,19 +305,12 @@ impl Job<'_> {
             frames_unfolded: 0,
             faps_limited: 0,
         };
-        let apex = write_clone(
-            folder,
-            &clone,
-            &source.motion,
-            source.pictures.as_deref(),
-            &self.args.look.film,
-            info,
-            self.bench,
-            || {
-                self.bar.inc(1);
-                !self.stop.load(Ordering::Relaxed)
-            },
-        )?;
+        let films = self.args.look.film.as_slice();
+        let files = CloneFiles { folder, films, source_frames: source.pictures.as_deref() };
+        let apex = write_clone(&files, &clone, &source.motion, info, self.bench, || {
+            self.bar.inc(1);
+            !self.stop.load(Ordering::Relaxed)
+        })?;
         if !self.args.general.quiet && self.args.source.len() * self.args.target.len() == 1 {
             println!(
                 "{} frames at {} frames per second: {} on {}, in {}",

@@ -165,7 +165,7 @@ impl Details {
 }
 
 /// The inside of the mouth as the warp wants it.
-pub fn inside<'a>(mouth: &'a Option<(Texture, &'a Placement)>, teeth: Teeth) -> MouthInside<'a> {
+pub fn inside<'a>(mouth: Option<&'a (Texture, &'a Placement)>, teeth: Teeth) -> MouthInside<'a> {
     match mouth {
         Some((texture, placement)) => MouthInside::Picture { texture, placement },
         None if teeth == Teeth::Drawn => MouthInside::Teeth,
@@ -194,7 +194,7 @@ fn mask(target: &Target) -> Vec<f32> {
     let eyes: Vec<Vec<Point2<f64>>> = EYES.iter().map(|eye| eye.iter().map(|&n| nodes[n]).collect()).collect();
     let mut mask = vec![0.0; width as usize * height as usize];
     for (k, value) in mask.iter_mut().enumerate() {
-        let point = Point2::new((k as u32 % width) as f64, (k as u32 / width) as f64);
+        let point = Point2::new(f64::from(k as u32 % width), f64::from(k as u32 / width));
         let depth = inside_depth(&outline, &point);
         if depth > 0.0 {
             let eye = eyes.iter().map(|eye| inside_depth(eye, &point)).fold(f64::NEG_INFINITY, f64::max);

@@ -30,12 +30,11 @@ const REST: f64 = 0.4;
 /// The same for brows that nothing drives: a lid that closes does not pull them down.
 const REST_BROW: f64 = 6.0;
 
+/// Offsets of all nodes, frame by frame.
+type NodeOffsets = Vec<Vec<Vector2<f64>>>;
+
 /// Neutral offsets of all nodes for every frame, face units, and the FAPs with values that do not show.
-pub fn offsets(
-    name: &str,
-    sequence: &FapSequence,
-    bench: &Workbench,
-) -> Result<(Vec<Vec<Vector2<f64>>>, Vec<FapNumber>), CloneError> {
+pub fn offsets(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<(NodeOffsets, Vec<FapNumber>), CloneError> {
     let catalog = FapCatalog::mpeg4();
     let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
     let canonical = normalizer.canonical();

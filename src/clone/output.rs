@@ -31,7 +31,7 @@ pub enum Film {
     Apng,
     /// MP4, through OpenCV.
     Mp4,
-    /// WebM, through OpenCV.
+    /// `WebM`, through OpenCV.
     Webm,
 }
 
@@ -71,6 +71,17 @@ pub struct CloneInfo {
     pub faps_limited: usize,
 }
 
+/// Where a clone is written, and what besides the frames.
+#[derive(Clone, Copy, Debug)]
+pub struct CloneFiles<'a> {
+    /// The folder.
+    pub folder: &'a Path,
+    /// Films in one file.
+    pub films: &'a [Film],
+    /// The source's own pictures in the order of its track, for the sheet.
+    pub source_frames: Option<&'a [RgbImage]>,
+}
+
 /// Height of the pictures of a sheet, px.
 const SHEET_HEIGHT: u32 = 480;
 /// Frames of each row of the side-by-side sheet.
@@ -79,23 +90,21 @@ const SHEET_FRAMES: usize = 5;
 /// Writes a clone to a folder: `frames/`, `track/` (the target's own dynamic model, as `analyze` reads it), `clone.fap`,
 /// `overlay.png` (the wireframe on the apex frame), `sheet.png` (source and clone side by side), `clone.json`, and the films asked for.
 ///
-/// `info` is completed with what the rendering found; `source_frames` are the source's own pictures, for the sheet. `tick` is called
-/// after every frame and says whether to go on.
+/// `info` is completed with what the rendering found. `tick` is called after every frame and says whether to go on.
 ///
 /// Returns the rendered apex frame.
 ///
 /// # Errors
 /// [`CloneError`] for a file that can not be written, or an interruption.
 pub fn write_clone(
-    folder: &Path,
+    files: &CloneFiles,
     clone: &Clone,
     source: &SourceMotion,
-    source_frames: Option<&[RgbImage]>,
-    films: &[Film],
     mut info: CloneInfo,
     bench: &Workbench,
     mut tick: impl FnMut() -> bool,
 ) -> Result<RgbImage, CloneError> {
+    let &CloneFiles { folder, films, source_frames } = files;
     let apex = clone.apex();
     let chosen = spread(clone.frames.len().min(apex + 1));
     let (mut pictures, mut shown, mut apex_picture) = (Vec::new(), BTreeMap::new(), RgbImage::default());
@@ -107,7 +116,7 @@ pub fn write_clone(
             shown.insert(k, picture.clone());
         }
         if k == apex {
-            apex_picture = picture.clone();
+            apex_picture.clone_from(&picture);
         }
         if !films.is_empty() {
             pictures.push(picture);
@@ -230,6 +239,9 @@ fn fap_of(
 }
 
 /// Writes a picture as PNG, quickly.
+///
+/// # Errors
+/// [`io::Error`] when `writer` takes no more.
 pub fn encode_png(picture: &RgbImage, writer: &mut dyn io::Write) -> io::Result<()> {
     PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
         .write_image(picture, picture.width(), picture.height(), image::ExtendedColorType::Rgb8)

@@ -93,9 +93,9 @@ impl Clone<'_> {
         let CloneFrame { deformation, nearest } = &self.frames[frame];
         let (warp, plain) = (self.target.warp(), self.target.texture());
         let teeth = self.options.teeth;
-        let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(&None, teeth)) };
+        let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(None, teeth)) };
         let mouth = if teeth == Teeth::Dark { None } else { details.mouth(*nearest) };
-        let inside = detail::inside(&mouth, teeth);
+        let inside = detail::inside(mouth.as_ref(), teeth);
         if self.options.wrinkles > 0.0 {
             let strength = self.options.wrinkles * self.options.emphasis;
             warp.render(&details.texture(self.target, *nearest, strength), deformation, &inside)

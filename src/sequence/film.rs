@@ -47,7 +47,7 @@ pub enum FilmError {
 const MP4: (&str, &[&[u8; 4]]) = ("mp4", &[b"avc1", b"mp4v"]);
 const WEBM: (&str, &[&[u8; 4]]) = ("webm", &[b"VP90", b"VP80"]);
 
-/// Writes frames of one size as MP4 or WebM, by the extension of the path; odd sides lose their last row or column, as video codecs
+/// Writes frames of one size as MP4 or `WebM`, by the extension of the path; odd sides lose their last row or column, as video codecs
 /// want even ones.
 ///
 /// # Errors

@@ -22,6 +22,9 @@ pub fn neutral_nodes(options: &SimulateOptions, subject: u32, emotion: Emotion) 
     Ok(identity(&Wireframe::candide3(), options.seed, subject).iter().map(|node| pose.project(node)).collect())
 }
 
+/// Positions of all nodes.
+type Nodes = Vec<Point2<f64>>;
+
 /// Which of an emotion's units are performed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnitScope {
@@ -51,7 +54,7 @@ pub fn performed_nodes(
     subject: u32,
     emotion: Emotion,
     scope: UnitScope,
-) -> Result<(Vec<Point2<f64>>, Vec<Point2<f64>>), SimulateError> {
+) -> Result<(Nodes, Nodes), SimulateError> {
     options.check()?;
     let wireframe = Wireframe::candide3();
     let neutral = identity(&wireframe, options.seed, subject);

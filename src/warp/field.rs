@@ -41,9 +41,9 @@ impl Weights {
             for &(other, value) in &row {
                 match known[other] {
                     Some(Some(driver)) => right[i * columns + driver] -= value,
-                    Some(None) => {}
                     None if place[other] <= i => entries.push((place[other], value)),
-                    None => {}
+                    // Fixed at 0, or in the upper half.
+                    _ => {}
                 }
             }
             system.push(i, &entries);

@@ -216,6 +216,8 @@ impl Warp {
     }
 
     /// The nodes as given.
+    // Not those of the texture, whose lips are closed.
+    #[allow(clippy::misnamed_getters)]
     pub fn nodes(&self) -> &[Point2<f64>] {
         &self.given
     }
@@ -306,6 +308,8 @@ impl Warp {
 
     /// How a frame covers the picture: for tests, and for whoever wants to be sure.
     pub fn audit(&self, deformation: &Deformation, size: (u32, u32)) -> Audit {
+        // Skin counts ones, openings sixteens.
+        const OPENING: u8 = 16;
         let mut counts = vec![0_u8; size.0 as usize * size.1 as usize];
         let mut cover = |triangles: &[[u32; 3]], step: u8| {
             for t in triangles {
@@ -316,7 +320,6 @@ impl Warp {
                 });
             }
         };
-        const OPENING: u8 = 16;
         cover(&self.mesh.skin, 1);
         for opening in &self.mesh.openings {
             cover(&opening.triangles, OPENING);

@@ -263,7 +263,7 @@ impl Layer {
     /// Gives the pixels that the outline touches, but no triangle has its centre in, the colour of their neighbours.
     fn spread(&mut self) {
         let before = self.pixels.clone();
-        let (width, height) = (self.width as i64, self.height as i64);
+        let (width, height) = (i64::from(self.width), i64::from(self.height));
         for (k, pixel) in self.pixels.iter_mut().enumerate() {
             if pixel.1 || self.coverage.data()[k] == 0 {
                 continue;
@@ -303,9 +303,9 @@ impl Layer {
                 let share = f32::from(self.coverage.data()[k]) / 255.0;
                 if share > 0.0 {
                     let pixel = frame.get_pixel_mut(self.left + x, self.top + y);
-                    for c in 0..3 {
-                        let under = f32::from(pixel.0[c]);
-                        pixel.0[c] = sample::byte(under + (colour[c] - under) * share);
+                    for (channel, over) in pixel.0.iter_mut().zip(colour) {
+                        let under = f32::from(*channel);
+                        *channel = sample::byte(under + (over - under) * share);
                     }
                 }
             }
