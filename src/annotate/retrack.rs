@@ -24,8 +24,8 @@ use crate::{
     pipeline::{Workbench, track_files},
     sequence::SequenceReader,
     track::{
-        Corrections, Klt, NodeState, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes, corrections_of,
-        read_track, read_track_info, resume_with, summarize, window_px, write_track,
+        Confidence, Corrections, Klt, NodeState, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
+        corrections_of, expect_errors, read_track, read_track_info, resume_with, summarize, window_px, write_track,
     },
 };
 
@@ -291,9 +291,11 @@ impl TrackDesk {
 
     fn write(&self, item: &mut Item, frames: &[TrackedFrame]) -> Result<(), RequestError> {
         let mut info = info_of(&item.csv)?;
-        info.summary = summarize(frames, &self.bench.wireframe, &self.bench.tables);
-        write_track(&item.csv, frames, &mut info).map_err(RequestError::failed)?;
-        item.corrected = count_corrected(frames);
+        let mut frames = frames.to_vec();
+        expect_errors(&mut frames, &self.bench.wireframe, &self.bench.tables, Confidence::shipped());
+        info.summary = summarize(&frames, &self.bench.wireframe, &self.bench.tables);
+        write_track(&item.csv, &frames, &mut info).map_err(RequestError::failed)?;
+        item.corrected = count_corrected(&frames);
         item.summary = info.summary;
         Ok(())
     }

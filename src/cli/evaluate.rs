@@ -1,12 +1,12 @@
 //! `grimace evaluate`: the experiments.
 
-mod confidence;
 mod clone;
+mod confidence;
 mod fit;
-mod synthesis;
 mod groups;
 mod recognition;
 mod scale;
+mod synthesis;
 mod tracking;
 
 use std::{
@@ -24,10 +24,7 @@ use grimace::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::{
-    Outcome,
-    shared::set_threads,
-};
+use super::{Outcome, shared::set_threads};
 
 /// Version of the layout of `evaluation.json`.
 const SCHEMA_VERSION: u32 = 1;

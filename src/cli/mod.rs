@@ -12,8 +12,8 @@ macro_rules! eprintln {
 
 mod analyze;
 mod annotate;
-mod clone;
 mod bank;
+mod clone;
 mod evaluate;
 mod fap;
 mod fit;

@@ -234,7 +234,7 @@ mod tests {
     }
 
     fn tracked(number: u32, nodes: &[Point2<f64>]) -> TrackedFrame {
-        let node = |&position: &Point2<f64>| TrackedNode { position, state: NodeState::Tracked, residual: None };
+        let node = |&position: &Point2<f64>| TrackedNode::new(position, NodeState::Tracked, None);
         TrackedFrame { number, nodes: nodes.iter().map(node).collect() }
     }
 

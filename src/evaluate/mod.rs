@@ -8,10 +8,10 @@
 //! Results are [`Table`]s, written as CSV and as Markdown, and [`LineChart`]s, written as SVG. They follow from options, seed and
 //! data alone, never from the number of threads.
 
-mod confidence;
 mod clone;
 mod clone_cross;
 mod clone_quality;
+mod confidence;
 mod figure;
 mod fit;
 mod groups;
@@ -20,8 +20,8 @@ mod people;
 mod recognition;
 mod records;
 mod scale;
-mod synthetic;
 mod synthesis;
+mod synthetic;
 mod table;
 mod tracking;
 mod truth;
@@ -40,14 +40,14 @@ use crate::{
     synthesis::SynthesisError,
 };
 
+pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
+pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
+pub use clone_quality::{Likeness, likeness};
 pub use confidence::{
     CalibrationPart, ConfidenceCondition, ConfidenceOptions, ConfidenceSample, ExpectedError, QUINTILES, SampledSequence,
     calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples, expected_of_records,
     expected_of_samples, fit_confidence, verdict_table,
 };
-pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
-pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
-pub use clone_quality::{Likeness, likeness};
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, evaluate_groups, wilson};
@@ -65,11 +65,11 @@ pub use records::{
     Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,
 };
 pub use scale::{ScaleError, ScaleOptions, ScaleRow, evaluate_scale, growth_exponent, scale_table, write_synthetic_models};
-pub use synthetic::SyntheticPeople;
 pub use synthesis::{
     CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart,
     evaluate_crossovers, evaluate_solvers, history_chart, solver_table, time_solvers, time_table,
 };
+pub use synthetic::SyntheticPeople;
 pub use table::{Cell, Table};
 pub use tracking::{
     Failed, Start, TrackingCase, TrackingOptions, TrackingResult, dataset_cases, evaluate_tracking, hard_simulation,
