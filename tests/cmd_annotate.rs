@@ -638,16 +638,20 @@ fn a_released_correction_leaves_no_trace() {
         server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": version, "frame": 3})).ok()["version"].clone();
     let version = correct(&version, json!([]));
     let again = server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": version, "frame": 3})).ok();
-    // Positions come from the file with nine digits, so that nothing but the last digits may differ.
+    // Positions come from the file with nine digits. Such a difference may decide whether a node on the edge of being lost is lost, which
+    // moves that node by a fraction of a pixel in this small picture; the corrections moved theirs by many.
+    let mut apart = Vec::new();
     for frame in 0..6 {
         for node in 0..113 {
             let at = |t: &Value, axis: usize| t["frames"][frame]["nodes"][node][axis].as_f64().unwrap();
-            assert!(
-                (at(&again, 0) - at(&track, 0)).abs() < 0.011 && (at(&again, 1) - at(&track, 1)).abs() < 0.011,
-                "{frame} {node}"
-            );
+            let distance = (at(&again, 0) - at(&track, 0)).hypot(at(&again, 1) - at(&track, 1));
+            assert!(distance < 0.5, "frame {frame}, node {node}: {distance} px");
+            if distance > 0.016 {
+                apart.push((frame, node));
+            }
         }
     }
+    assert!(apart.len() <= 6 * 113 / 50, "{apart:?}");
 }
 
 #[test]

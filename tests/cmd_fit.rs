@@ -210,8 +210,10 @@ fn a_wireframe_of_one_s_own_is_used_and_one_cut_in_the_middle_refused() {
 #[test]
 fn the_help_has_an_example_and_bad_usage_ends_with_2() {
     let work = Work::new();
-    for command in ["run", "fit", "track", "analyze", "simulate"] {
-        work.grimace(&format!("{command} --help")).exit(0).prints(&["Example:", &format!("grimace {command} ")]);
+    let commands =
+        [("run", "Example:"), ("fit", "Example:"), ("track", "Example:"), ("analyze", "Example:"), ("simulate", "Examples:")];
+    for (command, heading) in commands {
+        work.grimace(&format!("{command} --help")).exit(0).prints(&[heading, &format!("grimace {command} ")]);
         work.grimace(&format!("{command} --no-such-flag")).exit(2).says(&["--no-such-flag"]);
     }
     work.grimace("fit").exit(2).says(&["--correspondences", "--output"]);
