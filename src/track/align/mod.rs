@@ -2,7 +2,7 @@
 //!
 //! KLT from frame to frame drifts, and its square windows mix skin that moves differently on the two sides of a brow, a lid or a lip.
 //! The skin between the nodes does not: the neutral frame's grey values move with the wireframe (see `surface`). So after the
-//! springs every node i is corrected by c_i such that the current frame, read through the moved wireframe, looks like the neutral one:
+//! springs every node i is corrected by a vector c such that the current frame, read through the moved wireframe, looks like the neutral one:
 //!
 //! ```text
 //! min over c   sum_t g_t sum_p w_p (I(x_p(c)) - T_p - b_t)^2  +  sum_i c_i' (a F_i) c_i  +  s sum_edges |c_i - c_j|^2
