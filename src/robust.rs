@@ -1,5 +1,8 @@
 //! The order statistic that tracking and statistics share.
 
+/// Standard deviation of a normal distribution over its median absolute deviation.
+pub const MAD_TO_SIGMA: f64 = 1.4826;
+
 /// Median of the values, which it reorders; of an even number the mean of the two middle ones; `None` of none.
 pub fn median(values: &mut [f64]) -> Option<f64> {
     let half = values.len() / 2;

@@ -8,10 +8,11 @@
 use nalgebra::Vector2;
 
 use super::LossReason;
-use crate::{robust::median, units::NodeId, wireframe::Wireframe};
-
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const MAD_TO_SIGMA: f64 = 1.4826;
+use crate::{
+    robust::{MAD_TO_SIGMA, median},
+    units::NodeId,
+    wireframe::Wireframe,
+};
 
 /// Smallest standard deviation assumed, over the eye distance.
 const SIGMA_FLOOR: f64 = 0.004;

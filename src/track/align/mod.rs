@@ -16,17 +16,25 @@
 //! neutral frame, so errors do not add up over the frames. Triangles that are folded or turned edge-on are left out; eyeballs, which
 //! do not move with the skin, take no part.
 
+mod normal;
 mod patch;
+mod sampler;
 mod surface;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, Point2};
 use serde::{Deserialize, Serialize};
 
 use self::{
+    normal::{Compared, MIN_SAMPLES, NormalEquations, mean_difference},
     patch::Reading,
+    sampler::{Sample, Sampler},
     surface::{Quadratic, border, doubled_area, openings, quadratics},
 };
-use crate::{fit::Springs, robust::median, wireframe::Wireframe};
+use crate::{
+    fit::Springs,
+    robust::{MAD_TO_SIGMA, median},
+    wireframe::Wireframe,
+};
 
 pub use patch::Patch;
 
@@ -51,27 +59,17 @@ impl Default for AlignOptions {
     }
 }
 
-/// Most iterations, and the correction in px that ends them.
+/// Most iterations.
 const MAX_ITERATIONS: u32 = 4;
+
+/// First iterations that make the matrix of the normal equations anew; the later ones, small steps by then, only the right side.
+const REBUILT: u32 = 2;
+
+/// Correction in px that ends them.
 const STEP_PX: f64 = 0.005;
-
-/// Most samples of one triangle; larger ones are sampled more sparsely.
-const MAX_SAMPLES: f64 = 200.0;
-
-/// Fewest samples that tell a motion from a change of brightness.
-const MIN_SAMPLES: usize = 4;
-
-/// Nearness weight below which a place is not sampled.
-const MIN_NEARNESS: f64 = 0.02;
-
-/// Smallest triangle that is used, squared px in the neutral frame.
-const MIN_AREA: f64 = 4.0;
 
 /// A triangle whose area falls below this share of the neutral one is folded or turned away.
 const MIN_AREA_SHARE: f64 = 0.25;
-
-/// Samples nearer than this to an edge of the skin, px, count less: beyond it something else moves.
-const BORDER_PX: f64 = 1.0;
 
 /// Weight of the step's force on the nodes of lids and lips: their windows hold what opens between them.
 const OPENING_ANCHOR: f64 = 0.1;
@@ -83,27 +81,8 @@ const RELEASED_ANCHOR: f64 = 1e3;
 const CAUCHY_SCALE: f64 = 2.5;
 const SCALE_FLOOR: f64 = 1.0;
 
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const MAD_TO_SIGMA: f64 = 1.4826;
-
-/// Squared grey levels by which triangles differ that look alike.
-const MISMATCH_FLOOR: f64 = 1.0;
-
-/// Standard deviation of a triangle's change of brightness, grey levels.
-const BRIGHTNESS_SIGMA: f64 = 20.0;
-
 /// Keeps nodes that nothing holds where they are.
 const REST_GAIN: f64 = 1e-6;
-
-/// A place on the skin of the neutral frame.
-#[derive(Clone, Debug)]
-struct Sample {
-    at: [f32; 2],
-    grey: f32,
-    nearness: f32,
-    /// Weights of the triangle's control values.
-    weights: [f32; 6],
-}
 
 #[derive(Clone, Debug)]
 struct Face {
@@ -113,13 +92,6 @@ struct Face {
     doubled_area: f64,
     motion: Quadratic,
     samples: Vec<Sample>,
-}
-
-/// A sample's grey difference to the neutral frame, and the current frame's gradient there.
-struct Compared<'a> {
-    difference: f64,
-    gradient: [f32; 2],
-    sample: &'a Sample,
 }
 
 /// The skin of the neutral frame.
@@ -197,11 +169,13 @@ impl Template {
         }
         let mut correction = DVector::zeros(2 * start.len());
         let moved = |c: &DVector<f64>| -> Vec<_> { (0..start.len()).map(|i| start[i] + c.fixed_rows::<2>(2 * i)).collect() };
-        for _ in 0..MAX_ITERATIONS {
-            let mut system = ties.clone();
+        let mut factor = None;
+        for iteration in 0..MAX_ITERATIONS {
             let mut pull = -(&ties * &correction);
-            self.add_skin(patch, &moved(&correction), options.gain, &mut system, &mut pull);
-            let Some(factor) = Cholesky::new(system) else { break };
+            let mut system = (iteration < REBUILT).then(|| ties.clone());
+            self.add_skin(patch, &moved(&correction), options.gain, &mut pull, system.as_mut());
+            factor = system.map_or(factor, Cholesky::new);
+            let Some(factor) = &factor else { break };
             factor.solve_mut(&mut pull);
             if !pull.iter().all(|d| d.is_finite()) {
                 break;
@@ -214,8 +188,15 @@ impl Template {
         moved(&correction)
     }
 
-    /// Adds the grey values' part of the normal equations, with the live nodes at `places`.
-    fn add_skin(&self, patch: &Patch, places: &[Point2<f64>], gain: f64, system: &mut DMatrix<f64>, pull: &mut DVector<f64>) {
+    /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked.
+    fn add_skin(
+        &self,
+        patch: &Patch,
+        places: &[Point2<f64>],
+        gain: f64,
+        pull: &mut DVector<f64>,
+        mut system: Option<&mut DMatrix<f64>>,
+    ) {
         let compared: Vec<_> = self.faces.iter().map(|face| face.compare(patch, places, &self.neutral)).collect();
         let mut sizes = Vec::new();
         for list in &compared {
@@ -224,9 +205,12 @@ impl Template {
         }
         let scale = (median(&mut sizes).unwrap_or(0.0) * MAD_TO_SIGMA).max(SCALE_FLOOR) * CAUCHY_SCALE;
         for (face, list) in self.faces.iter().zip(&compared) {
-            if let Some(normal) = NormalEquations::new(list, scale) {
-                let density = face.doubled_area.abs() / 2.0 / face.samples.len() as f64;
-                normal.add_to(&face.motion, gain * density / (self.unit_area * normal.variance), system, pull);
+            let Some(normal) = NormalEquations::new(list, scale, system.is_some()) else { continue };
+            let density = face.doubled_area.abs() / 2.0 / face.samples.len() as f64;
+            let gain = gain * density / (self.unit_area * normal.variance);
+            normal.add_right(&face.motion, gain, pull);
+            if let Some(system) = &mut system {
+                normal.add_matrix(&face.motion, gain, system);
             }
         }
     }
@@ -252,136 +236,6 @@ impl Face {
             Some(Compared { difference: f64::from(value - sample.grey), gradient, sample })
         };
         self.samples.iter().filter_map(compare).collect()
-    }
-}
-
-fn mean_difference(list: &[Compared<'_>]) -> f64 {
-    list.iter().map(|c| c.difference).sum::<f64>() / list.len().max(1) as f64
-}
-
-/// One triangle's normal equations in its control values, x and y of each in turn, with the change of brightness eliminated.
-struct NormalEquations {
-    matrix: [[f64; 12]; 12],
-    right: [f64; 12],
-    /// Squared grey levels left.
-    variance: f64,
-}
-
-impl NormalEquations {
-    fn new(list: &[Compared<'_>], scale: f64) -> Option<Self> {
-        if list.len() < MIN_SAMPLES {
-            return None;
-        }
-        let mean = mean_difference(list);
-        // Sums over the samples: weights w, differences r, Jacobian J, their products.
-        let (mut sum, mut sum_r, mut sum_rr) = (0.0, 0.0, 0.0);
-        let (mut sum_j, mut right, mut matrix) = ([0.0f64; 12], [0.0f64; 12], [[0.0f64; 12]; 12]);
-        for Compared { difference: r, gradient, sample } in list {
-            let w = f64::from(sample.nearness) / (1.0 + ((r - mean) / scale).powi(2));
-            let jacobian: [f64; 12] = std::array::from_fn(|k| f64::from(sample.weights[k / 2] * gradient[k % 2]));
-            sum += w;
-            sum_r += w * r;
-            sum_rr += w * r * r;
-            for k in 0..12 {
-                let wj = w * jacobian[k];
-                sum_j[k] += wj;
-                right[k] -= wj * r;
-                for l in k..12 {
-                    matrix[k][l] += wj * jacobian[l];
-                }
-            }
-        }
-        if sum < MIN_NEARNESS {
-            return None;
-        }
-        let variance = (sum_rr / sum - (sum_r / sum).powi(2)).max(0.0) + MISMATCH_FLOOR;
-        // The brightness b is held near 0 by its expected size: b = (sum w r - ...) / divisor.
-        let divisor = sum + variance / BRIGHTNESS_SIGMA.powi(2);
-        for k in 0..12 {
-            right[k] += sum_j[k] * sum_r / divisor;
-            for l in k..12 {
-                matrix[k][l] -= sum_j[k] * sum_j[l] / divisor;
-                matrix[l][k] = matrix[k][l];
-            }
-        }
-        Some(Self { matrix, right, variance })
-    }
-
-    /// Carries the equations from the control values to the nodes.
-    fn add_to(&self, motion: &Quadratic, gain: f64, system: &mut DMatrix<f64>, pull: &mut DVector<f64>) {
-        for (n, &node) in motion.nodes.iter().enumerate() {
-            for axis in 0..2 {
-                let mut row = [0.0; 12];
-                for k in 0..6 {
-                    let weight = gain * motion.control[k][n];
-                    if weight != 0.0 {
-                        pull[2 * node + axis] += weight * self.right[2 * k + axis];
-                        row.iter_mut().zip(&self.matrix[2 * k + axis]).for_each(|(r, m)| *r += weight * m);
-                    }
-                }
-                for (m, &other) in motion.nodes.iter().enumerate() {
-                    let weighted = |axis: usize| (0..6).map(|l| row[2 * l + axis] * motion.control[l][m]).sum::<f64>();
-                    system[(2 * other, 2 * node + axis)] += weighted(0);
-                    system[(2 * other + 1, 2 * node + axis)] += weighted(1);
-                }
-            }
-        }
-    }
-}
-
-/// Samples triangles of the neutral frame.
-struct Sampler<'a> {
-    patch: &'a Patch,
-    /// Standard deviation of the nearness, px.
-    reach: f64,
-    border: Vec<[Point2<f64>; 2]>,
-}
-
-impl Sampler<'_> {
-    /// Samples of a triangle on a grid of at least one px; none of a very small one.
-    fn samples(&self, points: [Point2<f64>; 3]) -> Vec<Sample> {
-        let [a, b, c] = points;
-        let doubled = doubled_area(points);
-        if doubled.abs() < 2.0 * MIN_AREA {
-            return Vec::new();
-        }
-        let step = (doubled.abs() / 2.0 / MAX_SAMPLES).sqrt().max(1.0);
-        let grid = |axis: usize| {
-            let values = points.map(|p| p[axis]);
-            let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-            let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            let count = ((high - low) / step).clamp(0.0, 4096.0) as u32;
-            (0..=count).map(move |k| low + (f64::from(k) + 0.5) * step)
-        };
-        let mut out = Vec::new();
-        for p in grid(1).flat_map(|y| grid(0).map(move |x| Point2::new(x, y))) {
-            let inner = [[p, b, c], [a, p, c], [a, b, p]].map(|t| doubled_area(t) / doubled);
-            let nearness = self.nearness(p, points);
-            if inner.iter().any(|w| *w < 0.0) || nearness < MIN_NEARNESS {
-                continue;
-            }
-            let at = [p.x as f32, p.y as f32];
-            if let Some(Reading { value: grey, .. }) = self.patch.read(at) {
-                out.push(Sample { at, grey, nearness: nearness as f32, weights: Quadratic::weights(inner) });
-            }
-        }
-        out
-    }
-
-    /// Weight of a place: near a corner, and not at the border.
-    fn nearness(&self, p: Point2<f64>, corners: [Point2<f64>; 3]) -> f64 {
-        let corner = corners.iter().map(|q| (p - q).norm_squared()).fold(f64::INFINITY, f64::min);
-        let edge = |[a, b]: &[Point2<f64>; 2]| {
-            let along = b - a;
-            let share = ((p - a).dot(&along) / along.norm_squared().max(1e-9)).clamp(0.0, 1.0);
-            (p - (a + along * share)).norm_squared()
-        };
-        let near = (-corner / (2.0 * self.reach.powi(2)).max(1e-9)).exp();
-        if near < MIN_NEARNESS {
-            return 0.0;
-        }
-        let border = self.border.iter().map(edge).fold(f64::INFINITY, f64::min);
-        near * (border / BORDER_PX.powi(2)).min(1.0)
     }
 }
 

@@ -20,15 +20,14 @@ pub fn doubled_area([a, b, c]: [Point2<f64>; 3]) -> f64 {
 /// Control values on one triangle in terms of nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quadratic {
-    /// Nodes that the control values depend on, the corners first.
-    pub nodes: Vec<usize>,
-    /// Rows 0 to 2: corners; 3 to 5: the edges from corner 0 to 1, 1 to 2, 2 to 0. Columns as `nodes`.
-    pub control: [Vec<f64>; 6],
+    /// Nodes that the control values depend on, the corners first, and their weights in the six control values: 0 to 2 the
+    /// corners; 3 to 5 the edges from corner 0 to 1, 1 to 2, 2 to 0.
+    weights: Vec<(usize, [f64; 6])>,
 }
 
 impl Quadratic {
     fn new(corners: [usize; 3], positions: &[Point2<f64>], gradients: &[NodeGradient]) -> Self {
-        let mut out = Self { nodes: corners.to_vec(), control: Default::default() };
+        let mut out = Self { weights: corners.iter().map(|node| (*node, [0.0; 6])).collect() };
         for k in 0..3 {
             let (a, b) = (corners[k], corners[(k + 1) % 3]);
             let edge = positions[b] - positions[a];
@@ -45,24 +44,30 @@ impl Quadratic {
                 }
             }
         }
-        let count = out.nodes.len();
-        out.control.iter_mut().for_each(|row| row.resize(count, 0.0));
         out
     }
 
-    fn add(&mut self, row: usize, node: usize, weight: f64) {
-        let column = self.nodes.iter().position(|n| *n == node).unwrap_or_else(|| {
-            self.nodes.push(node);
-            self.nodes.len() - 1
+    fn add(&mut self, value: usize, node: usize, weight: f64) {
+        let place = self.weights.iter().position(|(n, _)| *n == node).unwrap_or_else(|| {
+            self.weights.push((node, [0.0; 6]));
+            self.weights.len() - 1
         });
-        let row = &mut self.control[row];
-        row.resize(row.len().max(column + 1), 0.0);
-        row[column] += weight;
+        self.weights[place].1[value] += weight;
+    }
+
+    /// The nodes that the control values depend on, each with its weight in all six.
+    pub fn nodes(&self) -> impl Iterator<Item = (usize, &[f64; 6])> {
+        self.weights.iter().map(|(node, weights)| (*node, weights))
     }
 
     /// The six control values of a function on the nodes.
     pub fn values(&self, function: impl Fn(usize) -> Vector2<f64>) -> [Vector2<f64>; 6] {
-        std::array::from_fn(|k| self.control[k].iter().zip(&self.nodes).map(|(weight, node)| function(*node) * *weight).sum())
+        let mut out = [Vector2::zeros(); 6];
+        for (node, weights) in self.nodes() {
+            let value = function(node);
+            out.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * *weight);
+        }
+        out
     }
 
     /// Weights of the control values at barycentric coordinates.
