@@ -427,3 +427,22 @@ pub fn error_chart(rows: &[SolverRow]) -> LineChart {
         series: series.collect(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seam_is_stretch_over_stretch() {
+        // Edges of length 1 from vertex 0 to 1 (across) and from 0 to 2 (inside).
+        let mesh = TriangleMesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+        let seams = Seams { across: vec![[0, 1]], inside: vec![[0, 2]], across_of: vec![vec![[0, 1]], Vec::new()] };
+        let along = |x: f32, y: f32| vec![[0.0; 3], [x, 0.0, 0.0], [0.0, y, 0.0]];
+        // Joined: 1.5 across, 2 inside; the region by itself stretches the edge across to 1.25.
+        let seam = seams.measure(&mesh, &along(0.5, 1.0), &[along(0.25, 0.0), along(9.0, 0.0)]).unwrap();
+        assert_eq!(seam, Seam { inside: 0.75, own: 1.2 });
+        // Nothing inside: nothing to compare with.
+        let covered = Seams { inside: Vec::new(), ..seams };
+        assert_eq!(covered.measure(&mesh, &along(0.5, 1.0), &[]), None);
+    }
+}
