@@ -125,6 +125,25 @@ pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -
     })
 }
 
+/// Writes rows of text as CSV under a header, where the columns are not those of a type.
+///
+/// # Errors
+/// As [`write_atomic`].
+pub fn write_records<H: AsRef<[u8]>>(
+    path: &Path,
+    header: impl IntoIterator<Item = H>,
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<(), OutputError> {
+    write_atomic(path, |writer| {
+        let mut csv = csv::Writer::from_writer(writer);
+        csv.write_record(header).map_err(io::Error::from)?;
+        for row in rows {
+            csv.write_record(&row).map_err(io::Error::from)?;
+        }
+        csv.flush()
+    })
+}
+
 /// A number with 9 significant digits, the shortest text that has them (`0.1`, `12.3456789`, `-0` becomes `0`).
 pub fn nine_digits(value: f64) -> String {
     let text = format!("{value:.8e}");

@@ -190,7 +190,8 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     let intervals = work.rows("out/intervals.csv");
     let all = intervals.iter().find(|r| r["group_place"].is_empty()).unwrap();
     let value = |name: &str| all[name].parse::<f64>().unwrap();
-    assert!(value("low") < value("dispersion") && value("dispersion") < value("high"));
+    // The people stand for a population that scatters more than they do around their own median: `low` may lie above `dispersion`.
+    assert!(0.0 < value("low") && value("low") < value("high") && value("dispersion") < value("high"));
     assert_eq!(intervals.iter().find(|r| r["group_place"] == "island").unwrap()["low"], "");
     let report = work.read("out/report.html");
     for text in ["is not “alike”", "A small group, fewer than 10 people", "Not tested: happiness: island and north", "unknown"]

@@ -153,10 +153,10 @@ impl TrackArgs {
     }
 }
 
-/// Options of normalization, statistics and FAP files.
+/// Options of normalization and of the generalized median.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Normalization and statistics")]
-pub struct AnalysisArgs {
+pub struct ModelArgs {
     /// How the five frames are taken from a sequence: the nearest frame, or linear interpolation
     #[arg(long, default_value = "nearest", value_parser = words::<Resample>(&["nearest", "linear"]))]
     resample: Resample,
@@ -169,6 +169,24 @@ pub struct AnalysisArgs {
     /// Which generalized median becomes the representative; the gap between the two is always reported
     #[arg(long, default_value = "greedy", value_parser = words::<MedianKind>(&["greedy", "exact"]))]
     median: MedianKind,
+}
+
+impl ModelArgs {
+    pub fn normalize(&self) -> NormalizeOptions {
+        NormalizeOptions { resample: self.resample, size: self.size }
+    }
+
+    pub fn statistics(&self) -> StatisticsOptions {
+        StatisticsOptions { alpha: self.alpha, median: self.median }
+    }
+}
+
+/// Options of normalization, statistics and FAP files.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Normalization and statistics")]
+pub struct AnalysisArgs {
+    #[command(flatten)]
+    models: ModelArgs,
     /// Columns of the manifest to group by, besides the emotion
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
@@ -203,8 +221,8 @@ pub struct AnalysisArgs {
 
 impl AnalysisArgs {
     pub fn fill(&self, options: &mut PipelineOptions) {
-        options.normalize = NormalizeOptions { resample: self.resample, size: self.size };
-        options.statistics = StatisticsOptions { alpha: self.alpha, median: self.median };
+        options.normalize = self.models.normalize();
+        options.statistics = self.models.statistics();
         options.by.clone_from(&self.by);
         if let (Some(image), Some(marks)) = (&self.report_face, &self.report_marks) {
             options.report_face = ReportFace::photograph(image, marks);

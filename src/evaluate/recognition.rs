@@ -249,10 +249,12 @@ impl Recognition {
     /// The confusion matrix as a picture: shares of each row, dark for all, with the counts.
     pub fn confusion_svg(&self) -> String {
         const CELL: usize = 64;
-        const LEFT: usize = 150;
-        const TOP: usize = 130;
+        const CAPTION: usize = 320;
         let n = self.labels.len();
-        let (width, height) = (LEFT + n * CELL + 30, TOP + n * CELL + 40);
+        // Room for the longest label: 8 px a letter, and 6 where it stands at 45 degrees.
+        let longest = self.labels.iter().map(|label| label.chars().count()).max().unwrap_or(0);
+        let (left, top) = (70 + 8 * longest, 30 + 6 * longest);
+        let (width, height) = ((left + n * CELL + 6 * longest).max(CAPTION), top + n * CELL + 40);
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
              font-family=\"sans-serif\" font-size=\"13\"><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
@@ -261,16 +263,16 @@ impl Recognition {
         for (i, counts) in self.confusion().iter().enumerate() {
             let sum: usize = counts.iter().sum();
             let label = escaped(&self.labels[i]);
-            let middle = TOP + i * CELL + CELL / 2;
-            let _ = writeln!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">{label} ({sum})</text>", LEFT - 10, middle + 5);
-            let (x, y) = (LEFT + i * CELL + CELL / 2, TOP - 10);
+            let middle = top + i * CELL + CELL / 2;
+            let _ = writeln!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">{label} ({sum})</text>", left - 10, middle + 5);
+            let (x, y) = (left + i * CELL + CELL / 2, top - 10);
             let _ = writeln!(svg, "<text transform=\"translate({x} {y}) rotate(-45)\">{label}</text>");
             for (j, &count) in counts.iter().enumerate() {
                 let share = if sum > 0 { count as f64 / sum as f64 } else { 0.0 };
                 let tone = |light: f64, dark: f64| (light + (dark - light) * share).round() as u8;
                 let fill = format!("#{:02x}{:02x}{:02x}", tone(247.0, 8.0), tone(251.0, 64.0), tone(255.0, 129.0));
                 let ink = if share > 0.5 { "#fff" } else { "#1c1e21" };
-                let (x, y) = (LEFT + j * CELL, TOP + i * CELL);
+                let (x, y) = (left + j * CELL, top + i * CELL);
                 let _ = writeln!(
                     svg,
                     "<rect x=\"{x}\" y=\"{y}\" width=\"{CELL}\" height=\"{CELL}\" fill=\"{fill}\" stroke=\"#fff\"/>\
@@ -286,9 +288,9 @@ impl Recognition {
         }
         let _ = writeln!(
             svg,
-            "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" fill=\"#5c6066\">columns: recognized as; rows: label (sequences)</text></svg>",
-            LEFT + n * CELL / 2,
-            TOP + n * CELL + 26
+            "<text x=\"{}\" y=\"{}\" fill=\"#5c6066\">columns: recognized as; rows: label (sequences)</text></svg>",
+            10,
+            top + n * CELL + 26
         );
         svg
     }

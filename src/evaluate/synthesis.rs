@@ -76,8 +76,8 @@ pub struct SolverRow {
     pub share_of_bound: Option<(f64, f64)>,
     /// Surface error of every target; see [`surface_error`].
     pub errors: Vec<f64>,
-    /// The largest of [`Seams::ratio`] over the targets; `None` for one region.
-    pub seam: Option<f64>,
+    /// The largest seams over the targets; `None` for one region.
+    pub seam: Option<Seam>,
 }
 
 impl SolverRow {
@@ -189,7 +189,7 @@ fn options(study: &SynthesisStudy<'_>, regions: RegionScheme, solver: Solver, bo
 struct Measured {
     answer: FrameAnswer,
     error: f64,
-    seam: Option<f64>,
+    seam: Option<Seam>,
 }
 
 fn measure(synthesizer: &Synthesizer<'_>, target: &SynthesisTarget<'_>, frame: usize, seams: Option<&Seams>) -> Measured {
@@ -199,7 +199,7 @@ fn measure(synthesizer: &Synthesizer<'_>, target: &SynthesisTarget<'_>, frame: u
     let error = surface_error(&surface, target.truth).unwrap_or(0.0);
     let seam = seams.and_then(|seams| {
         let own: Vec<_> = answer.weights.iter().map(|weights| mix(synthesizer.bank(), weights)).collect();
-        seams.ratio(synthesizer.bank().mesh(), &surface, &own)
+        seams.measure(synthesizer.bank().mesh(), &surface, &own)
     });
     Measured { answer, error, seam }
 }
@@ -217,7 +217,7 @@ fn summarize(scheme: RegionScheme, solver: Solver, measured: &[Measured]) -> Sol
         joined: mean(&joined),
         share_of_bound: (!shares.is_empty()).then(|| (mean(&shares), least(&shares))),
         errors: measured.iter().map(|m| m.error).collect(),
-        seam: measured.iter().filter_map(|m| m.seam).max_by(f64::total_cmp),
+        seam: measured.iter().filter_map(|m| m.seam).reduce(Seam::largest),
     }
 }
 
@@ -259,32 +259,47 @@ pub fn time_solvers(
     Ok(rows)
 }
 
-/// Whether joining regions leaves a seam: the edges across overlaps, and the edges of each region, its overlaps included.
+/// How far joining regions stretches the surface between them. Stretch is an edge's length over that in neutral.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seam {
+    /// The largest stretch of an edge across an overlap over the largest stretch of an edge inside a region, both in the joined surface.
+    pub inside: f64,
+    /// The largest stretch of an edge across an overlap in the joined surface over that of the same edges in the regions' own
+    /// surfaces: at 1 and below the join adds nothing to what the regions do by themselves.
+    pub own: f64,
+}
+
+impl Seam {
+    fn largest(self, other: Self) -> Self {
+        Self { inside: self.inside.max(other.inside), own: self.own.max(other.own) }
+    }
+}
+
+/// The edges across the overlaps of regions, and those inside a region.
 pub struct Seams {
     across: Vec<[u32; 2]>,
-    regions: Vec<Vec<[u32; 2]>>,
+    inside: Vec<[u32; 2]>,
+    /// Of those across, the edges both of whose ends have a share in the region.
+    across_of: Vec<Vec<[u32; 2]>>,
 }
 
 impl Seams {
-    /// Sorts the edges of a bank's mesh. An edge is across an overlap when one of its ends has a share in more than one region, and of a
-    /// region when both its ends have a share in it.
+    /// Sorts the edges of a bank's mesh. An edge is across an overlap when one of its ends has a share in more than one region, and
+    /// else inside a region.
     pub fn new(mesh: &TriangleMesh, regions: &Regions) -> Self {
         let has_share = |region: usize, v: u32| regions.vertex_shares(region)[v as usize] > 0.0;
-        let shared = |v: u32| (0..regions.count()).filter(|&r| has_share(r, v)).count() > 1;
-        let edges: Vec<[u32; 2]> = mesh.edges().into_keys().collect();
-        let of_region = |r: usize| edges.iter().copied().filter(|&[a, b]| has_share(r, a) && has_share(r, b)).collect();
-        Self {
-            across: edges.iter().copied().filter(|&[a, b]| shared(a) || shared(b)).collect(),
-            regions: (0..regions.count()).map(of_region).collect(),
-        }
+        let is_shared = |v: u32| (0..regions.count()).filter(|&r| has_share(r, v)).count() > 1;
+        let (across, inside): (Vec<[u32; 2]>, _) = mesh.edges().into_keys().partition(|&[a, b]| is_shared(a) || is_shared(b));
+        let of_region = |r: usize| across.iter().copied().filter(|&[a, b]| has_share(r, a) && has_share(r, b)).collect();
+        Self { across_of: (0..regions.count()).map(of_region).collect(), across, inside }
     }
 
-    /// The largest stretch of an edge across an overlap of the joined surface over the largest stretch of an edge of any region in
-    /// that region's own surface. Stretch is an edge's length over that in neutral. At 1 and below the join adds nothing to what the
-    /// regions do by themselves.
-    pub fn ratio(&self, mesh: &TriangleMesh, joined: &[[f32; 3]], own: &[Vec<[f32; 3]>]) -> Option<f64> {
-        let inside = self.regions.iter().zip(own).filter_map(|(edges, surface)| largest_stretch(mesh, edges, surface));
-        largest_stretch(mesh, &self.across, joined).zip(inside.max_by(f64::total_cmp)).map(|(across, inside)| across / inside)
+    /// The seams of a joined surface, `own` being that of each region by itself; `None` when overlaps cover the face.
+    pub fn measure(&self, mesh: &TriangleMesh, joined: &[[f32; 3]], own: &[Vec<[f32; 3]>]) -> Option<Seam> {
+        let across = largest_stretch(mesh, &self.across, joined)?;
+        let inside = largest_stretch(mesh, &self.inside, joined)?;
+        let apart = self.across_of.iter().zip(own).filter_map(|(edges, surface)| largest_stretch(mesh, edges, surface));
+        Some(Seam { inside: across / inside, own: across / apart.max_by(f64::total_cmp)? })
     }
 }
 
@@ -339,6 +354,7 @@ pub fn solver_table(rows: &[SolverRow]) -> Table {
         "surface error",
         "largest error",
         "seam",
+        "seam over own",
     ]);
     for row in rows {
         let largest = row.errors.iter().copied().fold(0.0, f64::max);
@@ -353,7 +369,8 @@ pub fn solver_table(rows: &[SolverRow]) -> Table {
             Cell::maybe(row.share_of_bound.map(|s| s.1), 4),
             Cell::Number(row.mean_error(), 4),
             Cell::Number(largest, 4),
-            Cell::maybe(row.seam, 3),
+            Cell::maybe(row.seam.map(|s| s.inside), 3),
+            Cell::maybe(row.seam.map(|s| s.own), 3),
         ]);
     }
     table
@@ -408,5 +425,24 @@ pub fn error_chart(rows: &[SolverRow]) -> LineChart {
         x_label: "target".to_owned(),
         y_label: "error over true motion".to_owned(),
         series: series.collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seam_is_stretch_over_stretch() {
+        // Edges of length 1 from vertex 0 to 1 (across) and from 0 to 2 (inside).
+        let mesh = TriangleMesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+        let seams = Seams { across: vec![[0, 1]], inside: vec![[0, 2]], across_of: vec![vec![[0, 1]], Vec::new()] };
+        let along = |x: f32, y: f32| vec![[0.0; 3], [x, 0.0, 0.0], [0.0, y, 0.0]];
+        // Joined: 1.5 across, 2 inside; the region by itself stretches the edge across to 1.25.
+        let seam = seams.measure(&mesh, &along(0.5, 1.0), &[along(0.25, 0.0), along(9.0, 0.0)]).unwrap();
+        assert_eq!(seam, Seam { inside: 0.75, own: 1.2 });
+        // Nothing inside: nothing to compare with.
+        let covered = Seams { inside: Vec::new(), ..seams };
+        assert_eq!(covered.measure(&mesh, &along(0.5, 1.0), &[]), None);
     }
 }

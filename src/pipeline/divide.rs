@@ -6,8 +6,9 @@ use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 use super::{
     AnalysisError, AnalyzedModel, Event, Failure, RunError, RunJson, Workbench,
     analysis::{by_emotion, labelled},
+    folder::{RUN_JSON, new_record, open},
     parts::EmotionPart,
-    run::{Collected, RUN_JSON, collect, new_record, open, plan_all, process_all},
+    work::{Collected, collect, plan_all, process_all},
 };
 use crate::{
     dataset::{Dataset, SequenceEntry},

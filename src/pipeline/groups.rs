@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::AnalyzedClass;
 use crate::{
-    output::{OutputError, nine_digits, write_atomic},
+    output::{OutputError, nine_digits, write_records},
     statistics::{
         ClassLabel, SequenceModel, UNKNOWN_GROUP,
         bootstrap::DispersionInterval,
@@ -168,8 +168,7 @@ pub(super) fn write_groups(
     let rows = classes.iter().map(|class| {
         let r = &class.representative;
         let interval = class.interval.as_ref();
-        let method =
-            interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "percentile" } else { "percentile, median held" });
+        let method = interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "basic" } else { "basic, median held" });
         let mut row = vec![
             r.label.emotion.clone(),
             class.subjects.to_string(),
@@ -184,7 +183,7 @@ pub(super) fn write_groups(
         row.extend(by.iter().map(|column| r.label.group.get(column).cloned().unwrap_or_default()));
         row
     });
-    write_rows(&out.join("intervals.csv"), &header, rows)?;
+    write_records(&out.join("intervals.csv"), &header, rows)?;
 
     let header: Vec<String> = ["emotion", "group_a", "group_b", "subjects_a", "subjects_b", "sequences_a", "sequences_b"]
         .into_iter()
@@ -220,7 +219,7 @@ pub(super) fn write_groups(
         }
         row
     });
-    write_rows(&out.join("comparisons.csv"), &header, rows)?;
+    write_records(&out.join("comparisons.csv"), &header, rows)?;
 
     let header = ["emotion", "group_a", "group_b", "node", "energy", "p"].map(str::to_owned);
     let rows = comparisons.pairs.iter().filter_map(|pair| Some((pair, pair.outcome.as_ref().ok()?))).flat_map(|(pair, t)| {
@@ -230,17 +229,6 @@ pub(super) fn write_groups(
             [names, vec![nine_digits(energy), nine_digits(p)]].concat()
         })
     });
-    write_rows(&out.join("comparison_nodes.csv"), &header, rows)?;
+    write_records(&out.join("comparison_nodes.csv"), &header, rows)?;
     Ok(["intervals.csv", "comparisons.csv", "comparison_nodes.csv"].map(str::to_owned).to_vec())
-}
-
-fn write_rows(path: &Path, header: &[String], rows: impl IntoIterator<Item = Vec<String>>) -> Result<(), OutputError> {
-    write_atomic(path, |out| {
-        let mut csv = csv::Writer::from_writer(out);
-        csv.write_record(header).map_err(std::io::Error::from)?;
-        for row in rows {
-            csv.write_record(&row).map_err(std::io::Error::from)?;
-        }
-        csv.flush()
-    })
 }

@@ -5,13 +5,17 @@ mod classes;
 mod columnar;
 mod divide;
 mod files;
+mod folder;
 mod groups;
 mod landmarks;
+mod model_file;
 mod parts;
 mod run;
 mod sequence;
 mod showcase;
 mod tracks;
+mod work;
+mod write;
 
 use std::{path::Path, sync::OnceLock};
 
@@ -26,16 +30,18 @@ use crate::{
     wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
 };
 
-pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze, read_model, write_analysis, write_model};
+pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub(crate) use groups::values as group_values;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
+pub use model_file::{ModelFileError, read_model, write_model};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, track_files};
+pub use write::write_analysis;
 
 /// Frames between two key frames of a FAP file: 5 key frames give 25 frames.
 pub const FAP_FRAMES_BETWEEN: usize = 5;

@@ -6,12 +6,11 @@ use std::{
 };
 
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::{
     Cohort, Sex, SimulateError, SimulateOptions, SimulatedSequence, Subject,
     expression::Emotion,
-    files::{Performance, Written, begin, finish, write_sequence},
+    files::{ManifestRow, Performance, begin, finish, write_sequence},
 };
 
 /// What was written.
@@ -21,18 +20,6 @@ pub struct DatasetSummary {
     pub sequences: usize,
     /// Frames in all of them.
     pub frames: usize,
-}
-
-#[derive(Serialize)]
-struct ManifestRow {
-    subject: String,
-    sequence: String,
-    emotion: String,
-    frames: String,
-    correspondences: String,
-    fps: f64,
-    sex: &'static str,
-    cohort: &'static str,
 }
 
 /// Writes a dataset: `manifest.csv`, the frames, correspondences, the true position of every node, and `simulate.json`; or, in the
@@ -64,7 +51,7 @@ pub fn simulate_dataset(
         })
         .collect::<Result<_, SimulateError>>()?;
     let sequences = rows.iter().map(Vec::len).sum();
-    finish(out, options, &serde_json::Map::new(), rows.into_iter().flatten())?;
+    finish(out, options, &serde_json::Map::new(), &["sex", "cohort"], rows.into_iter().flatten())?;
     Ok(DatasetSummary { sequences, frames: total })
 }
 
@@ -83,21 +70,13 @@ fn perform(
         stream: (subject.index(), emotion.code()),
         frame: |k| Ok(sequence.frame(k)),
     };
-    let Written { frames, correspondences } = write_sequence(&performance, options, out, tick)?;
-    Ok(ManifestRow {
-        subject: performance.subject,
-        sequence: performance.sequence,
-        emotion: performance.emotion,
-        frames,
-        correspondences,
-        fps: options.fps,
-        sex: match subject.sex() {
-            Sex::Female => "f",
-            Sex::Male => "m",
-        },
-        cohort: match subject.cohort() {
-            Cohort::A => "A",
-            Cohort::B => "B",
-        },
-    })
+    let sex = match subject.sex() {
+        Sex::Female => "f",
+        Sex::Male => "m",
+    };
+    let cohort = match subject.cohort() {
+        Cohort::A => "A",
+        Cohort::B => "B",
+    };
+    Ok(write_sequence(&performance, options, out, tick)?.with([sex, cohort].map(str::to_owned)))
 }

@@ -24,7 +24,7 @@ use super::{
 };
 use crate::{
     dataset::MANIFEST_NAME,
-    output::{OutputError, nine_digits, write_atomic, write_bytes, write_csv, write_json},
+    output::{OutputError, nine_digits, write_atomic, write_bytes, write_csv, write_json, write_records},
     wireframe::{LandmarkRow, Tables},
 };
 
@@ -48,10 +48,31 @@ pub(super) struct Performance<F: Fn(usize) -> Result<SimulatedFrame, SimulateErr
     pub frame: F,
 }
 
-/// Where a sequence was written to, relative to the dataset.
-pub(super) struct Written {
-    pub frames: String,
-    pub correspondences: String,
+/// A row of the manifest: a sequence that was written.
+pub(super) struct ManifestRow {
+    subject: String,
+    sequence: String,
+    emotion: String,
+    /// Where it was written to, relative to the dataset; so are its correspondences.
+    frames: String,
+    correspondences: String,
+    fps: f64,
+    /// Values of the further columns.
+    further: Vec<String>,
+}
+
+impl ManifestRow {
+    const COLUMNS: [&str; 6] = ["subject", "sequence", "emotion", "frames", "correspondences", "fps"];
+
+    /// The same row with the values of further columns.
+    pub fn with(self, further: impl IntoIterator<Item = String>) -> Self {
+        Self { further: further.into_iter().collect(), ..self }
+    }
+
+    fn fields(self) -> Vec<String> {
+        let own = [self.subject, self.sequence, self.emotion, self.frames, self.correspondences, format!("{:?}", self.fps)];
+        own.into_iter().chain(self.further).collect()
+    }
 }
 
 #[derive(Serialize)]
@@ -105,12 +126,13 @@ pub(super) fn begin(out: &Path, force: bool) -> Result<(), SimulateError> {
     Ok(remove(&out.join(MANIFEST_NAME))?)
 }
 
-/// Writes `simulate.json` and, last, the manifest: a folder with a manifest is a complete dataset.
+/// Writes `simulate.json` and, last, the manifest with the further `columns`: a folder with a manifest is a complete dataset.
 pub(super) fn finish(
     out: &Path,
     options: &SimulateOptions,
     further: &serde_json::Map<String, serde_json::Value>,
-    rows: impl IntoIterator<Item = impl Serialize>,
+    columns: &[&str],
+    rows: impl IntoIterator<Item = ManifestRow>,
 ) -> Result<(), SimulateError> {
     let provenance = Provenance {
         schema_version: SCHEMA_VERSION,
@@ -122,7 +144,8 @@ pub(super) fn finish(
     };
     write_json(&out.join("simulate.json"), &provenance)?;
     if options.layout == DatasetLayout::Manifest {
-        write_csv(&out.join(MANIFEST_NAME), rows)?;
+        let header = ManifestRow::COLUMNS.iter().chain(columns);
+        write_records(&out.join(MANIFEST_NAME), header, rows.into_iter().map(ManifestRow::fields))?;
     }
     Ok(())
 }
@@ -133,7 +156,7 @@ pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateErro
     options: &SimulateOptions,
     out: &Path,
     tick: &impl Fn(),
-) -> Result<Written, SimulateError> {
+) -> Result<ManifestRow, SimulateError> {
     let (who, what) = (&performance.subject, &performance.sequence);
     let folder = format!("{who}/{what}");
     let stem = format!("{who}_{what}_");
@@ -173,7 +196,15 @@ pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateErro
         tick();
     }
     write_csv(&out.join("truth").join(format!("{who}_{what}.csv")), truth)?;
-    Ok(Written { correspondences: format!("{folder}/correspondences.csv"), frames: folder })
+    Ok(ManifestRow {
+        subject: who.clone(),
+        sequence: what.clone(),
+        emotion: performance.emotion.clone(),
+        correspondences: format!("{folder}/correspondences.csv"),
+        frames: folder,
+        fps: options.fps,
+        further: Vec::new(),
+    })
 }
 
 /// The folders of one sequence.

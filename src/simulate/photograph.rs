@@ -10,7 +10,6 @@ use std::path::Path;
 use image::RgbImage;
 use nalgebra::{Point2, Point3, Vector3};
 use rayon::prelude::*;
-use serde::Serialize;
 use serde_json::json;
 
 use super::{
@@ -18,7 +17,7 @@ use super::{
     blink::{Blink, close_lids},
     camera::{Exposure, develop},
     expression::{Emotion, apex_offsets, fap_offsets},
-    files::{Performance, Written, begin, finish, write_sequence},
+    files::{ManifestRow, Performance, begin, finish, write_sequence},
     motion::Course,
     portrait::{Portrait, PortraitError},
     subject::place_followers,
@@ -179,17 +178,6 @@ impl<'a> AnimatedPortrait<'a> {
     }
 }
 
-#[derive(Serialize)]
-struct ManifestRow {
-    subject: String,
-    sequence: String,
-    emotion: String,
-    frames: String,
-    correspondences: String,
-    fps: f64,
-    portrait: String,
-}
-
 /// Writes a dataset of animated photographs, as [`super::simulate_dataset`] does of rendered faces.
 ///
 /// There are as many subjects as [`SimulateOptions::subjects`] says: portraits are taken in turn, those of a further round perform
@@ -250,21 +238,12 @@ pub fn simulate_photographs(
                     sequence.frame(k).map_err(error)
                 },
             };
-            let Written { frames, correspondences } = write_sequence(&performance, options, out, &tick)?;
-            Ok(ManifestRow {
-                subject: performance.subject,
-                sequence: performance.sequence,
-                emotion: performance.emotion,
-                frames,
-                correspondences,
-                fps: options.fps,
-                portrait: portrait.id().to_owned(),
-            })
+            Ok(write_sequence(&performance, options, out, &tick)?.with([portrait.id().to_owned()]))
         })
         .collect::<Result<_, SimulateError>>()?;
     let sequences = rows.len();
     let mut further = serde_json::Map::new();
     further.insert("portraits".to_owned(), json!(portraits.iter().map(Portrait::id).collect::<Vec<_>>()));
-    finish(out, options, &further, rows)?;
+    finish(out, options, &further, &["portrait"], rows)?;
     Ok(DatasetSummary { sequences, frames: total })
 }

@@ -1,7 +1,10 @@
 //! How sure a dispersion is: a bootstrap over people (Efron & Tibshirani 1993).
 //!
 //! A replicate draws as many people as there are, with replacement, each with all their sequences; trims, takes the median and the
-//! dispersion [KP, eq. (6) to (8)] anew. The interval is that of the replicates' percentiles. For more than [`MAX_RETRIMMED`] models the
+//! dispersion [KP, eq. (6) to (8)] anew. A class's dispersion is smaller than that of the population it was drawn from: the median lies
+//! among the very people it is measured on. A replicate's is smaller than the class's for the same reason and by about as much, so
+//! the interval is the basic one, `2 s - q` for the percentiles q of the replicates around the class's s (Davison & Hinkley 1997,
+//! section 5.2); that of the percentiles themselves would be off by twice the difference. For more than [`MAX_RETRIMMED`] models the
 //! replicates keep trimming and median of all models and draw the distances only: both are then settled to a share of the
 //! scatter that is far below the dispersion's own error.
 
@@ -46,7 +49,7 @@ pub struct DispersionInterval {
     pub retrimmed: bool,
 }
 
-/// The bootstrap interval of a class's dispersion after trimming; `None` for fewer than [`LEAST_PEOPLE`] people or no replicates.
+/// The bootstrap interval, for a population, of the dispersion after trimming that a class of it has; `None` for fewer than [`LEAST_PEOPLE`] people or no replicates.
 ///
 /// `models` are those that `representative` was made of, in any order; `stream` numbers the class, so that each has its own random
 /// numbers.
@@ -94,9 +97,10 @@ pub fn dispersion_interval(
     let mut values: Vec<f64> = (0..replicates).into_par_iter().map(replicate).collect();
     values.sort_by(f64::total_cmp);
     let tail = (1.0 - LEVEL) / 2.0;
+    let twice = 2.0 * representative.dispersion?;
     Some(DispersionInterval {
-        low: quantile(&values, tail),
-        high: quantile(&values, 1.0 - tail),
+        low: (twice - quantile(&values, 1.0 - tail)).max(0.0),
+        high: twice - quantile(&values, tail),
         level: LEVEL,
         replicates,
         retrimmed,

@@ -42,8 +42,9 @@ impl RegionScheme {
     }
 }
 
-/// Default width D of the overlap, as a share of the face's width.
-pub const OVERLAP: f64 = 0.35;
+/// Default width D of the overlap, as a share of the face's width: half of a mouth's width, so that its corners, where a face stretches
+/// most, lie inside a region and not between two.
+pub const OVERLAP: f64 = 0.2;
 
 /// Regions of a bank: for every vertex and every feature point the share of each region, which sum to 1.
 ///

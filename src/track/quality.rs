@@ -162,17 +162,20 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
             "at the apex {count} of {of} nodes are expected to be more than {limit:.1} px off ({share:.0} % of the eye distance): {list}"
         ));
     }
-    if summary.tracked_share < 1.0 - LOST_LIMIT {
-        reasons.push(format!("{:.0} % of the nodes were lost, over all frames", 100.0 * (1.0 - summary.tracked_share)));
-    }
+    // Nodes lost in a frame, and the nodes that could be: one without a landmark is never tracked, and so not lost.
     let lost = |frame: &TrackedFrame| {
-        let is_lost = |id: &&NodeId| frame.nodes.get(id.index()).is_some_and(|n| matches!(n.state, NodeState::Recovered(_)));
-        live.iter().filter(is_lost).count()
+        let states = live.iter().filter_map(|id| frame.nodes.get(id.index())).map(|n| n.state);
+        let could_be = states.filter(|&state| state != NodeState::Recovered(LossReason::NoLandmark));
+        could_be.fold((0, 0), |(lost, of), state| (lost + usize::from(matches!(state, NodeState::Recovered(_))), of + 1))
     };
-    let worst_frame =
-        frames.iter().skip(1).map(|f| (lost(f), f.number)).max_by_key(|&(count, number)| (count, std::cmp::Reverse(number)));
-    if let Some((count, number)) = worst_frame.filter(|&(count, _)| count as f64 > FRAME_LOST_LIMIT * live.len() as f64) {
-        reasons.push(format!("{count} of {} nodes were lost in frame {number}", live.len()));
+    let by_frame: Vec<((usize, usize), u32)> = frames.iter().skip(1).map(|f| (lost(f), f.number)).collect();
+    let (all_lost, all) = by_frame.iter().fold((0, 0), |(lost, of), &((l, o), _)| (lost + l, of + o));
+    if all_lost as f64 > LOST_LIMIT * all as f64 {
+        reasons.push(format!("{:.0} % of the nodes were lost, over all frames", 100.0 * all_lost as f64 / all as f64));
+    }
+    let worst_frame = by_frame.into_iter().max_by_key(|&((count, _), number)| (count, std::cmp::Reverse(number)));
+    if let Some(((count, of), number)) = worst_frame.filter(|&((count, of), _)| count as f64 > FRAME_LOST_LIMIT * of as f64) {
+        reasons.push(format!("{count} of {of} nodes were lost in frame {number}"));
     }
     summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
     summary.reasons = reasons;
@@ -199,5 +202,27 @@ mod tests {
         assert!((summary.eye_distance_px - 61.3).abs() < 1e-9);
         assert_eq!(summary.recovered, BTreeMap::from([("extreme".to_owned(), 2)]));
         assert_eq!(summary.worst_nodes, [(NodeId(31), 2)]);
+    }
+
+    #[test]
+    fn a_node_without_a_landmark_is_not_lost() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let frame = |number: u32, state: fn(usize) -> NodeState| TrackedFrame {
+            number,
+            nodes: (0..113).map(|k| TrackedNode::new(w.frontal()[k] * 100.0, state(k), None)).collect(),
+        };
+        let neutral = || frame(0, |_| NodeState::Fitted);
+        let without = |k: usize| k.is_multiple_of(2);
+        // Half of the nodes have no landmark: good all the same.
+        let driven = frame(1, |k| if k % 2 == 0 { NodeState::Recovered(LossReason::NoLandmark) } else { NodeState::Tracked });
+        assert_eq!(summarize(&[neutral(), driven.clone()], &w, &t).verdict, Verdict::Good);
+        // A frame without landmarks loses those that have one, and these are counted.
+        let lost = frame(2, |_| NodeState::Recovered(LossReason::LostFrame));
+        let summary = summarize(&[neutral(), driven, lost], &w, &t);
+        let with = w.live_nodes().iter().filter(|id| !without(id.index())).count();
+        let share = 100.0 * 104.0 / (104 + with) as f64;
+        let expected =
+            [format!("{share:.0} % of the nodes were lost, over all frames"), "104 of 104 nodes were lost in frame 2".to_owned()];
+        assert_eq!(summary.reasons, expected);
     }
 }

@@ -5,18 +5,13 @@ use std::path::PathBuf;
 use grimace::{
     dataset::Dataset,
     evaluate::{LabelledSequence, evaluate_recognition},
-    normalize::{NormalizeOptions, Resample, SizeMode},
     output::write_bytes,
     pipeline::{PipelineOptions, Workbench, load_tracks, track_files},
-    statistics::{MedianKind, StatisticsOptions},
 };
 use serde_json::json;
 
 use super::{
-    super::{
-        Outcome,
-        shared::{alpha, words},
-    },
+    super::{Outcome, shared::ModelArgs},
     CommonArgs, bar,
 };
 
@@ -38,18 +33,8 @@ pub struct Args {
     /// What is to be recognized: the emotion, or a column of the manifest
     #[arg(long, default_value = "emotion", value_name = "COLUMN")]
     label: String,
-    /// How the five frames are taken from a sequence
-    #[arg(long, default_value = "nearest", value_parser = words::<Resample>(&["nearest", "linear"]))]
-    resample: Resample,
-    /// Sizes made equal by the FAPUs of each facial region, or by the eye separation alone
-    #[arg(long, default_value = "fapu", value_parser = words::<SizeMode>(&["fapu", "uniform"]))]
-    size: SizeMode,
-    /// Share of models trimmed per displacement field
-    #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
-    alpha: f64,
-    /// Which generalized median is the representative
-    #[arg(long, default_value = "greedy", value_parser = words::<MedianKind>(&["greedy", "exact"]))]
-    median: MedianKind,
+    #[command(flatten)]
+    models: ModelArgs,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -57,11 +42,8 @@ pub struct Args {
 /// Runs the experiment.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    let options = PipelineOptions {
-        normalize: NormalizeOptions { resample: args.resample, size: args.size },
-        statistics: StatisticsOptions { alpha: args.alpha, median: args.median },
-        ..PipelineOptions::default()
-    };
+    let (normalize, statistics) = (args.models.normalize(), args.models.statistics());
+    let options = PipelineOptions { normalize, statistics, ..PipelineOptions::default() };
     let bench = Workbench::new(None, options)?;
     let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
     let files = track_files(&args.tracks)?;
@@ -114,10 +96,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let options = json!({
         "label": args.label,
-        "resample": args.resample,
-        "size": args.size,
-        "alpha": args.alpha,
-        "median": args.median,
+        "resample": normalize.resample,
+        "size": normalize.size,
+        "alpha": statistics.alpha,
+        "median": statistics.median,
         "tracks": files.len(),
     });
     folder.finish("recognition", args.dataset.as_deref(), args.common.seed, options, json!(summary))?;

@@ -137,13 +137,16 @@ pub(super) fn permute(
 
 /// p of every node against the largest standardized `E_k` of each split.
 fn node_p(nodes: usize, observed: &Energy, energies: &[(f64, Energy)], exhaustive: bool) -> Vec<f64> {
-    let count = energies.len() as f64;
-    // The observed split is one of those that chance may give; without it a single draw would standardize by itself.
+    // The observed split is one of those that chance may give: it takes part in mean and deviation like the others, or it alone would
+    // be measured by numbers it had no share in, and stand out too often where there are few permutations.
+    let extra = (!exhaustive).then_some(observed);
+    let splits = || energies.iter().map(|(_, energy)| energy).chain(extra);
+    let count = splits().count() as f64;
     let (mut means, mut deviations) = (vec![0.0; nodes], vec![0.0; nodes]);
-    for (_, energy) in energies {
+    for energy in splits() {
         means.iter_mut().zip(&energy.nodes).for_each(|(sum, e)| *sum += e / count);
     }
-    for (_, energy) in energies {
+    for energy in splits() {
         deviations.iter_mut().zip(&means).zip(&energy.nodes).for_each(|((sum, mean), e)| *sum += (e - mean).powi(2) / count);
     }
     let score = |k: usize, e: f64| if deviations[k] > 0.0 { (e - means[k]) / deviations[k].sqrt() } else { 0.0 };
@@ -155,7 +158,7 @@ fn node_p(nodes: usize, observed: &Energy, energies: &[(f64, Energy)], exhaustiv
         .map(|k| {
             let here = score(k, observed.nodes[k]);
             let at_least = largest.iter().filter(|&&largest| largest >= here - 1e-9).count();
-            if exhaustive { at_least as f64 / count } else { (1 + at_least) as f64 / (1.0 + count) }
+            (at_least + usize::from(!exhaustive)) as f64 / count
         })
         .collect()
 }

@@ -150,27 +150,33 @@ fn step(goal: &Goal, weights: &[f64], value: f64, rest: f64, how: Climb, pull: &
     let members = goal.member_count();
     let motion = goal.motion(weights);
     let mut gradient = DVector::zeros(members);
-    // Rows of the curvature's square root, three for each feature point.
-    let mut root = DMatrix::zeros(3 * goal.moving(), members);
+    let mut curvature = DMatrix::zeros(members, members);
     let share = 1.0 / goal.moving() as f64;
     let directions = goal.directions().as_chunks::<3>().0;
+    // Of every member at one feature point: its motion over s and the part of it along v, member by member.
+    let mut at_point = vec![[0.0; 4]; members];
     for (point, (v, u)) in motion.as_chunks::<3>().0.iter().zip(directions).enumerate() {
         let s = (dot(v, v) + rest * rest).sqrt();
         let v = v.map(|c| c / s);
         let cosine = dot(&v, u);
         // How much a bend of the direction is worth there: the second derivative of the cosine, kept positive.
-        let worth = (cosine.max(0.1) * share).sqrt();
-        for member in 0..members {
+        let worth = cosine.max(0.1) * share;
+        // (a - (a v) v)(b - (b v) v) = a b - (2 - v v)(a v)(b v); v is shorter than 1 by the rest.
+        let twice = 2.0 - dot(&v, &v);
+        for (member, at) in at_point.iter_mut().enumerate() {
             let candidate = goal.moving_candidate(member);
             let a = [candidate[3 * point] / s, candidate[3 * point + 1] / s, candidate[3 * point + 2] / s];
             let along = dot(&a, &v);
             gradient[member] += share * (dot(&a, u) - cosine * along);
-            for axis in 0..3 {
-                root[(3 * point + axis, member)] = worth * (a[axis] - along * v[axis]);
-            }
+            *at = [a[0], a[1], a[2], along];
+        }
+        // The upper triangle of a symmetric matrix, column by column.
+        for (k, (column, a)) in curvature.as_mut_slice().chunks_exact_mut(members).zip(&at_point).enumerate() {
+            let [x, y, z, l] = [worth * a[0], worth * a[1], worth * a[2], -worth * twice * a[3]];
+            column[..=k].iter_mut().zip(&at_point).for_each(|(sum, b)| *sum += x * b[0] + y * b[1] + z * b[2] + l * b[3]);
         }
     }
-    let mut curvature = root.tr_mul(&root);
+    curvature.fill_lower_triangle_with_upper_triangle();
     let here = DVector::from_column_slice(weights);
     if pull.is_on {
         gradient += &pull.right - &pull.curvature * &here;

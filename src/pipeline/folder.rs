@@ -1,0 +1,126 @@
+//! The output folder of a run: whether it may be written to, its record, what is removed from it.
+
+use std::{collections::BTreeMap, fs, io, path::Path};
+
+use super::{AnalysisError, MADE_BY, RunError, RunJson, SCHEMA_VERSION, Workbench, files::run_units};
+use crate::{
+    dataset::{Dataset, MANIFEST_NAME},
+    output::OutputError,
+    statistics::check_columns,
+};
+
+/// Name of the provenance file.
+pub(super) const RUN_JSON: &str = "run.json";
+
+/// Opens the dataset and makes sure that the output may be written to.
+pub(super) fn open(
+    dataset: &Path,
+    out: &Path,
+    bench: &Workbench,
+    force: bool,
+) -> Result<(Dataset, String, Option<RunJson>), RunError> {
+    let opened = Dataset::open(dataset)?;
+    // Found out now and not after hours of tracking.
+    check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    let name = dataset_name(dataset);
+    let earlier = check_output(out, &name, bench, force)?;
+    if opened.sequences.is_empty() && opened.failures.is_empty() {
+        return Err(RunError::Empty { path: dataset.to_owned() });
+    }
+    Ok((opened, name, earlier))
+}
+
+/// The record of a run that has just begun.
+pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench: &Workbench) -> RunJson {
+    RunJson {
+        schema_version: SCHEMA_VERSION,
+        made_by: MADE_BY.to_owned(),
+        dataset,
+        units: run_units(),
+        options: bench.options.clone(),
+        wireframe_blake3: bench.wireframe_blake3.clone(),
+        complete: false,
+        sequences: Vec::new(),
+        skipped,
+        outputs: BTreeMap::new(),
+        representatives: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+/// The name under which a dataset is recorded: its folder's, and its manifest's where that has another name than usual.
+fn dataset_name(path: &Path) -> String {
+    let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = |path: &Path| path.file_name().map_or_else(|| "dataset".to_owned(), |n| n.to_string_lossy().into_owned());
+    if !full.is_file() {
+        return name(&full);
+    }
+    let folder = full.parent().map_or_else(|| "dataset".to_owned(), name);
+    if name(&full) == MANIFEST_NAME { folder } else { format!("{folder}/{}", name(&full)) }
+}
+
+/// Makes sure that `out` may be written to; the earlier run found there, if any.
+fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Result<Option<RunJson>, RunError> {
+    let error = |source: io::Error| OutputError { path: out.to_owned(), source };
+    let mut entries = match fs::read_dir(out) {
+        Ok(entries) => entries,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {
+            fs::create_dir_all(out).map_err(error)?;
+            return Ok(None);
+        }
+        Err(e) => return Err(error(e).into()),
+    };
+    let earlier: Option<RunJson> = fs::read(out.join(RUN_JSON)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let Some(earlier) = earlier else {
+        let empty = entries.next().is_none();
+        return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };
+    };
+    let what = if earlier.dataset != dataset {
+        Some(format!("another dataset, `{}`", earlier.dataset))
+    } else if earlier.options != bench.options {
+        Some(format!("other options ({})", differing_options(&earlier, bench)))
+    } else if earlier.wireframe_blake3 != bench.wireframe_blake3 {
+        Some("another wireframe".to_owned())
+    } else if earlier.made_by != MADE_BY {
+        Some(format!("another version, {}", earlier.made_by))
+    } else {
+        None
+    };
+    match what {
+        Some(what) if !force => Err(RunError::OtherRun { path: out.to_owned(), what }),
+        Some(_) => Ok(Some(RunJson { complete: false, ..earlier })),
+        None => Ok(Some(earlier)),
+    }
+}
+
+/// Names of the option groups in which two runs differ.
+fn differing_options(earlier: &RunJson, bench: &Workbench) -> String {
+    let value = |options| serde_json::to_value(options).unwrap_or_default();
+    let (a, b) = (value(&earlier.options), value(&bench.options));
+    let empty = serde_json::Map::new();
+    let (a, b) = (a.as_object().unwrap_or(&empty).clone(), b.as_object().unwrap_or(&empty).clone());
+    let differing = b.iter().filter(|(key, value)| a.get(*key) != Some(value));
+    differing
+        .map(|(key, value)| format!("{key}: {} there, {value} now", a.get(key).unwrap_or(&serde_json::Value::Null)))
+        .collect::<Vec<_>>()
+        .join("; ")
+}
+
+/// Folders of results, and the endings of the files in them.
+const RESULT_FOLDERS: [(&str, &[&str]); 4] =
+    [("tracks", &[".csv", ".json"]), ("models", &[".csv"]), ("representatives", &[".csv", ".json"]), ("fap", &[".fap"])];
+
+/// Removes files of earlier runs, whole or interrupted, that this one does not make.
+pub(super) fn remove_stale(out: &Path, outputs: &BTreeMap<String, String>) {
+    for (folder, endings) in RESULT_FOLDERS {
+        let Ok(entries) = fs::read_dir(out.join(folder)) else { continue };
+        for entry in entries.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let ours = endings.iter().any(|ending| name.ends_with(ending));
+            if ours && !outputs.contains_key(&format!("{folder}/{name}")) {
+                // Gone already, or not to be removed: either way nothing more can be done.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+    }
+}

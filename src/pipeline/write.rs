@@ -1,0 +1,281 @@
+//! The files of an analysis: representatives, FAP files, tables and the report.
+
+use std::{collections::BTreeMap, path::Path};
+
+use serde::Serialize;
+
+use super::{
+    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, files::file_blake3,
+    groups::write_groups, model_file::write_model, showcase::films,
+};
+use crate::{
+    fap::{self, FapCatalog, FapNumber, Motion},
+    output::{self, OutputError, nine_digits, write_records},
+    report::{ApexFap, GroupsData, ReportData, render_html},
+    statistics::{self, MedianSums, Representative},
+    track::TrackQuality,
+    units::{FaceUnit, SequenceId},
+};
+
+/// The JSON beside a representative.
+#[derive(Serialize)]
+struct RepresentativeJson<'a> {
+    schema_version: u32,
+    made_by: &'a str,
+    unit: &'a str,
+    emotion: &'a str,
+    group: &'a BTreeMap<String, String>,
+    /// N''.
+    sequences: Vec<String>,
+    alpha: f64,
+    median: statistics::MedianKind,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trimming_certificate: Option<&'a statistics::scale::Certificate>,
+    trimmed: Vec<Trimmed>,
+    sums: MedianSums,
+    dispersion: Option<f64>,
+    dispersion_untrimmed: Option<f64>,
+    distances: BTreeMap<String, Option<f64>>,
+    node_dispersion: &'a [f64],
+    /// Values that the standard's ranges changed in the FAP file.
+    clamped: Vec<ClampedValue>,
+}
+
+#[derive(Serialize)]
+struct ClampedValue {
+    fap: u8,
+    key_frame: usize,
+    measured: f64,
+    written: i32,
+}
+
+#[derive(Serialize)]
+struct Trimmed {
+    frame: usize,
+    sequence: String,
+    distance: f64,
+}
+
+/// Writes `representatives/`, `fap/`, `statistics.csv`, `trimming.csv`, `failures.csv`, `verdicts.csv` and `report.html`; returns the BLAKE3 of every
+/// file by its path relative to `out`.
+///
+/// # Errors
+/// [`AnalysisError`] when a file can not be written.
+pub fn write_analysis(
+    analysis: &Analysis,
+    out: &Path,
+    title: &str,
+    bench: &Workbench,
+) -> Result<BTreeMap<String, String>, AnalysisError> {
+    let mut files = Vec::new();
+    for class in &analysis.classes {
+        let (csv, json, fap) = (
+            format!("representatives/{}.csv", class.stem),
+            format!("representatives/{}.json", class.stem),
+            format!("fap/{}.fap", class.stem),
+        );
+        write_model(&out.join(&csv), &class.representative.model)?;
+        output::write_json(&out.join(&json), &representative_json(class, bench))?;
+        fap::write_fap(&out.join(&fap), &class.fap)?;
+        files.extend([csv, json, fap]);
+    }
+    write_statistics(&out.join("statistics.csv"), analysis, bench)?;
+    write_trimming(&out.join("trimming.csv"), analysis, bench)?;
+    write_failures(&out.join("failures.csv"), &analysis.failures)?;
+    write_verdicts(&out.join("verdicts.csv"), &analysis.tracks)?;
+    let html = report_html(analysis, title, bench)?;
+    output::write_bytes(&out.join("report.html"), html.as_bytes())?;
+    if let Some(comparisons) = &analysis.comparisons {
+        files.extend(write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)?);
+    }
+    files.extend(["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "report.html"].map(str::to_owned));
+    Ok(files.into_iter().filter_map(|file| file_blake3(&out.join(&file)).map(|hash| (file, hash))).collect())
+}
+
+fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> RepresentativeJson<'a> {
+    let r = &class.representative;
+    let dropped = r.trimming.iter().filter(|row| row.dropped);
+    RepresentativeJson {
+        schema_version: SCHEMA_VERSION,
+        made_by: MADE_BY,
+        unit: <FaceUnit as crate::units::Unit>::NAME,
+        emotion: &r.label.emotion,
+        group: &r.label.group,
+        sequences: r.sequences.iter().map(SequenceId::to_string).collect(),
+        alpha: bench.options.statistics.alpha,
+        median: r.median,
+        trimming_certificate: r.certificate.as_ref(),
+        trimmed: dropped.map(|row| Trimmed { frame: row.field, sequence: row.id.to_string(), distance: row.distance }).collect(),
+        sums: r.sums,
+        dispersion: r.dispersion,
+        dispersion_untrimmed: r.dispersion_untrimmed,
+        distances: r.sequences.iter().zip(&r.distances).map(|(id, d)| (id.to_string(), *d)).collect(),
+        node_dispersion: &r.node_dispersion,
+        clamped: class
+            .clamped
+            .iter()
+            .map(|c| ClampedValue { fap: c.fap.get(), key_frame: c.frame, measured: c.value, written: c.limit })
+            .collect(),
+    }
+}
+
+/// A CSV whose header ends with the columns grouped by.
+fn write_table(
+    path: &Path,
+    header: &[&str],
+    by: &[String],
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<(), OutputError> {
+    // A column grouped by keeps its name unless the table has one of that name already.
+    let grouped = by.iter().map(|name| if header.contains(&name.as_str()) { format!("by_{name}") } else { name.clone() });
+    write_records(path, header.iter().map(|&name| name.to_owned()).chain(grouped), rows)
+}
+
+/// Values of the columns grouped by; empty for a class over all people.
+fn group_values(class: &AnalyzedClass, by: &[String]) -> impl Iterator<Item = String> {
+    by.iter().map(|column| class.representative.label.group.get(column).cloned().unwrap_or_default())
+}
+
+fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<(), OutputError> {
+    let header = [
+        "emotion",
+        "sequences",
+        "dispersion",
+        "dispersion_untrimmed",
+        "sum_of_distances",
+        "gap",
+        "sum_of_distances_exact",
+        "lower_bound",
+        "certificate_gap",
+    ];
+    let by = &bench.options.by;
+    let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
+    let rows = analysis.classes.iter().map(|class| {
+        let r = &class.representative;
+        let mut row = vec![
+            r.label.emotion.clone(),
+            r.sequences.len().to_string(),
+            optional(r.dispersion),
+            optional(r.dispersion_untrimmed),
+            nine_digits(r.sums.greedy),
+            nine_digits(r.sums.greedy_gap),
+            nine_digits(r.sums.exact),
+            nine_digits(r.sums.lower_bound),
+            nine_digits(r.sums.certificate_gap),
+        ];
+        row.extend(group_values(class, by));
+        row
+    });
+    write_table(path, &header, by, rows)
+}
+
+fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<(), OutputError> {
+    let by = &bench.options.by;
+    let rows = analysis.classes.iter().flat_map(|class| {
+        class.representative.trimming.iter().map(|row| {
+            let mut fields = vec![
+                class.representative.label.emotion.clone(),
+                row.field.to_string(),
+                row.id.to_string(),
+                nine_digits(row.distance),
+                row.dropped.to_string(),
+            ];
+            fields.extend(group_values(class, by));
+            fields
+        })
+    });
+    write_table(path, &["emotion", "frame", "sequence", "distance", "dropped"], by, rows)
+}
+
+/// Writes `failures.csv`; the header stands there even without failures.
+///
+/// # Errors
+/// [`OutputError`].
+pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<(), OutputError> {
+    let rows = failures.iter().map(|f| vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone()]);
+    write_table(path, &["subject", "sequence", "stage", "reason"], &[], rows)
+}
+
+/// Writes `verdicts.csv`: a row for every tracked sequence.
+fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<(), OutputError> {
+    let rows = tracks.iter().map(|t| {
+        let s = &t.summary;
+        let expected = s.expected_error_px;
+        let percent = expected.filter(|_| s.eye_distance_px > 0.0).map(|px| 100.0 * px / s.eye_distance_px);
+        let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
+        let SequenceId { subject, sequence } = t.id.clone();
+        let verdict = s.verdict.name().to_owned();
+        vec![subject, sequence, t.emotion.clone(), verdict, number(expected), number(percent), s.reasons.join("; ")]
+    });
+    let header = ["subject", "sequence", "emotion", "verdict", "expected_error_px", "expected_error_percent_es", "reasons"];
+    write_table(path, &header, &[], rows)
+}
+
+fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<String, AnalysisError> {
+    let representatives: Vec<Representative> = analysis.classes.iter().map(|c| c.representative.clone()).collect();
+    let catalog = FapCatalog::mpeg4();
+    let apex = |class: &AnalyzedClass| {
+        let frame = class.fap.frames.last();
+        let value = |fap: FapNumber| {
+            let row = catalog.row(fap);
+            Some(ApexFap {
+                number: fap.get(),
+                name: row.name.clone(),
+                unit: row.unit_name(),
+                is_angle: row.motion.is_some_and(Motion::is_angle),
+                value: frame?.value(fap)?.round() as i32,
+            })
+        };
+        class.fap.set_faps().into_iter().filter_map(value).collect::<Vec<_>>()
+    };
+    let html = render_html(&ReportData {
+        title: title.to_owned(),
+        options: option_rows(bench, analysis.tracked_here),
+        representatives: &representatives,
+        tracks: &analysis.tracks,
+        failures: &analysis.failures,
+        wireframe: &bench.wireframe,
+        tables: &bench.tables,
+        fapus: bench.normalizer()?.canonical().fapus,
+        apex_faps: analysis.classes.iter().map(apex).collect(),
+        films: films(&representatives, bench)?,
+        face: match &bench.options.report_face {
+            ReportFace::Simulated => "a simulated person".to_owned(),
+            ReportFace::Photograph { image, .. } => image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        },
+        groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
+            comparisons,
+            options: &bench.options.groups,
+            classes: analysis.classes.iter().map(|c| (c.subjects, c.interval)).collect(),
+        }),
+    })?;
+    Ok(html)
+}
+
+/// The options as a reader of the report wants them; those of fit and tracker only when the sequences were tracked with them.
+fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
+    let o = &bench.options;
+    let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    let json = |value: serde_json::Result<serde_json::Value>| value.map(word).unwrap_or_default();
+    let tracking = [
+        ("Shape prior", json(serde_json::to_value(&o.fit.prior))),
+        ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
+        ("KLT window (over eye distance)", o.track.window.to_string()),
+        ("KLT pyramid levels", o.track.levels.to_string()),
+        ("Forward-backward limit (over eye distance)", o.track.forward_backward.to_string()),
+        ("Extreme displacement (robust standard deviations)", o.track.extreme.to_string()),
+        ("Spring force on tracked nodes (over stiffness)", o.track.force.to_string()),
+        ("Weight of the mismatch against gradients", o.track.mismatch.to_string()),
+    ];
+    let analysis = [
+        ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
+        ("Size normalization", json(serde_json::to_value(o.normalize.size))),
+        ("Trimming alpha", o.statistics.alpha.to_string()),
+        ("Generalized median", json(serde_json::to_value(o.statistics.median))),
+        ("FAP frames between key frames", o.fap.between.to_string()),
+        ("FAP frame rate (Hz)", o.fap.fps.to_string()),
+        ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
+    ];
+    let rows = tracking.into_iter().filter(|_| tracked_here).chain(analysis);
+    rows.map(|(label, value)| (label.to_owned(), value)).collect()
+}
