@@ -18,12 +18,12 @@ use crate::warp::{MouthInside, Placement, Texture};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Teeth {
-    /// The inside of the source's mouth where its frames are given, else a dark mouth.
+    /// The inside of the source's mouth where its frames are given, else teeth that are drawn.
     #[default]
     Auto,
     /// Always a dark mouth.
     Dark,
-    /// The inside of the source's mouth where its frames are given, else teeth that are drawn.
+    /// Always teeth that are drawn.
     Drawn,
 }
 
@@ -168,8 +168,8 @@ impl Details {
 pub fn inside<'a>(mouth: Option<&'a (Texture, &'a Placement)>, teeth: Teeth) -> MouthInside<'a> {
     match mouth {
         Some((texture, placement)) => MouthInside::Picture { texture, placement },
-        None if teeth == Teeth::Drawn => MouthInside::Teeth,
-        None => MouthInside::Dark,
+        None if teeth == Teeth::Dark => MouthInside::Dark,
+        None => MouthInside::Teeth,
     }
 }
 

@@ -94,7 +94,7 @@ impl Clone<'_> {
         let (warp, plain) = (self.target.warp(), self.target.texture());
         let teeth = self.options.teeth;
         let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(None, teeth)) };
-        let mouth = if teeth == Teeth::Dark { None } else { details.mouth(*nearest) };
+        let mouth = if teeth == Teeth::Auto { details.mouth(*nearest) } else { None };
         let inside = detail::inside(mouth.as_ref(), teeth);
         if self.options.wrinkles > 0.0 {
             let strength = self.options.wrinkles * self.options.emphasis;
