@@ -2,15 +2,7 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::{
-    Deformation, Texture, Warp,
-    layer::Layer,
-    mesh::{OpeningMesh, distance_to_line},
-    openings::smooth_step,
-};
-
-/// Height of the blend between the photograph's own teeth and the dark below them, over the eye distance.
-const TEETH_FADE: f64 = 0.02;
+use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, openings::smooth_step};
 
 /// The inside of a mouth of which no picture is known.
 pub fn dark(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, gap: f64, layer: &mut Layer) {
@@ -82,7 +74,9 @@ pub fn teeth(warp: &Warp, texture: &Texture, deformation: &Deformation, layer: &
         // Darker under the lip, between the teeth and towards the corners of the mouth, where the row is lost in the dark.
         let shade = smooth_step(-0.01, 0.055, (y - upper_lip(x)) / unit);
         let brightness = (0.55 + 0.45 * shade) * (0.84 + 0.16 * seam) * (1.0 - 1.9 * side * side);
-        let cover = cover * (1.0 - smooth_step(LAST_TEETH.0, LAST_TEETH.1, side));
+        // So are edges that the lip all but hides.
+        let bared = smooth_step(0.0, 0.03, (edge - upper_lip(x)) / unit);
+        let cover = cover * bared * (1.0 - smooth_step(LAST_TEETH.0, LAST_TEETH.1, side));
         for c in 0..3 {
             colour[c] += (enamel[c] * brightness as f32 - colour[c]) * cover as f32;
         }
@@ -107,26 +101,19 @@ fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
     [1.0, 0.965, 0.90].map(|c| c * light)
 }
 
-/// Draws what the photograph shows in its open mouth over the dark: it stays with the skull, and goes on under an upper lip that is
-/// raised. Below it, where the lower lip has left, and beside it, the mouth is dark.
+/// Draws what the photograph shows in its open mouth over the dark: it stays with the skull, and where the mouth is now wider open than
+/// on the photograph, its edge is stretched to meet the lip.
 pub fn own(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
     let moved = deformation.nodes[6] - warp.nodes[6];
     let height = |p: &Point2<f64>| warp.frame.height(p);
-    let stays = |v: u32| warp.source[v as usize] + moved;
+    let lower = &opening.lower[1..opening.lower.len() - 1];
     let at = |v: u32| {
-        let (there, lip) = (stays(v), deformation.vertices[v as usize]);
-        let inner = &opening.upper[1..opening.upper.len() - 1];
-        if inner.contains(&v) && height(&lip) < height(&there) { lip } else { there }
+        let (stays, lip) = (warp.source[v as usize] + moved, deformation.vertices[v as usize]);
+        let inwards = if lower.contains(&v) { height(&lip) < height(&stays) } else { height(&lip) > height(&stays) };
+        if inwards { stays } else { lip }
     };
-    let lower: Vec<Point2<f64>> = opening.lower.iter().map(|&v| warp.source[v as usize]).collect();
-    let opened = opening.lower.iter().map(|&v| height(&deformation.vertices[v as usize]) - height(&stays(v))).fold(0.0, f64::max);
-    let fade = opened.min(TEETH_FADE * warp.frame.eye_distance);
     for triangle in &opening.triangles {
         let from = triangle.map(|v| warp.source[v as usize]);
-        layer.fill(triangle.map(at), from, |at, dark| {
-            let share = if fade > 0.0 { (distance_to_line(&lower, &at) / fade).min(1.0) as f32 } else { 1.0 };
-            let own = texture.sample(at);
-            std::array::from_fn(|c| dark[c] + (own[c] - dark[c]) * share)
-        });
+        layer.fill(triangle.map(at), from, |at, _| texture.sample(at));
     }
 }

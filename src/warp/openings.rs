@@ -169,10 +169,12 @@ fn lashes(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Poi
     for y in bounds(1, frame.height()) {
         for x in bounds(0, frame.width()) {
             let point = Point2::new(f64::from(x), f64::from(y));
-            // Finer towards the corners.
+            // Finer and lighter towards the corners.
             let along = ((point - from).dot(&across) / across.norm_squared().max(1e-9)).clamp(0.0, 1.0);
             let local = width * (0.35 + 2.6 * along * (1.0 - along));
-            let share = shut.min(1.0) * (1.0 - smooth_step(0.3, 1.0, distance_to_line(&line, &point) / local));
+            let share = shut.min(1.0)
+                * (4.0 * along * (1.0 - along)).sqrt()
+                * (1.0 - smooth_step(0.3, 1.0, distance_to_line(&line, &point) / local));
             if share > 0.0 {
                 let pixel = frame.get_pixel_mut(x, y);
                 for (channel, over) in pixel.0.iter_mut().zip(dark) {
