@@ -350,6 +350,51 @@ mod tests {
     }
 
     #[test]
+    fn a_lid_that_shuts_unfolds_the_skin_below_its_crease_and_leaves_the_brow() {
+        let nodes = face();
+        let mut shut = nodes.clone();
+        for eye in &OPENINGS[1..] {
+            for k in 1..4 {
+                shut[usize::from(eye.upper[k])] = shut[usize::from(eye.lower[k])];
+            }
+        }
+        let warp = Warp::new(&nodes).unwrap();
+        let frame = warp.deform(&shut).unwrap();
+        for (lid, brow) in [(21, [17, 18]), (54, [50, 51])] {
+            let above = nalgebra::center(&nodes[brow[0]], &nodes[brow[1]]);
+            let goes = |share: f64| {
+                let point = nodes[lid] + (above - nodes[lid]) * share;
+                (warp.map(&frame, &point).unwrap() - point).y / (shut[lid] - nodes[lid]).y
+            };
+            assert!(goes(0.95).abs() < 0.06 && goes(0.75).abs() < 0.15, "{} {}", goes(0.95), goes(0.75));
+            assert!(goes(0.1) > 0.5, "{}", goes(0.1));
+        }
+    }
+
+    #[test]
+    fn nothing_of_the_photograph_is_left_between_lips_that_open() {
+        let nodes = face();
+        let line = nodes[87].y;
+        // Below the lower lip the photograph is blue; the lip is white, and so is what moves into the gap.
+        let picture =
+            RgbImage::from_fn(200, 230, |_, y| if f64::from(y) > line + 2.5 { Rgb([0, 0, 255]) } else { Rgb([255; 3]) });
+        let mut open = nodes.clone();
+        for n in [40, 83, 84, 8, 85, 86, 9, 10, 32, 65] {
+            open[n].y += 12.0;
+        }
+        let warp = Warp::new(&nodes).unwrap();
+        let deformation = warp.deform(&open).unwrap();
+        let frame = warp.render(&Texture::new(&picture), &deformation, &MouthInside::Dark);
+        for x in 88..112 {
+            let lip = warp.map(&deformation, &Point2::new(f64::from(x), line + 1.5)).unwrap().y;
+            for y in line.ceil() as u32..lip as u32 {
+                let [r, _, b] = frame.get_pixel(x, y).0;
+                assert!(b < r.saturating_add(60), "({x}, {y}) is blue: {r} {b}");
+            }
+        }
+    }
+
+    #[test]
     fn lips_open_onto_the_dark() {
         let mut open = face();
         for n in [40, 83, 84, 8, 85, 86, 9, 10, 32, 65] {
