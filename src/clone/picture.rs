@@ -108,8 +108,13 @@ pub fn animated_png(
     let milliseconds = (1000.0 / fps.max(0.1)).round().clamp(1.0, 65_535.0) as u16;
     encoder.set_frame_delay(milliseconds, 1000).map_err(error)?;
     let mut writer = encoder.write_header().map_err(error)?;
+    let mut written = 0;
     for frame in std::iter::once(Ok(first)).chain(frames) {
         writer.write_image_data(frame?.as_raw()).map_err(error)?;
+        written += 1;
+    }
+    if written != count {
+        return Err(CloneError::Encode { what: "the APNG", reason: format!("{written} frames instead of {count}") });
     }
     writer.finish().map_err(error)?;
     Ok(bytes)
