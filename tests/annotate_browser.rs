@@ -494,9 +494,28 @@ fn it_fits_desks_and_tablets_in_light_and_dark() {
     let zoom = browser.run("return document.getElementById('world').getScreenCTM().a").as_f64().unwrap();
     let moved = mark(&browser, "mark", node).0 - before.0;
     assert!((moved - 40.0 / zoom).abs() < 1.0 / zoom, "moved by {moved} px at zoom {zoom}");
-    // The help shows every key.
+    // Two fingers that go apart from 80 to 240 px zoom in by three, and what lies between them stays there.
+    let zoom_now = || browser.run("return document.getElementById('world').getScreenCTM().a").as_f64().unwrap();
+    let middle = browser.run(
+        "const r = document.getElementById('stage').getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]",
+    );
+    let (x, y) = (middle[0].as_f64().unwrap().round(), middle[1].as_f64().unwrap().round());
+    let (zoom, marks) = (zoom_now(), browser.run("return document.querySelectorAll('.pin.mark').length"));
+    let script =
+        format!("const m = document.getElementById('world').getScreenCTM(); return [({x} - m.e) / m.a, ({y} - m.f) / m.d]");
+    let before = browser.run(&script);
+    browser.pinch([[(x - 40.0, y), (x - 120.0, y)], [(x + 40.0, y), (x + 120.0, y)]]);
+    wait(&browser, &format!("Math.abs(document.getElementById('world').getScreenCTM().a / {zoom} - 3) < 0.1"));
+    let after = browser.run(&script);
+    for axis in 0..2 {
+        let off = (before[axis].as_f64().unwrap() - after[axis].as_f64().unwrap()).abs() * zoom_now();
+        assert!(off < 6.0, "the middle of the fingers moved by {off} px");
+    }
+    assert_eq!(browser.run("return document.querySelectorAll('.pin.mark').length"), marks, "a pinch marked something");
+    // The help shows every key, from the first one on.
     browser.press("?");
     wait(&browser, "document.getElementById('help').open");
+    assert_eq!(browser.run("return document.getElementById('help').scrollTop"), json!(0));
     browser.screenshot("annotate-help", false);
     browser.press(&ESCAPE.to_string());
     browser.no_errors();

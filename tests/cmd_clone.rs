@@ -125,6 +125,35 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
 }
 
 #[test]
+fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
+    let work = work();
+    // The upper lip goes up, the lower one down.
+    work.write("open.fap", fap_file(&[4, 5, 8, 9, 10, 11], "-250 -400 -200 -200 -350 -350"));
+    for teeth in ["auto", "drawn", "dark"] {
+        clone(&work, &format!("--source open.fap -o {teeth} --teeth {teeth}")).exit(0);
+    }
+    let apex = |teeth: &str| picture(&work, &format!("{teeth}/frames/target_00000002.png"));
+    assert_eq!(apex("auto"), apex("drawn"), "a FAP file has no pictures of teeth");
+    let brightness = |p: &RgbImage| p.pixels().map(|p| u64::from(p.0[1])).sum::<u64>();
+    assert!(brightness(&apex("drawn")) > brightness(&apex("dark")));
+}
+
+#[test]
+fn the_head_of_a_track_is_carried_over_when_it_is_asked_for() {
+    let work = work();
+    clone(&work, "--source S001_005.csv -o still").exit(0);
+    clone(&work, "--source S001_005.csv -o moving --head").exit(0);
+    let nose = |folder: &str| {
+        let rows = work.rows(&format!("{folder}/track/target_S001-005.csv"));
+        let last = rows.iter().rev().find(|r| r["node"] == "77").unwrap();
+        (last["x"].parse::<f64>().unwrap(), last["y"].parse::<f64>().unwrap())
+    };
+    let (still, moving) = (nose("still"), nose("moving"));
+    // The simulated head shifts and rolls; the bridge of the nose moves by nothing else.
+    assert!((still.0 - moving.0).hypot(still.1 - moving.1) > 0.5, "{still:?} {moving:?}");
+}
+
+#[test]
 fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
     let work = work();
     work.write("still.fap", fap_file(&[3], "0")).write("broken.fap", "2.1 test 25");
@@ -276,7 +305,10 @@ fn videos_are_written_or_refused_with_a_reason() {
     for format in ["mp4", "webm"] {
         let ran = clone(&work, &format!("--source S001_005.csv -o {format} --film {format}"));
         if ran.status == Some(0) {
-            assert!(work.bytes(&format!("{format}/clone.{format}")).len() > 1000);
+            // Read back: a track of the film has a frame for every frame, of the picture's size.
+            work.grimace(&format!("track {format}/clone.{format} --correspondences marks.csv -o {format}.csv")).exit(0);
+            let rows = work.rows(&format!("{format}.csv"));
+            assert_eq!(rows.iter().map(|r| &r["frame"]).collect::<std::collections::BTreeSet<_>>().len(), 6, "{format}");
         } else {
             ran.exit(1).says(&["no encoder"]);
         }

@@ -3,8 +3,9 @@
 //!
 //! The cascades find a face and the eyes in its upper half; within each eye's box the iris is the darkest blurred spot. Eye and mouth
 //! corners are then placed as in the mean of real faces ([`ShapePrior::faces`]) by the similarity that takes its pupils to the irises.
-//! The mouth moves along the face to the darkest line near its expected place, the one between the lips. (Of OpenCV's cascades only one
-//! is for mouths, for smiling ones; it put neutral mouths off by more than the mean face does.)
+//! The mouth moves along the face to the darkest line near its expected place, the one between the lips, and each corner to where that
+//! line leads from the middle. (Of OpenCV's cascades only one is for mouths, for smiling ones; it put neutral mouths off by more than
+//! the mean face does.)
 
 use std::{
     path::{Path, PathBuf},
@@ -60,6 +61,14 @@ const LIPS_STEP: f64 = 0.01;
 const LIPS_REACH: f64 = 0.3;
 const LIPS_DEVIATION: f64 = 0.11;
 const LIPS_SURROUND: f64 = 0.15;
+
+/// Following the line between the lips: how far it may go up or down in a step of [`LIPS_STEP`] along it, in such steps; what each of
+/// them costs in grey levels; how far from the middle's height it may end; the smoothing of the picture. The lengths are over the eye
+/// distance.
+const FOLLOW_STEPS: i32 = 2;
+const FOLLOW_COST: f64 = 0.6;
+const FOLLOW_REACH: f64 = 0.12;
+const FOLLOW_BLUR: f64 = 0.015;
 
 /// Steepest line through the eyes, radians, and least and greatest eye distance over the width of the face box, to be believed.
 const EYE_LINE: f64 = 0.35;
@@ -161,8 +170,13 @@ impl Cascades {
         let Some(mut places) = PROPOSED.iter().map(place).collect::<Option<Vec<_>>>() else { return Ok(None) };
         let corners: Vec<usize> = (0..PROPOSED.len()).filter(|&k| MOUTH_CORNERS.contains(&PROPOSED[k])).collect();
         let expected = Point2::from(corners.iter().map(|&k| places[k].coords).sum::<Vector2<f64>>() / corners.len() as f64);
-        if let Some(offset) = lips_offset(&frame.to_image().map_err(CascadeError::Frame)?, [left, right], expected) {
-            corners.iter().for_each(|&k| places[k] += offset);
+        let image = frame.to_image().map_err(CascadeError::Frame)?;
+        if let Some(offset) = lips_offset(&image, [left, right], expected) {
+            let middle = expected + offset;
+            for &k in &corners {
+                let corner = places[k] + offset;
+                places[k] = corner + follow_lips(&image, [left, right], middle, corner).unwrap_or_default();
+            }
         }
         let mark = |(&node, position): (&NodeId, Point2<f64>)| Correspondence { node, position, kind: MarkKind::Mark };
         Ok(Some(PROPOSED.iter().zip(places).map(mark).collect()))
@@ -260,6 +274,44 @@ fn lips_offset(image: &GrayImage, [left, right]: [Point2<f64>; 2], expected: Poi
     costs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| down * t)
 }
 
+/// From the expected corner of a mouth to where the line between the lips leads, along the face, from its `middle`; `None` where the
+/// image does not reach so far.
+fn follow_lips(
+    image: &GrayImage,
+    [left, right]: [Point2<f64>; 2],
+    middle: Point2<f64>,
+    corner: Point2<f64>,
+) -> Option<Vector2<f64>> {
+    let across = left - right;
+    let down = Vector2::new(-across.y, across.x);
+    let brightness = |at: Point2<f64>| -> Option<f64> {
+        let around = [Vector2::zeros(), across * FOLLOW_BLUR, -across * FOLLOW_BLUR, down * FOLLOW_BLUR, -down * FOLLOW_BLUR];
+        let pixels = around.map(|offset| {
+            let point = at + offset;
+            let (x, y) = (point.x.round(), point.y.round());
+            let inside = x >= 0.0 && y >= 0.0 && x < f64::from(image.width()) && y < f64::from(image.height());
+            inside.then(|| f64::from(image.get_pixel(x as u32, y as u32).0[0]))
+        });
+        pixels.iter().copied().sum::<Option<f64>>().map(|sum| sum / around.len() as f64)
+    };
+    let along = corner - middle;
+    let count = (along.norm() / (LIPS_STEP * across.norm())).round().max(1.0) as u32;
+    let mut height = 0.0;
+    for k in 1..=count {
+        let on_line = middle + along * (f64::from(k) / f64::from(count));
+        let mut best: Option<(f64, f64)> = None;
+        for step in -FOLLOW_STEPS..=FOLLOW_STEPS {
+            let next = (height + f64::from(step) * LIPS_STEP).clamp(-FOLLOW_REACH, FOLLOW_REACH);
+            let cost = brightness(on_line + down * next)? + FOLLOW_COST * f64::from(step.abs());
+            if best.is_none_or(|(least, _)| cost < least) {
+                best = Some((cost, next));
+            }
+        }
+        height = best.map_or(height, |(_, next)| next);
+    }
+    Some(down * height)
+}
+
 fn detect(
     cascade: &mut CascadeClassifier,
     image: &Mat,
@@ -341,6 +393,23 @@ mod tests {
         let plain = GrayImage::from_pixel(200, 220, image::Luma([90]));
         assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 140.0)), Some(Vector2::zeros()));
         assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 210.0)), None);
+    }
+
+    #[test]
+    fn the_corners_of_the_mouth_are_where_the_line_between_the_lips_leads() {
+        // The line goes down by 1 px in 6 towards the right of the image: 24 px from the middle it is 4 px lower.
+        let line = |x: u32| 148.0 + (f64::from(x) - 100.0) / 6.0;
+        let image =
+            GrayImage::from_fn(200, 220, |x, y| image::Luma([if (f64::from(y) - line(x)).abs() < 1.6 { 60 } else { 180 }]));
+        let eyes = [Point2::new(140.0, 60.0), Point2::new(60.0, 60.0)];
+        let follow = |image: &GrayImage, x: f64, y: f64| follow_lips(image, eyes, Point2::new(100.0, 148.0), Point2::new(x, y));
+        let (right, left) = (follow(&image, 124.0, 148.0).unwrap(), follow(&image, 76.0, 148.0).unwrap());
+        assert!((right.y - 4.0).abs() < 1.0 && (left.y + 4.0).abs() < 1.0, "{left} {right}");
+        assert!(right.x.abs() < 1e-9);
+        // Nothing to follow: it stays. Beyond the image: no answer.
+        let plain = GrayImage::from_pixel(200, 220, image::Luma([90]));
+        assert_eq!(follow(&plain, 124.0, 148.0), Some(Vector2::zeros()));
+        assert_eq!(follow(&plain, 260.0, 148.0), None);
     }
 
     #[test]

@@ -26,7 +26,7 @@ use axum::{
     },
     middleware,
     response::{IntoResponse, Response},
-    routing::{get, post, put},
+    routing::{MethodFilter, MethodRouter, get, on, post},
 };
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -53,12 +53,27 @@ pub fn router(app: Shared) -> Router {
         .route("/{token}/api/sequences/{id}", get(opened))
         .route("/{token}/api/sequences/{id}/frames/{number}", get(picture))
         .route("/{token}/api/sequences/{id}/proposals", get(proposals))
-        .route("/{token}/api/sequences/{id}/marks", put(save_marks))
-        .route("/{token}/api/sequences/{id}/range", put(save_frames))
+        .route(
+            "/{token}/api/sequences/{id}/marks",
+            change(MethodFilter::PUT, |app, id, r: &SaveMarks| desk(app)?.save_marks(id, r)),
+        )
+        .route(
+            "/{token}/api/sequences/{id}/range",
+            change(MethodFilter::PUT, |app, id, r: &SaveFrames| desk(app)?.save_frames(id, r)),
+        )
         .route("/{token}/api/fit", post(fit))
-        .route("/{token}/api/sequences/{id}/preview", post(preview))
-        .route("/{token}/api/sequences/{id}/corrections", put(correct))
-        .route("/{token}/api/sequences/{id}/retrack", post(retrack))
+        .route(
+            "/{token}/api/sequences/{id}/preview",
+            change(MethodFilter::POST, |app, id, r: &Correct| tracks(app)?.preview(id, r)),
+        )
+        .route(
+            "/{token}/api/sequences/{id}/corrections",
+            change(MethodFilter::PUT, |app, id, r: &Correct| tracks(app)?.correct(id, r)),
+        )
+        .route(
+            "/{token}/api/sequences/{id}/retrack",
+            change(MethodFilter::POST, |app, id, r: &Retrack| tracks(app)?.retrack(id, r)),
+        )
         .fallback(|| async { RequestError::NotFound("no such page".to_owned()) })
         .layer(DefaultBodyLimit::max(BODY_LIMIT))
         .layer(middleware::from_fn_with_state(app.clone(), security::check))
@@ -180,26 +195,17 @@ async fn proposals(State(app): State<Shared>, Path((_, id)): Id) -> Response {
     answer(app, move |app| desk(app)?.proposed(&id)).await
 }
 
-async fn save_marks(State(app): State<Shared>, Path((_, id)): Id, request: Body<SaveMarks>) -> Response {
-    answer_body(app, request, move |app, request| desk(app)?.save_marks(&id, request)).await
-}
-
-async fn save_frames(State(app): State<Shared>, Path((_, id)): Id, request: Body<SaveFrames>) -> Response {
-    answer_body(app, request, move |app, request| desk(app)?.save_frames(&id, request)).await
-}
-
 async fn fit(State(app): State<Shared>, request: Body<ToFit>) -> Response {
     answer_body(app, request, |app, request| Ok(desk(app)?.fit(request))).await
 }
 
-async fn preview(State(app): State<Shared>, Path((_, id)): Id, request: Body<Correct>) -> Response {
-    answer_body(app, request, move |app, request| tracks(app)?.preview(&id, request)).await
-}
-
-async fn correct(State(app): State<Shared>, Path((_, id)): Id, request: Body<Correct>) -> Response {
-    answer_body(app, request, move |app, request| tracks(app)?.correct(&id, request)).await
-}
-
-async fn retrack(State(app): State<Shared>, Path((_, id)): Id, request: Body<Retrack>) -> Response {
-    answer_body(app, request, move |app, request| tracks(app)?.retrack(&id, request)).await
+/// Answers requests with a body that work on one sequence or track.
+fn change<B, T>(method: MethodFilter, work: fn(&App, &str, &B) -> Result<T, RequestError>) -> MethodRouter<Shared>
+where
+    B: DeserializeOwned + Send + 'static,
+    T: Serialize + Send + 'static,
+{
+    on(method, move |State(app): State<Shared>, Path((_, id)): Id, request: Body<B>| {
+        answer_body(app, request, move |app, request| work(app, &id, request))
+    })
 }

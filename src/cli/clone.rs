@@ -102,8 +102,8 @@ struct LookArgs {
     /// Carry the source's folds and wrinkles over, with a strength (1 if none is given)
     #[arg(long, num_args = 0..=1, default_missing_value = "1", value_parser = positive, value_name = "STRENGTH")]
     wrinkles: Option<f64>,
-    /// What shows in an open mouth: `auto` takes the source's where its frames are given and leaves it dark otherwise, `drawn` draws
-    /// upper teeth instead, `dark` is always dark
+    /// What shows in an open mouth: `auto` takes the source's where its frames are given and draws upper teeth otherwise, `drawn`
+    /// always draws them, `dark` is always dark
     #[arg(long, default_value = "auto", value_parser = words::<Teeth>(&["auto", "drawn", "dark"]))]
     teeth: Teeth,
     /// Films in one file beside the frames: gif, apng, mp4, webm, several separated by commas

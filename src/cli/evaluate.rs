@@ -18,6 +18,7 @@ use anyhow::Context;
 use grimace::{
     evaluate::{LineChart, Table},
     output::{write_bytes, write_json},
+    simulate::{Emotion, SimulateOptions},
     units::NodeId,
     wireframe::{Tables, Wireframe, parse_node_or_feature_point},
 };
@@ -177,6 +178,48 @@ fn bar(quiet: bool, what: &str, total: usize) -> ProgressBar {
     }
     bar.set_message(what.to_owned());
     bar
+}
+
+/// Heading of the options that make simulated sequences.
+const SIMULATION: &str = "Simulation, without a DATASET";
+
+/// Simulated sequences, where there is no dataset.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = SIMULATION)]
+struct SimulationArgs {
+    /// Emotions, separated by commas
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "LIST",
+        conflicts_with = "dataset",
+        default_value = "anger,disgust,fear,happiness,sadness,surprise"
+    )]
+    emotions: Vec<Emotion>,
+    /// Frames per sequence
+    #[arg(long, default_value_t = 24, value_name = "N", conflicts_with = "dataset")]
+    frames: usize,
+    /// Size of the frames, px
+    #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = size, conflicts_with = "dataset")]
+    size: (u32, u32),
+    /// Standard deviation of the marks where a sequence starts from seven of them, px
+    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = super::shared::not_negative, conflicts_with = "dataset")]
+    marks_noise: f64,
+}
+
+impl SimulationArgs {
+    /// The clean simulation.
+    fn options(&self, subjects: u32, seed: u64) -> SimulateOptions {
+        SimulateOptions {
+            subjects,
+            emotions: self.emotions.clone(),
+            frames: self.frames,
+            width: self.size.0,
+            height: self.size.1,
+            seed,
+            ..SimulateOptions::default()
+        }
+    }
 }
 
 /// A list of nodes or feature points from the command line.

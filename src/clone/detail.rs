@@ -3,8 +3,8 @@
 //! Wrinkles are an expression ratio image (Liu, Shan and Zhang, *Expressive expression mapping with ratio images*, SIGGRAPH 2001):
 //! where a frame of the source is darker or lighter than its neutral frame at the same point of the skin, the target becomes so by
 //! the same factor. Both pictures are carried into the geometry of the target's photograph by the mesh; the ratio of their grey
-//! levels counts less where it can not be trusted: slow changes (light, exposure) are taken out, strong edges of the source's neutral
-//! frame (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
+//! levels counts less where it can not be trusted: slow changes (light, exposure) are taken out, strong edges of the source's two
+//! frames (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
 //! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target.
 
 use image::{GrayImage, RgbImage};
@@ -18,12 +18,12 @@ use crate::warp::{MouthInside, Placement, Texture};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Teeth {
-    /// The inside of the source's mouth where its frames are given, else a dark mouth.
+    /// The inside of the source's mouth where its frames are given, else teeth that are drawn.
     #[default]
     Auto,
     /// Always a dark mouth.
     Dark,
-    /// The inside of the source's mouth where its frames are given, else teeth that are drawn.
+    /// Always teeth that are drawn.
     Drawn,
 }
 
@@ -35,8 +35,10 @@ const FLOOR: f32 = 12.0;
 const LOG_LIMIT: f32 = 0.38;
 /// Width of what counts as light and not as a wrinkle, over the eye distance, and the share of it that is taken out.
 const SLOW: (f64, f32) = (0.20, 0.75);
-/// Slope of the logarithm of grey levels per eye distance at which the ratio is trusted by half.
+/// Slope of the logarithm of grey levels per eye distance at which the ratio is trusted by half: in the neutral frame, and in the
+/// other one, where wrinkles are edges as well, but not such as hair.
 const EDGE: f32 = 6.0;
+const MOVED_EDGE: f32 = 14.0;
 /// How far an edge spoils what is around it, over the eye distance.
 const EDGE_REACH: f64 = 0.022;
 /// Share of the ratio that is applied to lips, whose colour and shine is everybody's own.
@@ -91,7 +93,8 @@ impl Details {
             sigma_px,
         };
         details.neutral = details.carried(target, 0);
-        details.distrust_edges(target);
+        let smoothed = smooth(&details.neutral, target.picture.width(), target.picture.height(), sigma_px);
+        distrust_edges(&mut details.mask, &smoothed, EDGE, target);
         let own = grey(&target.picture);
         let (mut of_target, mut of_source) = (0.0_f64, 0.0_f64);
         for ((&m, &t), &s) in details.mask.iter().zip(&own).zip(&details.neutral) {
@@ -102,26 +105,6 @@ impl Details {
             details.light = ((of_target / of_source) as f32).clamp(LIGHT_LIMITS.0, LIGHT_LIMITS.1);
         }
         Ok(details)
-    }
-
-    /// Lowers the mask near strong edges of the source's neutral frame.
-    fn distrust_edges(&mut self, target: &Target) {
-        let (width, height) = target.picture.dimensions();
-        let unit = target.warp().eye_distance();
-        let logs: Vec<f32> = smooth(&self.neutral, width, height, self.sigma_px).iter().map(|v| (v + FLOOR).ln()).collect();
-        let (w, h) = (width as usize, height as usize);
-        let mut slopes = vec![0.0; logs.len()];
-        for y in 1..h.saturating_sub(1) {
-            for x in 1..w.saturating_sub(1) {
-                let k = y * w + x;
-                let (dx, dy) = ((logs[k + 1] - logs[k - 1]) / 2.0, (logs[k + w] - logs[k - w]) / 2.0);
-                slopes[k] = (dx * dx + dy * dy) * (unit * unit) as f32;
-            }
-        }
-        let slopes = smooth(&slopes, width, height, (EDGE_REACH * unit).max(0.5));
-        for (share, slope) in self.mask.iter_mut().zip(slopes) {
-            *share /= 1.0 + slope / (EDGE * EDGE);
-        }
     }
 
     /// Grey levels of a frame of the source in the geometry of the target's photograph.
@@ -138,11 +121,13 @@ impl Details {
         let neutral = smooth(&self.neutral, width, height, self.sigma_px);
         let moved = smooth(&self.carried(target, frame), width, height, self.sigma_px);
         let logs: Vec<f32> = moved.iter().zip(&neutral).map(|(m, n)| ((m + FLOOR) / (n + FLOOR)).ln()).collect();
-        let weighted: Vec<f32> = logs.iter().zip(&self.mask).map(|(l, m)| l * m).collect();
+        let mut mask = self.mask.clone();
+        distrust_edges(&mut mask, &moved, MOVED_EDGE, target);
+        let weighted: Vec<f32> = logs.iter().zip(&mask).map(|(l, m)| l * m).collect();
         let slow_px = SLOW.0 * target.warp().eye_distance();
-        let (sums, weights) = (smooth(&weighted, width, height, slow_px), smooth(&self.mask, width, height, slow_px));
+        let (sums, weights) = (smooth(&weighted, width, height, slow_px), smooth(&mask, width, height, slow_px));
         for (k, pixel) in picture.pixels_mut().enumerate() {
-            let share = self.mask[k];
+            let share = mask[k];
             if share > 0.0 {
                 let log = logs[k] - SLOW.1 * sums[k] / weights[k].max(1e-3);
                 let factor = (LOG_LIMIT * (log / LOG_LIMIT).tanh() * share * strength as f32).exp();
@@ -164,12 +149,32 @@ impl Details {
     }
 }
 
+/// Lowers a mask near strong edges of a smoothed picture in the geometry of the target, by half at the slope `edge`.
+fn distrust_edges(mask: &mut [f32], smoothed: &[f32], edge: f32, target: &Target) {
+    let (width, height) = target.picture.dimensions();
+    let unit = target.warp().eye_distance();
+    let logs: Vec<f32> = smoothed.iter().map(|v| (v + FLOOR).ln()).collect();
+    let (w, h) = (width as usize, height as usize);
+    let mut slopes = vec![0.0; logs.len()];
+    for y in 1..h.saturating_sub(1) {
+        for x in 1..w.saturating_sub(1) {
+            let k = y * w + x;
+            let (dx, dy) = ((logs[k + 1] - logs[k - 1]) / 2.0, (logs[k + w] - logs[k - w]) / 2.0);
+            slopes[k] = (dx * dx + dy * dy) * (unit * unit) as f32;
+        }
+    }
+    let slopes = smooth(&slopes, width, height, (EDGE_REACH * unit).max(0.5));
+    for (share, slope) in mask.iter_mut().zip(slopes) {
+        *share /= 1.0 + slope / (edge * edge);
+    }
+}
+
 /// The inside of the mouth as the warp wants it.
 pub fn inside<'a>(mouth: Option<&'a (Texture, &'a Placement)>, teeth: Teeth) -> MouthInside<'a> {
     match mouth {
         Some((texture, placement)) => MouthInside::Picture { texture, placement },
-        None if teeth == Teeth::Drawn => MouthInside::Teeth,
-        None => MouthInside::Dark,
+        None if teeth == Teeth::Dark => MouthInside::Dark,
+        None => MouthInside::Teeth,
     }
 }
 

@@ -107,30 +107,34 @@ pub fn write_clone(
     let &CloneFiles { folder, films, source_frames } = files;
     let apex = clone.apex();
     let chosen = spread(clone.frames.len().min(apex + 1));
-    let (mut pictures, mut shown, mut apex_picture) = (Vec::new(), BTreeMap::new(), RgbImage::default());
+    let (mut shown, mut apex_picture) = (BTreeMap::new(), RgbImage::default());
+    let file = |k: usize| folder.join("frames").join(format!("{}_{:08}.png", clone.target().name, k + 1));
     for k in 0..clone.frames.len() {
         let picture = clone.picture(k);
-        let path = folder.join("frames").join(format!("{}_{:08}.png", clone.target().name, k + 1));
-        write_atomic(&path, |writer| encode_png(&picture, writer))?;
+        write_atomic(&file(k), |writer| encode_png(&picture, writer))?;
         if chosen.contains(&k) {
             shown.insert(k, picture.clone());
         }
         if k == apex {
             apex_picture.clone_from(&picture);
         }
-        if !films.is_empty() {
-            pictures.push(picture);
-        }
         if !tick() {
             return Err(CloneError::Interrupted);
         }
     }
+    // Films are made from the frames written, one at a time: a film of large pictures does not fit into memory.
+    let frame = |k: usize| match image::open(file(k)) {
+        Ok(picture) => Ok(picture.into_rgb8()),
+        Err(error) => Err(CloneError::Encode { what: "a film", reason: format!("{}: {error}", file(k).display()) }),
+    };
     for film in films {
+        let count = clone.frames.len();
+        let frames = (0..count).map(frame);
         match film {
-            Film::Gif => write_bytes(&folder.join("clone.gif"), &picture::animated_gif(&pictures, clone.fps)?)?,
-            Film::Apng => write_bytes(&folder.join("clone.apng"), &picture::animated_png(&pictures, clone.fps)?)?,
-            Film::Mp4 => write_video(&folder.join("clone.mp4"), &pictures, clone.fps)?,
-            Film::Webm => write_video(&folder.join("clone.webm"), &pictures, clone.fps)?,
+            Film::Gif => write_bytes(&folder.join("clone.gif"), &picture::animated_gif(frames, clone.fps)?)?,
+            Film::Apng => write_bytes(&folder.join("clone.apng"), &picture::animated_png(frames, count, clone.fps)?)?,
+            Film::Mp4 => write_video(&folder.join("clone.mp4"), frames, clone.fps)?,
+            Film::Webm => write_video(&folder.join("clone.webm"), frames, clone.fps)?,
         }
     }
     let model = clone.model()?;

@@ -67,11 +67,11 @@ pub fn at_height(picture: &RgbImage, height: u32) -> RgbImage {
     image::imageops::resize(picture, width, height, filter)
 }
 
-/// An animated GIF that repeats for ever: 256 colours, and times in hundredths of a second.
+/// An animated GIF that repeats for ever: 256 colours, and times in hundredths of a second. Frames are taken one after the other.
 ///
 /// # Errors
-/// [`CloneError::Encode`] when a side is over 65535 px.
-pub fn animated_gif(frames: &[RgbImage], fps: f64) -> Result<Vec<u8>, CloneError> {
+/// [`CloneError::Encode`] when a side is over 65535 px; what `frames` gives as error.
+pub fn animated_gif(frames: impl IntoIterator<Item = Result<RgbImage, CloneError>>, fps: f64) -> Result<Vec<u8>, CloneError> {
     let error = |e: image::ImageError| CloneError::Encode { what: "the GIF", reason: e.to_string() };
     let mut bytes = Vec::new();
     {
@@ -80,32 +80,41 @@ pub fn animated_gif(frames: &[RgbImage], fps: f64) -> Result<Vec<u8>, CloneError
         encoder.set_repeat(Repeat::Infinite).map_err(error)?;
         for frame in frames {
             let delay = Delay::from_numer_denom_ms((1000.0 / fps.max(0.1)).round().max(20.0) as u32, 1);
-            let rgba = image::DynamicImage::ImageRgb8(frame.clone()).to_rgba8();
+            let rgba = image::DynamicImage::ImageRgb8(frame?).to_rgba8();
             encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay)).map_err(error)?;
         }
     }
     Ok(bytes)
 }
 
-/// An animated PNG that repeats for ever: every colour as rendered.
+/// An animated PNG of `count` frames that repeats for ever: every colour as rendered. Frames are taken one after the other.
 ///
 /// # Errors
-/// [`CloneError::Encode`] without frames.
-pub fn animated_png(frames: &[RgbImage], fps: f64) -> Result<Vec<u8>, CloneError> {
+/// [`CloneError::Encode`] without frames or with another number of them; what `frames` gives as error.
+pub fn animated_png(
+    frames: impl IntoIterator<Item = Result<RgbImage, CloneError>>,
+    count: usize,
+    fps: f64,
+) -> Result<Vec<u8>, CloneError> {
     let error = |e: png::EncodingError| CloneError::Encode { what: "the APNG", reason: e.to_string() };
-    let Some(first) = frames.first() else {
-        return Err(CloneError::Encode { what: "the APNG", reason: "there is no frame".to_owned() });
-    };
+    let mut frames = frames.into_iter();
+    let first =
+        frames.next().ok_or_else(|| CloneError::Encode { what: "the APNG", reason: "there is no frame".to_owned() })??;
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, first.width(), first.height());
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_animated(frames.len() as u32, 0).map_err(error)?;
+    encoder.set_animated(count as u32, 0).map_err(error)?;
     let milliseconds = (1000.0 / fps.max(0.1)).round().clamp(1.0, 65_535.0) as u16;
     encoder.set_frame_delay(milliseconds, 1000).map_err(error)?;
     let mut writer = encoder.write_header().map_err(error)?;
-    for frame in frames {
-        writer.write_image_data(frame.as_raw()).map_err(error)?;
+    let mut written = 0;
+    for frame in std::iter::once(Ok(first)).chain(frames) {
+        writer.write_image_data(frame?.as_raw()).map_err(error)?;
+        written += 1;
+    }
+    if written != count {
+        return Err(CloneError::Encode { what: "the APNG", reason: format!("{written} frames instead of {count}") });
     }
     writer.finish().map_err(error)?;
     Ok(bytes)
@@ -123,7 +132,7 @@ mod tests {
 
     #[test]
     fn an_animated_gif_has_every_frame_and_its_time() {
-        let bytes = animated_gif(&frames(), 25.0).unwrap();
+        let bytes = animated_gif(frames().into_iter().map(Ok), 25.0).unwrap();
         let decoder = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(bytes)).unwrap();
         let read: Vec<_> = decoder.into_frames().collect::<Result<_, _>>().unwrap();
         assert_eq!(read.len(), 3);
@@ -132,12 +141,13 @@ mod tests {
 
     #[test]
     fn an_animated_png_keeps_every_colour() {
-        let bytes = animated_png(&frames(), 25.0).unwrap();
+        let bytes = animated_png(frames().into_iter().map(Ok), 3, 25.0).unwrap();
         let decoder = image::codecs::png::PngDecoder::new(std::io::Cursor::new(bytes)).unwrap();
         let read: Vec<_> = decoder.apng().unwrap().into_frames().collect::<Result<_, _>>().unwrap();
         assert_eq!(read.len(), 3);
         assert_eq!(read[2].buffer().get_pixel(5, 5).0, [160, 10, 200, 255]);
-        assert!(animated_png(&[], 25.0).is_err());
+        assert!(animated_png([], 0, 25.0).is_err());
+        assert!(animated_png(frames().into_iter().map(Ok), 2, 25.0).is_err());
     }
 
     #[test]

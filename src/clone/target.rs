@@ -38,8 +38,8 @@ pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 
 /// How far the ratio of lid openings may lie from the ratio of IRISDs.
 const LID_LIMIT: f64 = 2.0;
-/// How far the lower lip beside its middle opens, over the middle: least and most.
-const LIP_ROUND: (f64, f64) = (0.75, 0.97);
+/// Most that the lower lip beside its middle opens, over the middle.
+const LIP_ROUND: f64 = 0.97;
 /// One half of the face wider than the other by more than this is a face turned away.
 const MAX_HALF_RATIO: f64 = 1.9;
 /// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
@@ -174,19 +174,24 @@ impl Target {
 }
 
 impl Target {
-    /// Makes the lower lip open round: seen from the corners, the points beside the middle go down by three quarters (a parabola) to
-    /// nearly all of the way of the middle. A median over people, and a tracker on lips that part, may leave a notch; no mouth has
-    /// one. The change is the least in squares.
+    /// Makes the lower lip open round: seen from the corners, the points beside the middle go down at least as far as on a parabola
+    /// through the middle, and at most nearly as far as the middle. A median over people, and a tracker on lips that part, may leave a
+    /// notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the target's has another share. The
+    /// change is the least in squares.
     fn round_lower_lip(&self, nodes: &mut [Point2<f64>]) {
         let down = self.warp.down();
         let neutral = self.fitted.model.nodes();
         let moved = |n: usize| (nodes[n] - neutral[n]).dot(&down);
         let corners = f64::midpoint(moved(88), moved(89));
         let (middle, beside) = (moved(40) - corners, f64::midpoint(moved(83), moved(84)) - corners);
-        let share = if middle > 0.0 && beside < LIP_ROUND.0 * middle {
-            LIP_ROUND.0
-        } else if beside > 0.0 && beside > LIP_ROUND.1 * middle {
-            LIP_ROUND.1
+        // Where they are between the middle (0) and the corners (1).
+        let width = (neutral[88] - neutral[89]).norm();
+        let place = if width > 0.0 { ((neutral[83] - neutral[84]).norm() / width).min(1.0) } else { 0.5 };
+        let least = (1.0 - place * place).min(LIP_ROUND);
+        let share = if middle > 0.0 && beside < least * middle {
+            least
+        } else if beside > 0.0 && beside > LIP_ROUND * middle {
+            LIP_ROUND
         } else {
             return;
         };

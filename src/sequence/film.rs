@@ -48,37 +48,52 @@ const MP4: (&str, &[&[u8; 4]]) = ("mp4", &[b"avc1", b"mp4v"]);
 const WEBM: (&str, &[&[u8; 4]]) = ("webm", &[b"VP90", b"VP80"]);
 
 /// Writes frames of one size as MP4 or `WebM`, by the extension of the path; odd sides lose their last row or column, as video codecs
-/// want even ones.
+/// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one.
 ///
 /// # Errors
-/// [`FilmError`] when this OpenCV has no encoder for the format or the file can not be written.
-pub fn write_video(path: &Path, frames: &[RgbImage], fps: f64) -> Result<(), FilmError> {
-    let is_webm = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("webm"));
-    let (format, codecs) = if is_webm { WEBM } else { MP4 };
-    let Some(first) = frames.first() else { return Err(FilmError::Empty { path: path.to_owned() }) };
-    let size = Size::new((first.width() & !1) as i32, (first.height() & !1) as i32);
+/// [`FilmError`] when this OpenCV has no encoder for the format or the file can not be written; what `frames` gives as error.
+pub fn write_video<E: From<FilmError>>(
+    path: &Path,
+    frames: impl IntoIterator<Item = Result<RgbImage, E>>,
+    fps: f64,
+) -> Result<(), E> {
+    let mut frames = frames.into_iter();
+    let first = frames.next().ok_or_else(|| FilmError::Empty { path: path.to_owned() })??;
     let io = |source| FilmError::Io { path: path.to_owned(), source };
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(io)?;
     // The container follows the extension, so the temporary name has it too.
     let scratch = tempfile::Builder::new().prefix(".grimace-").tempdir_in(folder).map_err(io)?;
-    let temporary = scratch.path().join(format!("film.{format}"));
+    let is_webm = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("webm"));
+    let temporary = scratch.path().join(if is_webm { "film.webm" } else { "film.mp4" });
+    let size = Size::new((first.width() & !1) as i32, (first.height() & !1) as i32);
+    let mut writer = open_writer(path, &temporary, if is_webm { WEBM } else { MP4 }, size, fps)?;
+    for frame in std::iter::once(Ok(first)).chain(frames) {
+        let frame: RgbImage = frame?;
+        bgr(&frame, size).and_then(|mat| writer.write(&mat)).map_err(FilmError::from)?;
+    }
+    writer.release().map_err(FilmError::from)?;
+    if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
+        return Err(FilmError::Empty { path: path.to_owned() }.into());
+    }
+    Ok(std::fs::rename(&temporary, path).map_err(io)?)
+}
+
+/// A writer with the first codec that this OpenCV has.
+fn open_writer(
+    path: &Path,
+    temporary: &Path,
+    (format, codecs): (&'static str, &[&[u8; 4]]),
+    size: Size,
+    fps: f64,
+) -> Result<VideoWriter, FilmError> {
     let name = temporary.to_string_lossy().into_owned();
     for codec in codecs {
         let [a, b, c, d] = codec.map(char::from);
-        let mut writer = VideoWriter::new(&name, VideoWriter::fourcc(a, b, c, d)?, fps, size, true)?;
-        if !writer.is_opened()? {
-            continue;
+        let writer = VideoWriter::new(&name, VideoWriter::fourcc(a, b, c, d)?, fps, size, true)?;
+        if writer.is_opened()? {
+            return Ok(writer);
         }
-        for frame in frames {
-            writer.write(&bgr(frame, size)?)?;
-        }
-        writer.release()?;
-        let written = std::fs::metadata(&temporary).map_or(0, |m| m.len());
-        if written == 0 {
-            return Err(FilmError::Empty { path: path.to_owned() });
-        }
-        return std::fs::rename(&temporary, path).map_err(io);
     }
     let tried = codecs.iter().map(|c| String::from_utf8_lossy(*c).into_owned()).collect::<Vec<_>>().join(", ");
     Err(FilmError::NoEncoder { path: path.to_owned(), format, tried })

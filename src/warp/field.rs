@@ -1,7 +1,8 @@
 //! How every vertex follows the driving nodes: the smoothest displacement field through them.
 //!
 //! The field minimizes the bending energy `u' L M^-1 L u` (L the cotangent Laplacian over the triangles of the skin, M the area of
-//! each vertex), passes through the displacements of the driving nodes exactly and is 0 on the ring around the face. It is cut at
+//! each vertex), passes through the displacements of the driving nodes exactly, goes with a mean of them at the vertices tied to
+//! several, and is 0 on the ring around the face. It is cut at
 //! lips and lids: nothing pulls across an opening, and at its edge the field has no slope, so that lips and lid margins move as a
 //! whole and keep their thickness. The answer is linear in the displacements; one weight for each pair of vertex and node is solved
 //! for once, and a frame costs one product.
@@ -22,9 +23,11 @@ impl Weights {
         let count = mesh.vertices.len();
         let columns = mesh.drivers.len();
         let energy = Energy::new(mesh);
-        let mut known: Vec<Option<Option<usize>>> = vec![None; count];
-        mesh.fixed.iter().for_each(|&v| known[v as usize] = Some(None));
-        mesh.drivers.iter().enumerate().for_each(|(k, &(_, v))| known[v as usize] = Some(Some(k)));
+        // Shares of the drivers at the vertices whose displacement is known; none of them where it is 0.
+        let mut known: Vec<Option<Vec<(usize, f64)>>> = vec![None; count];
+        mesh.fixed.iter().for_each(|&v| known[v as usize] = Some(Vec::new()));
+        mesh.tied.iter().for_each(|(v, shares)| known[*v as usize] = Some(shares.clone()));
+        mesh.drivers.iter().enumerate().for_each(|(k, &(_, v))| known[v as usize] = Some(vec![(k, 1.0)]));
         // From top to bottom, so that the system is banded.
         let mut free: Vec<usize> = (0..count).filter(|&v| known[v].is_none() && energy.masses[v] > 0.0).collect();
         free.sort_by(|&a, &b| {
@@ -39,11 +42,11 @@ impl Weights {
             let row = energy.row(vertex);
             let mut entries: Vec<(usize, f64)> = Vec::with_capacity(row.len());
             for &(other, value) in &row {
-                match known[other] {
-                    Some(Some(driver)) => right[i * columns + driver] -= value,
+                match &known[other] {
+                    Some(shares) => shares.iter().for_each(|&(driver, share)| right[i * columns + driver] -= value * share),
                     None if place[other] <= i => entries.push((place[other], value)),
-                    // Fixed at 0, or in the upper half.
-                    _ => {}
+                    // In the upper half.
+                    None => {}
                 }
             }
             system.push(i, &entries);
@@ -52,8 +55,8 @@ impl Weights {
         system.solve(&mut right, columns);
         let mut values = vec![0.0; count * columns];
         for (v, known) in known.iter().enumerate() {
-            if let Some(Some(driver)) = known {
-                values[v * columns + driver] = 1.0;
+            for &(driver, share) in known.iter().flatten() {
+                values[v * columns + driver] += share;
             }
         }
         for (i, &v) in free.iter().enumerate() {

@@ -65,6 +65,32 @@ const LID_GAP: f64 = 0.10;
 /// Lips nearer than this, over the eye distance, count as closed: the fit can not tell better.
 const CLOSED_GAP: f64 = 0.06;
 
+/// A place between brow and lid.
+#[derive(Clone, Copy, Debug)]
+pub struct LidSkin {
+    /// Node of the lid margin below.
+    pub lid: u16,
+    /// Corners of the eye.
+    pub corners: [u16; 2],
+    /// Inner and outer node of the lower edge of the brow.
+    pub brow: [u16; 2],
+    /// Where above the lid node the brow is met, from the inner to the outer node.
+    pub share: f64,
+}
+
+/// Places between brow and lid, both eyes.
+pub const LID_SKIN: [LidSkin; 6] = [
+    LidSkin { lid: 105, corners: [20, 23], brow: [17, 18], share: 0.40 },
+    LidSkin { lid: 21, corners: [20, 23], brow: [17, 18], share: 0.60 },
+    LidSkin { lid: 97, corners: [20, 23], brow: [17, 18], share: 0.80 },
+    LidSkin { lid: 106, corners: [53, 56], brow: [50, 51], share: 0.40 },
+    LidSkin { lid: 54, corners: [53, 56], brow: [50, 51], share: 0.60 },
+    LidSkin { lid: 98, corners: [53, 56], brow: [50, 51], share: 0.80 },
+];
+/// How high vertices lie there, as shares of the way from the lid to the brow, and how much of the lid's motion each takes. Of the brow's
+/// motion it takes as much as it is high, of that of the eye's corners the rest.
+pub const LID_SKIN_HEIGHTS: [(f64, f64); 2] = [(0.50, 0.12), (0.78, 0.0)];
+
 /// Nodes that a face needs at least: Candide-3's.
 pub const NODE_COUNT: usize = 113;
 

@@ -5,7 +5,7 @@ use spade::{ConstrainedDelaunayTriangulation, Triangulation};
 
 use super::{
     WarpError,
-    layout::{self, Frame, OPENINGS, Opening, OpeningNodes},
+    layout::{self, Frame, LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, OPENINGS, Opening, OpeningNodes},
 };
 use crate::units::NodeId;
 
@@ -59,6 +59,8 @@ pub struct Mesh {
     pub openings: Vec<OpeningMesh>,
     /// Driving nodes and their vertices.
     pub drivers: Vec<(NodeId, u32)>,
+    /// Vertices that go with a mean of the driving nodes: the vertex, and places in `drivers` with shares that sum to 1.
+    pub tied: Vec<(u32, Vec<(usize, f64)>)>,
     /// Vertices that never move.
     pub fixed: Vec<u32>,
 }
@@ -111,6 +113,7 @@ impl Mesh {
             }
         }
         drivers.dedup_by_key(|d| d.1);
+        let tied = lid_skin(reference, &drivers, &mut gathered);
         let hull = convex_hull(drivers.iter().map(|&(n, _)| reference[n.index()]).collect());
         let middle = Point2::from(hull.iter().map(|p| p.coords).sum::<nalgebra::Vector2<f64>>() / hull.len().max(1) as f64);
         let margin = |point: &Point2<f64>| {
@@ -121,7 +124,7 @@ impl Mesh {
         let mut fixed = ring(&mut gathered, &hull, &middle, &margin);
         let edge_points: Vec<Point2<f64>> = edges.iter().flatten().map(|&v| gathered.points[v as usize]).collect();
         fill(&mut gathered, &hull, &edge_points, &margin, &mut fixed);
-        triangulate(gathered.points, &edges, openings, drivers, fixed)
+        Ok(Mesh { tied, ..triangulate(gathered.points, &edges, openings, drivers, fixed)? })
     }
 }
 
@@ -155,6 +158,34 @@ fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut
     }
     let triangles = strips(&upper, &below, &eyeball);
     OpeningMesh { opening: nodes.opening, upper, lower: below, eyeball, stops, triangles }
+}
+
+/// Vertices between brow and upper lid. A lid that shuts unfolds the skin below its crease; the skin above, and the brow, stay.
+fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<(u32, Vec<(usize, f64)>)> {
+    let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
+    let at = |node: u16| reference[usize::from(node)].coords;
+    let mut tied = Vec::new();
+    for LidSkin { lid, corners, brow, share } in LID_SKIN {
+        for (height, lid_share) in LID_SKIN_HEIGHTS {
+            let above = at(brow[0]).lerp(&at(brow[1]), share);
+            let point = Point2::from(at(lid).lerp(&above, height));
+            let rest = (1.0 - height - lid_share) / 2.0;
+            let shares = [
+                (brow[0], height * (1.0 - share)),
+                (brow[1], height * share),
+                (lid, lid_share),
+                (corners[0], rest),
+                (corners[1], rest),
+            ];
+            let shares: Option<Vec<(usize, f64)>> = shares.iter().map(|&(n, s)| Some((driver(n)?, s))).collect();
+            if let Some(shares) = shares
+                && gathered.nearest(&point) > CLEARANCE * SPACINGS[0] * gathered.eye_distance
+            {
+                tied.push((gathered.add(point), shares));
+            }
+        }
+    }
+    tied
 }
 
 /// Bands of triangles from the upper edge over the vertices between to the lower edge; the corners close them.
@@ -274,7 +305,7 @@ fn triangulate(
             skin.push(corners);
         }
     }
-    Ok(Mesh { vertices, skin, openings, drivers, fixed })
+    Ok(Mesh { vertices, skin, openings, drivers, tied: Vec::new(), fixed })
 }
 
 /// Whether a point lies inside a closed polygon (even-odd).
@@ -313,6 +344,17 @@ pub fn convex_hull(mut points: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
     hull
 }
 
+/// Distance of a point to a line of segments.
+pub fn distance_to_line(line: &[Point2<f64>], point: &Point2<f64>) -> f64 {
+    line.windows(2).map(|w| distance_to_segment(&w[0], &w[1], point)).fold(f64::INFINITY, f64::min)
+}
+
+fn distance_to_segment(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>) -> f64 {
+    let (edge, to) = (b - a, point - a);
+    let along = (to.dot(&edge) / edge.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+    (to - edge * along).norm()
+}
+
 /// Distance of a point to a convex hull, 0 inside.
 fn distance_to_hull(hull: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     let mut is_inside = true;
@@ -321,8 +363,7 @@ fn distance_to_hull(hull: &[Point2<f64>], point: &Point2<f64>) -> f64 {
         let b = &hull[(k + 1) % hull.len()];
         let (edge, to) = (b - a, point - a);
         is_inside &= edge.perp(&to) >= 0.0;
-        let along = (to.dot(&edge) / edge.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-        nearest = nearest.min((to - edge * along).norm());
+        nearest = nearest.min(distance_to_segment(a, b, point));
     }
     if is_inside { 0.0 } else { nearest }
 }

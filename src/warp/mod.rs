@@ -34,9 +34,14 @@
 //! # Ok::<(), grimace::warp::WarpError>(())
 //! ```
 
+mod audit;
 mod field;
+mod folds;
+mod layer;
 mod layout;
 mod mesh;
+mod motion;
+mod mouth;
 mod openings;
 mod raster;
 mod render;
@@ -46,34 +51,20 @@ use nalgebra::{Point2, Vector2};
 
 use self::{
     field::Weights,
-    layout::{Frame, OPENINGS, OpeningNodes},
+    layout::{Frame, OPENINGS},
     mesh::Mesh,
 };
-use crate::{geometry::Similarity, units::NodeId};
+use crate::geometry::Similarity;
 
+pub use audit::Audit;
 pub use layout::{NODE_COUNT, Opening};
 pub(crate) use mesh::convex_hull;
 pub use render::MouthInside;
 pub use sample::{Texture, resample};
 
-/// Largest turn of the gaze that is shown, as a shift of the iris over the eye distance.
-const MAX_GAZE: f64 = 0.12;
-/// Edges of an opening this near, over the eye distance, are shut.
-const SHUT: f64 = 1e-4;
-/// A skin triangle counts as folded when its area falls below this share of the area in the reference, and below half of its area on
-/// the photograph.
-const LEAST_AREA: f64 = 0.02;
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
 /// pixel, and where lips close a sliver may turn.
 const MOST_FOLDED: f64 = 0.04;
-/// Rounds of smoothing that a folded frame gets.
-const UNFOLD_ROUNDS: usize = 40;
-/// Rounds of weakening that it gets when smoothing does not help, and the factor of each.
-const WEAKEN_ROUNDS: usize = 30;
-const WEAKEN: f64 = 0.75;
-/// Share of the way to its neighbours' mean that a node at a fold goes in a round.
-const UNFOLD_STEP: f64 = 0.35;
-
 /// Why a face can not be warped.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WarpError {
@@ -149,19 +140,6 @@ impl Deformation {
     }
 }
 
-/// How the skin covers a frame ([`Warp::audit`]).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Audit {
-    /// Skin triangles that are turned over.
-    pub folded: usize,
-    /// Pixels inside the border of the mesh.
-    pub inside: usize,
-    /// Of these, pixels that neither skin nor an opening covers.
-    pub holes: usize,
-    /// Of these, pixels that skin covers more than once.
-    pub doubled: usize,
-}
-
 /// Vertices of the mesh on some picture of a face ([`Warp::place`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placement(Vec<Point2<f64>>);
@@ -178,7 +156,7 @@ impl Warp {
         let reference_nodes = layout::reference(&source_nodes, &frame);
         let mesh = Mesh::new(&reference_nodes, &frame)?;
         let weights = Weights::new(&mesh)?;
-        let neighbours = neighbours(&mesh, &reference_nodes);
+        let neighbours = folds::neighbours(&mesh, &reference_nodes);
         let triangles = mesh.skin.len();
         let mut warp = Self {
             mesh,
@@ -250,26 +228,7 @@ impl Warp {
         let mut wanted: Vec<Point2<f64>> =
             (0..NODE_COUNT).map(|k| background.apply(&self.nodes[k]) + (nodes[k] - background.apply(&self.given[k]))).collect();
         self.separate(&mut wanted);
-        let mut rounds = 0;
-        let mut vertices = self.solve(&self.source, &self.nodes, &wanted, background);
-        while rounds < UNFOLD_ROUNDS + WEAKEN_ROUNDS {
-            let folded: Vec<usize> = self.folded(&vertices).collect();
-            if folded.is_empty() {
-                break;
-            }
-            if rounds < UNFOLD_ROUNDS {
-                self.smooth(&mut wanted, &folded, background);
-            } else {
-                // No skin can do this: all of it is made weaker, until some skin can.
-                for (node, start) in wanted.iter_mut().zip(&self.nodes) {
-                    let start = background.apply(start);
-                    *node = start + (*node - start) * WEAKEN;
-                }
-            }
-            self.separate(&mut wanted);
-            vertices = self.solve(&self.source, &self.nodes, &wanted, background);
-            rounds += 1;
-        }
+        let (vertices, rounds) = self.unfolded(&mut wanted, background);
         // Nodes that drive are where their vertex is; the others go with the skin or the eye around them.
         let mut found: Vec<Point2<f64>> = (0..NODE_COUNT)
             .map(|k| self.carry(&self.source, &vertices, &self.nodes[k]).unwrap_or_else(|| background.apply(&self.nodes[k])))
@@ -278,7 +237,7 @@ impl Warp {
             found[node.index()] = vertices[vertex as usize];
         }
         for nodes in &OPENINGS[1..] {
-            let (eye, gaze) = eye_motion(nodes, &self.nodes, &wanted, self.frame.eye_distance);
+            let (eye, gaze) = motion::eye_motion(nodes, &self.nodes, &wanted, self.frame.eye_distance);
             for &n in nodes.iris {
                 found[usize::from(n)] = eye.apply(&self.nodes[usize::from(n)]) + gaze;
             }
@@ -306,40 +265,6 @@ impl Warp {
         self.carry(&self.source, &deformation.vertices, point)
     }
 
-    /// How a frame covers the picture: for tests, and for whoever wants to be sure.
-    pub fn audit(&self, deformation: &Deformation, size: (u32, u32)) -> Audit {
-        // Skin counts ones, openings sixteens.
-        const OPENING: u8 = 16;
-        let mut counts = vec![0_u8; size.0 as usize * size.1 as usize];
-        let mut cover = |triangles: &[[u32; 3]], step: u8| {
-            for t in triangles {
-                let corners = t.map(|v| deformation.vertices[v as usize]);
-                raster::fill(corners, corners, size, |x, y, _| {
-                    let count = &mut counts[(y * size.0 + x) as usize];
-                    *count = count.saturating_add(step);
-                });
-            }
-        };
-        cover(&self.mesh.skin, 1);
-        for opening in &self.mesh.openings {
-            cover(&opening.triangles, OPENING);
-        }
-        let mut audit = Audit { folded: self.folded(&deformation.vertices).count(), ..Audit::default() };
-        // The border of the mesh does not move: inside of it every pixel is skin once, or in an opening.
-        let border = convex_hull(self.mesh.fixed.iter().map(|&v| deformation.vertices[v as usize]).collect());
-        for y in 0..size.1 {
-            for x in 0..size.0 {
-                let count = counts[(y * size.0 + x) as usize];
-                if mesh::inside(&border, &Point2::new(f64::from(x), f64::from(y))) {
-                    audit.inside += 1;
-                    audit.holes += usize::from(count == 0);
-                    audit.doubled += usize::from(count % OPENING > 1);
-                }
-            }
-        }
-        audit
-    }
-
     fn carry(&self, from: &[Point2<f64>], to: &[Point2<f64>], point: &Point2<f64>) -> Option<Point2<f64>> {
         self.mesh.skin.iter().find_map(|t| {
             let [a, b, c] = t.map(|v| from[v as usize]);
@@ -350,111 +275,6 @@ impl Warp {
             inside.then(|| p + (q - p) * s + (r - p) * t2)
         })
     }
-
-    /// Vertices when the driving nodes go from `base` to `wanted` and all else by `around`.
-    fn solve(
-        &self,
-        vertices: &[Point2<f64>],
-        base: &[Point2<f64>],
-        wanted: &[Point2<f64>],
-        around: &Similarity,
-    ) -> Vec<Point2<f64>> {
-        let offsets: Vec<Vector2<f64>> =
-            self.mesh.drivers.iter().map(|&(n, _)| wanted[n.index()] - around.apply(&base[n.index()])).collect();
-        let still = *around == Similarity::identity();
-        let mut moved: Vec<Point2<f64>> = vertices
-            .iter()
-            .enumerate()
-            .map(|(v, p)| {
-                let mut offset = Vector2::zeros();
-                for (w, o) in self.weights.of(v).iter().zip(&offsets) {
-                    offset += o * *w;
-                }
-                if still { p + offset } else { around.apply(p) + offset }
-            })
-            .collect();
-        for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
-            // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
-            let gap = |k: usize| {
-                self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])])
-            };
-            let shut: [bool; 5] = std::array::from_fn(|k| gap(k) <= SHUT * self.frame.eye_distance);
-            for (k, (&a, &b)) in opening.upper.iter().zip(&opening.lower).enumerate() {
-                let (a, b) = (a as usize, b as usize);
-                let next = opening.stops.iter().position(|&stop| stop >= k).unwrap_or(4);
-                let between_shut = shut[next] && (opening.stops[next] == k || shut[next.saturating_sub(1)]);
-                if a != b && (between_shut || self.frame.height(&moved[b]) < self.frame.height(&moved[a])) {
-                    let middle = nalgebra::center(&moved[a], &moved[b]);
-                    (moved[a], moved[b]) = (middle, middle);
-                }
-            }
-            for &(k, share, v) in &opening.eyeball {
-                let (from, to) = (moved[opening.upper[k] as usize], moved[opening.lower[k] as usize]);
-                moved[v as usize] = from + (to - from) * share;
-            }
-        }
-        moved
-    }
-
-    /// Lips and lids do not pass through each other.
-    fn separate(&self, nodes: &mut [Point2<f64>]) {
-        for OpeningNodes { upper, lower, .. } in &OPENINGS {
-            for k in 1..4 {
-                layout::keep_apart(nodes, upper[k], lower[k], &self.frame, 0.0);
-            }
-        }
-    }
-
-    /// Skin triangles that are turned over or nearly so.
-    fn folded<'a>(&'a self, vertices: &'a [Point2<f64>]) -> impl Iterator<Item = usize> + 'a {
-        let area = |points: &[Point2<f64>], t: &[u32; 3]| {
-            let [a, b, c] = t.map(|v| points[v as usize]);
-            (b - a).perp(&(c - a))
-        };
-        let skin = self.mesh.skin.iter().enumerate().filter(|(k, _)| !self.is_flat[*k]);
-        skin.filter_map(move |(k, t)| {
-            let least = (LEAST_AREA * area(&self.mesh.vertices, t)).min(0.5 * area(&self.source, t));
-            (area(vertices, t) < least).then_some(k)
-        })
-    }
-
-    /// Draws the nodes that dominate folded triangles towards the mean motion of the nodes around them.
-    fn smooth(&self, wanted: &mut [Point2<f64>], folded: &[usize], around: &Similarity) {
-        let mut at_fold = vec![false; self.mesh.drivers.len()];
-        for &k in folded {
-            for v in self.mesh.skin[k] {
-                for (flag, w) in at_fold.iter_mut().zip(self.weights.of(v as usize)) {
-                    *flag |= w.abs() > 0.2;
-                }
-            }
-        }
-        let node = |d: usize| self.mesh.drivers[d].0.index();
-        let offsets: Vec<Vector2<f64>> =
-            (0..at_fold.len()).map(|d| wanted[node(d)] - around.apply(&self.nodes[node(d)])).collect();
-        for d in (0..at_fold.len()).filter(|&d| at_fold[d]) {
-            let near = &self.neighbours[d];
-            let mean = near.iter().map(|&o| offsets[o]).sum::<Vector2<f64>>() / near.len().max(1) as f64;
-            wanted[node(d)] += (mean - offsets[d]) * UNFOLD_STEP;
-        }
-    }
-}
-
-/// How an eyeball moves: with the corners of the eye, and by the gaze on top.
-fn eye_motion(
-    nodes: &OpeningNodes,
-    base: &[Point2<f64>],
-    wanted: &[Point2<f64>],
-    eye_distance: f64,
-) -> (Similarity, Vector2<f64>) {
-    let corners = |points: &[Point2<f64>]| [points[usize::from(nodes.upper[0])], points[usize::from(nodes.upper[4])]];
-    let middle = |points: &[Point2<f64>]| {
-        let sum: Vector2<f64> = nodes.iris.iter().map(|&n| points[usize::from(n)].coords).sum();
-        Point2::from(sum / nodes.iris.len().max(1) as f64)
-    };
-    let eye = Similarity::fit(&corners(base), &corners(wanted), None).unwrap_or_else(|_| Similarity::identity());
-    let gaze = middle(wanted) - eye.apply(&middle(base));
-    let limit = MAX_GAZE * eye_distance;
-    (eye, if gaze.norm() > limit { gaze * (limit / gaze.norm()) } else { gaze })
 }
 
 fn check(nodes: &[Point2<f64>]) -> Result<(), WarpError> {
@@ -465,21 +285,6 @@ fn check(nodes: &[Point2<f64>]) -> Result<(), WarpError> {
         return Err(WarpError::NotFinite);
     }
     Ok(())
-}
-
-/// The six driving nodes nearest to each, in the reference.
-fn neighbours(mesh: &Mesh, reference: &[Point2<f64>]) -> Vec<Vec<usize>> {
-    const COUNT: usize = 6;
-    let at = |node: NodeId| reference[node.index()];
-    (0..mesh.drivers.len())
-        .map(|d| {
-            let mut others: Vec<usize> = (0..mesh.drivers.len()).filter(|&o| o != d).collect();
-            let distance = |o: usize| (at(mesh.drivers[o].0) - at(mesh.drivers[d].0)).norm();
-            others.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
-            others.truncate(COUNT);
-            others
-        })
-        .collect()
 }
 
 #[cfg(test)]
@@ -542,6 +347,51 @@ mod tests {
         let warp = Warp::new(&nodes).unwrap();
         let frame = warp.render(&Texture::new(&picture), &warp.deform(&shut).unwrap(), &MouthInside::Dark);
         assert!(frame.pixels().all(|p| p.0[0] > 200), "black shows through shut lids");
+    }
+
+    #[test]
+    fn a_lid_that_shuts_unfolds_the_skin_below_its_crease_and_leaves_the_brow() {
+        let nodes = face();
+        let mut shut = nodes.clone();
+        for eye in &OPENINGS[1..] {
+            for k in 1..4 {
+                shut[usize::from(eye.upper[k])] = shut[usize::from(eye.lower[k])];
+            }
+        }
+        let warp = Warp::new(&nodes).unwrap();
+        let frame = warp.deform(&shut).unwrap();
+        for (lid, brow) in [(21, [17, 18]), (54, [50, 51])] {
+            let above = nalgebra::center(&nodes[brow[0]], &nodes[brow[1]]);
+            let goes = |share: f64| {
+                let point = nodes[lid] + (above - nodes[lid]) * share;
+                (warp.map(&frame, &point).unwrap() - point).y / (shut[lid] - nodes[lid]).y
+            };
+            assert!(goes(0.95).abs() < 0.06 && goes(0.75).abs() < 0.15, "{} {}", goes(0.95), goes(0.75));
+            assert!(goes(0.1) > 0.5, "{}", goes(0.1));
+        }
+    }
+
+    #[test]
+    fn nothing_of_the_photograph_is_left_between_lips_that_open() {
+        let nodes = face();
+        let line = nodes[87].y;
+        // Below the lower lip the photograph is blue; the lip is white, and so is what moves into the gap.
+        let picture =
+            RgbImage::from_fn(200, 230, |_, y| if f64::from(y) > line + 2.5 { Rgb([0, 0, 255]) } else { Rgb([255; 3]) });
+        let mut open = nodes.clone();
+        for n in [40, 83, 84, 8, 85, 86, 9, 10, 32, 65] {
+            open[n].y += 12.0;
+        }
+        let warp = Warp::new(&nodes).unwrap();
+        let deformation = warp.deform(&open).unwrap();
+        let frame = warp.render(&Texture::new(&picture), &deformation, &MouthInside::Dark);
+        for x in 88..112 {
+            let lip = warp.map(&deformation, &Point2::new(f64::from(x), line + 1.5)).unwrap().y;
+            for y in line.ceil() as u32..lip as u32 {
+                let [r, _, b] = frame.get_pixel(x, y).0.map(i32::from);
+                assert!(b - r < 60, "({x}, {y}) is blue: {r} {b}");
+            }
+        }
     }
 
     #[test]

@@ -156,6 +156,24 @@ impl Browser {
         self.drag("mouse", &[place]);
     }
 
+    /// Two fingers from their places to others, at the same time.
+    pub fn pinch(&self, fingers: [[(f64, f64); 2]; 2]) {
+        let to = |(x, y): (f64, f64), duration: u32| json!({"type": "pointerMove", "duration": duration, "x": x.round() as i64, "y": y.round() as i64});
+        let finger = |k: usize| {
+            let [from, until] = fingers[k];
+            let middle = (f64::midpoint(from.0, until.0), f64::midpoint(from.1, until.1));
+            let actions = [
+                to(from, 0),
+                json!({"type": "pointerDown", "button": 0}),
+                to(middle, 60),
+                to(until, 60),
+                json!({"type": "pointerUp", "button": 0}),
+            ];
+            json!({"type": "pointer", "id": format!("finger{k}"), "parameters": {"pointerType": "touch"}, "actions": actions})
+        };
+        self.post("/actions", &json!({ "actions": [finger(0), finger(1)] }));
+    }
+
     fn act(&self, source: &Value) {
         self.post("/actions", &json!({ "actions": [source] }));
     }

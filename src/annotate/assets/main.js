@@ -62,6 +62,12 @@ const KEYS = {
 const get = (id) => document.getElementById(id);
 const on = (id, event, act) => get(id).addEventListener(event, act);
 
+/** All keys, from the first one on, also where the window is too low for them. */
+function showHelp() {
+  get('help').showModal();
+  get('help').scrollTop = 0;
+}
+
 class Page {
   async start() {
     this.theme(this.storedTheme());
@@ -309,7 +315,7 @@ class Page {
         const button = Object.assign(document.createElement('button'), { className: 'name' });
         button.dataset.pick = node;
         button.setAttribute('aria-pressed', selected);
-        button.append(Object.assign(document.createElement('i'), { className: `symbol ${kind}` }), Object.assign(document.createElement('span'), { textContent: name }), Object.assign(document.createElement('small'), { textContent: detail }));
+        button.append(Object.assign(document.createElement('i'), { className: `symbol ${kind}` }), Object.assign(document.createElement('span'), { textContent: name }), Object.assign(document.createElement('small'), { textContent: detail, title: kind === 'mark' ? 'from the mark to the fitted node' : '' }));
         button.addEventListener('click', () => this.work.pick(node));
         const drop = Object.assign(document.createElement('button'), { className: 'drop', textContent: action === 'Release' ? 'Release' : '✕' });
         drop.dataset.drop = node;
@@ -394,7 +400,7 @@ class Page {
     on('previous', 'click', () => this.step(-1));
     on('next', 'click', () => this.goOn());
     on('pick', 'click', () => this.showSequences());
-    on('help-open', 'click', () => get('help').showModal());
+    on('help-open', 'click', showHelp);
     on('theme', 'click', () => this.nextTheme());
     on('zoom-in', 'click', () => this.stage.zoomBy(1.25));
     on('zoom-out', 'click', () => this.stage.zoomBy(0.8));
@@ -428,8 +434,8 @@ class Page {
     }
     if (command && !name.startsWith('Arrow')) return;
     const keys = {
-      '?': () => get('help').showModal(),
-      h: () => get('help').showModal(),
+      '?': showHelp,
+      h: showHelp,
       Enter: () => (event.shiftKey ? this.step(-1) : this.goOn()),
       PageDown: () => this.step(1),
       PageUp: () => this.step(-1),

@@ -374,7 +374,7 @@ export class Marking {
         node: m.node,
         kind: m.kind,
         selected: m.node === this.selected,
-        detail: m.kind === 'hard' ? 'set by hand' : `${(this.fit?.residuals.get(m.node) ?? 0).toFixed(1)} px off`,
+        detail: m.kind === 'hard' ? 'set by hand' : `${(this.fit?.residuals.get(m.node) ?? 0).toFixed(1)} px`,
         action: m.kind === 'hard' ? 'Release' : 'Delete',
       })),
       'No marks yet.',

@@ -255,7 +255,8 @@ export class Stage {
     if (other === undefined) return;
     const [before, fixed] = [this.pointers.get(id), this.pointers.get(other)];
     const spread = (p) => Math.max(10, Math.hypot(p[0] - fixed[0], p[1] - fixed[1]));
-    const middle = [(before[0] + fixed[0]) / 2, (before[1] + fixed[1]) / 2];
+    // What was between the fingers goes to where their middle is now, and grows from there.
+    const middle = [(place[0] + fixed[0]) / 2, (place[1] + fixed[1]) / 2];
     this.pan((place[0] - before[0]) / 2, (place[1] - before[1]) / 2);
     this.zoomBy(spread(place) / spread(before), middle);
     this.pointers.set(id, place);

@@ -13,13 +13,13 @@ use grimace::{
     fit::Fitter,
     output::write_bytes,
     sequence::configure_opencv,
-    simulate::{Emotion, SimulateOptions},
+    simulate::SimulateOptions,
     track::Confidence,
     wireframe::{Tables, Wireframe},
 };
 use serde_json::json;
 
-use super::{CommonArgs, Folder, bar, nodes, tracking::StartWord};
+use super::{CommonArgs, Folder, SimulationArgs, bar, nodes, tracking::StartWord};
 use crate::cli::{
     Outcome,
     shared::{FitArgs, TrackArgs, stop_flag},
@@ -51,27 +51,11 @@ pub struct Args {
     /// Further simulated subjects to judge by
     #[arg(long, default_value_t = 6, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=500), conflicts_with = "dataset")]
     held_out: u32,
-    /// Emotions, separated by commas
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "LIST",
-        conflicts_with = "dataset",
-        default_value = "anger,disgust,fear,happiness,sadness,surprise"
-    )]
-    emotions: Vec<Emotion>,
-    /// Frames per sequence
-    #[arg(long, default_value_t = 24, value_name = "N", conflicts_with = "dataset")]
-    frames: usize,
-    /// Size of the frames, px
-    #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = super::size, conflicts_with = "dataset")]
-    size: (u32, u32),
-    /// Standard deviation of the seven marks, px
-    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = crate::cli::shared::not_negative, conflicts_with = "dataset")]
-    marks_noise: f64,
     /// Nodes or feature points marked when a sequence starts from a fit
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     marks: Vec<String>,
+    #[command(flatten)]
+    simulation: SimulationArgs,
     #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
@@ -85,18 +69,10 @@ const HELD_OUT_SEED: u64 = 0x5EED_0000;
 
 impl Args {
     fn conditions(&self, subjects: u32, seed: u64) -> Vec<ConfidenceCondition> {
-        let clean = SimulateOptions {
-            subjects,
-            emotions: self.emotions.clone(),
-            frames: self.frames,
-            width: self.size.0,
-            height: self.size.1,
-            seed,
-            ..SimulateOptions::default()
-        };
+        let clean = self.simulation.options(subjects, seed);
         // People of the smaller pictures are others.
         let small =
-            SimulateOptions { width: self.size.0 / 2, height: self.size.1 / 2, seed: seed.wrapping_add(1), ..clean.clone() };
+            SimulateOptions { width: clean.width / 2, height: clean.height / 2, seed: seed.wrapping_add(1), ..clean.clone() };
         let condition = |name: &str, simulation| ConfidenceCondition { name: name.to_owned(), simulation };
         vec![
             condition("hard", hard_simulation(&clean)),
@@ -117,10 +93,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.dataset.is_some() {
         return judge_dataset(args, folder, &fitter, &wireframe, &tables, marks);
     }
-    let options = ConfidenceOptions { track: args.track.options(), marks, marks_noise_px: args.marks_noise };
+    let options = ConfidenceOptions { track: args.track.options(), marks, marks_noise_px: args.simulation.marks_noise };
     let seed = args.common.seed;
     let (learn, judge) = (args.conditions(args.subjects, seed), args.conditions(args.held_out, seed.wrapping_add(HELD_OUT_SEED)));
-    let total = (learn.len() * args.subjects as usize + judge.len() * args.held_out as usize) * args.emotions.len();
+    let total = (learn.len() * args.subjects as usize + judge.len() * args.held_out as usize) * args.simulation.emotions.len();
     let stop = stop_flag()?;
     let bar = bar(args.common.quiet, "tracking", total);
     let tick = || {
@@ -156,8 +132,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder.print("Verdicts, and true mean error at the last frame", &verdicts);
     let count = |sequences: &[SampledSequence]| sequences.iter().map(|s| s.samples.len()).sum::<usize>();
     let written = json!({
-        "subjects": args.subjects, "held_out": args.held_out, "emotions": args.emotions, "frames": args.frames,
-        "size": args.size, "marks": options.marks, "marks_noise_px": options.marks_noise_px,
+        "subjects": args.subjects, "held_out": args.held_out, "emotions": args.simulation.emotions, "frames": args.simulation.frames,
+        "size": args.simulation.size, "marks": options.marks, "marks_noise_px": options.marks_noise_px,
         "fit": args.fit.options(), "track": options.track,
     });
     let results = json!({ "samples": count(&learned), "held_out_samples": count(&held_out) });
@@ -180,7 +156,7 @@ fn judge_dataset(
         start: args.start.into(),
         variants: vec![variant],
         marks,
-        marks_noise_px: args.marks_noise,
+        marks_noise_px: args.simulation.marks_noise,
         by: args.by.clone(),
         seed: args.common.seed,
     };

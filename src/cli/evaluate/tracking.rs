@@ -11,12 +11,11 @@ use grimace::{
     },
     fit::Fitter,
     sequence::configure_opencv,
-    simulate::{Emotion, SimulateOptions},
     wireframe::{Tables, Wireframe},
 };
 use serde_json::{Value, json};
 
-use super::{CommonArgs, Folder, bar, file_word, nodes};
+use super::{CommonArgs, Folder, SimulationArgs, bar, file_word, nodes};
 use crate::cli::{
     Outcome,
     shared::{FitArgs, TrackArgs, stop_flag},
@@ -48,6 +47,12 @@ pub struct Args {
     /// A further tracker: a name and options of the tracker that differ; may be given several times
     #[arg(long, value_name = "NAME:KEY=VALUE,...")]
     variants: Vec<String>,
+    /// Simulated subjects
+    #[arg(long, default_value_t = 4, value_name = "N", conflicts_with = "dataset", help_heading = super::SIMULATION)]
+    subjects: u32,
+    /// The hard simulation: blur, changing light, noise, compression, the head turned by up to 8 degrees
+    #[arg(long, conflicts_with = "dataset", help_heading = super::SIMULATION)]
+    hard: bool,
     #[command(flatten)]
     simulation: SimulationArgs,
     #[command(flatten)]
@@ -56,35 +61,6 @@ pub struct Args {
     track: TrackArgs,
     #[command(flatten)]
     common: CommonArgs,
-}
-
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Simulation, without a DATASET")]
-struct SimulationArgs {
-    /// Simulated subjects
-    #[arg(long, default_value_t = 4, value_name = "N", conflicts_with = "dataset")]
-    subjects: u32,
-    /// Their emotions, separated by commas
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "LIST",
-        conflicts_with = "dataset",
-        default_value = "anger,disgust,fear,happiness,sadness,surprise"
-    )]
-    emotions: Vec<Emotion>,
-    /// Frames per sequence
-    #[arg(long, default_value_t = 24, value_name = "N", conflicts_with = "dataset")]
-    frames: usize,
-    /// Size of the frames, px
-    #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = super::size, conflicts_with = "dataset")]
-    size: (u32, u32),
-    /// The hard simulation: blur, changing light, noise, compression, the head turned by up to 8 degrees
-    #[arg(long, conflicts_with = "dataset")]
-    hard: bool,
-    /// Standard deviation of the marks of `--start seven`, px
-    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = crate::cli::shared::not_negative, conflicts_with = "dataset")]
-    marks_noise: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -99,21 +75,6 @@ impl From<StartWord> for Start {
             StartWord::Landmarks => Self::Landmarks,
             StartWord::Seven => Self::Seven,
         }
-    }
-}
-
-impl SimulationArgs {
-    fn options(&self, seed: u64) -> SimulateOptions {
-        let clean = SimulateOptions {
-            subjects: self.subjects,
-            emotions: self.emotions.clone(),
-            frames: self.frames,
-            width: self.size.0,
-            height: self.size.1,
-            seed,
-            ..SimulateOptions::default()
-        };
-        if self.hard { hard_simulation(&clean) } else { clean }
     }
 }
 
@@ -138,7 +99,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         by: args.by.clone(),
         seed: args.common.seed,
     };
-    let simulation = args.simulation.options(args.common.seed);
+    let clean = args.simulation.options(args.subjects, args.common.seed);
+    let simulation = if args.hard { hard_simulation(&clean) } else { clean };
     let (cases, mut failures) = match &args.dataset {
         Some(path) => dataset_cases(path, args.by.as_deref())?,
         None => (simulated_cases(&simulation)?, Vec::new()),

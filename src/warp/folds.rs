@@ -1,0 +1,92 @@
+//! Skin that a motion would fold is smoothed until it does not.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{Warp, mesh::Mesh};
+use crate::{geometry::Similarity, units::NodeId};
+
+/// A skin triangle counts as folded when its area falls below this share of the area in the reference, and below half of its area on
+/// the photograph.
+const LEAST_AREA: f64 = 0.02;
+/// Rounds of smoothing that a folded frame gets.
+const UNFOLD_ROUNDS: usize = 40;
+/// Rounds of weakening that it gets when smoothing does not help, and the factor of each.
+const WEAKEN_ROUNDS: usize = 30;
+const WEAKEN: f64 = 0.75;
+/// Share of the way to its neighbours' mean that a node at a fold goes in a round.
+const UNFOLD_STEP: f64 = 0.35;
+
+impl Warp {
+    /// Vertices for the wanted nodes, and the rounds it took until no skin was folded; `wanted` becomes what was possible.
+    pub(super) fn unfolded(&self, wanted: &mut [Point2<f64>], background: &Similarity) -> (Vec<Point2<f64>>, usize) {
+        let mut rounds = 0;
+        let mut vertices = self.solve(&self.source, &self.nodes, wanted, background);
+        while rounds < UNFOLD_ROUNDS + WEAKEN_ROUNDS {
+            let folded: Vec<usize> = self.folded(&vertices).collect();
+            if folded.is_empty() {
+                break;
+            }
+            if rounds < UNFOLD_ROUNDS {
+                self.smooth(wanted, &folded, background);
+            } else {
+                // No skin can do this: all of it is made weaker, until some skin can.
+                for (node, start) in wanted.iter_mut().zip(&self.nodes) {
+                    let start = background.apply(start);
+                    *node = start + (*node - start) * WEAKEN;
+                }
+            }
+            self.separate(wanted);
+            vertices = self.solve(&self.source, &self.nodes, wanted, background);
+            rounds += 1;
+        }
+        (vertices, rounds)
+    }
+
+    /// Skin triangles that are turned over or nearly so.
+    pub(super) fn folded<'a>(&'a self, vertices: &'a [Point2<f64>]) -> impl Iterator<Item = usize> + 'a {
+        let area = |points: &[Point2<f64>], t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| points[v as usize]);
+            (b - a).perp(&(c - a))
+        };
+        let skin = self.mesh.skin.iter().enumerate().filter(|(k, _)| !self.is_flat[*k]);
+        skin.filter_map(move |(k, t)| {
+            let least = (LEAST_AREA * area(&self.mesh.vertices, t)).min(0.5 * area(&self.source, t));
+            (area(vertices, t) < least).then_some(k)
+        })
+    }
+
+    /// Draws the nodes that dominate folded triangles towards the mean motion of the nodes around them.
+    fn smooth(&self, wanted: &mut [Point2<f64>], folded: &[usize], around: &Similarity) {
+        let mut at_fold = vec![false; self.mesh.drivers.len()];
+        for &k in folded {
+            for v in self.mesh.skin[k] {
+                for (flag, w) in at_fold.iter_mut().zip(self.weights.of(v as usize)) {
+                    *flag |= w.abs() > 0.2;
+                }
+            }
+        }
+        let node = |d: usize| self.mesh.drivers[d].0.index();
+        let offsets: Vec<Vector2<f64>> =
+            (0..at_fold.len()).map(|d| wanted[node(d)] - around.apply(&self.nodes[node(d)])).collect();
+        for d in (0..at_fold.len()).filter(|&d| at_fold[d]) {
+            let near = &self.neighbours[d];
+            let mean = near.iter().map(|&o| offsets[o]).sum::<Vector2<f64>>() / near.len().max(1) as f64;
+            wanted[node(d)] += (mean - offsets[d]) * UNFOLD_STEP;
+        }
+    }
+}
+
+/// The six driving nodes nearest to each, in the reference.
+pub fn neighbours(mesh: &Mesh, reference: &[Point2<f64>]) -> Vec<Vec<usize>> {
+    const COUNT: usize = 6;
+    let at = |node: NodeId| reference[node.index()];
+    (0..mesh.drivers.len())
+        .map(|d| {
+            let mut others: Vec<usize> = (0..mesh.drivers.len()).filter(|&o| o != d).collect();
+            let distance = |o: usize| (at(mesh.drivers[o].0) - at(mesh.drivers[d].0)).norm();
+            others.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+            others.truncate(COUNT);
+            others
+        })
+        .collect()
+}

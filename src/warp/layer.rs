@@ -1,0 +1,110 @@
+//! Pixels between lids or lips, with a soft border.
+
+use image::RgbImage;
+use nalgebra::{Point2, Vector2};
+use tiny_skia::{FillRule, Mask, PathBuilder, Transform};
+
+use super::{raster, sample};
+
+/// Pixels that are laid over a frame within an outline.
+pub struct Layer {
+    /// First column in the frame.
+    pub left: u32,
+    /// First row in the frame.
+    pub top: u32,
+    /// Columns.
+    pub width: u32,
+    height: u32,
+    /// Colour, and whether there is one.
+    pub pixels: Vec<([f32; 3], bool)>,
+    coverage: Mask,
+}
+
+impl Layer {
+    /// A layer over the bounding box of an outline, clipped to the frame; `None` when nothing of it is in the frame.
+    pub fn new(outline: &[Point2<f64>], size: (u32, u32)) -> Option<Self> {
+        const MARGIN: f64 = 2.0;
+        let (mut low, mut high) = (outline.first().copied()?, outline.first().copied()?);
+        for p in outline {
+            low = low.inf(p);
+            high = high.sup(p);
+        }
+        let clip = |value: f64, size: u32| value.clamp(0.0, f64::from(size)) as u32;
+        let (left, top) = (clip(low.x - MARGIN, size.0), clip(low.y - MARGIN, size.1));
+        let (right, bottom) = (clip(high.x + MARGIN + 1.0, size.0), clip(high.y + MARGIN + 1.0, size.1));
+        let (width, height) = (right.checked_sub(left)?, bottom.checked_sub(top)?);
+        let mut coverage = Mask::new(width, height)?;
+        let mut path = PathBuilder::new();
+        for (k, p) in outline.iter().enumerate() {
+            // Pixel centres are whole numbers in image space and halves here.
+            let (x, y) = ((p.x + 0.5 - f64::from(left)) as f32, (p.y + 0.5 - f64::from(top)) as f32);
+            if k == 0 { path.move_to(x, y) } else { path.line_to(x, y) }
+        }
+        path.close();
+        coverage.fill_path(&path.finish()?, FillRule::EvenOdd, true, Transform::identity());
+        let pixels = vec![([0.0; 3], false); width as usize * height as usize];
+        Some(Self { left, top, width, height, pixels, coverage })
+    }
+
+    /// Fills a triangle of the layer; values are interpolated between the corners and become colours, over what was there before.
+    pub fn fill(&mut self, to: [Point2<f64>; 3], values: [Point2<f64>; 3], colour: impl Fn(Point2<f64>, [f32; 3]) -> [f32; 3]) {
+        let origin = Vector2::new(f64::from(self.left), f64::from(self.top));
+        let (width, pixels) = (self.width, &mut self.pixels);
+        raster::fill(to.map(|p| p - origin), values, (width, self.height), |x, y, at| {
+            let pixel = &mut pixels[(y * width + x) as usize];
+            *pixel = (colour(at, pixel.0), true);
+        });
+    }
+
+    /// Gives the pixels that the outline touches, but no triangle has its centre in, the colour of their neighbours.
+    pub fn spread(&mut self) {
+        let before = self.pixels.clone();
+        let (width, height) = (i64::from(self.width), i64::from(self.height));
+        for (k, pixel) in self.pixels.iter_mut().enumerate() {
+            if pixel.1 || self.coverage.data()[k] == 0 {
+                continue;
+            }
+            let (x, y) = (k as i64 % width, k as i64 / width);
+            let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
+            for (dx, dy) in [(0, -1), (-1, 0), (1, 0), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
+                let (x, y) = (x + dx, y + dy);
+                if (0..width).contains(&x) && (0..height).contains(&y) {
+                    let (colour, true) = before[(y * width + x) as usize] else { continue };
+                    (0..3).for_each(|c| sum[c] += colour[c]);
+                    count += 1.0;
+                }
+            }
+            if count > 0.0 {
+                *pixel = (sum.map(|s| s / count), true);
+            }
+        }
+    }
+
+    /// Lays the pixels whose centre the triangles have on the frame, whole, and empties the layer.
+    pub fn lay_under(&mut self, frame: &mut RgbImage) {
+        for (k, (colour, is_set)) in self.pixels.iter_mut().enumerate() {
+            if std::mem::take(is_set) {
+                let (x, y) = (k as u32 % self.width, k as u32 / self.width);
+                frame.put_pixel(self.left + x, self.top + y, image::Rgb(colour.map(sample::byte)));
+            }
+        }
+    }
+
+    /// Lays it on the frame as far as the outline covers each pixel.
+    pub fn lay_on(&self, frame: &mut RgbImage) {
+        for y in 0..self.height {
+            for x in 0..self.width {
+                let k = (y * self.width + x) as usize;
+                let (colour, true) = self.pixels[k] else { continue };
+                let share = f32::from(self.coverage.data()[k]) / 255.0;
+                if share > 0.0 {
+                    let pixel = frame.get_pixel_mut(self.left + x, self.top + y);
+                    for (channel, over) in pixel.0.iter_mut().zip(colour) {
+                        let under = f32::from(*channel);
+                        *channel = sample::byte(under + (over - under) * share);
+                    }
+                }
+            }
+        }
+    }
+}

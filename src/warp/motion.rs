@@ -1,0 +1,88 @@
+//! Where vertices go: the skin with the nodes, lips and lids not through each other, the eyeball with its corners and the gaze.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{
+    Warp,
+    layout::{self, OPENINGS, OpeningNodes},
+};
+use crate::geometry::Similarity;
+
+/// Largest turn of the gaze that is shown, as a shift of the iris over the eye distance.
+const MAX_GAZE: f64 = 0.12;
+/// Edges of an opening this near, over the eye distance, are shut.
+const SHUT: f64 = 1e-4;
+
+impl Warp {
+    /// Vertices when the driving nodes go from `base` to `wanted` and all else by `around`.
+    pub(super) fn solve(
+        &self,
+        vertices: &[Point2<f64>],
+        base: &[Point2<f64>],
+        wanted: &[Point2<f64>],
+        around: &Similarity,
+    ) -> Vec<Point2<f64>> {
+        let offsets: Vec<Vector2<f64>> =
+            self.mesh.drivers.iter().map(|&(n, _)| wanted[n.index()] - around.apply(&base[n.index()])).collect();
+        let still = *around == Similarity::identity();
+        let mut moved: Vec<Point2<f64>> = vertices
+            .iter()
+            .enumerate()
+            .map(|(v, p)| {
+                let mut offset = Vector2::zeros();
+                for (w, o) in self.weights.of(v).iter().zip(&offsets) {
+                    offset += o * *w;
+                }
+                if still { p + offset } else { around.apply(p) + offset }
+            })
+            .collect();
+        for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
+            // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
+            let gap = |k: usize| {
+                self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])])
+            };
+            let shut: [bool; 5] = std::array::from_fn(|k| gap(k) <= SHUT * self.frame.eye_distance);
+            for (k, (&a, &b)) in opening.upper.iter().zip(&opening.lower).enumerate() {
+                let (a, b) = (a as usize, b as usize);
+                let next = opening.stops.iter().position(|&stop| stop >= k).unwrap_or(4);
+                let between_shut = shut[next] && (opening.stops[next] == k || shut[next.saturating_sub(1)]);
+                if a != b && (between_shut || self.frame.height(&moved[b]) < self.frame.height(&moved[a])) {
+                    let middle = nalgebra::center(&moved[a], &moved[b]);
+                    (moved[a], moved[b]) = (middle, middle);
+                }
+            }
+            for &(k, share, v) in &opening.eyeball {
+                let (from, to) = (moved[opening.upper[k] as usize], moved[opening.lower[k] as usize]);
+                moved[v as usize] = from + (to - from) * share;
+            }
+        }
+        moved
+    }
+
+    /// Lips and lids do not pass through each other.
+    pub(super) fn separate(&self, nodes: &mut [Point2<f64>]) {
+        for OpeningNodes { upper, lower, .. } in &OPENINGS {
+            for k in 1..4 {
+                layout::keep_apart(nodes, upper[k], lower[k], &self.frame, 0.0);
+            }
+        }
+    }
+}
+
+/// How an eyeball moves: with the corners of the eye, and by the gaze on top.
+pub fn eye_motion(
+    nodes: &OpeningNodes,
+    base: &[Point2<f64>],
+    wanted: &[Point2<f64>],
+    eye_distance: f64,
+) -> (Similarity, Vector2<f64>) {
+    let corners = |points: &[Point2<f64>]| [points[usize::from(nodes.upper[0])], points[usize::from(nodes.upper[4])]];
+    let middle = |points: &[Point2<f64>]| {
+        let sum: Vector2<f64> = nodes.iris.iter().map(|&n| points[usize::from(n)].coords).sum();
+        Point2::from(sum / nodes.iris.len().max(1) as f64)
+    };
+    let eye = Similarity::fit(&corners(base), &corners(wanted), None).unwrap_or_else(|_| Similarity::identity());
+    let gaze = middle(wanted) - eye.apply(&middle(base));
+    let limit = MAX_GAZE * eye_distance;
+    (eye, if gaze.norm() > limit { gaze * (limit / gaze.norm()) } else { gaze })
+}
