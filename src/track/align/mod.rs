@@ -62,8 +62,9 @@ impl Default for AlignOptions {
 /// Most iterations.
 const MAX_ITERATIONS: u32 = 4;
 
-/// First iterations that make the matrix of the normal equations anew; the later ones, small steps by then, only the right side.
-const REBUILT: u32 = 2;
+/// First iterations that make the matrix of the normal equations anew; the last, a small step by then, only the right side. With two the robust
+/// weights swing.
+const REBUILT: u32 = 3;
 
 /// Correction in px that ends them.
 const STEP_PX: f64 = 0.005;
