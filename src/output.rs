@@ -144,6 +144,11 @@ pub fn write_records<H: AsRef<[u8]>>(
     })
 }
 
+/// `1 sequence`, `2 sequences`.
+pub fn count(n: usize, singular: &str, plural: &str) -> String {
+    format!("{n} {}", if n == 1 { singular } else { plural })
+}
+
 /// A number with 9 significant digits, the shortest text that has them (`0.1`, `12.3456789`, `-0` becomes `0`).
 pub fn nine_digits(value: f64) -> String {
     let text = format!("{value:.8e}");

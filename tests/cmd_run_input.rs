@@ -41,6 +41,12 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
         b"subject,sequence,emoton\nS001,005,happiness\n",
         &["has no column `emotion`", "found `subject`, `sequence`, `emoton`"],
     );
+    // Taken for a column to group by, the marks would only be missed one sequence after the other.
+    refused(
+        b"subject,sequence,emotion,correspondence\nS001,005,happiness,a.csv\n",
+        &["the column `correspondence` is not known; if it is `correspondences`, name it so"],
+    );
+    refused(b"subject,sequence,emotion,First frame\nS001,005,happiness,1\n", &["if it is `first_frame`, name it so"]);
     refused(b"sequence\n005\n", &["has no column `subject`, `emotion`"]);
     refused(b"subject;sequence;emotion\nS001;005;happiness\n", &["columns are separated by commas"]);
     refused(b"", &["is empty; a header line was expected"]);

@@ -21,7 +21,7 @@ use super::{
 use crate::{
     dataset::{Dataset, FrameSource, SequenceEntry},
     fit::Springs,
-    pipeline::{Workbench, track_files},
+    pipeline::{Workbench, track_files, tracks_folder},
     sequence::SequenceReader,
     track::{
         Confidence, Corrections, Klt, NodeState, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
@@ -126,7 +126,7 @@ pub struct TrackDesk {
 impl TrackDesk {
     /// Opens the tracks in `out`, or in its folder `tracks`; their frames are those of the dataset.
     pub fn open(out: &Path, dataset: Option<&Path>, bench: Workbench) -> Result<Self, AnnotateError> {
-        let folder = Some(out.join("tracks")).filter(|f| f.is_dir()).unwrap_or_else(|| out.to_owned());
+        let folder = tracks_folder(out);
         let files = track_files(&[folder]).map_err(|source| AnnotateError::Io { path: out.to_owned(), source })?;
         if files.is_empty() {
             return Err(AnnotateError::NoTracks { path: out.to_owned() });

@@ -6,6 +6,7 @@ use anyhow::Context;
 use grimace::{
     columnar::ColumnarModels,
     dataset::Dataset,
+    output::count,
     pipeline::{
         Analysis, PipelineOptions, Workbench, analyze, analyze_columnar, load_columnar, load_tracks, track_files, write_analysis,
         write_columnar, write_model,
@@ -113,8 +114,8 @@ fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str) -> an
     write_analysis(analysis, &args.output, &title, bench).context("writing the results")?;
     if !args.general.quiet {
         println!("{what}");
-        for (stem, count) in analysis.counts() {
-            println!("  {stem:<12} {count:>4} sequences  {}/fap/{stem}.fap", args.output.display());
+        for (stem, members) in analysis.counts() {
+            println!("  {stem:<12} {:>14}  {}/fap/{stem}.fap", count(members, "sequence", "sequences"), args.output.display());
         }
         for warning in &analysis.warnings {
             println!("note: {warning}");

@@ -8,6 +8,7 @@ use std::{
 
 use grimace::{
     annotate::{AnnotateOptions, Annotator},
+    output::count,
     pipeline::{PipelineOptions, Workbench},
     sequence::configure_opencv,
 };
@@ -83,9 +84,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let (sequences, left) = annotator.sequences();
     if args.tracks.is_some() {
-        println!("{sequences} tracks, the one that lost most first");
+        println!("{}, the one that lost most first", count(sequences, "track", "tracks"));
     } else {
-        println!("{left} of {sequences} sequences left to mark{}", if sequences == 0 { "; --all shows them all" } else { "" });
+        println!(
+            "{left} of {} left to mark{}",
+            count(sequences, "sequence", "sequences"),
+            if sequences == 0 { "; --all shows them all" } else { "" }
+        );
     }
     let stop = stop_flag()?;
     let url = annotator.url();

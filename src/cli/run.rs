@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use grimace::pipeline::{self, PipelineOptions, RunSummary, Workbench};
+use grimace::{
+    output::count,
+    pipeline::{self, PipelineOptions, RunSummary, Workbench},
+};
 
 use super::{
     Outcome,
@@ -123,17 +126,17 @@ fn print_summary(summary: &RunSummary, out: &std::path::Path) {
         for failure in failures {
             eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
         }
-        println!("nothing changed since the last run: {sequences} sequences, nothing written");
+        println!("nothing changed since the last run: {}, nothing written", count(*sequences, "sequence", "sequences"));
         println!("report: {out}/report.html");
         return;
     }
-    println!("{sequences} sequences: {tracked} tracked, {reused} unchanged, {} failed", failures.len());
+    println!("{}: {tracked} tracked, {reused} unchanged, {} failed", count(*sequences, "sequence", "sequences"), failures.len());
     if !skipped.is_empty() {
-        println!("{} sequences left out: {}", skipped.len(), skipped[0].1);
+        println!("{} left out: {}", count(skipped.len(), "sequence", "sequences"), skipped[0].1);
     }
     let width = summary.representatives.iter().map(|(stem, _)| stem.len()).max().unwrap_or(0);
-    for (stem, count) in &summary.representatives {
-        println!("  {stem:<width$}  {count:>5} sequences  {out}/fap/{stem}.fap");
+    for (stem, members) in &summary.representatives {
+        println!("  {stem:<width$}  {:>15}  {out}/fap/{stem}.fap", count(*members, "sequence", "sequences"));
     }
     for warning in &summary.warnings {
         println!("note: {warning}");

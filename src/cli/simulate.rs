@@ -11,6 +11,7 @@ use anyhow::Context;
 use clap::ValueEnum;
 use grimace::{
     fap::read_fap,
+    output::count,
     simulate::{
         CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMotion, PortraitSource, SimulateOptions,
         faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs,
@@ -274,10 +275,10 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
     };
     progress.finish();
     println!(
-        "{} sequences of {} subjects, {} frames, written to {}",
-        summary.sequences,
-        subjects,
-        summary.frames,
+        "{} of {}, {}, written to {}",
+        count(summary.sequences, "sequence", "sequences"),
+        count(subjects as usize, "subject", "subjects"),
+        count(summary.frames, "frame", "frames"),
         args.output.display()
     );
     Ok(Outcome::Done)

@@ -42,6 +42,16 @@ pub enum DatasetError {
         /// Folder of the subjects' images.
         images: PathBuf,
     },
+    /// A manifest's column that would pass for something to group by, and is hardly meant so.
+    #[error("{}: the column `{found}` is not known; if it is `{meant}`, name it so, else name it less alike", path.display())]
+    MisspeltColumn {
+        /// The manifest.
+        path: PathBuf,
+        /// The column.
+        found: String,
+        /// The known column that it is nearly.
+        meant: String,
+    },
     /// A folder that can not be listed or a file that can not be read.
     #[error("{}: cannot be read: {reason}", path.display())]
     Io {

@@ -72,10 +72,26 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
     Ok(Dataset { root, sequences, failures, skipped: Vec::new() })
 }
 
+/// Columns that need not be there.
+const OPTIONAL: [&str; 6] = ["frames", "first_frame", "last_frame", "correspondences", "landmarks", "fps"];
+
+/// Fewest letters of a column whose misspellings are looked for, and most letters by which they differ.
+const MISSPELT: (usize, usize) = (6, 2);
+
 fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
     let [subject, sequence, emotion] = csv.require(["subject", "sequence", "emotion"])?;
-    let [frames, first_frame, last_frame, correspondences, landmarks, fps] =
-        ["frames", "first_frame", "last_frame", "correspondences", "landmarks", "fps"].map(|name| csv.column(name));
+    let [frames, first_frame, last_frame, correspondences, landmarks, fps] = OPTIONAL.map(|name| csv.column(name));
+    for meant in OPTIONAL.into_iter().filter(|name| name.len() >= MISSPELT.0 && csv.column(name).is_none()) {
+        let is_near =
+            |name: &&String| strsim::damerau_levenshtein(&name.to_lowercase().replace([' ', '-'], "_"), meant) <= MISSPELT.1;
+        if let Some(found) = csv.header().iter().find(is_near) {
+            return Err(DatasetError::MisspeltColumn {
+                path: csv.path().to_owned(),
+                found: found.clone(),
+                meant: meant.to_owned(),
+            });
+        }
+    }
     let named = [subject, sequence, emotion].map(Some).into_iter();
     let known: Vec<usize> = named.chain([frames, first_frame, last_frame, correspondences, landmarks, fps]).flatten().collect();
     let others = csv.header().iter().enumerate().filter(|(k, name)| !known.contains(k) && !name.is_empty());

@@ -49,6 +49,15 @@ const SMALL_CLASS: usize = 5;
 /// FAP units by which a value is changed before a person need be told.
 const NOTABLE_CLAMP: f64 = 20.0;
 
+/// Most classes that a warning names.
+const MOST_NAMED: usize = 12;
+
+/// The first of a list, and how many more.
+pub(super) fn listed(items: &[String], most: usize) -> String {
+    let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
+    if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }
+}
+
 /// What a person should know before using the results: at most one line of each kind.
 pub(super) fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -58,12 +67,13 @@ pub(super) fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     };
     let single = counted(&|n| n == 1);
     if !single.is_empty() {
-        let list = single.join(", ");
+        let list = listed(&single, MOST_NAMED);
         warnings.push(format!("a single sequence is its own representative and has no dispersion: {list}"));
     }
     let small = counted(&|n| n > 1 && n < SMALL_CLASS);
     if !small.is_empty() {
-        warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {}", small.join(", ")));
+        let list = listed(&small, MOST_NAMED);
+        warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {list}"));
     }
     let many: Vec<String> = classes
         .iter()
@@ -71,7 +81,7 @@ pub(super) fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
         .map(|c| format!("{} ({})", c.stem, c.representative.sequences.len()))
         .collect();
     if !many.is_empty() {
-        let list = many.join(", ");
+        let list = listed(&many, MOST_NAMED);
         warnings
             .push(format!("more than {MANY_MODELS} sequences: the exact median, no greedy one, and certified trimming: {list}"));
     }

@@ -7,7 +7,7 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 
-use super::AnalyzedClass;
+use super::{AnalyzedClass, classes::listed};
 use crate::{
     output::{OutputError, nine_digits, write_records},
     statistics::{
@@ -136,12 +136,6 @@ impl Comparisons {
         }
         warnings
     }
-}
-
-/// The first of a list, and how many more.
-fn listed(items: &[String], most: usize) -> String {
-    let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
-    if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }
 }
 
 /// The values of a group, joined.

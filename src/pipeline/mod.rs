@@ -40,7 +40,7 @@ pub use model_file::{ModelFileError, read_model, write_model};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
-pub use tracks::{id_of, load_tracks, track_files};
+pub use tracks::{id_of, load_tracks, track_files, tracks_folder};
 pub use write::write_analysis;
 
 /// Frames between two key frames of a FAP file: 5 key frames give 25 frames.

@@ -15,7 +15,13 @@ use crate::{
     units::SequenceId,
 };
 
-/// Track files named by the user: files as they are, folders by the `.csv` files in them, sorted by path, each once.
+/// The folder of the tracks in a folder of results, or the folder itself.
+pub fn tracks_folder(folder: &Path) -> PathBuf {
+    Some(folder.join("tracks")).filter(|tracks| tracks.is_dir()).unwrap_or_else(|| folder.to_owned())
+}
+
+/// Track files named by the user: files as they are, folders (see [`tracks_folder`]) by the `.csv` files in them, sorted by path, each
+/// once.
 ///
 /// # Errors
 /// [`std::io::Error`] when a folder can not be read or a file is not there, with its path.
@@ -27,7 +33,8 @@ pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
         if std::fs::metadata(path).map_err(with_path(path))?.is_dir() {
-            for entry in std::fs::read_dir(path).map_err(with_path(path))? {
+            let folder = tracks_folder(path);
+            for entry in std::fs::read_dir(&folder).map_err(with_path(&folder))? {
                 let file = entry.map_err(with_path(path))?.path();
                 if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
                     files.push(file);

@@ -7,10 +7,11 @@ use serde_json::{Value, json};
 
 use super::{
     GroupsData, ReportData,
-    numbers::{count, fixed, fixed_or_dash, length, rounded},
+    numbers::{fixed, fixed_or_dash, length, rounded},
     view::group_text,
 };
 use crate::{
+    output::count,
     pipeline::group_values,
     statistics::compare::{Comparison, Tested},
     units::NodeId,

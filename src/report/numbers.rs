@@ -59,11 +59,6 @@ pub(super) fn ratio(value: f64) -> String {
     format!("{} × 10⁻{digits}", mantissa.replace('-', "\u{2212}"))
 }
 
-/// `1 sequence`, `2 sequences`.
-pub(super) fn count(n: usize, singular: &str, plural: &str) -> String {
-    format!("{n} {}", if n == 1 { singular } else { plural })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

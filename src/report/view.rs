@@ -8,10 +8,11 @@ use serde::Serialize;
 use super::{
     Failure, Film, ReportData,
     groups::GroupsView,
-    numbers::{MISSING, count, fixed, fixed_or_dash, ratio},
+    numbers::{MISSING, fixed, fixed_or_dash, ratio},
     payload::MOST_DOTS,
 };
 use crate::{
+    output::count,
     statistics::{ClassLabel, Representative},
     track::{TrackQuality, Verdict},
     wireframe::Fapu,
