@@ -15,6 +15,7 @@ use grimace::{
     dataset::list_frames,
     output::write_atomic,
     pipeline::{MADE_BY, PipelineOptions, Workbench, file_blake3},
+    render::Labelled,
     sequence::{read_colour, read_colour_frames},
 };
 use image::RgbImage;
@@ -158,7 +159,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let pairs = args.source.len() * args.target.len();
     let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
     let bar = frame_bar(args.general.quiet, None);
-    let mut sheet = Sheet::new();
+    let mut sheet = Sheet::new(480);
     let mut done = 0;
     for (target_path, marks_path) in args.target.iter().zip(&args.correspondences) {
         let job = Job { args, bench: &bench, options: &options, target_path, marks_path, stop: &stop, bar: &bar };
@@ -170,7 +171,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 continue;
             }
         };
-        let mut row = vec![target.picture.clone()];
+        let mut row = vec![Labelled { picture: target.picture.clone(), label: target.name.clone() }];
         for source in &sources {
             let folder = if pairs == 1 {
                 args.output.clone()
@@ -179,20 +180,20 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             };
             match job.clone(&target, source, &folder) {
                 Ok(apex) => {
-                    row.push(apex);
+                    row.push(Labelled { picture: apex, label: source.motion.name.clone() });
                     done += 1;
                 }
                 Err(error) if pairs == 1 || stop.load(Ordering::Relaxed) => return Err(error),
                 Err(error) => failed.push(format!("{error:#}")),
             }
         }
-        sheet.push_row(row);
+        sheet.push_labelled_row(row);
     }
     bar.finish_and_clear();
     if args.sheet && pairs > 1 && done > 0 {
         let path = args.output.join("sheet.png");
         args.general.check_free(&path)?;
-        write_atomic(&path, |writer| encode_png(&sheet.draw(480), writer))?;
+        write_atomic(&path, |writer| encode_png(&sheet.draw(), writer))?;
     }
     for failure in &failed {
         eprintln!("failed: {failure}");

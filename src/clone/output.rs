@@ -152,13 +152,13 @@ pub fn write_clone(
     let grey = image::imageops::grayscale(&apex_picture);
     let overlay = draw_overlay(&Frame::from_image(1, &grey)?, &bench.wireframe, &frames[apex].nodes, &[])?;
     write_atomic(&folder.join("overlay.png"), |writer| encode_png(&overlay, writer))?;
-    let mut sheet = Sheet::new();
+    let mut sheet = Sheet::new(SHEET_HEIGHT);
     if let Some(pictures) = source_frames {
         let last = chosen.iter().filter_map(|&k| pictures.get(clone.frames[k].nearest).cloned());
         sheet.push_row(last.collect());
     }
     sheet.push_row(shown.into_values().collect());
-    write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(SHEET_HEIGHT), writer))?;
+    write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(), writer))?;
     Ok(apex_picture)
 }
 

@@ -6,6 +6,7 @@ use image::{
 };
 
 use super::CloneError;
+use crate::render::{LABEL_HEIGHT, Labelled, write_label};
 
 /// Width of the gap between pictures of a sheet, px.
 const GAP: u32 = 6;
@@ -13,35 +14,43 @@ const GAP: u32 = 6;
 const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 
 /// Pictures in rows and columns, like the paper's figures 6 and 7.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Sheet {
-    rows: Vec<Vec<RgbImage>>,
+    rows: Vec<Vec<Labelled>>,
+    max_height: u32,
 }
 
 impl Sheet {
-    /// An empty sheet.
-    pub fn new() -> Self {
-        Self::default()
+    /// An empty sheet, whose pictures are at most `max_height` px high.
+    pub fn new(max_height: u32) -> Self {
+        Self { rows: Vec::new(), max_height }
     }
 
-    /// Adds a row.
+    /// Adds a row of pictures without labels.
     pub fn push_row(&mut self, pictures: Vec<RgbImage>) {
-        self.rows.push(pictures);
+        self.push_labelled_row(pictures.into_iter().map(|picture| Labelled { picture, label: String::new() }).collect());
     }
 
-    /// Draws the sheet; all pictures of a row get the height of its highest, in proportion, at most `max_height` px.
-    pub fn draw(&self, max_height: u32) -> RgbImage {
-        let rows: Vec<Vec<RgbImage>> = self.rows.iter().map(|row| even(row, max_height)).collect();
-        let width_of = |row: &Vec<RgbImage>| row.iter().map(|p| p.width() + GAP).sum::<u32>() + GAP;
-        let height_of = |row: &Vec<RgbImage>| row.first().map_or(0, RgbImage::height);
-        let width = rows.iter().map(width_of).max().unwrap_or(GAP);
-        let height = rows.iter().map(|row| height_of(row) + GAP).sum::<u32>() + GAP;
+    /// Adds a row of pictures with their labels below; all get the height of the highest, in proportion.
+    pub fn push_labelled_row(&mut self, pictures: Vec<Labelled>) {
+        self.rows.push(even(pictures, self.max_height));
+    }
+
+    /// Draws the sheet.
+    pub fn draw(&self) -> RgbImage {
+        let width_of = |row: &Vec<Labelled>| row.iter().map(|p| p.picture.width() + GAP).sum::<u32>() + GAP;
+        let picture_height = |row: &Vec<Labelled>| row.first().map_or(0, |p| p.picture.height());
+        let height_of =
+            |row: &Vec<Labelled>| picture_height(row) + if row.iter().any(|p| !p.label.is_empty()) { LABEL_HEIGHT } else { 0 };
+        let width = self.rows.iter().map(width_of).max().unwrap_or(GAP);
+        let height = self.rows.iter().map(|row| height_of(row) + GAP).sum::<u32>() + GAP;
         let mut sheet = RgbImage::from_pixel(width, height, PAPER);
         let mut y = GAP;
-        for row in &rows {
+        for row in &self.rows {
             let mut x = GAP;
-            for picture in row {
+            for Labelled { picture, label } in row {
                 image::imageops::replace(&mut sheet, picture, i64::from(x), i64::from(y));
+                write_label(&mut sheet, label, x + 2, y + picture_height(row) + 5, picture.width().saturating_sub(4));
                 x += picture.width() + GAP;
             }
             y += height_of(row) + GAP;
@@ -51,9 +60,9 @@ impl Sheet {
 }
 
 /// The pictures of a row at one height.
-fn even(row: &[RgbImage], max_height: u32) -> Vec<RgbImage> {
-    let height = row.iter().map(RgbImage::height).max().unwrap_or(0).min(max_height).max(1);
-    row.iter().map(|p| at_height(p, height)).collect()
+fn even(row: Vec<Labelled>, max_height: u32) -> Vec<Labelled> {
+    let height = row.iter().map(|p| p.picture.height()).max().unwrap_or(0).min(max_height).max(1);
+    row.into_iter().map(|p| Labelled { picture: at_height(&p.picture, height), label: p.label }).collect()
 }
 
 /// A picture scaled to a height, in proportion.
@@ -152,10 +161,13 @@ mod tests {
 
     #[test]
     fn a_sheet_has_a_gap_around_every_picture() {
-        let mut sheet = Sheet::new();
+        let mut sheet = Sheet::new(100);
         sheet.push_row(frames());
         sheet.push_row(frames()[..1].to_vec());
         // 3 * 20 + 4 gaps of 6 = 84 across, 2 * 10 + 3 gaps = 38 down.
-        assert_eq!(sheet.draw(100).dimensions(), (84, 38));
+        assert_eq!(sheet.draw().dimensions(), (84, 38));
+        // A row with a label is higher by the line it is written on.
+        sheet.push_labelled_row(vec![Labelled { picture: frames()[0].clone(), label: "ab".to_owned() }]);
+        assert_eq!(sheet.draw().dimensions(), (84, 38 + 10 + LABEL_HEIGHT + 6));
     }
 }

@@ -8,4 +8,4 @@ mod sheet;
 
 pub use raster::{Canvas, Shade, Vertex};
 pub use scene::{FaceScene, View};
-pub use sheet::{Labelled, contact_sheet, gif_bytes, write_label};
+pub use sheet::{LABEL_HEIGHT, Labelled, contact_sheet, gif_bytes, write_label};

@@ -16,7 +16,8 @@ pub struct Labelled {
 }
 
 const MARGIN: u32 = 8;
-const LABEL_HEIGHT: u32 = 22;
+/// Height of the line on which a label is written, px.
+pub const LABEL_HEIGHT: u32 = 22;
 const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 const INK: [u8; 3] = [40, 40, 40];
 
