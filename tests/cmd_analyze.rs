@@ -16,6 +16,9 @@ fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
     for file in ["statistics.csv", "trimming.csv", "failures.csv"] {
         assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("again/{file}")), "{file}");
     }
+    // The run's own folder stands for its tracks.
+    work.grimace("analyze out -o whole").exit(0).prints(&["6 tracks, 0 failed"]);
+    assert_same_files(&work.files("again"), &work.files("whole"));
 }
 
 #[test]

@@ -271,7 +271,7 @@ fn a_killed_server_loses_nothing() {
     server.kill();
     assert!(common::leftovers(&work.files("faces")).is_empty());
     let server = Server::start(&work, "faces");
-    assert_eq!(server.lines[0], "1 of 1 sequences left to mark");
+    assert_eq!(server.lines[0], "1 of 1 sequence left to mark");
     assert_eq!(server.get("api/sequences").ok()["sequences"][0]["id"], "S002_007");
     drop(server);
     let server = Server::start(&work, "faces --all");
@@ -672,5 +672,5 @@ fn what_can_not_be_annotated_is_said() {
         .exit(1)
         .says(&["is called `faces`", "grimace annotate DATASET --tracks"]);
     let server = Server::start(&marked, "elsewhere --tracks results");
-    assert_eq!(server.lines[0], "1 tracks, the one that lost most first");
+    assert_eq!(server.lines[0], "1 track, the one that lost most first");
 }

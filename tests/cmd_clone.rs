@@ -62,7 +62,7 @@ fn a_track_on_a_photograph_gives_frames_track_fap_overlay_sheet_and_films() {
         assert!(apex.value(FapNumber::try_from(number).unwrap()).unwrap() > 20.0, "FAP {number}");
     }
     work.grimace("fap check out/clone.fap").exit(0);
-    work.grimace("analyze out/track -o analysed").exit(0).prints(&["1 tracks, 0 failed", "happiness"]);
+    work.grimace("analyze out/track -o analysed").exit(0).prints(&["1 track, 0 failed", "happiness"]);
 }
 
 #[test]

@@ -65,7 +65,7 @@ fn a_photograph_performs_and_the_tracker_finds_its_nodes_where_the_truth_says() 
         .args(["--blink", "1"])
         .assert()
         .success()
-        .stdout(contains("1 sequences of 1 subjects, 5 frames"));
+        .stdout(contains("1 sequence of 1 subject, 5 frames"));
     let manifest = fs::read_to_string(out.join("manifest.csv")).unwrap();
     assert_eq!(
         manifest.lines().collect::<Vec<_>>(),
@@ -177,7 +177,7 @@ fn fap_curves_are_performed_and_run_reads_the_layout_of_cohn_kanade() {
     // Curves are linear between their frames: half way is half the motion, but for what the texture engine smooths.
     let third = truth[&(2, 31)][0] - truth[&(1, 31)][0];
     assert!((third / moved(31, 0) - 1.0 / 3.0).abs() < 0.02);
-    grimace().arg("run").arg(&out).arg("-o").arg(&results).assert().success().stdout(contains("1 sequences: 1 tracked"));
+    grimace().arg("run").arg(&out).arg("-o").arg(&results).assert().success().stdout(contains("1 sequence: 1 tracked"));
     assert!(results.join("fap/happiness.fap").is_file());
 }
 

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for model in &normalized {
         write_model(&args.output.join("models").join(format!("{}.csv", model.id)), &model.model)?;
     }
-    let what = format!("{} tracks, {failed} failed", files.len());
+    let what = format!("{}, {failed} failed", count(files.len(), "track", "tracks"));
     finish(args, &analysis, &bench, &what)?;
     Ok(if failed == 0 { Outcome::Done } else { Outcome::SomeFailed })
 }
