@@ -18,7 +18,7 @@ fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
     }
     // The run's own folder stands for its tracks.
     work.grimace("analyze out -o whole").exit(0).prints(&["6 tracks, 0 failed"]);
-    assert_same_files(&work.files("again"), &work.files("whole"));
+    assert_same_files(&work.files("again/representatives"), &work.files("whole/representatives"));
 }
 
 #[test]
