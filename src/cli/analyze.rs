@@ -15,7 +15,7 @@ use grimace::{
 
 use super::{
     Outcome,
-    shared::{AnalysisArgs, GeneralArgs, memory, set_threads},
+    shared::{AnalysisArgs, GeneralArgs, memory, set_threads, thread_count},
 };
 
 /// Statistics from tracks already there.
@@ -43,7 +43,7 @@ pub struct Args {
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
     /// Threads; 0 for one per processor
-    #[arg(short = 'j', long, default_value_t = 0)]
+    #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     #[command(flatten)]
     analysis: AnalysisArgs,

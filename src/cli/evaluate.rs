@@ -25,7 +25,10 @@ use grimace::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::{Outcome, shared::set_threads};
+use super::{
+    Outcome,
+    shared::{set_threads, thread_count},
+};
 
 /// Version of the layout of `evaluation.json`.
 const SCHEMA_VERSION: u32 = 1;
@@ -82,7 +85,7 @@ struct CommonArgs {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Threads; 0 for one per processor
-    #[arg(short = 'j', long, default_value_t = 0)]
+    #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     /// Write into a folder that is not empty
     #[arg(long)]

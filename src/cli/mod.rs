@@ -116,6 +116,8 @@ pub fn main() -> ExitCode {
         Command::Bank(args) => bank::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
     };
+    // Done is said when it is on the disk.
+    let result = result.and_then(|outcome| grimace::output::sync_written().map(|()| outcome).map_err(Into::into));
     let result = result.and_then(|outcome| print::check().map(|()| outcome));
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -10,7 +10,7 @@ use grimace::{
 use super::{
     Outcome,
     progress::SequenceBar,
-    shared::{AnalysisArgs, FitArgs, GeneralArgs, MarksArgs, TrackArgs, set_threads, stop_flag},
+    shared::{AnalysisArgs, FitArgs, GeneralArgs, MarksArgs, TrackArgs, set_threads, stop_flag, thread_count},
 };
 
 /// The main job: every stage over a dataset.
@@ -32,7 +32,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
     /// Threads; 0 for one per processor
-    #[arg(short = 'j', long, default_value_t = 0)]
+    #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     #[command(flatten)]
     division: DivisionArgs,

@@ -13,6 +13,7 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
+    output::target_of,
     pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     sequence::configure_opencv,
     statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
@@ -53,6 +54,14 @@ fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + 
         Ok(value) if (least..=most).contains(&value) => Ok(value),
         _ => Err(format!("expected a whole number from {least} to {most}")),
     }
+}
+
+/// Most threads that can be asked for: more than any machine has processors that one process may use.
+const MOST_THREADS: usize = 1024;
+
+/// A number of threads; 0 for one per processor.
+pub fn thread_count(text: &str) -> Result<usize, String> {
+    count(0, MOST_THREADS)(text)
 }
 
 /// Bytes from a text such as `500MB`, `2GB` or `1.5 GiB`.
@@ -289,6 +298,8 @@ impl GeneralArgs {
 
     /// Refuses to write over a file unless `--force` is given.
     pub fn check_free(&self, path: &std::path::Path) -> anyhow::Result<()> {
+        // Found out now and not after hours of work.
+        target_of(path)?;
         anyhow::ensure!(self.force || !path.exists(), "{} is there already; --force writes over it", path.display());
         Ok(())
     }

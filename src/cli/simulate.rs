@@ -21,7 +21,7 @@ use grimace::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 
-use super::Outcome;
+use super::{Outcome, shared::thread_count};
 
 /// Subjects that are rendered by default.
 const RENDERED_SUBJECTS: u32 = 4;
@@ -98,7 +98,7 @@ pub struct Args {
     #[arg(long, default_value_t = 25.0)]
     fps: f64,
     /// Number of threads (default: one per processor).
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = thread_count)]
     threads: Option<usize>,
     /// Write into a folder that is not empty.
     #[arg(long)]

@@ -20,7 +20,7 @@ use serde_json::json;
 use super::{
     Outcome, bank,
     progress::frame_bar,
-    shared::{positive, set_threads},
+    shared::{positive, set_threads, thread_count},
 };
 
 const EXAMPLE: &str = "\
@@ -62,7 +62,7 @@ pub struct Args {
     #[command(flatten)]
     time: TimeArgs,
     /// Threads; 0 for one per processor. The results do not depend on it
-    #[arg(short = 'j', long, default_value_t = 0)]
+    #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     /// Write into a folder that is not empty
     #[arg(long)]

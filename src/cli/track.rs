@@ -89,7 +89,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Stage::Fit => anyhow::anyhow!("{}: {reason}", args.correspondences.display()),
         _ => anyhow::anyhow!(reason),
     })?;
-    info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| anyhow::anyhow!(f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
         overlay_pictures(

@@ -1,6 +1,6 @@
 //! Writing models, a row group at a time.
 
-use std::{fs::File, path::Path, path::PathBuf, sync::Arc};
+use std::{path::Path, path::PathBuf, sync::Arc};
 
 use parquet::{
     basic::{LogicalType, Repetition, Type as PhysicalType},
@@ -43,8 +43,7 @@ impl ColumnarRow {
 /// A file that models are written to. Rows must come sorted by id; the file appears under its name with [`ColumnarWriter::finish`].
 pub struct ColumnarWriter {
     path: PathBuf,
-    pending: PendingFile,
-    writer: SerializedFileWriter<File>,
+    writer: SerializedFileWriter<PendingFile>,
     texts: usize,
     coordinates: usize,
     rows: Vec<ColumnarRow>,
@@ -88,9 +87,8 @@ impl ColumnarWriter {
         }
         let coordinates = fields.len() - texts;
         let schema = Arc::new(Type::group_type_builder("models").with_fields(fields).build().map_err(error)?);
-        let file = pending.handle().map_err(unwritable)?;
-        let writer = SerializedFileWriter::new(file, schema, Arc::new(properties.build())).map_err(error)?;
-        Ok(Self { path: path.to_owned(), pending, writer, texts, coordinates, rows: Vec::new() })
+        let writer = SerializedFileWriter::new(pending, schema, Arc::new(properties.build())).map_err(error)?;
+        Ok(Self { path: path.to_owned(), writer, texts, coordinates, rows: Vec::new() })
     }
 
     /// Adds a model.
@@ -141,15 +139,15 @@ impl ColumnarWriter {
         Ok(())
     }
 
-    /// Writes what is left and puts the file in its place.
+    /// Writes what is left and puts the file in its place; the BLAKE3 of its bytes.
     ///
     /// # Errors
     /// [`ColumnarError`] when the file can not be written.
-    pub fn finish(mut self) -> Result<(), ColumnarError> {
+    pub fn finish(mut self) -> Result<blake3::Hash, ColumnarError> {
         self.flush()?;
         let path = self.path;
-        self.writer.close().map_err(|e| ColumnarError::Parquet { path, reason: e.to_string() })?;
-        self.pending.persist().map_err(unwritable)
+        let pending = self.writer.into_inner().map_err(|e| ColumnarError::Parquet { path, reason: e.to_string() })?;
+        pending.persist().map_err(unwritable)
     }
 }
 

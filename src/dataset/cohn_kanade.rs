@@ -10,14 +10,14 @@
 //! CK+ labels a part of its sequences only; those without a label are skipped, not failed.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, btree_map::Entry},
     fs,
     path::{Path, PathBuf},
 };
 
 use super::{
-    Dataset, DatasetError, FailedEntry, SequenceEntry, SkippedEntry,
-    error::check_file_name,
+    Dataset, DatasetError, FailedEntry, RowError, SequenceEntry, SkippedEntry,
+    error::{check_file_name, name_key},
     frames::{has_frames, sub_folders, visible},
     manifest::CORRESPONDENCES_NAME,
 };
@@ -82,6 +82,21 @@ pub(super) fn open(root: &Path) -> Result<Option<Dataset>, DatasetError> {
         return Err(DatasetError::NothingFound { root: root.to_owned() });
     }
     dataset.sequences.sort_by(|a, b| a.id.cmp(&b.id));
+    let mut seen: BTreeMap<String, SequenceId> = BTreeMap::new();
+    for entry in std::mem::take(&mut dataset.sequences) {
+        match seen.entry(name_key(&entry.id.to_string())) {
+            Entry::Vacant(place) => {
+                place.insert(entry.id.clone());
+                dataset.sequences.push(entry);
+            }
+            Entry::Occupied(place) => {
+                let SequenceId { subject, sequence } = entry.id.clone();
+                let problem = RowError::SimilarFileName { id: entry.id, other: place.get().clone() };
+                let error = DatasetError::FolderName { path: entry.frames_path, problem };
+                dataset.failures.push(FailedEntry { subject, sequence, error });
+            }
+        }
+    }
     dataset.skipped.sort_by(|a, b| a.id.cmp(&b.id));
     Ok(Some(dataset))
 }

@@ -169,6 +169,17 @@ pub enum RowError {
         /// Line of the first row, from 1.
         first_line: usize,
     },
+    /// Two sequences whose files have the same name on some file systems.
+    #[error(
+        "results named `{id}` and `{other}` are the same file on systems that ignore case or normalize letters, such as those of macOS and \
+         Windows; rename one"
+    )]
+    SimilarFileName {
+        /// The sequence.
+        id: SequenceId,
+        /// The sequence met before.
+        other: SequenceId,
+    },
     /// A frame range that is empty or a single frame.
     #[error("first_frame is {first} and last_frame is {last}; the apex must come after the neutral frame")]
     FrameRange {
@@ -193,4 +204,27 @@ pub(super) fn check_file_name(column: &'static str, value: &str) -> Result<(), R
         _ => return Ok(()),
     };
     Err(RowError::NotAFileName { column, value: value.to_owned(), reason })
+}
+
+/// What file systems that ignore case or normalize letters take a name for: equal keys, the same file.
+pub(crate) fn name_key(name: &str) -> String {
+    use unicode_normalization::UnicodeNormalization;
+    // Upper case first: it joins letters that lower case keeps apart, such as the two small sigmas and sharp s.
+    name.nfd().collect::<String>().to_uppercase().to_lowercase().nfc().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_a_file_system_takes_for_one_another_have_one_key() {
+        for (a, b) in [("A_1", "a_1"), ("caf\u{e9}_1", "cafe\u{301}_1"), ("CAFE\u{301}", "caf\u{e9}"), ("stra\u{df}e", "STRASSE")]
+        {
+            assert_eq!(name_key(a), name_key(b), "{a} {b}");
+        }
+        for (a, b) in [("A_1", "A_2"), ("cafe", "caf\u{e9}")] {
+            assert_ne!(name_key(a), name_key(b), "{a} {b}");
+        }
+    }
 }

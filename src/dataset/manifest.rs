@@ -10,7 +10,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{Dataset, DatasetError, FailedEntry, RowError, SequenceEntry, error::check_file_name, frames::is_video};
+use super::{
+    Dataset, DatasetError, FailedEntry, RowError, SequenceEntry,
+    error::{check_file_name, name_key},
+    frames::is_video,
+};
 use crate::{
     input::{CsvFile, CsvRow},
     units::SequenceId,
@@ -41,7 +45,7 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
     let csv = CsvFile::open(path)?;
     let columns = columns(&csv)?;
     let root = path.parent().map_or_else(PathBuf::new, Path::to_owned);
-    // Line of each file stem `SUBJECT_SEQUENCE` with its id; two ids may share a stem (`a_b`, `c` and `a`, `b_c`).
+    // Line of each file stem `SUBJECT_SEQUENCE`, as a file system may take it, with its id; two ids may share a stem (`a_b`, `c` and `a`, `b_c`).
     let mut seen: BTreeMap<String, (usize, SequenceId)> = BTreeMap::new();
     let mut sequences = Vec::new();
     let mut failures = Vec::new();
@@ -127,13 +131,19 @@ fn entry(
     let id = SequenceId { subject: row.get(columns.subject).to_owned(), sequence: row.get(columns.sequence).to_owned() };
     check_file_name("subject", &id.subject)?;
     check_file_name("sequence", &id.sequence)?;
-    if let Some((first_line, first)) = seen.get(&id.to_string()) {
+    let key = name_key(&id.to_string());
+    if let Some((first_line, first)) = seen.get(&key) {
         let first_line = *first_line;
-        let is_same = *first == id;
-        let problem = if is_same { RowError::Duplicate { id, first_line } } else { RowError::SameFileName { id, first_line } };
+        let problem = if *first == id {
+            RowError::Duplicate { id, first_line }
+        } else if first.to_string() == id.to_string() {
+            RowError::SameFileName { id, first_line }
+        } else {
+            RowError::SimilarFileName { id, other: first.clone() }
+        };
         return Err(problem.into());
     }
-    seen.insert(id.to_string(), (row.line(), id.clone()));
+    seen.insert(key, (row.line(), id.clone()));
     let emotion = row.get(columns.emotion).to_lowercase();
     check_file_name("emotion", &emotion)?;
     let number = |column| given(column).map(|k| row.whole_number(k)).transpose();

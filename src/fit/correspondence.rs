@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     input::{CsvFile, InputError},
-    output::{OutputError, nine_digits, write_atomic},
+    output::{OutputError, nine_digits, write_durable},
     units::NodeId,
     wireframe::{Tables, parse_node_or_feature_point},
 };
@@ -167,12 +167,13 @@ fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Corres
 pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) -> Result<(), OutputError> {
     let mut sorted: Vec<_> = correspondences.iter().collect();
     sorted.sort_by_key(|c| c.node);
-    write_atomic(path, |writer| {
+    let written = write_durable(path, |writer| {
         writeln!(writer, "node,x,y,kind")?;
         sorted.iter().try_for_each(|c| {
             writeln!(writer, "{},{},{},{}", c.node, nine_digits(c.position.x), nine_digits(c.position.y), c.kind)
         })
-    })
+    });
+    written.map(|_| ())
 }
 
 /// Checks that correspondences, marks and hard positions together, determine a fit to an image of the given size in pixels.

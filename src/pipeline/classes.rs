@@ -23,7 +23,7 @@ pub(super) fn class(
     Ok(AnalyzedClass { representative, stem, fap, clamped, subjects, interval })
 }
 
-/// Stem of a class's files, different from all `stems` so far.
+/// Stem of a class's files, different from all `stems` so far on every file system.
 pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> String {
     let mut stem = file_stem(&label.emotion);
     for (column, value) in &label.group {
@@ -32,7 +32,7 @@ pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> S
     let stem: String = stem.chars().take(MAX_STEM).collect();
     let mut unique = stem.clone();
     for number in 2.. {
-        if stems.insert(unique.clone()) {
+        if stems.insert(crate::dataset::name_key(&unique)) {
             break;
         }
         unique = format!("{stem}~{number}");

@@ -14,11 +14,11 @@ use crate::{
     statistics::{ClassLabel, EMOTIONS, SequenceModel, scale::representative_of_many},
 };
 
-/// Writes models, sorted by id, with every metadata column that one of them has.
+/// Writes models, sorted by id, with every metadata column that one of them has; the BLAKE3 of the file.
 ///
 /// # Errors
 /// [`ColumnarError`] when the file can not be written.
-pub fn write_columnar(path: &Path, models: &[AnalyzedModel]) -> Result<(), ColumnarError> {
+pub fn write_columnar(path: &Path, models: &[AnalyzedModel]) -> Result<blake3::Hash, ColumnarError> {
     let columns: BTreeSet<&String> = models.iter().flat_map(|m| m.metadata.keys()).collect();
     let columns: Vec<String> = columns.into_iter().cloned().collect();
     let (frames, nodes) = models.first().map_or((2, 1), |m| (m.model.model.frame_count(), m.model.model.node_count()));

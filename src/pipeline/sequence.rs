@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fmt, fs,
+    fmt,
     path::{Path, PathBuf},
 };
 
@@ -17,7 +17,7 @@ use crate::{
     model::DynamicExpressionModel,
     output,
     overlay::draw_overlay,
-    sequence::{SequenceReader, read_first_frame},
+    sequence::{SequenceError, SequenceReader, content_blake3},
     statistics::MAX_DISPLACEMENT,
     track::{
         TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
@@ -118,6 +118,12 @@ impl SequenceSource {
     /// # Errors
     /// [`SequenceFailure`] when a frame can not be read.
     pub fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
+        let content = content_blake3(&self.frames).map_err(SequenceFailure::at(Stage::Dataset))?;
+        Ok(self.inputs_with(content, bench))
+    }
+
+    /// [`SequenceSource::inputs_blake3`] of frames whose names and bytes have the hash `content`.
+    fn inputs_with(&self, content: blake3::Hash, bench: &Workbench) -> String {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
             hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -136,16 +142,8 @@ impl SequenceSource {
         if let FrameSource::Video { first, last, .. } = &self.frames {
             part(format!("{first:?} {last:?}").as_bytes());
         }
-        for path in self.frames.files() {
-            part(file_name(path).as_bytes());
-            let bytes = fs::read(path).map_err(|e| SequenceFailure {
-                stage: Stage::Dataset,
-                reason: format!("{}: cannot be read: {e}", path.display()),
-                fatal: false,
-            })?;
-            part(&bytes);
-        }
-        Ok(hasher.finalize().to_hex().to_string())
+        part(content.as_bytes());
+        hasher.finalize().to_hex().to_string()
     }
 }
 
@@ -153,7 +151,7 @@ pub(super) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Fits and tracks one sequence.
+/// Fits and tracks one sequence. What the track was made from is hashed from the very bytes that were decoded.
 ///
 /// # Errors
 /// [`SequenceFailure`] with the stage.
@@ -162,12 +160,43 @@ pub fn track_one(
     bench: &Workbench,
     tick: impl FnMut(u32) -> bool,
 ) -> Result<(Track, TrackInfo), SequenceFailure> {
-    let size = read_first_frame(&source.frames).map_err(SequenceFailure::at(Stage::Track))?.size();
+    let (inputs_blake3, tracked) = track_recorded(source, bench, tick);
+    let (track, mut info) = tracked?;
+    info.inputs_blake3 = inputs_blake3.map_err(SequenceFailure::at(Stage::Track))?;
+    Ok((track, info))
+}
+
+/// [`track_one`], with the hash of what was read also for a sequence that fails.
+pub(super) fn track_recorded(
+    source: &SequenceSource,
+    bench: &Workbench,
+    tick: impl FnMut(u32) -> bool,
+) -> (Result<String, SequenceError>, Result<(Track, TrackInfo), SequenceFailure>) {
+    let mut reader = match SequenceReader::open(&source.frames) {
+        Ok(reader) => reader,
+        Err(error) => {
+            let inputs = content_blake3(&source.frames).map(|content| source.inputs_with(content, bench));
+            return (inputs, Err(SequenceFailure::at(Stage::Track)(error)));
+        }
+    };
+    let tracked = track_frames(source, bench, &mut reader, tick);
+    (reader.into_content_blake3().map(|content| source.inputs_with(content, bench)), tracked)
+}
+
+fn track_frames(
+    source: &SequenceSource,
+    bench: &Workbench,
+    reader: &mut SequenceReader,
+    tick: impl FnMut(u32) -> bool,
+) -> Result<(Track, TrackInfo), SequenceFailure> {
+    let first = reader.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }));
+    let first = first.map_err(SequenceFailure::at(Stage::Track))?;
+    let size = first.size();
     validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
     let fitted = bench.fitter.fit(&bench.wireframe, &source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
-    let reader = SequenceReader::open(&source.frames).map_err(SequenceFailure::at(Stage::Track))?;
     let fps = source.fps.or_else(|| reader.fps());
-    let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, reader, &bench.options.track, tick).map_err(|error| {
+    let frames = std::iter::once(Ok(first)).chain(reader);
+    let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
         let fatal = matches!(error, TrackError::Interrupted);
         SequenceFailure { fatal, ..SequenceFailure::at(Stage::Track)(error) }
     })?;

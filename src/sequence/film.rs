@@ -9,6 +9,8 @@ use opencv::{
     videoio::VideoWriter,
 };
 
+use crate::output::{OutputError, PendingFolder};
+
 /// A video that could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
@@ -30,14 +32,9 @@ pub enum FilmError {
         /// The file.
         path: PathBuf,
     },
-    /// The file can not be moved to its name.
-    #[error("cannot write {}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    /// The file can not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// OpenCV failed.
     #[error("OpenCV: {0}")]
     OpenCv(#[from] opencv::Error),
@@ -59,13 +56,11 @@ pub fn write_video<E: From<FilmError>>(
 ) -> Result<(), E> {
     let mut frames = frames.into_iter();
     let first = frames.next().ok_or_else(|| FilmError::Empty { path: path.to_owned() })??;
-    let io = |source| FilmError::Io { path: path.to_owned(), source };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).map_err(io)?;
-    // The container follows the extension, so the temporary name has it too.
-    let scratch = tempfile::Builder::new().prefix(".grimace-").tempdir_in(folder).map_err(io)?;
+    let scratch = PendingFolder::create(path).map_err(FilmError::from)?;
     let is_webm = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("webm"));
-    let temporary = scratch.path().join(if is_webm { "film.webm" } else { "film.mp4" });
+    // The container follows the extension, so the temporary name has it too.
+    let name = if is_webm { "film.webm" } else { "film.mp4" };
+    let temporary = scratch.file(name);
     let size = Size::new((first.width() & !1) as i32, (first.height() & !1) as i32);
     let mut writer = open_writer(path, &temporary, if is_webm { WEBM } else { MP4 }, size, fps)?;
     for frame in std::iter::once(Ok(first)).chain(frames) {
@@ -76,7 +71,7 @@ pub fn write_video<E: From<FilmError>>(
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
         return Err(FilmError::Empty { path: path.to_owned() }.into());
     }
-    Ok(std::fs::rename(&temporary, path).map_err(io)?)
+    Ok(scratch.persist(name).map_err(FilmError::from)?)
 }
 
 /// A writer with the first codec that this OpenCV has.

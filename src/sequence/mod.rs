@@ -4,6 +4,7 @@
 //! because OpenCV fills what a truncated file lacks with grey and reports success.
 
 mod colour;
+mod content;
 mod decode;
 mod film;
 mod video;
@@ -12,9 +13,11 @@ use std::path::{Path, PathBuf};
 
 use opencv::{core::Mat, prelude::*};
 
+use self::content::ContentHasher;
 use crate::dataset::{FrameFile, FrameSource};
 
 pub use colour::{MAX_SIDE, read_colour, read_colour_frames};
+pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder};
 pub use film::{FilmError, write_video};
 
@@ -126,6 +129,12 @@ pub enum SequenceError {
         /// What happened.
         reason: String,
     },
+    /// A file that changed while it was being decoded.
+    #[error("{}: the file was changed while it was read; run again when it is whole", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+    },
     /// Pixels that do not fill the image.
     #[error("{found} pixels for an image of {size}")]
     PixelCount {
@@ -143,6 +152,7 @@ pub enum SequenceError {
 pub struct SequenceReader {
     source: Source,
     size: Option<ImageSize>,
+    content: ContentHasher,
 }
 
 enum Source {
@@ -165,7 +175,7 @@ impl SequenceReader {
             }
             FrameSource::Video { path, first, last } => Source::Video(Box::new(video::VideoReader::open(path, *first, *last)?)),
         };
-        Ok(Self { source, size: None })
+        Ok(Self { source, size: None, content: ContentHasher::default() })
     }
 
     /// Frames per second that the file states; images state none.
@@ -176,12 +186,29 @@ impl SequenceReader {
         }
     }
 
+    /// BLAKE3 of names and content of all files of the sequence, as [`content_blake3`]: of the very bytes that were decoded, and of
+    /// those of the files that were not reached.
+    ///
+    /// # Errors
+    /// [`SequenceError`] when a file does not read, or a video was changed since it was opened.
+    pub fn into_content_blake3(mut self) -> Result<blake3::Hash, SequenceError> {
+        match self.source {
+            Source::Images { files, .. } => {
+                for FrameFile { path, .. } in files {
+                    self.content.read(&path).map_err(|e| SequenceError::Decode { path, source: e.into() })?;
+                }
+                Ok(self.content.finish())
+            }
+            Source::Video(video) => video.content_blake3(),
+        }
+    }
+
     /// The next frame, whatever its size, and the file it comes from.
     fn next_frame(&mut self) -> Option<Result<(Frame, PathBuf), SequenceError>> {
         match &mut self.source {
             Source::Images { files, decoder } => {
                 let FrameFile { number, path } = files.next()?;
-                let decoded = std::fs::read(&path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
+                let decoded = self.content.read(&path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
                 Some(match decoded {
                     Ok(mat) => Ok((Frame { number, mat }, path)),
                     Err(source) => Err(SequenceError::Decode { path, source }),

@@ -9,7 +9,11 @@ use opencv::{
     videoio::{CAP_ANY, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, VideoCapture},
 };
 
-use super::SequenceError;
+use super::{
+    SequenceError,
+    content::{Stamp, content_blake3},
+};
+use crate::dataset::FrameSource;
 
 /// Share of the stated frames that a whole video decodes at least; headers may be estimates.
 const COMPLETE: f64 = 0.9;
@@ -17,6 +21,7 @@ const COMPLETE: f64 = 0.9;
 /// Decodes a video from its first to its last wanted frame.
 pub struct VideoReader {
     path: PathBuf,
+    stamp: Stamp,
     capture: VideoCapture,
     first: u32,
     /// Frames that the file's header states; 0 or less when it does not. Some containers only estimate it.
@@ -31,7 +36,9 @@ impl VideoReader {
     /// Opens the file.
     pub fn open(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<Self, SequenceError> {
         let error = |reason: String| SequenceError::Video { path: path.to_owned(), reason };
-        std::fs::File::open(path).map_err(|e| error(format!("cannot be read: {e}")))?;
+        let unreadable = |source: std::io::Error| SequenceError::Decode { path: path.to_owned(), source: source.into() };
+        std::fs::File::open(path).map_err(unreadable)?;
+        let stamp = Stamp::of(path).map_err(unreadable)?;
         let capture = VideoCapture::from_file(path, CAP_ANY)?;
         if !capture.is_opened()? {
             return Err(error(
@@ -43,12 +50,22 @@ impl VideoReader {
             return Err(error("the frames of a video are numbered from 1; `first_frame` is 0".into()));
         }
         let stated = capture.get(CAP_PROP_FRAME_COUNT).unwrap_or(0.0);
-        Ok(Self { path: path.to_owned(), capture, first, last, stated, next: 1, given: 0, ended: false })
+        Ok(Self { path: path.to_owned(), stamp, capture, first, last, stated, next: 1, given: 0, ended: false })
     }
 
     /// The file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// BLAKE3 of the file, which must be as it was when it was opened: the codec reads it by itself.
+    pub fn content_blake3(self) -> Result<blake3::Hash, SequenceError> {
+        let source = FrameSource::Video { path: self.path.clone(), first: None, last: None };
+        let content = content_blake3(&source)?;
+        match Stamp::of(&self.path) {
+            Ok(stamp) if stamp == self.stamp => Ok(content),
+            _ => Err(SequenceError::Changed { path: self.path }),
+        }
     }
 
     /// Frames per second stated by the file.

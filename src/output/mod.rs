@@ -1,12 +1,22 @@
 //! Files that are either whole or not there: written to a temporary name in the same folder, then renamed.
+//!
+//! Everything that the program leaves on a disk goes through here. What is written is hashed while it is written, so that nothing is
+//! read back. Two levels of durability: what a person made by hand is on the disk before success is said ([`write_durable`]), results
+//! that can be made again are synced together at the end of a command ([`sync_written`]). Only regular files are replaced.
+
+mod pending;
+mod sweep;
+mod sync;
 
 use std::{
-    fs,
     io::{self, BufWriter, Write},
     path::{Path, PathBuf},
 };
 
 use serde::Serialize;
+
+pub use pending::{PendingFile, PendingFolder, target_of};
+pub use sync::{remove_durably, sync_written};
 
 /// A file or folder that could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -27,69 +37,35 @@ impl OutputError {
 
 /// Writes a file through `fill`; the file appears under its name only when `fill` and the disk succeeded.
 ///
-/// Missing parent folders are made.
+/// Missing parent folders are made. A link is written through: the file behind it is replaced.
 ///
 /// # Errors
-/// [`OutputError`] when a folder or the file can not be written (no space, no permission).
+/// [`OutputError`] when a folder or the file can not be written (no space, no permission), or when something that is no regular file
+/// stands there.
 pub fn write_atomic(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
-    let error = |source| OutputError { path: path.to_owned(), source };
-    let mut writer = BufWriter::new(temporary_beside(path)?);
-    fill(&mut writer).map_err(error)?;
-    let file = writer.into_inner().map_err(|e| error(e.into_error()))?;
-    file.persist(path).map_err(|e| error(e.error))?;
-    Ok(())
+    write_hashed(path, fill).map(|_| ())
 }
 
-/// A temporary file in the folder of `path`, which is made if it is not there.
-fn temporary_beside(path: &Path) -> Result<tempfile::NamedTempFile, OutputError> {
-    let error = |source| OutputError { path: path.to_owned(), source };
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    fs::create_dir_all(folder).map_err(error)?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".grimace-").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o644));
-    }
-    builder.tempfile_in(folder).map_err(error)
+/// [`write_atomic`] that gives the BLAKE3 of what was written, taken while it was written.
+///
+/// # Errors
+/// As [`write_atomic`].
+pub fn write_hashed(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<blake3::Hash, OutputError> {
+    fill_pending(path, fill)?.persist()
 }
 
-/// A file under a temporary name, for writers that need a file of their own.
-#[derive(Debug)]
-pub struct PendingFile {
-    path: PathBuf,
-    file: tempfile::NamedTempFile,
+/// [`write_atomic`] for what a person made and no program can make again: file and folder are on the disk before it returns.
+///
+/// # Errors
+/// As [`write_atomic`].
+pub fn write_durable(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<blake3::Hash, OutputError> {
+    fill_pending(path, fill)?.persist_durably()
 }
 
-impl PendingFile {
-    /// A file that will be at `path`. Missing parent folders are made.
-    ///
-    /// # Errors
-    /// [`OutputError`] when a folder or the file can not be made.
-    pub fn create(path: &Path) -> Result<Self, OutputError> {
-        Ok(Self { path: path.to_owned(), file: temporary_beside(path)? })
-    }
-
-    /// A handle to write to.
-    ///
-    /// # Errors
-    /// [`OutputError`] when the system gives no further handle.
-    pub fn handle(&self) -> Result<fs::File, OutputError> {
-        self.file.as_file().try_clone().map_err(OutputError::at(&self.path))
-    }
-
-    /// Puts the whole file in its place.
-    ///
-    /// # Errors
-    /// [`OutputError`] when it can not be renamed.
-    pub fn persist(self) -> Result<(), OutputError> {
-        let Self { path, file } = self;
-        file.persist(&path).map(|_| ()).map_err(|e| OutputError { path, source: e.error })
-    }
+fn fill_pending(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<PendingFile, OutputError> {
+    let mut writer = BufWriter::new(PendingFile::create(path)?);
+    fill(&mut writer).map_err(OutputError::at(path))?;
+    writer.into_inner().map_err(|e| OutputError::at(path)(e.into_error()))
 }
 
 /// [`write_atomic`] for bytes at hand.
@@ -105,10 +81,24 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
 /// # Errors
 /// As [`write_atomic`].
 pub fn write_json<T: Serialize + ?Sized>(path: &Path, value: &T) -> Result<(), OutputError> {
-    write_atomic(path, |writer| {
-        serde_json::to_writer_pretty(&mut *writer, value).map_err(io::Error::from)?;
-        writer.write_all(b"\n")
-    })
+    write_atomic(path, |writer| json_into(writer, value))
+}
+
+/// [`write_json`], durably; see [`write_durable`].
+///
+/// # Errors
+/// As [`write_atomic`].
+pub fn write_json_durably<T: Serialize + ?Sized>(path: &Path, value: &T) -> Result<(), OutputError> {
+    write_durable(path, |writer| json_into(writer, value)).map(|_| ())
+}
+
+/// A value as [`write_json`] writes it.
+///
+/// # Errors
+/// [`io::Error`] when `writer` takes no more.
+pub fn json_into<T: Serialize + ?Sized>(mut writer: &mut dyn Write, value: &T) -> io::Result<()> {
+    serde_json::to_writer_pretty(&mut writer, value).map_err(io::Error::from)?;
+    writer.write_all(b"\n")
 }
 
 /// Writes rows as CSV, the header taken from the row type's field names.
@@ -158,6 +148,8 @@ pub fn nine_digits(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

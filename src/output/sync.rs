@@ -1,0 +1,121 @@
+//! When what was written is on the disk.
+
+use std::{
+    collections::BTreeSet,
+    fs, io,
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use super::{OutputError, pending::folder_of};
+
+/// Files synced one by one; of more than these, their whole file system is synced at once where the system can do that.
+const FEW: usize = 256;
+
+/// What was put in its place and is not known to be on the disk.
+struct Written {
+    files: BTreeSet<PathBuf>,
+    folders: BTreeSet<PathBuf>,
+}
+
+static WRITTEN: Mutex<Written> = Mutex::new(Written { files: BTreeSet::new(), folders: BTreeSet::new() });
+
+/// Notes a file for [`sync_written`].
+pub(super) fn note(file: &Path) {
+    let mut written = WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
+    // Of many files their folders say enough; a million names are not kept.
+    if cfg!(not(target_os = "linux")) || written.files.len() <= FEW {
+        written.files.insert(file.to_owned());
+    }
+    let folder = folder_of(file);
+    if !written.folders.contains(folder) {
+        written.folders.insert(folder.to_owned());
+    }
+}
+
+/// Sees to it that all results written so far are on the disk, files and folders: at the end of a command, before it says that it
+/// is done.
+///
+/// # Errors
+/// [`OutputError`] with the file when the disk fails.
+pub fn sync_written() -> Result<(), OutputError> {
+    let written = {
+        let mut noted = WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
+        Written { files: std::mem::take(&mut noted.files), folders: std::mem::take(&mut noted.folders) }
+    };
+    #[cfg(target_os = "linux")]
+    if written.files.len() > FEW {
+        for path in &written.folders {
+            // A folder that was removed since needs no syncing. The first call for a file system does the work of all others.
+            match fs::File::open(path) {
+                Ok(opened) => rustix::fs::syncfs(&opened).map_err(|e| OutputError::at(path)(e.into()))?,
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(OutputError::at(path)(error)),
+            }
+        }
+        return Ok(());
+    }
+    for path in &written.files {
+        sync(path).map_err(OutputError::at(path))?;
+    }
+    for path in &written.folders {
+        folder(path).map_err(OutputError::at(path))?;
+    }
+    Ok(())
+}
+
+/// Syncs a file; one that was removed or replaced by something else since needs no syncing.
+fn sync(path: &Path) -> io::Result<()> {
+    match fs::symlink_metadata(path) {
+        Ok(found) if found.is_file() => {}
+        _ => return Ok(()),
+    }
+    match fs::File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        opened => opened?.sync_all(),
+    }
+}
+
+/// Syncs the names in a folder, where the system can do that.
+pub(super) fn folder(path: &Path) -> io::Result<()> {
+    #[cfg(unix)]
+    match fs::File::open(path) {
+        Ok(opened) => match opened.sync_all() {
+            // Some network file systems sync no folders: they keep names on the server at once.
+            Err(error) if error.kind() == io::ErrorKind::InvalidInput => {}
+            synced => synced?,
+        },
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+        Err(error) => return Err(error),
+    }
+    #[cfg(not(unix))]
+    let _ = path;
+    Ok(())
+}
+
+/// Makes a folder and those above it; new ones are synced into the folders above them.
+pub(super) fn create_folders(path: &Path) -> io::Result<()> {
+    if path.is_dir() {
+        return Ok(());
+    }
+    let mut missing = path;
+    let mut new = vec![path];
+    while let Some(parent) = missing.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
+        new.push(parent);
+        missing = parent;
+    }
+    fs::create_dir_all(path)?;
+    new.into_iter().try_for_each(|created| folder(folder_of(created)))
+}
+
+/// Removes a file, durably; a file that is not there is removed.
+///
+/// # Errors
+/// [`OutputError`] when it can not be removed.
+pub fn remove_durably(path: &Path) -> Result<(), OutputError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        removed => removed.map_err(OutputError::at(path))?,
+    }
+    folder(folder_of(path)).map_err(OutputError::at(path))
+}
