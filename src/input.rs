@@ -70,6 +70,7 @@ pub struct InputError {
     /// Line, from 1; `None` when the file as a whole is meant.
     pub line: Option<usize>,
     /// What is wrong.
+    #[source]
     pub kind: InputErrorKind,
 }
 

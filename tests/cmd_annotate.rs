@@ -674,3 +674,109 @@ fn what_can_not_be_annotated_is_said() {
     let server = Server::start(&marked, "elsewhere --tracks results");
     assert_eq!(server.lines[0], "1 track, the one that lost most first");
 }
+
+/// How often a server is killed in the middle of its work; `GRIMACE_KILLS=200` for the whole campaign.
+fn kills() -> u64 {
+    std::env::var("GRIMACE_KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(5)
+}
+
+#[test]
+fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run faces -o results").exit(0);
+    let mut saved: std::collections::BTreeMap<(u32, u16), f64> = std::collections::BTreeMap::new();
+    let (mut acknowledged, mut lost) = (0, Vec::new());
+    for kill in 0..kills() {
+        let server = Server::start(&work, "results --tracks");
+        let process = server.process();
+        // From at once to well into the third correction, never the same twice.
+        let delay = Duration::from_millis(5 + (kill * 37) % 200);
+        let killer = thread::spawn(move || {
+            thread::sleep(delay);
+            assert!(std::process::Command::new("kill").args(["-9", &process.to_string()]).status().unwrap().success());
+        });
+        let mut under_way = None;
+        for step in 0..1000 {
+            let (frame, node) = (2 + step % 4, 31);
+            let x = 80.0 + kill as f64 / 16.0 + f64::from(step) / 1024.0;
+            let version = {
+                let mut stream = match TcpStream::connect(&server.authority) {
+                    Ok(stream) => stream,
+                    Err(_) => break,
+                };
+                let head = format!(
+                    "GET {}/api/sequences/S001_005 HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n",
+                    server.token, server.authority
+                );
+                let mut bytes = Vec::new();
+                let _ = stream.write_all(head.as_bytes()).and_then(|()| stream.read_to_end(&mut bytes).map(|_| ()));
+                let text = String::from_utf8_lossy(&bytes).into_owned();
+                let Some(body) = text.split_once("\r\n\r\n").and_then(|(_, body)| serde_json::from_str::<Value>(body).ok())
+                else {
+                    break;
+                };
+                body["version"].clone()
+            };
+            let body = json!({"version": version, "frame": frame, "corrections": [{"node": node, "x": x, "y": 100.0}]});
+            under_way = Some(((frame, node), x));
+            match server.try_send("PUT", "api/sequences/S001_005/corrections", &body) {
+                Some(200) => {
+                    acknowledged += 1;
+                    saved.insert((frame, node), x);
+                    under_way = None;
+                }
+                _ => break,
+            }
+        }
+        killer.join().unwrap();
+        drop(server);
+        let rows = if work.path("results/corrections/S001_005.csv").exists() {
+            work.rows("results/corrections/S001_005.csv")
+        } else {
+            Vec::new()
+        };
+        let number = |row: &std::collections::BTreeMap<String, String>, name: &str| row[name].parse::<f64>().unwrap();
+        let found: std::collections::BTreeMap<(u32, u16), f64> =
+            rows.iter().map(|r| ((number(r, "frame") as u32, number(r, "node") as u16), number(r, "x"))).collect();
+        for (&place, &x) in &saved {
+            // The one under way when the process was killed may be there or not.
+            let or = under_way.filter(|(at, _)| *at == place).map(|(_, x)| x);
+            if found.get(&place).is_none_or(|&is| (is - x).abs() > 1e-6 && or.is_none_or(|or| (is - or).abs() > 1e-6)) {
+                lost.push((kill, place));
+            }
+        }
+        saved = found;
+    }
+    assert!(lost.is_empty(), "lost after kills: {lost:?}");
+    println!("{} kills, {acknowledged} corrections acknowledged, none lost", kills());
+    // However the last kill left the track, a run has every correction in it, and leaves nothing half written.
+    work.grimace("run faces -o results").exit(0);
+    let rows = work.rows("results/tracks/S001_005.csv");
+    for ((frame, node), x) in saved {
+        let row = rows.iter().find(|r| r["frame"] == frame.to_string() && r["node"] == node.to_string()).unwrap();
+        assert_eq!(row["state"], "corrected");
+        assert!((row["x"].parse::<f64>().unwrap() - x).abs() < 1e-6);
+    }
+    assert_eq!(common::leftovers(&work.files("results")), Vec::<&String>::new());
+}
+
+#[test]
+fn a_file_that_the_manifest_no_longer_names_is_not_written() {
+    let work = Work::with_sequences(&["S001_005"]);
+    let server = Server::start(&work, "faces --all");
+    let opened = open(&server, "S001_005");
+    work.write("faces/other.csv", "node,x,y\n20,80,60\n53,120,60\n31,80,100\n");
+    work.replace("faces/manifest.csv", "S001/005/correspondences.csv", "other.csv");
+    let before = work.bytes("faces/S001/005/correspondences.csv");
+    let answer = save(&server, "S001_005", &opened["version"], &true_marks("S001/005")[..4]);
+    assert_eq!(answer.status, 409, "{}", answer.text());
+    assert_eq!(work.bytes("faces/S001/005/correspondences.csv"), before);
+    let now = open(&server, "S001_005");
+    assert_eq!((&now["file"], now["marks"].as_array().unwrap().len()), (&json!("other.csv"), 3));
+    save(&server, "S001_005", &now["version"], &true_marks("S001/005")[..4]).ok();
+    assert_eq!(work.rows("faces/other.csv").len(), 4);
+    assert_eq!(work.bytes("faces/S001/005/correspondences.csv"), before);
+    // Taken out of the manifest, it is not saved at all.
+    work.write("faces/manifest.csv", format!("{}\n", work.header("faces/manifest.csv")) + "S009,001,fear,,,,,,,,,,\n");
+    assert_ne!(save(&server, "S001_005", &now["version"], &true_marks("S001/005")).status, 200);
+}

@@ -225,3 +225,22 @@ fn the_help_has_an_example_and_bad_usage_ends_with_2() {
     work.grimace("run faces -o out --fps 0").exit(2).says(&["fps"]);
     work.grimace("run faces -o out --marks 20,abc").exit(2).says(&["abc"]);
 }
+
+#[cfg(unix)]
+#[test]
+fn only_regular_files_are_written_and_links_stay_links() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.shell("ln -s real.csv link.csv; mkfifo pipe; ln -s nowhere dead.csv; touch real.csv").exit(0);
+    let fit = |out: &str| {
+        let (image, marks) = ("faces/S001/005/S001_005_00000001.png", "faces/S001/005/correspondences.csv");
+        work.grimace(&format!("fit {image} --correspondences {marks} -o {out} --force"))
+    };
+    fit("link.csv").exit(0);
+    assert!(std::fs::symlink_metadata(work.path("link.csv")).unwrap().is_symlink());
+    assert!(work.read("real.csv").starts_with("node,x,y"));
+    fit("pipe").exit(1).says(&["cannot write pipe: it is a pipe"]);
+    fit("dead.csv").exit(1).says(&["dead.csv: it is a link to a file that is not there"]);
+    fit("/dev/null").exit(1).says(&["cannot write /dev/null: it is a device"]);
+    assert!(!work.path("nowhere").exists() && !work.path("pipe").is_file());
+    work.grimace("run faces -o out -j 100000").exit(2).says(&["expected a whole number from 0 to 1024"]);
+}

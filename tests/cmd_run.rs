@@ -215,15 +215,96 @@ fn another_dataset_of_the_same_name_does_not_replace_results() {
 }
 
 #[test]
-fn results_of_an_interrupted_run_do_not_linger() {
+fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
     let work = Work::with_sequences(&["S001_005"]);
     work.grimace("run faces -o out").exit(0);
-    // As if an interrupted run had tracked a sequence that has left the dataset since.
+    // As if an interrupted run had tracked a sequence that has left the dataset since; and files that no run made.
     let track = work.bytes("out/tracks/S001_005.csv");
-    work.write("out/tracks/S009_001.csv", &track).write("out/models/S009_001.csv", &track);
+    let ours = ["tracks/S009_001.csv", "models/S009_001.csv"];
+    let mine = [
+        "tracks/mine.csv",
+        "tracks/notes.json",
+        "models/mine.csv",
+        "representatives/mine.csv",
+        "fap/mine.fap",
+        "parts/mine.json",
+    ];
+    for name in ours.iter().chain(&mine) {
+        work.write(&format!("out/{name}"), &track);
+    }
+    let hash = blake3::hash(&track).to_hex();
+    work.write("out/run.journal", ours.map(|name| format!("{name}\t\n{name}\t{hash}\n")).concat());
     work.replace("faces/manifest.csv", ",happiness,", ",joy,");
     work.grimace("run faces -o out").exit(0);
-    assert!(!work.path("out/tracks/S009_001.csv").exists() && !work.path("out/models/S009_001.csv").exists());
+    assert!(ours.iter().all(|name| !work.path(&format!("out/{name}")).exists()));
+    assert!(!work.path("out/fap/happiness.fap").exists() && !work.path("out/run.journal").exists());
+    for name in mine {
+        assert_eq!(work.bytes(&format!("out/{name}")), track, "{name}");
+    }
+}
+
+#[test]
+fn a_result_that_was_changed_is_kept_when_it_is_stale_and_said() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o out").exit(0);
+    work.write("out/models/S002_005.csv", "mine");
+    let manifest = work.read("faces/manifest.csv");
+    work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S002")).collect::<Vec<_>>().join("\n"));
+    work.grimace("run faces -o out").exit(0).prints(&["note: models/S002_005.csv", "is kept"]);
+    assert_eq!(work.read("out/models/S002_005.csv"), "mine");
+    assert!(!work.path("out/tracks/S002_005.csv").exists());
+}
+
+#[test]
+fn what_no_run_made_is_not_replaced_without_force() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    let manifest = work.read("faces/manifest.csv");
+    work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S002")).collect::<Vec<_>>().join("\n"));
+    work.grimace("run faces -o out").exit(0);
+    work.write("faces/manifest.csv", &manifest).write("out/models/S002_005.csv", "mine");
+    work.grimace("run faces -o out").exit(1).says(&["S002_005.csv: not written by a run into this folder", "--force"]);
+    assert_eq!(work.read("out/models/S002_005.csv"), "mine");
+    work.grimace("run faces -o out --force").exit(0).prints(&["note: models/S002_005.csv was there"]);
+    work.write("out/run.json", "{}");
+    work.grimace("run faces -o out").exit(1).says(&["run.json: damaged", "--force"]);
+}
+
+#[test]
+fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run faces -o out").exit(0);
+    let state = || {
+        let rows = work.rows("out/tracks/S001_005.csv");
+        let row = rows.iter().find(|r| r["frame"] == "3" && r["node"] == "31").unwrap().clone();
+        (row["state"].clone(), row["x"].clone(), row["y"].clone())
+    };
+    let corrected = ("corrected".to_owned(), "90.5".to_owned(), "100.25".to_owned());
+    let file = "frame,node,x,y\n3,31,90.5,100.25\n";
+    work.write("out/corrections/S001_005.csv", file);
+    work.grimace("run faces -o out").exit(0).prints(&["1 tracked, 0 unchanged"]);
+    assert_eq!(state(), corrected);
+    work.grimace("run faces -o out").exit(0).prints(&["nothing changed"]);
+    // Another option, another mark: tracked again, corrected again.
+    work.grimace("run faces -o out --window 0.2 --force").exit(0).prints(&["1 tracked"]);
+    assert_eq!(state(), corrected);
+    // The same inputs and corrections give the same bytes.
+    work.write("fresh/corrections/S001_005.csv", file);
+    work.grimace("run faces -o fresh --window 0.2 --force").exit(0);
+    assert_eq!(work.bytes("fresh/tracks/S001_005.csv"), work.bytes("out/tracks/S001_005.csv"));
+    // A frame that is gone: said, and kept.
+    work.write("out/corrections/S001_005.csv", format!("{file}99,31,1,1\n"));
+    let said = "corrections/S001_005.csv does not fit any more and is kept: frame 99, node 31";
+    work.grimace("run faces -o out --window 0.2").exit(0).prints(&[said]);
+    assert_eq!(state(), corrected);
+    assert_eq!(work.read("out/corrections/S001_005.csv"), format!("{file}99,31,1,1\n"));
+    // A track of an older version has its corrections in itself alone: they get their file before it is made again.
+    fs::remove_dir_all(work.path("out/corrections")).unwrap();
+    let json = work.read("out/tracks/S001_005.json");
+    let mut json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    json.as_object_mut().unwrap().remove("corrections");
+    work.write("out/tracks/S001_005.json", json.to_string());
+    work.grimace("run faces -o out --force").exit(0).prints(&["1 tracked"]);
+    assert_eq!((state(), work.read("out/corrections/S001_005.csv")), (corrected, file.to_owned()));
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! The sequences of a dataset and their marks, as the page reads and saves them.
 //!
 //! A sequence's marks are in its correspondence file: the one its manifest names, else `SUBJECT/SEQUENCE/correspondences.csv`, which is then
-//! written into the manifest. Every save states the version it was made from (a hash of the file and of the neutral and apex frame): when
-//! another tab, program or person has changed the file since, nothing is written and the page is told what is there.
+//! written into the manifest. Every save states the version it was made from (a hash of the file and of what the manifest says of the
+//! sequence, which is read again whenever it has changed): when another tab, program or person has changed any of it since, nothing is
+//! written and the page is told what is there.
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
     sync::{Mutex, MutexGuard, OnceLock, PoisonError},
@@ -22,7 +24,7 @@ use super::{
 use crate::{
     dataset::{Dataset, MANIFEST_NAME, SequenceEntry},
     fit::{Correspondence, FitError, read_correspondences, validate_correspondences, write_correspondences},
-    output::write_bytes,
+    output::{remove_durably, write_durable},
     pipeline::Workbench,
     sequence::{ImageSize, read_first_frame},
     track::eye_distance_px,
@@ -30,6 +32,8 @@ use crate::{
 
 struct Item {
     entry: SequenceEntry,
+    /// The manifest has it, as far as is known.
+    listed: bool,
     marks: usize,
     frames: Option<FrameList>,
 }
@@ -40,6 +44,8 @@ pub struct Desk {
     pub bench: Workbench,
     root: PathBuf,
     manifest: Mutex<Option<PathBuf>>,
+    /// BLAKE3 of the manifest that `items` is read from.
+    manifest_read: Mutex<Option<blake3::Hash>>,
     items: Mutex<Vec<Item>>,
     /// Places in `items` of the sequences on the page.
     worklist: Vec<usize>,
@@ -52,26 +58,31 @@ pub struct Desk {
 impl Desk {
     /// Opens a dataset.
     pub fn open(path: &Path, options: &AnnotateOptions, bench: Workbench) -> Result<Self, AnnotateError> {
+        let manifest = if path.is_file() { path.to_owned() } else { path.join(MANIFEST_NAME) };
+        let manifest_read = manifest_blake3(&manifest);
         let dataset = Dataset::open(path)?;
         let failures: Vec<String> = dataset.failures.iter().map(|f| f.error.to_string()).collect();
         let count_marks = |entry: &SequenceEntry| {
             let file = entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path);
             read_correspondences(file, &bench.tables, bench.wireframe.node_count()).map_or(0, |marks| marks.len())
         };
-        let items: Vec<Item> =
-            dataset.sequences.into_iter().map(|entry| Item { marks: count_marks(&entry), entry, frames: None }).collect();
+        let items: Vec<Item> = dataset
+            .sequences
+            .into_iter()
+            .map(|entry| Item { marks: count_marks(&entry), entry, listed: true, frames: None })
+            .collect();
         if items.is_empty() {
             let skipped = dataset.skipped.first().map(|s| format!("{}: {}", s.id, s.reason));
             let reason = failures.first().cloned().or(skipped).unwrap_or_default();
             return Err(AnnotateError::NoSequence { path: path.to_owned(), reason });
         }
         let worklist = (0..items.len()).filter(|&k| options.all || items[k].marks < ENOUGH_MARKS).collect();
-        let manifest = if path.is_file() { path.to_owned() } else { path.join(MANIFEST_NAME) };
         let folder = if path.is_file() { path.parent().filter(|p| !p.as_os_str().is_empty()) } else { Some(path) };
         let root = folder.unwrap_or(Path::new(".")).to_owned();
         Ok(Self {
             bench,
             root,
+            manifest_read: Mutex::new(manifest_read),
             manifest: Mutex::new(Some(manifest).filter(|m| m.is_file())),
             items: Mutex::new(items),
             worklist,
@@ -116,6 +127,7 @@ impl Desk {
     /// One sequence with its marks.
     pub fn opened(&self, id: &str) -> Result<Opened, RequestError> {
         let mut items = self.lock();
+        self.refresh(&mut items, id)?;
         self.open_item(find(&mut items, id)?)
     }
 
@@ -145,6 +157,7 @@ impl Desk {
     /// Saves the marks of a sequence, all of them anew; none takes the file away.
     pub fn save_marks(&self, id: &str, request: &SaveMarks) -> Result<Saved, RequestError> {
         let mut items = self.lock();
+        self.refresh(&mut items, id)?;
         let item = find(&mut items, id)?;
         let size = self.frames_of(item)?.size;
         self.check_marks(&request.marks, size)?;
@@ -162,7 +175,9 @@ impl Desk {
             self.write_marks(&mut item.entry, &marks)?;
         }
         item.marks = marks.len();
-        let version = version(&item.entry);
+        // What is read next time is what the next save is compared with.
+        self.refresh(&mut items, id)?;
+        let version = version(&find(&mut items, id)?.entry);
         Ok(Saved { version, left: self.left(&items) })
     }
 
@@ -176,12 +191,7 @@ impl Desk {
                 entry.correspondences_path = None;
                 entry.default_correspondences_path.clone_from(&file);
             }
-            return match fs::remove_file(&file) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    Err(RequestError::Failed(format!("{}: cannot be removed: {error}", file.display())))
-                }
-                _ => Ok(()),
-            };
+            return remove_durably(&file).map_err(RequestError::failed);
         }
         write_correspondences(&file, marks).map_err(RequestError::failed)?;
         if let Some(manifest) = manifest.filter(|_| entry.correspondences_path.is_none()) {
@@ -195,6 +205,7 @@ impl Desk {
     /// Saves which frames are neutral and apex, in the manifest.
     pub fn save_frames(&self, id: &str, request: &SaveFrames) -> Result<Opened, RequestError> {
         let mut items = self.lock();
+        self.refresh(&mut items, id)?;
         let place = self.place(&items, id)?;
         let frames = self.frames_of(&mut items[place])?;
         let known = |n: u32| frames.numbers.binary_search(&n).is_ok();
@@ -223,15 +234,15 @@ impl Desk {
             let fields = [("first_frame", request.neutral.to_string()), ("last_frame", request.apex.to_string())];
             set_fields(&manifest, &items[place].entry.id, &fields).map_err(RequestError::failed)?;
         }
-        let item = &mut items[place];
-        (item.entry.first_frame, item.entry.last_frame) = (Some(request.neutral), Some(request.apex));
-        self.open_item(item)
+        self.refresh(&mut items, id)?;
+        self.open_item(&mut items[place])
     }
 
     fn create_manifest(&self, items: &[Item]) -> Result<(), RequestError> {
         let path = self.root.join(MANIFEST_NAME);
         let entries: Vec<_> = items.iter().map(|i| i.entry.clone()).collect();
-        write_bytes(&path, manifest_text(&self.root, &entries).as_bytes()).map_err(RequestError::failed)?;
+        let text = manifest_text(&self.root, &entries);
+        write_durable(&path, |writer| writer.write_all(text.as_bytes())).map_err(RequestError::failed)?;
         *self.manifest.lock().unwrap_or_else(PoisonError::into_inner) = Some(path);
         Ok(())
     }
@@ -280,6 +291,39 @@ impl Desk {
     pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
         let path = find(&mut self.lock(), id)?.entry.frames_path.clone();
         self.shelf.picture(&path, number)
+    }
+
+    /// Reads the manifest again where its content has changed, by whomever, and takes from it what it says of the sequences now.
+    fn refresh(&self, items: &mut [Item], id: &str) -> Result<(), RequestError> {
+        let path = self.manifest().unwrap_or_else(|| self.root.join(MANIFEST_NAME));
+        let found = manifest_blake3(&path);
+        let mut read = self.manifest_read.lock().unwrap_or_else(PoisonError::into_inner);
+        if *read != found {
+            let dataset = match found {
+                Some(_) => Dataset::open(&path).map_err(RequestError::refused)?,
+                None => Dataset::open(&self.root).map_err(RequestError::refused)?,
+            };
+            let mut entries: BTreeMap<String, SequenceEntry> =
+                dataset.sequences.into_iter().map(|entry| (entry.id.to_string(), entry)).collect();
+            for item in items.iter_mut() {
+                let entry = entries.remove(&item.entry.id.to_string());
+                item.listed = entry.is_some();
+                if let Some(entry) = entry {
+                    if entry.frames_path != item.entry.frames_path {
+                        item.frames = None;
+                    }
+                    item.entry = entry;
+                }
+            }
+            *self.manifest.lock().unwrap_or_else(PoisonError::into_inner) = found.map(|_| path);
+            *read = found;
+        }
+        match items.iter().find(|item| item.entry.id.to_string() == id) {
+            Some(item) if !item.listed => {
+                Err(RequestError::Refused(format!("the manifest does not list {id} any more; start grimace annotate again")))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Vec<Item>> {
@@ -360,13 +404,20 @@ fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32), RequestE
     Ok((first, last))
 }
 
-/// What a page has read of a sequence, in 16 digits: its file of marks and its frames.
+fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
+    fs::read(path).ok().map(|bytes| blake3::hash(&bytes))
+}
+
+/// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.
 fn version(entry: &SequenceEntry) -> String {
     let mut hasher = blake3::Hasher::new();
     match fs::read(marks_path(entry)) {
         Ok(bytes) => hasher.update(&[1]).update(&bytes),
         Err(_) => hasher.update(&[0]),
     };
-    hasher.update(format!(" {:?} {:?}", entry.first_frame, entry.last_frame).as_bytes());
+    let SequenceEntry { frames_path, first_frame, last_frame, landmarks_paths, .. } = entry;
+    // The path of the marks, not who names it: the first save enters the default path into the manifest.
+    let read_from = format!(" {:?} {first_frame:?} {last_frame:?} {frames_path:?} {landmarks_paths:?}", marks_path(entry));
+    hasher.update(read_from.as_bytes());
     hasher.finalize().to_hex()[..16].to_owned()
 }

@@ -12,7 +12,7 @@ use std::{
 use crate::{
     dataset::SequenceEntry,
     input::{CsvFile, InputError},
-    output::{OutputError, write_bytes},
+    output::{OutputError, write_durable},
     units::SequenceId,
 };
 
@@ -56,7 +56,7 @@ pub fn set_fields(path: &Path, id: &SequenceId, fields: &[(&str, String)]) -> Re
         bytes = set_field(path, bytes, id, column, value)?;
     }
     if bytes != before {
-        write_bytes(&file, &bytes)?;
+        write_durable(&file, |writer| writer.write_all(&bytes))?;
     }
     Ok(())
 }

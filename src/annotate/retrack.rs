@@ -1,7 +1,8 @@
 //! The tracks of a run: looked at frame by frame, corrected by hand, tracked again from a corrected frame.
 //!
-//! A correction is written into the track at once, by the track's own writer; frames behind it stay as they are until they are tracked
-//! again. What a track was made from does not change by that, so `grimace run` takes a corrected track as it is.
+//! A correction is saved in the file of corrections, which is on the disk before anything else happens, then written into the track by
+//! the track's own writer; frames behind it stay as they are until they are tracked again. `grimace run` takes such a track as it is, and
+//! applies the corrections anew whenever it has to track again.
 
 use std::{
     collections::BTreeMap,
@@ -24,8 +25,9 @@ use crate::{
     pipeline::{Workbench, track_files, tracks_folder},
     sequence::SequenceReader,
     track::{
-        Confidence, Corrections, Klt, NodeState, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
-        corrections_of, expect_errors, read_track, read_track_info, resume_with, summarize, window_px, write_track,
+        Confidence, Corrections, Klt, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode,
+        correct_nodes, corrections_of, corrections_path, expect_errors, fitting_corrections, read_corrections, read_track,
+        read_track_info, resume_with, summarize, window_px, write_corrections, write_track,
     },
 };
 
@@ -184,7 +186,7 @@ impl TrackDesk {
     /// One track.
     pub fn opened(&self, id: &str) -> Result<Opened, RequestError> {
         let items = self.lock();
-        open_item(find(&items, id)?)
+        self.open_item(find(&items, id)?)
     }
 
     /// One frame for the browser.
@@ -197,7 +199,7 @@ impl TrackDesk {
     pub fn preview(&self, id: &str, request: &Correct) -> Result<FrameNodes, RequestError> {
         let items = self.lock();
         let item = find(&items, id)?;
-        let nodes = self.corrected_nodes(item, &read_frames(item)?, request)?;
+        let nodes = self.corrected_nodes(item, &self.read_frames(item)?, request)?;
         Ok(frame_nodes(&TrackedFrame { number: request.frame, nodes }))
     }
 
@@ -205,12 +207,19 @@ impl TrackDesk {
     pub fn correct(&self, id: &str, request: &Correct) -> Result<Corrected, RequestError> {
         let mut items = self.lock();
         let item = find_mut(&mut items, id)?;
-        check_version(item, &request.version)?;
-        let mut frames = read_frames(item)?;
+        self.check_version(item, &request.version)?;
+        let mut frames = self.read_frames(item)?;
         let nodes = self.corrected_nodes(item, &frames, request)?;
         let place = index_of(&frames, request.frame)?;
         frames[place].nodes = nodes;
-        self.write(item, &frames)?;
+        let mut corrections = saved_corrections(item)?.unwrap_or_else(|| corrections_of(&frames));
+        let set = request.corrections.iter().map(|mark| (mark.node, Point2::new(mark.x, mark.y))).collect::<BTreeMap<_, _>>();
+        if set.is_empty() {
+            corrections.remove(&request.frame);
+        } else {
+            corrections.insert(request.frame, set);
+        }
+        self.write(item, &frames, &corrections)?;
         Ok(Corrected { version: version(&item.csv), frame: frame_nodes(&frames[place]) })
     }
 
@@ -218,14 +227,29 @@ impl TrackDesk {
     pub fn retrack(&self, id: &str, request: &Retrack) -> Result<Opened, RequestError> {
         let mut items = self.lock();
         let item = find_mut(&mut items, id)?;
-        check_version(item, &request.version)?;
-        let mut frames = read_frames(item)?;
+        self.check_version(item, &request.version)?;
+        let mut frames = self.read_frames(item)?;
         let place = index_of(&frames, request.frame)?;
-        let behind = self.track(item, &frames, place, frames.len() - 1, &corrections_of(&frames))?;
+        let corrections = saved_corrections(item)?.unwrap_or_else(|| corrections_of(&frames));
+        let size = info_of(&item.csv)?.image_size;
+        let (fit, _) = fitting_corrections(&corrections, size, size, &frames, &self.bench.wireframe);
+        let behind = self.track(item, &frames, place, frames.len() - 1, &fit)?;
         frames.truncate(place + 1);
         frames.extend(behind);
-        self.write(item, &frames)?;
-        open_item(item)
+        self.write(item, &frames, &corrections)?;
+        self.open_item(item)
+    }
+
+    fn open_item(&self, item: &Item) -> Result<Opened, RequestError> {
+        open_item(item, &self.bench, &self.springs)
+    }
+
+    fn read_frames(&self, item: &Item) -> Result<Vec<TrackedFrame>, RequestError> {
+        read_frames(item, &self.bench, &self.springs)
+    }
+
+    fn check_version(&self, item: &Item, given: &str) -> Result<(), RequestError> {
+        if version(&item.csv) == given { Ok(()) } else { Err(RequestError::conflict(&self.open_item(item)?)) }
     }
 
     /// The nodes of a frame: a step from the frame before it, with the corrections asked for.
@@ -289,8 +313,16 @@ impl TrackDesk {
             .map_err(RequestError::refused)
     }
 
-    fn write(&self, item: &mut Item, frames: &[TrackedFrame]) -> Result<(), RequestError> {
+    /// Saves the corrections, then the track with them: killed between the two, the track is made again from the corrections.
+    fn write(&self, item: &mut Item, frames: &[TrackedFrame], corrections: &Corrections) -> Result<(), RequestError> {
         let mut info = info_of(&item.csv)?;
+        let saved = write_corrections(&item.csv, corrections).map_err(RequestError::failed)?;
+        let earlier = info.corrections.take();
+        info.corrections = Some(TrackCorrections {
+            blake3: saved.blake3,
+            image_size: earlier.as_ref().map_or(info.image_size, |c| c.image_size),
+            not_applied: earlier.map(|c| c.not_applied).unwrap_or_default(),
+        });
         let mut frames = frames.to_vec();
         expect_errors(&mut frames, &self.bench.wireframe, &self.bench.tables, Confidence::shipped());
         info.summary = summarize(&frames, &self.bench.wireframe, &self.bench.tables);
@@ -357,18 +389,37 @@ fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
     })
 }
 
-fn read_frames(item: &Item) -> Result<Vec<TrackedFrame>, RequestError> {
-    read_track(&item.csv).map_err(RequestError::refused)
+/// The track as it is to be shown: with corrections that are saved but did not get into it, because the process was killed in between.
+fn read_frames(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Vec<TrackedFrame>, RequestError> {
+    let mut frames = read_track(&item.csv).map_err(RequestError::refused)?;
+    let info = info_of(&item.csv)?;
+    let saved = read_corrections(&item.csv).map_err(RequestError::refused)?;
+    if let Some(saved) = saved.filter(|s| info.corrections.as_ref().is_none_or(|c| c.blake3 != s.blake3)) {
+        let set_on = info.corrections.as_ref().map_or(info.image_size, |c| c.image_size);
+        let (fit, _) = fitting_corrections(&saved.corrections, set_on, info.image_size, &frames, &bench.wireframe);
+        for frame in &mut frames {
+            if let Some(hard) = fit.get(&frame.number) {
+                frame.nodes = correct_nodes(&bench.wireframe, springs, &frame.nodes, hard).map_err(RequestError::refused)?;
+            }
+        }
+    }
+    Ok(frames)
 }
 
-fn open_item(item: &Item) -> Result<Opened, RequestError> {
+/// The corrections in the track's file of them; `None` where there is none yet.
+fn saved_corrections(item: &Item) -> Result<Option<Corrections>, RequestError> {
+    let saved = read_corrections(&item.csv).map_err(RequestError::refused)?;
+    Ok(saved.map(|saved| saved.corrections))
+}
+
+fn open_item(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Opened, RequestError> {
     let info = info_of(&item.csv)?;
     Ok(Opened {
         id: item.id.clone(),
         emotion: item.emotion.clone(),
         width: info.image_size.width,
         height: info.image_size.height,
-        frames: read_frames(item)?.iter().map(frame_nodes).collect(),
+        frames: read_frames(item, bench, springs)?.iter().map(frame_nodes).collect(),
         version: version(&item.csv),
         file: item.csv.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     })
@@ -392,13 +443,15 @@ fn index_of(frames: &[TrackedFrame], number: u32) -> Result<usize, RequestError>
     place.ok_or_else(|| RequestError::NotFound(format!("the track has no frame {number}")))
 }
 
-/// What a page has read of a track, in 16 digits.
+/// What a page has read of a track, in 16 digits: the track and its corrections.
 fn version(csv: &Path) -> String {
-    fs::read(csv).map(|bytes| blake3::hash(&bytes).to_hex()[..16].to_owned()).unwrap_or_default()
-}
-
-fn check_version(item: &Item, given: &str) -> Result<(), RequestError> {
-    if version(&item.csv) == given { Ok(()) } else { Err(RequestError::conflict(&open_item(item)?)) }
+    let mut hasher = blake3::Hasher::new();
+    for path in [csv, &corrections_path(csv)] {
+        let bytes = fs::read(path);
+        hasher.update(&[u8::from(bytes.is_ok())]);
+        hasher.update(blake3::hash(&bytes.unwrap_or_default()).as_bytes());
+    }
+    hasher.finalize().to_hex()[..16].to_owned()
 }
 
 fn no_track(id: &str) -> RequestError {

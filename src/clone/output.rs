@@ -220,6 +220,7 @@ fn track_info(
         summary: summarize(frames, &bench.wireframe, &bench.tables),
         inputs_blake3: blake3::hash(inputs.as_bytes()).to_hex().to_string(),
         csv_blake3: String::new(),
+        corrections: None,
         id: id.clone(),
     };
     (folder.join("track").join(format!("{id}.csv")), track_info)

@@ -58,6 +58,7 @@ pub enum DatasetError {
         /// The file or folder.
         path: PathBuf,
         /// Why.
+        #[source]
         reason: io::Error,
     },
     /// A manifest without a row.

@@ -72,6 +72,7 @@ pub enum FramesError {
         /// The folder.
         path: PathBuf,
         /// Why.
+        #[source]
         reason: io::Error,
     },
     /// No such folder or file.

@@ -7,7 +7,7 @@ use super::{
     profile::Profile,
     sequence::{FapSequence, is_name_token},
 };
-use crate::output::{OutputError, write_atomic};
+use crate::output::{OutputError, write_hashed};
 
 /// How values are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -101,18 +101,22 @@ pub enum FapWriteError {
 ///
 /// # Errors
 /// [`FapWriteError`] when a name, frame rate or value does not fit the strict subset, or the file can not be written.
-pub fn write_fap(path: &Path, sequence: &FapSequence) -> Result<(), FapWriteError> {
+pub fn write_fap(path: &Path, sequence: &FapSequence) -> Result<blake3::Hash, FapWriteError> {
     write_fap_as(path, sequence, Profile::Strict, ValueFormat::Integer)
 }
 
-/// Writes a FAP file for the readers of a profile, whole or not at all.
+/// Writes a FAP file for the readers of a profile, whole or not at all; the BLAKE3 of its bytes.
 ///
 /// # Errors
 /// As [`write_fap`].
-pub fn write_fap_as(path: &Path, sequence: &FapSequence, profile: Profile, values: ValueFormat) -> Result<(), FapWriteError> {
+pub fn write_fap_as(
+    path: &Path,
+    sequence: &FapSequence,
+    profile: Profile,
+    values: ValueFormat,
+) -> Result<blake3::Hash, FapWriteError> {
     let text = fap_text(sequence, profile, values)?;
-    write_atomic(path, |writer| writer.write_all(text.as_bytes()))?;
-    Ok(())
+    Ok(write_hashed(path, |writer| writer.write_all(text.as_bytes()))?)
 }
 
 /// The text of a FAP file for the readers of a profile.

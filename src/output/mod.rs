@@ -115,7 +115,7 @@ pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -
     })
 }
 
-/// Writes rows of text as CSV under a header, where the columns are not those of a type.
+/// Writes rows of text as CSV under a header, where the columns are not those of a type; the BLAKE3 of the file.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -123,8 +123,8 @@ pub fn write_records<H: AsRef<[u8]>>(
     path: &Path,
     header: impl IntoIterator<Item = H>,
     rows: impl IntoIterator<Item = Vec<String>>,
-) -> Result<(), OutputError> {
-    write_atomic(path, |writer| {
+) -> Result<blake3::Hash, OutputError> {
+    write_hashed(path, |writer| {
         let mut csv = csv::Writer::from_writer(writer);
         csv.write_record(header).map_err(io::Error::from)?;
         for row in rows {

@@ -7,8 +7,9 @@ use super::{
     AnalysisError, AnalyzedModel, Event, Failure, RunError, RunJson, Workbench,
     analysis::{by_emotion, labelled},
     folder::{RUN_JSON, new_record, open},
-    parts::EmotionPart,
-    work::{Collected, collect, plan_all, process_all},
+    ledger::Ledger,
+    parts::{EmotionPart, part_name},
+    work::{Collected, Worked, collect, plan_all, process_all, sequence_files},
 };
 use crate::{
     dataset::{Dataset, SequenceEntry},
@@ -31,9 +32,11 @@ pub struct Plan {
 /// As [`run`], before any sequence is worked on.
 pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
     let (opened, name, earlier) = open(dataset, out, bench, force)?;
-    if earlier.is_none_or(|earlier| !earlier.complete) {
+    if earlier.as_ref().is_none_or(|earlier| !earlier.complete) {
         let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
-        output::write_json(&out.join(RUN_JSON), &new_record(name, skipped, bench))?;
+        let (outputs, kept) = earlier.map(|e| (e.outputs, e.kept)).unwrap_or_default();
+        let record = RunJson { outputs, kept, ..new_record(name, skipped, bench) };
+        output::write_json_durably(&out.join(RUN_JSON), &record)?;
     }
     let mut emotions: BTreeMap<(usize, &str), usize> = BTreeMap::new();
     for entry in &opened.sequences {
@@ -57,13 +60,14 @@ pub fn run_part(
     stop: &AtomicBool,
     event: impl Fn(Event) + Sync,
 ) -> Result<Vec<Failure>, RunError> {
-    let (opened, ..) = open_begun(dataset, out, bench)?;
+    let (opened, _, earlier) = open_begun(dataset, out, bench)?;
+    let ledger = Ledger::open(out, Some(&earlier), false)?;
     let count = opened.sequences.len();
     let of = of.max(1);
     let bounds = |k: usize| (k as u128 * count as u128 / of as u128) as usize;
     let chosen: Vec<&SequenceEntry> =
         opened.sequences[bounds(part.saturating_sub(1).min(of))..bounds(part.min(of))].iter().collect();
-    Ok(work(&chosen, out, bench, stop, &event)?.1)
+    Ok(work(&chosen, &earlier, &Worked { out, ledger: &ledger, bench, overlay: None, stop }, &event)?.1)
 }
 
 /// Tracks and normalizes what is not done yet of one emotion, and computes its statistics for the run to use.
@@ -78,18 +82,21 @@ pub fn run_emotion(
     stop: &AtomicBool,
     event: impl Fn(Event) + Sync,
 ) -> Result<Vec<Failure>, RunError> {
-    let (opened, ..) = open_begun(dataset, out, bench)?;
+    let (opened, _, earlier) = open_begun(dataset, out, bench)?;
+    let ledger = Ledger::open(out, Some(&earlier), false)?;
     let chosen: Vec<&SequenceEntry> = opened.sequences.iter().filter(|entry| entry.emotion == emotion).collect();
     if chosen.is_empty() {
         return Err(RunError::NoSuchEmotion { emotion: emotion.to_owned() });
     }
-    let (models, failures) = work(&chosen, out, bench, stop, &event)?;
+    let (models, failures) = work(&chosen, &earlier, &Worked { out, ledger: &ledger, bench, overlay: None, stop }, &event)?;
     event(Event::Analyzing);
     let grouped = labelled(models);
     // A column that is empty in this emotion need not be so in the others, where the run will say so.
     let groups = group_models_unchecked(&grouped, &bench.options.by).map_err(AnalysisError::from)?;
     for (emotion, groups) in by_emotion(groups) {
-        EmotionPart::compute(&emotion, &groups, bench)?.write(out, &emotion, &groups, bench)?;
+        ledger.claim(&[part_name(&emotion)])?;
+        let hash = EmotionPart::compute(&emotion, &groups, bench)?.write(out, &emotion, &groups, bench)?;
+        ledger.wrote([(&part_name(&emotion), &hash.to_hex().to_string())])?;
     }
     Ok(failures)
 }
@@ -104,15 +111,17 @@ fn open_begun(dataset: &Path, out: &Path, bench: &Workbench) -> Result<(Dataset,
 /// Tracks and normalizes sequences; models and failures in the order of the sequences.
 fn work(
     chosen: &[&SequenceEntry],
-    out: &Path,
-    bench: &Workbench,
-    stop: &AtomicBool,
+    earlier: &RunJson,
+    worked: &Worked<'_>,
     event: &(impl Fn(Event) + Sync),
 ) -> Result<(Vec<AnalyzedModel>, Vec<Failure>), RunError> {
     event(Event::Started { sequences: chosen.len() });
-    let planned = plan_all(chosen, bench, stop);
-    let results = process_all(&planned, out, bench, None, stop, event)?;
+    let &Worked { out, ledger, bench, stop, .. } = worked;
+    ledger.claim(&chosen.iter().flat_map(|entry| sequence_files(&entry.id)).collect::<Vec<_>>())?;
+    let planned = plan_all(chosen, out, Some(earlier), bench, stop);
+    let results = process_all(&planned, worked, event)?;
+    output::sync_written()?;
     let mut record = new_record(String::new(), Vec::new(), bench);
-    let Collected { models, failures, .. } = collect(planned, results, out, &mut record)?;
+    let Collected { models, failures, .. } = collect(planned, results, &mut record)?;
     Ok((models, failures))
 }

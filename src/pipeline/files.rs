@@ -40,6 +40,9 @@ pub struct SequenceRecord {
     pub inputs_blake3: String,
     /// Stage and reason, when it failed.
     pub failure: Option<(Stage, String)>,
+    /// BLAKE3 of the corrections by hand in its track.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrections_blake3: Option<String>,
 }
 
 /// `run.json`: what was made from what, and with which options.
@@ -69,6 +72,9 @@ pub struct RunJson {
     pub warnings: Vec<String>,
     /// BLAKE3 of every file written, by path relative to the output folder with `/` between folders.
     pub outputs: BTreeMap<String, String>,
+    /// Files of earlier runs that were changed since, and so were kept, with the BLAKE3 they once had.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub kept: BTreeMap<String, String>,
 }
 
 /// The units of a run's files.

@@ -43,6 +43,7 @@ pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench:
         sequences: Vec::new(),
         skipped,
         outputs: BTreeMap::new(),
+        kept: BTreeMap::new(),
         representatives: Vec::new(),
         warnings: Vec::new(),
     }
@@ -70,9 +71,20 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         }
         Err(e) => return Err(error(e).into()),
     };
-    let earlier: Option<RunJson> = fs::read(out.join(RUN_JSON)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let record = out.join(RUN_JSON);
+    let earlier: Option<RunJson> = match fs::read(&record) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => None,
+        Err(source) => return Err(OutputError { path: record, source }.into()),
+        Ok(bytes) => match serde_json::from_slice(&bytes) {
+            Ok(earlier) => Some(earlier),
+            Err(_) if force => None,
+            Err(source) => return Err(RunError::DamagedRecord { path: record, source }),
+        },
+    };
     let Some(earlier) = earlier else {
-        let empty = entries.next().is_none();
+        // What a killed writer left is swept with the first file written.
+        let is_left = |name: &std::ffi::OsStr| name.to_str().is_some_and(|n| n.starts_with(".grimace-") && n.ends_with(".tmp"));
+        let empty = entries.all(|e| e.is_ok_and(|e| is_left(&e.file_name())));
         return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };
     };
     let what = if earlier.dataset != dataset {
@@ -104,23 +116,4 @@ fn differing_options(earlier: &RunJson, bench: &Workbench) -> String {
         .map(|(key, value)| format!("{key}: {} there, {value} now", a.get(key).unwrap_or(&serde_json::Value::Null)))
         .collect::<Vec<_>>()
         .join("; ")
-}
-
-/// Folders of results, and the endings of the files in them.
-const RESULT_FOLDERS: [(&str, &[&str]); 4] =
-    [("tracks", &[".csv", ".json"]), ("models", &[".csv"]), ("representatives", &[".csv", ".json"]), ("fap", &[".fap"])];
-
-/// Removes files of earlier runs, whole or interrupted, that this one does not make.
-pub(super) fn remove_stale(out: &Path, outputs: &BTreeMap<String, String>) {
-    for (folder, endings) in RESULT_FOLDERS {
-        let Ok(entries) = fs::read_dir(out.join(folder)) else { continue };
-        for entry in entries.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let ours = endings.iter().any(|ending| name.ends_with(ending));
-            if ours && !outputs.contains_key(&format!("{folder}/{name}")) {
-                // Gone already, or not to be removed: either way nothing more can be done.
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-    }
 }

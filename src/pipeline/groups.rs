@@ -143,14 +143,14 @@ pub(crate) fn values(group: &BTreeMap<String, String>) -> String {
     group.values().map(String::as_str).collect::<Vec<_>>().join(" + ")
 }
 
-/// Writes `intervals.csv`, `comparisons.csv` and `comparison_nodes.csv` into `out`; returns their names.
+/// Writes `intervals.csv`, `comparisons.csv` and `comparison_nodes.csv` into `out`; returns their names and BLAKE3.
 pub(super) fn write_groups(
     out: &Path,
     classes: &[AnalyzedClass],
     comparisons: &Comparisons,
     wireframe: &Wireframe,
     by: &[String],
-) -> Result<Vec<String>, OutputError> {
+) -> Result<[(&'static str, blake3::Hash); 3], OutputError> {
     let group_names = || by.iter().map(|name| format!("group_{name}"));
     let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
 
@@ -177,7 +177,7 @@ pub(super) fn write_groups(
         row.extend(by.iter().map(|column| r.label.group.get(column).cloned().unwrap_or_default()));
         row
     });
-    write_records(&out.join("intervals.csv"), &header, rows)?;
+    let intervals = write_records(&out.join("intervals.csv"), &header, rows)?;
 
     let header: Vec<String> = ["emotion", "group_a", "group_b", "subjects_a", "subjects_b", "sequences_a", "sequences_b"]
         .into_iter()
@@ -213,7 +213,7 @@ pub(super) fn write_groups(
         }
         row
     });
-    write_records(&out.join("comparisons.csv"), &header, rows)?;
+    let pairs = write_records(&out.join("comparisons.csv"), &header, rows)?;
 
     let header = ["emotion", "group_a", "group_b", "node", "energy", "p"].map(str::to_owned);
     let rows = comparisons.pairs.iter().filter_map(|pair| Some((pair, pair.outcome.as_ref().ok()?))).flat_map(|(pair, t)| {
@@ -223,6 +223,6 @@ pub(super) fn write_groups(
             [names, vec![nine_digits(energy), nine_digits(p)]].concat()
         })
     });
-    write_records(&out.join("comparison_nodes.csv"), &header, rows)?;
-    Ok(["intervals.csv", "comparisons.csv", "comparison_nodes.csv"].map(str::to_owned).to_vec())
+    let nodes = write_records(&out.join("comparison_nodes.csv"), &header, rows)?;
+    Ok([("intervals.csv", intervals), ("comparisons.csv", pairs), ("comparison_nodes.csv", nodes)])
 }

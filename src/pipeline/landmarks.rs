@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     dataset::{
-        CorrespondenceSource, LandmarkSelection, LandmarkSequence, SequenceEntry, correspondences_from_landmarks,
+        CorrespondenceSource, LandmarkSelection, LandmarkSequence, LandmarksError, SequenceEntry, correspondences_from_landmarks,
         read_landmarks_with,
     },
     fit::{Correspondence, FitError, MarkKind, read_correspondences},
@@ -33,8 +33,8 @@ pub(super) struct LandmarkSource {
 }
 
 impl LandmarkSource {
-    /// The source of a sequence with landmarks at `path`, and the BLAKE3 of everything the track depends on.
-    pub(super) fn new(entry: &SequenceEntry, path: PathBuf, bench: &Workbench) -> Result<(Self, String), SequenceFailure> {
+    /// The source of a sequence with landmarks at `path`.
+    pub(super) fn new(entry: &SequenceEntry, path: PathBuf, bench: &Workbench) -> Result<Self, SequenceFailure> {
         let marks = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
             CorrespondenceSource::File(file) => {
                 let marks = read_correspondences(&file, &bench.tables, bench.wireframe.node_count());
@@ -42,7 +42,7 @@ impl LandmarkSource {
             }
             CorrespondenceSource::Landmarks(_) | CorrespondenceSource::None => None,
         };
-        let source = Self {
+        Ok(Self {
             id: entry.id.clone(),
             emotion: entry.emotion.clone(),
             metadata: entry.metadata.clone(),
@@ -52,16 +52,15 @@ impl LandmarkSource {
             marks,
             first_frame: entry.first_frame,
             last_frame: entry.last_frame,
-        };
-        let hash = source.inputs_blake3(bench)?;
-        Ok((source, hash))
+        })
     }
 
     pub(super) fn labels(&self) -> Labels<'_> {
         Labels { emotion: &self.emotion, metadata: &self.metadata, marks_from: self.marks_from, fps: self.fps }
     }
 
-    fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
+    /// BLAKE3 of everything the track depends on.
+    pub(super) fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
             hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -87,19 +86,34 @@ impl LandmarkSource {
             part(&mark.position.y.to_le_bytes());
         }
         for file in crate::dataset::landmark_files(&self.path).map_err(SequenceFailure::at(Stage::Dataset))? {
-            let bytes = fs::read(&file).map_err(|e| SequenceFailure {
-                stage: Stage::Dataset,
-                reason: format!("{}: cannot be read: {e}", file.display()),
-                fatal: false,
-            })?;
+            let unreadable = |reason| LandmarksError::Io { path: file.clone(), reason };
+            let bytes = fs::read(&file).map_err(unreadable).map_err(SequenceFailure::at(Stage::Dataset))?;
             part(file_name(&file).as_bytes());
             part(&bytes);
         }
         Ok(hasher.finalize().to_hex().to_string())
     }
 
+    /// [`LandmarkSource::track_read`] of files that nobody changes meanwhile; also the hash of what was read.
+    pub(super) fn track(&self, bench: &Workbench) -> (Option<String>, Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure>) {
+        let before = match self.inputs_blake3(bench) {
+            Ok(hash) => hash,
+            Err(failure) => return (None, Err(failure)),
+        };
+        let tracked = self.track_read(bench);
+        match self.inputs_blake3(bench) {
+            Ok(after) if after == before => {
+                (Some(after), tracked.map(|(frames, info)| (frames, TrackInfo { inputs_blake3: before, ..info })))
+            }
+            _ => {
+                let reason = format!("{}: changed while it was read; run again when it is whole", self.path.display());
+                (None, Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false }))
+            }
+        }
+    }
+
     /// Fits the wireframe to the neutral frame and drives it through the others.
-    pub(super) fn track(&self, bench: &Workbench) -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure> {
+    fn track_read(&self, bench: &Workbench) -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure> {
         let read = read_landmarks_with(&self.path, bench.options.landmarks.least_confidence);
         let read = read.map_err(SequenceFailure::at(Stage::Dataset))?;
         let sequence: LandmarkSequence =
@@ -137,6 +151,7 @@ impl LandmarkSource {
             summary: summarize(&frames, &bench.wireframe, &bench.tables),
             inputs_blake3: String::new(),
             csv_blake3: String::new(),
+            corrections: None,
         };
         Ok((frames, info))
     }

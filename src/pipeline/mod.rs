@@ -3,11 +3,13 @@
 mod analysis;
 mod classes;
 mod columnar;
+mod corrected;
 mod divide;
 mod files;
 mod folder;
 mod groups;
 mod landmarks;
+mod ledger;
 mod model_file;
 mod parts;
 mod run;

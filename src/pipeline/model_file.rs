@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
-    output::{OutputError, nine_digits, write_atomic},
+    output::{OutputError, nine_digits, write_hashed},
     units::FaceUnit,
 };
 
-/// Writes a normalized model or a representative: `frame,node,x,y`, face units, frames from 0.
+/// Writes a normalized model or a representative: `frame,node,x,y`, face units, frames from 0; the BLAKE3 of the file.
 ///
 /// # Errors
 /// [`OutputError`].
-pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Result<(), OutputError> {
-    write_atomic(path, |out| {
+pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Result<blake3::Hash, OutputError> {
+    write_hashed(path, |out| {
         writeln!(out, "frame,node,x,y")?;
         for (m, frame) in model.frames().iter().enumerate() {
             for (k, point) in frame.nodes().iter().enumerate() {

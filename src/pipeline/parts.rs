@@ -17,7 +17,7 @@ use super::{
     groups::{compare_groups, stream_of},
 };
 use crate::{
-    output::{OutputError, write_json},
+    output::{OutputError, json_into, write_hashed},
     statistics::{
         self, ClassLabel, Representative, SequenceModel,
         bootstrap::{DispersionInterval, dispersion_interval},
@@ -75,9 +75,15 @@ impl EmotionPart {
     ///
     /// # Errors
     /// [`OutputError`].
-    pub fn write(mut self, out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Result<(), OutputError> {
+    pub fn write(
+        mut self,
+        out: &Path,
+        emotion: &str,
+        groups: &Groups<'_>,
+        bench: &Workbench,
+    ) -> Result<blake3::Hash, OutputError> {
         self.inputs_blake3 = inputs_blake3(groups, bench);
-        write_json(&part_path(out, emotion), &self)
+        write_hashed(&part_path(out, emotion), |writer| json_into(writer, &self))
     }
 
     /// The part that was written of exactly these models and options, if it is there.
@@ -88,9 +94,13 @@ impl EmotionPart {
     }
 }
 
-/// Emotions are checked to be file names when the dataset is read.
+/// Name of a part's file in the output folder. Emotions are checked to be file names when the dataset is read.
+pub(super) fn part_name(emotion: &str) -> String {
+    format!("{PARTS_FOLDER}/{emotion}.json")
+}
+
 fn part_path(out: &Path, emotion: &str) -> PathBuf {
-    out.join(PARTS_FOLDER).join(format!("{emotion}.json"))
+    out.join(part_name(emotion))
 }
 
 fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench) -> String {

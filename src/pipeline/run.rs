@@ -5,6 +5,7 @@
 //! that sequence. Results are collected in the order of the sequences, so that the number of threads changes no byte.
 
 use std::{
+    collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
@@ -15,16 +16,18 @@ use rayon::prelude::*;
 use super::{
     Analysis, Failure, RunJson, SequenceFailure, SequenceRecord, Stage, Workbench,
     analysis::{AnalysisError, analyze_with},
-    files::file_blake3,
-    folder::{RUN_JSON, new_record, open, remove_stale},
+    files::file_blake3 as hash_of,
+    folder::{RUN_JSON, new_record, open},
+    ledger::Ledger,
     parts::PARTS_FOLDER,
-    work::{Collected, Planned, collect, plan_all, process_all},
-    write::write_failures,
+    work::{Collected, Planned, Worked, collect, plan_all, process_all, sequence_files},
+    write::{TABLES, class_files, write_failures},
 };
 use crate::{
     dataset::SequenceEntry,
     output::{self, OutputError},
     pipeline::{write_analysis, write_columnar},
+    track::corrections_path,
     units::SequenceId,
 };
 
@@ -91,6 +94,28 @@ pub enum RunError {
         path: PathBuf,
         /// What differs.
         what: String,
+    },
+    /// The record of the earlier runs does not read.
+    #[error(
+        "{}: damaged ({source}); it lists what this folder's runs wrote: restore it, choose another folder, or --force to write into this one",
+        path.display()
+    )]
+    DamagedRecord {
+        /// The record.
+        path: PathBuf,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// Something that no run made stands where a result must go.
+    #[error(
+        "{}{more}: not written by a run into this folder, and a result has that name; move it away, choose another folder, or --force to replace it",
+        path.display()
+    )]
+    Foreign {
+        /// The first such file.
+        path: PathBuf,
+        /// How many more.
+        more: String,
     },
     /// A file can not be written.
     #[error(transparent)]
@@ -159,7 +184,7 @@ pub fn run(
     event(Event::Started { sequences });
 
     let chosen: Vec<&SequenceEntry> = opened.sequences.iter().collect();
-    let mut planned = plan_all(&chosen, bench, stop);
+    let mut planned = plan_all(&chosen, out, earlier.as_ref(), bench, stop);
     planned.extend(opened.failures.iter().map(|failure| Planned {
         id: SequenceId { subject: failure.subject.clone(), sequence: failure.sequence.clone() },
         emotion: String::new(),
@@ -187,13 +212,18 @@ pub fn run(
         return Ok(summary_of(earlier));
     }
     let mut record = new_record(name, skipped, bench);
-    record.outputs = earlier.as_ref().map(|e| e.outputs.clone()).unwrap_or_default();
-    output::write_json(&out.join(RUN_JSON), &record)?;
+    (record.outputs, record.kept) = earlier.as_ref().map(|e| (e.outputs.clone(), e.kept.clone())).unwrap_or_default();
+    let ledger = Ledger::open(out, earlier.as_ref(), force)?;
+    let emotions: BTreeSet<&str> = opened.sequences.iter().map(|s| s.emotion.as_str()).collect();
+    let names = opened.sequences.iter().flat_map(|s| sequence_files(&s.id)).chain(TABLES.map(str::to_owned));
+    let mut said = ledger.claim(&names.chain(emotions.iter().flat_map(|e| class_files(e))).collect::<Vec<_>>())?;
+    output::write_json_durably(&out.join(RUN_JSON), &record)?;
 
-    let results = process_all(&planned, out, bench, overlay, stop, &event)?;
+    let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay, stop }, &event)?;
     event(Event::Analyzing);
 
-    let Collected { models, failures, tracked, reused, mut outputs } = collect(planned, results, out, &mut record)?;
+    let Collected { models, failures, tracked, reused, mut outputs, notes } = collect(planned, results, &mut record)?;
+    said.extend(notes);
     if models.is_empty() {
         write_failures(&out.join("failures.csv"), &failures)?;
         let first = failures.first();
@@ -205,21 +235,26 @@ pub fn run(
     }
 
     if bench.options.columnar {
-        write_columnar(&out.join("models.parquet"), &models).map_err(AnalysisError::from)?;
-        if let Some(hash) = file_blake3(&out.join("models.parquet")) {
-            outputs.insert("models.parquet".to_owned(), hash);
-        }
+        let hash = write_columnar(&out.join("models.parquet"), &models).map_err(AnalysisError::from)?;
+        outputs.insert("models.parquet".to_owned(), hash.to_hex().to_string());
     }
     let analysis = Analysis { tracked_here: true, ..analyze_with(models, failures, bench, Some(out))? };
-    outputs.extend(write_analysis(&analysis, out, &record.dataset, bench)?);
-    remove_stale(out, &outputs);
-    record.outputs = outputs;
+    said.extend(ledger.claim(&analysis.classes.iter().flat_map(|class| class_files(&class.stem)).collect::<Vec<_>>())?);
+    let written = write_analysis(&analysis, out, &record.dataset, bench)?;
+    ledger.wrote(&written)?;
+    outputs.extend(written);
+    // All results are on the disk before the record says so.
+    output::sync_written()?;
+    let (kept, changed) = ledger.remove_stale(&outputs);
+    said.extend(changed);
+    (record.outputs, record.kept) = (outputs, kept);
     record.representatives = analysis.counts();
-    record.warnings.clone_from(&analysis.warnings);
+    record.warnings = analysis.warnings.iter().cloned().chain(said).collect();
     record.complete = true;
-    output::write_json(&out.join(RUN_JSON), &record)?;
-    // Whatever was computed apart is part of the results now; left behind it does no harm.
-    let _ = fs::remove_dir_all(out.join(PARTS_FOLDER));
+    output::write_json_durably(&out.join(RUN_JSON), &record)?;
+    ledger.close();
+    // Whatever was computed apart is part of the results now. The folder goes when nothing else is in it.
+    let _ = fs::remove_dir(out.join(PARTS_FOLDER));
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
 }
 
@@ -229,8 +264,9 @@ fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, 
         record.id == item.id
             && record.emotion == item.emotion
             && record.metadata == item.metadata()
+            && record.corrections_blake3 == hash_of(&corrections_path(&out.join(format!("tracks/{}.csv", item.id))))
             && match &item.source {
-                Ok((_, hash)) => record.inputs_blake3 == *hash,
+                Ok((_, hash)) => hash.as_ref() == Some(&record.inputs_blake3) && !record.inputs_blake3.is_empty(),
                 Err(failure) => record.failure.as_ref() == Some(&(failure.stage, failure.reason.clone())),
             }
     };
@@ -238,7 +274,7 @@ fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, 
         && earlier.skipped == skipped
         && earlier.sequences.len() == planned.len()
         && earlier.sequences.iter().zip(planned).all(same_sequence)
-        && earlier.outputs.par_iter().all(|(file, hash)| file_blake3(&out.join(file)).as_ref() == Some(hash))
+        && earlier.outputs.par_iter().all(|(file, hash)| hash_of(&out.join(file)).as_ref() == Some(hash))
 }
 
 fn summary_of(record: &RunJson) -> RunSummary {

@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fmt,
+    fmt, fs,
     path::{Path, PathBuf},
 };
 
@@ -10,7 +10,10 @@ use image::RgbImage;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{MADE_BY, Workbench};
+use super::{
+    MADE_BY, Workbench,
+    corrected::{apply, saved_or_carried_over},
+};
 use crate::{
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
@@ -20,7 +23,7 @@ use crate::{
     sequence::{SequenceError, SequenceReader, content_blake3},
     statistics::MAX_DISPLACEMENT,
     track::{
-        TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
+        Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, parse_track, summarize, track_csv,
         track_model, track_sequence, track_units, write_track,
     },
     units::{FaceUnit, SequenceId},
@@ -64,17 +67,34 @@ pub struct SequenceFailure {
     pub stage: Stage,
     /// The error in full.
     pub reason: String,
-    /// Not the sequence's fault: the run was interrupted or the disk is full.
+    /// Not the sequence's fault: the run was interrupted, the disk is full, or the machine failed to read.
     pub fatal: bool,
+}
+
+/// How the reason of a failure begins that is the machine's.
+pub(super) const MACHINE: &str = "the machine failed, not the sequence";
+
+/// Whether a file could not be read for a reason that lies in the machine and not in the file: too many open files, no memory, a
+/// failing disk or server.
+fn is_machines_fault(error: &(dyn std::error::Error + 'static)) -> bool {
+    use std::io::{Error, ErrorKind};
+    // Numbers of Linux and the BSDs: EIO 5, ENFILE 23, EMFILE 24; the others have a kind.
+    let of = |e: &Error| {
+        matches!(e.kind(), ErrorKind::OutOfMemory | ErrorKind::StaleNetworkFileHandle | ErrorKind::TimedOut)
+            || (cfg!(unix) && matches!(e.raw_os_error(), Some(5 | 23 | 24)))
+    };
+    error.downcast_ref::<Error>().is_some_and(of)
 }
 
 impl SequenceFailure {
     /// A failure of a stage, from the error with its causes.
-    pub fn at<E: std::error::Error>(stage: Stage) -> impl Fn(E) -> Self {
+    pub fn at<E: std::error::Error + 'static>(stage: Stage) -> impl Fn(E) -> Self {
         move |error| {
             let mut reason = error.to_string();
+            let mut machine = is_machines_fault(&error);
             let mut cause = error.source();
             while let Some(inner) = cause {
+                machine |= is_machines_fault(inner);
                 // Errors of this crate include their cause in their own text.
                 let text = inner.to_string();
                 if !reason.contains(&text) {
@@ -82,7 +102,10 @@ impl SequenceFailure {
                 }
                 cause = inner.source();
             }
-            Self { stage, reason, fatal: stage == Stage::Write }
+            if machine {
+                reason = format!("{MACHINE}: {reason}; run again, or take the sequence out of the dataset to go on without it");
+            }
+            Self { stage, reason, fatal: machine || stage == Stage::Write }
         }
     }
 }
@@ -123,7 +146,7 @@ impl SequenceSource {
     }
 
     /// [`SequenceSource::inputs_blake3`] of frames whose names and bytes have the hash `content`.
-    fn inputs_with(&self, content: blake3::Hash, bench: &Workbench) -> String {
+    pub(super) fn inputs_with(&self, content: blake3::Hash, bench: &Workbench) -> String {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
             hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -217,6 +240,7 @@ fn track_frames(
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables),
         inputs_blake3: String::new(),
         csv_blake3: String::new(),
+        corrections: None,
     };
     Ok((track, info))
 }
@@ -229,46 +253,68 @@ pub(super) struct Labels<'a> {
     pub fps: Option<f64>,
 }
 
-/// The tracked frames of a sequence, their summary, and whether they were there already: read where an unchanged track is there,
-/// made by `make` and written where not.
+/// A track as a run goes on with it.
+pub(super) struct RunTrack {
+    pub frames: Vec<TrackedFrame>,
+    pub info: TrackInfo,
+    /// It was there already.
+    pub reused: bool,
+    pub hashes: TrackHashes,
+}
+
+/// The track of a sequence: read where an unchanged one is there, made by `make` and written where not. Corrections by hand are put
+/// into it by `correct`.
 pub(super) fn track_or_reuse(
     labels: &Labels<'_>,
-    inputs_blake3: &str,
+    inputs_blake3: Option<&str>,
     csv_path: &Path,
+    bench: &Workbench,
     make: impl FnOnce() -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure>,
-) -> Result<(Vec<TrackedFrame>, TrackSummary, bool), SequenceFailure> {
-    if let Ok(Some(info)) = read_track_info(csv_path) {
-        let unchanged =
-            info.inputs_blake3 == inputs_blake3 && super::files::file_blake3(csv_path) == Some(info.csv_blake3.clone());
-        if unchanged && let Ok(frames) = read_track(csv_path) {
-            let summary = info.summary.clone();
-            relabel(labels, info, csv_path)?;
-            return Ok((frames, summary, true));
-        }
+    correct: impl FnOnce(&[TrackedFrame], &Corrections, &str) -> Result<Vec<TrackedFrame>, SequenceFailure>,
+) -> Result<RunTrack, SequenceFailure> {
+    let json = fs::read(csv_path.with_extension("json")).unwrap_or_default();
+    let earlier: Option<TrackInfo> = serde_json::from_slice(&json).ok();
+    let saved = saved_or_carried_over(csv_path, earlier.as_ref())?;
+    let wanted = saved.as_ref().map(|s| &s.blake3);
+    if let Some(info) = earlier.clone()
+        && Some(info.inputs_blake3.as_str()) == inputs_blake3
+        && info.corrections.as_ref().map(|c| &c.blake3) == wanted
+        && let Ok(csv) = fs::read(csv_path)
+        && blake3::hash(&csv).to_hex().as_str() == info.csv_blake3
+        && let Ok(frames) = parse_track(csv_path, &csv)
+    {
+        let json = blake3::hash(&json).to_hex().to_string();
+        let hashes = TrackHashes { csv: info.csv_blake3.clone(), json };
+        return relabel(labels, RunTrack { frames, info, reused: true, hashes }, csv_path);
     }
-    let (frames, mut info) = make()?;
-    inputs_blake3.clone_into(&mut info.inputs_blake3);
-    write_track(csv_path, &frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
+    let (mut frames, mut info) = make()?;
+    if let Some(saved) = &saved {
+        let inputs = info.inputs_blake3.clone();
+        apply(saved, earlier.as_ref(), &mut frames, &mut info, bench, |frames, fit| correct(frames, fit, &inputs))?;
+    }
+    let hashes = write_track(csv_path, &frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
     // What is used is what is in the file, so that a resumed run gives the same bytes.
-    let frames = read_track(csv_path).map_err(SequenceFailure::at(Stage::Write))?;
-    Ok((frames, info.summary, false))
+    let frames = parse_track(csv_path, &track_csv(&frames)).map_err(SequenceFailure::at(Stage::Write))?;
+    Ok(RunTrack { frames, info, reused: false, hashes })
 }
 
 /// Brings the labels beside an unchanged track up to date.
-fn relabel(labels: &Labels<'_>, mut info: TrackInfo, csv_path: &Path) -> Result<(), SequenceFailure> {
+fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<RunTrack, SequenceFailure> {
+    let info = &mut track.info;
     let fps = labels.fps.or(info.fps);
     let same = info.emotion == labels.emotion
         && info.metadata == *labels.metadata
         && info.fps == fps
         && info.marks_from == labels.marks_from;
-    if same {
-        return Ok(());
+    if !same {
+        labels.emotion.clone_into(&mut info.emotion);
+        info.metadata.clone_from(labels.metadata);
+        labels.marks_from.clone_into(&mut info.marks_from);
+        info.fps = fps;
+        let written = output::write_hashed(&csv_path.with_extension("json"), |out| output::json_into(out, &info));
+        track.hashes.json = written.map_err(SequenceFailure::at(Stage::Write))?.to_hex().to_string();
     }
-    labels.emotion.clone_into(&mut info.emotion);
-    info.metadata.clone_from(labels.metadata);
-    labels.marks_from.clone_into(&mut info.marks_from);
-    info.fps = fps;
-    output::write_json(&csv_path.with_extension("json"), &info).map_err(SequenceFailure::at(Stage::Write))
+    Ok(track)
 }
 
 /// The normalized model of tracked frames.

@@ -1,7 +1,7 @@
 //! The sequences of a run: planned, worked on in parallel, collected in order.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::Path,
     sync::atomic::{AtomicBool, Ordering},
 };
@@ -10,19 +10,19 @@ use rayon::prelude::*;
 
 use super::{
     AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, SequenceRecord, SequenceSource, Stage, Workbench,
-    files::file_blake3,
+    corrected::correct_frames,
     landmarks::LandmarkSource,
+    ledger::Ledger,
     model_file::write_model,
     overlay_pictures,
-    sequence::{normalized, overlay_path, track_or_reuse},
-    track_one,
+    sequence::{MACHINE, RunTrack, normalized, overlay_path, track_or_reuse, track_recorded},
 };
 use crate::{
     dataset::{CorrespondenceSource, SequenceEntry},
     output,
     overlay::png_bytes,
     statistics::SequenceModel,
-    track::TrackQuality,
+    track::{Corrections, TrackQuality, TrackedFrame},
     units::SequenceId,
 };
 
@@ -32,8 +32,23 @@ pub(super) struct Planned<'a> {
     pub emotion: String,
     /// What the manifest says; `None` for a row that is damaged.
     pub entry: Option<&'a SequenceEntry>,
-    /// What drives it and the hash of its inputs, or why it can not be worked on.
-    pub source: Result<(Source, String), SequenceFailure>,
+    /// What drives it and the hash of its inputs, or why it can not be worked on. The hash is only taken where something may be there
+    /// that was made from the same: else it is taken while the frames are decoded.
+    pub source: Result<(Source, Option<String>), SequenceFailure>,
+}
+
+/// Where and with what sequences are worked on.
+pub(super) struct Worked<'a> {
+    pub out: &'a Path,
+    pub ledger: &'a Ledger,
+    pub bench: &'a Workbench,
+    pub overlay: Option<&'a Path>,
+    pub stop: &'a AtomicBool,
+}
+
+/// Names of the files of a sequence.
+pub(super) fn sequence_files(id: &SequenceId) -> [String; 3] {
+    [format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]
 }
 
 /// What drives a sequence.
@@ -53,13 +68,32 @@ impl Planned<'_> {
 pub(super) struct Done {
     model: AnalyzedModel,
     reused: bool,
+    outputs: BTreeMap<String, String>,
+    corrections_blake3: Option<String>,
+    /// What a person should know.
+    notes: Vec<String>,
+}
+
+/// What became of a sequence, and the hash of what it was made from; empty where it is not known.
+pub(super) struct Processed {
+    inputs_blake3: String,
+    result: Result<Done, SequenceFailure>,
 }
 
 /// Finds what drives the sequences, in parallel.
-pub(super) fn plan_all<'a>(chosen: &[&'a SequenceEntry], bench: &Workbench, stop: &AtomicBool) -> Vec<Planned<'a>> {
+pub(super) fn plan_all<'a>(
+    chosen: &[&'a SequenceEntry],
+    out: &Path,
+    earlier: Option<&RunJson>,
+    bench: &Workbench,
+    stop: &AtomicBool,
+) -> Vec<Planned<'a>> {
+    let failed = earlier.iter().flat_map(|e| &e.sequences).filter(|s| s.failure.is_some()).map(|s| &s.id);
+    let failed: BTreeSet<&SequenceId> = failed.collect();
+    let may_be_done = |id: &SequenceId| failed.contains(id) || out.join(format!("tracks/{id}.json")).exists();
     let one = |entry: &&'a SequenceEntry| {
         let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
-        let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, bench) };
+        let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, may_be_done(&entry.id), bench) };
         Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
     };
     chosen.par_iter().map(one).collect()
@@ -68,17 +102,16 @@ pub(super) fn plan_all<'a>(chosen: &[&'a SequenceEntry], bench: &Workbench, stop
 /// Works on all planned sequences in parallel.
 pub(super) fn process_all(
     planned: &[Planned<'_>],
-    out: &Path,
-    bench: &Workbench,
-    overlay: Option<&Path>,
-    stop: &AtomicBool,
+    worked: &Worked<'_>,
     event: &(impl Fn(Event) + Sync),
-) -> Result<Vec<Result<Done, SequenceFailure>>, RunError> {
+) -> Result<Vec<Processed>, RunError> {
+    let stop = worked.stop;
     // Set by the first failure that is not a sequence's own fault, such as a full disk: the others need not try.
     let abort = AtomicBool::new(false);
     let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
     let one = |item: &Planned<'_>| {
-        let result = process(item, out, bench, overlay, &halt, event);
+        let mut inputs = item.source.as_ref().ok().and_then(|(_, hash)| hash.clone());
+        let result = process(item, worked, &mut inputs, &halt, event);
         if !halt() {
             let reused = result.as_ref().is_ok_and(|done| done.reused);
             let failure = result.as_ref().err().map(|f| f.reason.clone());
@@ -87,7 +120,7 @@ pub(super) fn process_all(
         if result.as_ref().is_err_and(|f| f.fatal) {
             abort.store(true, Ordering::Relaxed);
         }
-        result
+        Processed { inputs_blake3: inputs.unwrap_or_default(), result }
     };
     let results = planned.par_iter().map(one).collect();
     if stop.load(Ordering::Relaxed) { Err(RunError::Interrupted) } else { Ok(results) }
@@ -100,55 +133,51 @@ pub(super) struct Collected {
     pub failures: Vec<Failure>,
     pub tracked: usize,
     pub reused: usize,
-    /// BLAKE3 of the files written for sequences.
+    /// BLAKE3 of the files of sequences, by their names.
     pub outputs: BTreeMap<String, String>,
+    /// What a person should know.
+    pub notes: Vec<String>,
 }
 
 /// Sorts the results of the sequences into models and failures and enters them in the record.
-pub(super) fn collect(
-    planned: Vec<Planned<'_>>,
-    results: Vec<Result<Done, SequenceFailure>>,
-    out: &Path,
-    record: &mut RunJson,
-) -> Result<Collected, RunError> {
-    let is_cause = |r: &&Result<Done, SequenceFailure>| r.as_ref().is_err_and(|f| f.fatal && f.stage == Stage::Write);
-    if let Some(at) = results.iter().position(|r| is_cause(&r))
-        && let (Some(item), Some(Err(failure))) = (planned.get(at), results.get(at))
+pub(super) fn collect(planned: Vec<Planned<'_>>, results: Vec<Processed>, record: &mut RunJson) -> Result<Collected, RunError> {
+    let is_cause =
+        |p: &&Processed| p.result.as_ref().is_err_and(|f| f.fatal && (f.stage == Stage::Write || f.reason.starts_with(MACHINE)));
+    if let Some(at) = results.iter().position(|p| is_cause(&p))
+        && let (Some(item), Some(Err(failure))) = (planned.get(at), results.get(at).map(|p| &p.result))
     {
         return Err(RunError::Write { id: item.id.clone(), reason: failure.reason.clone() });
     }
     let mut all = Collected::default();
-    for (item, result) in planned.into_iter().zip(results) {
-        let inputs_blake3 = item.source.as_ref().map(|(_, hash)| hash.clone()).unwrap_or_default();
-        let failure = match result {
+    for (item, Processed { inputs_blake3, result }) in planned.into_iter().zip(results) {
+        let (failure, corrections_blake3) = match result {
             Ok(done) => {
                 *(if done.reused { &mut all.reused } else { &mut all.tracked }) += 1;
-                let id = &item.id;
-                for file in [format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")] {
-                    if let Some(hash) = file_blake3(&out.join(&file)) {
-                        all.outputs.insert(file, hash);
-                    }
-                }
+                all.outputs.extend(done.outputs);
+                all.notes.extend(done.notes);
                 all.models.push(done.model);
-                None
+                (None, done.corrections_blake3)
             }
             Err(failure) if failure.fatal => return Err(RunError::Write { id: item.id, reason: failure.reason }),
             Err(SequenceFailure { stage, reason, .. }) => {
                 let SequenceId { subject, sequence } = item.id.clone();
                 all.failures.push(Failure { subject, sequence, stage, reason: reason.clone() });
-                Some((stage, reason))
+                (Some((stage, reason)), None)
             }
         };
         let metadata = item.metadata();
-        record.sequences.push(SequenceRecord { id: item.id, emotion: item.emotion, metadata, inputs_blake3, failure });
+        let (id, emotion) = (item.id, item.emotion);
+        record.sequences.push(SequenceRecord { id, emotion, metadata, inputs_blake3, failure, corrections_blake3 });
     }
     Ok(all)
 }
 
-/// Source and inputs' hash of a sequence.
-fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(Source, String), SequenceFailure> {
+/// Source of a sequence, and the hash of its inputs where that is wanted.
+fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<(Source, Option<String>), SequenceFailure> {
     if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
-        return LandmarkSource::new(entry, path, bench).map(|(source, hash)| (Source::Landmarks(source), hash));
+        let source = LandmarkSource::new(entry, path, bench)?;
+        let hash = hashed.then(|| source.inputs_blake3(bench)).transpose()?;
+        return Ok((Source::Landmarks(source), hash));
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
     let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
@@ -168,24 +197,25 @@ fn plan(entry: &SequenceEntry, bench: &Workbench) -> Result<(Source, String), Se
         marks_from: marks_from.to_owned(),
         fps: entry.fps,
     };
-    let hash = source.inputs_blake3(bench)?;
+    let hash = hashed.then(|| source.inputs_blake3(bench)).transpose()?;
     Ok((Source::Images(source), hash))
 }
 
+/// Works on one sequence. `inputs` becomes the hash of what was read for it.
 fn process(
     item: &Planned<'_>,
-    out: &Path,
-    bench: &Workbench,
-    overlay: Option<&Path>,
+    worked: &Worked<'_>,
+    inputs: &mut Option<String>,
     halt: &(impl Fn() -> bool + Sync),
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Done, SequenceFailure> {
+    let &Worked { out, ledger, bench, overlay, .. } = worked;
     let (source, hash) = item.source.as_ref().map_err(Clone::clone)?;
     if halt() {
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }
     let id = &item.id;
-    let csv_path = out.join("tracks").join(format!("{id}.csv"));
+    let [csv_name, json_name, model_name] = sequence_files(id);
     let tick = |_| {
         event(Event::Frame);
         !halt()
@@ -195,11 +225,26 @@ fn process(
         Source::Landmarks(source) => source.labels(),
     };
     let make = || match source {
-        Source::Images(source) => track_one(source, bench, tick).map(|(track, info)| (track.frames, info)),
-        Source::Landmarks(source) => source.track(bench),
+        Source::Images(source) => {
+            let (read, tracked) = track_recorded(source, bench, tick);
+            *inputs = read.as_ref().ok().cloned();
+            let (track, mut info) = tracked?;
+            info.inputs_blake3 = read.map_err(SequenceFailure::at(Stage::Track))?;
+            Ok((track.frames, info))
+        }
+        Source::Landmarks(source) => {
+            let (read, tracked) = source.track(bench);
+            *inputs = read;
+            tracked
+        }
     };
-    let (frames, summary, reused) =
-        track_or_reuse(&labels, hash, &csv_path, make).map_err(|failure| name_marks(failure, item.entry))?;
+    let correct = |frames: &[TrackedFrame], corrections: &Corrections, inputs: &str| match source {
+        Source::Images(source) => source.track_corrected(frames, corrections, inputs, bench),
+        Source::Landmarks(_) => correct_frames(frames, corrections, bench),
+    };
+    let RunTrack { frames, info, reused, hashes } =
+        track_or_reuse(&labels, hash.as_deref(), &out.join(&csv_name), bench, make, correct)
+            .map_err(|failure| name_marks(failure, item.entry))?;
     if let (Some(folder), Source::Images(source)) = (overlay, source) {
         let last = frames.len() - 1;
         overlay_pictures(
@@ -214,12 +259,16 @@ fn process(
         )?;
     }
     let model = normalized(&frames, bench)?;
-    let model_path = out.join("models").join(format!("{id}.csv"));
-    write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary };
+    let model_hash = write_model(&out.join(&model_name), &model).map_err(SequenceFailure::at(Stage::Write))?;
+    let hashes = [(csv_name, hashes.csv), (json_name, hashes.json), (model_name, model_hash.to_hex().to_string())];
+    let outputs = BTreeMap::from(hashes);
+    ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
+    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary: info.summary };
     let model = SequenceModel { id: id.clone(), model };
-    let metadata = item.metadata();
-    Ok(Done { model: AnalyzedModel { model, emotion: item.emotion.clone(), metadata, quality: Some(quality) }, reused })
+    let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality) };
+    let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");
+    let notes = info.corrections.iter().flat_map(|c| &c.not_applied).map(misfit).collect();
+    Ok(Done { model, reused, outputs, corrections_blake3: info.corrections.map(|c| c.blake3), notes })
 }
 
 /// Puts the file that the marks came from in front of a failure of the fit.

@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::Path};
 use serde::Serialize;
 
 use super::{
-    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, files::file_blake3,
-    groups::write_groups, model_file::write_model, showcase::films,
+    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, groups::write_groups,
+    model_file::write_model, showcase::films,
 };
 use crate::{
     fap::{self, FapCatalog, FapNumber, Motion},
@@ -67,30 +67,46 @@ pub fn write_analysis(
     title: &str,
     bench: &Workbench,
 ) -> Result<BTreeMap<String, String>, AnalysisError> {
-    let mut files = Vec::new();
+    let mut files = BTreeMap::new();
+    let mut wrote = |name: &str, hash: blake3::Hash| files.insert(name.to_owned(), hash.to_hex().to_string());
     for class in &analysis.classes {
-        let (csv, json, fap) = (
-            format!("representatives/{}.csv", class.stem),
-            format!("representatives/{}.json", class.stem),
-            format!("fap/{}.fap", class.stem),
-        );
-        write_model(&out.join(&csv), &class.representative.model)?;
-        output::write_json(&out.join(&json), &representative_json(class, bench))?;
-        fap::write_fap(&out.join(&fap), &class.fap)?;
-        files.extend([csv, json, fap]);
+        let [csv, json, fap] = class_files(&class.stem);
+        wrote(&csv, write_model(&out.join(&csv), &class.representative.model)?);
+        let value = representative_json(class, bench);
+        wrote(&json, output::write_hashed(&out.join(&json), |writer| output::json_into(writer, &value))?);
+        wrote(&fap, fap::write_fap(&out.join(&fap), &class.fap)?);
     }
-    write_statistics(&out.join("statistics.csv"), analysis, bench)?;
-    write_trimming(&out.join("trimming.csv"), analysis, bench)?;
-    write_failures(&out.join("failures.csv"), &analysis.failures)?;
-    write_verdicts(&out.join("verdicts.csv"), &analysis.tracks)?;
+    wrote("statistics.csv", write_statistics(&out.join("statistics.csv"), analysis, bench)?);
+    wrote("trimming.csv", write_trimming(&out.join("trimming.csv"), analysis, bench)?);
+    wrote("failures.csv", write_failures(&out.join("failures.csv"), &analysis.failures)?);
+    wrote("verdicts.csv", write_verdicts(&out.join("verdicts.csv"), &analysis.tracks)?);
     let html = report_html(analysis, title, bench)?;
-    output::write_bytes(&out.join("report.html"), html.as_bytes())?;
+    wrote("report.html", output::write_hashed(&out.join("report.html"), |writer| writer.write_all(html.as_bytes()))?);
     if let Some(comparisons) = &analysis.comparisons {
-        files.extend(write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)?);
+        for (name, hash) in write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)? {
+            wrote(name, hash);
+        }
     }
-    files.extend(["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "report.html"].map(str::to_owned));
-    Ok(files.into_iter().filter_map(|file| file_blake3(&out.join(&file)).map(|hash| (file, hash))).collect())
+    Ok(files)
 }
+
+/// Names of what [`write_analysis`] writes beside the tables of [`TABLES`].
+pub(super) fn class_files(stem: &str) -> [String; 3] {
+    [format!("representatives/{stem}.csv"), format!("representatives/{stem}.json"), format!("fap/{stem}.fap")]
+}
+
+/// Names of the tables and the report.
+pub(super) const TABLES: [&str; 9] = [
+    "statistics.csv",
+    "trimming.csv",
+    "failures.csv",
+    "verdicts.csv",
+    "report.html",
+    "models.parquet",
+    "intervals.csv",
+    "comparisons.csv",
+    "comparison_nodes.csv",
+];
 
 fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> RepresentativeJson<'a> {
     let r = &class.representative;
@@ -125,7 +141,7 @@ fn write_table(
     header: &[&str],
     by: &[String],
     rows: impl IntoIterator<Item = Vec<String>>,
-) -> Result<(), OutputError> {
+) -> Result<blake3::Hash, OutputError> {
     // A column grouped by keeps its name unless the table has one of that name already.
     let grouped = by.iter().map(|name| if header.contains(&name.as_str()) { format!("by_{name}") } else { name.clone() });
     write_records(path, header.iter().map(|&name| name.to_owned()).chain(grouped), rows)
@@ -136,7 +152,7 @@ fn group_values(class: &AnalyzedClass, by: &[String]) -> impl Iterator<Item = St
     by.iter().map(|column| class.representative.label.group.get(column).cloned().unwrap_or_default())
 }
 
-fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<(), OutputError> {
+fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<blake3::Hash, OutputError> {
     let header = [
         "emotion",
         "sequences",
@@ -169,7 +185,7 @@ fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Resu
     write_table(path, &header, by, rows)
 }
 
-fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<(), OutputError> {
+fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result<blake3::Hash, OutputError> {
     let by = &bench.options.by;
     let rows = analysis.classes.iter().flat_map(|class| {
         class.representative.trimming.iter().map(|row| {
@@ -191,13 +207,13 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
 ///
 /// # Errors
 /// [`OutputError`].
-pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<(), OutputError> {
+pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<blake3::Hash, OutputError> {
     let rows = failures.iter().map(|f| vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone()]);
     write_table(path, &["subject", "sequence", "stage", "reason"], &[], rows)
 }
 
 /// Writes `verdicts.csv`: a row for every tracked sequence.
-fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<(), OutputError> {
+fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, OutputError> {
     let rows = tracks.iter().map(|t| {
         let s = &t.summary;
         let expected = s.expected_error_px;

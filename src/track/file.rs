@@ -10,9 +10,10 @@ use std::{
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{NodeState, TrackOptions, TrackSummary, TrackedFrame, TrackedNode};
+use super::{NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode};
 use crate::{
     fit::FitOptions,
+    input::InputError,
     output::{self, OutputError, nine_digits},
     sequence::ImageSize,
     units::SequenceId,
@@ -60,6 +61,9 @@ pub struct TrackInfo {
     pub inputs_blake3: String,
     /// BLAKE3 of the `.csv` file.
     pub csv_blake3: String,
+    /// Corrections by hand that it was made with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrections: Option<TrackCorrections>,
 }
 
 /// The units of a track file's columns.
@@ -87,6 +91,9 @@ pub enum TrackFileError {
         /// Why.
         source: std::io::Error,
     },
+    /// A table of corrections that does not read.
+    #[error(transparent)]
+    Table(#[from] InputError),
     /// Not CSV.
     #[error("{}: {source}", path.display())]
     Csv {
@@ -168,15 +175,24 @@ pub fn track_csv(frames: &[TrackedFrame]) -> Vec<u8> {
     out
 }
 
+/// BLAKE3 of the two files of a track, in hexadecimal.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TrackHashes {
+    /// Of the `.csv`.
+    pub csv: String,
+    /// Of the `.json`.
+    pub json: String,
+}
+
 /// Writes `STEM.csv` and `STEM.json` into a folder; the JSON last, so that its presence means a whole track.
 ///
 /// # Errors
 /// [`OutputError`].
-pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInfo) -> Result<(), OutputError> {
-    let csv = track_csv(frames);
-    info.csv_blake3 = blake3::hash(&csv).to_hex().to_string();
-    output::write_bytes(csv_path, &csv)?;
-    output::write_json(&csv_path.with_extension("json"), info)
+pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInfo) -> Result<TrackHashes, OutputError> {
+    let csv = output::write_hashed(csv_path, |out| out.write_all(&track_csv(frames)))?.to_hex().to_string();
+    info.csv_blake3.clone_from(&csv);
+    let json = output::write_hashed(&csv_path.with_extension("json"), |out| output::json_into(out, info))?;
+    Ok(TrackHashes { csv, json: json.to_hex().to_string() })
 }
 
 /// Reads the `.json` beside a track; `None` when there is none.
@@ -199,10 +215,17 @@ pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileEr
 /// # Errors
 /// [`TrackFileError`] with the line.
 pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
-    let io = |source| TrackFileError::Io { path: path.to_owned(), source };
+    let bytes = fs::read(path).map_err(|source| TrackFileError::Io { path: path.to_owned(), source })?;
+    parse_track(path, &bytes)
+}
+
+/// [`read_track`] of bytes at hand; `path` is only named in errors.
+///
+/// # Errors
+/// As [`read_track`].
+pub fn parse_track(path: &Path, bytes: &[u8]) -> Result<Vec<TrackedFrame>, TrackFileError> {
     let csv_error = |source| TrackFileError::Csv { path: path.to_owned(), source };
-    let bytes = fs::read(path).map_err(io)?;
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
     let header = reader.headers().map_err(csv_error)?.clone();
     let column = |name: &str| header.iter().position(|h| h.eq_ignore_ascii_case(name));

@@ -8,6 +8,7 @@
 
 mod align;
 mod confidence;
+mod corrections;
 mod file;
 mod klt;
 mod landmarks;
@@ -30,7 +31,14 @@ use crate::{
 
 pub use align::{AlignOptions, Patch};
 pub use confidence::{Confidence, ConfidenceError, Evidence, NodeFeatures, expect_errors, node_features};
-pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
+pub use corrections::{
+    SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, fitting_corrections, read_corrections,
+    write_corrections,
+};
+pub use file::{
+    TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, parse_track, read_track, read_track_info, track_csv, track_units,
+    write_track,
+};
 pub use klt::Klt;
 pub use landmarks::LandmarkPlan;
 pub use quality::{TrackQuality, TrackSummary, Verdict, summarize};

@@ -77,6 +77,28 @@ impl Server {
         self.process.wait().unwrap();
     }
 
+    /// Number of the server's process.
+    pub fn process(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// As [`Server::send`] to a server that may be killed meanwhile: the status, if an answer came.
+    pub fn try_send(&self, method: &str, path: &str, body: &Value) -> Option<u16> {
+        let body = body.to_string();
+        let head = format!(
+            "{method} {}/{path} HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\nConnection: close\r\nContent-Length: {}\r\n\r\n",
+            self.token,
+            self.authority,
+            body.len()
+        );
+        let mut stream = TcpStream::connect(&self.authority).ok()?;
+        stream.set_read_timeout(Some(Duration::from_secs(60))).ok()?;
+        stream.write_all((head + &body).as_bytes()).ok()?;
+        let mut bytes = Vec::new();
+        let _ = stream.read_to_end(&mut bytes);
+        String::from_utf8_lossy(&bytes).split(' ').nth(1)?.parse().ok()
+    }
+
     pub fn port(&self) -> u16 {
         self.authority.rsplit_once(':').unwrap().1.parse().unwrap()
     }

@@ -71,6 +71,7 @@ pub enum LandmarksError {
         /// The file or folder.
         path: PathBuf,
         /// Why.
+        #[source]
         reason: io::Error,
     },
     /// Another number of points than the scheme has.

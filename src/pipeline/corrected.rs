@@ -1,0 +1,95 @@
+//! Hand work in the tracks of a run: applied again after every new tracking.
+
+use std::path::Path;
+
+use super::{SequenceFailure, SequenceSource, Stage, Workbench};
+use crate::{
+    fit::Springs,
+    sequence::{ImageSize, SequenceReader},
+    track::{
+        Confidence, Corrections, Klt, SavedCorrections, TrackCorrections, TrackError, TrackInfo, TrackedFrame, correct_nodes,
+        corrections_in_track, expect_errors, fitting_corrections, read_corrections, resume_with, summarize, window_px,
+        write_corrections,
+    },
+};
+
+/// The corrections saved for a track; those that an older version kept in the track alone get their file now, before the track is made
+/// again.
+pub(super) fn saved_or_carried_over(
+    csv_path: &Path,
+    earlier: Option<&TrackInfo>,
+) -> Result<Option<SavedCorrections>, SequenceFailure> {
+    if let Some(saved) = read_corrections(csv_path).map_err(SequenceFailure::at(Stage::Dataset))? {
+        return Ok(Some(saved));
+    }
+    let found = corrections_in_track(csv_path, earlier);
+    found.map(|c| write_corrections(csv_path, &c)).transpose().map_err(SequenceFailure::at(Stage::Write))
+}
+
+/// Puts saved corrections into a track that was just made. `track` tracks again from the first of them.
+pub(super) fn apply(
+    saved: &SavedCorrections,
+    earlier: Option<&TrackInfo>,
+    frames: &mut Vec<TrackedFrame>,
+    info: &mut TrackInfo,
+    bench: &Workbench,
+    track: impl FnOnce(&[TrackedFrame], &Corrections) -> Result<Vec<TrackedFrame>, SequenceFailure>,
+) -> Result<(), SequenceFailure> {
+    let set_on = earlier.map_or(info.image_size, |e| e.corrections.as_ref().map_or(e.image_size, |c| c.image_size));
+    let (fit, not_applied) = fitting_corrections(&saved.corrections, set_on, info.image_size, frames, &bench.wireframe);
+    if !fit.is_empty() {
+        *frames = track(frames, &fit)?;
+        expect_errors(frames, &bench.wireframe, &bench.tables, Confidence::shipped());
+        info.summary = summarize(frames, &bench.wireframe, &bench.tables);
+    }
+    info.corrections =
+        Some(TrackCorrections { blake3: saved.blake3.clone(), image_size: known(set_on, info.image_size), not_applied });
+    Ok(())
+}
+
+fn known(size: ImageSize, otherwise: ImageSize) -> ImageSize {
+    if size.width > 0 && size.height > 0 { size } else { otherwise }
+}
+
+impl SequenceSource {
+    /// Tracks again from the frame before the first correction, with all of them, the frames being those that `inputs_blake3` tells.
+    pub(super) fn track_corrected(
+        &self,
+        frames: &[TrackedFrame],
+        corrections: &Corrections,
+        inputs_blake3: &str,
+        bench: &Workbench,
+    ) -> Result<Vec<TrackedFrame>, SequenceFailure> {
+        let failed = |reason: String| SequenceFailure { stage: Stage::Track, reason, fatal: false };
+        let first = corrections.keys().next().copied().unwrap_or_default();
+        let place = frames.iter().position(|f| f.number >= first).unwrap_or(frames.len()).max(1);
+        let Some(start) = frames.get(place - 1) else { return Err(failed("the track is empty".to_owned())) };
+        let options = &bench.options.track;
+        let neutral: Vec<_> = frames[0].nodes.iter().map(|n| n.position).collect();
+        let mut tracker = Klt::new(options.levels, window_px(&bench.tables, &neutral, options));
+        let mut reader = SequenceReader::open(&self.frames).map_err(SequenceFailure::at(Stage::Track))?;
+        let (wireframe, plan) = (&bench.wireframe, bench.plan());
+        let behind = resume_with(&mut tracker, wireframe, plan, frames, start.number, corrections, reader.by_ref(), options)
+            .map_err(SequenceFailure::at(Stage::Track))?;
+        let content = reader.into_content_blake3().map_err(SequenceFailure::at(Stage::Track))?;
+        if self.inputs_with(content, bench) != inputs_blake3 {
+            return Err(failed("its frames were changed while they were tracked; run again when they are whole".to_owned()));
+        }
+        Ok(frames[..place].iter().cloned().chain(behind).collect())
+    }
+}
+
+/// Corrects the frames of a track from landmarks one by one: there is nothing to track from one to the next.
+pub(super) fn correct_frames(
+    frames: &[TrackedFrame],
+    corrections: &Corrections,
+    bench: &Workbench,
+) -> Result<Vec<TrackedFrame>, SequenceFailure> {
+    let springs = Springs::new(&bench.wireframe);
+    let one = |frame: &TrackedFrame| -> Result<TrackedFrame, TrackError> {
+        let Some(hard) = corrections.get(&frame.number) else { return Ok(frame.clone()) };
+        let nodes = correct_nodes(&bench.wireframe, &springs, &frame.nodes, hard)?;
+        Ok(TrackedFrame { number: frame.number, nodes })
+    };
+    frames.iter().map(one).collect::<Result<_, _>>().map_err(SequenceFailure::at(Stage::Track))
+}

@@ -1,0 +1,182 @@
+//! What the runs into an output folder wrote, so that nothing else in it is ever replaced or removed.
+//!
+//! `run.json` lists the files of the last whole run with their hashes. While a run is on its way, `run.journal` lists the names it is
+//! going to write, on the disk before the first of them is written, and the hash of every file written since; it goes when `run.json`
+//! tells all of it.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    io::{self, Write},
+    path::{Component, Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use super::{RunError, RunJson, files::file_blake3};
+use crate::{
+    output::{OutputError, count},
+    track::read_track_info,
+};
+
+/// Name of the journal.
+const JOURNAL: &str = "run.journal";
+
+/// The record of a folder, as a run adds to it.
+pub(super) struct Ledger {
+    out: PathBuf,
+    /// Names that were written here, or were about to be, with the hashes of what was written.
+    known: BTreeMap<String, BTreeSet<String>>,
+    journal: Mutex<Option<fs::File>>,
+    force: bool,
+}
+
+impl Ledger {
+    /// What `run.json`, if there is one, and the journal say.
+    pub(super) fn open(out: &Path, earlier: Option<&RunJson>, force: bool) -> Result<Self, OutputError> {
+        let mut known: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+        let path = out.join(JOURNAL);
+        let journal = match fs::read(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+            read => read.map_err(OutputError::at(&path))?,
+        };
+        // A line that a power failure cut is no hash of anything.
+        let journal = String::from_utf8_lossy(&journal).into_owned();
+        let lines = journal.lines().filter_map(|line| line.split_once('\t'));
+        let listed =
+            earlier.iter().flat_map(|e| e.outputs.iter().chain(&e.kept).map(|(name, hash)| (name.as_str(), hash.as_str())));
+        for (name, hash) in lines.chain(listed).filter(|(name, _)| is_inside(name)) {
+            known.entry(name.to_owned()).or_default().insert(hash.to_owned());
+        }
+        Ok(Self { out: out.to_owned(), known, journal: Mutex::new(None), force })
+    }
+
+    /// Takes names for results. What stands there and is not of this folder's runs is refused, or, with `--force`, said.
+    pub(super) fn claim(&self, names: &[String]) -> Result<Vec<String>, RunError> {
+        let foreign: Vec<&String> = names.iter().filter(|name| self.is_foreign(name)).collect();
+        if let Some(first) = foreign.first()
+            && !self.force
+        {
+            let more = foreign.len() - 1;
+            let more = if more == 0 { String::new() } else { format!(" (and {} more)", count(more, "file", "files")) };
+            return Err(RunError::Foreign { path: self.out.join(first), more });
+        }
+        self.append(names.iter().map(|name| (name.as_str(), "")), true)?;
+        let said =
+            |name: &&String| format!("{name} was there and not written by a run into this folder; it was replaced (--force)");
+        Ok(foreign.iter().map(said).collect())
+    }
+
+    fn is_foreign(&self, name: &str) -> bool {
+        let path = self.out.join(name);
+        !self.known.contains_key(name) && fs::symlink_metadata(&path).is_ok() && !is_track(name, &path)
+    }
+
+    /// Enters files that were written.
+    pub(super) fn wrote<'a>(&self, files: impl IntoIterator<Item = (&'a String, &'a String)>) -> Result<(), OutputError> {
+        self.append(files.into_iter().map(|(name, hash)| (name.as_str(), hash.as_str())), false)
+    }
+
+    fn append<'a>(&self, lines: impl Iterator<Item = (&'a str, &'a str)>, durable: bool) -> Result<(), OutputError> {
+        let text: String = lines.map(|(name, hash)| format!("{name}\t{hash}\n")).collect();
+        let path = self.out.join(JOURNAL);
+        let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
+        let append = || -> io::Result<()> {
+            let file = match journal.take() {
+                Some(file) => file,
+                None => fs::File::options().create(true).append(true).open(&path)?,
+            };
+            let file = journal.insert(file);
+            file.write_all(text.as_bytes())?;
+            if durable { file.sync_data() } else { Ok(()) }
+        };
+        append().map_err(OutputError::at(&path))
+    }
+
+    /// Removes what earlier runs wrote, whole or interrupted, and this one did not make, where it still has the bytes they wrote.
+    /// What was changed since is kept: its names with a hash that they had, and what a person should know.
+    pub(super) fn remove_stale(&self, outputs: &BTreeMap<String, String>) -> (BTreeMap<String, String>, Vec<String>) {
+        let (mut kept, mut said) = (BTreeMap::new(), Vec::new());
+        for (name, hashes) in self.known.iter().filter(|(name, _)| !outputs.contains_key(*name)) {
+            let path = self.out.join(name);
+            if fs::symlink_metadata(&path).is_err() {
+                continue;
+            }
+            let is_ours = file_blake3(&path).is_some_and(|hash| hashes.contains(&hash));
+            // What cannot be removed stays known.
+            if !is_ours || fs::remove_file(&path).is_err() {
+                kept.insert(name.clone(), hashes.iter().next_back().cloned().unwrap_or_default());
+                said.push(format!("{name} is of an earlier run and was changed since; it is kept"));
+            }
+        }
+        (kept, said)
+    }
+
+    /// Removes the journal: `run.json` tells all of it.
+    pub(super) fn close(self) {
+        drop(self.journal);
+        // Left behind it only says again what run.json says.
+        let _ = fs::remove_file(self.out.join(JOURNAL));
+    }
+}
+
+/// Whether a name stays inside the output folder, whatever the record was made to say.
+fn is_inside(name: &str) -> bool {
+    !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+/// Whether a file is a track of ours: its `.json` says so, which also `annotate` keeps up.
+fn is_track(name: &str, path: &Path) -> bool {
+    name.starts_with("tracks/")
+        && matches!(read_track_info(path), Ok(Some(info))
+            if path.file_stem().is_some_and(|stem| stem.to_string_lossy() == info.id.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::write_bytes;
+
+    fn known(pairs: &[(&str, &[u8])]) -> BTreeMap<String, String> {
+        pairs.iter().map(|(name, bytes)| ((*name).to_owned(), blake3::hash(bytes).to_hex().to_string())).collect()
+    }
+
+    #[test]
+    fn only_what_the_record_lists_and_nobody_changed_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for (name, bytes) in
+            [("models/a.csv", "a"), ("models/b.csv", "edited"), ("models/mine.csv", "mine"), ("models/c.csv", "c")]
+        {
+            write_bytes(&at(name), bytes.as_bytes()).unwrap();
+        }
+        let ledger = Ledger::open(folder.path(), None, false).unwrap();
+        ledger
+            .append([("models/a.csv", ""), ("models/b.csv", ""), ("models/c.csv", ""), ("../x", "")].into_iter(), true)
+            .unwrap();
+        ledger.wrote(&known(&[("models/a.csv", b"a"), ("models/b.csv", b"b"), ("models/c.csv", b"c")])).unwrap();
+        drop(ledger);
+        // A process that was killed wrote no more than this journal.
+        let ledger = Ledger::open(folder.path(), None, false).unwrap();
+        assert!(!ledger.known.contains_key("../x"));
+        let (kept, said) = ledger.remove_stale(&known(&[("models/c.csv", b"c")]));
+        assert_eq!(kept.into_keys().collect::<Vec<_>>(), ["models/b.csv"]);
+        assert!(said.len() == 1 && said[0].contains("models/b.csv"), "{said:?}");
+        assert!(!at("models/a.csv").exists() && at("models/c.csv").exists() && at("models/mine.csv").exists());
+        ledger.close();
+        assert!(!at(JOURNAL).exists());
+    }
+
+    #[test]
+    fn what_is_not_ours_is_not_replaced_without_force() {
+        let folder = tempfile::tempdir().unwrap();
+        write_bytes(&folder.path().join("fap/joy.fap"), b"mine").unwrap();
+        let names = ["fap/joy.fap".to_owned(), "statistics.csv".to_owned()];
+        let ledger = Ledger::open(folder.path(), None, false).unwrap();
+        let error = ledger.claim(&names).unwrap_err().to_string();
+        assert!(error.contains("joy.fap") && error.contains("--force"), "{error}");
+        let forced = Ledger::open(folder.path(), None, true).unwrap().claim(&names).unwrap();
+        assert!(forced.len() == 1 && forced[0].contains("fap/joy.fap"), "{forced:?}");
+        // Claimed names are this folder's own from then on.
+        assert!(Ledger::open(folder.path(), None, false).unwrap().claim(&names).unwrap().is_empty());
+    }
+}

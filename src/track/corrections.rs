@@ -1,0 +1,204 @@
+//! Hand work on tracks, kept apart from what a program made: `corrections/SUBJECT_SEQUENCE.csv` beside the folder `tracks`.
+//!
+//! One row for every node that a person put in its place: `frame,node,x,y`, px. The file is on the disk before a correction counts as
+//! saved, and it is never removed by the program: a track is made again from it, whatever else has changed.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use super::{Corrections, TrackFileError, TrackInfo, TrackedFrame, corrections_of, read_track};
+use crate::{
+    input::CsvFile,
+    output::{OutputError, nine_digits, write_durable},
+    sequence::ImageSize,
+    units::NodeId,
+    wireframe::Wireframe,
+};
+
+/// What a track says of the corrections in it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrackCorrections {
+    /// BLAKE3 of the file of corrections that the track was made with.
+    pub blake3: String,
+    /// Size of the frames on which they were set.
+    pub image_size: ImageSize,
+    /// What of them does not fit the frames there are now, in words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_applied: Vec<String>,
+}
+
+/// Corrections as they are in their file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SavedCorrections {
+    /// Hard positions.
+    pub corrections: Corrections,
+    /// BLAKE3 of the file.
+    pub blake3: String,
+}
+
+/// Where the corrections of a track are kept: `OUT/corrections/ID.csv` for `OUT/tracks/ID.csv`, else `corrections/ID.csv` beside it.
+#[must_use]
+pub fn corrections_path(track: &Path) -> PathBuf {
+    let folder = track.parent().unwrap_or(Path::new(""));
+    let above = folder.file_name().filter(|name| *name == "tracks").and_then(|_| folder.parent());
+    above.unwrap_or(folder).join("corrections").join(track.file_name().unwrap_or_default())
+}
+
+/// Reads the corrections of a track; `None` where nobody has corrected anything.
+///
+/// # Errors
+/// [`TrackFileError`] with the line.
+pub fn read_corrections(track: &Path) -> Result<Option<SavedCorrections>, TrackFileError> {
+    let path = corrections_path(track);
+    let bytes = match fs::read(&path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(TrackFileError::Io { path, source }),
+    };
+    let blake3 = blake3::hash(&bytes).to_hex().to_string();
+    let csv = CsvFile::from_bytes(&path, bytes)?;
+    let [frame, node, x, y] = csv.require(["frame", "node", "x", "y"])?;
+    let mut corrections = Corrections::new();
+    for row in csv.rows() {
+        let row = row?;
+        let id = u16::try_from(row.whole_number(node)?).map_err(|_| row.field_error(node, "the number of a node"))?;
+        let place = Point2::new(row.number(x)?, row.number(y)?);
+        corrections.entry(row.whole_number(frame)?).or_default().insert(NodeId(id), place);
+    }
+    Ok(Some(SavedCorrections { corrections, blake3 }))
+}
+
+/// Saves the corrections of a track, all of them anew; they are on the disk when it returns. Without any, the file keeps its header:
+/// that everything was taken back is hand work too.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_corrections(track: &Path, corrections: &Corrections) -> Result<SavedCorrections, OutputError> {
+    let hash = write_durable(&corrections_path(track), |out| {
+        writeln!(out, "frame,node,x,y")?;
+        for (frame, nodes) in corrections {
+            for (node, place) in nodes {
+                writeln!(out, "{frame},{node},{},{}", nine_digits(place.x), nine_digits(place.y))?;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(SavedCorrections { corrections: corrections.clone(), blake3: hash.to_hex().to_string() })
+}
+
+/// Corrections that an older version kept in the track alone; `None` when there are none, or when the track says that they have a
+/// file of their own, which somebody has removed then.
+#[must_use]
+pub fn corrections_in_track(track: &Path, info: Option<&TrackInfo>) -> Option<Corrections> {
+    if info.is_some_and(|info| info.corrections.is_some()) {
+        return None;
+    }
+    read_track(track).ok().map(|frames| corrections_of(&frames)).filter(|corrections| !corrections.is_empty())
+}
+
+/// The corrections that fit a track of frames of a size (0x0 where that is not known), and in words those that do not.
+#[must_use]
+pub fn fitting_corrections(
+    corrections: &Corrections,
+    set_on: ImageSize,
+    size: ImageSize,
+    frames: &[TrackedFrame],
+    wireframe: &Wireframe,
+) -> (Corrections, Vec<String>) {
+    let is_known = |size: ImageSize| size.width > 0 && size.height > 0;
+    if is_known(set_on) && is_known(size) && set_on != size {
+        let count = corrections.values().map(std::collections::BTreeMap::len).sum::<usize>();
+        let all = format!("all {count} corrections: they were set on frames of {set_on}, which are {size} now");
+        return (Corrections::new(), if count == 0 { Vec::new() } else { vec![all] });
+    }
+    let (mut fit, mut misfits) = (Corrections::new(), Vec::new());
+    for (&frame, nodes) in corrections {
+        let reason = match frames.iter().position(|f| f.number == frame) {
+            None => Some("the sequence has no such frame"),
+            Some(0) => Some("it is the neutral frame, which is fitted to marks"),
+            Some(_) => None,
+        };
+        for (&node, place) in nodes {
+            let reason = reason
+                .or_else(|| (!wireframe.live_nodes().contains(&node)).then_some("the wireframe has no such node that can be set"))
+                .or_else(|| (is_known(size) && !size.contains(place)).then_some("it lies outside the image"));
+            match reason {
+                Some(reason) => misfits.push(format!("frame {frame}, node {node}: {reason}")),
+                None => {
+                    fit.entry(frame).or_default().insert(node, *place);
+                }
+            }
+        }
+    }
+    (fit, misfits)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::track::{NodeState, TrackedNode};
+
+    fn corrections() -> Corrections {
+        let nodes = |list: &[(u16, f64)]| list.iter().map(|&(n, x)| (NodeId(n), Point2::new(x, 2.5))).collect::<BTreeMap<_, _>>();
+        Corrections::from([(3, nodes(&[(31, 90.5), (64, 1.0 / 3.0)])), (9, nodes(&[(31, 7.0)]))])
+    }
+
+    #[test]
+    fn corrections_are_kept_beside_the_folder_of_tracks() {
+        assert_eq!(corrections_path(Path::new("out/tracks/S_1.csv")), Path::new("out/corrections/S_1.csv"));
+        assert_eq!(corrections_path(Path::new("tracks/S_1.csv")), Path::new("corrections/S_1.csv"));
+        assert_eq!(corrections_path(Path::new("S_1.csv")), Path::new("corrections/S_1.csv"));
+    }
+
+    #[test]
+    fn they_are_written_and_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let track = folder.path().join("tracks/S_1.csv");
+        assert_eq!(read_corrections(&track).unwrap(), None);
+        let written = write_corrections(&track, &corrections()).unwrap();
+        let text = fs::read_to_string(folder.path().join("corrections/S_1.csv")).unwrap();
+        assert_eq!(text, "frame,node,x,y\n3,31,90.5,2.5\n3,64,0.333333333,2.5\n9,31,7,2.5\n");
+        let read = read_corrections(&track).unwrap().unwrap();
+        assert_eq!((read.corrections[&3].len(), &read.blake3), (2, &written.blake3));
+        write_corrections(&track, &Corrections::new()).unwrap();
+        assert!(read_corrections(&track).unwrap().unwrap().corrections.is_empty());
+        fs::write(corrections_path(&track), "frame,node,x,y\n3,31,left,2\n").unwrap();
+        let error = read_corrections(&track).unwrap_err().to_string();
+        assert!(error.contains("S_1.csv, line 2: x is `left`"), "{error}");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_named_and_the_rest_is_taken() {
+        let wireframe = Wireframe::candide3();
+        let node = TrackedNode::new(Point2::new(1.0, 1.0), NodeState::Tracked, None);
+        let frames: Vec<_> = [1, 3].map(|number| TrackedFrame { number, nodes: vec![node; 113] }).to_vec();
+        let size = |width| ImageSize { width, height: 60 };
+        let mut wanted = corrections();
+        wanted.entry(1).or_default().insert(NodeId(31), Point2::new(5.0, 5.0));
+        wanted.entry(3).or_default().insert(NodeId(500), Point2::new(5.0, 5.0));
+        let (fit, misfits) = fitting_corrections(&wanted, size(80), size(80), &frames, &wireframe);
+        assert_eq!(fit.keys().copied().collect::<Vec<_>>(), [3]);
+        assert_eq!(fit[&3].keys().copied().collect::<Vec<_>>(), [NodeId(64)]);
+        assert_eq!(
+            misfits,
+            [
+                "frame 1, node 31: it is the neutral frame, which is fitted to marks",
+                "frame 3, node 31: it lies outside the image",
+                "frame 3, node 500: the wireframe has no such node that can be set",
+                "frame 9, node 31: the sequence has no such frame",
+            ]
+        );
+        let (none, all) = fitting_corrections(&corrections(), size(80), size(160), &frames, &wireframe);
+        assert!(
+            none.is_empty() && all == ["all 3 corrections: they were set on frames of 80x60, which are 160x60 now"],
+            "{all:?}"
+        );
+    }
+}
