@@ -687,7 +687,7 @@ fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
     let mut saved: std::collections::BTreeMap<(u32, u16), f64> = std::collections::BTreeMap::new();
     let (mut acknowledged, mut lost) = (0, Vec::new());
     for kill in 0..kills() {
-        let server = Server::start(&work, "results --tracks");
+        let server = Server::start(&work, "faces --tracks results");
         let process = server.process();
         // From at once to well into the third correction, never the same twice.
         let delay = Duration::from_millis(5 + (kill * 37) % 200);

@@ -80,7 +80,7 @@ impl Ledger {
         let text: String = lines.map(|(name, hash)| format!("{name}\t{hash}\n")).collect();
         let path = self.out.join(JOURNAL);
         let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
-        let append = || -> io::Result<()> {
+        let mut append = || -> io::Result<()> {
             let file = match journal.take() {
                 Some(file) => file,
                 None => fs::File::options().create(true).append(true).open(&path)?,
