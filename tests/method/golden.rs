@@ -5,7 +5,7 @@
 //! After a change of the statistics that is meant:
 //!
 //! ```text
-//! REGENERATE=1 cargo test --test golden
+//! REGENERATE=1 cargo test --test method golden
 //! ```
 //!
 //! writes the files anew; the commit says why they changed. How the first ones were checked stands in `fixtures/golden/README.md`.
