@@ -338,6 +338,21 @@ mod tests {
         assert_eq!(read, [mark(10, 0.333_333_333, 20.0), Correspondence { position: Point2::new(4.25, 0.0), ..hard }]);
     }
 
+    #[test]
+    fn expected_errors_are_read_and_written() {
+        let found = Correspondence::found(NodeId(10), Point2::new(1.0, 2.0), 2.5);
+        assert_eq!(read(b"node,x,y,expected_error\n10,1,2,2.5\n31,3,4,\n"), Ok(vec![found, mark(31, 3.0, 4.0)]));
+        for bad in ["0", "-1", "x", "inf"] {
+            let error = read(format!("node,x,y,expected_error\n10,1,2,{bad}\n").as_bytes()).unwrap_err();
+            assert!(error.starts_with("C.csv, line 2: expected_error is"), "{error}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("C.csv");
+        write_correspondences(&path, &[mark(31, 3.0, 4.0), found]).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "node,x,y,kind,expected_error\n10,1,2,mark,2.5\n31,3,4,mark,\n");
+        assert_eq!(read_correspondences(&path, &Tables::candide3(), 113).unwrap(), [found, mark(31, 3.0, 4.0)]);
+    }
+
     proptest! {
         #[test]
         fn collinearity_does_not_depend_on_place_turn_or_size(
