@@ -12,7 +12,7 @@ use super::{
 };
 use crate::simulate::{Emotion, SimulateOptions, SimulatedFrame, SimulatedSequence, Subject};
 use grimace::{
-    fit::{Correspondence, Fitter, MarkKind},
+    fit::{Correspondence, Fitter},
     sequence::Frame,
     track::{
         Confidence, NodeFeatures, TrackOptions, TrackPlan, Verdict, expect_errors, eye_distance_px, node_features, summarize,
@@ -175,7 +175,7 @@ impl Bench<'_> {
 
     fn marks(&self, start: Start, neutral: &[Point2<f64>], condition: &ConfidenceCondition, subject: u32) -> Vec<Correspondence> {
         let live = self.wireframe.live_nodes();
-        let hard = |&node: &NodeId| Correspondence { node, position: neutral[node.index()], kind: MarkKind::Hard };
+        let hard = |&node: &NodeId| Correspondence::hard(node, neutral[node.index()]);
         match start {
             Start::Landmarks => live.iter().map(hard).collect(),
             Start::Seven => {
