@@ -20,7 +20,7 @@ use super::{Outcome, progress::frame_bar};
 
 /// Learn what this program ships with, from your own data.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  grimace learn locator FACES -o locator.safetensors")]
+#[command(after_help = "Example:\n  grimace learn locator FACES -o locator.bin")]
 pub struct Args {
     #[command(subcommand)]
     what: What,
@@ -36,8 +36,8 @@ enum What {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
-  grimace learn locator FACES -o locator.safetensors --credit \"Whose faces these are, and the licence\"
-  grimace locate photo.jpg -o points.csv --model locator.safetensors
+  grimace learn locator FACES -o locator.bin --credit \"Whose faces these are, and the licence\"
+  grimace locate photo.jpg -o points.csv --model locator.bin
 
 FACES is a folder with delineation189.csv (person,x0,y0,...,x188,y188: the 189 points of the Face Research Lab London Set, pixels) and \
 neutral/PERSON.jpg. Of every photograph many pictures are made, in other sizes, turns, lights, backgrounds, clothes and hair. Errors are \

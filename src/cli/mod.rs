@@ -18,6 +18,7 @@ mod evaluate;
 mod fap;
 mod fit;
 mod learn;
+mod locate;
 mod print;
 mod prior;
 mod progress;
@@ -65,6 +66,8 @@ enum Command {
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
+    /// Find faces and their points.
+    Locate(locate::Args),
     /// Learn what this program ships with, from your own data.
     Learn(learn::Args),
     /// Make synthetic sequences with exact ground truth.
@@ -114,6 +117,7 @@ pub fn main() -> ExitCode {
         Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
+        Command::Locate(args) => locate::run(&args),
         Command::Learn(args) => learn::run(&args),
         Command::Simulate(args) => simulate::run(args),
         Command::Synthesize(args) => synthesize::run(&args),

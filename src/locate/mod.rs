@@ -7,6 +7,8 @@
 
 pub mod learn;
 
+mod batch;
+
 mod cells;
 mod expect;
 mod linear;
@@ -20,6 +22,7 @@ mod template;
 use image::GrayImage;
 use nalgebra::Point2;
 
+pub use batch::{BatchError, PictureSource, pictures_of};
 pub use model::{Model, ModelError, ModelOrigin};
 pub use points::{LocatorPoint, PUPILS, points};
 

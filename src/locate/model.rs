@@ -1,8 +1,11 @@
-//! What the locator has learned, and its file: safetensors, each tensor as 16-bit numbers with a scale for each of its rows.
+//! What the locator has learned, and its file: [`MAGIC`], the length of a JSON description (u32, little-endian), the description, and the
+//! matrices that it names: for each a scale per row (f32), then its numbers (i16, times the scale of their row).
 
-use std::{collections::HashMap, path::{Path, PathBuf}};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -16,8 +19,8 @@ use super::{
 /// Version of the file.
 pub const SCHEMA: u32 = 1;
 
-/// Key of the file's description among its metadata.
-const KEY: &str = "grimace";
+/// First bytes of the file.
+pub const MAGIC: &[u8; 8] = b"grimloc\n";
 
 /// Everything that the locator has learned.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,6 +82,8 @@ struct Header {
     verifier_bias: f32,
     errors: ErrorModel,
     origin: ModelOrigin,
+    /// Names of the matrices in order, with their numbers and the numbers of a row.
+    matrices: Vec<(String, usize, usize)>,
 }
 
 /// A model that does not read or cannot be written.
@@ -102,37 +107,45 @@ pub enum ModelError {
     },
 }
 
-/// A matrix as 16-bit numbers, and a scale for each row.
-fn quantized(values: &[f32], row: usize) -> (Vec<u8>, Vec<u8>) {
-    let (mut numbers, mut scales) = (Vec::with_capacity(values.len() * 2), Vec::new());
-    for line in values.chunks(row.max(1)) {
-        let most = line.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
-        let scale = if most > 0.0 { most / f32::from(i16::MAX) } else { 1.0 };
-        scales.extend(scale.to_le_bytes());
-        line.iter().for_each(|v| numbers.extend(((v / scale).round() as i16).to_le_bytes()));
+/// A matrix as it stands in the file.
+fn quantized(values: &[f32], row: usize, out: &mut Vec<u8>) {
+    let most = |line: &[f32]| line.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+    let scales: Vec<f32> = values.chunks(row.max(1)).map(|line| most(line).max(f32::MIN_POSITIVE) / f32::from(i16::MAX)).collect();
+    scales.iter().for_each(|s| out.extend(s.to_le_bytes()));
+    for (line, scale) in values.chunks(row.max(1)).zip(&scales) {
+        line.iter().for_each(|v| out.extend(((v / scale).round() as i16).to_le_bytes()));
     }
-    (numbers, scales)
 }
 
-struct Tensors<'a> {
-    tensors: SafeTensors<'a>,
-}
+/// Matrices by name.
+struct Matrices(BTreeMap<String, Vec<f32>>);
 
-impl Tensors<'_> {
-    /// The numbers of a tensor, `count` of them in rows of `row`.
-    fn read(&self, name: &str, count: usize, row: usize) -> Result<Vec<f32>, String> {
-        let get = |name: &str, dtype, size: usize| {
-            let view = self.tensors.tensor(name).map_err(|e| format!("{name}: {e}"))?;
-            let fits = view.dtype() == dtype && view.data().len() == size;
-            if fits { Ok(view.data().to_vec()) } else { Err(format!("{name}: {} bytes; {size} were expected", view.data().len())) }
-        };
-        let row = row.max(1);
-        let numbers = get(name, Dtype::I16, count * 2)?;
-        let scales = get(&format!("{name}.scale"), Dtype::F32, count.div_ceil(row) * 4)?;
-        let scale = |k: usize| scales.get(k * 4..k * 4 + 4).and_then(|b| b.try_into().ok()).map_or(0.0, f32::from_le_bytes);
-        let values: Vec<f32> =
-            numbers.chunks_exact(2).enumerate().map(|(k, b)| f32::from(i16::from_le_bytes([b[0], b[1]])) * scale(k / row)).collect();
-        if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(format!("{name}: numbers that are not finite")) }
+impl Matrices {
+    fn read(layout: &[(String, usize, usize)], mut bytes: &[u8]) -> Result<Self, String> {
+        let mut matrices = BTreeMap::new();
+        for (name, count, row) in layout {
+            let row = (*row).max(1);
+            let size = count.checked_mul(2).and_then(|n| n.checked_add(count.div_ceil(row).checked_mul(4)?));
+            let size = size.filter(|&n| n <= bytes.len()).ok_or_else(|| format!("{name}: the file ends too early"))?;
+            let (part, rest) = bytes.split_at(size);
+            bytes = rest;
+            let (scales, numbers) = part.split_at(count.div_ceil(row) * 4);
+            let scales: Vec<f32> = scales.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+            let numbers = numbers.chunks_exact(2).map(|b| f32::from(i16::from_le_bytes([b[0], b[1]])));
+            let values: Vec<f32> = numbers.enumerate().map(|(k, n)| n * scales[k / row]).collect();
+            if !values.iter().all(|v| v.is_finite()) {
+                return Err(format!("{name}: numbers that are not finite"));
+            }
+            matrices.insert(name.clone(), values);
+        }
+        if bytes.is_empty() { Ok(Self(matrices)) } else { Err(format!("{} bytes too many at the end", bytes.len())) }
+    }
+
+    /// A matrix that must have so many numbers; any positive number of them if `None`.
+    fn take(&mut self, name: &str, count: Option<usize>) -> Result<Vec<f32>, String> {
+        let values = self.0.remove(name).ok_or_else(|| format!("{name} is missing"))?;
+        let fits = count.map_or(!values.is_empty(), |c| c == values.len());
+        if fits { Ok(values) } else { Err(format!("{name}: {} numbers; {} were expected", values.len(), count.unwrap_or(1))) }
     }
 }
 
@@ -142,7 +155,7 @@ impl Model {
     /// # Errors
     /// [`ModelError::Format`] when it was not built in whole.
     pub fn shipped() -> Result<Self, ModelError> {
-        Self::from_bytes(Path::new("candide/locator.safetensors"), include_bytes!("../../candide/locator.safetensors")).map(|m| m.0)
+        Self::from_bytes(Path::new("candide/locator.bin"), include_bytes!("../../candide/locator.bin")).map(|m| m.0)
     }
 
     /// Reads a model from its file.
@@ -165,9 +178,28 @@ impl Model {
     /// The file's content.
     ///
     /// # Errors
-    /// [`ModelError::Format`] when the parts do not fit together.
-    pub fn to_bytes(&self, origin: &ModelOrigin) -> Result<Vec<u8>, ModelError> {
-        let failed = |reason: String| ModelError::Format { path: PathBuf::from("model"), reason };
+    /// When a number is not finite.
+    pub fn to_bytes(&self, origin: &ModelOrigin) -> Result<Vec<u8>, serde_json::Error> {
+        let steps = 2 * self.mean.len();
+        let mean: Vec<f32> = self.mean.iter().flatten().copied().collect();
+        let mut parts: Vec<(String, &[f32], usize)> = vec![
+            ("mean".to_owned(), &mean, 1),
+            ("template".to_owned(), &self.template.weights, self.template.weights.len()),
+            ("verifier".to_owned(), &self.verifier.0, self.verifier.0.len()),
+        ];
+        for (k, stage) in self.joint.iter().enumerate() {
+            parts.push((format!("joint.{k}.offset"), &stage.offset, stage.offset.len()));
+            parts.push((format!("joint.{k}.down"), &stage.down, stage.offset.len()));
+            parts.push((format!("joint.{k}.up"), &stage.up, stage.up.len() / steps.max(1)));
+            parts.push((format!("joint.{k}.base"), &stage.base, steps));
+        }
+        for (k, stage) in self.local.iter().enumerate() {
+            let row: usize = stage.patches.iter().map(Patch::len).sum();
+            parts.push((format!("local.{k}.offset"), &stage.offset, row));
+            parts.push((format!("local.{k}.weights"), &stage.weights, row));
+            parts.push((format!("local.{k}.base"), &stage.base, steps));
+            parts.push((format!("local.{k}.mix"), &stage.mix, steps));
+        }
         let header = Header {
             schema: SCHEMA,
             points: self.mean.len(),
@@ -178,45 +210,23 @@ impl Model {
             verifier_bias: self.verifier.1,
             errors: self.errors.clone(),
             origin: origin.clone(),
+            matrices: parts.iter().map(|(name, values, row)| (name.clone(), values.len(), *row)).collect(),
         };
-        let description = serde_json::to_string(&header).map_err(|e| failed(e.to_string()))?;
-        let steps = 2 * self.mean.len();
-        let mean: Vec<f32> = self.mean.iter().flatten().copied().collect();
-        let mut parts: Vec<(String, &[f32], usize)> = vec![
-            ("mean".to_owned(), &mean, 1),
-            ("template".to_owned(), &self.template.weights, self.template.weights.len()),
-            ("verifier".to_owned(), &self.verifier.0, self.verifier.0.len()),
-        ];
-        for (k, stage) in self.joint.iter().enumerate() {
-            let rank = stage.up.len() / steps.max(1);
-            parts.push((format!("joint.{k}.offset"), &stage.offset, stage.offset.len()));
-            parts.push((format!("joint.{k}.down"), &stage.down, stage.offset.len()));
-            parts.push((format!("joint.{k}.up"), &stage.up, rank));
-            parts.push((format!("joint.{k}.base"), &stage.base, steps));
-        }
-        for (k, stage) in self.local.iter().enumerate() {
-            let row: usize = stage.patches.iter().map(Patch::len).sum();
-            parts.push((format!("local.{k}.offset"), &stage.offset, row));
-            parts.push((format!("local.{k}.weights"), &stage.weights, row));
-            parts.push((format!("local.{k}.base"), &stage.base, steps));
-            parts.push((format!("local.{k}.mix"), &stage.mix, steps));
-        }
-        let stored: Vec<_> = parts.iter().map(|(name, values, row)| (name, quantized(values, *row))).collect();
-        let mut views = Vec::new();
-        for (name, (numbers, scales)) in &stored {
-            let view = |dtype, bytes, size| TensorView::new(dtype, vec![size], bytes).map_err(|e| failed(e.to_string()));
-            views.push(((*name).clone(), view(Dtype::I16, numbers.as_slice(), numbers.len() / 2)?));
-            views.push((format!("{name}.scale"), view(Dtype::F32, scales.as_slice(), scales.len() / 4)?));
-        }
-        let metadata = HashMap::from([(KEY.to_owned(), description)]);
-        safetensors::serialize(views, Some(metadata)).map_err(|e| failed(e.to_string()))
+        let description = serde_json::to_string(&header)?;
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend((description.len() as u32).to_le_bytes());
+        bytes.extend(description.as_bytes());
+        parts.iter().for_each(|(_, values, row)| quantized(values, *row, &mut bytes));
+        Ok(bytes)
     }
 }
 
 fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
-    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
-    let description = metadata.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or("it has no description")?;
-    let header: Header = serde_json::from_str(description).map_err(|e| e.to_string())?;
+    let rest = bytes.strip_prefix(MAGIC.as_slice()).ok_or("it does not begin as one")?;
+    let (length, rest) = rest.split_first_chunk::<4>().ok_or("it is cut short")?;
+    let length = u32::from_le_bytes(*length) as usize;
+    let (description, numbers) = rest.split_at_checked(length).ok_or("it is cut short")?;
+    let header: Header = serde_json::from_slice(description).map_err(|e| e.to_string())?;
     if header.schema != SCHEMA {
         return Err(format!("schema {}; this program reads {SCHEMA}", header.schema));
     }
@@ -231,46 +241,73 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     if header.joint.len() < 2 || header.local.is_empty() || header.errors.intercepts.len() != count {
         return Err("stages are missing".to_owned());
     }
-    let tensors = Tensors { tensors: SafeTensors::deserialize(bytes).map_err(|e| e.to_string())? };
+    let mut matrices = Matrices::read(&header.matrices, numbers)?;
     let steps = 2 * count;
     let length = |patch: &Patch| header.features.len() * patch.len();
-    let joint = header.joint.iter().enumerate().map(|(k, patch)| {
+    let mut joint = Vec::new();
+    for (k, patch) in header.joint.iter().enumerate() {
         let size = length(patch);
-        let name = |part: &str| format!("joint.{k}.{part}");
-        let up = tensors.tensors.tensor(&name("up")).map_err(|e| e.to_string())?.data().len() / 2;
-        let rank = up / steps;
-        Ok(JointStage {
-            patch: *patch,
-            offset: tensors.read(&name("offset"), size, size)?,
-            down: tensors.read(&name("down"), size * rank, size)?,
-            up: tensors.read(&name("up"), steps * rank, rank)?,
-            base: tensors.read(&name("base"), steps, steps)?,
-        })
-    });
-    let local = header.local.iter().enumerate().map(|(k, patches)| {
+        let up = matrices.take(&format!("joint.{k}.up"), None)?;
+        let rank = up.len() / steps;
+        if up.len() != rank * steps {
+            return Err(format!("joint.{k}.up: {} numbers are no rows of {steps}", up.len()));
+        }
+        let mut take = |part: &str, count| matrices.take(&format!("joint.{k}.{part}"), Some(count));
+        let (offset, down, base) = (take("offset", size)?, take("down", size * rank)?, take("base", steps)?);
+        joint.push(JointStage { patch: *patch, offset, down, up, base });
+    }
+    let mut local = Vec::new();
+    for (k, patches) in header.local.iter().enumerate() {
         let row: usize = patches.iter().map(Patch::len).sum();
-        let name = |part: &str| format!("local.{k}.{part}");
-        Ok(LocalStage {
+        let mut take = |part: &str, count| matrices.take(&format!("local.{k}.{part}"), Some(count));
+        local.push(LocalStage {
             patches: patches.clone(),
-            offset: tensors.read(&name("offset"), count * row, row)?,
-            weights: tensors.read(&name("weights"), steps * row, row)?,
-            base: tensors.read(&name("base"), steps, steps)?,
-            mix: tensors.read(&name("mix"), steps * steps, steps)?,
-        })
-    });
-    let mean = tensors.read("mean", steps, 1)?;
-    let last = header.joint.last().map_or(0, length);
+            offset: take("offset", count * row)?,
+            weights: take("weights", steps * row)?,
+            base: take("base", steps)?,
+            mix: take("mix", steps * steps)?,
+        });
+    }
+    let mean = matrices.take("mean", Some(steps))?;
+    let verifier = matrices.take("verifier", Some(header.joint.last().map_or(0, length)))?;
+    let weights = matrices.take("template", Some(template::LENGTH))?;
     let model = Model {
         mean: mean.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
-        features: header.features.clone(),
-        joint: joint.collect::<Result<_, String>>()?,
-        local: local.collect::<Result<_, String>>()?,
-        template: Template {
-            weights: tensors.read("template", template::LENGTH, template::LENGTH)?,
-            bias: header.template_bias,
-        },
-        verifier: (tensors.read("verifier", last, last)?, header.verifier_bias),
+        features: header.features,
+        joint,
+        local,
+        template: Template { weights, bias: header.template_bias },
+        verifier: (verifier, header.verifier_bias),
         errors: header.errors,
     };
     Ok((model, header.origin))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_model_reads_and_writes_the_same_again() {
+        let bytes = include_bytes!("../../candide/locator.bin");
+        let (model, origin) = Model::from_bytes(Path::new("locator.bin"), bytes).unwrap();
+        assert!(bytes.len() < 2_000_000, "{} bytes", bytes.len());
+        assert!(!origin.credit.is_empty());
+        let again = Model::from_bytes(Path::new("again"), &model.to_bytes(&origin).unwrap()).unwrap();
+        for (one, two) in model.joint[0].down.iter().zip(&again.0.joint[0].down) {
+            approx::assert_relative_eq!(one, two, epsilon = 1e-5, max_relative = 1e-3);
+        }
+    }
+
+    #[test]
+    fn files_that_are_no_model_are_named() {
+        let bytes = include_bytes!("../../candide/locator.bin");
+        let message = |bytes: &[u8]| Model::from_bytes(Path::new("m.bin"), bytes).unwrap_err().to_string();
+        assert!(message(b"").starts_with("m.bin: not a model of the locator: it does not begin as one"));
+        assert!(message(&bytes[..bytes.len() - 1]).contains("ends too early"));
+        assert!(message(&bytes[..10]).contains("cut short"));
+        let mut longer = bytes.to_vec();
+        longer.push(0);
+        assert!(message(&longer).contains("1 bytes too many"));
+    }
 }
