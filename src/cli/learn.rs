@@ -116,7 +116,10 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
 }
 
 fn print_summary(summary: &LearnSummary, size: usize) {
-    println!("{} people, {} bytes; errors on {} pictures of people left out, percent of the eye distance:", summary.people, size, summary.pictures);
+    println!(
+        "{} people, {} bytes; errors on {} pictures of people left out, percent of the eye distance:",
+        summary.people, size, summary.pictures
+    );
     println!("{:<14} {:>6} {:>6} {:>6}", "points", "mean", "95 %", "worst");
     for group in &summary.groups {
         println!("{:<14} {:>6.2} {:>6.2} {:>6.2}", group.group, group.mean, group.percentile_95, group.worst);

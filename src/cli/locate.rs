@@ -105,9 +105,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         .collect();
     bar.finish_and_clear();
     let rows = pictures.iter().zip(&found).flat_map(|(picture, faces)| {
-        faces.iter().flatten().enumerate().flat_map(|(k, face)| {
+        let name = picture.name.as_str();
+        faces.iter().flatten().enumerate().flat_map(move |(k, face)| {
             face.points.iter().map(move |point| Row {
-                image: &picture.name,
+                image: name,
                 face: k + 1,
                 node: point.node.0,
                 x: nine_digits(point.position.x),
@@ -166,7 +167,8 @@ fn locate(
     let faces = locator.locate(&image, options);
     if let Some((folder, number)) = overlay {
         let stem = Path::new(&picture.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let points: Vec<_> = faces.iter().flat_map(|f| f.points.iter().map(|p| (p.position, p.expected_error, f.eye_distance))).collect();
+        let points: Vec<_> =
+            faces.iter().flat_map(|f| f.points.iter().map(|p| (p.position, p.expected_error, f.eye_distance))).collect();
         let path = folder.join(format!("{:04}_{stem}.png", number + 1));
         output::write_bytes(&path, &png_bytes(&draw_points(&image, &points))?)?;
     }

@@ -144,7 +144,9 @@ mod tests {
 
     #[test]
     fn what_is_not_there_is_named() {
-        assert!(pictures_of(Path::new("nowhere.jpg")).unwrap_err().to_string().starts_with("nowhere.jpg: there is no such picture"));
+        assert!(
+            pictures_of(Path::new("nowhere.jpg")).unwrap_err().to_string().starts_with("nowhere.jpg: there is no such picture")
+        );
         let folder = tempfile::tempdir().unwrap();
         assert!(pictures_of(folder.path()).unwrap_err().to_string().contains("no pictures here"));
     }

@@ -48,7 +48,8 @@ pub fn gradients(values: &[f32], width: usize, height: usize) -> Vec<Cell> {
         return cells;
     }
     for y in 1..height - 1 {
-        let (above, row, below) = (&logs[(y - 1) * width..][..width], &logs[y * width..][..width], &logs[(y + 1) * width..][..width]);
+        let (above, row, below) =
+            (&logs[(y - 1) * width..][..width], &logs[y * width..][..width], &logs[(y + 1) * width..][..width]);
         let out = &mut cells[y * width..][..width];
         for x in 1..width - 1 {
             let (gx, gy) = (row[x + 1] - row[x - 1], below[x] - above[x]);
@@ -112,7 +113,8 @@ impl CellMap {
             if low <= high { bound(low, high) } else { bound(0.0, 0.0) }
         };
         let ((left, right), (top, bottom)) = (range(0), range(1));
-        let (width, height) = (((right - left) * patch.size).ceil() as usize + 1, ((bottom - top) * patch.size).ceil() as usize + 1);
+        let (width, height) =
+            (((right - left) * patch.size).ceil() as usize + 1, ((bottom - top) * patch.size).ceil() as usize + 1);
         let corner = placement.apply([left, top]);
         let step = Placement { a: placement.a / patch.size, b: placement.b / patch.size, x: corner[0], y: corner[1] };
         let mut cells = gradients(&view.warp(step, width, height), width, height);
@@ -216,7 +218,8 @@ mod tests {
     #[test]
     fn contrast_does_not_matter() {
         let image = |low: u8, high: u8| {
-            Picture::new(&GrayImage::from_fn(64, 64, |x, y| image::Luma([if (x / 9 + y / 7) % 2 == 0 { low } else { high }]))).unwrap()
+            Picture::new(&GrayImage::from_fn(64, 64, |x, y| image::Luma([if (x / 9 + y / 7) % 2 == 0 { low } else { high }])))
+                .unwrap()
         };
         let patch = Patch { size: 24.0, cell: 0.2, side: 4, blur: 1 };
         let read = |picture: &Picture| {

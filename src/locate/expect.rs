@@ -1,6 +1,6 @@
 //! What errors to expect of a reading, from how it went.
 
-use super::{model::ErrorModel, shape::Placement, shape::Shape};
+use super::{model::ErrorModel, shape::Shape};
 
 /// What one reading of a face gave.
 #[derive(Clone, Debug)]
@@ -13,8 +13,6 @@ pub struct Reading {
     pub last_step: Vec<f32>,
     /// How far each point by itself would have gone elsewhere in the last stage, eye distances.
     pub dissent: Vec<f32>,
-    /// Where the canonical frame lay.
-    pub placement: Placement,
 }
 
 /// Least length that signs tell apart, eye distances.
@@ -81,7 +79,12 @@ mod tests {
 
     #[test]
     fn calibration_is_piecewise_linear_and_strangeness_adds() {
-        let model = ErrorModel { intercepts: vec![0.0], slopes: vec![1.0; SIGNS], knots: vec![[-4.0, -4.5], [-2.0, -2.5]], low_score: 1.0 };
+        let model = ErrorModel {
+            intercepts: vec![0.0],
+            slopes: vec![1.0; SIGNS],
+            knots: vec![[-4.0, -4.5], [-2.0, -2.5]],
+            low_score: 1.0,
+        };
         let signs = [-1.0, -1.0, -1.0, -1.0, 0.0, 1.0];
         approx::assert_relative_eq!(model.sum(0, &signs), -3.0);
         approx::assert_relative_eq!(model.expect(0, &signs), (-3.5_f32).exp(), epsilon = 1e-6);

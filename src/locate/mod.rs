@@ -188,9 +188,8 @@ fn face(model: &Model, plain: &Reading, mirrored: &Reading) -> LocatedFace {
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
     let unit = eye_distance.max(1e-3);
     let apart: Vec<f32> = plain.shape.iter().zip(&mirrored.shape).map(|(&p, &q)| distance(p, q) / unit).collect();
-    let expected: Vec<f64> = (0..shape.len())
-        .map(|k| f64::from(model.errors.expect(k, &signs(k, &apart, [plain, mirrored], unit)) * unit))
-        .collect();
+    let expected: Vec<f64> =
+        (0..shape.len()).map(|k| f64::from(model.errors.expect(k, &signs(k, &apart, [plain, mirrored], unit)) * unit)).collect();
     let shape: Vec<Point2<f64>> = shape.iter().map(|p| Point2::new(f64::from(p[0]), f64::from(p[1]))).collect();
     let named = points().iter().zip(&shape).zip(&expected);
     let mut found: Vec<LocatedPoint> = named
@@ -235,7 +234,7 @@ impl Model {
             last_step = said.step.chunks_exact(2).map(|s| s[0].hypot(s[1])).collect();
             dissent = said.dissent;
         }
-        Reading { shape, score, last_step, dissent, placement: placed.placement }
+        Reading { shape, score, last_step, dissent }
     }
 
     /// As [`Model::reading`] of the picture in the mirror; start and answer are those of the picture as it is.

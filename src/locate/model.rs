@@ -110,7 +110,8 @@ pub enum ModelError {
 /// A matrix as it stands in the file.
 fn quantized(values: &[f32], row: usize, out: &mut Vec<u8>) {
     let most = |line: &[f32]| line.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
-    let scales: Vec<f32> = values.chunks(row.max(1)).map(|line| most(line).max(f32::MIN_POSITIVE) / f32::from(i16::MAX)).collect();
+    let scales: Vec<f32> =
+        values.chunks(row.max(1)).map(|line| most(line).max(f32::MIN_POSITIVE) / f32::from(i16::MAX)).collect();
     scales.iter().for_each(|s| out.extend(s.to_le_bytes()));
     for (line, scale) in values.chunks(row.max(1)).zip(&scales) {
         line.iter().for_each(|v| out.extend(((v / scale).round() as i16).to_le_bytes()));

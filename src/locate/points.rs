@@ -32,7 +32,9 @@ pub fn points() -> &'static [LocatorPoint] {
 
 /// A row of the table; rows that do not read are caught by the tests.
 fn point(line: &str) -> Option<LocatorPoint> {
-    let [_, node, mirror, sources, weights, group, description] = line.splitn(7, ',').collect::<Vec<_>>()[..] else { return None };
+    let [_, node, mirror, sources, weights, group, description] = line.splitn(7, ',').collect::<Vec<_>>()[..] else {
+        return None;
+    };
     let indices = sources.split(' ').map(|s| s.parse().ok());
     let shares = weights.split(' ').map(|s| s.parse().ok());
     Some(LocatorPoint {

@@ -77,7 +77,9 @@ impl Grid {
         let energy: Vec<f32> = sums.iter().map(|c| c.iter().map(|v| v * v).sum()).collect();
         let around = |x: usize, y: usize| -> f32 {
             let (left, right) = (x.saturating_sub(1), (x + 1).min(columns - 1));
-            (y.saturating_sub(1)..=(y + 1).min(rows - 1)).map(|r| energy[r * columns + left..=r * columns + right].iter().sum::<f32>()).sum()
+            (y.saturating_sub(1)..=(y + 1).min(rows - 1))
+                .map(|r| energy[r * columns + left..=r * columns + right].iter().sum::<f32>())
+                .sum()
         };
         let mut cells = Vec::with_capacity(sums.len() * DIRECTIONS);
         for y in 0..rows {
@@ -104,7 +106,8 @@ impl Grid {
 
     fn score(&self, column: usize, row: usize, template: &Template) -> f32 {
         let rows = template.weights.chunks_exact(COLUMNS * DIRECTIONS).enumerate();
-        let sums = rows.map(|(k, weights)| dot(weights, &self.cells[((row + k) * self.columns + column) * DIRECTIONS..][..weights.len()]));
+        let sums = rows
+            .map(|(k, weights)| dot(weights, &self.cells[((row + k) * self.columns + column) * DIRECTIONS..][..weights.len()]));
         sums.sum::<f32>() + template.bias
     }
 }
@@ -142,9 +145,11 @@ pub fn candidates(view: View<'_>, (width, height): (usize, usize), template: &Te
         let (columns, rows) = ((wide / f + 2.0 * margin) as usize, (high / f + 2.0 * margin) as usize);
         let (a, b) = (f * cos, f * sin);
         let middle = [columns as f32 * 0.5, rows as f32 * 0.5];
-        let to_view = Placement { a, b, x: w * 0.5 - (a * middle[0] - b * middle[1]), y: h * 0.5 - (b * middle[0] + a * middle[1]) };
+        let to_view =
+            Placement { a, b, x: w * 0.5 - (a * middle[0] - b * middle[1]), y: h * 0.5 - (b * middle[0] + a * middle[1]) };
         let grid = Grid::new(&view.warp(to_view, columns, rows), columns, rows);
-        let scored = grid.places().map(|(c, r)| Candidate { placement: placement_of(c, r, to_view), score: grid.score(c, r, template) });
+        let scored =
+            grid.places().map(|(c, r)| Candidate { placement: placement_of(c, r, to_view), score: grid.score(c, r, template) });
         found.extend(scored);
         size *= STEP;
     }

@@ -135,10 +135,8 @@ pub fn render(source: &Source, face: usize, mirrored: bool, random: &mut ChaCha8
     let eyes = uniform(random, 32.0_f32.ln(), 115.0_f32.ln()).exp();
     let pose = Pose::draw(random);
     let (width, height) = ((eyes * uniform(random, 3.0, 4.4)) as usize, (eyes * uniform(random, 3.8, 5.0)) as usize);
-    let centre = [
-        width as f32 * 0.5 + uniform(random, -0.3, 0.3) * eyes,
-        height as f32 * 0.5 + uniform(random, -0.15, 0.35) * eyes,
-    ];
+    let centre =
+        [width as f32 * 0.5 + uniform(random, -0.3, 0.3) * eyes, height as f32 * 0.5 + uniform(random, -0.15, 0.35) * eyes];
     let relative: Shape = shape.iter().map(|p| [(p[0] - middle[0]) / unit, (p[1] - middle[1]) / unit]).collect();
     let place = |p: Point| {
         let q = pose.forward(p);
@@ -158,7 +156,8 @@ pub fn render(source: &Source, face: usize, mirrored: bool, random: &mut ChaCha8
         let (fx, fy) = ((x % GRID) as f32 / GRID as f32, (y % GRID) as f32 / GRID as f32);
         let at = |i: usize, j: usize| knots[j * columns + i];
         std::array::from_fn(|d| {
-            (at(i, j)[d] * (1.0 - fx) + at(i + 1, j)[d] * fx) * (1.0 - fy) + (at(i, j + 1)[d] * (1.0 - fx) + at(i + 1, j + 1)[d] * fx) * fy
+            (at(i, j)[d] * (1.0 - fx) + at(i + 1, j)[d] * fx) * (1.0 - fy)
+                + (at(i, j + 1)[d] * (1.0 - fx) + at(i + 1, j + 1)[d] * fx) * fy
         })
     };
     let map: Vec<Point> = (0..width * height).map(|k| from(k % width, k / width)).collect();

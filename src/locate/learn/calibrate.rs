@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::locate::{
-    expect::{SIGNS, signs},
     expect::Reading,
+    expect::{SIGNS, signs},
     model::ErrorModel,
     points,
 };
@@ -37,7 +37,9 @@ fn median(values: &mut [f32]) -> f32 {
 /// medians, so that half of the errors are above and half below what is expected.
 pub fn learn_errors(judged: &[JudgedReading]) -> ErrorModel {
     let count = points().len();
-    let row = |reading: &JudgedReading, k: usize| signs(k, &reading.apart, [&reading.readings[0], &reading.readings[1]], reading.eye_distance);
+    let row = |reading: &JudgedReading, k: usize| {
+        signs(k, &reading.apart, [&reading.readings[0], &reading.readings[1]], reading.eye_distance)
+    };
     let log = |error: f32| (error + FLOOR).ln();
     // Means of each point are taken out, then one regression for all.
     let mut gram = DMatrix::<f64>::identity(SIGNS, SIGNS);
@@ -60,8 +62,10 @@ pub fn learn_errors(judged: &[JudgedReading]) -> ErrorModel {
         let mut left: Vec<f32> = judged.iter().map(|r| log(r.errors[k]) - model.sum(k, &row(r, k))).collect();
         model.intercepts[k] = median(&mut left);
     }
-    let mut pairs: Vec<(f32, f32)> =
-        judged.iter().flat_map(|r| (0..count).map(|k| (model.sum(k, &row(r, k)), r.errors[k].max(FLOOR).ln())).collect::<Vec<_>>()).collect();
+    let mut pairs: Vec<(f32, f32)> = judged
+        .iter()
+        .flat_map(|r| (0..count).map(|k| (model.sum(k, &row(r, k)), r.errors[k].max(FLOOR).ln())).collect::<Vec<_>>())
+        .collect();
     pairs.sort_by(|p, q| p.0.total_cmp(&q.0));
     let size = pairs.len().div_ceil(KNOTS).max(1);
     for part in pairs.chunks(size) {
@@ -81,7 +85,6 @@ pub fn learn_errors(judged: &[JudgedReading]) -> ErrorModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::locate::shape::Placement;
 
     #[test]
     fn errors_that_follow_a_sign_are_expected() {
@@ -95,7 +98,6 @@ mod tests {
                     score: 1.0,
                     last_step: vec![0.01; count],
                     dissent: vec![0.01; count],
-                    placement: Placement::new([0.0, 0.0], 50.0, 0.0),
                 };
                 let errors = (0..count).map(|k| if (k + i as usize / 40) % 2 == 0 { 0.5 } else { 2.0 } * apart).collect();
                 JudgedReading { readings: [reading.clone(), reading], apart: vec![apart; count], eye_distance: 50.0, errors }
@@ -107,9 +109,10 @@ mod tests {
             let share = expected / reading.apart[3];
             assert!((0.45..2.2).contains(&share), "{share}");
         }
-        let over = judged.iter().flat_map(|r| (0..count).map(move |k| (r, k))).filter(|(r, k)| {
-            r.errors[*k] > model.expect(*k, &signs(*k, &r.apart, [&r.readings[0], &r.readings[1]], 50.0))
-        });
+        let over = judged
+            .iter()
+            .flat_map(|r| (0..count).map(move |k| (r, k)))
+            .filter(|(r, k)| r.errors[*k] > model.expect(*k, &signs(*k, &r.apart, [&r.readings[0], &r.readings[1]], 50.0)));
         let share = over.count() as f64 / (judged.len() * count) as f64;
         assert!((0.3..0.7).contains(&share), "{share}");
     }

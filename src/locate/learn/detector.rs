@@ -14,7 +14,7 @@ use crate::locate::{
     picture::Picture,
     shape::{Placement, Point, Shape, distance},
     stages::{JointStage, Placed, joint_features},
-    template::{self, CELL, COLUMNS, CORNER, EYE_DISTANCE, Grid, ROWS, Search, Template, alike, candidates, placement_of},
+    template::{self, CELL, COLUMNS, CORNER, EYE_DISTANCE, Grid, ROWS, Search, Template, alike, candidates},
 };
 
 /// Pictures without faces, and pictures with faces or spoilt ones, that false alarms are gathered from.
@@ -207,7 +207,11 @@ pub fn learn_verifier(
         })
         .collect();
     let (n, m) = (chosen.len(), others.len());
-    let values: Vec<f32> = chosen.iter().flat_map(|&i| read.column(i).iter().copied().collect::<Vec<_>>()).chain(others.into_iter().flatten()).collect();
+    let values: Vec<f32> = chosen
+        .iter()
+        .flat_map(|&i| read.column(i).iter().copied().collect::<Vec<_>>())
+        .chain(others.into_iter().flatten())
+        .collect();
     let mut both = DMatrix::from_vec(read.nrows(), n + m, values);
     let offset = centre_rows(&mut both);
     let balance = (m as f32 - n as f32) / (n + m) as f32;

@@ -34,10 +34,8 @@ use ridge::{FOLDS, Folded, among_numbers, among_samples, centre_rows, each_point
 pub const LEAST_PEOPLE: usize = 20;
 
 /// What joint stages read, and how many numbers are kept between reading and step.
-const JOINT: [(Patch, usize); 2] = [
-    (Patch { size: 24.0, cell: 0.26, side: 4, blur: 3 }, 24),
-    (Patch { size: 36.0, cell: 0.18, side: 4, blur: 3 }, 32),
-];
+const JOINT: [(Patch, usize); 2] =
+    [(Patch { size: 24.0, cell: 0.26, side: 4, blur: 3 }, 24), (Patch { size: 36.0, cell: 0.18, side: 4, blur: 3 }, 32)];
 
 /// What local stages read.
 const LOCAL: [&[Patch]; 2] = [
@@ -87,8 +85,7 @@ pub fn learn_locator(faces: &[TrainingFace], options: &LearnOptions, progress: &
     let sources: Vec<Source> = faces.iter().filter_map(Source::new).collect();
     let samples = pictures(&sources, options.pictures, options.seed, 1);
     let mean = mean_face(faces);
-    let features: Vec<usize> =
-        (0..points().len()).filter(|&k| !WITHOUT_FEATURES.contains(&points()[k].group.as_str())).collect();
+    let features: Vec<usize> = (0..points().len()).filter(|&k| !WITHOUT_FEATURES.contains(&points()[k].group.as_str())).collect();
     let person: Vec<usize> = samples.iter().map(|s| s.face).collect();
     let fold: Vec<usize> = person.iter().map(|p| p % FOLDS).collect();
     let empty = Model {
@@ -156,7 +153,8 @@ pub fn learn_locator(faces: &[TrainingFace], options: &LearnOptions, progress: &
     }
 
     progress("expected errors");
-    let verifier = verifier.map_or_else(|| (Vec::new(), 0.0, Vec::new(), Vec::new()), |v| (v.verifier.0, v.verifier.1, v.faces, v.others));
+    let verifier =
+        verifier.map_or_else(|| (Vec::new(), 0.0, Vec::new(), Vec::new()), |v| (v.verifier.0, v.verifier.1, v.faces, v.others));
     for model in &mut models {
         model.template = template.template.clone();
         model.verifier = (verifier.0.clone(), verifier.1);
@@ -247,7 +245,12 @@ fn matrix(columns: Vec<Vec<f32>>) -> DMatrix<f32> {
 fn wanted(samples: &[Sample], placed: &[Placed]) -> (DMatrix<f32>, Vec<f32>) {
     let rows = samples.iter().zip(placed).map(|(sample, p)| {
         let pairs = sample.truth.iter().zip(&p.points);
-        pairs.flat_map(|(&t, z)| { let t = p.placement.invert(t); [t[0] - z[0], t[1] - z[1]] }).collect::<Vec<f32>>()
+        pairs
+            .flat_map(|(&t, z)| {
+                let t = p.placement.invert(t);
+                [t[0] - z[0], t[1] - z[1]]
+            })
+            .collect::<Vec<f32>>()
     });
     let mut steps = matrix(rows.collect());
     let base = centre_rows(&mut steps);
@@ -261,7 +264,14 @@ fn moved(placed: &[Placed], predicted: &DMatrix<f32>, base: &[f32]) -> Vec<Shape
 }
 
 /// A joint stage of the rank that predicts best: the directions in which the predictions vary most are kept.
-fn joint_stage(patch: Patch, weights: &DMatrix<f32>, read: &DMatrix<f32>, offset: &[f32], base: &[f32], rank: usize) -> JointStage {
+fn joint_stage(
+    patch: Patch,
+    weights: &DMatrix<f32>,
+    read: &DMatrix<f32>,
+    offset: &[f32],
+    base: &[f32],
+    rank: usize,
+) -> JointStage {
     let predicted = weights.transpose() * read;
     let spread = nalgebra::SymmetricEigen::new(&predicted * predicted.transpose());
     let mut order: Vec<usize> = (0..spread.eigenvalues.len()).collect();

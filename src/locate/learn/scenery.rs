@@ -45,7 +45,8 @@ fn add_clouds(random: &mut ChaCha8Rng, canvas: &mut Canvas, across: usize, stren
         let (i, j) = ((u as usize).min(across - 1), (v as usize).min(across - 1));
         let (fu, fv) = (smooth(u - i as f32), smooth(v - j as f32));
         let at = |i: usize, j: usize| knots[j * (across + 1) + i];
-        *value += (at(i, j) * (1.0 - fu) + at(i + 1, j) * fu) * (1.0 - fv) + (at(i, j + 1) * (1.0 - fu) + at(i + 1, j + 1) * fu) * fv;
+        *value +=
+            (at(i, j) * (1.0 - fu) + at(i + 1, j) * fu) * (1.0 - fv) + (at(i, j + 1) * (1.0 - fu) + at(i + 1, j + 1) * fu) * fv;
     });
 }
 

@@ -65,7 +65,9 @@ impl LearnSummary {
             };
             [middle(part.iter().map(|p| p.0).collect()), middle(part.iter().map(|p| p.1).collect())]
         });
-        let accepted = |scores: &[f32]| scores.iter().filter(|&&s| s >= crate::locate::LEAST_SCORE).count() as f64 / scores.len().max(1) as f64;
+        let accepted = |scores: &[f32]| {
+            scores.iter().filter(|&&s| s >= crate::locate::LEAST_SCORE).count() as f64 / scores.len().max(1) as f64
+        };
         Self {
             people,
             pictures: judged.len(),
@@ -79,7 +81,8 @@ impl LearnSummary {
 }
 
 fn group_errors(group: String, members: &[usize], judged: &[JudgedReading]) -> GroupErrors {
-    let of = |r: &JudgedReading| 100.0 * members.iter().map(|&k| f64::from(r.errors[k])).sum::<f64>() / members.len().max(1) as f64;
+    let of =
+        |r: &JudgedReading| 100.0 * members.iter().map(|&k| f64::from(r.errors[k])).sum::<f64>() / members.len().max(1) as f64;
     let mut errors: Vec<f64> = judged.iter().map(of).collect();
     errors.sort_by(f64::total_cmp);
     let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
