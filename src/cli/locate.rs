@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
-    locate::{LocateOptions, LocatedFace, Locator, Model, PictureSource, TRUSTED, pictures_of},
+    locate::{LocateOptions, LocatedFace, Locator, Model, TRUSTED},
     output::{self, nine_digits},
     overlay::{draw_points, png_bytes},
+    pipeline::{PictureSource, pictures_of},
     sequence::configure_opencv,
 };
 use rayon::prelude::*;

@@ -7,8 +7,6 @@
 
 pub mod learn;
 
-mod batch;
-
 mod cells;
 mod expect;
 mod linear;
@@ -22,7 +20,6 @@ mod template;
 use image::GrayImage;
 use nalgebra::Point2;
 
-pub use batch::{BatchError, PictureSource, pictures_of};
 pub use model::{Model, ModelError, ModelOrigin};
 pub use points::{LocatorPoint, PUPILS, points};
 
