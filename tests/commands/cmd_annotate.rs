@@ -754,7 +754,7 @@ fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
         assert_eq!(row["state"], "corrected");
         assert!((row["x"].parse::<f64>().unwrap() - x).abs() < 1e-6);
     }
-    assert_eq!(common::leftovers(&work.files("results")), Vec::<&String>::new());
+    assert_eq!(crate::common::leftovers(&work.files("results")), Vec::<&String>::new());
 }
 
 #[test]
