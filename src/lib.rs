@@ -42,6 +42,7 @@ pub mod dataset;
 pub mod evaluate;
 pub mod fap;
 pub mod fit;
+mod foreign;
 pub mod geometry;
 pub mod input;
 pub mod mesh;
