@@ -24,10 +24,12 @@ use super::{
 use crate::{
     foreign::caught,
     model::{DynamicExpressionModel, FrameExpressionModel},
+    plausible::FaceSize,
     statistics::{
-        MAX_DISPLACEMENT, NEUTRAL_TOLERANCE,
+        NEUTRAL_TOLERANCE,
         scale::{SlotSource, SourceError},
     },
+    text::message,
     units::{FaceUnit, NodeId, SequenceId},
 };
 
@@ -346,8 +348,11 @@ impl ColumnarModels {
             }
         }
         let model = |(frames, id): (Vec<Vec<Point2<f64>>>, &SequenceId)| {
-            DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())
-                .map_err(|e| ColumnarError::Model { path: self.path.clone(), id: id.to_string(), reason: e.to_string() })
+            let error = |reason: String| ColumnarError::Model { path: self.path.clone(), id: id.to_string(), reason };
+            let model = DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())
+                .map_err(|e| error(e.to_string()))?;
+            FaceSize::CANONICAL.check_model(&model).map_err(|e| error(e.to_string()))?;
+            Ok(model)
         };
         rows.into_iter().zip(&self.ids).map(model).collect()
     }
@@ -360,7 +365,7 @@ impl ColumnarModels {
 }
 
 fn parquet_error(path: &Path, error: &ParquetError) -> ColumnarError {
-    ColumnarError::Parquet { path: path.to_owned(), reason: error.to_string() }
+    ColumnarError::Parquet { path: path.to_owned(), reason: message(&error.to_string()).into_owned() }
 }
 
 /// Models of a file, read node by node, in the order of their ids.
@@ -420,15 +425,16 @@ impl SlotSource for ColumnarClass<'_> {
             );
             return Err(self.error(row, &reason));
         }
+        let neutral = before.clone();
         let mut fields = Vec::with_capacity(self.field_count());
         for frame in 1..self.file.frames {
             let now = read(frame)?;
-            let moved: Vec<Vector2<f64>> = self.rows.iter().map(|&row| now[row] - before[row]).collect();
-            if let Some(place) = moved.iter().position(|v| !(v.x.abs() < MAX_DISPLACEMENT && v.y.abs() < MAX_DISPLACEMENT)) {
-                let (x, y) = (moved[place].x, moved[place].y);
-                return Err(self.error(self.rows[place], &format!("node {node} moves by ({x}, {y}) in field {}", frame - 1)));
+            for &row in &self.rows {
+                let (offset, from) = (now[row] - neutral[row], "where the neutral frame has it");
+                let checked = FaceSize::CANONICAL.check(frame as u32, || format!("node {node}"), offset, from);
+                checked.map_err(|e| self.error(row, &e.to_string()))?;
             }
-            fields.push(moved);
+            fields.push(self.rows.iter().map(|&row| now[row] - before[row]).collect());
             before = now;
         }
         Ok(fields)

@@ -83,7 +83,7 @@ fn files_that_are_no_models_are_refused() {
     let file = ColumnarModels::open(&wild.path().join("m.parquet")).unwrap();
     assert!(file.models().unwrap_err().to_string().contains("b_1"));
     let live = [NodeId(0)];
-    assert!(file.class(vec![0, 1], &live).node(0).unwrap_err().to_string().contains("b_1: node 0 moves by (NaN, 1)"));
+    assert!(file.class(vec![0, 1], &live).node(0).unwrap_err().to_string().contains("b_1: frame 1: node 0 is off by (NaN, 1"));
     let mut writer = ColumnarWriter::create(&folder.path().join("odd"), &[], 3, 2).unwrap();
     assert!(matches!(writer.push(row("a", 1.0)), Err(ColumnarError::Shape { found: 8, expected: 12, .. })));
 }
