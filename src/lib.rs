@@ -44,6 +44,8 @@ pub mod fap;
 pub mod fit;
 mod foreign;
 mod formula;
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod geometry;
 pub mod input;
 pub mod mesh;

@@ -12,6 +12,7 @@ use super::{Bank, FpMotion, SynthesisError};
 use crate::{
     fap::{FapCatalog, offsets_from_frame, read_fap},
     input::CsvFile,
+    mesh::TriangleMesh,
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{Canonical, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
@@ -132,18 +133,14 @@ fn implausible(path: &Path) -> impl Fn(Implausible) -> SynthesisError {
 /// The size of a bank's face: its eye separation; where it has no eyes, as much as its mesh measures from corner to corner.
 fn face_size(bank: &Bank) -> FaceSize {
     let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
-    let eye_separation = length(Fapu::Es, &at).filter(|es| *es > 0.0).unwrap_or_else(|| diagonal(bank.mesh().positions()));
+    let eye_separation = length(Fapu::Es, &at).filter(|es| *es > 0.0).unwrap_or_else(|| diagonal(bank.mesh()));
     FaceSize { eye_separation, unit: "of the bank's units" }
 }
 
 /// Distance of the corners of the box around a mesh.
-fn diagonal(positions: &[[f32; 3]]) -> f64 {
-    let extent = |axis: usize| {
-        let values = positions.iter().map(|p| f64::from(p[axis]));
-        let (least, most) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| (least.min(v), most.max(v)));
-        most - least
-    };
-    Vector3::new(extent(0), extent(1), extent(2)).norm()
+fn diagonal(mesh: &TriangleMesh) -> f64 {
+    let [least, most] = mesh.bounds();
+    (0..3).map(|axis| f64::from(most[axis] - least[axis]).powi(2)).sum::<f64>().sqrt()
 }
 
 fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
