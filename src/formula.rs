@@ -34,6 +34,8 @@ pub struct FormulaGuard<W: Write> {
     inner: W,
     /// The bytes of a field that may need one, with the quotation mark before it.
     held: Vec<u8>,
+    /// Whether that field stands in quotation marks.
+    is_quoted: bool,
     out: Vec<u8>,
     place: Place,
 }
@@ -52,7 +54,7 @@ enum Place {
 impl<W: Write> FormulaGuard<W> {
     /// A guard before a writer.
     pub fn new(inner: W) -> Self {
-        Self { inner, held: Vec::new(), out: Vec::new(), place: Place::Start }
+        Self { inner, held: Vec::new(), is_quoted: false, out: Vec::new(), place: Place::Start }
     }
 
     fn byte(&mut self, byte: u8) {
@@ -66,6 +68,7 @@ impl<W: Write> FormulaGuard<W> {
             Place::Start if ends_unquoted => self.out.push(byte),
             Place::Start | Place::QuotedStart => {
                 let quoted = self.place == Place::QuotedStart;
+                self.is_quoted = quoted;
                 let held = may_trigger || (quoted && byte == b'\n');
                 if held {
                     self.held.push(byte)
@@ -96,8 +99,11 @@ impl<W: Write> FormulaGuard<W> {
 
     /// Writes the held field, with an apostrophe where it needs one.
     fn release(&mut self) {
-        let text = String::from_utf8_lossy(&self.held);
-        if needs_apostrophe(text.trim_end_matches('"')) {
+        let mut text = String::from_utf8_lossy(&self.held).into_owned();
+        if self.is_quoted {
+            text = text.strip_suffix('"').unwrap_or(&text).replace("\"\"", "\"");
+        }
+        if needs_apostrophe(&text) {
             self.out.push(APOSTROPHE);
         }
         self.out.append(&mut self.held);

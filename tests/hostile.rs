@@ -91,8 +91,10 @@ fn what_a_terminal_obeys_is_escaped_and_long_fields_are_cut() {
     fs::write(folder.path().join("\u{1b}[2J.csv"), "a,b\n").unwrap();
     let (_, said) = grimace(&folder, &["fit", "face.jpg", "--correspondences", "\u{1b}[2J.csv", "-o", "fit.csv"]);
     assert!(said.contains("\\u{1b}[2J.csv, line 1: has no column `node`"), "{said:?}");
-    fs::write(folder.path().join("prior.json"), format!("{{\"schema_version\": \"{}\"}}", "\u{9b}31m".repeat(1_000_000))).unwrap();
-    let (_, said) = grimace(&folder, &["fit", "face.jpg", "--correspondences", "marks.csv", "-o", "fit.csv", "--prior", "prior.json"]);
+    fs::write(folder.path().join("prior.json"), format!("{{\"schema_version\": \"{}\"}}", "\u{9b}31m".repeat(1_000_000)))
+        .unwrap();
+    let (_, said) =
+        grimace(&folder, &["fit", "face.jpg", "--correspondences", "marks.csv", "-o", "fit.csv", "--prior", "prior.json"]);
     assert!(said.len() < 5000 && !said.contains('\u{9b}'), "{} bytes", said.len());
 }
 
