@@ -143,7 +143,7 @@ fn no_hostile_file_ends_a_reader() {
     assert!(harm.is_empty(), "{}", harm.join("\n"));
 }
 
-/// Writes the seeds that only this program can write. Run by hand: `cargo test --test fuzz -- --ignored`.
+/// Writes the seeds that only this program can write. Run by hand: `cargo test --test hostile -- --ignored write_seeds`.
 #[test]
 #[ignore = "writes into fuzz/seeds"]
 fn write_seeds() {

@@ -4,8 +4,6 @@
 //! A short form is in the ordinary tests; `scripts/faults N` does N rounds of each and prints the table. The moments are drawn by
 //! `GRIMACE_FAULTS_SEED` (0), so that a round can be had again, as far as the machine is as fast.
 
-#![cfg(unix)]
-
 use std::{
     collections::BTreeMap,
     fs,
