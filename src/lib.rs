@@ -53,6 +53,7 @@ mod formula;
 pub mod fuzzing;
 pub mod geometry;
 pub mod input;
+pub mod locate;
 pub mod mesh;
 pub mod model;
 pub mod normalize;
