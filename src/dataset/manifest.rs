@@ -17,6 +17,7 @@ use super::{
 };
 use crate::{
     input::{CsvFile, CsvRow},
+    text::excerpt,
     units::SequenceId,
 };
 
@@ -91,7 +92,7 @@ fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
         if let Some(found) = csv.header().iter().find(is_near) {
             return Err(DatasetError::MisspeltColumn {
                 path: csv.path().to_owned(),
-                found: found.clone(),
+                found: excerpt(found),
                 meant: meant.to_owned(),
             });
         }

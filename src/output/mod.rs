@@ -15,6 +15,8 @@ use std::{
 
 use serde::Serialize;
 
+use crate::formula::FormulaGuard;
+
 pub use pending::{PendingFile, PendingFolder, target_of};
 pub use sync::{remove_durably, sync_written};
 
@@ -101,13 +103,19 @@ pub fn json_into<T: Serialize + ?Sized>(mut writer: &mut dyn Write, value: &T) -
     writer.write_all(b"\n")
 }
 
+/// A writer of CSV whose fields no spreadsheet takes for formulas: see [`crate::formula`]. All CSV files with texts in them are written
+/// through it.
+pub fn csv_writer<W: Write>(writer: W) -> csv::Writer<impl Write> {
+    csv::Writer::from_writer(FormulaGuard::new(writer))
+}
+
 /// Writes rows as CSV, the header taken from the row type's field names.
 ///
 /// # Errors
 /// As [`write_atomic`].
 pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<(), OutputError> {
     write_atomic(path, |writer| {
-        let mut csv = csv::Writer::from_writer(writer);
+        let mut csv = csv_writer(writer);
         for row in rows {
             csv.serialize(row).map_err(io::Error::from)?;
         }
@@ -125,7 +133,7 @@ pub fn write_records<H: AsRef<[u8]>>(
     rows: impl IntoIterator<Item = Vec<String>>,
 ) -> Result<blake3::Hash, OutputError> {
     write_hashed(path, |writer| {
-        let mut csv = csv::Writer::from_writer(writer);
+        let mut csv = csv_writer(writer);
         csv.write_record(header).map_err(io::Error::from)?;
         for row in rows {
             csv.write_record(&row).map_err(io::Error::from)?;

@@ -9,6 +9,7 @@ use opencv::{
     videoio::VideoWriter,
 };
 
+use super::webm::set_random_numbers;
 use crate::output::{OutputError, PendingFolder};
 
 /// A video that could not be written.
@@ -70,6 +71,9 @@ pub fn write_video<E: From<FilmError>>(
     writer.release().map_err(FilmError::from)?;
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
         return Err(FilmError::Empty { path: path.to_owned() }.into());
+    }
+    if is_webm {
+        set_random_numbers(&temporary).map_err(OutputError::at(path)).map_err(FilmError::from)?;
     }
     Ok(scratch.persist(name).map_err(FilmError::from)?)
 }

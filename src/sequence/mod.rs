@@ -8,6 +8,7 @@ mod content;
 mod decode;
 mod film;
 mod video;
+mod webm;
 
 use std::path::{Path, PathBuf};
 
