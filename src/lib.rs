@@ -44,6 +44,7 @@ pub mod annotate;
 pub mod cli;
 pub mod clone;
 pub mod columnar;
+pub mod correspondence;
 pub mod dataset;
 pub mod fap;
 pub mod fit;

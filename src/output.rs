@@ -8,6 +8,9 @@ use std::{
 
 use serde::Serialize;
 
+/// Program and version, as written into every file that says where it came from.
+pub const MADE_BY: &str = concat!("grimace ", env!("CARGO_PKG_VERSION"));
+
 /// A file or folder that could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}", path.display())]
@@ -154,6 +157,12 @@ pub fn nine_digits(value: f64) -> String {
     let text = format!("{value:.8e}");
     let rounded: f64 = text.parse().unwrap_or(value);
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
+}
+
+/// The first of a list, and how many more.
+pub(crate) fn listed(items: &[String], most: usize) -> String {
+    let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
+    if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }
 }
 
 #[cfg(test)]

@@ -7,8 +7,7 @@ use std::{
 
 use clap::ValueEnum;
 use grimace::{
-    output::write_json,
-    pipeline::MADE_BY,
+    output::{MADE_BY, write_json},
     synthesis::{
         Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, MotionKind, OVERLAP,
         RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,

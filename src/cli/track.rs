@@ -7,7 +7,8 @@ use grimace::{
     fit::read_correspondences,
     output,
     overlay::png_bytes,
-    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, Stage, id_of, overlay_path, overlay_pictures, track_one},
+    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, id_of, overlay_path, overlay_pictures, track_one},
+    report::Stage,
     track::write_track,
 };
 

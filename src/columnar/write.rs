@@ -73,7 +73,7 @@ impl ColumnarWriter {
         }
         let texts = fields.len();
         let mut properties = WriterProperties::builder()
-            .set_created_by(crate::pipeline::MADE_BY.to_owned())
+            .set_created_by(crate::output::MADE_BY.to_owned())
             .set_statistics_enabled(EnabledStatistics::None)
             .set_offset_index_disabled(true)
             .set_max_row_group_row_count(Some(GROUP_ROWS));

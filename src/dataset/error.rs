@@ -3,7 +3,7 @@
 use std::{io, path::PathBuf};
 
 use super::{FramesError, LandmarksError};
-use crate::{fit::CorrespondenceError, input::InputError, units::SequenceId};
+use crate::{correspondence::CorrespondenceError, input::InputError, units::SequenceId};
 
 /// What is wrong with a dataset or one of its sequences.
 #[derive(Debug, thiserror::Error)]

@@ -8,7 +8,7 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    Comparisons, Failure, Workbench,
+    Failure, Workbench,
     classes::{class, unique_stem, warnings},
     parts::EmotionPart,
 };
@@ -19,7 +19,7 @@ use crate::{
     output::OutputError,
     statistics::{
         ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError, bootstrap::DispersionInterval,
-        group_models,
+        compare::Comparisons, group_models,
     },
     track::{TrackQuality, Verdict},
     wireframe::FapusError,

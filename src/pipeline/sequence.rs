@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fmt, fs,
+    fs,
     path::{Path, PathBuf},
 };
 
@@ -10,7 +10,7 @@ use image::RgbImage;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{MADE_BY, Workbench};
+use super::{MADE_BY, Stage, Workbench};
 use crate::{
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
@@ -25,37 +25,6 @@ use crate::{
     },
     units::{FaceUnit, SequenceId},
 };
-
-/// A stage of the main job, as named in `failures.csv`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Stage {
-    /// Reading what the user gave: manifest row, marks, landmarks, list of frames.
-    Dataset,
-    /// Fitting the wireframe to the neutral frame.
-    Fit,
-    /// Decoding and tracking the frames.
-    Track,
-    /// Normalizing the track.
-    Normalize,
-    /// Statistics over the models.
-    Statistics,
-    /// Writing results.
-    Write,
-}
-
-impl fmt::Display for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Dataset => "dataset",
-            Self::Fit => "fit",
-            Self::Track => "track",
-            Self::Normalize => "normalize",
-            Self::Statistics => "statistics",
-            Self::Write => "write",
-        })
-    }
-}
 
 /// A sequence that can not be processed, and where it failed.
 #[derive(Clone, Debug)]

@@ -14,7 +14,7 @@ use crate::{
     },
     output::{OutputError, nine_digits, write_atomic, write_bytes},
     overlay::png_bytes,
-    render::{FaceScene, Labelled, View, contact_sheet, gif_bytes},
+    render::{Labelled, contact_sheet, gif_bytes},
 };
 
 /// An animation: a synthesizer's answers to the frames of a motion.

@@ -23,6 +23,7 @@
 //!
 //! **Effect size.** H = E / (2 mean d(a, b)), 0 for groups alike to 1 for groups apart, beside what permutations reach by chance.
 
+mod groups;
 mod holm;
 mod pairs;
 mod permutation;
@@ -34,6 +35,8 @@ use serde::{Deserialize, Serialize};
 use super::{SequenceModel, distance::DisplacementFields};
 use crate::units::NodeId;
 
+pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
+pub(crate) use groups::{compare_groups, stream_of};
 pub use holm::holm;
 use pairs::PairDistances;
 use permutation::{Permuted, permute};

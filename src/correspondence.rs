@@ -48,7 +48,7 @@ pub struct Correspondence {
     /// Mark or hard position.
     pub kind: MarkKind,
     /// How far from the true point such a mark is to be expected, px: half of such marks are nearer, half further. `None` for a mark
-    /// set by hand, of which a fit expects [`super::HAND_MARK_ERROR`].
+    /// set by hand, of which a fit expects [`crate::fit::HAND_MARK_ERROR`].
     pub expected_error: Option<f64>,
 }
 
