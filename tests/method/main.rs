@@ -5,6 +5,7 @@ mod common;
 #[path = "../report_data/mod.rs"]
 mod report_data;
 
+mod examples;
 mod golden;
 mod layers;
 mod properties;
