@@ -8,7 +8,6 @@ use std::{
 
 use image::RgbImage;
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 
 use super::{MADE_BY, Stage, Workbench};
 use crate::{

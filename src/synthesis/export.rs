@@ -5,7 +5,7 @@ use std::{borrow::Cow, path::Path};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer};
+use super::{FaceScene, FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer, View};
 use crate::{
     mesh::{
         add,
