@@ -50,6 +50,7 @@ pub mod fap;
 pub mod fit;
 pub mod geometry;
 pub mod input;
+pub mod locate;
 pub mod mesh;
 pub mod model;
 pub mod normalize;

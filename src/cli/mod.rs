@@ -17,6 +17,8 @@ mod clone;
 mod fap;
 mod fit;
 mod lab;
+mod learn;
+mod locate;
 pub mod print;
 mod prior;
 pub mod progress;
@@ -63,6 +65,10 @@ enum Command {
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
+    /// Find faces and their points.
+    Locate(locate::Args),
+    /// Learn what this program ships with, from your own data.
+    Learn(learn::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(lab::Args),
     /// Dense animation from the motion of feature points, by a bank of expression meshes.
@@ -130,6 +136,8 @@ pub fn main() -> ExitCode {
         Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
+        Command::Locate(args) => locate::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Simulate(args) => lab::run("simulate", &args.arguments),
         Command::Synthesize(args) => synthesize::run(&args),
         Command::Bank(args) => bank::run(&args),
