@@ -8,7 +8,7 @@ use crate::common::root;
 const LAYERS: [(&str, &[&str]); 5] = [
     ("ground", &["units", "geometry", "robust", "input", "output", "wireframe", "model", "correspondence"]),
     ("sources", &["dataset", "sequence"]),
-    ("method", &["fit", "track", "normalize", "statistics", "fap"]),
+    ("method", &["locate", "fit", "track", "normalize", "statistics", "fap"]),
     ("making", &["overlay", "warp", "mesh", "render", "synthesis", "clone"]),
     ("tool", &["columnar", "report", "pipeline", "annotate", "cli"]),
 ];
