@@ -6,11 +6,14 @@ use crate::common::root;
 
 /// Modules from the ground up. A module may import those of the layers below, and those before it in its own layer.
 const LAYERS: [(&str, &[&str]); 5] = [
-    ("ground", &["units", "geometry", "robust", "input", "output", "wireframe", "model", "correspondence"]),
+    (
+        "ground",
+        &["text", "units", "geometry", "robust", "formula", "foreign", "input", "output", "wireframe", "model", "correspondence"],
+    ),
     ("sources", &["dataset", "sequence"]),
-    ("method", &["locate", "fit", "track", "normalize", "statistics", "fap"]),
+    ("method", &["locate", "fit", "track", "normalize", "plausible", "statistics", "fap"]),
     ("making", &["overlay", "warp", "mesh", "render", "synthesis", "clone"]),
-    ("tool", &["columnar", "report", "pipeline", "annotate", "cli"]),
+    ("tool", &["columnar", "report", "pipeline", "annotate", "cli", "fuzzing"]),
 ];
 
 /// Place of a module in the order.
