@@ -193,7 +193,7 @@ fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Corres
 /// `expected_error` where a mark has one.
 ///
 /// # Errors
-/// [`OutputError`] when the file can not be written.
+/// [`OutputError`] when the file cannot be written.
 pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) -> Result<(), OutputError> {
     let mut sorted: Vec<_> = correspondences.iter().collect();
     sorted.sort_by_key(|c| c.node);

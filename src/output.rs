@@ -35,7 +35,7 @@ impl OutputError {
 /// Missing parent folders are made.
 ///
 /// # Errors
-/// [`OutputError`] when a folder or the file can not be written (no space, no permission).
+/// [`OutputError`] when a folder or the file cannot be written (no space, no permission).
 pub fn write_atomic(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
     let error = |source| OutputError { path: path.to_owned(), source };
     let mut writer = BufWriter::new(temporary_beside(path)?);
@@ -74,7 +74,7 @@ impl PendingFile {
     /// A file that will be at `path`. Missing parent folders are made.
     ///
     /// # Errors
-    /// [`OutputError`] when a folder or the file can not be made.
+    /// [`OutputError`] when a folder or the file cannot be made.
     pub fn create(path: &Path) -> Result<Self, OutputError> {
         Ok(Self { path: path.to_owned(), file: temporary_beside(path)? })
     }
@@ -90,7 +90,7 @@ impl PendingFile {
     /// Puts the whole file in its place.
     ///
     /// # Errors
-    /// [`OutputError`] when it can not be renamed.
+    /// [`OutputError`] when it cannot be renamed.
     pub fn persist(self) -> Result<(), OutputError> {
         let Self { path, file } = self;
         file.persist(&path).map(|_| ()).map_err(|e| OutputError { path, source: e.error })

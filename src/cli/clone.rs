@@ -222,7 +222,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 if !source.motion.not_shown.is_empty() {
                     let faps = source.motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                     eprintln!(
-                        "warning: {}: FAP {faps} can not be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
+                        "warning: {}: FAP {faps} cannot be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
                         path.display()
                     );
                 }

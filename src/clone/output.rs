@@ -97,7 +97,7 @@ const SHEET_FRAMES: usize = 5;
 /// Returns the rendered apex frame.
 ///
 /// # Errors
-/// [`CloneError`] for a file that can not be written, or an interruption.
+/// [`CloneError`] for a file that cannot be written, or an interruption.
 pub fn write_clone(
     files: &CloneFiles,
     clone: &Clone,
@@ -237,7 +237,7 @@ fn fap_of(
     let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
     let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
     let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
-    let normalized = normalizer.equalized(model)?;
+    let normalized = normalizer.normalize_every_frame(model)?;
     let name = format!("{}_{}", clone.target().name, source.name);
     // FAP files have whole frame rates.
     let fps = clone.fps.round().clamp(1.0, 1000.0) as u32;

@@ -103,7 +103,7 @@ impl Default for FitOptions {
     }
 }
 
-/// Why a wireframe can not be fitted.
+/// Why a wireframe cannot be fitted.
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
     /// Too few marks.

@@ -112,17 +112,17 @@ impl Default for FapOptions {
     }
 }
 
-/// A wireframe that can not be worked with.
+/// A wireframe that cannot be worked with.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkbenchError {
     /// The file does not read.
     #[error(transparent)]
     Wfm(#[from] WfmError),
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("cannot read the wireframe: {0}")]
     Io(#[from] std::io::Error),
     /// The wireframe lacks what FAPUs are measured on.
-    #[error("the wireframe can not be used: {0}")]
+    #[error("the wireframe cannot be used: {0}")]
     Fapus(#[from] FapusError),
 }
 

@@ -26,7 +26,7 @@ use crate::{
     units::{FaceUnit, SequenceId},
 };
 
-/// A sequence that can not be processed, and where it failed.
+/// A sequence that cannot be processed, and where it failed.
 #[derive(Clone, Debug)]
 pub struct SequenceFailure {
     /// The stage.
@@ -86,7 +86,7 @@ impl SequenceSource {
     /// Emotion, further columns and frame rate are not among it: a new label does not make a new track.
     ///
     /// # Errors
-    /// [`SequenceFailure`] when a frame can not be read.
+    /// [`SequenceFailure`] when a frame cannot be read.
     pub fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {

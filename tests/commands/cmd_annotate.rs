@@ -288,8 +288,8 @@ fn wrong_marks_are_refused_and_the_file_stays() {
         (vec![mark(20, -3.0, 10.0)], "outside the image of 200x160"),
         (vec![mark(20, 10.0, 1e300)], "outside the image"),
         (vec![mark(20, 10.0, 10.0), mark(20, 11.0, 10.0)], "node 20 is marked twice"),
-        (vec![mark(35, 10.0, 10.0)], "node 35 can not be marked"),
-        (vec![mark(113, 10.0, 10.0)], "node 113 can not be marked"),
+        (vec![mark(35, 10.0, 10.0)], "node 35 cannot be marked"),
+        (vec![mark(113, 10.0, 10.0)], "node 113 cannot be marked"),
     ];
     for (marks, reason) in cases {
         let refused = save(&server, "S001_005", &saved["version"], &marks);
