@@ -20,6 +20,9 @@ use crate::formula::FormulaGuard;
 pub use pending::{PendingFile, PendingFolder, target_of};
 pub use sync::{remove_durably, sync_written};
 
+/// Program and version, as written into every file that says where it came from.
+pub const MADE_BY: &str = concat!("grimace ", env!("CARGO_PKG_VERSION"));
+
 /// A file or folder that could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}", path.display())]
@@ -42,7 +45,7 @@ impl OutputError {
 /// Missing parent folders are made. A link is written through: the file behind it is replaced.
 ///
 /// # Errors
-/// [`OutputError`] when a folder or the file can not be written (no space, no permission), or when something that is no regular file
+/// [`OutputError`] when a folder or the file cannot be written (no space, no permission), or when something that is no regular file
 /// stands there.
 pub fn write_atomic(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
     write_hashed(path, fill).map(|_| ())
@@ -152,6 +155,12 @@ pub fn nine_digits(value: f64) -> String {
     let text = format!("{value:.8e}");
     let rounded: f64 = text.parse().unwrap_or(value);
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
+}
+
+/// The first of a list, and how many more.
+pub(crate) fn listed(items: &[String], most: usize) -> String {
+    let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
+    if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }
 }
 
 #[cfg(test)]

@@ -71,7 +71,7 @@ impl PendingFile {
     /// A file that will be at `path`. Missing parent folders are made.
     ///
     /// # Errors
-    /// [`OutputError`] when a folder or the file can not be made, or as [`target_of`].
+    /// [`OutputError`] when a folder or the file cannot be made, or as [`target_of`].
     pub fn create(path: &Path) -> Result<Self, OutputError> {
         let error = OutputError::at(path);
         let target = target_of(path)?;
@@ -100,7 +100,7 @@ impl PendingFile {
     /// Puts the whole file in its place; the BLAKE3 of its bytes. It is on the disk after [`super::sync_written`].
     ///
     /// # Errors
-    /// [`OutputError`] when it can not be renamed.
+    /// [`OutputError`] when it cannot be renamed.
     pub fn persist(self) -> Result<blake3::Hash, OutputError> {
         let Self { path, target, file, hasher } = self;
         file.persist(&target).map_err(|e| OutputError { path, source: e.error })?;
@@ -111,7 +111,7 @@ impl PendingFile {
     /// [`PendingFile::persist`], the file and its name being on the disk when it returns.
     ///
     /// # Errors
-    /// [`OutputError`] when it can not be synced or renamed.
+    /// [`OutputError`] when it cannot be synced or renamed.
     pub fn persist_durably(self) -> Result<blake3::Hash, OutputError> {
         let Self { path, target, file, hasher } = self;
         file.as_file().sync_all().map_err(OutputError::at(&path))?;
@@ -166,7 +166,7 @@ impl PendingFolder {
     /// Puts the file `name` of the folder in its place.
     ///
     /// # Errors
-    /// [`OutputError`] when it can not be renamed.
+    /// [`OutputError`] when it cannot be renamed.
     pub fn persist(self, name: &str) -> Result<(), OutputError> {
         fs::rename(self.file(name), &self.target).map_err(OutputError::at(&self.path))?;
         sync::note(&self.target);

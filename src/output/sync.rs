@@ -111,7 +111,7 @@ pub(super) fn create_folders(path: &Path) -> io::Result<()> {
 /// Removes a file, durably; a file that is not there is removed.
 ///
 /// # Errors
-/// [`OutputError`] when it can not be removed.
+/// [`OutputError`] when it cannot be removed.
 pub fn remove_durably(path: &Path) -> Result<(), OutputError> {
     match fs::remove_file(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),

@@ -118,7 +118,7 @@ pub enum RunError {
         /// How many more.
         more: String,
     },
-    /// A file can not be written.
+    /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// Writing in the middle of a sequence failed.

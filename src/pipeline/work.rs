@@ -32,7 +32,7 @@ pub(super) struct Planned<'a> {
     pub emotion: String,
     /// What the manifest says; `None` for a row that is damaged.
     pub entry: Option<&'a SequenceEntry>,
-    /// What drives it and the hash of its inputs, or why it can not be worked on. The hash is only taken where something may be there
+    /// What drives it and the hash of its inputs, or why it cannot be worked on. The hash is only taken where something may be there
     /// that was made from the same: else it is taken while the frames are decoded.
     pub source: Result<(Source, Option<String>), SequenceFailure>,
 }
