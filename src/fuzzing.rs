@@ -64,10 +64,10 @@ pub static TARGETS: [Target; 27] = [
         Ok(dataset) => dataset.failures.first().map_or(Ok(()), |f| Err(f.error.to_string())),
         Err(error) => Err(error.to_string()),
     }),
-    text("correspondences", "c.csv", |p| said(read_correspondences(p, tables(), Wireframe::candide3().node_count()))),
+    text("correspondences", "c.csv", |p| said(read_correspondences(p, tables(), node_count()))),
     text("landmark_table", "a.csv", |p| said(read_landmarks(p))),
-    text("landmark_text", "S001_001_00000001_landmarks.txt", |p| said(read_landmarks(p))),
-    text("landmark_points", "a.pts", |p| said(read_landmarks(p))),
+    text("landmark_text", "S001_001_00000001_landmarks.txt", landmark_folder),
+    text("landmark_points", "a_00000001.pts", landmark_folder),
     text("emotion_label", "label", emotion_label),
     text("track", "S001_001.csv", |p| said(read_track(p))),
     text("track_record", "S001_001.json", |p| said(read_track_info(p))),
@@ -85,10 +85,7 @@ pub static TARGETS: [Target; 27] = [
     text("obj", "a.obj", |p| said(read_obj(p))),
     binary("ply", "a.ply", |p| said(read_ply(p))),
     binary("gltf", "a.glb", |p| said(read_gltf(p))),
-    binary("npy", "a.npy", |p| {
-        said(read_npy_indices(p))?;
-        said(read_npy_rows(p))
-    }),
+    binary("npy", "a.npy", |p| said(read_npy_indices(p))),
     binary("npy_rows", "a.npy", |p| said(read_npy_rows(p))),
     binary("bank", "a.bank", |p| said(Bank::open(p))),
     binary("columnar", "a.parquet", columnar),
@@ -102,6 +99,17 @@ pub static TARGETS: [Target; 27] = [
 fn tables() -> &'static Tables {
     static TABLES: OnceLock<Tables> = OnceLock::new();
     TABLES.get_or_init(Tables::candide3)
+}
+
+/// Nodes of Candide-3, counted once.
+fn node_count() -> usize {
+    static COUNT: OnceLock<usize> = OnceLock::new();
+    *COUNT.get_or_init(|| Wireframe::candide3().node_count())
+}
+
+/// A file of one frame's landmarks, read as the folder that it is in.
+fn landmark_folder(path: &Path) -> Outcome {
+    said(read_landmarks(path.parent().unwrap_or(path)))
 }
 
 /// The embedded bank, made once.
@@ -156,6 +164,9 @@ impl Target {
             Some(folder) => Ok(folder.path().to_owned()),
             None => tempfile::tempdir().map(|made| cell.get_or_init(|| made).path().to_owned()).map_err(|e| e.to_string()),
         })?;
+        // A folder each, since some readers look beside their file.
+        let folder = folder.join(self.name);
+        fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
         let path = folder.join(self.file);
         fs::write(&path, bytes).map_err(|e| e.to_string())?;
         (self.read)(&path)

@@ -103,7 +103,10 @@ fn prior(text: &str) -> Result<PriorKind, String> {
         "auto" => Ok(PriorKind::Auto),
         path => match LoadedPrior::read(Path::new(path)) {
             Ok(loaded) => Ok(PriorKind::File(loaded)),
-            Err(error) => Err(format!("neither none, candide, faces nor auto, nor a prior file: {error}")),
+            Err(error) => {
+                let reason = grimace::text::message(&error.to_string()).into_owned();
+                Err(format!("neither none, candide, faces nor auto, nor a prior file: {reason}"))
+            }
         },
     }
 }

@@ -164,7 +164,7 @@ fn write_seeds() {
     }
     writer.finish().unwrap();
     let image = image::RgbImage::from_fn(16, 16, |x, y| image::Rgb([x as u8 * 9, y as u8 * 9, 7]));
-    for name in ["small.jpg", "small.gif", "deep.png"] {
+    for name in ["small.jpg", "deep.png"] {
         image.save(at("picture", name)).unwrap();
     }
     let names = grimace::synthesis::candide_bank().unwrap().names().to_vec();
