@@ -46,6 +46,7 @@ pub mod geometry;
 pub mod input;
 pub mod mesh;
 pub mod model;
+mod native;
 pub mod normalize;
 pub mod output;
 pub mod overlay;

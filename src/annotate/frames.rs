@@ -125,7 +125,7 @@ fn browser_type(bytes: &[u8]) -> Option<&'static str> {
 }
 
 fn png(frame: &Frame) -> Result<Vec<u8>, RequestError> {
-    let image = frame.to_image().map_err(RequestError::failed)?;
+    let image = frame.image();
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)
         .write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::L8)

@@ -14,7 +14,6 @@ use grimace::{
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
     pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
-    sequence::configure_opencv,
     statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
     track::{AlignOptions, TrackOptions},
 };
@@ -278,7 +277,6 @@ pub struct GeneralArgs {
 
 impl GeneralArgs {
     pub fn workbench(&self, options: PipelineOptions) -> anyhow::Result<Workbench> {
-        configure_opencv()?;
         let bench = Workbench::new(self.wireframe.as_deref(), options)?;
         // A face that does not serve is said before hours of tracking, not after.
         if let ReportFace::Photograph { image, .. } = &bench.options.report_face {

@@ -279,7 +279,7 @@ pub fn overlay_pictures(
         }
         let frame = frame.map_err(SequenceFailure::at(Stage::Track))?;
         let marks = if index == 0 { marks.as_slice() } else { &[] };
-        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks).map_err(SequenceFailure::at(Stage::Track))?;
+        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks);
         each(tracked.number, picture)?;
     }
     Ok(())

@@ -6,7 +6,6 @@ use grimace::{
     clone::CloneOptions,
     evaluate::{Cell, Table, Transfer, cross_table, evaluate_cross_cloning, evaluate_self_cloning, self_rows_table, self_table},
     pipeline::{PipelineOptions, Workbench},
-    sequence::configure_opencv,
     simulate::{Emotion, SimulateOptions},
 };
 use serde_json::json;
@@ -49,7 +48,6 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    configure_opencv()?;
     let mut folder = args.common.start()?;
     let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
     let bench = Workbench::new(None, options)?;

@@ -10,7 +10,6 @@ use grimace::{
         standard_variants, tracking_chart,
     },
     fit::Fitter,
-    sequence::configure_opencv,
     wireframe::{Tables, Wireframe},
 };
 use serde_json::{Value, json};
@@ -81,7 +80,6 @@ impl From<StartWord> for Start {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    configure_opencv()?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let base = args.track.options();
     let mut variants = standard_variants(&base);
