@@ -29,6 +29,7 @@ mod track;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use grimace::sequence::{DEFAULT_MAX_PIXELS, set_max_pixels};
 
 /// Representative facial expressions from image sequences, as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
@@ -36,6 +37,9 @@ use clap::{Parser, Subcommand};
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Largest picture or video frame that is read, pixels, such as 200000000; a larger one is refused by its header
+    #[arg(long, global = true, default_value_t = DEFAULT_MAX_PIXELS, value_parser = clap::value_parser!(u64).range(1..), value_name = "PIXELS", help_heading = "General")]
+    max_pixels: u64,
 }
 
 const AFTER_HELP: &str = "\
@@ -102,6 +106,7 @@ fn chain(error: &anyhow::Error) -> String {
 /// some sequences failed.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
+    set_max_pixels(cli.max_pixels);
     let result = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Annotate(args) => annotate::run(&args),

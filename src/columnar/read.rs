@@ -122,7 +122,7 @@ impl ColumnarModels {
     /// [`ColumnarError`] for a file that can not be read, has other columns, or holds a sequence twice or none.
     pub fn open(path: &Path) -> Result<Self, ColumnarError> {
         let io_error = |reason| ColumnarError::Io { path: path.to_owned(), reason };
-        let file = File::open(path).map_err(io_error)?;
+        let file = crate::input::open_or_stdin(path).map_err(io_error)?;
         let length = file.metadata().map_err(io_error)?.len();
         let shared = SharedFile { file: Arc::new(Mutex::new(file)), length };
         let reader = SerializedFileReader::new(shared).map_err(|e| parquet_error(path, &e))?;

@@ -1,7 +1,6 @@
 //! PLY files: vertex positions and faces, ASCII or binary.
 
 use std::{
-    fs::File,
     io::{self, BufReader, Write},
     path::Path,
 };
@@ -86,7 +85,7 @@ impl PropertyAccess for Row {
 /// # Errors
 /// [`MeshFileError`] for a file that can not be read, is damaged or ends early, or what is no mesh.
 pub fn read_ply(path: &Path) -> Result<TriangleMesh, MeshFileError> {
-    let file = File::open(path).map_err(MeshFileError::io(path))?;
+    let file = crate::input::open_file(path).map_err(MeshFileError::io(path))?;
     let mut reader = Reader::new(BufReader::new(file));
     let parser = Parser::<Row>::new();
     let header = parser.read_header(&mut reader).map_err(|e| MeshFileError::format(path, e))?;

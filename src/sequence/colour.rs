@@ -25,7 +25,7 @@ pub const MAX_SIDE: u32 = 16_384;
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_colour(path: &Path) -> Result<RgbImage, SequenceError> {
-    let decoded = std::fs::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes));
+    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes));
     decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })
 }
 

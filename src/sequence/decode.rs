@@ -188,6 +188,6 @@ mod tests {
         assert!(message(b"P5\n# made by hand\n4 4\n255\n123").contains("3 of 16 bytes of pixels"));
         assert!(message(b"P5 2 2 255").contains("0 of 4 bytes of pixels"));
         assert!(message(b"BM\xff\x00\x00\x00rest").contains("BMP image is cut off"));
-        assert!(message(b"P5 99999999999999999999 4 255 ").contains("not an image"));
+        assert!(message(b"P5 99999999999999999999 4 255 ").contains("PGM image is damaged"));
     }
 }

@@ -163,7 +163,7 @@ impl SequenceReader {
         match &mut self.source {
             Source::Images { files, decoder } => {
                 let FrameFile { number, path } = files.next()?;
-                let decoded = std::fs::read(&path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
+                let decoded = crate::input::read(&path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
                 Some(match decoded {
                     Ok(image) => Ok((Frame { number, image }, path)),
                     Err(source) => Err(SequenceError::Decode { path, source }),
@@ -199,7 +199,7 @@ impl Iterator for SequenceReader {
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
-    let decoded = std::fs::read(path).map_err(DecodeError::from).and_then(|bytes| GrayDecoder::default().decode(&bytes));
+    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| GrayDecoder::default().decode(&bytes));
     let image = decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })?;
     Ok(Frame { number: 0, image })
 }

@@ -107,7 +107,7 @@ impl VideoReader {
 /// Opens a video whose frames are not too large.
 pub(super) fn open_capture(path: &Path) -> Result<VideoCapture, String> {
     native::configure();
-    std::fs::File::open(path).map_err(|e| format!("cannot be read: {e}"))?;
+    crate::input::open_file(path).map_err(|e| format!("cannot be read: {e}"))?;
     let capture = VideoCapture::from_file(path, CAP_ANY).ok().filter(|c| c.is_opened().unwrap_or(false));
     let capture = capture.ok_or("not a video that OpenCV can decode; convert it (for example to H.264 in MP4) or to images")?;
     let stated = |property| capture.get(property).unwrap_or(0.0).max(0.0) as u32;
