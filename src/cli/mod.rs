@@ -12,24 +12,22 @@ macro_rules! eprintln {
 
 mod analyze;
 mod annotate;
-mod bank;
+pub mod bank;
 mod clone;
-mod evaluate;
 mod fap;
 mod fit;
-mod print;
+mod lab;
+pub mod print;
 mod prior;
-mod progress;
+pub mod progress;
 mod run;
-mod shared;
-mod simulate;
+pub mod shared;
 mod synthesize;
 mod track;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use grimace::sequence::{DEFAULT_MAX_PIXELS, set_max_pixels};
 
 /// Representative facial expressions from image sequences, as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
@@ -37,9 +35,8 @@ use grimace::sequence::{DEFAULT_MAX_PIXELS, set_max_pixels};
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Largest picture or video frame that is read, pixels, such as 200000000; a larger one is refused by its header
-    #[arg(long, global = true, default_value_t = DEFAULT_MAX_PIXELS, value_parser = clap::value_parser!(u64).range(1..), value_name = "PIXELS", help_heading = "General")]
-    max_pixels: u64,
+    #[command(flatten)]
+    pictures: shared::PictureArgs,
 }
 
 const AFTER_HELP: &str = "\
@@ -69,13 +66,13 @@ enum Command {
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
     /// Make synthetic sequences with exact ground truth.
-    Simulate(simulate::Args),
+    Simulate(lab::Args),
     /// Dense animation from the motion of feature points, by a bank of expression meshes.
     Synthesize(synthesize::Args),
     /// Banks of expression meshes for `synthesize`.
     Bank(bank::Args),
     /// Experiments against ground truth: how right fit and tracker are.
-    Evaluate(evaluate::Args),
+    Evaluate(lab::Args),
 }
 
 /// How a command that did not fail ended.
@@ -87,6 +84,9 @@ pub enum Outcome {
     Failed,
     /// Exit status 3: done, but some sequences failed.
     SomeFailed,
+    /// The exit status of another program.
+    #[cfg(not(unix))]
+    Other(u8),
 }
 
 /// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
@@ -102,12 +102,30 @@ fn chain(error: &anyhow::Error) -> String {
     })
 }
 
+/// Prints an error, if there is one, and gives the exit status: 0 done, 1 failed, 3 done but some sequences failed.
+pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
+    match result.and_then(|outcome| print::check().map(|()| outcome)) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Failed) => ExitCode::FAILURE,
+        Ok(Outcome::SomeFailed) => ExitCode::from(3),
+        #[cfg(not(unix))]
+        Ok(Outcome::Other(status)) => ExitCode::from(status),
+        Err(error) => {
+            eprintln!("error: {}", chain(&error));
+            ExitCode::FAILURE
+        }
+    }
+}
+
 /// Parses the arguments, runs the command, prints errors, returns the exit status: 0 done, 1 failed, 2 bad usage, 3 done but
 /// some sequences failed.
 pub fn main() -> ExitCode {
+    if let Some((command, arguments)) = lab::asked(std::env::args_os().skip(1)) {
+        return exit_code(lab::run(command, &arguments));
+    }
     let cli = Cli::parse();
-    set_max_pixels(cli.max_pixels);
-    let result = match cli.command {
+    cli.pictures.apply();
+    exit_code(match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Annotate(args) => annotate::run(&args),
         Command::Fit(args) => fit::run(&args),
@@ -116,19 +134,9 @@ pub fn main() -> ExitCode {
         Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
-        Command::Simulate(args) => simulate::run(args),
+        Command::Simulate(args) => lab::run("simulate", &args.arguments),
         Command::Synthesize(args) => synthesize::run(&args),
         Command::Bank(args) => bank::run(&args),
-        Command::Evaluate(args) => evaluate::run(&args),
-    };
-    let result = result.and_then(|outcome| print::check().map(|()| outcome));
-    match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Failed) => ExitCode::FAILURE,
-        Ok(Outcome::SomeFailed) => ExitCode::from(3),
-        Err(error) => {
-            eprintln!("error: {}", chain(&error));
-            ExitCode::FAILURE
-        }
-    }
+        Command::Evaluate(args) => lab::run("evaluate", &args.arguments),
+    })
 }

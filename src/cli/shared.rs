@@ -14,6 +14,7 @@ use grimace::{
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
     pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
+    sequence::{DEFAULT_MAX_PIXELS, set_max_pixels},
     statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
     track::{AlignOptions, TrackOptions},
 };
@@ -257,6 +258,24 @@ pub struct MarksArgs {
 impl MarksArgs {
     pub fn landmarks(&self) -> LandmarkOptions {
         LandmarkOptions { least_confidence: self.landmark_confidence, prefer: self.prefer_landmarks }
+    }
+}
+
+/// What is read as a picture, for every command.
+#[derive(Debug, clap::Args)]
+pub struct PictureArgs {
+    /// Largest picture or video frame that is read, pixels, such as 200000000; a larger one is refused by its header
+    #[arg(
+        long, global = true, default_value_t = DEFAULT_MAX_PIXELS, value_parser = clap::value_parser!(u64).range(1..),
+        value_name = "PIXELS", help_heading = "General"
+    )]
+    max_pixels: u64,
+}
+
+impl PictureArgs {
+    /// Sets the limit for this process.
+    pub fn apply(&self) {
+        set_max_pixels(self.max_pixels);
     }
 }
 

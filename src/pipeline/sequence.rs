@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fmt, fs,
+    fmt,
     path::{Path, PathBuf},
 };
 
@@ -132,13 +132,14 @@ impl SequenceSource {
             part(&[u8::from(mark.kind == MarkKind::Hard)]);
             part(&mark.position.x.to_le_bytes());
             part(&mark.position.y.to_le_bytes());
+            part(&mark.expected_error.unwrap_or_default().to_le_bytes());
         }
         if let FrameSource::Video { first, last, .. } = &self.frames {
             part(format!("{first:?} {last:?}").as_bytes());
         }
         for path in self.frames.files() {
             part(file_name(path).as_bytes());
-            let bytes = fs::read(path).map_err(|e| SequenceFailure {
+            let bytes = read_any_length(path).map_err(|e| SequenceFailure {
                 stage: Stage::Dataset,
                 reason: format!("{}: cannot be read: {e}", path.display()),
                 fatal: false,
@@ -147,6 +148,12 @@ impl SequenceSource {
         }
         Ok(hasher.finalize().to_hex().to_string())
     }
+}
+
+fn read_any_length(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::io::Read::read_to_end(&mut crate::input::open_file(path)?, &mut bytes)?;
+    Ok(bytes)
 }
 
 pub(super) fn file_name(path: &Path) -> String {
