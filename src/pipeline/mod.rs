@@ -10,6 +10,7 @@ mod groups;
 mod landmarks;
 mod model_file;
 mod parts;
+mod pictures;
 mod run;
 mod sequence;
 mod showcase;
@@ -37,6 +38,7 @@ pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_
 pub(crate) use groups::values as group_values;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
 pub use model_file::{ModelFileError, read_model, write_model};
+pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};

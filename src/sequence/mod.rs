@@ -10,6 +10,7 @@ mod jpeg;
 mod limit;
 mod still;
 mod video;
+mod webm;
 
 use std::path::{Path, PathBuf};
 

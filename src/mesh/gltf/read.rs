@@ -10,7 +10,11 @@ use gltf::{
     mesh::Mode,
 };
 
-use crate::mesh::{MeshFileError, TriangleMesh, check_finite};
+use crate::{
+    foreign::caught,
+    mesh::{MeshFileError, TriangleMesh, check_finite},
+    text::excerpt,
+};
 
 /// A neutral mesh and its morph targets.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,9 +33,13 @@ pub struct GltfMorphs {
 /// [`MeshFileError`] for what is no glTF, has no morph targets or refers to data that is not there.
 pub fn read_gltf(path: &Path) -> Result<GltfMorphs, MeshFileError> {
     let bytes = crate::input::read(path).map_err(MeshFileError::io(path))?;
+    caught(|| parse(path, &bytes)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<GltfMorphs, MeshFileError> {
     let error = |reason: String| MeshFileError::format(path, reason);
     let invalid = |e: gltf::Error| error(format!("no valid glTF: {e}"));
-    let Gltf { document, blob } = Gltf::from_slice_without_validation(&bytes).map_err(invalid)?;
+    let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(invalid)?;
     let root = document.into_json();
     // The crate's validation takes the accessors of positions as given.
     let positions =
@@ -62,12 +70,14 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
         if let buffer::Source::Uri(uri) = buffer.source()
             && !uri.starts_with("data:")
         {
-            let decoded = percent_decoded(uri).ok_or_else(|| error(format!("the buffer's address `{uri}` is not UTF-8")))?;
+            let decoded =
+                percent_decoded(uri).ok_or_else(|| error(format!("the buffer's address `{}` is not UTF-8", excerpt(uri))))?;
             let plain = decoded.strip_prefix("file://").or_else(|| decoded.strip_prefix("file:")).unwrap_or(&decoded);
             // The crate opens whatever is there, and reads a pipe or a device without end.
             let file = path.parent().unwrap_or(Path::new("")).join(plain);
             let length = crate::input::open_file(&file).and_then(|file| file.metadata()).map(|m| m.len());
-            let length = length.map_err(|e| error(format!("buffer {}, {}: {e}", buffer.index(), file.display())))?;
+            let length =
+                length.map_err(|e| error(format!("buffer {}, {}: {e}", buffer.index(), excerpt(&file.to_string_lossy()))))?;
             if length > crate::input::MAX_BYTES {
                 return Err(error(format!(
                     "buffer {} has {length} bytes; at most {} are read",
