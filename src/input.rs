@@ -17,7 +17,7 @@ pub use open::{MAX_BYTES, STDIN, is_stdin, open_file, open_or_stdin, read, read_
 /// What is wrong in a CSV file.
 #[derive(Debug, thiserror::Error)]
 pub enum InputErrorKind {
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
     /// No header line.
@@ -129,7 +129,7 @@ impl CsvFile {
     /// Reads a file, or standard input for the path `-`, and its header.
     ///
     /// # Errors
-    /// [`InputError`] when the file can not be read, is empty, or has a header that is not UTF-8 or names a column twice.
+    /// [`InputError`] when the file cannot be read, is empty, or has a header that is not UTF-8 or names a column twice.
     pub fn open(path: &Path) -> Result<Self, InputError> {
         let bytes = read_or_stdin(path).map_err(|e| InputError { path: path.to_owned(), line: None, kind: e.into() })?;
         Self::from_bytes(path, bytes)

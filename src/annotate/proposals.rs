@@ -95,7 +95,7 @@ pub struct ProposedMarks {
     pub marks: Vec<Correspondence>,
 }
 
-/// Cascades that can not be used.
+/// Cascades that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CascadeError {
     /// No folder of cascades.

@@ -13,9 +13,12 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
+    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     sequence::{DEFAULT_MAX_PIXELS, set_max_pixels},
-    statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
+    statistics::{
+        MedianKind, StatisticsOptions,
+        compare::{CompareOptions, GroupOptions},
+    },
     track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;

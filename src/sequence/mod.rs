@@ -80,7 +80,7 @@ impl Frame {
     }
 }
 
-/// Why a sequence can not be read.
+/// Why a sequence cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
     /// A frame does not decode.

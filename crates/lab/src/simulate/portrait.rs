@@ -35,7 +35,7 @@ const BROWS: [(usize, usize); 2] = [(16, 18), (49, 51)];
 /// Height of a brow in Candide-3, over the eye distance.
 const BROW_HEIGHT: f64 = 0.085;
 
-/// Why a photograph can not be animated.
+/// Why a photograph cannot be animated.
 #[derive(Debug, thiserror::Error)]
 pub enum PortraitError {
     /// The photograph does not open.
@@ -104,7 +104,7 @@ pub enum PortraitError {
         /// Why.
         source: FitError,
     },
-    /// The face can not be warped.
+    /// The face cannot be warped.
     #[error("{id}: {source}")]
     Warp {
         /// Portrait.
@@ -112,7 +112,7 @@ pub enum PortraitError {
         /// Why.
         source: WarpError,
     },
-    /// The face's FAPUs can not be measured.
+    /// The face's FAPUs cannot be measured.
     #[error("{id}: {source}")]
     Fapus {
         /// Portrait.
