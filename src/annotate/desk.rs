@@ -411,7 +411,7 @@ fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
 /// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.
 fn version(entry: &SequenceEntry) -> String {
     let mut hasher = blake3::Hasher::new();
-    match fs::read(marks_path(entry)) {
+    match crate::input::read(&marks_path(entry)) {
         Ok(bytes) => hasher.update(&[1]).update(&bytes),
         Err(_) => hasher.update(&[0]),
     };

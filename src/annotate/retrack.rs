@@ -340,7 +340,7 @@ impl TrackDesk {
 /// The dataset of a run, by the name that `run.json` has, here or in a folder above the output.
 fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
     let path = out.join("run.json");
-    let bytes = fs::read(&path).map_err(|source| AnnotateError::Io { path, source })?;
+    let bytes = crate::input::read(&path).map_err(|source| AnnotateError::Io { path, source })?;
     let name = serde_json::from_slice::<serde_json::Value>(&bytes).ok();
     let name = name.and_then(|run| run["dataset"].as_str().map(str::to_owned)).unwrap_or_default();
     let resolved = fs::canonicalize(out).unwrap_or_else(|_| out.to_owned());
@@ -447,7 +447,7 @@ fn index_of(frames: &[TrackedFrame], number: u32) -> Result<usize, RequestError>
 fn version(csv: &Path) -> String {
     let mut hasher = blake3::Hasher::new();
     for path in [csv, &corrections_path(csv)] {
-        let bytes = fs::read(path);
+        let bytes = crate::input::read(path);
         hasher.update(&[u8::from(bytes.is_ok())]);
         hasher.update(blake3::hash(&bytes.unwrap_or_default()).as_bytes());
     }

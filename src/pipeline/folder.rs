@@ -72,7 +72,7 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         Err(e) => return Err(error(e).into()),
     };
     let record = out.join(RUN_JSON);
-    let earlier: Option<RunJson> = match fs::read(&record) {
+    let earlier: Option<RunJson> = match crate::input::read(&record) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => None,
         Err(source) => return Err(OutputError { path: record, source }.into()),
         Ok(bytes) => match serde_json::from_slice(&bytes) {

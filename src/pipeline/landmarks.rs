@@ -1,6 +1,6 @@
 //! One sequence given as landmarks, from its files to its track.
 
-use std::{collections::BTreeMap, fs, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf};
 
 use super::{
     MADE_BY, SequenceFailure, Stage, Workbench,
@@ -88,7 +88,7 @@ impl LandmarkSource {
         }
         for file in crate::dataset::landmark_files(&self.path).map_err(SequenceFailure::at(Stage::Dataset))? {
             let unreadable = |reason| LandmarksError::Io { path: file.clone(), reason };
-            let bytes = fs::read(&file).map_err(unreadable).map_err(SequenceFailure::at(Stage::Dataset))?;
+            let bytes = crate::input::read(&file).map_err(unreadable).map_err(SequenceFailure::at(Stage::Dataset))?;
             part(file_name(&file).as_bytes());
             part(&bytes);
         }

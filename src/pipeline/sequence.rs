@@ -2,7 +2,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -141,6 +140,12 @@ impl SequenceSource {
     }
 }
 
+fn read_any_length(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::io::Read::read_to_end(&mut crate::input::open_file(path)?, &mut bytes)?;
+    Ok(bytes)
+}
+
 pub(super) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
@@ -243,14 +248,14 @@ pub(super) fn track_or_reuse(
     make: impl FnOnce() -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure>,
     correct: impl FnOnce(&[TrackedFrame], &Corrections, &str) -> Result<Vec<TrackedFrame>, SequenceFailure>,
 ) -> Result<RunTrack, SequenceFailure> {
-    let json = fs::read(csv_path.with_extension("json")).unwrap_or_default();
+    let json = crate::input::read(csv_path.with_extension("json")).unwrap_or_default();
     let earlier: Option<TrackInfo> = serde_json::from_slice(&json).ok();
     let saved = saved_or_carried_over(csv_path, earlier.as_ref())?;
     let wanted = saved.as_ref().map(|s| &s.blake3);
     if let Some(info) = earlier.clone()
         && Some(info.inputs_blake3.as_str()) == inputs_blake3
         && info.corrections.as_ref().map(|c| &c.blake3) == wanted
-        && let Ok(csv) = fs::read(csv_path)
+        && let Ok(csv) = crate::input::read(csv_path)
         && blake3::hash(&csv).to_hex().as_str() == info.csv_blake3
         && let Ok(frames) = parse_track(csv_path, &csv)
     {
@@ -323,7 +328,7 @@ pub fn overlay_pictures(
         }
         let frame = frame.map_err(SequenceFailure::at(Stage::Track))?;
         let marks = if index == 0 { marks.as_slice() } else { &[] };
-        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks).map_err(SequenceFailure::at(Stage::Track))?;
+        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks);
         each(tracked.number, picture)?;
     }
     Ok(())

@@ -3,7 +3,7 @@
 use std::{fs, io, io::Read, path::Path, time::SystemTime};
 
 use super::{DecodeError, SequenceError};
-use crate::dataset::FrameSource;
+use crate::{dataset::FrameSource, input};
 
 /// Takes the bytes of a sequence's files in order.
 #[derive(Debug, Default)]
@@ -12,7 +12,7 @@ pub(super) struct ContentHasher(blake3::Hasher);
 impl ContentHasher {
     /// Reads a file; its name and the bytes given back are what is hashed.
     pub(super) fn read(&mut self, path: &Path) -> io::Result<Vec<u8>> {
-        let bytes = fs::read(path)?;
+        let bytes = input::read(path)?;
         self.begin(path, bytes.len() as u64);
         self.0.update(&bytes);
         Ok(bytes)
@@ -20,7 +20,7 @@ impl ContentHasher {
 
     /// Reads a file of any length piece by piece.
     fn read_through(&mut self, path: &Path) -> io::Result<()> {
-        let mut file = fs::File::open(path)?;
+        let mut file = input::open_file(path)?;
         let length = file.metadata()?.len();
         self.begin(path, length);
         let mut read = 0;
@@ -133,7 +133,7 @@ mod tests {
         reader.next().unwrap().unwrap();
         let before = fs::read(second(&source)).unwrap();
         GrayImage::from_pixel(4, 4, Luma([200])).save(second(&source)).unwrap();
-        assert_eq!(reader.next().unwrap().unwrap().to_image().unwrap().get_pixel(0, 0).0, [200]);
+        assert_eq!(reader.next().unwrap().unwrap().image().get_pixel(0, 0).0, [200]);
         // Put back, the file is what it was when it was planned; what was decoded is not.
         fs::write(second(&source), before).unwrap();
         reader.next().unwrap().unwrap();
