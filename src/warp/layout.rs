@@ -65,6 +65,11 @@ const LID_GAP: f64 = 0.10;
 /// Lips nearer than this, over the eye distance, count as closed: the fit cannot tell better.
 const CLOSED_GAP: f64 = 0.06;
 
+/// Upper and lower edge of the middle of each brow.
+pub const BROWS: [(u16, u16); 2] = [(16, 18), (49, 51)];
+/// Least and most thickness of a brow over its neutral one: hair moves, it does not stretch.
+const BROW_THICKNESS: (f64, f64) = (0.88, 1.12);
+
 /// A place between brow and lid.
 #[derive(Clone, Copy, Debug)]
 pub struct LidSkin {
@@ -136,7 +141,10 @@ pub fn source(nodes: &[Point2<f64>], frame: &Frame) -> (Vec<Point2<f64>>, bool) 
     let mut nodes = nodes.to_vec();
     let OpeningNodes { upper, lower, .. } = OPENINGS[0];
     let pairs = || (1..4).map(|k| (usize::from(upper[k]), usize::from(lower[k])));
-    let closed = pairs().all(|(a, b)| frame.height(&nodes[b]) - frame.height(&nodes[a]) < CLOSED_GAP * frame.eye_distance);
+    // The pair in the middle says it best: the outer ones are seldom marked, and full lips push them apart in a fit.
+    let is_near = |(a, b): (usize, usize), gap: f64| frame.height(&nodes[b]) - frame.height(&nodes[a]) < gap * frame.eye_distance;
+    let middle = (usize::from(upper[2]), usize::from(lower[2]));
+    let closed = pairs().all(|pair| is_near(pair, CLOSED_GAP)) || is_near(middle, CLOSED_GAP / 4.0);
     if closed {
         for (a, b) in pairs() {
             let middle = nalgebra::center(&nodes[a], &nodes[b]);
@@ -178,6 +186,17 @@ pub fn keep_apart(nodes: &mut [Point2<f64>], upper: u16, lower: u16, frame: &Fra
         let half = frame.down.into_inner() * (missing / 2.0);
         nodes[a] -= half;
         nodes[b] += half;
+    }
+}
+
+/// Keeps the brows as thick as they are on `neutral`, within a little: the lower edge gives way, the upper one is MPEG-4's feature point.
+pub fn keep_brows(nodes: &mut [Point2<f64>], neutral: &[Point2<f64>], frame: &Frame) {
+    for (upper, lower) in BROWS.map(|(a, b)| (usize::from(a), usize::from(b))) {
+        let thickness = |nodes: &[Point2<f64>]| frame.height(&nodes[lower]) - frame.height(&nodes[upper]);
+        let (was, is) = (thickness(neutral), thickness(nodes));
+        if was > 0.0 {
+            nodes[lower] += frame.down.into_inner() * (is.clamp(BROW_THICKNESS.0 * was, BROW_THICKNESS.1 * was) - is);
+        }
     }
 }
 

@@ -227,6 +227,9 @@ impl Warp {
         check(nodes)?;
         let mut wanted: Vec<Point2<f64>> =
             (0..NODE_COUNT).map(|k| background.apply(&self.nodes[k]) + (nodes[k] - background.apply(&self.given[k]))).collect();
+        if *background == Similarity::identity() {
+            layout::keep_brows(&mut wanted, &self.nodes, &self.frame);
+        }
         self.separate(&mut wanted);
         let (vertices, rounds) = self.unfolded(&mut wanted, background);
         // Nodes that drive are where their vertex is; the others go with the skin or the eye around them.

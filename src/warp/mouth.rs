@@ -1,86 +1,273 @@
-//! The inside of a mouth: dark, the photograph's own teeth, or teeth that are drawn.
+//! The inside of a mouth: the photograph's own, or one that is made of what real mouths show.
+//!
+//! The made one has, from back to front: a cavity that is lit the more the further the lips part, a tongue that lies behind the lower
+//! teeth, the lower arch, which goes with the jaw, and the upper arch, which hangs from the skull (a raised lip bares it, a dropped jaw does
+//! not). The teeth are a picture: the mean of what 24 people's smiles show, aligned tooth by tooth and mirrored, so that they are nobody's
+//! own (`candide/teeth.png`; `candide/README.md` says from whom and how). Near a lip everything is in its shadow, and the lip's own colour
+//! runs a little way in, because a lip is round and wet and not cut out of paper.
 
+use std::sync::OnceLock;
+
+use image::{Rgba32FImage, RgbaImage};
 use nalgebra::{Point2, Vector2};
 
 use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, openings::smooth_step};
 
-/// The inside of a mouth of which no picture is known.
-pub fn dark(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, gap: f64, layer: &mut Layer) {
-    // Lip colour under the light of the photograph.
-    let lips = [8_usize, 85, 86].map(|n| texture.sample(warp.nodes[n] + (warp.nodes[40] - warp.nodes[8]) * 0.4));
-    let lip: [f32; 3] = std::array::from_fn(|c| (lips[0][c] + lips[1][c] + lips[2][c]) / 3.0);
-    let last = opening.upper.len() as f64 - 1.0;
-    let mut place: Vec<(u32, Point2<f64>)> = Vec::new();
-    for (edge, t) in [(&opening.upper, 0.0), (&opening.lower, 1.0)] {
-        for (k, &v) in edge.iter().enumerate() {
-            place.push((v, Point2::new(k as f64 / last, t)));
-        }
-    }
-    place.sort_by_key(|p| p.0);
-    let at = |v: u32| place.binary_search_by_key(&v, |p| p.0).map_or(Point2::origin(), |k| place[k].1);
-    let wide = smooth_step(0.10, 0.30, gap / warp.frame.eye_distance);
+/// The mean picture of the upper teeth.
+const TEETH: &[u8] = include_bytes!("../../candide/teeth.png");
+/// Its scale: pixels for each eye distance.
+const TEETH_SCALE: f64 = 220.0;
+/// Where in it the midline meets the edge of the incisors, px.
+const TEETH_ORIGIN: (f64, f64) = (110.17, 44.5);
+/// Its level of a tooth as bright as the brightest of the mouth it is from.
+const TEETH_WHITE: f32 = 200.0;
+
+/// How far the upper incisors reach below the closed lips, over the eye distance (2 mm of a mean 63 mm between the pupils).
+const UPPER_BELOW_LIPS: f64 = 0.032;
+/// The same for the edge of the lower ones, which bite behind them.
+const LOWER_BELOW_LIPS: f64 = 0.012;
+/// Size of the lower teeth over that of the upper ones, across and down.
+const LOWER_SIZE: (f64, f64) = (0.70, 0.75);
+/// Most that the lower lip, which goes with the jaw, leaves bare of the lower teeth, over the eye distance.
+const LOWER_ABOVE_LIP: f64 = 0.022;
+/// Share of the chin's way that the lower incisors go: they are nearer to the joint of the jaw.
+const LOWER_SHARE: f64 = 0.88;
+/// Height of what a raised lip bares above the teeth, over the eye distance.
+const GUM_ABOVE: f64 = 0.118;
+
+/// Whether the inside of the mouth shows teeth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arches {
+    /// Both rows.
+    Shown,
+    /// None: cavity and tongue alone.
+    Hidden,
+}
+
+/// What an inside is made of, at one frame.
+struct Interior<'a> {
+    /// Where the closed lips meet on the skull, px.
+    origin: Point2<f64>,
+    across: Vector2<f64>,
+    down: Vector2<f64>,
+    unit: f64,
+    /// Inner edges of the lips in the mouth's own axes, in eye distances, by x.
+    upper: Vec<(f64, f64)>,
+    lower: Vec<(f64, f64)>,
+    /// How far the jaw has dropped, in eye distances.
+    jaw: f64,
+    /// Widest distance of the lips, in eye distances.
+    gap: f64,
+    lip: [f32; 3],
+    enamel: [f32; 3],
+    teeth: Option<&'a Rgba32FImage>,
+}
+
+/// Draws the inside of a mouth that the photograph does not show. `layer` holds the colours of the nearest lip.
+pub fn made(
+    warp: &Warp,
+    opening: &OpeningMesh,
+    texture: &Texture,
+    deformation: &Deformation,
+    gap_px: f64,
+    arches: Arches,
+    layer: &mut Layer,
+) {
     for triangle in &opening.triangles {
         let to = triangle.map(|v| deformation.vertices[v as usize]);
-        layer.fill(to, triangle.map(at), |at, _| {
-            let side = (std::f64::consts::PI * at.x.clamp(0.0, 1.0)).sin();
-            let tongue = wide * smooth_step(0.45, 0.95, at.y) * side;
-            let light = 0.12 + 0.10 * side * at.y + 0.26 * tongue;
-            let warm = [1.0, 0.72 + 0.1 * tongue, 0.70 + 0.1 * tongue];
-            std::array::from_fn(|c| lip[c] * (light * warm[c]) as f32)
-        });
+        layer.fill(to, [Point2::origin(); 3], |_, lip| lip);
+    }
+    let interior = Interior::new(warp, opening, texture, deformation, gap_px, arches);
+    let (left, top, width) = (layer.left, layer.top, layer.width);
+    for (k, (colour, is_set)) in layer.pixels.iter_mut().enumerate() {
+        if *is_set {
+            let place = Point2::new(f64::from(left + k as u32 % width), f64::from(top + k as u32 / width));
+            *colour = interior.colour(place, *colour);
+        }
     }
 }
 
-/// Right edges of the upper teeth from the midline, over the eye distance: incisors, canine, premolars (8.5, 6.5, 7.5, 7 and 7 mm of a
-/// mean 63 mm between the pupils, the outer ones foreshortened).
-const TOOTH_EDGES: [f64; 6] = [0.130, 0.225, 0.315, 0.385, 0.435, 0.475];
-/// Where the row begins to be lost in the dark of the cheeks, and where it is, over the eye distance from the midline.
-const LAST_TEETH: (f64, f64) = (0.26, 0.46);
-/// How far the incisors reach below the closed lips, over the eye distance (2 mm).
-const TEETH_BELOW_LIPS: f64 = 0.032;
-
-/// Draws the upper teeth over a dark mouth.
-pub fn teeth(warp: &Warp, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
-    let unit = warp.frame.eye_distance;
-    let down = warp.frame.down.into_inner();
-    let across = Vector2::new(down.y, -down.x);
-    // The skull goes with the base of the nose; the teeth end a little below the middle of the closed lips.
-    let moved = deformation.nodes[6] - warp.nodes[6];
-    let middle = warp.nodes[87] + moved;
-    let enamel = enamel(warp, texture);
-    let upper_lip = |x: f64| -> f64 {
-        let points = [88_usize, 81, 87, 82, 89].map(|n| deformation.nodes[n] - middle);
-        let at = points.map(|p| (p.dot(&across), p.dot(&down)));
-        at.windows(2)
-            .find(|w| (x - w[0].0) * (x - w[1].0) <= 0.0)
-            .map_or(0.0, |w| w[0].1 + (w[1].1 - w[0].1) * (x - w[0].0) / (w[1].0 - w[0].0 + 1e-9))
-    };
-    let (left, top, width) = (layer.left, layer.top, layer.width);
-    for (k, (colour, is_set)) in layer.pixels.iter_mut().enumerate() {
-        if !*is_set {
-            continue;
-        }
-        let place = Point2::new(f64::from(left + k as u32 % width), f64::from(top + k as u32 / width)) - middle;
-        let (x, y) = (place.dot(&across), place.dot(&down));
-        let side = x.abs() / unit;
-        let Some(tooth) = TOOTH_EDGES.iter().position(|&edge| side < edge) else { continue };
-        let from = if tooth == 0 { 0.0 } else { TOOTH_EDGES[tooth - 1] };
-        let within = (side - from) / (TOOTH_EDGES[tooth] - from);
-        // The row curves up towards the sides, and every tooth is rounded.
-        let round = (2.0 * within - 1.0).powi(4) * 0.010;
-        let edge = (TEETH_BELOW_LIPS - 0.20 * side * side - round - if tooth == 1 { 0.006 } else { 0.0 }) * unit;
-        let cover = ((edge - y) / (0.008 * unit).max(0.7)).clamp(0.0, 1.0);
-        let seam = smooth_step(0.0, 0.012, within.min(1.0 - within) * (TOOTH_EDGES[tooth] - from));
-        // Darker under the lip, between the teeth and towards the corners of the mouth, where the row is lost in the dark.
-        let shade = smooth_step(-0.01, 0.055, (y - upper_lip(x)) / unit);
-        let brightness = (0.55 + 0.45 * shade) * (0.84 + 0.16 * seam) * (1.0 - 1.9 * side * side);
-        // So are edges that the lip all but hides.
-        let bared = smooth_step(0.0, 0.03, (edge - upper_lip(x)) / unit);
-        let cover = cover * bared * (1.0 - smooth_step(LAST_TEETH.0, LAST_TEETH.1, side));
-        for c in 0..3 {
-            colour[c] += (enamel[c] * brightness as f32 - colour[c]) * cover as f32;
+impl<'a> Interior<'a> {
+    fn new(
+        warp: &Warp,
+        opening: &OpeningMesh,
+        texture: &Texture,
+        deformation: &Deformation,
+        gap_px: f64,
+        arches: Arches,
+    ) -> Interior<'a> {
+        let unit = warp.frame.eye_distance;
+        let down = warp.frame.down.into_inner();
+        let across = Vector2::new(down.y, -down.x);
+        // The skull goes with the base of the nose.
+        let moved = deformation.nodes[6] - warp.nodes[6];
+        let rest = nalgebra::center(&warp.nodes[87], &warp.nodes[40]);
+        let origin = rest + moved;
+        let edge = |vertices: &[u32]| {
+            let mut line: Vec<(f64, f64)> = vertices
+                .iter()
+                .map(|&v| {
+                    let p = deformation.vertices[v as usize] - origin;
+                    (p.dot(&across) / unit, p.dot(&down) / unit)
+                })
+                .collect();
+            line.sort_by(|a, b| a.0.total_cmp(&b.0));
+            line
+        };
+        let chin = deformation.nodes[10] - warp.nodes[10] - moved;
+        let inwards = warp.nodes[40] - warp.nodes[8];
+        let lips = [8_usize, 85, 86].map(|n| texture.sample(warp.nodes[n] + inwards * 0.4));
+        Interior {
+            origin,
+            across,
+            down,
+            unit,
+            upper: edge(&opening.upper),
+            lower: edge(&opening.lower),
+            jaw: (chin.dot(&down) / unit).max(0.0),
+            gap: gap_px / unit,
+            lip: std::array::from_fn(|c| (lips[0][c] + lips[1][c] + lips[2][c]) / 3.0),
+            enamel: enamel(warp, texture),
+            teeth: match arches {
+                Arches::Shown => teeth(),
+                Arches::Hidden => None,
+            },
         }
     }
+
+    /// Colour at a pixel between the lips, `lip` being that of the nearest lip.
+    fn colour(&self, place: Point2<f64>, lip: [f32; 3]) -> [f32; 3] {
+        let p = place - self.origin;
+        let (x, y) = (p.dot(&self.across) / self.unit, p.dot(&self.down) / self.unit);
+        let (Some(upper), Some(lower)) = (line_at(&self.upper, x), line_at(&self.lower, x)) else { return lip };
+        let (below_upper, above_lower) = (y - upper, lower - y);
+        let corners = (self.upper[0].0, self.upper[self.upper.len() - 1].0);
+        let from_corner = (x - corners.0).min(corners.1 - x);
+        // Light falls in from the front and above: more of it the further the lips part, less in the corners.
+        let open = smooth_step(0.02, 0.40, self.gap);
+        let side = smooth_step(0.0, 0.20, from_corner);
+        let depth = (below_upper / (lower - upper).max(1e-6)).clamp(0.0, 1.0);
+        let mut colour = self.tinted([1.0, 0.60, 0.57], 0.12 + (0.14 + 0.16 * depth) * open * side);
+        self.lay_tongue((x, y), lower, open, &mut colour);
+        self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
+        // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
+        let shadow = (0.62 + 0.38 * smooth_step(0.0, 0.05, below_upper)) * (0.80 + 0.20 * smooth_step(0.0, 0.025, above_lower));
+        let width = 0.022_f64.min(0.35 * (lower - upper).max(0.0)).max(1e-6);
+        let round = (1.0 - smooth_step(0.0, width, below_upper)).max(1.0 - smooth_step(0.0, 1.2 * width, above_lower));
+        std::array::from_fn(|c| {
+            let wet = lip[c] * [0.74, 0.60, 0.60][c];
+            let inside = colour[c] * shadow as f32;
+            inside + (wet - inside) * (0.8 * round) as f32
+        })
+    }
+
+    /// The colour of the lips, made redder by `warm`, at a brightness.
+    fn tinted(&self, warm: [f32; 3], light: f64) -> [f32; 3] {
+        // Flesh in the light that falls on the lips: half as they are, half as the inside of every mouth is.
+        let luma = (0.3 * self.lip[0] + 0.59 * self.lip[1] + 0.11 * self.lip[2]).max(60.0);
+        let flesh = [1.45, 0.86, 0.84].map(|c| c * luma);
+        std::array::from_fn(|c| (0.4 * self.lip[c] + 0.6 * flesh[c]) * warm[c] * light as f32)
+    }
+
+    /// The tongue: a mound behind the lower teeth, lighter towards its tip, with a shallow groove.
+    fn lay_tongue(&self, (x, y): (f64, f64), lower: f64, open: f64, colour: &mut [f32; 3]) {
+        let half = 0.42 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
+        let within = 1.0 - (x / half.max(1e-6)).powi(2);
+        if within <= 0.0 {
+            return;
+        }
+        let floor = line_at(&self.lower, 0.0).unwrap_or(lower);
+        let height = 0.50 * self.gap * within.sqrt();
+        let top = floor - height;
+        let cover = smooth_step(-0.012, 0.022, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
+        let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
+        let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
+        let light = (0.40 + 0.42 * towards_tip) * (0.60 + 0.40 * open) * groove * (0.7 + 0.3 * within);
+        let tongue = self.tinted([1.0, 0.84, 0.83], light);
+        (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
+    }
+
+    /// Both rows of teeth and the gum above the upper one.
+    fn lay_arches(&self, (x, y): (f64, f64), below_upper: f64, above_lower: f64, from_corner: f64, colour: &mut [f32; 3]) {
+        let Some(picture) = self.teeth else { return };
+        // Lost in the dark of the cheeks towards the corners.
+        let side = 0.25 + 0.75 * smooth_step(0.0, 0.16, from_corner);
+        let row = |dx: f64, dy: f64, brightness: f64, colour: &mut [f32; 3]| {
+            let Some((tooth, cover)) = sampled(picture, dx, dy) else { return };
+            let cover = cover * smooth_step(0.0, 0.035, from_corner) as f32;
+            for c in 0..3 {
+                let lit = tooth[c] / TEETH_WHITE * self.enamel[c] * (brightness * side) as f32;
+                colour[c] += (lit - colour[c]) * cover;
+            }
+        };
+        // The lower row is deeper in the mouth, and in the shadow of all that is above it.
+        let lip = line_at(&self.lower, 0.0).unwrap_or(0.0);
+        let lower_y = y - (LOWER_BELOW_LIPS + LOWER_SHARE * self.jaw).max(lip - LOWER_ABOVE_LIP);
+        let lower_light = 0.62 + 0.16 * smooth_step(0.0, 0.30, self.gap);
+        let shown = smooth_step(0.02, 0.08, self.jaw);
+        if shown > 0.0 {
+            let before = *colour;
+            row(
+                x / LOWER_SIZE.0,
+                -lower_y / LOWER_SIZE.1,
+                lower_light * (0.7 + 0.3 * smooth_step(0.0, 0.02, above_lower)),
+                colour,
+            );
+            (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * shown as f32);
+        }
+        let upper_y = y - UPPER_BELOW_LIPS;
+        // Above the crowns is gum.
+        let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
+        if gum > 0.0 {
+            let pink = self.tinted([1.0, 0.80, 0.80], 0.62 * side);
+            (0..3).for_each(|c| colour[c] += (pink[c] - colour[c]) * gum as f32);
+        }
+        let light = 0.72 + 0.28 * smooth_step(0.0, 0.06, below_upper);
+        // A sliver of tooth that the lip all but hides is in the lip's shadow.
+        let bared = smooth_step(0.0, 0.03, below_upper + above_lower);
+        let before = *colour;
+        row(x, upper_y, light, colour);
+        (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * bared as f32);
+    }
+}
+
+/// Height of a line at `x`; `None` outside of it.
+fn line_at(line: &[(f64, f64)], x: f64) -> Option<f64> {
+    let k = line.partition_point(|p| p.0 < x);
+    let (a, b) = (line.get(k.checked_sub(1)?)?, line.get(k)?);
+    Some(a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0).max(1e-9))
+}
+
+/// The mean picture of the upper teeth, in levels; `None` if it could not be decoded.
+fn teeth() -> Option<&'static Rgba32FImage> {
+    static PICTURE: OnceLock<Option<Rgba32FImage>> = OnceLock::new();
+    PICTURE
+        .get_or_init(|| {
+            let picture: RgbaImage = image::load_from_memory_with_format(TEETH, image::ImageFormat::Png).ok()?.to_rgba8();
+            let mut levels = Rgba32FImage::new(picture.width(), picture.height());
+            for (to, from) in levels.pixels_mut().zip(picture.pixels()) {
+                to.0 = from.0.map(f32::from);
+            }
+            Some(levels)
+        })
+        .as_ref()
+}
+
+/// Colour (levels) and cover (0 to 1) of the upper teeth at a place from the midline at the edge of the incisors, in eye distances, y down.
+fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)> {
+    let (x, y) = (TEETH_ORIGIN.0 + x * TEETH_SCALE, TEETH_ORIGIN.1 + y * TEETH_SCALE);
+    let (left, top) = (x.floor(), y.floor());
+    let inside = left >= 0.0 && top >= 0.0 && left + 1.0 < f64::from(picture.width()) && top + 1.0 < f64::from(picture.height());
+    if !inside {
+        return None;
+    }
+    let (fx, fy) = ((x - left) as f32, (y - top) as f32);
+    let mut sum = [0.0_f32; 4];
+    for (dx, dy, share) in [(0, 0, (1.0 - fx) * (1.0 - fy)), (1, 0, fx * (1.0 - fy)), (0, 1, (1.0 - fx) * fy), (1, 1, fx * fy)] {
+        let pixel = picture.get_pixel(left as u32 + dx, top as u32 + dy).0;
+        (0..4).for_each(|c| sum[c] += share * pixel[c]);
+    }
+    Some(([sum[0], sum[1], sum[2]], sum[3] / 255.0))
 }
 
 /// Colour of teeth in the light of the photograph: as bright as the white of its eyes (the second brightest of four places, which a
@@ -97,8 +284,8 @@ fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
     });
     whites.sort_by(f32::total_cmp);
     let skin = [27_usize, 60, 90, 91].map(|n| luma(warp.nodes[n])).iter().sum::<f32>() / 4.0;
-    let light = (skin * 0.95 + 55.0).max(whites[2]).min(228.0);
-    [1.0, 0.965, 0.90].map(|c| c * light)
+    let light = (skin * 0.95 + 45.0).max(whites[2]).min(222.0);
+    [1.02, 0.99, 0.95].map(|c| c * light)
 }
 
 /// Draws what the photograph shows in its open mouth over the dark: it stays with the skull, and where the mouth is now wider open than
@@ -115,5 +302,37 @@ pub fn own(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &
     for triangle in &opening.triangles {
         let from = triangle.map(|v| warp.source[v as usize]);
         layer.fill(triangle.map(at), from, |at, _| texture.sample(at));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_teeth_are_white_at_the_incisors_and_nothing_below_their_edge() {
+        let picture = teeth().unwrap();
+        let (colour, cover) = sampled(picture, 0.05, -0.06).unwrap();
+        assert!(cover > 0.95 && colour.iter().all(|&c| c > 140.0), "{colour:?} {cover}");
+        assert!(sampled(picture, 0.05, 0.03).is_none_or(|(_, cover)| cover < 0.05));
+        assert!(sampled(picture, 3.0, 0.0).is_none());
+    }
+
+    #[test]
+    fn the_shipped_teeth_are_the_same_on_both_sides() {
+        let picture = teeth().unwrap();
+        for x in [0.03, 0.1, 0.2, 0.3] {
+            let (left, right) = (sampled(picture, -x, -0.07).unwrap(), sampled(picture, x, -0.07).unwrap());
+            assert!((left.1 - right.1).abs() < 0.12 && (left.0[1] - right.0[1]).abs() < 12.0, "{x}: {left:?} {right:?}");
+        }
+    }
+
+    #[test]
+    fn lines_are_followed_and_end() {
+        let line = [(0.0, 1.0), (2.0, 3.0), (4.0, 3.0)];
+        assert_eq!(line_at(&line, 1.0), Some(2.0));
+        assert_eq!(line_at(&line, 3.0), Some(3.0));
+        assert_eq!(line_at(&line, 4.5), None);
+        assert_eq!(line_at(&line, -0.5), None);
     }
 }

@@ -9,7 +9,8 @@ use super::{
     layout::{OPENINGS, Opening, OpeningNodes},
     mesh::{OpeningMesh, distance_to_line},
     motion::eye_motion,
-    mouth, sample,
+    mouth::{self, Arches},
+    sample,
 };
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
@@ -50,11 +51,10 @@ pub fn draw(
             }
         }
         (Opening::Mouth, MouthInside::Dark | MouthInside::Teeth) => {
-            mouth::dark(warp, opening, texture, deformation, gap, &mut layer);
+            let arches = if warp.closed && matches!(inside, MouthInside::Teeth) { Arches::Shown } else { Arches::Hidden };
+            mouth::made(warp, opening, texture, deformation, gap, arches, &mut layer);
             if !warp.closed {
                 mouth::own(warp, opening, texture, deformation, &mut layer);
-            } else if matches!(inside, MouthInside::Teeth) {
-                mouth::teeth(warp, texture, deformation, &mut layer);
             }
         }
         _ => {
