@@ -110,10 +110,7 @@ pub enum FitWarning {
         /// How far off it is, percent of the eye distance.
         percent: f64,
     },
-    /// Triangles that could not be turned back, because positions set by hand hold them.
-    #[error("{count} triangles of the wireframe are turned over; look at the positions that are set by hand")]
-    Turned {
-        /// How many.
-        count: usize,
-    },
+    /// Triangles that the marks turn over.
+    #[error("the marks turn parts of the wireframe over; look at it, in a picture of the fit")]
+    Turned,
 }

@@ -184,25 +184,18 @@ impl Fitter {
         let nodes = self.springs.deform(wireframe, &rest, &targets)?;
         let upright = frontal.iter().map(|p| flip(image_from_face.apply(p))).collect();
         let view = Frontal::new(wireframe, &frontal, upright);
-        let Unfolded { nodes, turned, mended } = unfold(&self.springs, wireframe, &rest, &targets, nodes, &view)?;
+        let warned = strays.iter().map(|s| doubtful(&marks[s.index], s.distance)).collect();
+        let (nodes, warnings) = match unfold(&self.springs, wireframe, &rest, &targets, &nodes, &view)? {
+            Some(unfolded) => choose(marks, nodes, unfolded, eye_distance, warned)?,
+            None => (nodes, warned),
+        };
         let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
-        let behind = if mended { left_behind(marks, &nodes, eye_distance)? } else { Vec::new() };
-        let doubtful = |s: &Stray| {
-            let Correspondence { node, position, .. } = marks[s.index];
-            FitWarning::Doubtful { node, x: position.x, y: position.y, percent: 100.0 * s.distance }
-        };
-        let mut warnings: Vec<FitWarning> = strays.iter().map(doubtful).collect();
-        let known = |w: &FitWarning| {
-            strays.iter().any(|s| matches!(w, FitWarning::Doubtful { node, .. } if *node == marks[s.index].node))
-        };
-        warnings.extend(behind.into_iter().filter(|w| !known(w)));
-        let turned = (turned > 0).then_some(FitWarning::Turned { count: turned });
         Ok(FittedWireframe {
             model: FrameExpressionModel::new(nodes),
             image_from_face,
             correspondences: marks.to_vec(),
             residuals,
-            warnings: warnings.into_iter().chain(turned).collect(),
+            warnings,
         })
     }
 
@@ -248,37 +241,45 @@ impl Fitter {
     }
 }
 
-/// Distance over the eye distance at which a mark that was given up so that no triangle is turned was wrong; ...
+/// Distance over the eye distance beyond which no mark is given up for a triangle.
 const GIVEN_UP: f64 = 0.3;
-/// ... and at which it should be looked at.
+/// Distance over the eye distance at which a mark that was left behind should be looked at.
 const LEFT_BEHIND: f64 = 0.1;
+/// Marks from which on the others tell a wrong one ([`mistakes`]): the fit of fewer is refused when it would give up one of them.
+const TELLING: usize = 6;
 
-/// Refuses a mark that had to be left far behind to keep the wireframe from folding; gives those that were left behind a little.
-fn left_behind(marks: &[Correspondence], nodes: &[Point2<f64>], eye_distance: f64) -> Result<Vec<FitWarning>, FitError> {
+fn doubtful(mark: &Correspondence, distance: f64) -> FitWarning {
+    FitWarning::Doubtful { node: mark.node, x: mark.position.x, y: mark.position.y, percent: 100.0 * distance }
+}
+
+/// The nodes with their triangles turned back, or as the springs have them where that would give up a mark, and what to look at.
+fn choose(
+    marks: &[Correspondence],
+    plain: Vec<Point2<f64>>,
+    unfolded: Unfolded,
+    eye_distance: f64,
+    mut warnings: Vec<FitWarning>,
+) -> Result<(Vec<Point2<f64>>, Vec<FitWarning>), FitError> {
+    let Unfolded { nodes, turned } = unfolded;
     let distance = |m: &Correspondence| (nodes[m.node.index()] - m.position).norm() / eye_distance;
     // A mark of a large expected error may stay behind.
     let set = || marks.iter().filter(|m| m.expected_error.is_none_or(|e| e < LEFT_BEHIND * eye_distance));
-    if let Some(worst) = set().max_by(|a, b| distance(a).total_cmp(&distance(b)))
-        && distance(worst) > GIVEN_UP
-    {
-        let expected = nodes[worst.node.index()];
-        return Err(FitError::Outlier {
-            node: worst.node,
-            x: worst.position.x,
-            y: worst.position.y,
-            expected_x: expected.x,
-            expected_y: expected.y,
-            percent: 100.0 * distance(worst),
-            others: Vec::new(),
-        });
+    let worst = set().max_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|m| distance(m) > GIVEN_UP);
+    if let Some(&Correspondence { node, position, .. }) = worst {
+        if marks.len() >= TELLING {
+            warnings.push(FitWarning::Turned);
+            return Ok((plain, warnings));
+        }
+        let (expected, percent) = (nodes[node.index()], 100.0 * (nodes[node.index()] - position).norm() / eye_distance);
+        let (expected_x, expected_y, others) = (expected.x, expected.y, Vec::new());
+        return Err(FitError::Outlier { node, x: position.x, y: position.y, expected_x, expected_y, percent, others });
     }
-    let warning = |m: &Correspondence| FitWarning::Doubtful {
-        node: m.node,
-        x: m.position.x,
-        y: m.position.y,
-        percent: 100.0 * distance(m),
-    };
-    Ok(set().filter(|m| distance(m) > LEFT_BEHIND).map(warning).collect())
+    let known = |node| warnings.iter().any(|w| matches!(w, FitWarning::Doubtful { node: n, .. } if *n == node));
+    let behind: Vec<_> =
+        set().filter(|m| distance(m) > LEFT_BEHIND && !known(m.node)).map(|m| doubtful(m, distance(m))).collect();
+    warnings.extend(behind);
+    warnings.extend((turned > 0).then_some(FitWarning::Turned));
+    Ok((nodes, warnings))
 }
 
 /// Image space (y down) to the y-up plane in which shapes are compared, and back.

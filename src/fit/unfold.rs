@@ -28,26 +28,23 @@ const ROUNDS: usize = 40;
 pub(super) struct Unfolded {
     pub nodes: Vec<Point2<f64>>,
     pub turned: usize,
-    /// Whether anything was turned back.
-    pub mended: bool,
 }
 
-/// Turns triangles back: `nodes` are the springs' equilibrium from `rest` under `targets`, y down; `frontal` is the wireframe in face
-/// space, `scale` and `angle` its placement.
+/// Turns triangles back: `nodes` are the springs' equilibrium from `rest` under `targets`, y down. `None` when no triangle is turned.
 pub(super) fn unfold(
     springs: &Springs,
     wireframe: &Wireframe,
     rest: &[Point2<f64>],
     targets: &[Target],
-    nodes: Vec<Point2<f64>>,
+    nodes: &[Point2<f64>],
     frontal: &Frontal,
-) -> Result<Unfolded, SpringError> {
-    let mut turned = frontal.turned(wireframe, &nodes);
+) -> Result<Option<Unfolded>, SpringError> {
+    let mut turned = frontal.turned(wireframe, nodes);
     if turned.is_empty() {
-        return Ok(Unfolded { nodes, turned: 0, mended: false });
+        return Ok(None);
     }
-    let mut best = (turned.len(), nodes.clone());
-    let mut nodes = nodes;
+    let mut best = (turned.len(), nodes.to_vec());
+    let mut nodes = nodes.to_vec();
     // Of the struts of every triangle; 0 for one that never turned.
     let mut stiffness = vec![0.0; wireframe.triangles().len()];
     for _ in 0..ROUNDS {
@@ -71,7 +68,7 @@ pub(super) fn unfold(
             break;
         }
     }
-    Ok(Unfolded { nodes: best.1, turned: best.0, mended: true })
+    Ok(Some(Unfolded { nodes: best.1, turned: best.0 }))
 }
 
 /// The sides of a triangle that lies the right way round and is near `now`: its deformation from `shape` with bounded stretches. `None`
