@@ -19,7 +19,7 @@ use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use self::{
-    mistakes::{PlausibleFaces, Stray},
+    mistakes::PlausibleFaces,
     unfold::{Frontal, Unfolded, unfold},
 };
 use crate::{geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};

@@ -6,6 +6,7 @@ mod common;
 mod report_data;
 
 mod golden;
+mod marks_of_strangers;
 mod properties;
 mod report_html;
 mod scripted_tracker;
