@@ -18,6 +18,8 @@ mod fap;
 mod fit;
 mod init;
 mod lab;
+mod learn;
+mod locate;
 pub mod print;
 mod prior;
 pub mod progress;
@@ -29,6 +31,7 @@ mod track;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use grimace::text::message;
 
 /// Representative facial expressions from image sequences, as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
@@ -66,13 +69,17 @@ enum Command {
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
+    /// Find faces and their points.
+    Locate(locate::Args),
+    /// Learn what this program ships with, from your own data.
+    Learn(learn::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(lab::Args),
     /// Dense animation from the motion of feature points, by a bank of expression meshes.
     Synthesize(synthesize::Args),
     /// Banks of expression meshes for `synthesize`.
     Bank(bank::Args),
-    /// Experiments against ground truth: how right fit and tracker are.
+    /// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
     Evaluate(lab::Args),
 }
 
@@ -92,7 +99,7 @@ pub enum Outcome {
 
 /// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
 fn chain(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
+    error.chain().map(|cause| message(&cause.to_string()).into_owned()).fold(String::new(), |text, cause| {
         if text.contains(&cause) {
             text
         } else if text.is_empty() {
@@ -134,6 +141,8 @@ pub fn main() -> ExitCode {
         Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
+        Command::Locate(args) => locate::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Simulate(args) => lab::run("simulate", &args.arguments),
         Command::Synthesize(args) => synthesize::run(&args),
         Command::Bank(args) => bank::run(&args),

@@ -3,7 +3,7 @@
 use super::{MINIMUM_MARKS, SpringError};
 use crate::{geometry::SimilarityError, units::NodeId};
 
-/// Why a wireframe can not be fitted.
+/// Why a wireframe cannot be fitted.
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
     /// Too few marks.

@@ -6,7 +6,6 @@
 //!
 //! The wireframe of the result is in image space: here the y axis is flipped.
 
-mod correspondence;
 mod error;
 mod mistakes;
 mod prior;
@@ -24,7 +23,7 @@ use self::{
 };
 use crate::{geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};
 
-pub use correspondence::{
+pub use crate::correspondence::{
     COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences,
 };
