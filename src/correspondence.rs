@@ -279,7 +279,7 @@ mod tests {
     #[test]
     fn errors_name_file_line_and_value() {
         let message = |text: &[u8]| read(text).unwrap_err();
-        assert!(message(b"node,x\n1,2\n").starts_with("C.csv: has no column `y`; found `node`, `x`"));
+        assert!(message(b"node,x\n1,2\n").starts_with("C.csv, line 1: has no column `y`; found `node`, `x`"));
         assert!(message(b"node,x,y\n1,2,3\n2,a,3\n").starts_with("C.csv, line 3: x is `a`; a finite number was expected"));
         assert!(message(b"node,x,y\n1,NaN,3\n").contains("x is `NaN`"));
         assert!(message(b"node,x,y\n1,2,-inf\n").contains("y is `-inf`"));

@@ -281,7 +281,11 @@ impl Desk {
                 eye_distance: hundredth(eye_distance_px(&self.bench.tables, fitted.model.nodes()).unwrap_or(0.0)),
             },
             Err(error) => {
-                let node = if let FitError::Folded { node, .. } = error { Some(node) } else { None };
+                let node = match &error {
+                    FitError::Outlier { node, .. } => Some(*node),
+                    FitError::Exchanged { pairs } => pairs.first().map(|pair| pair.0),
+                    _ => None,
+                };
                 Fit::Problem { problem: error.to_string(), node }
             }
         }

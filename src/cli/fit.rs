@@ -91,6 +91,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             marks.len(),
             -fitted.image_from_face.angle.to_degrees(),
         );
+        for warning in &fitted.warnings {
+            println!("note: {warning}");
+        }
         if marks.len() < 5 {
             println!("note: 5 to 8 marks make a good fit");
         }

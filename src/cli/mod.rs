@@ -16,6 +16,7 @@ pub mod bank;
 mod clone;
 mod fap;
 mod fit;
+mod init;
 mod lab;
 mod learn;
 mod locate;
@@ -54,6 +55,8 @@ Exit status: 0 done, 1 failed, 2 bad usage, 3 done but some sequences failed.";
 enum Command {
     /// The main job: every stage over a dataset, to representatives, FAP files and a report.
     Run(run::Args),
+    /// Write a manifest for folders of images and videos.
+    Init(init::Args),
     /// Mark points on a local web page, or correct tracks.
     Annotate(annotate::Args),
     /// Fit the wireframe to one neutral face from marked points.
@@ -136,6 +139,7 @@ pub fn main() -> ExitCode {
     cli.pictures.apply();
     exit_code(match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Init(args) => init::run(&args),
         Command::Annotate(args) => annotate::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),

@@ -253,6 +253,7 @@ mod tests {
             image_from_face: Similarity::identity(),
             correspondences: Vec::new(),
             residuals: Vec::new(),
+            warnings: Vec::new(),
         };
         Target::from_fit("t", RgbImage::new(400, 400), fitted, bench)
     }

@@ -16,8 +16,8 @@ pub enum DatasetError {
     },
     /// Folders of frames, but nothing that says which emotions they show.
     #[error(
-        "{}: the emotions are not known; write manifest.csv into this folder with a line for every sequence, such as\n\
-         subject,sequence,emotion\n{subject},{sequence},happiness", root.display()
+        "{0}: the emotions are not known; `grimace init {0}` writes manifest.csv into this folder, to be filled in with a line for every \
+         sequence, such as\nsubject,sequence,emotion\n{subject},{sequence},happiness", root.display()
     )]
     NoManifest {
         /// The folder.
@@ -29,18 +29,27 @@ pub enum DatasetError {
     },
     /// Nothing that looks like sequences.
     #[error(
-        "{}: no sequences found; expected manifest.csv with the columns `subject,sequence,emotion`, or Cohn-Kanade's folders \
-         cohn-kanade-images/SUBJECT/SEQUENCE and Emotion/SUBJECT/SEQUENCE", root.display()
+        "{0}: no sequences found; expected manifest.csv with the columns `subject,sequence,emotion`, which `grimace init {0}` makes of \
+         folders of images and videos, or Cohn-Kanade's folders cohn-kanade-images/SUBJECT/SEQUENCE and Emotion/SUBJECT/SEQUENCE",
+        root.display()
     )]
     NothingFound {
         /// The folder.
         root: PathBuf,
     },
     /// Images in Cohn-Kanade's layout without the folder of labels.
-    #[error("{}: there is no folder Emotion beside it; put CK+'s emotion labels there, or write manifest.csv", images.display())]
+    #[error("{}: there is no folder Emotion beside it; put CK+'s emotion labels there, or let `grimace init` write manifest.csv and fill in the emotions", images.display())]
     NoEmotionFolder {
         /// Folder of the subjects' images.
         images: PathBuf,
+    },
+    /// A table of people without anybody of the dataset.
+    #[error("{}: none of its subjects is one of the dataset, whose first is `{subject}`", path.display())]
+    NobodyKnown {
+        /// The table.
+        path: PathBuf,
+        /// The first subject of the dataset.
+        subject: String,
     },
     /// A manifest's column that would pass for something to group by, and is hardly meant so.
     #[error("{}: the column `{found}` is not known; if it is `{meant}`, name it so, else name it less alike", path.display())]
@@ -138,6 +147,9 @@ pub enum DatasetError {
 /// What is wrong with a row of a manifest.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RowError {
+    /// An emotion that is still to be filled in.
+    #[error("the emotion is `?`; write which one the sequence shows, or take the row out")]
+    EmotionOpen,
     /// A required field without content.
     #[error("{column} is empty")]
     Empty {

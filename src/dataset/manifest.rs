@@ -147,6 +147,9 @@ fn entry(
     seen.insert(key, (row.line(), id.clone()));
     let emotion = row.get(columns.emotion).to_lowercase();
     check_file_name("emotion", &emotion)?;
+    if emotion == super::UNKNOWN_EMOTION {
+        return Err(RowError::EmotionOpen.into());
+    }
     let number = |column| given(column).map(|k| row.whole_number(k)).transpose();
     let (first_frame, last_frame) = (number(columns.first_frame)?, number(columns.last_frame)?);
     if let Some((first, last)) = first_frame.zip(last_frame).filter(|(first, last)| first >= last) {

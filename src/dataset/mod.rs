@@ -8,6 +8,7 @@ mod cohn_kanade;
 mod entry;
 mod error;
 mod frames;
+mod init;
 mod landmarks;
 mod manifest;
 
@@ -20,6 +21,7 @@ pub use entry::{CorrespondenceSource, SequenceEntry};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError};
 pub use frames::{FIRST_VIDEO_FRAME, FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, list_frames};
+pub use init::{ProposedManifest, ProposedRow, UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
     LandmarksError, correspondences_from_landmarks, landmark_files, read_landmarks, read_landmarks_with,

@@ -6,25 +6,28 @@
 //!
 //! The wireframe of the result is in image space: here the y axis is flipped.
 
+mod error;
+mod mistakes;
 mod prior;
 mod spring;
+mod unfold;
 
 use std::sync::Arc;
 
 use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    geometry::{Similarity, SimilarityError},
-    model::FrameExpressionModel,
-    units::{NodeId, Px},
-    wireframe::Wireframe,
+use self::{
+    mistakes::PlausibleFaces,
+    unfold::{Frontal, Unfolded, unfold},
 };
+use crate::{geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};
 
 pub use crate::correspondence::{
     COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences,
 };
+pub use error::{FitError, FitWarning};
 pub use prior::{
     DEFAULT_MODES, Explanation, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces, PRIOR_SCHEMA,
     PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
@@ -103,72 +106,6 @@ impl Default for FitOptions {
     }
 }
 
-/// Why a wireframe cannot be fitted.
-#[derive(Debug, thiserror::Error)]
-pub enum FitError {
-    /// Too few marks.
-    #[error("{found} marks; a fit needs at least {MINIMUM_MARKS}, and 5 to 8 for a good one")]
-    TooFewMarks {
-        /// Marks given.
-        found: usize,
-    },
-    /// The similarity is not determined.
-    #[error("the marks do not determine a placement: {0}")]
-    Placement(#[from] SimilarityError),
-    /// The springs have no equilibrium.
-    #[error(transparent)]
-    Springs(#[from] SpringError),
-    /// A mark at a node that the wireframe does not have.
-    #[error("mark at node {node}, but the wireframe has nodes 0 to {}", count.saturating_sub(1))]
-    NoSuchNode {
-        /// The node.
-        node: NodeId,
-        /// Nodes there are.
-        count: usize,
-    },
-    /// A prior over another wireframe.
-    #[error("the shape prior has {found} nodes, but the wireframe has {count}; choose another --prior")]
-    PriorNodes {
-        /// Nodes of the prior.
-        found: usize,
-        /// Nodes of the wireframe.
-        count: usize,
-    },
-    /// Options that name a prior file that was not read.
-    #[error("the shape prior with BLAKE3 {blake3} was not read from its file")]
-    PriorNotRead {
-        /// BLAKE3 of the file.
-        blake3: String,
-    },
-    /// Left and right were exchanged.
-    #[error(
-        "the marks fit the mirrored face: left and right are the subject's own, so the subject's left is on the right of the image; exchange them (or were x and y exchanged?)"
-    )]
-    Mirrored,
-    /// The marks turn parts of the wireframe over.
-    #[error(
-        "the marks fold {count} triangles of the wireframe: a mark is at a wrong place, or two are exchanged (left and right, inner and outer); look first at node {node}, marked at ({x}, {y})"
-    )]
-    Folded {
-        /// Triangles turned over.
-        count: usize,
-        /// The mark that fits worst.
-        node: NodeId,
-        /// Its x, px.
-        x: f64,
-        /// Its y, px.
-        y: f64,
-    },
-    /// The wireframe lies upside down in the image.
-    #[error(
-        "the marks place the face upside down (roll {degrees:.0} degrees): left and right are the subject's own, are marks exchanged?"
-    )]
-    UpsideDown {
-        /// Angle of the face's up against the image's up.
-        degrees: f64,
-    },
-}
-
 /// A wireframe fitted to the neutral frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedWireframe {
@@ -180,6 +117,8 @@ pub struct FittedWireframe {
     pub correspondences: Vec<Correspondence>,
     /// Distance of every correspondence's node to its mark after the fit, px, in the order of `correspondences`.
     pub residuals: Vec<f64>,
+    /// What should be looked at.
+    pub warnings: Vec<FitWarning>,
 }
 
 /// Fits wireframes of one topology; holds what does not change from face to face.
@@ -188,14 +127,13 @@ pub struct Fitter {
     springs: Springs,
     /// The priors that compete; empty for none.
     priors: Vec<ShapePrior>,
+    /// What tells wrong marks, whatever the priors.
+    plausible: PlausibleFaces,
     options: FitOptions,
 }
 
 /// Distance of the pupils of Candide-3, model units.
 const EYE_DISTANCE: f64 = 0.613;
-
-/// Largest roll of a plausible portrait, radians; beyond it the picture stands on its head.
-const MAX_ROLL: f64 = std::f64::consts::FRAC_PI_2;
 
 impl Fitter {
     /// A fitter for a wireframe.
@@ -211,7 +149,12 @@ impl Fitter {
             }
             PriorKind::File(LoadedPrior { prior, .. }) => prior.iter().map(|p| ShapePrior::clone(p)).collect(),
         };
-        Self { springs: Springs::new(wireframe), priors, options }
+        let known: Vec<ShapePrior> = match &options.prior {
+            PriorKind::File(_) => priors.iter().cloned().chain([ShapePrior::faces()]).collect(),
+            _ => vec![ShapePrior::faces()],
+        };
+        let plausible = PlausibleFaces::new(wireframe, &known, EYE_DISTANCE);
+        Self { springs: Springs::new(wireframe), priors, plausible, options }
     }
 
     /// Fits the wireframe to the marks.
@@ -231,32 +174,27 @@ impl Fitter {
         let frontal = wireframe.frontal();
         let source: Vec<_> = marks.iter().map(|m| frontal[m.node.index()]).collect();
         let image_from_face = Similarity::fit(&source, &seen, None)?;
-        if is_mirrored(&source, &seen, &image_from_face) {
-            return Err(FitError::Mirrored);
-        }
-        if image_from_face.angle.abs() > MAX_ROLL {
-            return Err(FitError::UpsideDown { degrees: image_from_face.angle.to_degrees() });
-        }
+        let strays = self.plausible.check(marks, &seen)?;
         let placed = self.expected(marks, &seen, count)?;
         let placed = placed.unwrap_or_else(|| frontal.iter().map(|p| image_from_face.apply(p)).collect());
         let rest: Vec<_> = placed.into_iter().map(flip).collect();
         let eye_distance = image_from_face.scale * EYE_DISTANCE;
         let targets: Vec<_> = marks.iter().map(|m| self.target(m, eye_distance)).collect();
         let nodes = self.springs.deform(wireframe, &rest, &targets)?;
-        let folded = folded_triangles(wireframe, &frontal, &nodes);
-        if folded >= FOLDED_TRIANGLES {
-            // The mark that the rigid placement explains worst is the likeliest to be wrong.
-            let misfit = |i: usize| (image_from_face.apply(&source[i]) - seen[i]).norm();
-            let worst = (0..marks.len()).max_by(|&a, &b| misfit(a).total_cmp(&misfit(b))).unwrap_or(0);
-            let Correspondence { node, position, .. } = marks[worst];
-            return Err(FitError::Folded { count: folded, node, x: position.x, y: position.y });
-        }
+        let upright = frontal.iter().map(|p| flip(image_from_face.apply(p))).collect();
+        let view = Frontal::new(wireframe, &frontal, upright);
+        let warned = strays.iter().map(|s| doubtful(&marks[s.index], s.distance)).collect();
+        let (nodes, warnings) = match unfold(&self.springs, wireframe, &rest, &targets, &nodes, &view)? {
+            Some(unfolded) => choose(marks, nodes, unfolded, eye_distance, warned)?,
+            None => (nodes, warned),
+        };
         let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
         Ok(FittedWireframe {
             model: FrameExpressionModel::new(nodes),
             image_from_face,
             correspondences: marks.to_vec(),
             residuals,
+            warnings,
         })
     }
 
@@ -302,32 +240,45 @@ impl Fitter {
     }
 }
 
-/// Folded triangles from which on a fit is refused.
-const FOLDED_TRIANGLES: usize = 3;
+/// Distance over the eye distance beyond which no mark is given up for a triangle.
+const GIVEN_UP: f64 = 0.3;
+/// Distance over the eye distance at which a mark that was left behind should be looked at.
+const LEFT_BEHIND: f64 = 0.1;
+/// Marks from which on the others tell a wrong one ([`mistakes`]): the fit of fewer is refused when it would give up one of them.
+const TELLING: usize = 6;
 
-/// Least area of a triangle, model units squared, that counts as folded: slivers at lids and closed lips turn over without harm.
-const FOLDED_AREA: f64 = 2e-3;
-
-/// Number of triangles that lie the other way round than in the frontal view.
-fn folded_triangles(wireframe: &Wireframe, frontal: &[Point2<f64>], nodes: &[Point2<f64>]) -> usize {
-    let area = |points: &[Point2<f64>], [a, b, c]: &[NodeId; 3]| {
-        (points[b.index()] - points[a.index()]).perp(&(points[c.index()] - points[a.index()])) / 2.0
-    };
-    // y is down in the image, so an unfolded triangle changes its sign.
-    let folded = |t: &&[NodeId; 3]| area(frontal, t).abs() > FOLDED_AREA && area(frontal, t) * area(nodes, t) > 0.0;
-    wireframe.triangles().iter().filter(folded).count()
+fn doubtful(mark: &Correspondence, distance: f64) -> FitWarning {
+    FitWarning::Doubtful { node: mark.node, x: mark.position.x, y: mark.position.y, percent: 100.0 * distance }
 }
 
-/// Share of the direct placement's squared error below which a mirrored placement says that left and right were exchanged.
-const MIRRORED_ERROR: f64 = 0.25;
-
-/// Whether the marks lie much better on the mirrored wireframe than on the wireframe itself.
-fn is_mirrored(source: &[Point2<f64>], seen: &[Point2<f64>], direct: &Similarity) -> bool {
-    let error = |points: &[Point2<f64>], placement: &Similarity| -> f64 {
-        points.iter().zip(seen).map(|(p, q)| (placement.apply(p) - q).norm_squared()).sum()
-    };
-    let mirrored: Vec<_> = source.iter().map(|p| Point2::new(-p.x, p.y)).collect();
-    Similarity::fit(&mirrored, seen, None).is_ok_and(|m| error(&mirrored, &m) < MIRRORED_ERROR * error(source, direct))
+/// The nodes with their triangles turned back, or as the springs have them where that would give up a mark, and what to look at.
+fn choose(
+    marks: &[Correspondence],
+    plain: Vec<Point2<f64>>,
+    unfolded: Unfolded,
+    eye_distance: f64,
+    mut warnings: Vec<FitWarning>,
+) -> Result<(Vec<Point2<f64>>, Vec<FitWarning>), FitError> {
+    let Unfolded { nodes, turned } = unfolded;
+    let distance = |m: &Correspondence| (nodes[m.node.index()] - m.position).norm() / eye_distance;
+    // A mark of a large expected error may stay behind.
+    let set = || marks.iter().filter(|m| m.expected_error.is_none_or(|e| e < LEFT_BEHIND * eye_distance));
+    let worst = set().max_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|m| distance(m) > GIVEN_UP);
+    if let Some(&Correspondence { node, position, .. }) = worst {
+        if marks.len() >= TELLING {
+            warnings.push(FitWarning::Turned);
+            return Ok((plain, warnings));
+        }
+        let (expected, percent) = (nodes[node.index()], 100.0 * (nodes[node.index()] - position).norm() / eye_distance);
+        let (expected_x, expected_y, others) = (expected.x, expected.y, Vec::new());
+        return Err(FitError::Outlier { node, x: position.x, y: position.y, expected_x, expected_y, percent, others });
+    }
+    let known = |node| warnings.iter().any(|w| matches!(w, FitWarning::Doubtful { node: n, .. } if *n == node));
+    let behind: Vec<_> =
+        set().filter(|m| distance(m) > LEFT_BEHIND && !known(m.node)).map(|m| doubtful(m, distance(m))).collect();
+    warnings.extend(behind);
+    warnings.extend((turned > 0).then_some(FitWarning::Turned));
+    Ok((nodes, warnings))
 }
 
 /// Image space (y down) to the y-up plane in which shapes are compared, and back.

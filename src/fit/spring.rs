@@ -13,7 +13,7 @@
 //! and y interact. KP do not say how springs act along and across themselves; this membrane is the linear choice that has one
 //! equilibrium for any target and never folds on small forces.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Point2};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Point2, Vector2};
 
 use crate::{units::NodeId, wireframe::Wireframe};
 
@@ -47,6 +47,19 @@ pub struct Target {
     pub position: Point2<f64>,
     /// How hard.
     pub pull: Pull,
+}
+
+/// A side that two nodes should have, from one to the other, beside the springs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Strut {
+    /// Where it starts.
+    pub from: NodeId,
+    /// Where it ends.
+    pub to: NodeId,
+    /// The end's place less the start's.
+    pub offset: Vector2<f64>,
+    /// Over that of a spring, > 0.
+    pub stiffness: f64,
 }
 
 /// A deformation that has no unique answer.
@@ -126,6 +139,17 @@ impl Springs {
         rest: &[Point2<f64>],
         targets: &[Target],
     ) -> Result<Vec<Point2<f64>>, SpringError> {
+        self.deform_with(wireframe, rest, targets, &[])
+    }
+
+    /// As [`Self::deform`], with struts beside the springs; those at nodes in no triangle are passed over.
+    pub(super) fn deform_with(
+        &self,
+        wireframe: &Wireframe,
+        rest: &[Point2<f64>],
+        targets: &[Target],
+        struts: &[Strut],
+    ) -> Result<Vec<Point2<f64>>, SpringError> {
         if targets.is_empty() {
             return Err(SpringError::NoTarget);
         }
@@ -149,6 +173,20 @@ impl Springs {
             displacement[2 * i] += force.x;
             displacement[2 * i + 1] += force.y;
         }
+        for strut in struts {
+            let place = |node: NodeId| self.place.get(node.index()).copied().flatten();
+            let (Some(i), Some(j)) = (place(strut.from), place(strut.to)) else { continue };
+            let force = (strut.offset - (rest[strut.to.index()] - rest[strut.from.index()])) * strut.stiffness;
+            for axis in 0..2 {
+                let (i, j) = (2 * i + axis, 2 * j + axis);
+                system[(i, i)] += strut.stiffness;
+                system[(j, j)] += strut.stiffness;
+                system[(i, j)] -= strut.stiffness;
+                system[(j, i)] -= strut.stiffness;
+                displacement[i] -= force[axis];
+                displacement[j] += force[axis];
+            }
+        }
         let factor: Cholesky<f64, Dyn> = Cholesky::new(system).ok_or(SpringError::Singular)?;
         factor.solve_mut(&mut displacement);
         let mut nodes = rest.to_vec();
@@ -167,7 +205,7 @@ impl Springs {
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
-    use nalgebra::{Point3, Vector2};
+    use nalgebra::Point3;
     use proptest::prelude::*;
 
     use super::*;

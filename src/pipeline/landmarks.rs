@@ -7,11 +7,8 @@ use super::{
     sequence::{Labels, file_name},
 };
 use crate::{
-    dataset::{
-        CorrespondenceSource, LandmarkSelection, LandmarkSequence, LandmarksError, SequenceEntry, correspondences_from_landmarks,
-        read_landmarks_with,
-    },
-    fit::{Correspondence, FitError, MarkKind, read_correspondences},
+    dataset::{CorrespondenceSource, LandmarkSequence, LandmarksError, SequenceEntry, read_landmarks_with},
+    fit::{Correspondence, MarkKind, read_correspondences},
     sequence::ImageSize,
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
     units::SequenceId,
@@ -121,19 +118,8 @@ impl LandmarkSource {
             read.sequence(self.first_frame, self.last_frame).map_err(SequenceFailure::at(Stage::Dataset))?;
         let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
-        let fit = |marks: &[Correspondence]| bench.fitter.fit(&bench.wireframe, marks);
-        let mut marks = self.marks.clone().unwrap_or_else(|| plan.marks(neutral, &bench.tables));
-        let mut fitted = fit(&marks);
-        // On a head that is turned a little, or by eyes shut or wide open, points that are only on the same contour as their node may
-        // fold the wireframe: fewer marks then, those that are the same anatomical point, or the corners and the chin.
-        for fewer in [LandmarkSelection::High, LandmarkSelection::Default] {
-            if self.marks.is_none() && matches!(fitted, Err(FitError::Folded { .. })) {
-                marks =
-                    correspondences_from_landmarks(neutral, &bench.tables, &fewer).map_err(SequenceFailure::at(Stage::Fit))?;
-                fitted = fit(&marks);
-            }
-        }
-        let fitted = fitted.map_err(SequenceFailure::at(Stage::Fit))?;
+        let marks = self.marks.clone().unwrap_or_else(|| plan.marks(neutral, &bench.tables));
+        let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
         let frames = plan.track(&bench.wireframe, &fitted, &sequence).map_err(SequenceFailure::at(Stage::Track))?;
         let info = TrackInfo {
             schema_version: TRACK_SCHEMA,

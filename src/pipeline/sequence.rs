@@ -248,7 +248,7 @@ pub(super) fn track_or_reuse(
     make: impl FnOnce() -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure>,
     correct: impl FnOnce(&[TrackedFrame], &Corrections, &str) -> Result<Vec<TrackedFrame>, SequenceFailure>,
 ) -> Result<RunTrack, SequenceFailure> {
-    let json = crate::input::read(csv_path.with_extension("json")).unwrap_or_default();
+    let json = crate::input::read(&csv_path.with_extension("json")).unwrap_or_default();
     let earlier: Option<TrackInfo> = serde_json::from_slice(&json).ok();
     let saved = saved_or_carried_over(csv_path, earlier.as_ref())?;
     let wanted = saved.as_ref().map(|s| &s.blake3);

@@ -74,6 +74,7 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
                 image_from_face: Similarity::identity(),
                 correspondences: Vec::new(),
                 residuals: Vec::new(),
+                warnings: Vec::new(),
             };
             Target::from_fit("simulated", picture, fitted, bench)
         }

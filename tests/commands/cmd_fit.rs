@@ -153,14 +153,14 @@ fn exchanged_left_and_right_are_refused() {
 }
 
 #[test]
-fn marks_that_fold_the_wireframe_are_refused() {
+fn exchanged_corners_of_an_eye_are_refused_by_name() {
     let work = work();
     let marks = work.read("marks.csv");
     // Outer and inner corner of one eye exchanged.
     let swapped = marks.replace("\n20,", "\n@,").replace("\n23,", "\n20,").replace("\n@,", "\n23,");
     assert_ne!(swapped, marks);
     work.write("bad.csv", swapped);
-    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["triangles of the wireframe", "look first at node"]);
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks of nodes 20 and 23 are exchanged"]);
     assert!(!work.path("fit.csv").exists());
 }
 

@@ -102,7 +102,7 @@ fn a_dataset_that_is_none_is_refused() {
     work.grimace("run nowhere -o out").exit(1).says(&["nowhere: there is no such dataset; give a folder with manifest.csv"]);
     std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
     let ran = work.grimace("run faces -o out").exit(1);
-    ran.says(&["faces: the emotions are not known; write manifest.csv", "S001,005,happiness"]);
+    ran.says(&["faces: the emotions are not known; `grimace init faces` writes manifest.csv", "S001,005,happiness"]);
     std::fs::create_dir(work.path("empty")).unwrap();
     work.grimace("run empty -o out").exit(1).says(&["empty: no sequences found", "Cohn-Kanade"]);
     assert!(work.files("out").is_empty());

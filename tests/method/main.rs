@@ -8,6 +8,7 @@ mod report_data;
 mod examples;
 mod golden;
 mod layers;
+mod marks_of_strangers;
 mod properties;
 mod report_html;
 mod scripted_tracker;

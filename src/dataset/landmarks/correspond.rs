@@ -9,7 +9,7 @@ use super::LandmarksError;
 use crate::{
     correspondence::Correspondence,
     units::NodeId,
-    wireframe::{LandmarkConfidence, Tables},
+    wireframe::{LandmarkConfidence, LandmarkRow, Tables},
 };
 
 /// Nodes fitted from landmarks by default: outer and inner eye corners (left 20, 23, right 53, 56), mouth corners (left 31,
@@ -52,7 +52,39 @@ impl FromStr for LandmarkSelection {
     }
 }
 
-/// Correspondences from the landmarks of one frame, through [`Tables::landmarks`]; `points` in the order of the scheme.
+/// Expected error of a landmark as a mark of its node, over the eye distance: half of such landmarks are nearer. By part of the face, for
+/// the same anatomical point and for the same contour, where the place along it is approximate.
+const EXPECTED_ERRORS: [(&str, f64, f64); 6] = [
+    ("eye", 0.02, 0.03),
+    ("nose", 0.025, 0.035),
+    ("brow", 0.03, 0.04),
+    ("outer_lip", 0.025, 0.03),
+    ("inner_lip", 0.025, 0.03),
+    ("jaw", 0.05, 0.07),
+];
+
+/// Landmarks of the right and of the left eye; the middle of each stands for the pupil.
+const EYES: [std::ops::Range<usize>; 2] = [36..42, 42..48];
+
+/// Distance of the eyes' middles, px; `None` where they are not there or coincide.
+fn eye_distance(points: &[Point2<f64>]) -> Option<f64> {
+    let middle = |eye: &std::ops::Range<usize>| {
+        let corners = points.get(eye.clone())?;
+        Some(corners.iter().map(|p| p.coords).sum::<nalgebra::Vector2<f64>>() / corners.len() as f64)
+    };
+    let distance = (middle(&EYES[0])? - middle(&EYES[1])?).norm();
+    (distance.is_finite() && distance > 0.0).then_some(distance)
+}
+
+/// Expected error of a landmark, px, on a face with an eye distance of so many px.
+fn expected_error(row: &LandmarkRow, eye_distance: f64) -> Option<f64> {
+    let (_, same_point, same_contour) = EXPECTED_ERRORS.iter().find(|(part, ..)| *part == row.part)?;
+    let share = if row.confidence == LandmarkConfidence::High { same_point } else { same_contour };
+    Some(share * eye_distance)
+}
+
+/// Correspondences from the landmarks of one frame, through [`Tables::landmarks`], each with its expected error; `points` in the order of
+/// the scheme.
 ///
 /// # Errors
 /// [`LandmarksError::NoLandmark`] when a node was asked for that no landmark in `points` marks.
@@ -61,23 +93,28 @@ pub fn correspondences_from_landmarks(
     tables: &Tables,
     selection: &LandmarkSelection,
 ) -> Result<Vec<Correspondence>, LandmarksError> {
-    let marks: Vec<(NodeId, LandmarkConfidence, Point2<f64>)> = tables
+    let eye_distance = eye_distance(points);
+    let marks: Vec<(NodeId, LandmarkConfidence, Correspondence)> = tables
         .landmarks
         .iter()
         .filter_map(|row| match row.nodes[..] {
-            [(node, _)] => Some((node, row.confidence, *points.get(usize::from(row.landmark))?)),
+            [(node, _)] => {
+                let position = *points.get(usize::from(row.landmark))?;
+                let expected_error = eye_distance.and_then(|es| expected_error(row, es));
+                Some((node, row.confidence, Correspondence { expected_error, ..Correspondence::mark(node, position) }))
+            }
             _ => None,
         })
         .filter(|&(_, confidence, _)| confidence != LandmarkConfidence::Low)
         .collect();
     let of_nodes = |nodes: &[NodeId]| {
         let one = |&node: &NodeId| match marks.iter().find(|mark| mark.0 == node) {
-            Some(&(_, _, position)) => Ok(Correspondence::mark(node, position)),
+            Some(&(_, _, mark)) => Ok(mark),
             None => Err(LandmarksError::NoLandmark { node, nodes: marks.iter().map(|mark| mark.0).collect() }),
         };
         nodes.iter().map(one).collect()
     };
-    let at_least = |least| marks.iter().filter(|mark| mark.1 >= least).map(|mark| Correspondence::mark(mark.0, mark.2)).collect();
+    let at_least = |least| marks.iter().filter(|mark| mark.1 >= least).map(|mark| mark.2).collect();
     match selection {
         LandmarkSelection::Default => of_nodes(&DEFAULT_LANDMARK_NODES),
         LandmarkSelection::Nodes(nodes) => of_nodes(nodes),

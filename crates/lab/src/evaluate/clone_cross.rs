@@ -101,6 +101,7 @@ fn pair(
         image_from_face: Similarity::identity(),
         correspondences: Vec::new(),
         residuals: Vec::new(),
+        warnings: Vec::new(),
     };
     let face = Target::from_fit("target", picture, fitted, bench)?;
     let eye_distance = eye_distance_px(&bench.tables, &neutral).unwrap_or(f64::NAN);

@@ -1,0 +1,57 @@
+//! `grimace init`.
+
+use std::path::PathBuf;
+
+use grimace::{
+    dataset::{UNKNOWN_EMOTION, manifest_path, propose_manifest},
+    output::count,
+};
+
+use super::Outcome;
+
+/// Write a manifest for folders of images and videos.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace init recordings --people people.csv
+
+Every folder of two images or more and every video, at any depth, becomes a row of recordings/manifest.csv: the first folder that is no \
+emotion is the subject, the others are the sequence, and the emotion is what a folder or file name says (happy, S001_anger.mp4), else \
+`?`, to be filled in. A folder in the layout of Cohn-Kanade gets its labels and landmarks. people.csv has a column `subject`; its other \
+columns, such as gender, go to every sequence of that subject, to group by with --by.")]
+pub struct Args {
+    /// Folder with the sequences
+    folder: PathBuf,
+    /// Table of people, a CSV file with a column `subject`
+    #[arg(long, value_name = "CSV")]
+    people: Option<PathBuf>,
+    /// Write over a manifest that is there
+    #[arg(long)]
+    force: bool,
+    /// No summary
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let path = manifest_path(&args.folder);
+    anyhow::ensure!(args.force || !path.exists(), "{} is there already; --force writes over it", path.display());
+    let mut manifest = propose_manifest(&args.folder)?;
+    if let Some(people) = &args.people {
+        manifest.join_people(people)?;
+    }
+    manifest.write(&path)?;
+    if !args.quiet {
+        let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
+        println!("{}: {}", path.display(), count(manifest.rows.len(), "sequence", "sequences"));
+        if open > 0 {
+            println!("note: the emotion of {} is not known; fill in what stands as `?`", count(open, "sequence", "sequences"));
+        }
+        if !manifest.unknown_people.is_empty() {
+            println!("note: not in the table of people: {}", manifest.unknown_people.join(", "));
+        }
+        println!("next: grimace run {} -o results", args.folder.display());
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,323 @@
+//! A manifest for folders that have none: a row for every folder of images and every video, at any depth.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+};
+
+use super::{
+    Dataset, DatasetError, MANIFEST_NAME, cohn_kanade,
+    frames::{IMAGE_EXTENSIONS, has_extension, is_video, visible},
+};
+use crate::{
+    input::CsvFile,
+    output::{OutputError, write_records},
+};
+
+/// What stands for an emotion that neither folders nor file names say.
+pub const UNKNOWN_EMOTION: &str = "?";
+
+/// Folders within folders that are looked into.
+const MOST_LEVELS: usize = 8;
+
+/// Words that say an emotion, beginning with these letters.
+const EMOTION_WORDS: [(&str, &str); 14] = [
+    ("ang", "anger"),
+    ("disg", "disgust"),
+    ("fear", "fear"),
+    ("afraid", "fear"),
+    ("scared", "fear"),
+    ("happ", "happiness"),
+    ("joy", "happiness"),
+    ("smil", "happiness"),
+    ("sad", "sadness"),
+    ("surp", "surprise"),
+    ("amaze", "surprise"),
+    ("contempt", "contempt"),
+    ("neutral", "neutral"),
+    ("neu", "neutral"),
+];
+
+/// A row of a manifest to be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProposedRow {
+    /// Subject.
+    pub subject: String,
+    /// Sequence.
+    pub sequence: String,
+    /// Emotion, or [`UNKNOWN_EMOTION`].
+    pub emotion: String,
+    /// Folder of images or video, relative to the manifest.
+    pub frames: String,
+    /// File or folder of landmarks, relative to the manifest; empty for none.
+    pub landmarks: String,
+    /// Fields of the person, in the order of [`ProposedManifest::person_columns`].
+    pub person: Vec<String>,
+}
+
+/// A manifest to be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProposedManifest {
+    /// Rows, by subject and sequence.
+    pub rows: Vec<ProposedRow>,
+    /// Columns that say something about people.
+    pub person_columns: Vec<String>,
+    /// Subjects that the table of people lacks.
+    pub unknown_people: Vec<String>,
+}
+
+/// Proposes a manifest for a folder: of Cohn-Kanade's layout with its labels, else of every folder of two images or more and every video
+/// below, with the emotion that a folder or file name says.
+///
+/// # Errors
+/// [`DatasetError`] when a folder does not read or nothing is found.
+pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
+    if !root.is_dir() {
+        return Err(DatasetError::NotFound { path: root.to_owned() });
+    }
+    let labelled = match cohn_kanade::open(root) {
+        Ok(dataset) => dataset,
+        Err(DatasetError::NoEmotionFolder { .. }) => None,
+        Err(error) => return Err(error),
+    };
+    let rows = match labelled {
+        Some(dataset) => of_dataset(root, &dataset),
+        None => of_folders(root)?,
+    };
+    if rows.is_empty() {
+        return Err(DatasetError::NothingFound { root: root.to_owned() });
+    }
+    Ok(ProposedManifest { rows, person_columns: Vec::new(), unknown_people: Vec::new() })
+}
+
+impl ProposedManifest {
+    /// Joins a table of people: a CSV file with a column `subject` (or `person`), whose other columns go to every sequence of a subject.
+    ///
+    /// # Errors
+    /// [`DatasetError`] when the file does not read, has no such column, or names nobody of the dataset.
+    pub fn join_people(&mut self, path: &Path) -> Result<(), DatasetError> {
+        let csv = CsvFile::open(path)?;
+        let by = match csv.column("subject").or_else(|| csv.column("person")) {
+            Some(column) => column,
+            None => csv.require(["subject"])?[0],
+        };
+        let taken = ["subject", "sequence", "emotion", "frames", "landmarks"];
+        let others: Vec<usize> = (0..csv.header().len())
+            .filter(|&k| k != by && !taken.contains(&csv.header()[k].as_str()) && !csv.header()[k].is_empty())
+            .collect();
+        let mut people: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for row in csv.rows() {
+            let row = row?;
+            people.insert(row.get(by).to_owned(), others.iter().map(|&k| row.get(k).to_owned()).collect());
+        }
+        if !self.rows.iter().any(|row| people.contains_key(&row.subject)) {
+            let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
+            return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject });
+        }
+        self.person_columns = others.iter().map(|&k| csv.header()[k].clone()).collect();
+        let mut unknown = BTreeSet::new();
+        for row in &mut self.rows {
+            row.person = people.get(&row.subject).cloned().unwrap_or_else(|| {
+                unknown.insert(row.subject.clone());
+                vec![String::new(); others.len()]
+            });
+        }
+        self.unknown_people = unknown.into_iter().collect();
+        Ok(())
+    }
+
+    /// Writes `manifest.csv`.
+    ///
+    /// # Errors
+    /// [`OutputError`] when it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), OutputError> {
+        let with_landmarks = self.rows.iter().any(|row| !row.landmarks.is_empty());
+        let mut header: Vec<String> = ["subject", "sequence", "emotion", "frames"].map(str::to_owned).into();
+        header.extend(with_landmarks.then(|| "landmarks".to_owned()));
+        header.extend(self.person_columns.iter().cloned());
+        let rows = self.rows.iter().map(|row| {
+            let ProposedRow { subject, sequence, emotion, frames, landmarks, person } = row.clone();
+            let mut fields = vec![subject, sequence, emotion, frames];
+            fields.extend(with_landmarks.then_some(landmarks));
+            fields.extend(person);
+            fields
+        });
+        write_records(path, header, rows)
+    }
+}
+
+/// Path from `root` with `/` between folders.
+fn relative(root: &Path, path: &Path) -> String {
+    let inside = path.strip_prefix(root).unwrap_or(path);
+    let parts: Vec<String> = inside.components().map(|c| c.as_os_str().to_string_lossy().into_owned()).collect();
+    if parts.is_empty() { ".".to_owned() } else { parts.join("/") }
+}
+
+fn of_dataset(root: &Path, dataset: &Dataset) -> Vec<ProposedRow> {
+    let row = |entry: &super::SequenceEntry| ProposedRow {
+        subject: entry.id.subject.clone(),
+        sequence: entry.id.sequence.clone(),
+        emotion: entry.emotion.clone(),
+        frames: relative(root, &entry.frames_path),
+        landmarks: entry.landmarks_paths.first().map(|path| relative(root, path)).unwrap_or_default(),
+        person: Vec::new(),
+    };
+    dataset.sequences.iter().map(row).collect()
+}
+
+fn of_folders(root: &Path) -> Result<Vec<ProposedRow>, DatasetError> {
+    let mut found = Vec::new();
+    look_into(root, 0, &mut found)?;
+    found.sort();
+    let names: Vec<Vec<String>> = found.iter().map(|path| names(root, path)).collect();
+    // A folder that holds everything, such as `videos`, says nothing.
+    let first = names.first().and_then(|n| n.first());
+    let shared = names.iter().all(|n| n.len() > 1 && n.first() == first && emotion_of(&n[0]).is_none());
+    let mut seen = BTreeSet::new();
+    let row = |(path, names): (&PathBuf, &Vec<String>)| {
+        let names = &names[usize::from(shared)..];
+        let (subject, mut sequence) = subject_and_sequence(root, names);
+        let plain = sequence.clone();
+        let mut number = 1;
+        while !seen.insert(format!("{subject}_{sequence}")) {
+            number += 1;
+            sequence = format!("{plain}-{number}");
+        }
+        let emotion = names.iter().rev().find_map(|name| emotion_of(name)).unwrap_or(UNKNOWN_EMOTION);
+        let (emotion, frames) = (emotion.to_owned(), relative(root, path));
+        ProposedRow { subject, sequence, emotion, frames, landmarks: String::new(), person: Vec::new() }
+    };
+    let mut rows: Vec<ProposedRow> = found.iter().zip(&names).map(row).collect();
+    rows.sort_by(|a, b| (&a.subject, &a.sequence).cmp(&(&b.subject, &b.sequence)));
+    Ok(rows)
+}
+
+/// Folders of images and videos in a folder and below.
+fn look_into(folder: &Path, level: usize, found: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
+    let entries = visible(folder).map_err(|reason| DatasetError::Io { path: folder.to_owned(), reason })?;
+    let paths: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).collect();
+    if paths.iter().filter(|path| path.is_file() && has_extension(path, &IMAGE_EXTENSIONS)).count() >= 2 {
+        found.push(folder.to_owned());
+    }
+    found.extend(paths.iter().filter(|path| path.is_file() && is_video(path)).cloned());
+    if level < MOST_LEVELS {
+        paths.iter().filter(|path| path.is_dir()).try_for_each(|path| look_into(path, level + 1, found))?;
+    }
+    Ok(())
+}
+
+/// Names of the folders from `root` to a sequence, a video's without its extension.
+fn names(root: &Path, path: &Path) -> Vec<String> {
+    let path = if path.is_file() { path.with_extension("") } else { path.to_owned() };
+    let inside = path.strip_prefix(root).unwrap_or(&path);
+    inside.components().map(|c| c.as_os_str().to_string_lossy().into_owned()).collect()
+}
+
+/// Subject and sequence by the names: the first that is no emotion, and the others. Of one name alone, what stands before the first `_`,
+/// `-` or space is the subject.
+fn subject_and_sequence(root: &Path, names: &[String]) -> (String, String) {
+    let of_root = || root.canonicalize().ok().and_then(|p| p.file_name().map(|n| n.to_string_lossy().into_owned()));
+    let place = names.iter().position(|name| emotion_of(name).is_none_or(|_| has_other_words(name)));
+    match (names, place) {
+        ([], _) => (of_root().unwrap_or_else(|| "1".to_owned()), "1".to_owned()),
+        ([name], _) => match name.split_once(['_', '-', ' ']) {
+            Some((subject, sequence)) if !subject.is_empty() && !sequence.is_empty() => (subject.to_owned(), sequence.to_owned()),
+            _ => (name.clone(), "1".to_owned()),
+        },
+        (_, place) => {
+            let place = place.unwrap_or(0);
+            let others: Vec<&str> = names.iter().enumerate().filter(|(k, _)| *k != place).map(|(_, n)| n.as_str()).collect();
+            (names[place].clone(), others.join("-"))
+        }
+    }
+}
+
+fn words(name: &str) -> Vec<String> {
+    name.to_lowercase().split(|c: char| !c.is_alphabetic()).filter(|w| !w.is_empty()).map(str::to_owned).collect()
+}
+
+/// Whether a name is more than an emotion.
+fn has_other_words(name: &str) -> bool {
+    words(name).len() > 1 || name.chars().any(|c| c.is_ascii_digit())
+}
+
+/// The emotion that a name says.
+fn emotion_of(name: &str) -> Option<&'static str> {
+    let of_word = |word: &String| EMOTION_WORDS.iter().find(|(start, _)| word.starts_with(start)).map(|(_, emotion)| *emotion);
+    words(name).iter().find_map(of_word)
+}
+
+/// Where the manifest of a folder lies.
+pub fn manifest_path(root: &Path) -> PathBuf {
+    root.join(MANIFEST_NAME)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn folder(files: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for file in files {
+            let path = folder.path().join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, "").unwrap();
+        }
+        folder
+    }
+
+    fn rows(files: &[&str]) -> Vec<[String; 4]> {
+        let manifest = propose_manifest(folder(files).path()).unwrap();
+        manifest.rows.into_iter().map(|r| [r.subject, r.sequence, r.emotion, r.frames]).collect()
+    }
+
+    #[test]
+    fn folders_and_videos_of_any_depth_become_rows() {
+        let files = ["S1/happy/1.png", "S1/happy/2.png", "S1/clip.mp4", "S2/a/sad_01/1.jpg", "S2/a/sad_01/2.jpg", "S2/notes.txt"];
+        let expected = [
+            ["S1", "clip", "?", "S1/clip.mp4"],
+            ["S1", "happy", "happiness", "S1/happy"],
+            ["S2", "a-sad_01", "sadness", "S2/a/sad_01"],
+        ];
+        assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
+    }
+
+    #[test]
+    fn emotions_first_and_flat_videos_name_their_people() {
+        let files = ["anger/P1/1.png", "anger/P1/2.png", "fear/P1/1.png", "fear/P1/2.png"];
+        let expected = [["P1", "anger", "anger", "anger/P1"], ["P1", "fear", "fear", "fear/P1"]];
+        assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
+        let expected = [["anna", "surprised", "surprise", "anna_surprised.avi"], ["ben", "2", "?", "ben-2.mov"]];
+        assert_eq!(rows(&["anna_surprised.avi", "ben-2.mov"]), expected.map(|r| r.map(str::to_owned)));
+    }
+
+    #[test]
+    fn cohn_kanade_without_labels_is_read_and_people_are_joined() {
+        let folder = folder(&["cohn-kanade/S005/001/1.png", "cohn-kanade/S005/001/2.png", "cohn-kanade/S010/001/1.png"]);
+        fs::write(folder.path().join("cohn-kanade/S010/001/2.png"), "").unwrap();
+        let people = folder.path().join("people.csv");
+        fs::write(&people, "subject,gender\nS005,f\nS099,m\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.join_people(&people).unwrap();
+        assert_eq!(manifest.unknown_people, ["S010"]);
+        let path = manifest_path(folder.path());
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,gender\n\
+                        S005,001,?,cohn-kanade/S005/001,f\nS010,001,?,cohn-kanade/S010/001,\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        fs::write(&people, "name,gender\nS005,f\n").unwrap();
+        assert!(manifest.join_people(&people).unwrap_err().to_string().contains("has no column `subject`"));
+        fs::write(&people, "subject,gender\nX,f\n").unwrap();
+        assert!(manifest.join_people(&people).unwrap_err().to_string().contains("none of its subjects"));
+        assert!(propose_manifest(&folder.path().join("cohn-kanade/S005/001")).is_ok(), "a folder of images is one sequence");
+    }
+
+    #[test]
+    fn nothing_is_said() {
+        let empty = tempfile::tempdir().unwrap();
+        assert!(propose_manifest(empty.path()).unwrap_err().to_string().contains("no sequences found"));
+        assert!(matches!(propose_manifest(&empty.path().join("x")), Err(DatasetError::NotFound { .. })));
+    }
+}

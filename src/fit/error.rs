@@ -1,0 +1,116 @@
+//! What can be wrong with a fit.
+
+use super::{MINIMUM_MARKS, SpringError};
+use crate::{geometry::SimilarityError, units::NodeId};
+
+/// Why a wireframe cannot be fitted.
+#[derive(Debug, thiserror::Error)]
+pub enum FitError {
+    /// Too few marks.
+    #[error("{found} marks; a fit needs at least {MINIMUM_MARKS}, and 5 to 8 for a good one")]
+    TooFewMarks {
+        /// Marks given.
+        found: usize,
+    },
+    /// The similarity is not determined.
+    #[error("the marks do not determine a placement: {0}")]
+    Placement(#[from] SimilarityError),
+    /// The springs have no equilibrium.
+    #[error(transparent)]
+    Springs(#[from] SpringError),
+    /// A mark at a node that the wireframe does not have.
+    #[error("mark at node {node}, but the wireframe has nodes 0 to {}", count.saturating_sub(1))]
+    NoSuchNode {
+        /// The node.
+        node: NodeId,
+        /// Nodes there are.
+        count: usize,
+    },
+    /// A prior over another wireframe.
+    #[error("the shape prior has {found} nodes, but the wireframe has {count}; choose another --prior")]
+    PriorNodes {
+        /// Nodes of the prior.
+        found: usize,
+        /// Nodes of the wireframe.
+        count: usize,
+    },
+    /// Options that name a prior file that was not read.
+    #[error("the shape prior with BLAKE3 {blake3} was not read from its file")]
+    PriorNotRead {
+        /// BLAKE3 of the file.
+        blake3: String,
+    },
+    /// Left and right were exchanged.
+    #[error(
+        "the marks fit the mirrored face: left and right are the subject's own, so the subject's left is on the right of the image; exchange them (or were x and y exchanged?)"
+    )]
+    Mirrored,
+    /// Marks of which two lie where the other should.
+    #[error("{} exchanged: each lies where the other is expected (left and right are the subject's own)", exchanged(pairs))]
+    Exchanged {
+        /// The nodes, in pairs.
+        pairs: Vec<(NodeId, NodeId)>,
+    },
+    /// A mark that no face has there.
+    #[error(
+        "node {node} is marked at ({x}, {y}), but the other marks expect it near ({expected_x:.0}, {expected_y:.0}), {percent:.0} % of \
+         the eye distance away{}; set it anew or take it out",
+        and_others(others)
+    )]
+    Outlier {
+        /// The node.
+        node: NodeId,
+        /// Its x, px.
+        x: f64,
+        /// Its y, px.
+        y: f64,
+        /// Where the other marks expect it, x, px.
+        expected_x: f64,
+        /// Where the other marks expect it, y, px.
+        expected_y: f64,
+        /// How far that is, percent of the eye distance.
+        percent: f64,
+        /// Further marks that no face has where they are.
+        others: Vec<NodeId>,
+    },
+    /// The wireframe lies upside down in the image.
+    #[error(
+        "the marks place the face upside down (roll {degrees:.0} degrees): left and right are the subject's own, are marks exchanged?"
+    )]
+    UpsideDown {
+        /// Angle of the face's up against the image's up.
+        degrees: f64,
+    },
+}
+
+fn exchanged(pairs: &[(NodeId, NodeId)]) -> String {
+    let names: Vec<String> = pairs.iter().map(|(a, b)| format!("{a} and {b}")).collect();
+    format!("the marks of nodes {} are", names.join(", "))
+}
+
+fn and_others(nodes: &[NodeId]) -> String {
+    let names: Vec<String> = nodes.iter().map(ToString::to_string).collect();
+    if names.is_empty() { String::new() } else { format!(" (so are nodes {})", names.join(", ")) }
+}
+
+/// What a fit has to say about marks that it did use.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitWarning {
+    /// A mark that is far from where the others expect it, but may be right.
+    #[error(
+        "node {node}, marked at ({x:.1}, {y:.1}), lies {percent:.0} % of the eye distance from where the other marks expect it; look at it"
+    )]
+    Doubtful {
+        /// The node.
+        node: NodeId,
+        /// Its x, px.
+        x: f64,
+        /// Its y, px.
+        y: f64,
+        /// How far off it is, percent of the eye distance.
+        percent: f64,
+    },
+    /// Triangles that the marks turn over.
+    #[error("the marks turn parts of the wireframe over; look at it, in a picture of the fit")]
+    Turned,
+}
