@@ -6,6 +6,7 @@ mod columnar;
 mod divide;
 mod files;
 mod folder;
+mod found;
 mod groups;
 mod landmarks;
 mod model_file;
@@ -35,6 +36,7 @@ pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyz
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
+pub use found::{FoundMarksError, found_marks};
 pub(crate) use groups::values as group_values;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
 pub use model_file::{ModelFileError, read_model, write_model};
