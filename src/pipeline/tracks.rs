@@ -106,7 +106,10 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
             });
         }
     };
-    let model = normalized(&frames, bench)?;
+    let model = normalized(&frames, bench).map_err(|failure| {
+        let reason = format!("{}: {}", path.display(), failure.reason);
+        SequenceFailure { reason, ..failure }
+    })?;
     let summary = summarize(&frames, &bench.wireframe, &bench.tables);
     let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
