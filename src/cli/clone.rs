@@ -13,8 +13,8 @@ use grimace::{
         Timing, clone_expression, encode_png, read_marks, write_clone,
     },
     dataset::list_frames,
-    output::write_atomic,
-    pipeline::{MADE_BY, PipelineOptions, Workbench, file_blake3, found_marks},
+    output::{MADE_BY, write_atomic},
+    pipeline::{PipelineOptions, Workbench, file_blake3, found_marks},
     render::Labelled,
     sequence::{read_colour, read_colour_frames, read_frame},
 };
@@ -223,7 +223,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 if !source.motion.not_shown.is_empty() {
                     let faps = source.motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                     eprintln!(
-                        "warning: {}: FAP {faps} can not be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
+                        "warning: {}: FAP {faps} cannot be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
                         path.display()
                     );
                 }
@@ -279,7 +279,7 @@ impl Job<'_> {
                 found_marks(&read_frame(self.target_path)?, self.bench).with_context(|| self.target_path.display().to_string())?
             }
         };
-        let target = Target::new(&name, picture, &marks, self.bench);
+        let target = Target::new(&name, picture, &marks, self.bench.fitter(), self.bench);
         target.with_context(|| match self.marks_path {
             Some(path) => format!("{} with {}", self.target_path.display(), path.display()),
             None => format!("{} with marks that were found", self.target_path.display()),
@@ -316,7 +316,7 @@ impl Job<'_> {
             faps_limited: 0,
         };
         let films = self.args.look.film.as_slice();
-        let files = CloneFiles { folder, films, source_frames: source.pictures.as_deref() };
+        let files = CloneFiles { folder, films, fit: &self.bench.options.fit, source_frames: source.pictures.as_deref() };
         let apex = write_clone(&files, &clone, &source.motion, info, self.bench, || {
             self.bar.inc(1);
             !self.stop.load(Ordering::Relaxed)

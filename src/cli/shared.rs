@@ -13,9 +13,12 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{Correspondence, FitOptions, LoadedPrior, PriorKind, read_correspondences},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
+    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
     sequence::{Frame, configure_opencv},
-    statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
+    statistics::{
+        MedianKind, StatisticsOptions,
+        compare::{CompareOptions, GroupOptions},
+    },
     track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;
