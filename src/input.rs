@@ -3,12 +3,16 @@
 //! One line is one row. A quoted field may hold commas and doubled quotes but no line break, so that a quote left open costs its
 //! own row and not all the rows behind it. Blank lines and rows of empty fields are passed over.
 
+mod open;
+
 use crate::{formula::without_apostrophe, text::excerpt};
 use std::{
     borrow::Cow,
-    fmt, fs, io,
+    fmt, io,
     path::{Path, PathBuf},
 };
+
+pub use open::{MAX_BYTES, STDIN, is_stdin, open_file, open_or_stdin, read, read_or_stdin};
 
 /// What is wrong in a CSV file.
 #[derive(Debug, thiserror::Error)]
@@ -122,12 +126,12 @@ pub struct CsvRow<'a> {
 }
 
 impl CsvFile {
-    /// Reads a file and its header.
+    /// Reads a file, or standard input for the path `-`, and its header.
     ///
     /// # Errors
     /// [`InputError`] when the file cannot be read, is empty, or has a header that is not UTF-8 or names a column twice.
     pub fn open(path: &Path) -> Result<Self, InputError> {
-        let bytes = fs::read(path).map_err(|e| InputError { path: path.to_owned(), line: None, kind: e.into() })?;
+        let bytes = read_or_stdin(path).map_err(|e| InputError { path: path.to_owned(), line: None, kind: e.into() })?;
         Self::from_bytes(path, bytes)
     }
 

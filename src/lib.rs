@@ -93,6 +93,7 @@ pub mod input;
 pub mod locate;
 pub mod mesh;
 pub mod model;
+mod native;
 pub mod normalize;
 pub mod output;
 pub mod overlay;

@@ -5,7 +5,7 @@ use nalgebra::Point2;
 use tiny_skia::{Color, FillRule, LineCap, Paint, Path as SkiaPath, PathBuilder, Pixmap, Stroke, Transform};
 
 use crate::{
-    sequence::{Frame, SequenceError},
+    sequence::Frame,
     track::{LossReason, NodeState, TrackedNode},
     wireframe::Wireframe,
 };
@@ -39,20 +39,12 @@ pub fn legend() -> Vec<(NodeState, [u8; 3])> {
 
 /// Draws the wireframe on the frame: springs as lines, live nodes as dots in the colour of their state, marks as rings where they
 /// were set (image positions in px).
-///
-/// # Errors
-/// [`SequenceError`] when the frame's pixels cannot be read.
-pub fn draw_overlay(
-    frame: &Frame,
-    wireframe: &Wireframe,
-    nodes: &[TrackedNode],
-    marks: &[Point2<f64>],
-) -> Result<RgbImage, SequenceError> {
-    let gray = frame.to_image()?;
+pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode], marks: &[Point2<f64>]) -> RgbImage {
+    let gray = frame.image();
     let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
-    let large = image::imageops::resize(&gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
+    let large = image::imageops::resize(gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
     let Some(mut canvas) = Pixmap::new(large.width(), large.height()) else {
-        return Ok(image::DynamicImage::ImageLuma8(large).to_rgb8());
+        return image::DynamicImage::ImageLuma8(large).to_rgb8();
     };
     for (pixel, luma) in canvas.data_mut().chunks_exact_mut(4).zip(large.as_raw()) {
         pixel.copy_from_slice(&[*luma, *luma, *luma, 255]);
@@ -89,7 +81,7 @@ pub fn draw_overlay(
         }
     }
     let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-    Ok(RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default())
+    RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default()
 }
 
 /// Draws points that were found on a picture: position and expected error, px, and the eye distance of their face, px. Dots are green where
@@ -156,14 +148,14 @@ mod tests {
 
     #[test]
     fn a_tracked_node_is_a_dot_of_its_colour_at_its_place() {
-        let frame = Frame::from_image(1, &image::GrayImage::from_pixel(500, 400, image::Luma([128]))).unwrap();
+        let frame = Frame::new(1, image::GrayImage::from_pixel(500, 400, image::Luma([128])));
         let wireframe = Wireframe::candide3();
         let nodes: Vec<_> = wireframe
             .vertices()
             .iter()
             .map(|v| TrackedNode::new(Point2::new(250.0 + 150.0 * v.x, 200.0 - 150.0 * v.y), NodeState::Tracked, None))
             .collect();
-        let picture = draw_overlay(&frame, &wireframe, &nodes, &[]).unwrap();
+        let picture = draw_overlay(&frame, &wireframe, &nodes, &[]);
         assert_eq!(picture.dimensions(), (1000, 800));
         // Node 10, chin: (250, 200 + 150 * 0.852) = (250, 327.8), doubled with the half-pixel shift: (501, 656.6).
         assert_eq!(picture.get_pixel(500, 656).0, colour(NodeState::Tracked));

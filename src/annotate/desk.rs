@@ -363,7 +363,7 @@ fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32), RequestE
 /// What a page has read of a sequence, in 16 digits: its file of marks and its frames.
 fn version(entry: &SequenceEntry) -> String {
     let mut hasher = blake3::Hasher::new();
-    match fs::read(marks_path(entry)) {
+    match crate::input::read(&marks_path(entry)) {
         Ok(bytes) => hasher.update(&[1]).update(&bytes),
         Err(_) => hasher.update(&[0]),
     };

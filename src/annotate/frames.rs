@@ -1,7 +1,6 @@
 //! Frames as a browser shows them: the dataset's own image files, or what OpenCV decodes of others.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
@@ -105,7 +104,7 @@ impl FrameShelf {
 fn image_file(path: &Path) -> Result<Picture, RequestError> {
     // Only a whole image is given out, whatever the file is called: this decodes it.
     let frame = read_frame(path).map_err(RequestError::refused)?;
-    let bytes = fs::read(path).map_err(RequestError::failed)?;
+    let bytes = crate::input::read(path).map_err(RequestError::failed)?;
     match browser_type(&bytes) {
         Some(mime) => Ok(Picture { mime, bytes }),
         None => Ok(Picture { mime: "image/png", bytes: png(&frame)? }),
@@ -125,7 +124,7 @@ fn browser_type(bytes: &[u8]) -> Option<&'static str> {
 }
 
 fn png(frame: &Frame) -> Result<Vec<u8>, RequestError> {
-    let image = frame.to_image().map_err(RequestError::failed)?;
+    let image = frame.image();
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)
         .write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::L8)
@@ -135,6 +134,8 @@ fn png(frame: &Frame) -> Result<Vec<u8>, RequestError> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn gray(width: u32, height: u32) -> image::GrayImage {

@@ -50,7 +50,7 @@ pub enum ManifestEditError {
 pub fn set_fields(path: &Path, id: &SequenceId, fields: &[(&str, String)]) -> Result<(), ManifestEditError> {
     // A link stays a link: the file behind it is replaced.
     let file = fs::canonicalize(path).map_err(|source| ManifestEditError::Io { path: path.to_owned(), source })?;
-    let mut bytes = fs::read(&file).map_err(|source| ManifestEditError::Io { path: path.to_owned(), source })?;
+    let mut bytes = crate::input::read(&file).map_err(|source| ManifestEditError::Io { path: path.to_owned(), source })?;
     let before = bytes.clone();
     for (column, value) in fields {
         bytes = set_field(path, bytes, id, column, value)?;

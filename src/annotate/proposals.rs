@@ -15,6 +15,7 @@ use std::{
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 use opencv::{
+    boxed_ref::BoxedRef,
     core::{Mat, Rect, Size, Vector},
     imgproc::{equalize_hist, gaussian_blur_def},
     objdetect::CascadeClassifier,
@@ -25,7 +26,8 @@ use crate::{
     dataset::{LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
     fit::{Correspondence, ShapePrior},
     geometry::Similarity,
-    sequence::{Frame, SequenceError},
+    native,
+    sequence::Frame,
     units::NodeId,
     wireframe::Tables,
 };
@@ -105,12 +107,12 @@ pub enum CascadeError {
         /// The file.
         path: PathBuf,
     },
-    /// OpenCV failed.
-    #[error("OpenCV: {0}")]
-    OpenCv(#[from] opencv::Error),
-    /// The frame's pixels cannot be read.
-    #[error(transparent)]
-    Frame(SequenceError),
+    /// The detector failed.
+    #[error("OpenCV's detector failed: {reason}")]
+    Detector {
+        /// What it says.
+        reason: String,
+    },
 }
 
 /// Haar cascades for faces and eyes.
@@ -128,6 +130,7 @@ impl Cascades {
     /// # Errors
     /// [`CascadeError`] when they are not there or do not load.
     pub fn load(folder: Option<&Path>, tables: &Tables) -> Result<Self, CascadeError> {
+        native::configure();
         let usual = || CASCADE_FOLDERS.iter().map(PathBuf::from).find(|f| f.join(FACE).is_file());
         let folder = folder.map(Path::to_owned).or_else(usual).ok_or(CascadeError::NotInstalled)?;
         let load = |name: &str| {
@@ -151,13 +154,15 @@ impl Cascades {
     /// Corners of eyes and mouth of the largest face; `None` when no face with two eyes is found.
     ///
     /// # Errors
-    /// [`CascadeError::OpenCv`].
+    /// [`CascadeError::Detector`].
     pub fn find(&mut self, frame: &Frame) -> Result<Option<Vec<Correspondence>>, CascadeError> {
+        let image = frame.image();
+        let mat = mat_of(image)?;
         let mut grey = Mat::default();
-        equalize_hist(frame.mat(), &mut grey)?;
+        equalize_hist(&mat, &mut grey)?;
         let Some(face) = largest(&detect(&mut self.face, &grey, 1.1, 3, 40)?) else { return Ok(None) };
         let Some([left, right]) = self.eye_centres(&grey, face)? else { return Ok(None) };
-        let [left, right] = [iris(frame.mat(), left, (left - right).norm())?, iris(frame.mat(), right, (left - right).norm())?];
+        let [left, right] = [iris(&mat, left, (left - right).norm())?, iris(&mat, right, (left - right).norm())?];
         let middle = |nodes: &[NodeId]| -> Option<Point2<f64>> {
             let points: Option<Vec<_>> = nodes.iter().map(|n| self.mean.get(n.index()).map(|p| p.coords)).collect();
             let points = points.filter(|p| !p.is_empty())?;
@@ -170,12 +175,11 @@ impl Cascades {
         let Some(mut places) = PROPOSED.iter().map(place).collect::<Option<Vec<_>>>() else { return Ok(None) };
         let corners: Vec<usize> = (0..PROPOSED.len()).filter(|&k| MOUTH_CORNERS.contains(&PROPOSED[k])).collect();
         let expected = Point2::from(corners.iter().map(|&k| places[k].coords).sum::<Vector2<f64>>() / corners.len() as f64);
-        let image = frame.to_image().map_err(CascadeError::Frame)?;
-        if let Some(offset) = lips_offset(&image, [left, right], expected) {
+        if let Some(offset) = lips_offset(image, [left, right], expected) {
             let middle = expected + offset;
             for &k in &corners {
                 let corner = places[k] + offset;
-                places[k] = corner + follow_lips(&image, [left, right], middle, corner).unwrap_or_default();
+                places[k] = corner + follow_lips(image, [left, right], middle, corner).unwrap_or_default();
             }
         }
         let mark = |(&node, position): (&NodeId, Point2<f64>)| Correspondence::mark(node, position);
@@ -216,8 +220,18 @@ impl Cascades {
     }
 }
 
+impl From<opencv::Error> for CascadeError {
+    fn from(error: opencv::Error) -> Self {
+        Self::Detector { reason: error.to_string() }
+    }
+}
+
+fn mat_of(image: &GrayImage) -> opencv::Result<BoxedRef<'_, Mat>> {
+    Mat::new_rows_cols_with_data(image.height() as i32, image.width() as i32, image.as_raw())
+}
+
 /// The darkest blurred spot beside the middle of an eye.
-fn iris(image: &Mat, middle: Point2<f64>, eye_distance: f64) -> Result<Point2<f64>, CascadeError> {
+fn iris(image: &impl MatTraitConst, middle: Point2<f64>, eye_distance: f64) -> Result<Point2<f64>, CascadeError> {
     let margin = (3.0 * IRIS_BLUR * eye_distance).ceil();
     let range = |centre: f64, reach: f64, size: i32| {
         let low = (centre - reach).round().clamp(0.0, f64::from(size - 1)) as i32;
@@ -225,7 +239,7 @@ fn iris(image: &Mat, middle: Point2<f64>, eye_distance: f64) -> Result<Point2<f6
     };
     let reach = IRIS_REACH * eye_distance;
     let ((x, width), (y, height)) = (range(middle.x, reach + margin, image.cols()), range(middle.y, margin, image.rows()));
-    let region = Mat::roi(image, Rect::new(x, y, width, height))?.try_clone()?;
+    let region = image.roi(Rect::new(x, y, width, height))?.try_clone()?;
     let mut blurred = Mat::default();
     gaussian_blur_def(&region, &mut blurred, Size::new(0, 0), IRIS_BLUR * eye_distance)?;
     let row = (middle.y.round() as i32 - y).clamp(0, height - 1);
@@ -417,10 +431,10 @@ mod tests {
         // A disc of 7 px around (66, 60); looked for up to 8 px beside (60, 60).
         let dark = |x: u32, y: u32| (f64::from(x) - 66.0).hypot(f64::from(y) - 60.0) <= 7.0;
         let image = GrayImage::from_fn(200, 120, |x, y| image::Luma([if dark(x, y) { 30 } else { 200 }]));
-        let frame = Frame::from_image(1, &image).unwrap();
-        assert_eq!(iris(frame.mat(), Point2::new(60.0, 60.0), 80.0).unwrap(), Point2::new(66.0, 60.0));
+        let mat = mat_of(&image).unwrap();
+        assert_eq!(iris(&mat, Point2::new(60.0, 60.0), 80.0).unwrap(), Point2::new(66.0, 60.0));
         // At the border of the image it does not fail.
-        assert!(iris(frame.mat(), Point2::new(2.0, 119.0), 80.0).unwrap().x < 20.0);
+        assert!(iris(&mat, Point2::new(2.0, 119.0), 80.0).unwrap().x < 20.0);
     }
 
     #[test]

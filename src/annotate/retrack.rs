@@ -308,7 +308,7 @@ impl TrackDesk {
 /// The dataset of a run, by the name that `run.json` has, here or in a folder above the output.
 fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
     let path = out.join("run.json");
-    let bytes = fs::read(&path).map_err(|source| AnnotateError::Io { path, source })?;
+    let bytes = crate::input::read(&path).map_err(|source| AnnotateError::Io { path, source })?;
     let name = serde_json::from_slice::<serde_json::Value>(&bytes).ok();
     let name = name.and_then(|run| run["dataset"].as_str().map(str::to_owned)).unwrap_or_default();
     let resolved = fs::canonicalize(out).unwrap_or_else(|_| out.to_owned());
@@ -394,7 +394,7 @@ fn index_of(frames: &[TrackedFrame], number: u32) -> Result<usize, RequestError>
 
 /// What a page has read of a track, in 16 digits.
 fn version(csv: &Path) -> String {
-    fs::read(csv).map(|bytes| blake3::hash(&bytes).to_hex()[..16].to_owned()).unwrap_or_default()
+    crate::input::read(csv).map(|bytes| blake3::hash(&bytes).to_hex()[..16].to_owned()).unwrap_or_default()
 }
 
 fn check_version(item: &Item, given: &str) -> Result<(), RequestError> {

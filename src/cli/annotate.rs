@@ -10,7 +10,6 @@ use grimace::{
     annotate::{AnnotateOptions, Annotator},
     output::count,
     pipeline::{PipelineOptions, Workbench},
-    sequence::configure_opencv,
 };
 
 use super::{
@@ -60,7 +59,6 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    configure_opencv()?;
     let options = PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() };
     let bench = Workbench::new(args.wireframe.as_deref(), options)?;
     let options = AnnotateOptions {

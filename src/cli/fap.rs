@@ -2,7 +2,6 @@
 
 use std::{
     fmt::Write as _,
-    fs,
     io::{self, Write as _},
     path::{Path, PathBuf},
 };
@@ -211,7 +210,7 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     }
     let mut files = Vec::new();
     for path in &args.files {
-        let (unreadable, mut findings) = match fs::read(path) {
+        let (unreadable, mut findings) = match grimace::input::read_or_stdin(path) {
             Ok(bytes) => (None, check_fap(&bytes)),
             Err(error) => (Some(error.to_string()), Vec::new()),
         };

@@ -81,7 +81,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     output::write_csv(&args.output, rows)?;
     if let Some(path) = &args.overlay {
         let points: Vec<_> = marks.iter().map(|m| m.position).collect();
-        output::write_bytes(path, &png_bytes(&draw_overlay(&frame, &bench.wireframe, &nodes, &points)?)?)?;
+        output::write_bytes(path, &png_bytes(&draw_overlay(&frame, &bench.wireframe, &nodes, &points))?)?;
     }
     if !args.general.quiet {
         let eye_distance = eye_distance_px(&bench.tables, fitted.model.nodes()).unwrap_or(0.0);

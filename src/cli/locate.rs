@@ -8,7 +8,6 @@ use grimace::{
     output::{self, nine_digits},
     overlay::{draw_points, png_bytes},
     pipeline::{PictureSource, pictures_of},
-    sequence::configure_opencv,
 };
 use rayon::prelude::*;
 use serde::Serialize;
@@ -76,7 +75,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for path in [Some(&args.output), args.overlay.as_ref()].into_iter().flatten() {
         anyhow::ensure!(args.force || !path.exists(), "{} is there already; --force writes over it", path.display());
     }
-    configure_opencv()?;
     set_threads(args.jobs)?;
     let model = match &args.model {
         Some(path) => Model::read(path)?.0,
@@ -164,7 +162,7 @@ fn locate(
     options: &LocateOptions,
     overlay: Option<(&Path, usize)>,
 ) -> anyhow::Result<Vec<LocatedFace>> {
-    let image = picture.read()?.to_image()?;
+    let image = picture.read()?.into_image();
     let faces = locator.locate(&image, options);
     if let Some((folder, number)) = overlay {
         let stem = Path::new(&picture.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();

@@ -38,6 +38,8 @@ use grimace::text::message;
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    #[command(flatten)]
+    pictures: shared::PictureArgs,
 }
 
 const AFTER_HELP: &str = "\
@@ -128,7 +130,9 @@ pub fn main() -> ExitCode {
     if let Some((command, arguments)) = lab::asked(std::env::args_os().skip(1)) {
         return exit_code(lab::run(command, &arguments));
     }
-    exit_code(match Cli::parse().command {
+    let cli = Cli::parse();
+    cli.pictures.apply();
+    exit_code(match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Annotate(args) => annotate::run(&args),
         Command::Fit(args) => fit::run(&args),

@@ -14,7 +14,7 @@ use grimace::{
     fit::{Correspondence, FitOptions, LoadedPrior, PriorKind, read_correspondences},
     normalize::{NormalizeOptions, Resample, SizeMode},
     pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
-    sequence::{Frame, configure_opencv},
+    sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
         MedianKind, StatisticsOptions,
         compare::{CompareOptions, GroupOptions},
@@ -265,6 +265,24 @@ impl MarksArgs {
     }
 }
 
+/// What is read as a picture, for every command.
+#[derive(Debug, clap::Args)]
+pub struct PictureArgs {
+    /// Largest picture or video frame that is read, pixels, such as 200000000; a larger one is refused by its header
+    #[arg(
+        long, global = true, default_value_t = DEFAULT_MAX_PIXELS, value_parser = clap::value_parser!(u64).range(1..),
+        value_name = "PIXELS", help_heading = "General"
+    )]
+    max_pixels: u64,
+}
+
+impl PictureArgs {
+    /// Sets the limit for this process.
+    pub fn apply(&self) {
+        set_max_pixels(self.max_pixels);
+    }
+}
+
 /// The machine and the wireframe.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "General")]
@@ -282,7 +300,6 @@ pub struct GeneralArgs {
 
 impl GeneralArgs {
     pub fn workbench(&self, options: PipelineOptions) -> anyhow::Result<Workbench> {
-        configure_opencv()?;
         let bench = Workbench::new(self.wireframe.as_deref(), options)?;
         // A face that does not serve is said before hours of tracking, not after.
         if let ReportFace::Photograph { image, .. } = &bench.options.report_face {

@@ -307,7 +307,7 @@ fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<Stri
 /// BLAKE3 of a file; `None` when it cannot be read, as for the embedded bank.
 fn file_blake3(path: &Path) -> Option<String> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(std::fs::File::open(path).ok()?).ok()?;
+    hasher.update_reader(grimace::input::open_file(path).ok()?).ok()?;
     Some(hasher.finalize().to_hex().to_string())
 }
 

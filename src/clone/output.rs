@@ -152,7 +152,7 @@ pub fn write_clone(
     info.faps_not_shown = source.not_shown.iter().map(|f| f.get()).collect();
     write_json(&folder.join("clone.json"), &info)?;
     let grey = image::imageops::grayscale(&apex_picture);
-    let overlay = draw_overlay(&Frame::from_image(1, &grey)?, &face.wireframe, &frames[apex].nodes, &[])?;
+    let overlay = draw_overlay(&Frame::new(1, grey), &face.wireframe, &frames[apex].nodes, &[]);
     write_atomic(&folder.join("overlay.png"), |writer| encode_png(&overlay, writer))?;
     let mut sheet = Sheet::new(SHEET_HEIGHT);
     if let Some(pictures) = source_frames {

@@ -232,7 +232,7 @@ fn canonical_fapus(face: &Face) -> Result<Fapus, CloneError> {
 fn has_states(path: &Path) -> bool {
     use std::io::BufRead;
     let mut header = String::new();
-    let read = std::fs::File::open(path).and_then(|file| std::io::BufReader::new(file).read_line(&mut header));
+    let read = crate::input::open_file(path).and_then(|file| std::io::BufReader::new(file).read_line(&mut header));
     read.is_ok() && header.trim().split(',').any(|column| column.trim() == "state")
 }
 

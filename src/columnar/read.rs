@@ -160,7 +160,7 @@ impl ColumnarModels {
     /// [`ColumnarError`] for a file that cannot be read, has other columns, or holds a sequence twice or none.
     pub fn open(path: &Path) -> Result<Self, ColumnarError> {
         let io_error = |reason| ColumnarError::Io { path: path.to_owned(), reason };
-        let file = File::open(path).map_err(io_error)?;
+        let file = crate::input::open_or_stdin(path).map_err(io_error)?;
         let length = file.metadata().map_err(io_error)?.len();
         let shared = SharedFile { file: Arc::new(Mutex::new(file)), length };
         let damaged = |reason: String| ColumnarError::Parquet { path: path.to_owned(), reason };

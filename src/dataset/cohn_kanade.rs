@@ -159,7 +159,7 @@ fn read_emotion(folder: &Path) -> Result<Option<&'static str>, DatasetError> {
         [path] => path,
         _ => return Err(DatasetError::SeveralEmotions { folder: folder.to_owned(), found: files.len() }),
     };
-    let bytes = fs::read(path).map_err(|reason| DatasetError::Io { path: path.clone(), reason })?;
+    let bytes = crate::input::read(path).map_err(|reason| DatasetError::Io { path: path.clone(), reason })?;
     let text = String::from_utf8_lossy(&bytes);
     // Whole numbers only, though written as `3.0000000e+00`.
     let code = text.trim().parse::<f64>().ok().filter(|code| code.fract() == 0.0 && *code >= 0.0);

@@ -106,7 +106,7 @@ impl ParsedFap {
 /// # Errors
 /// [`FapReadError`] when the file cannot be read or its content is none that a known tool writes.
 pub fn read_fap(path: &Path) -> Result<FapFile, FapReadError> {
-    let bytes = std::fs::read(path).map_err(|source| FapReadError::Io { path: path.to_owned(), source })?;
+    let bytes = crate::input::read_or_stdin(path).map_err(|source| FapReadError::Io { path: path.to_owned(), source })?;
     parse_fap(&bytes).into_file().map_err(|findings| {
         let mut errors = findings.into_iter().filter(|f| f.severity == Severity::Error);
         let first = errors.next().unwrap_or_else(|| unreachable!("a file without header has an error"));

@@ -75,7 +75,7 @@ pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputE
 /// a repeated row, or no row at all.
 pub fn read_tidy_csv(path: &Path, fps: f64) -> Result<FapSequence, TidyError> {
     let at = |line: u64, reason: String| TidyError::Row { path: path.to_owned(), line, reason };
-    let bytes = std::fs::read(path).map_err(|source| TidyError::Io { path: path.to_owned(), source })?;
+    let bytes = crate::input::read_or_stdin(path).map_err(|source| TidyError::Io { path: path.to_owned(), source })?;
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
     let headers = reader.headers().map_err(|e| at(1, e.to_string()))?.clone();

@@ -164,7 +164,7 @@ impl Model {
     /// # Errors
     /// [`ModelError`].
     pub fn read(path: &Path) -> Result<(Self, ModelOrigin), ModelError> {
-        let bytes = std::fs::read(path).map_err(|source| ModelError::Io { path: path.to_owned(), source })?;
+        let bytes = crate::input::read(path).map_err(|source| ModelError::Io { path: path.to_owned(), source })?;
         Self::from_bytes(path, &bytes)
     }
 

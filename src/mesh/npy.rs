@@ -116,7 +116,7 @@ pub fn read_npy_indices(path: &Path) -> Result<NpyArray<u32>, MeshFileError> {
 
 fn open(path: &Path) -> Result<(NpyFile<Source>, Vec<usize>), MeshFileError> {
     let header = check_header(path)?;
-    let file = File::open(path).map_err(MeshFileError::io(path))?;
+    let file = crate::input::open_file(path).map_err(MeshFileError::io(path))?;
     let length = file.metadata().map_err(MeshFileError::io(path))?.len();
     let array = caught(|| NpyFile::new(BufReader::new(file))).map_err(|e| MeshFileError::format(path, e))?;
     let array = array.map_err(|e| MeshFileError::format(path, format!("no .npy array: {e}")))?;
@@ -136,7 +136,7 @@ fn open(path: &Path) -> Result<(NpyFile<Source>, Vec<usize>), MeshFileError> {
 /// Refuses headers that lie about their length or about sizes that no file has; returns the bytes before the values.
 fn check_header(path: &Path) -> Result<u64, MeshFileError> {
     let mut start = Vec::new();
-    let file = File::open(path).map_err(MeshFileError::io(path))?;
+    let file = crate::input::open_file(path).map_err(MeshFileError::io(path))?;
     file.take(u64::from(MAX_HEADER)).read_to_end(&mut start).map_err(MeshFileError::io(path))?;
     let bytes_at = |k: usize| start.get(k).copied().unwrap_or(0);
     let (length, preamble) = if bytes_at(6) >= 2 {

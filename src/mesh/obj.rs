@@ -3,7 +3,6 @@
 //! Vertex numbers are those of the file, from 0. Normals, texture coordinates, groups and materials are neither read nor written.
 
 use std::{
-    fs,
     io::{self, Write},
     path::Path,
 };
@@ -18,7 +17,7 @@ use crate::{foreign::caught, text::excerpt};
 /// # Errors
 /// [`MeshFileError`] for a file that cannot be read, lines that do not parse (with their number), or what is no mesh.
 pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
-    let bytes = fs::read(path).map_err(MeshFileError::io(path))?;
+    let bytes = crate::input::read(path).map_err(MeshFileError::io(path))?;
     // Only positions and faces matter: other lines are blanked, so that comments in any encoding and statements of other
     // programs do not, and line numbers stay.
     let mut plain = Vec::with_capacity(bytes.len());
@@ -81,6 +80,8 @@ pub fn write_obj(out: &mut dyn Write, positions: &[[f32; 3]], triangles: &[[u32;
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn read(text: &[u8]) -> Result<TriangleMesh, MeshFileError> {

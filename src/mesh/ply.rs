@@ -87,7 +87,7 @@ impl PropertyAccess for Row {
 /// # Errors
 /// [`MeshFileError`] for a file that cannot be read, is damaged or ends early, or what is no mesh.
 pub fn read_ply(path: &Path) -> Result<TriangleMesh, MeshFileError> {
-    let file = File::open(path).map_err(MeshFileError::io(path))?;
+    let file = crate::input::open_file(path).map_err(MeshFileError::io(path))?;
     caught(|| parse(path, file)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
 }
 

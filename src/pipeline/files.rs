@@ -72,5 +72,5 @@ pub fn run_units() -> BTreeMap<String, String> {
 
 /// BLAKE3 of a file, in hexadecimal; `None` when it cannot be read.
 pub fn file_blake3(path: &Path) -> Option<String> {
-    std::fs::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string())
+    crate::input::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string())
 }

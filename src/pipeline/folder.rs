@@ -70,7 +70,8 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         }
         Err(e) => return Err(error(e).into()),
     };
-    let earlier: Option<RunJson> = fs::read(out.join(RUN_JSON)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let earlier: Option<RunJson> =
+        crate::input::read(&out.join(RUN_JSON)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
     let Some(earlier) = earlier else {
         let empty = entries.next().is_none();
         return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };

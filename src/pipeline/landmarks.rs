@@ -1,6 +1,6 @@
 //! One sequence given as landmarks, from its files to its track.
 
-use std::{collections::BTreeMap, fs, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf};
 
 use super::{
     MADE_BY, SequenceFailure, Stage, Workbench,
@@ -88,7 +88,7 @@ impl LandmarkSource {
             part(&mark.expected_error.unwrap_or_default().to_le_bytes());
         }
         for file in crate::dataset::landmark_files(&self.path).map_err(SequenceFailure::at(Stage::Dataset))? {
-            let bytes = fs::read(&file).map_err(|e| SequenceFailure {
+            let bytes = crate::input::read(&file).map_err(|e| SequenceFailure {
                 stage: Stage::Dataset,
                 reason: format!("{}: cannot be read: {e}", file.display()),
                 fatal: false,

@@ -159,7 +159,7 @@ impl Workbench {
     pub fn new(wfm: Option<&Path>, options: PipelineOptions) -> Result<Self, WorkbenchError> {
         let wireframe = wfm.map_or_else(|| Ok(Wireframe::candide3()), read_wfm)?;
         let wireframe_blake3 = match wfm {
-            Some(path) => Some(blake3::hash(&std::fs::read(path)?).to_hex().to_string()),
+            Some(path) => Some(blake3::hash(&crate::input::read(path)?).to_hex().to_string()),
             None => None,
         };
         let face = Face::new(wireframe);

@@ -5,7 +5,6 @@
 
 use std::{
     collections::BTreeSet,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -80,7 +79,7 @@ impl EmotionPart {
 
     /// The part that was written of exactly these models and options, if it is there.
     pub fn read(out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Option<Self> {
-        let bytes = fs::read(part_path(out, emotion)).ok()?;
+        let bytes = crate::input::read(&part_path(out, emotion)).ok()?;
         let part: Self = serde_json::from_slice(&bytes).ok()?;
         (part.inputs_blake3 == inputs_blake3(groups, bench)).then_some(part)
     }

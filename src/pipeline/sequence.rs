@@ -2,7 +2,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -109,7 +108,7 @@ impl SequenceSource {
         }
         for path in self.frames.files() {
             part(file_name(path).as_bytes());
-            let bytes = fs::read(path).map_err(|e| SequenceFailure {
+            let bytes = read_any_length(path).map_err(|e| SequenceFailure {
                 stage: Stage::Dataset,
                 reason: format!("{}: cannot be read: {e}", path.display()),
                 fatal: false,
@@ -118,6 +117,12 @@ impl SequenceSource {
         }
         Ok(hasher.finalize().to_hex().to_string())
     }
+}
+
+fn read_any_length(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::io::Read::read_to_end(&mut crate::input::open_file(path)?, &mut bytes)?;
+    Ok(bytes)
 }
 
 pub(super) fn file_name(path: &Path) -> String {
@@ -248,7 +253,7 @@ pub fn overlay_pictures(
         }
         let frame = frame.map_err(SequenceFailure::at(Stage::Track))?;
         let marks = if index == 0 { marks.as_slice() } else { &[] };
-        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks).map_err(SequenceFailure::at(Stage::Track))?;
+        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks);
         each(tracked.number, picture)?;
     }
     Ok(())

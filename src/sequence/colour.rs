@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use image::RgbImage;
+use image::{DynamicImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
 use opencv::{
-    core::{CV_8U, CV_16U, Mat, Vec3b, Vec3w, Vec4b, Vec4w},
-    imgcodecs::{IMREAD_ANYDEPTH, IMREAD_COLOR, IMREAD_UNCHANGED, imdecode},
+    core::{Mat, Vec3b},
     prelude::*,
-    videoio::{CAP_ANY, VideoCapture},
 };
 
 use super::{
     DecodeError, SequenceError,
-    decode::{check_whole, readable_start},
+    decode::{bits_of, other_pixels},
+    still::{Wanted, decode},
+    video::open_capture,
 };
 use crate::dataset::FrameSource;
 
@@ -25,7 +25,7 @@ pub const MAX_SIDE: u32 = 16_384;
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_colour(path: &Path) -> Result<RgbImage, SequenceError> {
-    let decoded = std::fs::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes));
+    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes));
     decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })
 }
 
@@ -42,16 +42,16 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
             .collect(),
         FrameSource::Video { path, .. } => {
             let error = |reason: &str| SequenceError::Video { path: path.clone(), reason: reason.to_owned() };
-            let mut capture = VideoCapture::from_file(path, CAP_ANY)?;
+            let mut capture = open_capture(path).map_err(|reason| error(&reason))?;
+            let opencv = |e: opencv::Error| error(&format!("OpenCV: {e}"));
             let mut frames = Vec::new();
             for number in 1..=wanted.iter().copied().max().unwrap_or(0) {
                 let mut mat = Mat::default();
-                if !capture.read(&mut mat)? || mat.empty() {
+                if !capture.read(&mut mat).map_err(opencv)? || mat.empty() {
                     return Err(error("ends before the last frame of the track"));
                 }
                 if wanted.contains(&number) {
-                    let image = rgb(&mat).map_err(|source| SequenceError::Decode { path: path.clone(), source })?;
-                    frames.push((number, image));
+                    frames.push((number, rgb(&mat).map_err(opencv)?));
                 }
             }
             Ok(frames)
@@ -60,73 +60,61 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
 }
 
 fn decode_colour(bytes: &[u8]) -> Result<RgbImage, DecodeError> {
-    check_whole(bytes)?;
-    let buffer = Mat::from_slice(bytes)?;
-    let not_an_image = || DecodeError::NotAnImage { start: readable_start(bytes) };
-    let mat = imdecode(&buffer, IMREAD_COLOR | IMREAD_ANYDEPTH).map_err(|_| not_an_image())?;
-    if mat.empty() {
-        return Err(not_an_image());
+    let image = decode(bytes, Wanted::Colour)?;
+    match image {
+        DynamicImage::ImageRgb8(image) => Ok(image),
+        DynamicImage::ImageLuma8(_) => Ok(image.into_rgb8()),
+        DynamicImage::ImageLumaA8(_) | DynamicImage::ImageRgba8(_) => Ok(on_white(&image.into_rgba8())),
+        DynamicImage::ImageLuma16(_) | DynamicImage::ImageRgb16(_) => Ok(narrow(&image.into_rgb16())),
+        DynamicImage::ImageLumaA16(_) | DynamicImage::ImageRgba16(_) => {
+            let deep = image.into_rgba16();
+            let mut narrow = narrow(&DynamicImage::from(deep.clone()).into_rgb16());
+            for (pixel, from) in narrow.pixels_mut().zip(deep.pixels()) {
+                pixel.0 = over_white(pixel.0, f64::from(from.0[3]) / 65_535.0);
+            }
+            Ok(narrow)
+        }
+        other => Err(other_pixels(&other)),
     }
-    let mut image = rgb(&mat)?;
-    // OpenCV drops transparency with the colours that were under it; that leaves black fringes.
-    if let Ok(full) = imdecode(&buffer, IMREAD_UNCHANGED)
-        && full.channels() == 4
-        && (full.cols(), full.rows()) == (mat.cols(), mat.rows())
-    {
-        lay_on_white(&full, &mut image)?;
+}
+
+/// 16-bit channels to 8 by the bits that the picture uses.
+fn narrow(image: &ImageBuffer<Rgb<u16>, Vec<u16>>) -> RgbImage {
+    let bits = bits_of(image.as_raw().iter().copied().max().unwrap_or(0));
+    let scale = 255.0 / f64::from((1_u32 << bits) - 1);
+    let values = image.as_raw().iter().map(|&v| (f64::from(v) * scale).round().min(255.0) as u8).collect();
+    RgbImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
+}
+
+fn on_white(image: &RgbaImage) -> RgbImage {
+    RgbImage::from_fn(image.width(), image.height(), |x, y| {
+        let [r, g, b, alpha] = image.get_pixel(x, y).0;
+        Rgb(over_white([r, g, b], f64::from(alpha) / 255.0))
+    })
+}
+
+fn over_white(colour: [u8; 3], share: f64) -> [u8; 3] {
+    if share < 1.0 { colour.map(|c| (255.0 + (f64::from(c) - 255.0) * share).round() as u8) } else { colour }
+}
+
+/// The pixels of a frame of a video: 8-bit BGR or grey.
+fn rgb(mat: &Mat) -> Result<RgbImage, opencv::Error> {
+    let mut image = RgbImage::new(mat.cols().max(0) as u32, mat.rows().max(0) as u32);
+    if mat.channels() == 1 {
+        for (pixel, &from) in image.pixels_mut().zip(mat.data_typed::<u8>()?) {
+            pixel.0 = [from; 3];
+        }
+    } else {
+        for (pixel, from) in image.pixels_mut().zip(mat.data_typed::<Vec3b>()?) {
+            pixel.0 = [from[2], from[1], from[0]];
+        }
     }
     Ok(image)
-}
-
-/// Bits that the largest of some 16-bit values uses: 10, 12, 14 or 16.
-fn scale_of(largest: u16) -> f64 {
-    let bits = [10, 12, 14].into_iter().find(|&b| u32::from(largest) < 1 << b).unwrap_or(16);
-    255.0 / f64::from((1_u32 << bits) - 1)
-}
-
-fn rgb(mat: &Mat) -> Result<RgbImage, DecodeError> {
-    let (width, height) = (mat.cols().max(0) as u32, mat.rows().max(0) as u32);
-    let mut image = RgbImage::new(width, height);
-    match (mat.depth(), mat.channels()) {
-        (CV_8U, 3) => {
-            for (pixel, from) in image.pixels_mut().zip(mat.data_typed::<Vec3b>()?) {
-                pixel.0 = [from[2], from[1], from[0]];
-            }
-        }
-        (CV_8U, 1) => {
-            for (pixel, &from) in image.pixels_mut().zip(mat.data_typed::<u8>()?) {
-                pixel.0 = [from; 3];
-            }
-        }
-        (CV_16U, 3) => {
-            let data = mat.data_typed::<Vec3w>()?;
-            let scale = scale_of(data.iter().flat_map(|p| p.0).max().unwrap_or(0));
-            for (pixel, from) in image.pixels_mut().zip(data) {
-                pixel.0 = [2, 1, 0].map(|c| (f64::from(from[c]) * scale).round().min(255.0) as u8);
-            }
-        }
-        (depth, _) => return Err(DecodeError::Depth { depth }),
-    }
-    Ok(image)
-}
-
-fn lay_on_white(full: &Mat, image: &mut RgbImage) -> Result<(), DecodeError> {
-    let shares: Vec<f64> = match full.depth() {
-        CV_8U => full.data_typed::<Vec4b>()?.iter().map(|p| f64::from(p[3]) / 255.0).collect(),
-        CV_16U => full.data_typed::<Vec4w>()?.iter().map(|p| f64::from(p[3]) / 65_535.0).collect(),
-        _ => return Ok(()),
-    };
-    for (pixel, share) in image.pixels_mut().zip(shares) {
-        if share < 1.0 {
-            pixel.0 = pixel.0.map(|c| (255.0 + (f64::from(c) - 255.0) * share).round() as u8);
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
-    use image::{DynamicImage, ImageFormat, RgbaImage};
+    use image::ImageFormat;
 
     use super::*;
 

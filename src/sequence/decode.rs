@@ -1,9 +1,14 @@
 //! One image file to 8-bit grey.
+//!
+//! Grey is defined once, for every format: the value itself of a grey picture, the luma channel of a JPEG file, and
+//! (9798 R + 19235 G + 3735 B + 16384) / 32768, rounded down, of colours (BT.601's 0.299, 0.587, 0.114 in 15 bits). Transparency does not
+//! count. 16-bit values are scaled as [`GrayDecoder`] says.
 
-use opencv::{
-    core::{CV_8U, CV_8UC1, CV_16U, Mat, min_max_loc},
-    imgcodecs::{IMREAD_ANYDEPTH, IMREAD_GRAYSCALE, imdecode},
-    prelude::*,
+use image::{DynamicImage, GrayImage};
+
+use super::{
+    ImageSize,
+    still::{Wanted, decode},
 };
 
 /// Why bytes are not an image.
@@ -20,24 +25,54 @@ pub enum DecodeError {
     Truncated {
         /// Format of the file.
         format: &'static str,
-        /// What is missing.
+        /// What is missing, or what share was there.
         reason: String,
     },
     /// No decoder understands the bytes.
-    #[error("not an image in a known format (PNG, JPEG, TIFF, BMP, PGM, WebP), or damaged; it starts with {start}")]
+    #[error("not an image in a known format (PNG, JPEG, TIFF, BMP, PGM, PPM, WebP), or damaged; it starts with {start}")]
     NotAnImage {
         /// The first bytes, readable.
         start: String,
     },
-    /// Pixels that are neither 8- nor 16-bit integers.
-    #[error("pixels are stored as OpenCV depth {depth}; 8-bit and 16-bit integers are supported")]
-    Depth {
-        /// OpenCV's depth code.
-        depth: i32,
+    /// A known format with something wrong inside.
+    #[error("the {format} image is damaged: {reason}")]
+    Damaged {
+        /// Format of the file.
+        format: &'static str,
+        /// What the decoder says.
+        reason: String,
     },
-    /// OpenCV failed.
-    #[error("OpenCV: {0}")]
-    OpenCv(#[from] opencv::Error),
+    /// A known format in a form that is not decoded.
+    #[error("the {format} image has {found}; {supported} are supported")]
+    Unsupported {
+        /// Format of the file.
+        format: &'static str,
+        /// What it has.
+        found: String,
+        /// What is decoded.
+        supported: &'static str,
+    },
+    /// A picture of more pixels than the limit.
+    #[error(
+        "the picture is {size}, {} megapixels; at most {} are read, --max-pixels raises that",
+        megapixels(u64::from(size.width) * u64::from(size.height)), megapixels(*most)
+    )]
+    TooLarge {
+        /// Size in the header.
+        size: ImageSize,
+        /// The limit, pixels.
+        most: u64,
+    },
+    /// A width or height of 0.
+    #[error("the picture is {size}: it has no pixels")]
+    NoPixels {
+        /// Size in the header.
+        size: ImageSize,
+    },
+}
+
+fn megapixels(pixels: u64) -> String {
+    format!("{}", (pixels as f64 / 1e6 * 10.0).round() / 10.0)
 }
 
 /// Decodes images of one sequence to 8-bit grey.
@@ -54,95 +89,55 @@ impl GrayDecoder {
     ///
     /// # Errors
     /// [`DecodeError`] for anything but a whole image.
-    pub fn decode(&mut self, bytes: &[u8]) -> Result<Mat, DecodeError> {
-        check_whole(bytes)?;
-        let buffer = Mat::from_slice(bytes)?;
-        let not_an_image = || DecodeError::NotAnImage { start: readable_start(bytes) };
-        let mat = imdecode(&buffer, IMREAD_GRAYSCALE | IMREAD_ANYDEPTH).map_err(|_| not_an_image())?;
-        if mat.empty() {
-            return Err(not_an_image());
-        }
-        match mat.depth() {
-            CV_8U => Ok(mat),
-            CV_16U => self.scale_to_8_bit(&mat),
-            depth => Err(DecodeError::Depth { depth }),
-        }
-    }
-
-    fn scale_to_8_bit(&mut self, mat: &Mat) -> Result<Mat, DecodeError> {
-        let bits = if let Some(bits) = self.bits {
-            bits
-        } else {
-            let mut largest = 0.0;
-            min_max_loc(mat, None, Some(&mut largest), None, None, &opencv::core::no_array())?;
-            *self.bits.insert([10, 12, 14].into_iter().find(|&b| largest < f64::from(1u32 << b)).unwrap_or(16))
-        };
-        let mut out = Mat::default();
-        mat.convert_to(&mut out, CV_8UC1, 255.0 / f64::from((1u32 << bits) - 1), 0.0)?;
-        Ok(out)
-    }
-}
-
-/// Finds files that end before their image does, where the format tells.
-pub(super) fn check_whole(bytes: &[u8]) -> Result<(), DecodeError> {
-    /// A JPEG may carry some padding behind its end marker.
-    const JPEG_TAIL: usize = 4096;
-    let truncated = |format, reason: String| Err(DecodeError::Truncated { format, reason });
-    if bytes.is_empty() {
-        return Err(DecodeError::Empty);
-    }
-    if bytes.starts_with(&[0xFF, 0xD8, 0xFF]) {
-        let tail = &bytes[bytes.len().saturating_sub(JPEG_TAIL)..];
-        if !tail.windows(2).any(|w| w == [0xFF, 0xD9]) {
-            return truncated("JPEG", "it has no end marker".to_owned());
-        }
-    } else if bytes.starts_with(b"\x89PNG") {
-        if !bytes.windows(4).rev().take(JPEG_TAIL).any(|w| w == b"IEND") {
-            return truncated("PNG", "it has no end chunk".to_owned());
-        }
-    } else if bytes.starts_with(b"BM") && bytes.len() >= 6 {
-        let stated = u32::from_le_bytes([bytes[2], bytes[3], bytes[4], bytes[5]]) as usize;
-        if bytes.len() < stated {
-            return truncated("BMP", format!("{} of {stated} bytes", bytes.len()));
-        }
-    } else if bytes.starts_with(b"P5")
-        && let Some((header, pixels)) = pgm_sizes(bytes)
-        && bytes.len() < header.saturating_add(pixels)
-    {
-        return truncated("PGM", format!("{} of {pixels} bytes of pixels", bytes.len().saturating_sub(header)));
-    }
-    Ok(())
-}
-
-/// Bytes of header and of pixels that a binary PGM states.
-fn pgm_sizes(bytes: &[u8]) -> Option<(usize, usize)> {
-    let mut numbers = Vec::with_capacity(3);
-    let mut at = 2;
-    while numbers.len() < 3 {
-        match *bytes.get(at)? {
-            b'#' => at += bytes[at..].iter().position(|&b| b == b'\n')?,
-            b if b.is_ascii_whitespace() => at += 1,
-            b if b.is_ascii_digit() => {
-                let digits = bytes[at..].iter().take_while(|b| b.is_ascii_digit()).count();
-                numbers.push(std::str::from_utf8(&bytes[at..at + digits]).ok()?.parse::<usize>().ok()?);
-                at += digits;
+    pub fn decode(&mut self, bytes: &[u8]) -> Result<GrayImage, DecodeError> {
+        let image = decode(bytes, Wanted::Grey)?;
+        let (width, height) = (image.width(), image.height());
+        let narrow = match image {
+            DynamicImage::ImageLuma8(image) => return Ok(image),
+            DynamicImage::ImageLumaA8(image) => image.pixels().map(|p| p.0[0]).collect(),
+            DynamicImage::ImageRgb8(image) => image.pixels().map(|p| grey8(p.0)).collect(),
+            DynamicImage::ImageRgba8(image) => image.pixels().map(|p| grey8([p.0[0], p.0[1], p.0[2]])).collect(),
+            DynamicImage::ImageLuma16(image) => self.scale_to_8_bit(image.as_raw()),
+            DynamicImage::ImageLumaA16(image) => self.scale_to_8_bit(&image.pixels().map(|p| p.0[0]).collect::<Vec<_>>()),
+            DynamicImage::ImageRgb16(image) => self.scale_to_8_bit(&image.pixels().map(|p| grey16(p.0)).collect::<Vec<_>>()),
+            DynamicImage::ImageRgba16(image) => {
+                self.scale_to_8_bit(&image.pixels().map(|p| grey16([p.0[0], p.0[1], p.0[2]])).collect::<Vec<_>>())
             }
-            _ => return None,
-        }
+            other => return Err(other_pixels(&other)),
+        };
+        Ok(GrayImage::from_raw(width, height, narrow).unwrap_or_default())
     }
-    let sample = if numbers[2] > 255 { 2 } else { 1 };
-    Some((at + 1, numbers[0].checked_mul(numbers[1])?.checked_mul(sample)?))
+
+    fn scale_to_8_bit(&mut self, values: &[u16]) -> Vec<u8> {
+        let bits = *self.bits.get_or_insert_with(|| bits_of(values.iter().copied().max().unwrap_or(0)));
+        let scale = 255.0 / ((1_u32 << bits) - 1) as f32;
+        values.iter().map(|&v| (f32::from(v) * scale).round_ties_even() as u8).collect()
+    }
 }
 
-/// The first bytes of a file as text where they are text, in hexadecimal where not.
-pub(super) fn readable_start(bytes: &[u8]) -> String {
-    let start = &bytes[..bytes.len().min(12)];
-    if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) {
-        format!("the text {:?}", String::from_utf8_lossy(start))
-    } else {
-        let hex: Vec<String> = start.iter().map(|b| format!("{b:02x}")).collect();
-        format!("the bytes {}", hex.join(" "))
+/// Bits that the largest of some 16-bit values uses: 10, 12, 14 or 16.
+pub(super) fn bits_of(largest: u16) -> u32 {
+    [10, 12, 14].into_iter().find(|&b| u32::from(largest) < 1 << b).unwrap_or(16)
+}
+
+pub(super) fn other_pixels(image: &DynamicImage) -> DecodeError {
+    DecodeError::Unsupported {
+        format: "decoded",
+        found: format!("pixels of the kind {:?}", image.color()),
+        supported: "8-bit and 16-bit integers",
     }
+}
+
+fn weighted([r, g, b]: [u32; 3]) -> u32 {
+    (9798 * r + 19235 * g + 3735 * b + 16384) >> 15
+}
+
+fn grey8(rgb: [u8; 3]) -> u8 {
+    weighted(rgb.map(u32::from)) as u8
+}
+
+fn grey16(rgb: [u16; 3]) -> u16 {
+    weighted(rgb.map(u32::from)) as u16
 }
 
 #[cfg(test)]
@@ -168,20 +163,18 @@ mod tests {
 
     #[test]
     fn grey_png_comes_back_unchanged() {
-        let mat = GrayDecoder::default().decode(&png_8(5, 3)).unwrap();
-        assert_eq!((mat.cols(), mat.rows()), (5, 3));
-        assert_eq!(mat.data_typed::<u8>().unwrap()[..4], [0, 7, 14, 21]);
+        let image = GrayDecoder::default().decode(&png_8(5, 3)).unwrap();
+        assert_eq!(image.dimensions(), (5, 3));
+        assert_eq!(image.as_raw()[..4], [0, 7, 14, 21]);
     }
 
     #[test]
     fn sixteen_bit_images_use_the_range_of_the_first() {
         let mut decoder = GrayDecoder::default();
         // 4095 uses 12 bits: it becomes 255; half of it, 2047, becomes 127.47, rounded 127.
-        let mat = decoder.decode(&png_16(4095)).unwrap();
-        assert_eq!(mat.data_typed::<u8>().unwrap(), [255, 127, 0, 255]);
+        assert_eq!(decoder.decode(&png_16(4095)).unwrap().as_raw(), &[255, 127, 0, 255]);
         // The second image keeps the 12-bit scale: 1000 * 255 / 4095 = 62.27.
-        let mat = decoder.decode(&png_16(1000)).unwrap();
-        assert_eq!(mat.data_typed::<u8>().unwrap(), [62, 31, 0, 62]);
+        assert_eq!(decoder.decode(&png_16(1000)).unwrap().as_raw(), &[62, 31, 0, 62]);
     }
 
     #[test]
@@ -195,6 +188,6 @@ mod tests {
         assert!(message(b"P5\n# made by hand\n4 4\n255\n123").contains("3 of 16 bytes of pixels"));
         assert!(message(b"P5 2 2 255").contains("0 of 4 bytes of pixels"));
         assert!(message(b"BM\xff\x00\x00\x00rest").contains("BMP image is cut off"));
-        assert!(message(b"P5 99999999999999999999 4 255 ").contains("not an image"));
+        assert!(message(b"P5 99999999999999999999 4 255 ").contains("PGM image is damaged"));
     }
 }

@@ -10,6 +10,7 @@ use opencv::{
 };
 
 use super::webm::set_random_numbers;
+use crate::native;
 
 /// A video that could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -40,9 +41,14 @@ pub enum FilmError {
         /// Why.
         source: std::io::Error,
     },
-    /// OpenCV failed.
-    #[error("OpenCV: {0}")]
-    OpenCv(#[from] opencv::Error),
+    /// The encoder failed.
+    #[error("{}: the encoder failed: {reason}", path.display())]
+    Encoder {
+        /// The file.
+        path: PathBuf,
+        /// What it says.
+        reason: String,
+    },
 }
 
 /// Codecs of a container, best first.
@@ -62,6 +68,7 @@ pub fn write_video<E: From<FilmError>>(
     let mut frames = frames.into_iter();
     let first = frames.next().ok_or_else(|| FilmError::Empty { path: path.to_owned() })??;
     let io = |source| FilmError::Io { path: path.to_owned(), source };
+    let failed = |error| encoder_error(path, &error);
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(io)?;
     // The container follows the extension, so the temporary name has it too.
@@ -72,9 +79,9 @@ pub fn write_video<E: From<FilmError>>(
     let mut writer = open_writer(path, &temporary, if is_webm { WEBM } else { MP4 }, size, fps)?;
     for frame in std::iter::once(Ok(first)).chain(frames) {
         let frame: RgbImage = frame?;
-        bgr(&frame, size).and_then(|mat| writer.write(&mat)).map_err(FilmError::from)?;
+        bgr(&frame, size).and_then(|mat| writer.write(&mat)).map_err(failed)?;
     }
-    writer.release().map_err(FilmError::from)?;
+    writer.release().map_err(failed)?;
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
         return Err(FilmError::Empty { path: path.to_owned() }.into());
     }
@@ -92,16 +99,23 @@ fn open_writer(
     size: Size,
     fps: f64,
 ) -> Result<VideoWriter, FilmError> {
+    native::configure();
+    let failed = |error| encoder_error(path, &error);
     let name = temporary.to_string_lossy().into_owned();
     for codec in codecs {
         let [a, b, c, d] = codec.map(char::from);
-        let writer = VideoWriter::new(&name, VideoWriter::fourcc(a, b, c, d)?, fps, size, true)?;
-        if writer.is_opened()? {
+        let code = VideoWriter::fourcc(a, b, c, d).map_err(failed)?;
+        let writer = VideoWriter::new(&name, code, fps, size, true).map_err(failed)?;
+        if writer.is_opened().map_err(failed)? {
             return Ok(writer);
         }
     }
     let tried = codecs.iter().map(|c| String::from_utf8_lossy(*c).into_owned()).collect::<Vec<_>>().join(", ");
     Err(FilmError::NoEncoder { path: path.to_owned(), format, tried })
+}
+
+fn encoder_error(path: &Path, error: &opencv::Error) -> FilmError {
+    FilmError::Encoder { path: path.to_owned(), reason: format!("OpenCV: {error}") }
 }
 
 fn bgr(frame: &RgbImage, size: Size) -> Result<Mat, opencv::Error> {

@@ -1,23 +1,27 @@
 //! Frames in order, decoded to 8-bit grey, from image files or a video.
 //!
-//! OpenCV decodes; its types stop here and in [`crate::track`]. A frame is decoded from bytes that were first checked to be whole,
-//! because OpenCV fills what a truncated file lacks with grey and reports success.
+//! A picture is refused by its header when it is too large ([`max_pixels`]), and when its data end early: nothing is made up for what a
+//! file lacks. Image files are decoded in Rust, videos by OpenCV, whose types stop here.
 
 mod colour;
 mod decode;
 mod film;
+mod jpeg;
+mod limit;
+mod still;
 mod video;
 mod webm;
 
 use std::path::{Path, PathBuf};
 
-use opencv::{core::Mat, prelude::*};
+use image::GrayImage;
 
 use crate::dataset::{FrameFile, FrameSource};
 
 pub use colour::{MAX_SIDE, read_colour, read_colour_frames};
 pub use decode::{DecodeError, GrayDecoder};
 pub use film::{FilmError, write_video};
+pub use limit::{DEFAULT_MAX_PIXELS, max_pixels, set_max_pixels};
 
 /// Width and height in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -43,10 +47,10 @@ impl std::fmt::Display for ImageSize {
 }
 
 /// One decoded frame: 8-bit grey pixels and the frame's number.
-#[derive(Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
     number: u32,
-    mat: Mat,
+    image: GrayImage,
 }
 
 impl Frame {
@@ -57,33 +61,22 @@ impl Frame {
 
     /// Width and height.
     pub fn size(&self) -> ImageSize {
-        ImageSize { width: self.mat.cols().max(0) as u32, height: self.mat.rows().max(0) as u32 }
-    }
-
-    /// The pixels, for OpenCV.
-    pub(crate) fn mat(&self) -> &Mat {
-        &self.mat
+        ImageSize { width: self.image.width(), height: self.image.height() }
     }
 
     /// A frame of the given pixels.
-    ///
-    /// # Errors
-    /// [`SequenceError::OpenCv`] when OpenCV cannot hold the image.
-    pub fn from_image(number: u32, image: &image::GrayImage) -> Result<Self, SequenceError> {
-        let mat = Mat::new_rows_cols_with_data(image.height() as i32, image.width() as i32, image.as_raw())?;
-        Ok(Self { number, mat: mat.try_clone()? })
+    pub fn new(number: u32, image: GrayImage) -> Self {
+        Self { number, image }
     }
 
-    /// A copy of the pixels.
-    ///
-    /// # Errors
-    /// [`SequenceError::OpenCv`] when the pixels cannot be read.
-    pub fn to_image(&self) -> Result<image::GrayImage, SequenceError> {
-        let size = self.size();
-        let continuous = if self.mat.is_continuous() { self.mat.try_clone()? } else { self.mat.clone() };
-        let data = continuous.data_typed::<u8>()?.to_vec();
-        let found = data.len();
-        image::GrayImage::from_raw(size.width, size.height, data).ok_or(SequenceError::PixelCount { size, found })
+    /// The pixels.
+    pub fn image(&self) -> &GrayImage {
+        &self.image
+    }
+
+    /// The pixels without a copy.
+    pub fn into_image(self) -> GrayImage {
+        self.image
     }
 }
 
@@ -127,17 +120,6 @@ pub enum SequenceError {
         /// What happened.
         reason: String,
     },
-    /// Pixels that do not fill the image.
-    #[error("{found} pixels for an image of {size}")]
-    PixelCount {
-        /// The image's size.
-        size: ImageSize,
-        /// Pixels found.
-        found: usize,
-    },
-    /// OpenCV failed.
-    #[error("OpenCV: {0}")]
-    OpenCv(#[from] opencv::Error),
 }
 
 /// Reads the frames of one sequence one after the other; at most one decoded frame is held.
@@ -182,15 +164,15 @@ impl SequenceReader {
         match &mut self.source {
             Source::Images { files, decoder } => {
                 let FrameFile { number, path } = files.next()?;
-                let decoded = std::fs::read(&path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
+                let decoded = crate::input::read(&path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
                 Some(match decoded {
-                    Ok(mat) => Ok((Frame { number, mat }, path)),
+                    Ok(image) => Ok((Frame { number, image }, path)),
                     Err(source) => Err(SequenceError::Decode { path, source }),
                 })
             }
             Source::Video(video) => {
                 let frame = video.next_frame()?;
-                Some(frame.map(|(number, mat)| (Frame { number, mat }, video.path().to_owned())))
+                Some(frame.map(|(number, image)| (Frame { number, image }, video.path().to_owned())))
             }
         }
     }
@@ -218,9 +200,9 @@ impl Iterator for SequenceReader {
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
-    let decoded = std::fs::read(path).map_err(DecodeError::from).and_then(|bytes| GrayDecoder::default().decode(&bytes));
-    let mat = decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })?;
-    Ok(Frame { number: 0, mat })
+    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| GrayDecoder::default().decode(&bytes));
+    let image = decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })?;
+    Ok(Frame { number: 0, image })
 }
 
 /// The first frame of a sequence.
@@ -229,15 +211,4 @@ pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
 /// [`SequenceError`] when it does not read.
 pub fn read_first_frame(source: &FrameSource) -> Result<Frame, SequenceError> {
     SequenceReader::open(source)?.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }))
-}
-
-/// Makes OpenCV quiet and single-threaded: rayon spreads the work over sequences, and results must not depend on threads.
-///
-/// # Errors
-/// [`SequenceError::OpenCv`] when OpenCV refuses.
-pub fn configure_opencv() -> Result<(), SequenceError> {
-    opencv::core::set_use_opencl(false)?;
-    opencv::core::set_num_threads(1)?;
-    opencv::core::set_log_level(opencv::core::LogLevel::LOG_LEVEL_SILENT)?;
-    Ok(())
 }

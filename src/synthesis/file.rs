@@ -150,7 +150,7 @@ pub(super) fn open(path: &Path) -> Result<Bank, BankError> {
     if cfg!(target_endian = "big") {
         return Err(error("bank files are little endian, this machine is not".to_owned()));
     }
-    let file = File::open(path).map_err(|e| error(e.to_string()))?;
+    let file = crate::input::open_file(path).map_err(|e| error(e.to_string()))?;
     if file.metadata().is_ok_and(|m| m.len() < HEADER || !m.is_file()) {
         return Err(error(format!("it is shorter than the header of {HEADER} bytes")));
     }

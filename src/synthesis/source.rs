@@ -163,7 +163,7 @@ struct Origin {
 
 fn open_arrays(path: &Path) -> Result<BankSource, BankError> {
     let file = path.join("manifest.json");
-    let manifest: Manifest = match fs::read(&file) {
+    let manifest: Manifest = match crate::input::read(&file) {
         Ok(bytes) => {
             let error = |e: serde_json::Error| BankError::Source { path: file.clone(), reason: e.to_string() };
             serde_json::from_slice(&bytes).map_err(error)?

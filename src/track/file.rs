@@ -2,7 +2,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     io::Write,
     path::{Path, PathBuf},
 };
@@ -188,7 +187,7 @@ pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInf
 /// [`TrackFileError`].
 pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileError> {
     let path = csv_path.with_extension("json");
-    let bytes = match fs::read(&path) {
+    let bytes = match crate::input::read(&path) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(TrackFileError::Io { path, source }),
@@ -204,7 +203,7 @@ pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileEr
 pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     let io = |source| TrackFileError::Io { path: path.to_owned(), source };
     let csv_error = |source| TrackFileError::Csv { path: path.to_owned(), source };
-    let bytes = fs::read(path).map_err(io)?;
+    let bytes = crate::input::read(path).map_err(io)?;
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
     let header = reader.headers().map_err(csv_error)?.clone();
@@ -282,6 +281,8 @@ fn check_frames(frames: &[TrackedFrame]) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::track::LossReason;
 

@@ -11,7 +11,7 @@ use opencv::{
 };
 
 use super::{Found, Patch, PointTracker, Probe, Slot, TrackError};
-use crate::sequence::Frame;
+use crate::{native, sequence::Frame};
 
 /// Iterations and step (px) at which the search at one pyramid level ends: OpenCV's defaults.
 const MAX_ITERATIONS: i32 = 30;
@@ -22,6 +22,12 @@ const SCHARR: f64 = 1.0 / 32.0;
 
 /// Smallest normalized eigenvalue of a window's gradient matrix: OpenCV's default.
 const MIN_EIGENVALUE: f64 = 1e-4;
+
+impl From<opencv::Error> for TrackError {
+    fn from(error: opencv::Error) -> Self {
+        Self::PointTracker { reason: format!("OpenCV: {error}") }
+    }
+}
 
 /// The tracker of OpenCV.
 #[derive(Debug)]
@@ -37,6 +43,7 @@ pub struct Klt {
 impl Klt {
     /// A tracker with `levels` pyramid levels (1: the image itself only), padded for windows up to `max_window_px`.
     pub fn new(levels: u32, max_window_px: u32) -> Self {
+        native::configure();
         let (levels, max_window) = (levels.clamp(1, 8) as i32, (max_window_px as i32).clamp(3, 255));
         Self { levels, max_window, neutral: Rc::default(), previous: Rc::default(), current: Rc::default() }
     }
@@ -45,7 +52,10 @@ impl Klt {
         let mut pyramid = Vector::<Mat>::new();
         let window = Size::new(self.max_window, self.max_window);
         let (reflect, constant) = (opencv::core::BORDER_REFLECT_101, opencv::core::BORDER_CONSTANT);
-        build_optical_flow_pyramid(frame.mat(), &mut pyramid, window, self.levels - 1, true, reflect, constant, true)?;
+        let image = frame.image();
+        let mat = Mat::new_rows_cols_with_data(image.height() as i32, image.width() as i32, image.as_raw())?;
+        // The pyramid copies: the frame may go.
+        build_optical_flow_pyramid(&mat, &mut pyramid, window, self.levels - 1, true, reflect, constant, false)?;
         Ok(pyramid)
     }
 

@@ -162,9 +162,12 @@ pub enum TrackError {
     /// The springs have no equilibrium.
     #[error(transparent)]
     Springs(#[from] SpringError),
-    /// OpenCV failed.
-    #[error("OpenCV: {0}")]
-    OpenCv(#[from] opencv::Error),
+    /// The point tracker failed.
+    #[error("the point tracker failed: {reason}")]
+    PointTracker {
+        /// What it says.
+        reason: String,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

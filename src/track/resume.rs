@@ -168,7 +168,7 @@ mod tests {
     }
 
     fn frames() -> impl Iterator<Item = Result<Frame, SequenceError>> {
-        (1..=5).map(|number| Frame::from_image(number, &image::GrayImage::new(400, 400)))
+        (1..=5).map(|number| Ok(Frame::new(number, image::GrayImage::new(400, 400))))
     }
 
     /// Five frames of a wireframe of 100 px per unit that drifts by 1 px a frame.

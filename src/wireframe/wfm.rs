@@ -6,7 +6,6 @@
 
 use std::{
     fmt::{self, Write as _},
-    fs::File,
     io::{self, Read as _},
     path::{Path, PathBuf},
 };
@@ -107,7 +106,7 @@ pub struct WfmError {
 pub fn read_wfm(path: &Path) -> Result<Wireframe, WfmError> {
     let read = || {
         let mut bytes = Vec::new();
-        File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+        crate::input::open_file(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
         if bytes.len() as u64 > MAX_BYTES { Err(WfmErrorKind::TooLarge) } else { parse(&bytes) }
     };
     read().map_err(|kind| WfmError { path: path.to_owned(), kind })

@@ -8,7 +8,20 @@ use crate::common::root;
 const LAYERS: [(&str, &[&str]); 5] = [
     (
         "ground",
-        &["text", "units", "geometry", "robust", "formula", "foreign", "input", "output", "wireframe", "model", "correspondence"],
+        &[
+            "text",
+            "units",
+            "geometry",
+            "robust",
+            "formula",
+            "foreign",
+            "native",
+            "input",
+            "output",
+            "wireframe",
+            "model",
+            "correspondence",
+        ],
     ),
     ("sources", &["dataset", "sequence"]),
     ("method", &["locate", "fit", "track", "normalize", "plausible", "statistics", "fap"]),

@@ -100,7 +100,7 @@ fn track(truth: &[Vec<Point2<f64>>], faults: &[(usize, u16, Fault)], options: &T
         residuals: Vec::new(),
     };
     let picture = image::GrayImage::new(WIDTH, HEIGHT);
-    let frames = (1..).take(truth.len()).map(|number| Ok::<_, SequenceError>(Frame::from_image(number, &picture).unwrap()));
+    let frames = (1..).take(truth.len()).map(|number| Ok::<_, SequenceError>(Frame::new(number, picture.clone())));
     let mut tracker = Scripted { truth, live: wireframe.live_nodes(), faults, given: 0 };
     track_with(&mut tracker, &wireframe, &plan, &fitted, frames, options, |_| true)
 }

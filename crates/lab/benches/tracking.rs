@@ -12,7 +12,6 @@ use grimace::{
     dataset::{FrameSource, list_frames},
     fit::read_correspondences,
     pipeline::{PipelineOptions, SequenceSource, Workbench, track_one},
-    sequence::configure_opencv,
     track::{window_px, write_track},
     units::SequenceId,
 };
@@ -74,7 +73,6 @@ fn bare(files: &[&Path], points: &Vector<Point2f>, window: i32, levels: u32) -> 
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    configure_opencv()?;
     let folder = tempfile::tempdir()?;
     let options = SimulateOptions {
         subjects: 1,

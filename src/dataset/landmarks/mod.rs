@@ -279,8 +279,8 @@ enum Form {
 /// Recognizes a file by its first line that is not blank.
 fn form_of(path: &Path) -> Form {
     let mut start = Vec::new();
-    let read =
-        fs::File::open(path).and_then(|file| io::Read::read_to_end(&mut io::Read::take(file, SNIFFED_BYTES as u64), &mut start));
+    let read = crate::input::open_file(path)
+        .and_then(|file| io::Read::read_to_end(&mut io::Read::take(file, SNIFFED_BYTES as u64), &mut start));
     if read.is_err() {
         return Form::Other;
     }

@@ -1,6 +1,6 @@
 //! Files of one frame: iBUG's `.pts`, and CK+'s lines of two numbers.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use nalgebra::Point2;
 
@@ -12,7 +12,7 @@ const PTS_FIRST_PIXEL: f64 = 1.0;
 
 /// The points of a file, by its content.
 pub(super) fn read(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksError> {
-    let bytes = fs::read(path).map_err(|reason| LandmarksError::Io { path: path.to_owned(), reason })?;
+    let bytes = crate::input::read(path).map_err(|reason| LandmarksError::Io { path: path.to_owned(), reason })?;
     let text = String::from_utf8_lossy(&bytes);
     let text = text.trim_start_matches('\u{FEFF}');
     let has_pts_name = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pts"));

@@ -1,7 +1,7 @@
 //! Prior files: JSON with the mean, the modes, and where they come from.
 
 use std::{
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
@@ -173,7 +173,7 @@ struct Version {
 /// [`PriorFileError`].
 pub fn read_prior(path: &Path) -> Result<(ShapePrior, String), PriorFileError> {
     let at = || path.to_owned();
-    let bytes = fs::read(path).map_err(|source| PriorFileError::Io { path: at(), source })?;
+    let bytes = crate::input::read(path).map_err(|source| PriorFileError::Io { path: at(), source })?;
     // The version first: a later schema need not have the fields of this one.
     let Version { schema_version } =
         serde_json::from_slice(&bytes).map_err(|source| PriorFileError::Json { path: at(), source })?;
@@ -220,6 +220,8 @@ pub(super) fn embedded() -> ShapePrior {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn small() -> PriorFile {

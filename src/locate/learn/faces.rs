@@ -155,7 +155,7 @@ fn mean_of(all: &[Point], sources: &[(usize, f64)]) -> Point {
 
 fn read_picture(path: &Path) -> Result<(RgbImage, Vec<u8>), FacesError> {
     let failed = |reason: String| FacesError::Picture { path: path.to_owned(), reason };
-    let bytes = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
+    let bytes = crate::input::read(path).map_err(|e| failed(e.to_string()))?;
     let picture = image::load_from_memory(&bytes).map_err(|e| failed(e.to_string()))?.to_rgb8();
     if picture.width().max(picture.height()) > LARGEST {
         return Err(failed(format!("{}x{} px; at most {LARGEST} a side", picture.width(), picture.height())));

@@ -32,7 +32,7 @@ pub struct GltfMorphs {
 /// # Errors
 /// [`MeshFileError`] for what is no glTF, has no morph targets or refers to data that is not there.
 pub fn read_gltf(path: &Path) -> Result<GltfMorphs, MeshFileError> {
-    let bytes = std::fs::read(path).map_err(MeshFileError::io(path))?;
+    let bytes = crate::input::read(path).map_err(MeshFileError::io(path))?;
     caught(|| parse(path, &bytes)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
 }
 
@@ -69,10 +69,22 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
     for buffer in document.buffers() {
         if let buffer::Source::Uri(uri) = buffer.source()
             && !uri.starts_with("data:")
-            && uri.contains('%')
-            && !is_percent_utf8(uri)
         {
-            return Err(error(format!("the buffer's address `{}` is not UTF-8", excerpt(uri))));
+            let decoded =
+                percent_decoded(uri).ok_or_else(|| error(format!("the buffer's address `{}` is not UTF-8", excerpt(uri))))?;
+            let plain = decoded.strip_prefix("file://").or_else(|| decoded.strip_prefix("file:")).unwrap_or(&decoded);
+            // The crate opens whatever is there, and reads a pipe or a device without end.
+            let file = path.parent().unwrap_or(Path::new("")).join(plain);
+            let length = crate::input::open_file(&file).and_then(|file| file.metadata()).map(|m| m.len());
+            let length =
+                length.map_err(|e| error(format!("buffer {}, {}: {e}", buffer.index(), excerpt(&file.to_string_lossy()))))?;
+            if length > crate::input::MAX_BYTES {
+                return Err(error(format!(
+                    "buffer {} has {length} bytes; at most {} are read",
+                    buffer.index(),
+                    crate::input::MAX_BYTES
+                )));
+            }
         }
         let data = buffer::Data::from_source_and_blob(buffer.source(), path.parent(), &mut blob)
             .map_err(|e| error(format!("buffer {}: {e}", buffer.index())))?;
@@ -85,8 +97,8 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
     Ok(buffers)
 }
 
-/// Whether an address with percent signs decodes to UTF-8.
-fn is_percent_utf8(uri: &str) -> bool {
+/// An address without its percent signs; `None` when what they stand for is not UTF-8.
+fn percent_decoded(uri: &str) -> Option<String> {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
     while let Some((&first, after)) = rest.split_first() {
@@ -99,7 +111,7 @@ fn is_percent_utf8(uri: &str) -> bool {
             rest = after;
         }
     }
-    String::from_utf8(bytes).is_ok()
+    String::from_utf8(bytes).ok()
 }
 
 fn read_primitive(

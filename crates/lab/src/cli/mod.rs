@@ -23,6 +23,8 @@ use clap::{Parser, Subcommand};
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    #[command(flatten)]
+    pictures: grimace::cli::shared::PictureArgs,
 }
 
 const AFTER_HELP: &str = "\
@@ -42,7 +44,9 @@ enum Command {
 
 /// Parses the arguments, runs the command, prints errors, returns the exit status.
 pub fn main() -> ExitCode {
-    grimace::cli::exit_code(match Cli::parse().command {
+    let cli = Cli::parse();
+    cli.pictures.apply();
+    grimace::cli::exit_code(match cli.command {
         Command::Simulate(args) => simulate::run(args),
         Command::Evaluate(args) => evaluate::run(&args),
     })

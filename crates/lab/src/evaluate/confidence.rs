@@ -148,7 +148,7 @@ impl Bench<'_> {
         let mut out = Vec::new();
         for start in [Start::Landmarks, Start::Seven] {
             let fitted = self.fitter.fit(self.wireframe, &self.marks(start, neutral, condition, subject))?;
-            let frames = (1..).zip(&images).map(|(number, image)| Frame::from_image(number, image));
+            let frames = (1..).zip(&images).map(|(number, image)| Ok(Frame::new(number, image.clone())));
             let Ok(track) = track_sequence(self.wireframe, &self.plan, &fitted, frames, &self.options.track, |_| true) else {
                 continue;
             };

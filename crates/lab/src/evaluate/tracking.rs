@@ -180,7 +180,7 @@ enum PreparedFrames {
 impl PreparedFrames {
     fn open(&self) -> Result<Box<dyn Iterator<Item = Result<Frame, SequenceError>> + '_>, SequenceError> {
         Ok(match self {
-            Self::Images(images) => Box::new((1..).zip(images).map(|(number, image)| Frame::from_image(number, image))),
+            Self::Images(images) => Box::new((1..).zip(images).map(|(number, image)| Ok(Frame::new(number, image.clone())))),
             Self::Source(source) => Box::new(SequenceReader::open(source)?),
         })
     }

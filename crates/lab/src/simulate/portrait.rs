@@ -17,6 +17,7 @@ use grimace::{
     },
     geometry::Similarity,
     input::{CsvFile, InputError},
+    sequence::{SequenceError, read_colour},
     track::eye_distance_px,
     warp::{Texture, Warp, WarpError},
     wireframe::{Fapus, FapusError, Tables, Wireframe},
@@ -38,13 +39,8 @@ const BROW_HEIGHT: f64 = 0.085;
 #[derive(Debug, thiserror::Error)]
 pub enum PortraitError {
     /// The photograph does not open.
-    #[error("{}: cannot be read as a picture: {source}", path.display())]
-    Image {
-        /// The photograph.
-        path: PathBuf,
-        /// Why.
-        source: image::ImageError,
-    },
+    #[error(transparent)]
+    Image(#[from] SequenceError),
     /// A folder does not list.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
@@ -346,12 +342,8 @@ impl PortraitSource {
     /// # Errors
     /// As [`Portrait::new`], and for a photograph that does not open.
     pub fn open(&self, fitter: &Fitter, wireframe: &Wireframe, tables: &Tables) -> Result<Portrait, PortraitError> {
-        let error = |source| PortraitError::Image { path: self.photograph.clone(), source };
-        let picture = image::ImageReader::open(&self.photograph)
-            .map_err(|e| error(image::ImageError::IoError(e)))?
-            .decode()
-            .map_err(error)?;
-        Portrait::new(&self.id, &picture.into_rgb8(), &self.marks, fitter, wireframe, tables)
+        let picture = read_colour(&self.photograph)?;
+        Portrait::new(&self.id, &picture, &self.marks, fitter, wireframe, tables)
     }
 }
 

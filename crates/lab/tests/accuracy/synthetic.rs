@@ -28,7 +28,7 @@ fn error_at_apex(simulated: &[SimulatedFrame], options: &TrackOptions) -> f64 {
     };
     let frames = (1..).zip(simulated).map(|(number, frame)| {
         let grey = image::DynamicImage::from(frame.image.clone()).to_luma8();
-        Frame::from_image(number, &grey) as Result<_, SequenceError>
+        Ok::<_, SequenceError>(Frame::new(number, grey))
     });
     let plan = TrackPlan::new(&wireframe, &tables);
     let track = track_sequence(&wireframe, &plan, &fitted, frames, options, |_| true).unwrap();

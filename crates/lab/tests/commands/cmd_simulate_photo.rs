@@ -198,7 +198,7 @@ fn what_can_not_be_animated_is_explained() {
     fails(&mut animate(&folder.path().join("none.png"), &out), "it has no marks");
     let no_picture = file("text.png", "no picture");
     let marks = PHOTO.path.join("anna_correspondences.csv");
-    fails(animate(&no_picture, &out).arg("--correspondences").arg(&marks), "cannot be read as a picture");
+    fails(animate(&no_picture, &out).arg("--correspondences").arg(&marks), "not an image in a known format");
     let empty = folder.path().join("empty");
     fs::create_dir(&empty).unwrap();
     fails(&mut animate(&empty, &out), "there is no portrait in it");

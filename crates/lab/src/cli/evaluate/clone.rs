@@ -5,7 +5,6 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 use grimace::{
     clone::CloneOptions,
     pipeline::{PipelineOptions, Workbench},
-    sequence::configure_opencv,
 };
 use grimace_lab::{
     evaluate::{Cell, Table, Transfer, cross_table, evaluate_cross_cloning, evaluate_self_cloning, self_rows_table, self_table},
@@ -51,7 +50,6 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    configure_opencv()?;
     let mut folder = args.common.start()?;
     let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
     let bench = Workbench::new(None, options)?;

@@ -7,7 +7,6 @@ use grimace::{
     dataset::DEFAULT_LANDMARK_NODES,
     fit::Fitter,
     output::write_bytes,
-    sequence::configure_opencv,
     track::Confidence,
     wireframe::{Tables, Wireframe},
 };
@@ -88,7 +87,6 @@ impl Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    configure_opencv()?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let marks = if args.marks.is_empty() { DEFAULT_LANDMARK_NODES.to_vec() } else { nodes(&args.marks, &tables, &wireframe)? };
     let fitter = Fitter::new(&wireframe, args.fit.options());

@@ -5,7 +5,6 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 use grimace::{
     dataset::DEFAULT_LANDMARK_NODES,
     fit::Fitter,
-    sequence::configure_opencv,
     wireframe::{Tables, Wireframe},
 };
 use grimace_lab::evaluate::{
@@ -81,7 +80,6 @@ impl From<StartWord> for Start {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    configure_opencv()?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let base = args.track.options();
     let mut variants = standard_variants(&base);

@@ -1,0 +1,401 @@
+//! The bytes of one image file to pixels: recognized by content, refused by the header when too large, refused when not whole.
+
+use std::io::Cursor;
+
+use image::{
+    DynamicImage, ImageDecoder, ImageError, Limits,
+    codecs::{bmp::BmpDecoder, png::PngDecoder, pnm::PnmDecoder, tiff::TiffDecoder, webp::WebPDecoder},
+    metadata::Orientation,
+};
+
+use super::{
+    decode::DecodeError,
+    jpeg,
+    limit::{check_size, max_pixels},
+};
+
+/// What the pixels are wanted for; a JPEG file stores its grey picture apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    Grey,
+    Colour,
+}
+
+/// Decodes a whole image, upright as its EXIF data say, with the channels and bits that are stored.
+pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError> {
+    match bytes {
+        [] => Err(DecodeError::Empty),
+        [0xFF, 0xD8, 0xFF, ..] => jpeg::decode(bytes, wanted),
+        [0x89, b'P', b'N', b'G', ..] => {
+            let decoded = open(PngDecoder::new(Cursor::new(bytes)), "PNG").and_then(|decoder| read(decoder, "PNG"));
+            let image = decoded.map_err(|error| match error {
+                DecodeError::Damaged { .. } | DecodeError::Truncated { .. } => cut_png(bytes).unwrap_or(error),
+                other => other,
+            })?;
+            cut_png_tail(bytes).map_or(Ok(image), Err)
+        }
+        [b'B', b'M', ..] => {
+            whole(bytes, "BMP", bmp_length(bytes))?;
+            read(open(BmpDecoder::new(Cursor::new(bytes)), "BMP")?, "BMP")
+        }
+        [b'P', b'1'..=b'7', ..] => {
+            let name = if matches!(bytes[1], b'3' | b'6') { "PPM" } else { "PGM" };
+            if matches!(bytes[1], b'5' | b'6')
+                && let Some((header, pixels)) = pnm_sizes(bytes)
+                && bytes.len() < header.saturating_add(pixels)
+            {
+                let there = bytes.len().saturating_sub(header);
+                return truncated(name, format!("{there} of {pixels} bytes of pixels, {}", share_text(there, pixels)));
+            }
+            read(open(PnmDecoder::new(Cursor::new(bytes)), name)?, name)
+        }
+        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => {
+            let decoded = open(TiffDecoder::new(Cursor::new(bytes)), "TIFF").and_then(|decoder| read(decoder, "TIFF"));
+            decoded.map_err(|error| match tiff_length(bytes) {
+                Some(length) if length > bytes.len() as u64 => cut_off("TIFF", bytes.len(), length),
+                _ => error,
+            })
+        }
+        [b'R', b'I', b'F', b'F', a, b, c, d, b'W', b'E', b'B', b'P', ..] => {
+            whole(bytes, "WebP", Some(u64::from(u32::from_le_bytes([*a, *b, *c, *d])) + 8))?;
+            read(open(WebPDecoder::new(Cursor::new(bytes)), "WebP")?, "WebP")
+        }
+        _ => Err(DecodeError::NotAnImage { start: readable_start(bytes) }),
+    }
+}
+
+fn open<D>(decoder: Result<D, ImageError>, format: &'static str) -> Result<D, DecodeError> {
+    decoder.map_err(|error| failure(error, format))
+}
+
+fn failure(error: ImageError, format: &'static str) -> DecodeError {
+    match error {
+        ImageError::Unsupported(what) => {
+            DecodeError::Unsupported { format, found: what.to_string(), supported: "grey and colour of 8 and 16 bits" }
+        }
+        ImageError::IoError(cut) if cut.kind() == std::io::ErrorKind::UnexpectedEof => {
+            DecodeError::Truncated { format, reason: "its data end early".to_owned() }
+        }
+        other => DecodeError::Damaged { format, reason: other.to_string() },
+    }
+}
+
+/// The picture behind an opened header.
+fn read(mut decoder: impl ImageDecoder, format: &'static str) -> Result<DynamicImage, DecodeError> {
+    let (width, height) = decoder.dimensions();
+    check_size(width, height)?;
+    let mut limits = Limits::no_limits();
+    // Twice the largest pixel, 16 bits of each of four channels: decoders hold the picture and parts of it.
+    limits.max_alloc = Some(max_pixels().saturating_mul(16).max(1 << 26));
+    decoder.set_limits(limits).map_err(|error| failure(error, format))?;
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let mut image = DynamicImage::from_decoder(decoder).map_err(|error| failure(error, format))?;
+    image.apply_orientation(orientation);
+    Ok(image)
+}
+
+fn truncated<T>(format: &'static str, reason: String) -> Result<T, DecodeError> {
+    Err(DecodeError::Truncated { format, reason })
+}
+
+fn cut_off(format: &'static str, there: usize, stated: u64) -> DecodeError {
+    let share = share_text(there, usize::try_from(stated).unwrap_or(usize::MAX));
+    DecodeError::Truncated { format, reason: format!("{there} of {stated} bytes, {share}") }
+}
+
+fn whole(bytes: &[u8], format: &'static str, stated: Option<u64>) -> Result<(), DecodeError> {
+    match stated {
+        Some(stated) if stated > bytes.len() as u64 => Err(cut_off(format, bytes.len(), stated)),
+        _ => Ok(()),
+    }
+}
+
+/// A share as text, rounded down: `41 %`.
+pub(super) fn share_text(part: usize, all: usize) -> String {
+    format!("{} %", (part as f64 / all.max(1) as f64 * 100.0).floor())
+}
+
+/// The rows that a PNG file which did not decode has, if its data end early.
+fn cut_png(bytes: &[u8]) -> Option<DecodeError> {
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    decoder.ignore_checksums(true);
+    let mut reader = match decoder.read_info() {
+        Ok(reader) => reader,
+        Err(png::DecodingError::IoError(_)) => {
+            return Some(DecodeError::Truncated { format: "PNG", reason: "its data end before the pixels".to_owned() });
+        }
+        Err(_) => return None,
+    };
+    let (mut rows, interlaced, height) = (0, reader.info().interlaced, reader.info().height);
+    loop {
+        match reader.next_row() {
+            Ok(Some(_)) => rows += 1,
+            Ok(None) => return None,
+            // Rows of an interlaced picture are none of the picture.
+            Err(_) if interlaced => {
+                return Some(DecodeError::Truncated { format: "PNG", reason: "its data end before the last row".to_owned() });
+            }
+            Err(png::DecodingError::IoError(_)) => {
+                let reason = format!("{} of its rows", share_text(rows, height as usize));
+                return Some(DecodeError::Truncated { format: "PNG", reason });
+            }
+            Err(_) => return None,
+        }
+    }
+}
+
+/// A PNG file whose pixels are there but whose end chunk is not: something behind the pixels is missing.
+fn cut_png_tail(bytes: &[u8]) -> Option<DecodeError> {
+    /// What programs append to a file.
+    const TAIL: usize = 4096;
+    let found = bytes.windows(4).rev().take(TAIL).any(|w| w == b"IEND");
+    (!found).then(|| DecodeError::Truncated { format: "PNG", reason: "it has no end chunk".to_owned() })
+}
+
+/// Bytes that the header of a BMP file states.
+fn bmp_length(bytes: &[u8]) -> Option<u64> {
+    bytes.get(2..6).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])))
+}
+
+/// Bytes of header and of pixels that a binary PGM or PPM states.
+fn pnm_sizes(bytes: &[u8]) -> Option<(usize, usize)> {
+    let mut numbers = Vec::with_capacity(3);
+    let mut at = 2;
+    while numbers.len() < 3 {
+        match *bytes.get(at)? {
+            b'#' => at += bytes[at..].iter().position(|&b| b == b'\n')?,
+            b if b.is_ascii_whitespace() => at += 1,
+            b if b.is_ascii_digit() => {
+                let digits = bytes[at..].iter().take_while(|b| b.is_ascii_digit()).count();
+                numbers.push(std::str::from_utf8(&bytes[at..at + digits]).ok()?.parse::<usize>().ok()?);
+                at += digits;
+            }
+            _ => return None,
+        }
+    }
+    let samples = if bytes[1] == b'6' { 3 } else { 1 };
+    let sample = if numbers[2] > 255 { 2 } else { 1 };
+    Some((at + 1, numbers[0].checked_mul(numbers[1])?.checked_mul(sample * samples)?))
+}
+
+/// Where the last strip or tile of the first picture in a TIFF file ends, or its directory where that lies beyond the file.
+fn tiff_length(bytes: &[u8]) -> Option<u64> {
+    let little = bytes.first() == Some(&b'I');
+    let number = |at: usize, size: usize| -> Option<u64> {
+        let field = bytes.get(at..at.checked_add(size)?)?;
+        let value = |sum: u64, byte: &u8| sum << 8 | u64::from(*byte);
+        Some(if little { field.iter().rev().fold(0, value) } else { field.iter().fold(0, value) })
+    };
+    let directory = number(4, 4)?;
+    let at = usize::try_from(directory).ok()?;
+    let Some(count) = number(at, 2) else { return Some(directory + 2) };
+    let entries = (0..count as usize).map(|k| at + 2 + 12 * k);
+    // A field: tag, type (3: 16 bits, 4: 32), count, and the values themselves or where they stand.
+    let values = |tags: [u64; 2]| -> Option<Vec<u64>> {
+        let entry = entries.clone().find(|&e| number(e, 2).is_some_and(|tag| tags.contains(&tag)))?;
+        let size = if number(entry + 2, 2)? == 3 { 2 } else { 4 };
+        let count = usize::try_from(number(entry + 4, 4)?).ok()?.min(bytes.len());
+        let start = if count * size <= 4 { entry + 8 } else { usize::try_from(number(entry + 8, 4)?).ok()? };
+        (0..count).map(|k| number(start + size * k, size)).collect()
+    };
+    // Strips, or tiles.
+    let ends = values([273, 324])?.into_iter().zip(values([279, 325])?).map(|(offset, length)| offset + length);
+    ends.max()
+}
+
+/// The first bytes of a file as text where they are text, in hexadecimal where not.
+pub(super) fn readable_start(bytes: &[u8]) -> String {
+    let start = &bytes[..bytes.len().min(12)];
+    if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) {
+        format!("the text {:?}", String::from_utf8_lossy(start))
+    } else {
+        let hex: Vec<String> = start.iter().map(|b| format!("{b:02x}")).collect();
+        format!("the bytes {}", hex.join(" "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{ExtendedColorType, ImageBuffer, ImageFormat, Luma, RgbImage};
+    use opencv::{
+        core::{Mat, Vector},
+        imgcodecs::{
+            IMREAD_ANYDEPTH, IMREAD_GRAYSCALE, IMWRITE_JPEG_PROGRESSIVE, IMWRITE_JPEG_QUALITY, IMWRITE_JPEG_RST_INTERVAL,
+            IMWRITE_TIFF_COMPRESSION, imdecode, imencode,
+        },
+        prelude::*,
+    };
+
+    use super::{super::GrayDecoder, *};
+
+    /// Soft colours, odd sides, so that every block and every conversion has something to do.
+    fn colours(width: u32, height: u32) -> RgbImage {
+        RgbImage::from_fn(width, height, |x, y| {
+            let wave = |a: f64, b: f64| (127.0 + 120.0 * (a * f64::from(x) + b * f64::from(y)).sin()) as u8;
+            image::Rgb([wave(0.11, 0.05), wave(-0.07, 0.13), wave(0.03, -0.17)])
+        })
+    }
+
+    fn encoded(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    }
+
+    /// The picture as OpenCV writes it.
+    fn by_opencv(image: &RgbImage, extension: &str, flags: &[i32]) -> Vec<u8> {
+        let png = encoded(&image.clone().into(), ImageFormat::Png);
+        let mat = imdecode(&Mat::from_slice(&png).unwrap(), opencv::imgcodecs::IMREAD_COLOR).unwrap();
+        let mut bytes = Vector::new();
+        imencode(extension, &mat, &mut bytes, &Vector::from_slice(flags)).unwrap();
+        bytes.to_vec()
+    }
+
+    /// Largest difference in grey levels to what OpenCV decodes, and the share of pixels that differ.
+    fn against_opencv(bytes: &[u8]) -> (u8, f64) {
+        let ours = GrayDecoder::default().decode(bytes).unwrap();
+        let mat = imdecode(&Mat::from_slice(bytes).unwrap(), IMREAD_GRAYSCALE | IMREAD_ANYDEPTH).unwrap();
+        assert_eq!((mat.cols() as u32, mat.rows() as u32), ours.dimensions());
+        let theirs = mat.data_typed::<u8>().unwrap();
+        let differences = ours.as_raw().iter().zip(theirs).map(|(a, b)| a.abs_diff(*b));
+        let differ = differences.clone().filter(|d| *d > 0).count();
+        (differences.max().unwrap(), differ as f64 / theirs.len() as f64)
+    }
+
+    #[test]
+    fn lossless_formats_are_grey_as_opencv_makes_them() {
+        let picture = DynamicImage::from(colours(123, 77));
+        for format in [ImageFormat::Png, ImageFormat::Bmp, ImageFormat::Tiff, ImageFormat::Pnm, ImageFormat::WebP] {
+            let bytes = encoded(&picture, format);
+            let (largest, share) = against_opencv(&bytes);
+            // OpenCV rounds the coefficients differently from format to format, and libpng rounds grey values down.
+            let most = if format == ImageFormat::Png { 0.6 } else { 0.02 };
+            assert!(largest <= 1 && share < most, "{format:?}: {largest}, {share}");
+            let grey = encoded(&picture.to_luma8().into(), format);
+            assert_eq!(against_opencv(&grey).0, 0, "{format:?}, grey");
+        }
+        for compression in [1, 5, 8, 32773] {
+            let (largest, _) = against_opencv(&by_opencv(&colours(123, 77), ".tiff", &[IMWRITE_TIFF_COMPRESSION, compression]));
+            assert!(largest <= 1, "TIFF compression {compression}");
+        }
+    }
+
+    #[test]
+    fn jpeg_is_decoded_as_opencv_does_within_rounding() {
+        for (width, height) in [(123, 77), (64, 64), (17, 33), (640, 480)] {
+            for flags in
+                [vec![], vec![IMWRITE_JPEG_PROGRESSIVE, 1], vec![IMWRITE_JPEG_RST_INTERVAL, 3], vec![IMWRITE_JPEG_QUALITY, 40]]
+            {
+                let (largest, share) = against_opencv(&by_opencv(&colours(width, height), ".jpg", &flags));
+                assert!(largest <= 1 && share < 0.05, "{width}x{height} {flags:?}: {largest}, {share}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_picture_whose_data_end_early_is_refused_in_every_format() {
+        let picture = colours(160, 120);
+        let files = [
+            encoded(&picture.clone().into(), ImageFormat::Png),
+            encoded(&picture.clone().into(), ImageFormat::Bmp),
+            encoded(&picture.clone().into(), ImageFormat::Tiff),
+            encoded(&picture.clone().into(), ImageFormat::Pnm),
+            encoded(&picture.clone().into(), ImageFormat::WebP),
+            by_opencv(&picture, ".tif", &[]),
+            by_opencv(&picture, ".webp", &[]),
+            by_opencv(&picture, ".jpg", &[]),
+            by_opencv(&picture, ".jpg", &[IMWRITE_JPEG_PROGRESSIVE, 1]),
+            by_opencv(&picture, ".jpg", &[IMWRITE_JPEG_RST_INTERVAL, 3]),
+        ];
+        for (k, bytes) in files.iter().enumerate() {
+            assert!(decode(bytes, Wanted::Grey).is_ok(), "file {k}");
+            for share in [0.3, 0.5, 0.9, 0.99] {
+                let cut = &bytes[..(bytes.len() as f64 * share) as usize];
+                let error = decode(cut, Wanted::Grey).unwrap_err();
+                assert!(matches!(error, DecodeError::Truncated { .. }), "file {k}, {share}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_end_marker_does_not_make_a_jpeg_whole() {
+        let picture = colours(160, 120);
+        for flags in [vec![], vec![IMWRITE_JPEG_PROGRESSIVE, 1]] {
+            let bytes = by_opencv(&picture, ".jpg", &flags);
+            for share in [0.4, 0.7, 0.95] {
+                let mut cut = bytes[..(bytes.len() as f64 * share) as usize].to_vec();
+                cut.extend([0xFF, 0xD9]);
+                assert!(decode(&cut, Wanted::Colour).is_err(), "{flags:?}, {share}");
+            }
+        }
+        // 4:2:0 data, 16 rows of pixels a row of blocks: the message says what was there.
+        let bytes = by_opencv(&picture, ".jpg", &[]);
+        let message = decode(&bytes[..bytes.len() / 2], Wanted::Grey).unwrap_err().to_string();
+        assert!(message.starts_with("the JPEG image is cut off: "), "{message}");
+        // A flat picture has rows of a few bits; the last of them must not be taken for missing.
+        let flat = RgbImage::from_pixel(200, 150, image::Rgb([90, 90, 90]));
+        assert!(decode(&by_opencv(&flat, ".jpg", &[]), Wanted::Grey).is_ok());
+    }
+
+    #[test]
+    fn what_was_there_is_said() {
+        let reason = |bytes: &[u8]| decode(bytes, Wanted::Grey).unwrap_err().to_string();
+        // Stored rows without compression would be exact; random ones compress to about their share.
+        let noise: Vec<u8> = (0..64 * 64_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let mut png = Vec::new();
+        let encoder = image::codecs::png::PngEncoder::new(&mut png);
+        image::ImageEncoder::write_image(encoder, &noise, 64, 64, ExtendedColorType::L8).unwrap();
+        let message = reason(&png[..png.len() / 2]);
+        assert!(message == "the PNG image is cut off: 48 % of its rows" || message.ends_with("49 % of its rows"), "{message}");
+        assert!(reason(b"P5\n4 4\n255\n123").ends_with("3 of 16 bytes of pixels, 18 %"));
+        assert!(reason(b"P6 4 4 255\n123").ends_with("3 of 48 bytes of pixels, 6 %"));
+    }
+
+    #[test]
+    fn a_size_beyond_the_limit_is_refused_by_the_header() {
+        // The header of a PNG file of 32000 x 32000 pixels and nothing else.
+        let mut header = b"IHDR".to_vec();
+        header.extend(32_000_u32.to_be_bytes().repeat(2));
+        header.extend([8, 0, 0, 0, 0]);
+        let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\r".to_vec();
+        png.extend(&header);
+        png.extend(crc(&header).to_be_bytes());
+        png.extend(b"\0\0\0\x00IDAT");
+        png.extend(crc(b"IDAT").to_be_bytes());
+        let message = decode(&png, Wanted::Grey).unwrap_err().to_string();
+        assert_eq!(message, "the picture is 32000x32000, 1024 megapixels; at most 128 are read, --max-pixels raises that");
+        let pgm = b"P5 65535 65535 255\n".to_vec();
+        assert!(matches!(decode(&[pgm, vec![0; 10]].concat(), Wanted::Grey), Err(DecodeError::Truncated { .. })));
+    }
+
+    fn crc(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(!0_u32, |crc, byte| {
+            (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { c >> 1 ^ 0xEDB8_8320 } else { c >> 1 })
+        })
+    }
+
+    #[test]
+    fn pictures_stand_upright_as_their_exif_data_say() {
+        // Orientation 6: the first row is the right side. 3 x 2 pixels become 2 x 3; the top-left pixel comes from the bottom left.
+        let exif = [b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0".as_slice(), &[0; 4]].concat();
+        let pixels = [10_u8, 20, 30, 40, 50, 60];
+        let mut bytes = Vec::new();
+        let mut info = png::Info::with_size(3, 2);
+        info.color_type = png::ColorType::Grayscale;
+        info.exif_metadata = Some(exif.into());
+        let mut writer = png::Encoder::with_info(&mut bytes, info).unwrap().write_header().unwrap();
+        writer.write_image_data(&pixels).unwrap();
+        writer.finish().unwrap();
+        let image = decode(&bytes, Wanted::Grey).unwrap().into_luma8();
+        assert_eq!((image.dimensions(), image.get_pixel(0, 0).0[0], image.get_pixel(1, 0).0[0]), ((2, 3), 40, 10));
+    }
+
+    #[test]
+    fn deep_pictures_keep_their_bits() {
+        let deep = ImageBuffer::from_fn(5, 4, |x, y| Luma([(x * 700 + y * 200) as u16]));
+        for format in [ImageFormat::Png, ImageFormat::Tiff] {
+            let image = decode(&encoded(&DynamicImage::ImageLuma16(deep.clone()), format), Wanted::Grey).unwrap();
+            assert_eq!(image.into_luma16(), deep, "{format:?}");
+        }
+    }
+}
