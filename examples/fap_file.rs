@@ -30,5 +30,6 @@ pub fn run(input: &Path, factor: f64, output: &Path) -> Result<(), Box<dyn Error
         }
     }
     sequence.round();
-    Ok(write_fap(output, &sequence)?)
+    write_fap(output, &sequence)?;
+    Ok(())
 }

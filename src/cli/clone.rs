@@ -14,9 +14,9 @@ use grimace::{
     },
     dataset::list_frames,
     output::{MADE_BY, write_atomic},
-    pipeline::{PipelineOptions, Workbench, file_blake3},
+    pipeline::{PipelineOptions, Workbench, file_blake3, found_marks},
     render::Labelled,
-    sequence::{read_colour, read_colour_frames},
+    sequence::{read_colour, read_colour_frames, read_frame},
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -45,8 +45,8 @@ pub struct Args {
     /// Neutral photograph, frontal; several for a batch
     #[arg(short, long, required = true, num_args = 1.., value_name = "IMAGE")]
     target: Vec<PathBuf>,
-    /// Marked points on each photograph, in the same order: node,x,y, or 68 landmarks as point,x,y
-    #[arg(short, long, required = true, num_args = 1.., value_name = "C.csv")]
+    /// Marked points on each photograph, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the photographs if none is given
+    #[arg(short, long, num_args = 1.., value_name = "C.csv")]
     correspondences: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "OUT")]
@@ -132,8 +132,8 @@ struct Source<'a> {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
-        args.correspondences.len() == args.target.len(),
-        "{} targets and {} files of correspondences: give one for each target, in the same order",
+        args.correspondences.is_empty() || args.correspondences.len() == args.target.len(),
+        "{} targets and {} files of correspondences: give one for each target, in the same order, or none to have marks found",
         args.target.len(),
         args.correspondences.len()
     );
@@ -161,7 +161,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let bar = frame_bar(args.general.quiet, None);
     let mut sheet = Sheet::new(480);
     let mut done = 0;
-    for (target_path, marks_path) in args.target.iter().zip(&args.correspondences) {
+    for (k, target_path) in args.target.iter().enumerate() {
+        let marks_path = args.correspondences.get(k).map(PathBuf::as_path);
         let job = Job { args, bench: &bench, options: &options, target_path, marks_path, stop: &stop, bar: &bar };
         let target = match job.target() {
             Ok(target) => target,
@@ -263,7 +264,7 @@ struct Job<'a> {
     bench: &'a Workbench,
     options: &'a CloneOptions,
     target_path: &'a Path,
-    marks_path: &'a Path,
+    marks_path: Option<&'a Path>,
     stop: &'a AtomicBool,
     bar: &'a ProgressBar,
 }
@@ -272,9 +273,17 @@ impl Job<'_> {
     fn target(&self) -> anyhow::Result<Target> {
         let name = self.target_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let picture = read_colour(self.target_path)?;
-        let marks = read_marks(self.marks_path, &self.args.marks.marks, self.bench)?;
+        let marks = match self.marks_path {
+            Some(path) => read_marks(path, &self.args.marks.marks, self.bench)?,
+            None => {
+                found_marks(&read_frame(self.target_path)?, self.bench).with_context(|| self.target_path.display().to_string())?
+            }
+        };
         let target = Target::new(&name, picture, &marks, self.bench.fitter(), self.bench);
-        target.with_context(|| format!("{} with {}", self.target_path.display(), self.marks_path.display()))
+        target.with_context(|| match self.marks_path {
+            Some(path) => format!("{} with {}", self.target_path.display(), path.display()),
+            None => format!("{} with marks that were found", self.target_path.display()),
+        })
     }
 
     fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<RgbImage> {
@@ -298,7 +307,7 @@ impl Job<'_> {
             source_blake3: file_blake3(source.path),
             target: file_name(self.target_path),
             target_blake3: file_blake3(self.target_path),
-            correspondences_blake3: file_blake3(self.marks_path),
+            correspondences_blake3: self.marks_path.and_then(file_blake3),
             options: *self.options,
             fps: clone.fps,
             frames: 0,

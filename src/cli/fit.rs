@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use grimace::{
-    fit::{MarkKind, read_correspondences, validate_correspondences},
+    fit::{MarkKind, validate_correspondences},
     output::{self, nine_digits},
     overlay::{draw_overlay, png_bytes},
     pipeline::PipelineOptions,
@@ -15,13 +15,14 @@ use serde::Serialize;
 
 use super::{
     Outcome,
-    shared::{FitArgs, GeneralArgs},
+    shared::{FitArgs, GeneralArgs, marks_or_found},
 };
 
 /// Fit the wireframe to one neutral face.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
+  grimace fit neutral.png -o fit.csv --overlay fit.png
   grimace fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png
 
 marks.csv has the columns node,x,y: a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3, and its place in pixels, the \
@@ -32,9 +33,9 @@ In the picture marks are yellow rings and fitted nodes blue dots; small images a
 pub struct Args {
     /// Image of a neutral, frontal face
     image: PathBuf,
-    /// Marked points: node,x,y
+    /// Marked points: node,x,y; found in the picture if not given
     #[arg(short, long, value_name = "C.csv")]
-    correspondences: PathBuf,
+    correspondences: Option<PathBuf>,
     /// Positions of all nodes: node,x,y,state,residual
     #[arg(short, long, value_name = "FIT.csv")]
     output: PathBuf,
@@ -64,8 +65,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let frame = read_frame(&args.image)?;
-    let marks = read_correspondences(&args.correspondences, &bench.tables, bench.wireframe.node_count())?;
-    let in_file = || args.correspondences.display().to_string();
+    let marks = marks_or_found(args.correspondences.as_deref(), &bench, || Ok(read_frame(&args.image)?))?;
+    let in_file = || args.correspondences.as_ref().unwrap_or(&args.image).display().to_string();
     let size = frame.size();
     validate_correspondences(&marks, size.width, size.height).with_context(in_file)?;
     let fitted = bench.fitter().fit(&bench.wireframe, &marks).with_context(in_file)?;

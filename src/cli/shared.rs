@@ -11,11 +11,11 @@ use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use grimace::{
     dataset::LandmarkSelection,
-    fit::{FitOptions, LoadedPrior, PriorKind},
+    fit::{Correspondence, FitOptions, LoadedPrior, PriorKind, read_correspondences},
     normalize::{NormalizeOptions, Resample, SizeMode},
     output::target_of,
-    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
-    sequence::{DEFAULT_MAX_PIXELS, set_max_pixels},
+    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
+    sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
         MedianKind, StatisticsOptions,
         compare::{CompareOptions, GroupOptions},
@@ -258,9 +258,10 @@ impl AnalysisArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
-    /// Landmarks used as marks where a sequence has no correspondences: `default` (eye corners, mouth corners, chin), `high`, `all`, or
-    /// a list of nodes such as 20,23,53,56,31,64,10
-    #[arg(long, default_value = "default", value_parser = landmark_marks, value_name = "WHICH")]
+    /// Marks of a sequence or picture that has no correspondences: `auto` takes its landmarks, or finds marks in the neutral frame where
+    /// there are none; `default` (eye corners, mouth corners, chin), `high`, `all`, or a list of nodes such as 20,23,53,56,31,64,10 take
+    /// such landmarks and find nothing
+    #[arg(long, default_value = "auto", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
     /// Least confidence, 0 to 1, at which a frame of a landmark file that tells one counts; frames under it are lost
     #[arg(long, default_value_t = LandmarkOptions::default().least_confidence, value_parser = share, value_name = "SHARE")]
@@ -325,6 +326,18 @@ impl GeneralArgs {
         target_of(path)?;
         anyhow::ensure!(self.force || !path.exists(), "{} is there already; --force writes over it", path.display());
         Ok(())
+    }
+}
+
+/// The marks of a file; found in the frame where no file is given.
+pub fn marks_or_found(
+    path: Option<&Path>,
+    bench: &Workbench,
+    frame: impl FnOnce() -> anyhow::Result<Frame>,
+) -> anyhow::Result<Vec<Correspondence>> {
+    match path {
+        Some(path) => Ok(read_correspondences(path, &bench.tables, bench.wireframe.node_count())?),
+        None => Ok(found_marks(&frame()?, bench)?),
     }
 }
 

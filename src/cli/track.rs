@@ -4,18 +4,18 @@ use std::path::PathBuf;
 
 use grimace::{
     dataset::{FrameSource, list_frames},
-    fit::read_correspondences,
     output,
     overlay::png_bytes,
     pipeline::{PipelineOptions, SequenceFailure, SequenceSource, id_of, overlay_path, overlay_pictures, track_one},
     report::Stage,
+    sequence::read_first_frame,
     track::write_track,
 };
 
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, TrackArgs, about, positive, stop_flag},
+    shared::{FitArgs, GeneralArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
 };
 
 /// Track one sequence.
@@ -29,9 +29,9 @@ their state. Beside it stands a .json with the source, the options and what it w
 pub struct Args {
     /// Folder of images in order, or a video; the first frame is neutral, the last the apex
     sequence: PathBuf,
-    /// Marked points on the first frame: node,x,y
+    /// Marked points on the first frame: node,x,y; found in it if not given
     #[arg(short, long, value_name = "C.csv")]
-    correspondences: PathBuf,
+    correspondences: Option<PathBuf>,
     /// The track; SUBJECT_SEQUENCE.csv names subject and sequence
     #[arg(short, long, value_name = "TRACK.csv")]
     output: PathBuf,
@@ -66,13 +66,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     args.general.check_free(&json)?;
     let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
     let bench = args.general.workbench(options)?;
+    let frames = list_frames(&args.sequence, args.first_frame, args.last_frame)?;
+    let marks = marks_or_found(args.correspondences.as_deref(), &bench, || Ok(read_first_frame(&frames)?))?;
     let source = SequenceSource {
         id: id_of(&args.output),
         emotion: args.emotion.trim().to_lowercase(),
         metadata: Default::default(),
-        frames: list_frames(&args.sequence, args.first_frame, args.last_frame)?,
-        marks: read_correspondences(&args.correspondences, &bench.tables, bench.wireframe.node_count())?,
-        marks_from: "command line".to_owned(),
+        frames,
+        marks,
+        marks_from: if args.correspondences.is_some() { "command line" } else { "found" }.to_owned(),
         fps: args.fps,
     };
     let frames = match &source.frames {
@@ -87,7 +89,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     });
     bar.finish_and_clear();
     let (track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
-        Stage::Fit => anyhow::anyhow!("{}: {reason}", args.correspondences.display()),
+        Stage::Fit => about(args.correspondences.as_ref().unwrap_or(&args.sequence))(&reason),
         _ => about(&args.sequence)(&reason),
     })?;
     write_track(&args.output, &track.frames, &mut info)?;

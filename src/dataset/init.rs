@@ -142,7 +142,7 @@ impl ProposedManifest {
             fields.extend(person);
             fields
         });
-        write_records(path, header, rows)
+        write_records(path, header, rows).map(|_| ())
     }
 }
 

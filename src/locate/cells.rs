@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn contrast_does_not_matter() {
+    fn the_strength_of_the_light_does_not_matter() {
         let image = |low: u8, high: u8| {
             Picture::new(&GrayImage::from_fn(64, 64, |x, y| image::Luma([if (x / 9 + y / 7) % 2 == 0 { low } else { high }])))
                 .unwrap()
@@ -228,8 +228,9 @@ mod tests {
             map.describe([0.0, 0.0], &patch, &mut values);
             values
         };
-        let (strong, weak) = (read(&image(30, 200)), read(&image(80, 140)));
+        // Grey values plus DARK are 42 and 212, and half of that: logarithms differ by a constant, gradients not at all.
+        let (strong, weak) = (read(&image(30, 200)), read(&image(9, 94)));
         assert_eq!(strong.len(), patch.len());
-        strong.iter().zip(&weak).for_each(|(s, w)| approx::assert_relative_eq!(s, w, epsilon = 0.02));
+        strong.iter().zip(&weak).for_each(|(s, w)| approx::assert_relative_eq!(s, w, epsilon = 1e-3));
     }
 }

@@ -17,6 +17,8 @@ mod shape;
 mod stages;
 mod template;
 
+use std::sync::OnceLock;
+
 use image::GrayImage;
 use nalgebra::Point2;
 
@@ -106,12 +108,17 @@ impl Locator {
         Self { model }
     }
 
-    /// With the model that ships.
+    /// With the model that ships; it is read once.
     ///
     /// # Errors
     /// [`ModelError`] when it was not built in whole.
-    pub fn shipped() -> Result<Self, ModelError> {
-        Model::shipped().map(Self::new)
+    pub fn shipped() -> Result<&'static Self, ModelError> {
+        static SHIPPED: OnceLock<Locator> = OnceLock::new();
+        if let Some(locator) = SHIPPED.get() {
+            return Ok(locator);
+        }
+        let locator = Self::new(Model::shipped()?);
+        Ok(SHIPPED.get_or_init(|| locator))
     }
 
     /// The faces of a picture, the largest first; none where there are none.

@@ -7,6 +7,7 @@ mod corrected;
 mod divide;
 mod files;
 mod folder;
+mod found;
 mod groups;
 mod landmarks;
 mod ledger;
@@ -39,6 +40,7 @@ pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyz
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
+pub use found::{FoundMarksError, found_marks};
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use run::{Event, RunError, RunSummary, run};

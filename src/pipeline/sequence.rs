@@ -140,12 +140,6 @@ impl SequenceSource {
     }
 }
 
-fn read_any_length(path: &Path) -> std::io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    std::io::Read::read_to_end(&mut crate::input::open_file(path)?, &mut bytes)?;
-    Ok(bytes)
-}
-
 pub(super) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::{
     AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, SequenceRecord, SequenceSource, Stage, Workbench,
     corrected::correct_frames,
+    found::found_marks,
     landmarks::LandmarkSource,
     ledger::Ledger,
     model_file::write_model,
@@ -18,9 +19,11 @@ use super::{
     sequence::{MACHINE, RunTrack, normalized, overlay_path, track_or_reuse, track_recorded},
 };
 use crate::{
-    dataset::{CorrespondenceSource, SequenceEntry},
+    dataset::{CorrespondenceSource, FrameSource, LandmarkSelection, SequenceEntry},
+    fit::Correspondence,
     output,
     overlay::png_bytes,
+    sequence::read_first_frame,
     statistics::SequenceModel,
     track::{Corrections, TrackQuality, TrackedFrame},
     units::SequenceId,
@@ -180,14 +183,7 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<(Sourc
         return Ok((Source::Landmarks(source), hash));
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
-    let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
-        CorrespondenceSource::Landmarks(_) => "landmarks",
-        CorrespondenceSource::File(_) | CorrespondenceSource::None => "file",
-    };
-    let count = bench.wireframe.node_count();
-    let marks = entry
-        .correspondences(frames.neutral_number(), &bench.tables, count, &bench.options.marks)
-        .map_err(SequenceFailure::at(Stage::Dataset))?;
+    let (marks, marks_from) = marks_of(entry, &frames, bench)?;
     let source = SequenceSource {
         id: entry.id.clone(),
         emotion: entry.emotion.clone(),
@@ -199,6 +195,28 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<(Sourc
     };
     let hash = hashed.then(|| source.inputs_blake3(bench)).transpose()?;
     Ok((Source::Images(source), hash))
+}
+
+/// The marks of a sequence, and where they come from: its own, landmarks, or found in its neutral frame.
+fn marks_of(
+    entry: &SequenceEntry,
+    frames: &FrameSource,
+    bench: &Workbench,
+) -> Result<(Vec<Correspondence>, &'static str), SequenceFailure> {
+    let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
+        CorrespondenceSource::None if bench.options.marks == LandmarkSelection::Auto => {
+            let frame = read_first_frame(frames).map_err(SequenceFailure::at(Stage::Track))?;
+            let marks = found_marks(&frame, bench).map_err(SequenceFailure::at(Stage::Fit))?;
+            return Ok((marks, "found"));
+        }
+        CorrespondenceSource::Landmarks(_) => "landmarks",
+        CorrespondenceSource::File(_) | CorrespondenceSource::None => "file",
+    };
+    let count = bench.wireframe.node_count();
+    let marks = entry
+        .correspondences(frames.neutral_number(), &bench.tables, count, &bench.options.marks)
+        .map_err(SequenceFailure::at(Stage::Dataset))?;
+    Ok((marks, marks_from))
 }
 
 /// Works on one sequence. `inputs` becomes the hash of what was read for it.

@@ -169,7 +169,9 @@ fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
 #[test]
 fn targets_without_marks_turned_away_or_of_another_size_are_named() {
     let work = work();
-    work.grimace("clone --source S001_005.csv --target target.png -o out").exit(2).says(&["--correspondences"]);
+    work.grimace("clone --source S001_005.csv --target target.png target.png -c marks.csv -o out")
+        .exit(1)
+        .says(&["or none to have marks found"]);
     work.write("empty.csv", "node,x,y\n");
     let with = |marks: &str| work.grimace(&format!("clone --source S001_005.csv --target target.png -c {marks} -o out"));
     with("empty.csv").exit(1).says(&["empty.csv", "at least 3"]);

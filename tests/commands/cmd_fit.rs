@@ -214,7 +214,7 @@ fn the_help_has_an_example_and_bad_usage_ends_with_2() {
         work.grimace(&format!("{command} --help")).exit(0).prints(&[heading, &format!("grimace {command} ")]);
         work.grimace(&format!("{command} --no-such-flag")).exit(2).says(&["--no-such-flag"]);
     }
-    work.grimace("fit").exit(2).says(&["--correspondences", "--output"]);
+    work.grimace("fit").exit(2).says(&["<IMAGE>", "--output"]);
     work.grimace("run faces -o out --alpha 0.5").exit(2).says(&["--alpha", "0.5", "less than 0.5"]);
     work.grimace("run faces -o out --alpha -0.1").exit(2);
     work.grimace("run faces -o out --alpha NaN").exit(2).says(&["NaN"]);

@@ -112,7 +112,7 @@ fn a_dataset_that_is_none_is_refused() {
 fn a_sequence_without_marks_says_where_they_go() {
     let work = with_manifest(PLAIN);
     std::fs::remove_file(work.path("faces/S002/005/correspondences.csv")).unwrap();
-    let ran = work.grimace("run faces -o out").exit(3);
+    let ran = work.grimace("run faces -o out --marks default").exit(3);
     ran.says(&["S002_005: no correspondences and no landmarks; mark 5 to 8 points", "faces/S002/005/correspondences.csv"]);
 }
 

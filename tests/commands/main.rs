@@ -12,6 +12,7 @@ mod cmd_clone;
 mod cmd_fap;
 mod cmd_fit;
 mod cmd_lab;
+mod cmd_locate;
 mod cmd_populations;
 mod cmd_prior;
 mod cmd_run;

@@ -21,8 +21,10 @@ pub const DEFAULT_LANDMARK_NODES: [NodeId; 7] =
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LandmarkSelection {
-    /// Those of [`DEFAULT_LANDMARK_NODES`].
+    /// Those of [`DEFAULT_LANDMARK_NODES`]; where there are no landmarks either, marks are found in the picture.
     #[default]
+    Auto,
+    /// Those of [`DEFAULT_LANDMARK_NODES`].
     Default,
     /// Those of the given nodes, in the order given.
     Nodes(Vec<NodeId>),
@@ -35,9 +37,10 @@ pub enum LandmarkSelection {
 impl FromStr for LandmarkSelection {
     type Err = String;
 
-    /// `default`, `high`, `all` (high and medium), or node numbers separated by commas.
+    /// `auto`, `default`, `high`, `all` (high and medium), or node numbers separated by commas.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         match text {
+            "auto" => Ok(Self::Auto),
             "default" => Ok(Self::Default),
             "high" => Ok(Self::High),
             "all" => Ok(Self::HighAndMedium),
@@ -46,7 +49,7 @@ impl FromStr for LandmarkSelection {
                 let nodes: Result<Vec<NodeId>, _> = list.split(',').map(node).collect();
                 nodes
                     .map(Self::Nodes)
-                    .map_err(|_| format!("`{text}` is neither default, high, all nor a list of nodes such as 20,23,53"))
+                    .map_err(|_| format!("`{text}` is neither auto, default, high, all nor a list of nodes such as 20,23,53"))
             }
         }
     }
@@ -116,7 +119,7 @@ pub fn correspondences_from_landmarks(
     };
     let at_least = |least| marks.iter().filter(|mark| mark.1 >= least).map(|mark| mark.2).collect();
     match selection {
-        LandmarkSelection::Default => of_nodes(&DEFAULT_LANDMARK_NODES),
+        LandmarkSelection::Auto | LandmarkSelection::Default => of_nodes(&DEFAULT_LANDMARK_NODES),
         LandmarkSelection::Nodes(nodes) => of_nodes(nodes),
         LandmarkSelection::High => Ok(at_least(LandmarkConfidence::High)),
         LandmarkSelection::HighAndMedium => Ok(at_least(LandmarkConfidence::Medium)),

@@ -63,7 +63,7 @@ pub struct LearnOptions {
 
 impl Default for LearnOptions {
     fn default() -> Self {
-        Self { seed: 1, pictures: 16, leave_out: BTreeSet::new() }
+        Self { seed: 1, pictures: 14, leave_out: BTreeSet::new() }
     }
 }
 

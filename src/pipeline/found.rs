@@ -1,0 +1,76 @@
+//! Marks that nobody set: found in the neutral frame.
+
+use std::collections::BTreeSet;
+
+use super::Workbench;
+use crate::{
+    fit::{Correspondence, validate_correspondences},
+    locate::{LocateOptions, LocatedFace, Locator, ModelError, TRUSTED},
+    sequence::{Frame, SequenceError},
+    units::NodeId,
+};
+
+/// Nodes that are tried when all that were found make no fit: corners and lids of the eyes, brows, nose, lips, chin and jaw, without what
+/// lies closest together.
+const FEWER: [u16; 33] = [
+    20, 23, 53, 56, 21, 22, 54, 55, 15, 16, 17, 48, 49, 50, 5, 6, 26, 59, 31, 64, 7, 33, 66, 8, 85, 86, 87, 10, 9, 30, 63, 32, 65,
+];
+
+/// Nodes that are tried last: corners of eyes and mouth, brows and the chin.
+const FEWEST: [u16; 13] = [20, 23, 53, 56, 31, 64, 10, 15, 16, 17, 48, 49, 50];
+
+/// Why no marks were found.
+#[derive(Debug, thiserror::Error)]
+pub enum FoundMarksError {
+    /// No face.
+    #[error("no marks are set and no face was found in the neutral frame; mark it with `grimace annotate`")]
+    NoFace,
+    /// A face that is read with large errors.
+    #[error(
+        "no marks are set, and those found are not trusted: half of them are expected to be more than {percent:.1} % of the eye distance \
+         off, {:.1} % is the limit; look at them with `grimace locate --overlay`, mark the face with `grimace annotate`", 100.0 * TRUSTED
+    )]
+    NotTrusted {
+        /// Median expected error, percent of the eye distance.
+        percent: f64,
+    },
+    /// The pixels.
+    #[error(transparent)]
+    Frame(#[from] SequenceError),
+    /// The model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// Finds the marks of the largest face of a frame, those outside the picture left out; so many of them as make a fit.
+///
+/// # Errors
+/// [`FoundMarksError`] where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
+pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondence>, FoundMarksError> {
+    let faces = Locator::shipped()?.locate(frame.image(), &LocateOptions::default());
+    let face = faces.first().ok_or(FoundMarksError::NoFace)?;
+    if !face.trusted() {
+        return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error() });
+    }
+    let size = frame.size();
+    let all = marks_of(face, |p| size.contains(p));
+    let only = |nodes: &[u16]| -> Vec<Correspondence> {
+        let nodes: BTreeSet<NodeId> = nodes.iter().map(|&n| NodeId(n)).collect();
+        all.iter().filter(|m| nodes.contains(&m.node)).copied().collect()
+    };
+    let fits = |marks: &[Correspondence]| {
+        validate_correspondences(marks, size.width, size.height).is_ok() && bench.fitter.fit(&bench.wireframe, marks).is_ok()
+    };
+    let tried = [only(&FEWER), only(&FEWEST)];
+    if fits(&all) {
+        return Ok(all);
+    }
+    let chosen = tried.iter().find(|marks| fits(marks)).cloned();
+    // Where none fits, the fit itself says why.
+    Ok(chosen.unwrap_or(all))
+}
+
+fn marks_of(face: &LocatedFace, inside: impl Fn(&nalgebra::Point2<f64>) -> bool) -> Vec<Correspondence> {
+    let points = face.points.iter().filter(|p| inside(&p.position));
+    points.map(|p| Correspondence::found(p.node, p.position, p.expected_error)).collect()
+}

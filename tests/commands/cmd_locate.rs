@@ -1,0 +1,109 @@
+//! `grimace locate`, and marks that nobody set.
+
+use std::fs;
+
+use image::{GrayImage, Luma};
+
+use crate::common::{Work, root};
+
+/// The first frames of two people of the shipped sample.
+const FACES: [&str; 2] = ["S001/005/S001_005_00000001.jpg", "S002/007/S002_007_00000001.jpg"];
+
+/// `a.jpg` and `b.jpg` with a face, `waves.png` without.
+fn work() -> Work {
+    let work = Work::new();
+    for (name, face) in ["a.jpg", "b.jpg"].iter().zip(FACES) {
+        fs::copy(root().join("fixtures/simulated").join(face), work.path(name)).unwrap();
+    }
+    GrayImage::from_fn(320, 240, |x, y| Luma([(128.0 + 90.0 * (f64::from(x) / 9.0).sin() * (f64::from(y) / 14.0).cos()) as u8]))
+        .save(work.path("waves.png"))
+        .unwrap();
+    work
+}
+
+#[test]
+fn faces_are_found_and_a_picture_without_one_is_named() {
+    let work = work();
+    work.grimace("locate a.jpg b.jpg -o points.csv --overlay pictures").exit(0).prints(&["2 pictures, 2 faces"]);
+    assert_eq!(work.header("points.csv"), "image,face,node,x,y,expected_error");
+    let rows = work.rows("points.csv");
+    let of = |image: &str, node: &str| -> (f64, f64) {
+        let row = rows.iter().find(|r| r["image"] == image && r["node"] == node && r["face"] == "1").unwrap();
+        assert!(row["expected_error"].parse::<f64>().unwrap() > 0.0);
+        (row["x"].parse().unwrap(), row["y"].parse().unwrap())
+    };
+    for image in ["a.jpg", "b.jpg"] {
+        let (left_eye, right_eye, mouth, chin) = (of(image, "20"), of(image, "53"), of(image, "7"), of(image, "10"));
+        assert!(left_eye.0 > right_eye.0, "the subject's left is on the right of the picture");
+        assert!(left_eye.1 < mouth.1 && mouth.1 < chin.1);
+    }
+    assert!(work.path("pictures/0001_a.png").is_file());
+    let ran = work.grimace("locate a.jpg waves.png -o more.csv").exit(3);
+    ran.says(&["waves.png: no face found"]).prints(&["1 without a face"]);
+    assert_eq!(work.rows("more.csv").iter().filter(|r| r["image"] == "a.jpg").count(), rows.len() / 2);
+}
+
+#[test]
+fn marks_of_the_sample_are_found_again() {
+    let work = work();
+    work.grimace("locate a.jpg -o points.csv").exit(0);
+    let truth = fs::read_to_string(root().join("fixtures/simulated/S001/005/correspondences.csv")).unwrap();
+    let rows = work.rows("points.csv");
+    let place = |node: &str| {
+        rows.iter().find(|r| r["node"] == node).map(|r| (r["x"].parse::<f64>().unwrap(), r["y"].parse::<f64>().unwrap()))
+    };
+    let (left, right) = (place("20").unwrap(), place("53").unwrap());
+    let width = (left.0 - right.0).hypot(left.1 - right.1);
+    for line in truth.lines().skip(1) {
+        let fields: Vec<&str> = line.split(',').collect();
+        let (x, y): (f64, f64) = (fields[1].parse().unwrap(), fields[2].parse().unwrap());
+        if let Some(found) = place(fields[0]) {
+            // The outer corners of the eyes are about 1.4 eye distances apart; a simulated face is no photograph.
+            assert!((found.0 - x).hypot(found.1 - y) < 0.12 * width, "node {} at {found:?}, set at {x}, {y}", fields[0]);
+        }
+    }
+}
+
+#[test]
+fn bad_input_is_named() {
+    let work = work();
+    work.grimace("locate gone.jpg -o points.csv").exit(1).says(&["gone.jpg: there is no such picture"]);
+    work.write("broken.jpg", "no picture");
+    work.grimace("locate broken.jpg a.jpg -o points.csv").exit(3).says(&["broken.jpg"]).prints(&["1 face"]);
+    work.grimace("locate a.jpg -o points.csv").exit(1).says(&["points.csv is there already", "--force"]);
+    work.write("model.bin", "nothing");
+    work.grimace("locate a.jpg -o other.csv --model model.bin").exit(1).says(&["model.bin: not a model of the locator"]);
+    work.grimace("learn locator . -o learned.bin").exit(1).says(&["delineation189.csv"]);
+    fs::create_dir(work.path("empty")).unwrap();
+    work.grimace("locate empty -o other.csv").exit(1).says(&["empty: no pictures here"]);
+}
+
+#[test]
+fn a_fit_needs_no_marks() {
+    let work = work();
+    work.grimace("fit a.jpg -o fit.csv").exit(0).prints(&["marks (0 hard)"]);
+    assert_eq!(work.rows("fit.csv").len(), 113);
+    work.grimace("fit waves.png -o none.csv").exit(1).says(&["no face was found", "annotate"]);
+}
+
+#[test]
+fn a_dataset_without_marks_runs() {
+    let work = Work::new();
+    for sequence in ["S001/005", "S001/007", "S002/005", "S002/007"] {
+        fs::create_dir_all(work.path(sequence)).unwrap();
+        for file in fs::read_dir(root().join("fixtures/simulated").join(sequence)).unwrap() {
+            let path = file.unwrap().path();
+            if path.extension().is_some_and(|e| e == "jpg") {
+                fs::copy(&path, work.path(sequence).join(path.file_name().unwrap())).unwrap();
+            }
+        }
+    }
+    work.write(
+        "manifest.csv",
+        "subject,sequence,emotion\nS001,005,happiness\nS001,007,surprise\nS002,005,happiness\nS002,007,surprise\n",
+    );
+    work.grimace("run . -o out").exit(0).prints(&["4 sequences: 4 tracked"]);
+    assert!(work.read("out/tracks/S001_005.json").contains("\"marks_from\": \"found\""));
+    let ran = work.grimace("run . -o strict --marks default").exit(3);
+    ran.says(&["no correspondences and no landmarks"]);
+}
