@@ -71,9 +71,9 @@ impl<W: Write> FormulaGuard<W> {
                 self.is_quoted = quoted;
                 let held = may_trigger || (quoted && byte == b'\n');
                 if held {
-                    self.held.push(byte)
+                    self.held.push(byte);
                 } else {
-                    self.out.push(byte)
+                    self.out.push(byte);
                 }
                 // A quotation mark right behind the first closes the field or is doubled; both go on as after a closing one.
                 self.place = Place::Field { quoted: quoted && byte != b'"', held };
@@ -87,9 +87,9 @@ impl<W: Write> FormulaGuard<W> {
             }
             Place::Field { quoted, held } => {
                 if held {
-                    self.held.push(byte)
+                    self.held.push(byte);
                 } else {
-                    self.out.push(byte)
+                    self.out.push(byte);
                 }
                 // Within a quoted field a doubled mark leaves and enters again.
                 self.place = Place::Field { quoted: quoted ^ (byte == b'"'), held };

@@ -415,13 +415,15 @@ fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
 /// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.
 fn version(entry: &SequenceEntry) -> String {
     let mut hasher = blake3::Hasher::new();
-    match crate::input::read(&marks_path(entry)) {
+    match crate::input::read(marks_path(entry)) {
         Ok(bytes) => hasher.update(&[1]).update(&bytes),
         Err(_) => hasher.update(&[0]),
     };
     let SequenceEntry { frames_path, first_frame, last_frame, landmarks_paths, .. } = entry;
     // The path of the marks, not who names it: the first save enters the default path into the manifest.
-    let read_from = format!(" {:?} {first_frame:?} {last_frame:?} {frames_path:?} {landmarks_paths:?}", marks_path(entry));
-    hasher.update(read_from.as_bytes());
+    for path in [marks_path(entry), frames_path].into_iter().chain(landmarks_paths.iter().map(PathBuf::as_path)) {
+        hasher.update(path.as_os_str().as_encoded_bytes()).update(&[0]);
+    }
+    hasher.update(format!("{first_frame:?} {last_frame:?}").as_bytes());
     hasher.finalize().to_hex()[..16].to_owned()
 }

@@ -91,7 +91,7 @@ pub(super) fn open(root: &Path) -> Result<Option<Dataset>, DatasetError> {
             }
             Entry::Occupied(place) => {
                 let SequenceId { subject, sequence } = entry.id.clone();
-                let problem = RowError::SimilarFileName { id: entry.id, other: place.get().clone() };
+                let problem = RowError::SimilarFileName { id: entry.id, other: Box::new(place.get().clone()) };
                 let error = DatasetError::FolderName { path: entry.frames_path, problem };
                 dataset.failures.push(FailedEntry { subject, sequence, error });
             }

@@ -191,7 +191,7 @@ pub enum RowError {
         /// The sequence.
         id: SequenceId,
         /// The sequence met before.
-        other: SequenceId,
+        other: Box<SequenceId>,
     },
     /// A frame range that is empty or a single frame.
     #[error("first_frame is {first} and last_frame is {last}; the apex must come after the neutral frame")]

@@ -140,7 +140,7 @@ fn entry(
         } else if first.to_string() == id.to_string() {
             RowError::SameFileName { id, first_line }
         } else {
-            RowError::SimilarFileName { id, other: first.clone() }
+            RowError::SimilarFileName { id, other: Box::new(first.clone()) }
         };
         return Err(problem.into());
     }

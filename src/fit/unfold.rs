@@ -51,7 +51,7 @@ pub(super) fn unfold(
         turned.iter().for_each(|&t| stiffness[t] = (stiffness[t] * GROWTH).max(STIFFNESS));
         let mut struts = Vec::new();
         for (t, triangle) in wireframe.triangles().iter().enumerate().filter(|(t, _)| stiffness[*t] > 0.0) {
-            let shape = frontal.ideal(rest, t, triangle);
+            let shape = frontal.ideal(rest, t, *triangle);
             let now = [1, 2].map(|k| nodes[triangle[k].index()] - nodes[triangle[0].index()]);
             let Some([u, v]) = held_shape(shape, now) else { continue };
             let stiffness = stiffness[t];
@@ -97,7 +97,7 @@ pub(super) struct Frontal {
 
 impl Frontal {
     pub(super) fn new(wireframe: &Wireframe, frontal: &[Point2<f64>], placed: Vec<Point2<f64>>) -> Self {
-        Self { areas: wireframe.triangles().iter().map(|t| area(frontal, t)).collect(), placed }
+        Self { areas: wireframe.triangles().iter().map(|t| area(frontal, *t)).collect(), placed }
     }
 
     /// Numbers of the triangles that lie the other way round than in the frontal view, slivers left out.
@@ -105,19 +105,19 @@ impl Frontal {
         let is_turned = |(t, triangle): &(usize, &[NodeId; 3])| {
             // y is down in the image, so an upright triangle changes its sign.
             self.areas[*t].abs() > LEAST_AREA
-                && -area(nodes, triangle) * self.areas[*t].signum() < LEAST_SHARE * area(&self.placed, triangle).abs()
+                && -area(nodes, **triangle) * self.areas[*t].signum() < LEAST_SHARE * area(&self.placed, **triangle).abs()
         };
         wireframe.triangles().iter().enumerate().filter(is_turned).map(|(t, _)| t).collect()
     }
 
     /// Two sides of a triangle as it should be: at rest, or as the frontal wireframe lies where it is turned at rest already.
-    fn ideal(&self, rest: &[Point2<f64>], t: usize, triangle: &[NodeId; 3]) -> [Vector2<f64>; 2] {
+    fn ideal(&self, rest: &[Point2<f64>], t: usize, triangle: [NodeId; 3]) -> [Vector2<f64>; 2] {
         let upright = -area(rest, triangle) * self.areas[t].signum() > STRETCH.0 * area(&self.placed, triangle).abs();
         let points = if upright { rest } else { &self.placed };
         [1, 2].map(|k| points[triangle[k].index()] - points[triangle[0].index()])
     }
 }
 
-fn area(points: &[Point2<f64>], [a, b, c]: &[NodeId; 3]) -> f64 {
+fn area(points: &[Point2<f64>], [a, b, c]: [NodeId; 3]) -> f64 {
     (points[b.index()] - points[a.index()]).perp(&(points[c.index()] - points[a.index()])) / 2.0
 }

@@ -83,7 +83,9 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
     };
     let Some(earlier) = earlier else {
         // What a killed writer left is swept with the first file written.
-        let is_left = |name: &std::ffi::OsStr| name.to_str().is_some_and(|n| n.starts_with(".grimace-") && n.ends_with(".tmp"));
+        let is_left = |name: &std::ffi::OsStr| {
+            name.to_str().is_some_and(|n| n.starts_with(".grimace-") && Path::new(n).extension() == Some("tmp".as_ref()))
+        };
         let empty = entries.all(|e| e.is_ok_and(|e| is_left(&e.file_name())));
         return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };
     };

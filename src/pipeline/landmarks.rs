@@ -14,6 +14,9 @@ use crate::{
     units::SequenceId,
 };
 
+/// Frames and record of a sequence that was read.
+type Read = (Vec<TrackedFrame>, TrackInfo);
+
 /// A sequence that landmarks drive. The landmarks are read when it is its turn, so that a million sequences need no memory.
 #[derive(Clone, Debug)]
 pub(super) struct LandmarkSource {
@@ -93,7 +96,7 @@ impl LandmarkSource {
     }
 
     /// [`LandmarkSource::track_read`] of files that nobody changes meanwhile; also the hash of what was read.
-    pub(super) fn track(&self, bench: &Workbench) -> (Option<String>, Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure>) {
+    pub(super) fn track(&self, bench: &Workbench) -> (Option<String>, Result<Read, SequenceFailure>) {
         let before = match self.inputs_blake3(bench) {
             Ok(hash) => hash,
             Err(failure) => return (None, Err(failure)),

@@ -77,7 +77,7 @@ impl Ledger {
     }
 
     fn append<'a>(&self, lines: impl Iterator<Item = (&'a str, &'a str)>, durable: bool) -> Result<(), OutputError> {
-        let text: String = lines.map(|(name, hash)| format!("{name}\t{hash}\n")).collect();
+        let text = lines.fold(String::new(), |text, (name, hash)| text + name + "\t" + hash + "\n");
         let path = self.out.join(JOURNAL);
         let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
         let mut append = || -> io::Result<()> {

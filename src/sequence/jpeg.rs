@@ -37,7 +37,7 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError>
     check_size(width.into(), height.into())?;
     let end = walk.whole()?;
     let data = [&bytes[..end], SENTINEL.as_slice(), &[0xFF, 0xD9]].concat();
-    let decoder = || -> Result<(JpegDecoder<ZCursor<&[u8]>>, ColorSpace), DecodeError> {
+    let decoder = || -> Result<_, DecodeError> {
         let options = DecoderOptions::default()
             .set_strict_mode(true)
             .set_max_width(usize::from(width).max(1))

@@ -130,7 +130,6 @@ fn cut_png(bytes: &[u8]) -> Option<DecodeError> {
     loop {
         match reader.next_row() {
             Ok(Some(_)) => rows += 1,
-            Ok(None) => return None,
             // Rows of an interlaced picture are none of the picture.
             Err(_) if interlaced => {
                 return Some(DecodeError::Truncated { format: "PNG", reason: "its data end before the last row".to_owned() });
@@ -139,7 +138,7 @@ fn cut_png(bytes: &[u8]) -> Option<DecodeError> {
                 let reason = format!("{} of its rows", share_text(rows, height as usize));
                 return Some(DecodeError::Truncated { format: "PNG", reason });
             }
-            Err(_) => return None,
+            Ok(None) | Err(_) => return None,
         }
     }
 }

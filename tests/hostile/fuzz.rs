@@ -88,8 +88,11 @@ fn keep(target: &Target, index: u64, bytes: &[u8]) -> PathBuf {
     path
 }
 
+/// An execution under way: when it began, of what, which one, and its bytes.
+type Execution = (Instant, &'static Target, u64, Vec<u8>);
+
 /// Ends the program when an execution hangs; nothing else can.
-fn watch(current: &'static Mutex<Option<(Instant, &'static Target, u64, Vec<u8>)>>, stop: mpsc::Receiver<()>) {
+fn watch(current: &'static Mutex<Option<Execution>>, stop: mpsc::Receiver<()>) {
     while stop.recv_timeout(Duration::from_secs(1)) == Err(mpsc::RecvTimeoutError::Timeout) {
         if let Some((started, target, index, bytes)) = current.lock().unwrap().as_ref()
             && started.elapsed() > PATIENCE
@@ -103,7 +106,7 @@ fn watch(current: &'static Mutex<Option<(Instant, &'static Target, u64, Vec<u8>)
 
 #[test]
 fn no_hostile_file_ends_a_reader() {
-    static CURRENT: Mutex<Option<(Instant, &Target, u64, Vec<u8>)>> = Mutex::new(None);
+    static CURRENT: Mutex<Option<Execution>> = Mutex::new(None);
     let executions = setting("GRIMACE_FUZZ_EXECUTIONS").unwrap_or(EXECUTIONS);
     let (seed, first) = (setting("GRIMACE_FUZZ_SEED").unwrap_or(0), setting("GRIMACE_FUZZ_FIRST").unwrap_or(0));
     let chosen: Vec<&Target> = match std::env::var("GRIMACE_FUZZ_TARGET") {

@@ -177,7 +177,7 @@ pub fn render(source: &Source, face: usize, mirrored: bool, random: &mut ChaCha8
     }
     dress(random, &mut canvas, &map, &inside, &relative);
     light(random, &mut canvas, |x, y| [(x - centre[0]) / eyes, (y - centre[1]) / eyes]);
-    Sample { face, image: camera(random, canvas), truth }
+    Sample { face, image: camera(random, &canvas), truth }
 }
 
 /// A point by its description; the middle of the face if there is none.
@@ -270,7 +270,7 @@ fn light(random: &mut ChaCha8Rng, canvas: &mut Canvas, place: impl Fn(f32, f32) 
 }
 
 /// Blur, noise, rounding, compression.
-fn camera(random: &mut ChaCha8Rng, canvas: Canvas) -> GrayImage {
+fn camera(random: &mut ChaCha8Rng, canvas: &Canvas) -> GrayImage {
     let blur = uniform(random, 0.0, 1.4);
     let mut image = canvas.image();
     if blur > 0.4 {

@@ -99,7 +99,8 @@ mod tests {
                     last_step: vec![0.01; count],
                     dissent: vec![0.01; count],
                 };
-                let errors = (0..count).map(|k| if (k + i as usize / 40) % 2 == 0 { 0.5 } else { 2.0 } * apart).collect();
+                let errors =
+                    (0..count).map(|k| if (k + i as usize / 40).is_multiple_of(2) { 0.5 } else { 2.0 } * apart).collect();
                 JudgedReading { readings: [reading.clone(), reading], apart: vec![apart; count], eye_distance: 50.0, errors }
             })
             .collect();
