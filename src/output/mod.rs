@@ -106,7 +106,7 @@ pub fn json_into<T: Serialize + ?Sized>(mut writer: &mut dyn Write, value: &T) -
     writer.write_all(b"\n")
 }
 
-/// A writer of CSV whose fields no spreadsheet takes for formulas: see [`crate::formula`]. All CSV files with texts in them are written
+/// A writer of CSV whose fields no spreadsheet takes for formulas: see the module `formula`. All CSV files with texts in them are written
 /// through it.
 pub fn csv_writer<W: Write>(writer: W) -> csv::Writer<impl Write> {
     csv::Writer::from_writer(FormulaGuard::new(writer))

@@ -29,7 +29,7 @@ pub struct Plan {
 /// Opens the dataset, marks the output folder as this run's, and says what there is to do.
 ///
 /// # Errors
-/// As [`run`], before any sequence is worked on.
+/// As `run`, before any sequence is worked on.
 pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
     let (opened, name, earlier) = open(dataset, out, bench, force)?;
     if earlier.as_ref().is_none_or(|earlier| !earlier.complete) {
@@ -48,10 +48,10 @@ pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> R
 }
 
 /// Tracks and normalizes part `part` (from 1) of `of` equal parts of the sequences in the order of their ids, into a folder that
-/// [`run_plan`] or [`run`] has begun. The last step of a divided run is [`run`] itself, which uses all that is done.
+/// [`run_plan`] or `run` has begun. The last step of a divided run is `run` itself, which uses all that is done.
 ///
 /// # Errors
-/// As [`run`]; sequences that fail are in the answer.
+/// As `run`; sequences that fail are in the answer.
 pub fn run_part(
     dataset: &Path,
     out: &Path,
@@ -73,7 +73,7 @@ pub fn run_part(
 /// Tracks and normalizes what is not done yet of one emotion, and computes its statistics for the run to use.
 ///
 /// # Errors
-/// As [`run`]; [`RunError::NoSuchEmotion`]; sequences that fail are in the answer.
+/// As `run`; [`RunError::NoSuchEmotion`]; sequences that fail are in the answer.
 pub fn run_emotion(
     dataset: &Path,
     out: &Path,

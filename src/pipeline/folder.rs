@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fs, io, path::Path};
 
-use super::{AnalysisError, MADE_BY, RunError, RunJson, SCHEMA_VERSION, Workbench, files::run_units};
+use super::{AnalysisError, MADE_BY, RunError, RunJson, SCHEMA_VERSION, Workbench, files::run_units, ledger::JOURNAL};
 use crate::{
     dataset::{Dataset, MANIFEST_NAME},
     output::OutputError,
@@ -82,9 +82,10 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         },
     };
     let Some(earlier) = earlier else {
-        // What a killed writer left is swept with the first file written.
+        // What a killed writer left is swept with the first file written; a run that ended before its first result left its journal.
         let is_left = |name: &std::ffi::OsStr| {
-            name.to_str().is_some_and(|n| n.starts_with(".grimace-") && Path::new(n).extension() == Some("tmp".as_ref()))
+            name == JOURNAL
+                || name.to_str().is_some_and(|n| n.starts_with(".grimace-") && Path::new(n).extension() == Some("tmp".as_ref()))
         };
         let empty = entries.all(|e| e.is_ok_and(|e| is_left(&e.file_name())));
         return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };

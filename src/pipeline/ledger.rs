@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// Name of the journal.
-const JOURNAL: &str = "run.journal";
+pub(super) const JOURNAL: &str = "run.journal";
 
 /// The record of a folder, as a run adds to it.
 pub(super) struct Ledger {

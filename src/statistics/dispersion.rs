@@ -14,7 +14,7 @@ pub struct KeptFields {
 }
 
 impl KeptFields {
-    /// The same information by model, from the kept models by field ([`super::Trimming::kept`]).
+    /// The same information by model, from the kept models by field (`Trimming::kept`).
     pub fn by_model(kept: &[Vec<usize>], model_count: usize) -> Self {
         let mut fields = vec![Vec::new(); model_count];
         for (m, kept) in kept.iter().enumerate() {

@@ -66,7 +66,7 @@ pub const MAX_CLASSES: usize = 1000;
 /// keep the order of `models`.
 ///
 /// # Errors
-/// [`GroupError`] for a column that no model has or that is empty in all, and for more than [`MAX_CLASSES`] classes.
+/// [`GroupError`] for a column that no model has or that is empty in all, and for more than `MAX_CLASSES` classes.
 pub fn group_models<'a>(
     models: &'a [LabelledModel],
     by: &[String],

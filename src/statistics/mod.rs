@@ -3,7 +3,7 @@
 //! [`group_models`] splits labelled models into classes; [`representative`] takes one class through [`distance`] (eq. 2 to 5),
 //! [`trimming`] (eq. 6), [`median`] (eq. 7) and [`dispersion`] (eq. 8).
 //!
-//! Letters as in [KP]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
+//! Letters as in \[KP\]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
 //! order in which models are given nor on the number of threads.
 
 pub mod bootstrap;
@@ -69,7 +69,7 @@ pub struct StatisticsOptions {
 }
 
 impl StatisticsOptions {
-    /// The default of [`StatisticsOptions::alpha`]: a tenth of the models; [KP] names no number.
+    /// The default of [`StatisticsOptions::alpha`]: a tenth of the models; \[KP\] names no number.
     pub const DEFAULT_ALPHA: f64 = 0.1;
 }
 

@@ -1,6 +1,6 @@
 //! Rejection of outlying displacement fields [KP, section 4.3 and eq. (6)].
 //!
-//! Trimming is at frame level, as [KP] uses it: each of the N' - 1 displacement fields has its own order of the N'' models and
+//! Trimming is at frame level, as \[KP\] uses it: each of the N' - 1 displacement fields has its own order of the N'' models and
 //! loses its own floor(alpha N''). A model may thus stay in one field and be dropped from another.
 
 use rayon::prelude::*;

@@ -14,7 +14,7 @@ pub enum Crossover {
     Line,
     /// BLX-alpha: `t (P1 - D) + (1 - t)(P2 + D)` with `D = alpha (P2 - P1)`, t uniform in 0 to 1.
     Blx {
-        /// 0 to 1; 0.2 was the best in [ZL].
+        /// 0 to 1; 0.2 was the best in \[ZL\].
         alpha: f64,
     },
 }
@@ -22,7 +22,7 @@ pub enum Crossover {
 impl Crossover {
     /// Shares of the first and the second parent; they sum to 1.
     ///
-    /// [ZL] call line a case of BLX-alpha "when t = 0.5" and midpoint a case of line "when alpha = 0 and t = 0.5"; by the formulas
+    /// \[ZL\] call line a case of BLX-alpha "when t = 0.5" and midpoint a case of line "when alpha = 0 and t = 0.5"; by the formulas
     /// line is the case alpha = 0, midpoint the case alpha = 0 and t = 0.5. The formulas were followed.
     pub fn shares(self, random: &mut impl rand::Rng) -> (f64, f64) {
         let (t, alpha) = match self {

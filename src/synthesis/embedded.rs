@@ -18,9 +18,9 @@ use crate::{
     wireframe::{Emotion, ExpressionUnit, Fapus, Tables, Wireframe, expressions, find_unit, settle_offsets},
 };
 
-/// Rounds of subdivision: about 23K vertices and 46K triangles with the eyes, as the meshes of [ZL].
+/// Rounds of subdivision: about 23K vertices and 46K triangles with the eyes, as the meshes of \[ZL\].
 const ROUNDS: usize = 4;
-/// Members of the bank [ZL].
+/// Members of the bank \[ZL\].
 const MEMBERS: usize = 30;
 /// The nodes of the iris boxes: triangles with one of them are eyeball, not skin.
 const EYEBALL: std::ops::RangeInclusive<u16> = 67..=74;

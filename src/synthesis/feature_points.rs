@@ -15,7 +15,7 @@ use crate::{
 
 /// The 56 feature points, as group and points.
 ///
-/// [ZL] take 56 of MPEG-4's 84 and list them in a figure only: none of tongue, teeth, ears, hair and head, and some "too close to each
+/// \[ZL\] take 56 of MPEG-4's 84 and list them in a figure only: none of tongue, teeth, ears, hair and head, and some "too close to each
 /// other (e.g. some points in the eye area)" left out. Without tongue (4), teeth (4), ears (10), hair (6) and the head's centre (1) 59
 /// are left; here the pupils (3.5, 3.6), which are no skin, and the middle of the nose bone (9.12, between 9.13 and 9.14) go too.
 const FEATURE_POINTS: [(u8, &[u8]); 6] = [

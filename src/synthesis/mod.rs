@@ -1,4 +1,4 @@
-//! Dense expressions from sparse motion [ZL]: a bank of expression meshes, and the search for the mixture whose MPEG-4 feature points
+//! Dense expressions from sparse motion \[ZL\]: a bank of expression meshes, and the search for the mixture whose MPEG-4 feature points
 //! move as asked.
 //!
 //! ```text
@@ -6,7 +6,7 @@
 //! representative, track, .fap, CSV -> FpMotion ----^
 //! ```
 //!
-//! Letters: V vertices, M members of the bank, F feature points; in formulas of [ZL] M is the number of moving feature points. Lengths
+//! Letters: V vertices, M members of the bank, F feature points; in formulas of \[ZL\] M is the number of moving feature points. Lengths
 //! are in the bank's own unit, axes those of face space.
 
 mod animate;

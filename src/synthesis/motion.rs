@@ -74,7 +74,7 @@ impl Motion {
     /// The motion with feature points at rest that move less than `share` of the farthest moving one, each judged by its largest offset
     /// of all frames.
     ///
-    /// The fitness counts every feature point with a motion alike [ZL], and a tracker gives some to all of them.
+    /// The fitness counts every feature point with a motion alike \[ZL\], and a tracker gives some to all of them.
     pub fn without_noise(&self, share: f64) -> Self {
         let count = self.frames.first().map_or(0, |f| f.offsets.len());
         let largest = |point: usize| self.frames.iter().filter_map(|f| f.offsets[point]).map(|v| v.norm()).fold(0.0, f64::max);

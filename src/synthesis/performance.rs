@@ -1,6 +1,6 @@
 //! Performance-like models: what a face shows, frame by frame, while it goes through the six expressions.
 //!
-//! [ZL] draw their 384 models from one recorded performance. Here one is made: expressions follow each other, the next setting in before
+//! \[ZL\] draw their 384 models from one recorded performance. Here one is made: expressions follow each other, the next setting in before
 //! the last has gone; each has its own strength, may be blended with another one, and is performed a little differently every time:
 //! every unit of it with its own strength and lag, one side more than the other. The first models are the pure expressions in full.
 
@@ -29,7 +29,7 @@ pub struct PerformanceOptions {
 }
 
 impl Default for PerformanceOptions {
-    /// The 384 models of [ZL].
+    /// The 384 models of \[ZL\].
     fn default() -> Self {
         Self { models: 384, seed: 1 }
     }

@@ -23,7 +23,7 @@ pub const BLX_ALPHA: f64 = 0.2;
 /// Parameters of the search.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GaOptions {
-    /// Individuals; `None` for as many as the bank has members [ZL]. Fewer are drawn from the bank, more repeat it.
+    /// Individuals; `None` for as many as the bank has members \[ZL\]. Fewer are drawn from the bank, more repeat it.
     pub population: Option<usize>,
     /// Individuals drawn per generation, 2 or more; the worst of them is replaced by the crossover of the two best.
     pub tournament: usize,
@@ -38,7 +38,7 @@ pub struct GaOptions {
 }
 
 impl Default for GaOptions {
-    /// Those of [ZL], with line crossover, the best of their Table 1.
+    /// Those of \[ZL\], with line crossover, the best of their Table 1.
     fn default() -> Self {
         let (tournament, generations) = (TOURNAMENT_SIZE, GENERATIONS);
         Self { population: None, tournament, generations, crossover: Crossover::Line, runs: 1, seed: 1 }

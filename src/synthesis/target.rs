@@ -128,7 +128,7 @@ impl Goal {
         self.members
     }
 
-    /// Number of feature points with a motion, M in [ZL].
+    /// Number of feature points with a motion, M in \[ZL\].
     pub fn moving(&self) -> usize {
         self.moving
     }

@@ -86,7 +86,7 @@ fn a_bad_track_costs_that_track() {
         "state is `lucky`: `lucky` is not a node state; the states are marked,",
         "S002_005.csv:1: no column `y`",
         "x is `NaN`: expected a finite number",
-        "S003_005.csv: no column `frame`",
+        "S003_005.csv:1: no column `frame`",
         "alone_1.csv: the emotion is not known; give --dataset",
     ]);
     assert_eq!(work.rows("again/failures.csv").len(), 6);

@@ -104,6 +104,6 @@ fn a_dataset_without_marks_runs() {
     );
     work.grimace("run . -o out").exit(0).prints(&["4 sequences: 4 tracked"]);
     assert!(work.read("out/tracks/S001_005.json").contains("\"marks_from\": \"found\""));
-    let ran = work.grimace("run . -o strict --marks default").exit(3);
+    let ran = work.grimace("run . -o strict --marks default").exit(1);
     ran.says(&["no correspondences and no landmarks"]);
 }

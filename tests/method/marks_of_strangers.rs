@@ -181,7 +181,7 @@ const MISTAKES: [(Option<u16>, Mistake); 11] = [
     (Some(20), ("outer corners of the eyes exchanged", |m, _| exchange(m, &[(20, 53)]))),
     (None, ("eyes exchanged", |m, _| exchange(m, &[(20, 53), (23, 56)]))),
     (Some(10), ("chin on the mouth", |m, _| exchange(m, &[(10, 31)]))),
-    (Some(10), ("chin at the nose", |m, es| shift(m, 10, Vector2::new(0.0, -1.0 * es)))),
+    (Some(10), ("chin at the nose", |m, es| shift(m, 10, Vector2::new(0.0, -es)))),
     (Some(10), ("chin on the collar", |m, es| shift(m, 10, Vector2::new(0.0, 0.9 * es)))),
     (Some(64), ("mouth corner on the cheek", |m, es| shift(m, 64, Vector2::new(-0.7 * es, -0.3 * es)))),
     (Some(53), ("eye corner on the brow", |m, es| shift(m, 53, Vector2::new(0.0, -0.6 * es)))),

@@ -1,7 +1,7 @@
 //! The greedy generalized median [KP, section 4.4].
 //!
 //! From the set median on, one displacement vector at a time is replaced by whatever lowers the sum of distances most, until
-//! nothing lowers it noticeably. Two choices that [KP] leaves open:
+//! nothing lowers it noticeably. Two choices that \[KP\] leaves open:
 //!
 //! - "Whatever" is, for each slot, the better of two: the vector of a member with the smallest sum in this slot, and the
 //!   Weiszfeld step from the slot's current vector (also with all but equal vectors taken for one). The first makes large moves,
@@ -150,7 +150,7 @@ mod tests {
         Slots::new(&models, &vec![(0..models.len()).collect(); fields])
     }
 
-    /// The search as [KP] words it: look at every slot before every replacement.
+    /// The search as \[KP\] words it: look at every slot before every replacement.
     fn naive(slots: &Slots, start: &[Vector2<f64>], options: &GreedyOptions) -> (Vec<Vector2<f64>>, usize) {
         let mut search: Vec<Slot> = start.iter().enumerate().map(|(index, &v)| Slot::new(slots.points(index), v)).collect();
         let least_gain = least_gain(&search, options);

@@ -1,6 +1,6 @@
 //! Climbing the fitness.
 //!
-//! The fitness of [ZL] is smooth but where a feature point rests. Each step climbs a model of it: the gradient g, and for the
+//! The fitness of \[ZL\] is smooth but where a feature point rests. Each step climbs a model of it: the gradient g, and for the
 //! curvature the Gauss-Newton matrix of the angles, `H = sum_i c_i A_i' (I - v v') A_i / s_i^2` with v the direction, s the length and c
 //! the cosine of feature point i's motion `A_i w`; the model is maximized and the step halved until the fitness rises. A rest in the
 //! length keeps s from 0; it is made smaller in rounds, and the fitness that is kept is the exact one.

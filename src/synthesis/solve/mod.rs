@@ -1,4 +1,4 @@
-//! Ways to the weights of one goal: the genetic algorithm of [ZL] and what stands beside it.
+//! Ways to the weights of one goal: the genetic algorithm of \[ZL\] and what stands beside it.
 
 mod climb;
 mod nonnegative;

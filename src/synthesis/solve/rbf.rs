@@ -7,7 +7,7 @@ use crate::synthesis::{Bank, FpMotion};
 /// The displacement of every vertex, interpolated from the motion of the feature points.
 ///
 /// Hardy multiquadrics with the distance to the nearest other feature point as each one's softness, as J. Noh, D. Fidaleo and
-/// U. Neumann use them (*Animated deformations with radial basis functions*, 2000; [ZL] refer to it). Feature points of which nothing
+/// U. Neumann use them (*Animated deformations with radial basis functions*, 2000; \[ZL\] refer to it). Feature points of which nothing
 /// is known take no part; unknown depth is 0. Feature points at one place share their mean. All zero when nothing is known.
 pub fn interpolate(bank: &Bank, motion: &FpMotion) -> Vec<[f32; 3]> {
     let positions = bank.mesh().positions();

@@ -376,7 +376,7 @@ pub fn solver_table(rows: &[SolverRow]) -> Table {
     table
 }
 
-/// Times of every solver and scheme, with those of [ZL] beside the genetic algorithm's.
+/// Times of every solver and scheme, with those of \[ZL\] beside the genetic algorithm's.
 pub fn time_table(rows: &[TimeRow]) -> Table {
     let mut table = Table::new(["regions", "solver", "ms", "ZL ms"]);
     for row in rows {

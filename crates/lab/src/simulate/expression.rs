@@ -81,7 +81,7 @@ pub fn fap_offsets(wireframe: &Wireframe, fapus: &Fapus, frame: &FapFrame) -> Ve
     offsets
 }
 
-/// FAPs that a sequence sets and that move nothing in [`fap_offsets`], ascending.
+/// FAPs that a sequence sets and that move nothing in `fap_offsets`, ascending.
 pub fn faps_without_unit(wireframe: &Wireframe, faps: &FapSequence) -> Vec<FapNumber> {
     let is_length = |kind: &UnitKind| fap_of(kind).filter(|(_, fapu)| *fapu != Fapu::Au).map(|(fap, _)| fap);
     let known: Vec<FapNumber> = wireframe.action_units().iter().filter_map(|unit| is_length(&unit.kind)).collect();

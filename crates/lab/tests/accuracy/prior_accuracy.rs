@@ -233,7 +233,7 @@ fn the_shipped_prior_can_be_made_again() {
         eprintln!("SKIPPED: no ../shared/data/people; the shipped prior was not made again");
         return;
     }
-    let (shipped, _) = read_prior(Path::new("candide/face_prior.json")).unwrap();
+    let (shipped, _) = read_prior(&crate::common::root().join("candide/face_prior.json")).unwrap();
     let people = read_neutral_faces(path, "neutral").unwrap().faces;
     let made = learn_prior(&Wireframe::candide3(), &Tables::candide3(), &people, DEFAULT_MODES).unwrap();
     assert_eq!(shipped.modes.len(), made.modes.len());
