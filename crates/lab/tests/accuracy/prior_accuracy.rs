@@ -1,10 +1,7 @@
 //! How near the fit comes to whole faces from a few marks, with each shape prior: real people the priors were not learned from, and
 //! simulated people. Errors are means of distances over the eye distance (between the pupils), in percent.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 use grimace::{
     dataset::{DEFAULT_LANDMARK_NODES, Dataset, LandmarkSelection, correspondences_from_landmarks},
