@@ -251,6 +251,8 @@ mod tests {
         fn what_is_set_is_read_and_the_others_stay(value in "[ -~]{0,12}", other in "[ -~]{0,12}") {
             // A field is trimmed when it is read; a lone quotation mark within is text.
             let (value, other) = (value.trim(), other.trim());
+            // An apostrophe in front is what keeps a spreadsheet from taking a text for a formula; reading takes it off.
+            prop_assume!(!value.starts_with('\'') && !other.starts_with('\''));
             let text = format!("subject,sequence,emotion,a,b\nS1,2,joy,{},{}\n", quoted("old"), quoted(other));
             let new = set(&text, &[("a", value)]).unwrap();
             let csv = CsvFile::from_bytes(Path::new("m"), new.into_bytes()).unwrap();
