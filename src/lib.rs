@@ -50,6 +50,7 @@ pub mod normalize;
 pub mod output;
 pub mod overlay;
 pub mod pipeline;
+pub mod pose;
 pub mod render;
 pub mod report;
 pub mod robust;

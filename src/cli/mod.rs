@@ -17,6 +17,7 @@ mod clone;
 mod evaluate;
 mod fap;
 mod fit;
+mod learn;
 mod print;
 mod prior;
 mod progress;
@@ -64,6 +65,8 @@ enum Command {
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
+    /// Learn a three-dimensional head from a dense face model.
+    Learn(learn::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
     /// Dense animation from the motion of feature points, by a bank of expression meshes.
@@ -111,6 +114,7 @@ pub fn main() -> ExitCode {
         Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Simulate(args) => simulate::run(args),
         Command::Synthesize(args) => synthesize::run(&args),
         Command::Bank(args) => bank::run(&args),

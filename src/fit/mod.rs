@@ -26,6 +26,7 @@ pub use correspondence::{
     COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences,
 };
+pub(crate) use prior::mirror_nodes;
 pub use prior::{
     DEFAULT_MODES, Explanation, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces, PRIOR_SCHEMA,
     PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
@@ -271,6 +272,26 @@ impl Fitter {
             Point2::from(places.sum::<Vector2<f64>>())
         };
         Ok(Some((0..count).map(place).collect()))
+    }
+
+    /// The wireframe pulled to its marks from nodes that were placed already (px, y down), with the placement of the frontal wireframe.
+    ///
+    /// # Errors
+    /// [`FitError`] when the marks place no wireframe.
+    pub fn fit_placed(
+        &self,
+        wireframe: &Wireframe,
+        placed: &[Point2<f64>],
+        marks: &[Correspondence],
+    ) -> Result<FittedWireframe, FitError> {
+        let targets: Vec<_> = marks.iter().map(|m| self.target(m)).collect();
+        let nodes = self.springs.deform(wireframe, placed, &targets)?;
+        let face: Vec<_> = marks.iter().map(|m| flip(wireframe.frontal()[m.node.index()])).collect();
+        let seen: Vec<_> = marks.iter().map(|m| m.position).collect();
+        let image_from_face = Similarity::fit(&face, &seen, None)?;
+        let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
+        let model = FrameExpressionModel::new(nodes);
+        Ok(FittedWireframe { model, image_from_face, correspondences: marks.to_vec(), residuals })
     }
 
     fn target(&self, mark: &Correspondence) -> Target {

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     geometry::SimilarityError,
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
+    pose::PoseMode,
     units::{FaceUnit, Px},
     wireframe::{Fapus, FapusError, Tables, Wireframe},
 };
@@ -44,11 +45,14 @@ pub struct NormalizeOptions {
     pub resample: Resample,
     /// How sizes are made equal.
     pub size: SizeMode,
+    /// Which motion of the head is taken out.
+    #[serde(default)]
+    pub pose: PoseMode,
 }
 
 impl Default for NormalizeOptions {
     fn default() -> Self {
-        Self { resample: Resample::Nearest, size: SizeMode::Fapu }
+        Self { resample: Resample::Nearest, size: SizeMode::Fapu, pose: PoseMode::Full }
     }
 }
 

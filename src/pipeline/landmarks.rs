@@ -2,6 +2,8 @@
 
 use std::{collections::BTreeMap, fs, path::PathBuf};
 
+use nalgebra::Point2;
+
 use super::{
     MADE_BY, SequenceFailure, Stage, Workbench,
     sequence::{Labels, file_name},
@@ -11,7 +13,8 @@ use crate::{
         CorrespondenceSource, LandmarkSelection, LandmarkSequence, SequenceEntry, correspondences_from_landmarks,
         read_landmarks_with,
     },
-    fit::{Correspondence, FitError, MarkKind, read_correspondences},
+    fit::{Correspondence, FitError, FittedWireframe, MarkKind, read_correspondences},
+    pose::PoseMode,
     sequence::ImageSize,
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
     units::SequenceId,
@@ -106,19 +109,7 @@ impl LandmarkSource {
             read.sequence(self.first_frame, self.last_frame).map_err(SequenceFailure::at(Stage::Dataset))?;
         let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
-        let fit = |marks: &[Correspondence]| bench.fitter.fit(&bench.wireframe, marks);
-        let mut marks = self.marks.clone().unwrap_or_else(|| plan.marks(neutral, &bench.tables));
-        let mut fitted = fit(&marks);
-        // On a head that is turned a little, or by eyes shut or wide open, points that are only on the same contour as their node may
-        // fold the wireframe: fewer marks then, those that are the same anatomical point, or the corners and the chin.
-        for fewer in [LandmarkSelection::High, LandmarkSelection::Default] {
-            if self.marks.is_none() && matches!(fitted, Err(FitError::Folded { .. })) {
-                marks =
-                    correspondences_from_landmarks(neutral, &bench.tables, &fewer).map_err(SequenceFailure::at(Stage::Fit))?;
-                fitted = fit(&marks);
-            }
-        }
-        let fitted = fitted.map_err(SequenceFailure::at(Stage::Fit))?;
+        let (marks, fitted) = fit_landmarks(bench, neutral, self.marks.clone())?;
         let frames = plan.track(&bench.wireframe, &fitted, &sequence).map_err(SequenceFailure::at(Stage::Track))?;
         let info = TrackInfo {
             schema_version: TRACK_SCHEMA,
@@ -140,4 +131,38 @@ impl LandmarkSource {
         };
         Ok((frames, info))
     }
+}
+
+/// The wireframe fitted to the neutral frame of a sequence of landmarks, and its marks: those given, or else the landmarks.
+///
+/// # Errors
+/// [`SequenceFailure`] with the stage.
+pub fn fit_landmarks(
+    bench: &Workbench,
+    neutral: &[Point2<f64>],
+    given: Option<Vec<Correspondence>>,
+) -> Result<(Vec<Correspondence>, FittedWireframe), SequenceFailure> {
+    let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
+    let own = given.is_some();
+    let fit = |marks: &[Correspondence]| bench.fitter.fit(&bench.wireframe, marks);
+    let mut marks = given.unwrap_or_else(|| plan.marks(neutral, &bench.tables));
+    let mut fitted = fit(&marks);
+    // On a head that is turned, points of the outline fold a frontal wireframe: a head in three dimensions says where it lies.
+    if !own
+        && matches!(fitted, Err(FitError::Folded { .. }))
+        && bench.options.normalize.pose == PoseMode::Full
+        && let Some(placed) = bench.head_fitter().place(&marks)
+        && let Ok(found) = bench.fitter.fit_placed(&bench.wireframe, &placed, &marks)
+    {
+        fitted = Ok(found);
+    }
+    // On a head that is turned a little, or by eyes shut or wide open, points that are only on the same contour as their node may
+    // fold the wireframe: fewer marks then, those that are the same anatomical point, or the corners and the chin.
+    for fewer in [LandmarkSelection::High, LandmarkSelection::Default] {
+        if !own && matches!(fitted, Err(FitError::Folded { .. })) {
+            marks = correspondences_from_landmarks(neutral, &bench.tables, &fewer).map_err(SequenceFailure::at(Stage::Fit))?;
+            fitted = fit(&marks);
+        }
+    }
+    Ok((marks, fitted.map_err(SequenceFailure::at(Stage::Fit))?))
 }

@@ -24,9 +24,12 @@ use serde::{Deserialize, Serialize};
 use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection},
     fit::{FitOptions, Fitter, SpringError},
+    model::DynamicExpressionModel,
     normalize::{NormalizeOptions, Normalizer},
+    pose::{HeadFit, HeadFitter, PoseError, PoseMode},
     statistics::StatisticsOptions,
-    track::{LandmarkPlan, TrackOptions, TrackPlan},
+    track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame, track_model},
+    units::Px,
     wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
 };
 
@@ -36,6 +39,7 @@ pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub(crate) use groups::values as group_values;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
+pub use landmarks::fit_landmarks;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
@@ -137,6 +141,8 @@ pub struct Workbench {
     plan: TrackPlan,
     /// Made when the first sequence is driven by landmarks.
     landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
+    /// Made when the first pose is asked for.
+    head: OnceLock<HeadFitter>,
     /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
     wireframe_blake3: Option<String>,
 }
@@ -155,7 +161,16 @@ impl Workbench {
         let tables = Tables::candide3();
         let fitter = Fitter::new(&wireframe, options.fit.clone());
         let plan = TrackPlan::new(&wireframe, &tables);
-        let bench = Self { wireframe, tables, options, fitter, plan, landmark_plan: OnceLock::new(), wireframe_blake3 };
+        let bench = Self {
+            wireframe,
+            tables,
+            options,
+            fitter,
+            plan,
+            landmark_plan: OnceLock::new(),
+            head: OnceLock::new(),
+            wireframe_blake3,
+        };
         bench.normalizer()?;
         Ok(bench)
     }
@@ -177,6 +192,30 @@ impl Workbench {
     pub fn landmark_plan(&self) -> Result<&LandmarkPlan, SpringError> {
         let make = || LandmarkPlan::new(&self.wireframe, &self.tables, self.options.track.force);
         self.landmark_plan.get_or_init(make).as_ref().map_err(Clone::clone)
+    }
+
+    /// Fits heads to tracks.
+    pub fn head_fitter(&self) -> &HeadFitter {
+        self.head.get_or_init(|| HeadFitter::new(&self.wireframe, &self.tables))
+    }
+
+    /// Head, poses and expressions of a track.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn fit_head(&self, track: &[TrackedFrame]) -> Result<HeadFit, PoseError> {
+        self.head_fitter().fit(&self.tables, track)
+    }
+
+    /// The model of a track that is normalized: without the head's turns where the options say so, as it is where not.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn head_free_model(&self, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
+        match self.options.normalize.pose {
+            PoseMode::Full => self.head_fitter().frontal(&self.wireframe, &self.fit_head(track)?, track),
+            PoseMode::Roll => Ok(track_model(track)?),
+        }
     }
 
     /// Normalizes tracked models.

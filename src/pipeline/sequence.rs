@@ -21,7 +21,7 @@ use crate::{
     statistics::MAX_DISPLACEMENT,
     track::{
         TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
-        track_model, track_sequence, track_units, write_track,
+        track_sequence, track_units, write_track,
     },
     units::{FaceUnit, SequenceId},
 };
@@ -247,7 +247,7 @@ pub(super) fn normalized(
     frames: &[TrackedFrame],
     bench: &Workbench,
 ) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
-    let model = track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
+    let model = bench.head_free_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
     let model = normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))?;
     // One such model would end the statistics of all.

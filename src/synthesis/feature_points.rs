@@ -161,13 +161,13 @@ fn nearest(mesh: &TriangleMesh, place: &Vector3<f64>, reach: f64) -> Option<u32>
 }
 
 /// The biharmonic spline in space, with an affine part.
-struct Warp {
+pub(crate) struct Warp {
     centres: Vec<Vector3<f64>>,
     weights: MatrixXx3<f64>,
 }
 
 impl Warp {
-    fn new(source: &[Vector3<f64>], target: &[Vector3<f64>]) -> Option<Self> {
+    pub(crate) fn new(source: &[Vector3<f64>], target: &[Vector3<f64>]) -> Option<Self> {
         let n = source.len();
         let mut matrix = DMatrix::zeros(n + 4, n + 4);
         let mut right = MatrixXx3::zeros(n + 4);
@@ -185,7 +185,7 @@ impl Warp {
         weights.iter().all(|w| w.is_finite()).then(|| Self { centres: source.to_vec(), weights })
     }
 
-    fn apply(&self, point: &Point3<f64>) -> Vector3<f64> {
+    pub(crate) fn apply(&self, point: &Point3<f64>) -> Vector3<f64> {
         let n = self.centres.len();
         let mut sum = RowVector3::zeros();
         for (k, centre) in self.centres.iter().enumerate() {

@@ -38,6 +38,7 @@ pub use crossover::Crossover;
 pub use embedded::{candide_bank, candide_expressions, candide_shapes, candide_study};
 pub use error::{BankError, SynthesisError};
 pub use export::{Animation, compare_with_truth, write_bank_picture, write_png};
+pub(crate) use feature_points::Warp;
 pub use feature_points::{
     place_feature_points, read_feature_points, read_landmark_vertices, skin_feature_points, write_feature_points,
 };
@@ -49,6 +50,7 @@ pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets
 pub use regions::{OVERLAP, RegionScheme, Regions};
 pub use search::{BLX_ALPHA, GENERATIONS, GaOptions, Generation, Run, TOURNAMENT_SIZE, evolve};
 pub use solve::{Climb, Signs, Solution, Solver, best_member, bound, climb, genetic, interpolate, least_squares, refined};
+pub(crate) use source::BankSource;
 pub use surface::{surface, surface_error};
 pub use target::{FpBasis, FpMotion, Goal, summed_length};
 
