@@ -9,8 +9,7 @@ use std::{
 use grimace::{
     dataset::{DEFAULT_LANDMARK_NODES, Dataset, LandmarkSelection, correspondences_from_landmarks},
     fit::{
-        Correspondence, DEFAULT_MODES, FitOptions, Fitter, LoadedPrior, MarkKind, PriorKind, learn_prior, read_neutral_faces,
-        read_prior,
+        Correspondence, DEFAULT_MODES, FitOptions, Fitter, LoadedPrior, PriorKind, learn_prior, read_neutral_faces, read_prior,
     },
     simulate::{Emotion, SimulateOptions, SimulatedSequence, Subject},
     units::NodeId,
@@ -122,7 +121,7 @@ fn marked_by_hand(faces: Vec<Face>) -> Vec<Face> {
                     (values[0] as usize, Point2::new(values[1], values[2]))
                 })
                 .collect();
-            let mark = |(node, point)| Correspondence { node: NodeId(node), position: points[&point], kind: MarkKind::Mark };
+            let mark = |(node, point)| Correspondence::mark(NodeId(node), points[&point]);
             Face { marks: BY_HAND.map(mark).to_vec(), ..face }
         })
         .collect()
@@ -142,7 +141,7 @@ fn simulated_faces(marked: &[NodeId]) -> Vec<Face> {
             let nodes: Vec<_> = nodes.into_iter().map(|p| p * f64::from(REDUCTION)).collect();
             let mut mark = |&node: &NodeId| {
                 let error = Vector2::new(noise(), noise()) * MARK_NOISE_PX;
-                Correspondence { node, position: nodes[node.index()] + error, kind: MarkKind::Mark }
+                Correspondence::mark(node, nodes[node.index()] + error)
             };
             let marks = marked.iter().map(&mut mark).collect();
             let truth = wireframe.live_nodes().iter().map(|&n| (n, nodes[n.index()])).collect();

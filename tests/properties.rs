@@ -3,7 +3,7 @@
 use grimace::{
     dataset::LandmarkSelection,
     fap::{FapCatalog, FapNumber, FapSequence, Motion, read_fap, write_fap},
-    fit::{Correspondence, FitOptions, Fitter, MarkKind, PriorKind, read_correspondences, write_correspondences},
+    fit::{Correspondence, FitOptions, Fitter, PriorKind, read_correspondences, write_correspondences},
     geometry::Similarity,
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, Normalizer},
@@ -134,7 +134,7 @@ proptest! {
             .map(|(&node, j)| {
                 let p = frontal[usize::from(node)] * (120.0 / 0.613);
                 let position = view.apply(&Point2::new(p.x + j[0], -p.y + j[1]));
-                Correspondence { node: NodeId(node), position, kind: MarkKind::Mark }
+                Correspondence::mark(NodeId(node), position)
             })
             .collect();
         let folder = tempfile::tempdir().unwrap();

@@ -11,7 +11,7 @@ use super::{
     Cell, ErrorSummary, EvaluateError, LineChart, MarkNoise, Person, Records, Series, Start, Table, TruthNode, percentile,
 };
 use crate::{
-    fit::{Correspondence, Fitter, MarkKind},
+    fit::{Correspondence, Fitter},
     sequence::Frame,
     simulate::{Emotion, SimulateOptions, SimulatedFrame, SimulatedSequence, Subject},
     track::{
@@ -175,7 +175,7 @@ impl Bench<'_> {
 
     fn marks(&self, start: Start, neutral: &[Point2<f64>], condition: &ConfidenceCondition, subject: u32) -> Vec<Correspondence> {
         let live = self.wireframe.live_nodes();
-        let hard = |&node: &NodeId| Correspondence { node, position: neutral[node.index()], kind: MarkKind::Hard };
+        let hard = |&node: &NodeId| Correspondence::hard(node, neutral[node.index()]);
         match start {
             Start::Landmarks => live.iter().map(hard).collect(),
             Start::Seven => {

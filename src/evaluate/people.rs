@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     dataset::{Dataset, DatasetError, LANDMARK_COUNT, SequenceEntry},
-    fit::{Correspondence, MarkKind},
+    fit::Correspondence,
     input::CsvFile,
     simulate::{SimulateOptions, neutral_nodes},
     track::eye_distance_px,
@@ -86,7 +86,7 @@ impl Person {
             }
         };
         let position = self.truth[place].position + self.errors[place] * deviation;
-        Some(Correspondence { node, position, kind: MarkKind::Mark })
+        Some(Correspondence::mark(node, position))
     }
 
     /// Whether a node's place is known.

@@ -21,7 +21,7 @@ use super::{
 };
 use crate::{
     dataset::{Dataset, DatasetError, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
-    fit::{Correspondence, Fitter, MarkKind},
+    fit::{Correspondence, Fitter},
     sequence::{Frame, SequenceError, SequenceReader},
     simulate::{CameraOptions, Emotion, SimulateOptions, SimulatedSequence, Subject},
     track::{TrackPlan, eye_distance_px},
@@ -401,5 +401,5 @@ impl Bench<'_> {
 }
 
 fn hard(node: NodeId, position: Point2<f64>) -> Correspondence {
-    Correspondence { node, position, kind: MarkKind::Hard }
+    Correspondence::hard(node, position)
 }

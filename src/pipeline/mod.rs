@@ -213,7 +213,7 @@ impl Workbench {
     /// [`PoseError`].
     pub fn head_free_model(&self, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
         match self.options.normalize.pose {
-            PoseMode::Full => self.head_fitter().frontal(&self.wireframe, &self.fit_head(track)?, track),
+            PoseMode::Full => self.head_fitter().frontal((&self.wireframe, &self.tables), &self.fit_head(track)?, track),
             PoseMode::Roll => Ok(track_model(track)?),
         }
     }

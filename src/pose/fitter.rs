@@ -55,11 +55,11 @@ impl HeadFitter {
     /// [`PoseError`] when the springs have no equilibrium or the frames make no model.
     pub fn frontal(
         &self,
-        wireframe: &Wireframe,
+        (wireframe, tables): (&Wireframe, &Tables),
         fit: &HeadFit,
         track: &[TrackedFrame],
     ) -> Result<DynamicExpressionModel<Px>, PoseError> {
-        let frames = frontalized(&self.model, fit, track, wireframe, &self.springs)?;
+        let frames = frontalized(&self.model, fit, track, (wireframe, tables), &self.springs)?;
         Ok(DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())?)
     }
 }
