@@ -41,6 +41,7 @@ pub mod columnar;
 pub mod dataset;
 pub mod evaluate;
 pub mod fap;
+pub mod features;
 pub mod fit;
 pub mod geometry;
 pub mod input;

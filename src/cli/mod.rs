@@ -16,6 +16,7 @@ mod bank;
 mod clone;
 mod evaluate;
 mod fap;
+mod features;
 mod fit;
 mod learn;
 mod print;
@@ -63,6 +64,8 @@ enum Command {
     Clone(clone::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
+    /// A row for every frame of tracks: pose, FAPs, action units.
+    Features(features::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
     /// Learn a three-dimensional head from a dense face model.
@@ -108,6 +111,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Annotate(args) => annotate::run(&args),
+        Command::Features(args) => features::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),

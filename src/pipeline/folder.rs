@@ -107,8 +107,14 @@ fn differing_options(earlier: &RunJson, bench: &Workbench) -> String {
 }
 
 /// Folders of results, and the endings of the files in them.
-const RESULT_FOLDERS: [(&str, &[&str]); 4] =
-    [("tracks", &[".csv", ".json"]), ("models", &[".csv"]), ("representatives", &[".csv", ".json"]), ("fap", &[".fap"])];
+const RESULT_FOLDERS: [(&str, &[&str]); 6] = [
+    ("tracks", &[".csv", ".json"]),
+    ("models", &[".csv"]),
+    ("representatives", &[".csv", ".json"]),
+    ("fap", &[".fap"]),
+    ("fap/tracks", &[".fap"]),
+    ("features", &[".csv", ".json"]),
+];
 
 /// Removes files of earlier runs, whole or interrupted, that this one does not make.
 pub(super) fn remove_stale(out: &Path, outputs: &BTreeMap<String, String>) {

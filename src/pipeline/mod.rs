@@ -23,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection},
+    features::{FeatureMeter, FrameFeatures, Measured},
     fit::{FitOptions, Fitter, SpringError},
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, Normalizer},
@@ -143,6 +144,8 @@ pub struct Workbench {
     landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
     /// Made when the first pose is asked for.
     head: OnceLock<HeadFitter>,
+    /// Made when the first features are asked for.
+    meter: OnceLock<Result<FeatureMeter, String>>,
     /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
     wireframe_blake3: Option<String>,
 }
@@ -169,6 +172,7 @@ impl Workbench {
             plan,
             landmark_plan: OnceLock::new(),
             head: OnceLock::new(),
+            meter: OnceLock::new(),
             wireframe_blake3,
         };
         bench.normalizer()?;
@@ -213,9 +217,34 @@ impl Workbench {
     /// [`PoseError`].
     pub fn head_free_model(&self, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
         match self.options.normalize.pose {
-            PoseMode::Full => self.head_fitter().frontal((&self.wireframe, &self.tables), &self.fit_head(track)?, track),
+            PoseMode::Full => self.frontal_model(&self.fit_head(track)?, track),
             PoseMode::Roll => Ok(track_model(track)?),
         }
+    }
+
+    /// The model of a track without the head's turns.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn frontal_model(&self, fit: &HeadFit, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
+        self.head_fitter().frontal((&self.wireframe, &self.tables), fit, track)
+    }
+
+    /// Pose, FAPs and action units of every frame of a track whose model without the head's motion is given.
+    ///
+    /// # Errors
+    /// A sentence when the track has no features.
+    pub fn features(
+        &self,
+        track: &[TrackedFrame],
+        fit: &HeadFit,
+        model: &DynamicExpressionModel<Px>,
+    ) -> Result<Vec<FrameFeatures>, String> {
+        let normalizer = self.normalizer().map_err(|e| e.to_string())?;
+        let make = || FeatureMeter::new(self.head_fitter().model(), &self.wireframe, &normalizer).map_err(|e| e.to_string());
+        let meter = self.meter.get_or_init(make).as_ref().map_err(Clone::clone)?;
+        let model = normalizer.normalize_every_frame(model).map_err(|e| e.to_string())?;
+        meter.measure(Measured { track, fit, model: &model }, &normalizer, &self.tables).map_err(|e| e.to_string())
     }
 
     /// Normalizes tracked models.

@@ -13,17 +13,19 @@ use serde::{Deserialize, Serialize};
 use super::{MADE_BY, Workbench};
 use crate::{
     dataset::FrameSource,
+    features::turn_warning,
     fit::{Correspondence, MarkKind, validate_correspondences},
     model::DynamicExpressionModel,
     output,
     overlay::draw_overlay,
+    pose::{HeadFit, PoseError, PoseMode},
     sequence::{SequenceReader, read_first_frame},
     statistics::MAX_DISPLACEMENT,
     track::{
-        TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
-        track_sequence, track_units, write_track,
+        TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, Verdict, read_track, read_track_info, summarize,
+        track_model, track_sequence, track_units, write_track,
     },
-    units::{FaceUnit, SequenceId},
+    units::{FaceUnit, Px, SequenceId},
 };
 
 /// A stage of the main job, as named in `failures.csv`.
@@ -243,14 +245,41 @@ fn relabel(labels: &Labels<'_>, mut info: TrackInfo, csv_path: &Path) -> Result<
     output::write_json(&csv_path.with_extension("json"), &info).map_err(SequenceFailure::at(Stage::Write))
 }
 
+/// A normalized sequence.
+pub(super) struct Normalized {
+    /// The normalized model.
+    pub model: DynamicExpressionModel<FaceUnit>,
+    /// All frames without the head's motion, px.
+    pub head_free: DynamicExpressionModel<Px>,
+    /// Head and poses; `None` where the pose is not taken out and none was found.
+    pub fit: Option<HeadFit>,
+}
+
+impl Normalized {
+    /// Enters what the head's pose says of a track into its summary.
+    pub fn judge(&self, summary: &mut TrackSummary, frames: &[TrackedFrame]) {
+        if let Some(warning) = self.fit.as_ref().and_then(|fit| turn_warning(fit, frames))
+            && !summary.reasons.contains(&warning)
+        {
+            summary.verdict = Verdict::LookAgain;
+            summary.reasons.push(warning);
+        }
+    }
+}
+
 /// The normalized model of tracked frames.
-pub(super) fn normalized(
-    frames: &[TrackedFrame],
-    bench: &Workbench,
-) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
-    let model = bench.head_free_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
+pub(super) fn normalized(frames: &[TrackedFrame], bench: &Workbench) -> Result<Normalized, SequenceFailure> {
+    let failed = |error: PoseError| SequenceFailure::at(Stage::Normalize)(error);
+    let (fit, head_free) = match bench.options.normalize.pose {
+        PoseMode::Full => {
+            let fit = bench.fit_head(frames).map_err(failed)?;
+            let free = bench.frontal_model(&fit, frames).map_err(failed)?;
+            (Some(fit), free)
+        }
+        PoseMode::Roll => (bench.fit_head(frames).ok(), track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?),
+    };
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
-    let model = normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))?;
+    let model = normalizer.normalize(&head_free).map_err(SequenceFailure::at(Stage::Normalize))?;
     // One such model would end the statistics of all.
     let offsets = |m| model.neutral_offsets(m).into_iter().map(|v| v.norm()).fold(0.0, f64::max);
     let largest = (1..model.frame_count()).map(offsets).fold(0.0, f64::max);
@@ -258,7 +287,7 @@ pub(super) fn normalized(
         let reason = format!("a node moves by {largest:.3e} face units; that is no face (1024 is the eye distance)");
         return Err(SequenceFailure { stage: Stage::Normalize, reason, fatal: false });
     }
-    Ok(model)
+    Ok(Normalized { model, head_free, fit })
 }
 
 /// Pictures of the wireframe on the wanted frames of a track, with the frame's number.

@@ -106,8 +106,10 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
             });
         }
     };
-    let model = normalized(&frames, bench)?;
-    let summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    let normalized = normalized(&frames, bench)?;
+    let mut summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    normalized.judge(&mut summary, &frames);
+    let model = normalized.model;
     let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
 }

@@ -14,15 +14,17 @@ use super::{
     landmarks::LandmarkSource,
     model_file::write_model,
     overlay_pictures,
-    sequence::{normalized, overlay_path, track_or_reuse},
+    sequence::{Normalized, normalized, overlay_path, track_or_reuse},
     track_one,
 };
 use crate::{
     dataset::{CorrespondenceSource, SequenceEntry},
+    fap::write_fap,
+    features::{fap_sequence, write_features},
     output,
     overlay::png_bytes,
     statistics::SequenceModel,
-    track::TrackQuality,
+    track::{TrackQuality, TrackedFrame, read_track_info},
     units::SequenceId,
 };
 
@@ -124,7 +126,14 @@ pub(super) fn collect(
             Ok(done) => {
                 *(if done.reused { &mut all.reused } else { &mut all.tracked }) += 1;
                 let id = &item.id;
-                for file in [format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")] {
+                for file in [
+                    format!("tracks/{id}.csv"),
+                    format!("tracks/{id}.json"),
+                    format!("models/{id}.csv"),
+                    format!("features/{id}.csv"),
+                    format!("features/{id}.json"),
+                    format!("fap/tracks/{id}.fap"),
+                ] {
                     if let Some(hash) = file_blake3(&out.join(&file)) {
                         all.outputs.insert(file, hash);
                     }
@@ -213,13 +222,37 @@ fn process(
             },
         )?;
     }
-    let model = normalized(&frames, bench)?;
+    let normalized = normalized(&frames, bench)?;
+    let mut summary = summary;
+    normalized.judge(&mut summary, &frames);
+    write_measured(&normalized, &frames, out, id, bench)?;
+    let model = normalized.model;
     let model_path = out.join("models").join(format!("{id}.csv"));
     write_model(&model_path, &model).map_err(SequenceFailure::at(Stage::Write))?;
     let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary };
     let model = SequenceModel { id: id.clone(), model };
     let metadata = item.metadata();
     Ok(Done { model: AnalyzedModel { model, emotion: item.emotion.clone(), metadata, quality: Some(quality) }, reused })
+}
+
+/// Writes the features of a sequence and its FAPs, the head's among them.
+fn write_measured(
+    normalized: &Normalized,
+    frames: &[TrackedFrame],
+    out: &Path,
+    id: &SequenceId,
+    bench: &Workbench,
+) -> Result<(), SequenceFailure> {
+    let Some(fit) = &normalized.fit else { return Ok(()) };
+    let features = bench.features(frames, fit, &normalized.head_free);
+    let features = features.map_err(|reason| SequenceFailure { stage: Stage::Normalize, reason, fatal: false })?;
+    let info = read_track_info(&out.join("tracks").join(format!("{id}.csv"))).map_err(SequenceFailure::at(Stage::Write))?;
+    let fps = info.and_then(|info| info.fps);
+    let path = out.join("features").join(format!("{id}.csv"));
+    write_features(&path, &features, fps).map_err(SequenceFailure::at(Stage::Write))?;
+    let faps = fap_sequence(&features, &id.to_string(), fps.unwrap_or(f64::from(bench.options.fap.fps)));
+    let path = out.join("fap/tracks").join(format!("{id}.fap"));
+    write_fap(&path, &faps).map_err(SequenceFailure::at(Stage::Write))
 }
 
 /// Puts the file that the marks came from in front of a failure of the fit.

@@ -6,10 +6,10 @@ use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 pub const CAMERA_DISTANCE: f64 = 14.0;
 
 /// Eye distance ES0 of the model, model units.
-pub(super) const MODEL_ES: f64 = 0.613;
+pub const HEAD_ES: f64 = 0.613;
 
 /// Distance of the camera, model units.
-const DISTANCE: f64 = CAMERA_DISTANCE * MODEL_ES;
+const DISTANCE: f64 = CAMERA_DISTANCE * HEAD_ES;
 
 /// Least distance of a point from the camera, share of [`DISTANCE`]: nothing of a head comes nearer.
 const NEAREST: f64 = 0.3;

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
-use super::{NamedOffsets, camera::MODEL_ES};
+use super::{NamedOffsets, camera::HEAD_ES};
 use crate::{
     fit::mirror_nodes,
     mesh::{MeshFileError, read_npy_rows},
@@ -177,7 +177,7 @@ pub fn learn_head(
     let mut mean: Vec<Vector3<f64>> = (0..raw.len()).map(|k| (raw[k] + mirrored(k, &raw)) / 2.0).collect();
     follow(wireframe, &mut mean);
     let frontal: Vec<nalgebra::Point2<f64>> = mean.iter().map(|v| nalgebra::Point2::new(v.x, v.y)).collect();
-    let scale = MODEL_ES / Fapus::measure(&tables.fapus, &frontal)?.es;
+    let scale = HEAD_ES / Fapus::measure(&tables.fapus, &frontal)?.es;
     let stable = crate::normalize::stable_nodes(tables, wireframe.node_count());
     let middle = |of: &dyn Fn(usize) -> Vector3<f64>| stable.iter().map(|&k| of(k)).sum::<Vector3<f64>>() / stable.len() as f64;
     let shift = middle(&|k| wireframe.vertices()[k].coords) - middle(&|k| mean[k] * scale);

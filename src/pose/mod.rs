@@ -23,7 +23,7 @@ mod head;
 mod learn;
 mod solve;
 
-pub use camera::{CAMERA_DISTANCE, HeadPose};
+pub use camera::{CAMERA_DISTANCE, HEAD_ES, HeadPose};
 pub use file::{HEAD_SCHEMA, HeadFileError, HeadOrigin, write_head};
 pub use fit::{HeadFit, PoseError, fit_head};
 pub use fitter::HeadFitter;
