@@ -1,4 +1,4 @@
-//! Requests of the page that can not be fulfilled, and how that is said.
+//! Requests of the page that cannot be fulfilled, and how that is said.
 
 use axum::{
     Json,
@@ -8,12 +8,14 @@ use axum::{
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use crate::text::message;
+
 /// Why a request is not fulfilled.
 #[derive(Debug)]
 pub enum RequestError {
     /// No such sequence, frame or file.
     NotFound(String),
-    /// The request can not be taken as it is: a position outside the image, a file that does not read.
+    /// The request cannot be taken as it is: a position outside the image, a file that does not read.
     Refused(String),
     /// Someone else has changed the sequence since the page read it; with what is there now.
     Conflict(Value),
@@ -26,12 +28,12 @@ pub enum RequestError {
 impl RequestError {
     /// A refusal in the words of an error.
     pub fn refused(error: impl std::fmt::Display) -> Self {
-        Self::Refused(error.to_string())
+        Self::Refused(message(&error.to_string()).into_owned())
     }
 
     /// A failure in the words of an error.
     pub fn failed(error: impl std::fmt::Display) -> Self {
-        Self::Failed(error.to_string())
+        Self::Failed(message(&error.to_string()).into_owned())
     }
 
     /// A conflict with what is there now.

@@ -12,25 +12,27 @@ macro_rules! eprintln {
 
 mod analyze;
 mod annotate;
-mod bank;
+pub mod bank;
 mod clone;
-mod evaluate;
 mod fap;
 mod features;
 mod fit;
+mod lab;
 mod learn;
-mod print;
+mod learn_head;
+mod locate;
+pub mod print;
 mod prior;
-mod progress;
+pub mod progress;
 mod run;
-mod shared;
-mod simulate;
+pub mod shared;
 mod synthesize;
 mod track;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use grimace::text::message;
 
 /// Representative facial expressions from image sequences, as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
@@ -68,16 +70,18 @@ enum Command {
     Features(features::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
-    /// Learn a three-dimensional head from a dense face model.
+    /// Find faces and their points.
+    Locate(locate::Args),
+    /// Learn what this program ships with, from your own data.
     Learn(learn::Args),
     /// Make synthetic sequences with exact ground truth.
-    Simulate(simulate::Args),
+    Simulate(lab::Args),
     /// Dense animation from the motion of feature points, by a bank of expression meshes.
     Synthesize(synthesize::Args),
     /// Banks of expression meshes for `synthesize`.
     Bank(bank::Args),
-    /// Experiments against ground truth: how right fit and tracker are.
-    Evaluate(evaluate::Args),
+    /// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
+    Evaluate(lab::Args),
 }
 
 /// How a command that did not fail ended.
@@ -89,11 +93,14 @@ pub enum Outcome {
     Failed,
     /// Exit status 3: done, but some sequences failed.
     SomeFailed,
+    /// The exit status of another program.
+    #[cfg(not(unix))]
+    Other(u8),
 }
 
 /// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
 fn chain(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
+    error.chain().map(|cause| message(&cause.to_string()).into_owned()).fold(String::new(), |text, cause| {
         if text.contains(&cause) {
             text
         } else if text.is_empty() {
@@ -104,11 +111,28 @@ fn chain(error: &anyhow::Error) -> String {
     })
 }
 
+/// Prints an error, if there is one, and gives the exit status: 0 done, 1 failed, 3 done but some sequences failed.
+pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
+    match result.and_then(|outcome| print::check().map(|()| outcome)) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Failed) => ExitCode::FAILURE,
+        Ok(Outcome::SomeFailed) => ExitCode::from(3),
+        #[cfg(not(unix))]
+        Ok(Outcome::Other(status)) => ExitCode::from(status),
+        Err(error) => {
+            eprintln!("error: {}", chain(&error));
+            ExitCode::FAILURE
+        }
+    }
+}
+
 /// Parses the arguments, runs the command, prints errors, returns the exit status: 0 done, 1 failed, 2 bad usage, 3 done but
 /// some sequences failed.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let result = match cli.command {
+    if let Some((command, arguments)) = lab::asked(std::env::args_os().skip(1)) {
+        return exit_code(lab::run(command, &arguments));
+    }
+    exit_code(match Cli::parse().command {
         Command::Run(args) => run::run(&args),
         Command::Annotate(args) => annotate::run(&args),
         Command::Features(args) => features::run(&args),
@@ -118,20 +142,11 @@ pub fn main() -> ExitCode {
         Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
+        Command::Locate(args) => locate::run(&args),
         Command::Learn(args) => learn::run(&args),
-        Command::Simulate(args) => simulate::run(args),
+        Command::Simulate(args) => lab::run("simulate", &args.arguments),
         Command::Synthesize(args) => synthesize::run(&args),
         Command::Bank(args) => bank::run(&args),
-        Command::Evaluate(args) => evaluate::run(&args),
-    };
-    let result = result.and_then(|outcome| print::check().map(|()| outcome));
-    match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Failed) => ExitCode::FAILURE,
-        Ok(Outcome::SomeFailed) => ExitCode::from(3),
-        Err(error) => {
-            eprintln!("error: {}", chain(&error));
-            ExitCode::FAILURE
-        }
-    }
+        Command::Evaluate(args) => lab::run("evaluate", &args.arguments),
+    })
 }

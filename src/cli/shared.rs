@@ -13,10 +13,13 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
+    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     pose::PoseMode,
     sequence::configure_opencv,
-    statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
+    statistics::{
+        MedianKind, StatisticsOptions,
+        compare::{CompareOptions, GroupOptions},
+    },
     track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;
@@ -295,6 +298,14 @@ impl GeneralArgs {
     pub fn check_free(&self, path: &std::path::Path) -> anyhow::Result<()> {
         anyhow::ensure!(self.force || !path.exists(), "{} is there already; --force writes over it", path.display());
         Ok(())
+    }
+}
+
+/// An error about a file: its name, where the error's own text lacks it, and the text.
+pub fn about(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> anyhow::Error {
+    move |error| {
+        let (path, error) = (path.display().to_string(), error.to_string());
+        if error.contains(&path) { anyhow::anyhow!(error) } else { anyhow::anyhow!("{path}: {error}") }
     }
 }
 

@@ -7,14 +7,15 @@ use grimace::{
     fit::read_correspondences,
     output,
     overlay::png_bytes,
-    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, Stage, id_of, overlay_path, overlay_pictures, track_one},
+    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, id_of, overlay_path, overlay_pictures, track_one},
+    report::Stage,
     track::write_track,
 };
 
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, TrackArgs, positive, stop_flag},
+    shared::{FitArgs, GeneralArgs, TrackArgs, about, positive, stop_flag},
 };
 
 /// Track one sequence.
@@ -23,7 +24,7 @@ use super::{
 Example:
   grimace track faces/S001/001 --correspondences faces/S001/001/correspondences.csv -o S001_001.csv --emotion happiness --overlay pictures
 
-The track has one row for every node of every frame: frame,node,x,y,state,residual. Lost nodes are placed by the springs and say so in \
+The track has one row for every node of every frame: frame,node,x,y,state,residual,expected_error. Lost nodes are placed by the springs and say so in \
 their state. Beside it stands a .json with the source, the options and what it was made from.")]
 pub struct Args {
     /// Folder of images in order, or a video; the first frame is neutral, the last the apex
@@ -87,9 +88,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     bar.finish_and_clear();
     let (track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
         Stage::Fit => anyhow::anyhow!("{}: {reason}", args.correspondences.display()),
-        _ => anyhow::anyhow!(reason),
+        _ => about(&args.sequence)(&reason),
     })?;
-    info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| anyhow::anyhow!(f.reason))?;
+    info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| about(&args.sequence)(&f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
         overlay_pictures(
@@ -103,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 output::write_bytes(&path, &bytes).map_err(SequenceFailure::at(Stage::Write))
             },
         )
-        .map_err(|f| anyhow::anyhow!(f.reason))?;
+        .map_err(|f| about(&args.sequence)(&f.reason))?;
     }
     if !args.general.quiet {
         let s = &info.summary;

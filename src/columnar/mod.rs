@@ -10,6 +10,7 @@
 //! reading the others. Files that other programs wrote over this one may have columns in another order, nullable types or Snappy
 //! compression.
 
+mod lengths;
 mod read;
 mod write;
 
@@ -24,10 +25,10 @@ pub const GROUP_ROWS: usize = 8192;
 /// Columns that name a row.
 const NAMES: [&str; 3] = ["subject", "sequence", "emotion"];
 
-/// A columnar file that can not be read or written.
+/// A columnar file that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ColumnarError {
-    /// The file can not be opened or made.
+    /// The file cannot be opened or made.
     #[error("{}: {reason}", path.display())]
     Io {
         /// The file.

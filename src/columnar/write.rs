@@ -54,7 +54,7 @@ impl ColumnarWriter {
     /// A file for models of that many frames and nodes, with further text columns.
     ///
     /// # Errors
-    /// [`ColumnarError`] when the file can not be made.
+    /// [`ColumnarError`] when the file cannot be made.
     pub fn create(path: &Path, metadata: &[String], frames: usize, nodes: usize) -> Result<Self, ColumnarError> {
         let pending = PendingFile::create(path).map_err(unwritable)?;
         let error = |e: parquet::errors::ParquetError| ColumnarError::Parquet { path: path.to_owned(), reason: e.to_string() };
@@ -73,7 +73,7 @@ impl ColumnarWriter {
         }
         let texts = fields.len();
         let mut properties = WriterProperties::builder()
-            .set_created_by(crate::pipeline::MADE_BY.to_owned())
+            .set_created_by(crate::output::MADE_BY.to_owned())
             .set_statistics_enabled(EnabledStatistics::None)
             .set_offset_index_disabled(true)
             .set_max_row_group_row_count(Some(GROUP_ROWS));
@@ -144,7 +144,7 @@ impl ColumnarWriter {
     /// Writes what is left and puts the file in its place.
     ///
     /// # Errors
-    /// [`ColumnarError`] when the file can not be written.
+    /// [`ColumnarError`] when the file cannot be written.
     pub fn finish(mut self) -> Result<(), ColumnarError> {
         self.flush()?;
         let path = self.path;

@@ -118,7 +118,7 @@ impl ActionUnits {
                     };
                     FrameExpressionModel::new((0..wireframe.node_count()).map(place).collect())
                 };
-                let model = normalizer.equalized(&DynamicExpressionModel::new(vec![frame(0.0), frame(1.0)])?)?;
+                let model = normalizer.normalize_every_frame(&DynamicExpressionModel::new(vec![frame(0.0), frame(1.0)])?)?;
                 unknowns.push(shapes.len());
                 shapes.push(model.neutral_offsets(1));
             }

@@ -95,6 +95,7 @@ pub fn write_features(path: &Path, features: &[FrameFeatures], fps: Option<f64>)
     let (header, rows) = features_csv(features, fps);
     write_records(path, header, rows)?;
     let names: BTreeMap<String, &str> = ACTION_UNITS.iter().map(|u| (format!("AU{:02}", u.number), u.name)).collect();
-    let about = serde_json::json!({ "schema_version": 1, "made_by": crate::pipeline::MADE_BY, "units": features_units(), "action_units": names });
+    let about =
+        serde_json::json!({ "schema_version": 1, "made_by": output::MADE_BY, "units": features_units(), "action_units": names });
     output::write_json(&path.with_extension("json"), &about)
 }

@@ -11,11 +11,12 @@ use std::{
 use ::obj::{Group, IndexTuple, LoadConfig, ObjData, ObjError, Object, SimplePolygon};
 
 use super::{MeshFileError, TriangleMesh, fan};
+use crate::{foreign::caught, text::excerpt};
 
 /// Reads an OBJ file; polygons become fans.
 ///
 /// # Errors
-/// [`MeshFileError`] for a file that can not be read, lines that do not parse (with their number), or what is no mesh.
+/// [`MeshFileError`] for a file that cannot be read, lines that do not parse (with their number), or what is no mesh.
 pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     let bytes = fs::read(path).map_err(MeshFileError::io(path))?;
     // Only positions and faces matter: other lines are blanked, so that comments in any encoding and statements of other
@@ -29,7 +30,8 @@ pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
         plain.push(b'\n');
     }
     let config = LoadConfig { strict: false };
-    let data = ObjData::load_buf_with_config(&plain[..], config).map_err(|e| MeshFileError::format(path, reason(&e)))?;
+    let data = caught(|| ObjData::load_buf_with_config(&plain[..], config)).map_err(|e| MeshFileError::format(path, e))?;
+    let data = data.map_err(|e| MeshFileError::format(path, reason(&e)))?;
     let mut triangles = Vec::new();
     let polygons = data.objects.iter().flat_map(|o| &o.groups).flat_map(|g| &g.polys);
     for (face, polygon) in polygons.enumerate() {
@@ -51,7 +53,7 @@ pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
 fn reason(error: &ObjError) -> String {
     match error {
         ObjError::MalformedFaceGroup { line_number, group } => {
-            format!("line {}: `{group}` is not a corner such as 7, 7/1 or 7/1/3", line_number + 1)
+            format!("line {}: `{}` is not a corner such as 7, 7/1 or 7/1/3", line_number + 1, excerpt(group))
         }
         ObjError::ArgumentListFailure { line_number, .. } => format!("line {}: three numbers were expected", line_number + 1),
         ObjError::ZeroVertexNumber { line_number } => format!("line {}: vertex 0; OBJ counts from 1", line_number + 1),
@@ -62,7 +64,7 @@ fn reason(error: &ObjError) -> String {
 /// Writes positions and triangles as OBJ, with the shortest decimals that read back to the same `f32`.
 ///
 /// # Errors
-/// When `out` can not be written to.
+/// When `out` cannot be written to.
 pub fn write_obj(out: &mut dyn Write, positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> io::Result<()> {
     let corner = |v: u32| IndexTuple(v as usize, None, None);
     let mut group = Group::new("face".to_owned());

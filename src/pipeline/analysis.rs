@@ -8,7 +8,7 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    Comparisons, Failure, Workbench,
+    Failure, Workbench,
     classes::{class, unique_stem, warnings},
     parts::EmotionPart,
 };
@@ -19,7 +19,7 @@ use crate::{
     output::OutputError,
     statistics::{
         ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError, bootstrap::DispersionInterval,
-        group_models,
+        compare::Comparisons, group_models,
     },
     track::{TrackQuality, Verdict},
     wireframe::FapusError,
@@ -50,10 +50,10 @@ pub enum AnalysisError {
     /// A model is not one.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// A FAP file can not be written.
+    /// A FAP file cannot be written.
     #[error(transparent)]
     Fap(#[from] FapWriteError),
-    /// A file can not be written.
+    /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// The report does not render.
@@ -62,7 +62,7 @@ pub enum AnalysisError {
     /// A column to group by that no sequence has.
     #[error(transparent)]
     Group(#[from] GroupError),
-    /// The representatives can not be shown on the report's face.
+    /// The representatives cannot be shown on the report's face.
     #[error("the face of the report: {0}")]
     Face(#[from] CloneError),
     /// A representative has no FAPs.
@@ -73,7 +73,7 @@ pub enum AnalysisError {
     Columnar(#[from] crate::columnar::ColumnarError),
     /// Groups of models that do not fit into memory.
     #[error(
-        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which groups can not be compared; allow more, or leave --by out"
+        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which groups cannot be compared; allow more, or leave --by out"
     )]
     GroupsNeedMemory {
         /// Megabytes of all models.

@@ -10,6 +10,7 @@ mod groups;
 mod landmarks;
 mod model_file;
 mod parts;
+mod pictures;
 mod run;
 mod sequence;
 mod showcase;
@@ -17,7 +18,7 @@ mod tracks;
 mod work;
 mod write;
 
-use std::{path::Path, sync::OnceLock};
+use std::{ops::Deref, path::Path, sync::OnceLock};
 
 use serde::{Deserialize, Serialize};
 
@@ -27,23 +28,24 @@ use crate::{
     fit::{FitOptions, Fitter, SpringError},
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, Normalizer},
+    output::MADE_BY,
     pose::{HeadFit, HeadFitter, PoseError, PoseMode},
-    statistics::StatisticsOptions,
+    report::{Failure, Stage},
+    statistics::{StatisticsOptions, compare::GroupOptions},
     track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame, track_model},
     units::Px,
-    wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
+    wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
-pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
-pub(crate) use groups::values as group_values;
-pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
+pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub use landmarks::fit_landmarks;
 pub use model_file::{ModelFileError, read_model, write_model};
+pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use run::{Event, RunError, RunSummary, run};
-pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
+pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, track_files, tracks_folder};
 pub use write::write_analysis;
@@ -115,27 +117,25 @@ impl Default for FapOptions {
     }
 }
 
-/// A wireframe that can not be worked with.
+/// A wireframe that cannot be worked with.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkbenchError {
     /// The file does not read.
     #[error(transparent)]
     Wfm(#[from] WfmError),
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("cannot read the wireframe: {0}")]
     Io(#[from] std::io::Error),
     /// The wireframe lacks what FAPUs are measured on.
-    #[error("the wireframe can not be used: {0}")]
+    #[error("the wireframe cannot be used: {0}")]
     Fapus(#[from] FapusError),
 }
 
 /// A wireframe with everything that is computed once for it, and the options of every stage.
 #[derive(Debug)]
 pub struct Workbench {
-    /// The wireframe.
-    pub wireframe: Wireframe,
-    /// The tables that tie it to MPEG-4 and to landmarks.
-    pub tables: Tables,
+    /// The wireframe and its tables. A workbench is a face: `bench.wireframe` is `bench.face.wireframe`.
+    pub face: Face,
     /// Options of every stage.
     pub options: PipelineOptions,
     fitter: Fitter,
@@ -150,6 +150,14 @@ pub struct Workbench {
     wireframe_blake3: Option<String>,
 }
 
+impl Deref for Workbench {
+    type Target = Face;
+
+    fn deref(&self) -> &Face {
+        &self.face
+    }
+}
+
 impl Workbench {
     /// A workbench for Candide-3, or for the wireframe of a `.wfm` file with Candide-3's node numbers.
     ///
@@ -161,12 +169,11 @@ impl Workbench {
             Some(path) => Some(blake3::hash(&std::fs::read(path)?).to_hex().to_string()),
             None => None,
         };
-        let tables = Tables::candide3();
-        let fitter = Fitter::new(&wireframe, options.fit.clone());
-        let plan = TrackPlan::new(&wireframe, &tables);
+        let face = Face::new(wireframe);
+        let fitter = Fitter::new(&face.wireframe, options.fit.clone());
+        let plan = TrackPlan::new(&face.wireframe, &face.tables);
         let bench = Self {
-            wireframe,
-            tables,
+            face,
             options,
             fitter,
             plan,

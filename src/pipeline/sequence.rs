@@ -2,15 +2,14 @@
 
 use std::{
     collections::BTreeMap,
-    fmt, fs,
+    fs,
     path::{Path, PathBuf},
 };
 
 use image::RgbImage;
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 
-use super::{MADE_BY, Workbench};
+use super::{MADE_BY, Stage, Workbench};
 use crate::{
     dataset::FrameSource,
     features::turn_warning,
@@ -18,9 +17,10 @@ use crate::{
     model::DynamicExpressionModel,
     output,
     overlay::draw_overlay,
+    plausible::FaceSize,
     pose::{HeadFit, PoseError, PoseMode},
     sequence::{SequenceReader, read_first_frame},
-    statistics::MAX_DISPLACEMENT,
+    text::message,
     track::{
         TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, Verdict, read_track, read_track_info, summarize,
         track_model, track_sequence, track_units, write_track,
@@ -28,38 +28,7 @@ use crate::{
     units::{FaceUnit, Px, SequenceId},
 };
 
-/// A stage of the main job, as named in `failures.csv`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Stage {
-    /// Reading what the user gave: manifest row, marks, landmarks, list of frames.
-    Dataset,
-    /// Fitting the wireframe to the neutral frame.
-    Fit,
-    /// Decoding and tracking the frames.
-    Track,
-    /// Normalizing the track.
-    Normalize,
-    /// Statistics over the models.
-    Statistics,
-    /// Writing results.
-    Write,
-}
-
-impl fmt::Display for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Dataset => "dataset",
-            Self::Fit => "fit",
-            Self::Track => "track",
-            Self::Normalize => "normalize",
-            Self::Statistics => "statistics",
-            Self::Write => "write",
-        })
-    }
-}
-
-/// A sequence that can not be processed, and where it failed.
+/// A sequence that cannot be processed, and where it failed.
 #[derive(Clone, Debug)]
 pub struct SequenceFailure {
     /// The stage.
@@ -84,6 +53,7 @@ impl SequenceFailure {
                 }
                 cause = inner.source();
             }
+            let reason = message(&reason).into_owned();
             Self { stage, reason, fatal: stage == Stage::Write }
         }
     }
@@ -118,7 +88,7 @@ impl SequenceSource {
     /// Emotion, further columns and frame rate are not among it: a new label does not make a new track.
     ///
     /// # Errors
-    /// [`SequenceFailure`] when a frame can not be read.
+    /// [`SequenceFailure`] when a frame cannot be read.
     pub fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
@@ -281,12 +251,10 @@ pub(super) fn normalized(frames: &[TrackedFrame], bench: &Workbench) -> Result<N
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
     let model = normalizer.normalize(&head_free).map_err(SequenceFailure::at(Stage::Normalize))?;
     // One such model would end the statistics of all.
-    let offsets = |m| model.neutral_offsets(m).into_iter().map(|v| v.norm()).fold(0.0, f64::max);
-    let largest = (1..model.frame_count()).map(offsets).fold(0.0, f64::max);
-    if largest >= MAX_DISPLACEMENT {
-        let reason = format!("a node moves by {largest:.3e} face units; that is no face (1024 is the eye distance)");
-        return Err(SequenceFailure { stage: Stage::Normalize, reason, fatal: false });
-    }
+    FaceSize::CANONICAL.check_model(&model).map_err(|e| {
+        let reason = format!("of the frames of the normalized model, {e}");
+        SequenceFailure { stage: Stage::Normalize, reason, fatal: false }
+    })?;
     Ok(Normalized { model, head_free, fit })
 }
 

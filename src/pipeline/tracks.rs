@@ -24,7 +24,7 @@ pub fn tracks_folder(folder: &Path) -> PathBuf {
 /// once.
 ///
 /// # Errors
-/// [`std::io::Error`] when a folder can not be read or a file is not there, with its path.
+/// [`std::io::Error`] when a folder cannot be read or a file is not there, with its path.
 pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let with_path = |path: &Path| {
         let path = path.display().to_string();
@@ -88,7 +88,7 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
     let info = read_track_info(path).map_err(SequenceFailure::at(Stage::Dataset))?;
     let id = info.as_ref().map_or_else(|| id_of(path), |i| i.id.clone());
     if id.to_string().contains(['/', '\\', '\0']) {
-        let reason = format!("{}: subject and sequence `{id}` can not name a file", path.display());
+        let reason = format!("{}: subject and sequence `{id}` cannot name a file", path.display());
         return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
@@ -106,7 +106,10 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
             });
         }
     };
-    let normalized = normalized(&frames, bench)?;
+    let normalized = normalized(&frames, bench).map_err(|failure| {
+        let reason = format!("{}: {}", path.display(), failure.reason);
+        SequenceFailure { reason, ..failure }
+    })?;
     let mut summary = summarize(&frames, &bench.wireframe, &bench.tables);
     normalized.judge(&mut summary, &frames);
     let model = normalized.model;

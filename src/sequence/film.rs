@@ -9,6 +9,8 @@ use opencv::{
     videoio::VideoWriter,
 };
 
+use super::webm::set_random_numbers;
+
 /// A video that could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
@@ -30,7 +32,7 @@ pub enum FilmError {
         /// The file.
         path: PathBuf,
     },
-    /// The file can not be moved to its name.
+    /// The file cannot be moved to its name.
     #[error("cannot write {}: {source}", path.display())]
     Io {
         /// The file.
@@ -51,7 +53,7 @@ const WEBM: (&str, &[&[u8; 4]]) = ("webm", &[b"VP90", b"VP80"]);
 /// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one.
 ///
 /// # Errors
-/// [`FilmError`] when this OpenCV has no encoder for the format or the file can not be written; what `frames` gives as error.
+/// [`FilmError`] when this OpenCV has no encoder for the format or the file cannot be written; what `frames` gives as error.
 pub fn write_video<E: From<FilmError>>(
     path: &Path,
     frames: impl IntoIterator<Item = Result<RgbImage, E>>,
@@ -75,6 +77,9 @@ pub fn write_video<E: From<FilmError>>(
     writer.release().map_err(FilmError::from)?;
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
         return Err(FilmError::Empty { path: path.to_owned() }.into());
+    }
+    if is_webm {
+        set_random_numbers(&temporary).map_err(io)?;
     }
     Ok(std::fs::rename(&temporary, path).map_err(io)?)
 }

@@ -5,8 +5,7 @@ use std::{borrow::Cow, path::Path};
 use super::{Bank, BankError, BankHead, BankInfo, Composition, FpBasis, file, performance::Recipe};
 use crate::{
     input::CsvFile,
-    output::{OutputError, nine_digits, write_atomic},
-    pipeline::MADE_BY,
+    output::{MADE_BY, OutputError, nine_digits, write_atomic},
 };
 
 /// Reads recipes from a CSV file with the columns `member`, `shape` and `weight`; members are in the order of their first row, shapes
@@ -42,7 +41,7 @@ pub fn read_recipes(path: &Path, shapes: &[String]) -> Result<Vec<Recipe>, BankE
 /// [`OutputError`].
 pub fn write_recipes(path: &Path, shapes: &[String], recipes: &[Recipe]) -> Result<(), OutputError> {
     write_atomic(path, |writer| {
-        let mut csv = csv::Writer::from_writer(writer);
+        let mut csv = crate::output::csv_writer(writer);
         csv.write_record(["member", "shape", "weight"])?;
         for recipe in recipes {
             for (shape, weight) in shapes.iter().zip(&recipe.weights).filter(|(_, w)| **w != 0.0) {

@@ -6,7 +6,10 @@ use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 
 use super::{Axis, Fapu, FapuDefinition, MotionUnit, UnitKind, Wireframe};
-use crate::units::{FeaturePoint, NodeId};
+use crate::{
+    text::excerpt,
+    units::{FeaturePoint, NodeId},
+};
 
 const VERTICES: &str = include_str!("../../candide/vertices.csv");
 const TRIANGLES: &str = include_str!("../../candide/triangles.csv");
@@ -230,7 +233,7 @@ pub fn parse_node_or_feature_point(text: &str, tables: &Tables, node_count: usiz
         };
     }
     let fp: FeaturePoint =
-        text.parse().map_err(|_| format!("`{text}` is neither a node number nor a feature point such as 8.3"))?;
+        text.parse().map_err(|_| format!("`{}` is neither a node number nor a feature point such as 8.3", excerpt(text)))?;
     match tables.feature_point_nodes(fp) {
         Some(&[node]) if node.index() < node_count => Ok(node),
         Some(nodes) => {
@@ -307,7 +310,7 @@ fn push_offset(units: &mut Vec<MotionUnit>, name: &str, kind: UnitKind, node: u1
 }
 
 /// All records of an embedded CSV table.
-fn rows<T: for<'de> Deserialize<'de>>(table: &'static str, text: &str) -> Result<Vec<T>, TableError> {
+pub(super) fn rows<T: for<'de> Deserialize<'de>>(table: &'static str, text: &str) -> Result<Vec<T>, TableError> {
     let mut reader = csv::ReaderBuilder::new().from_reader(text.as_bytes());
     reader.deserialize().collect::<Result<_, _>>().map_err(|e| TableError { table, reason: e.to_string() })
 }

@@ -23,6 +23,7 @@
 //!
 //! **Effect size.** H = E / (2 mean d(a, b)), 0 for groups alike to 1 for groups apart, beside what permutations reach by chance.
 
+mod groups;
 mod holm;
 mod pairs;
 mod permutation;
@@ -34,6 +35,8 @@ use serde::{Deserialize, Serialize};
 use super::{SequenceModel, distance::DisplacementFields};
 use crate::units::NodeId;
 
+pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
+pub(crate) use groups::{compare_groups, stream_of};
 pub use holm::holm;
 use pairs::PairDistances;
 use permutation::{Permuted, permute};
@@ -64,12 +67,12 @@ pub const LEAST_PEOPLE: usize = 2;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotTested {
     /// A group of one says nothing about its scatter.
-    #[error("a group of {people} can not be tested")]
+    #[error("a group of {people} cannot be tested")]
     TooFewPeople {
         /// People in the smaller group.
         people: usize,
     },
-    /// People in both groups: labels can not be exchanged freely.
+    /// People in both groups: labels cannot be exchanged freely.
     #[error("{}{} in both groups; a test needs different people", .subjects.join(", "), if *.count > .subjects.len() { format!(" and {} more are", .count - .subjects.len()) } else if *.count == 1 { " is".to_owned() } else { " are".to_owned() })]
     SharedPeople {
         /// The first of them.

@@ -1,0 +1,376 @@
+//! Correspondences: marked image points tied to nodes, and their file `C.csv`.
+
+use std::{collections::BTreeMap, fmt, path::Path};
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    input::{CsvFile, InputError},
+    output::{OutputError, nine_digits, write_atomic},
+    units::NodeId,
+    wireframe::{Tables, parse_node_or_feature_point},
+};
+
+/// Fewest correspondences a fit accepts; 5 to 8 is the working range [KP, section 2].
+pub const MINIMUM_MARKS: usize = 3;
+
+/// Marks are collinear when the smaller singular value of their centred positions is under this share of the larger one.
+pub const COLLINEAR_RATIO: f64 = 0.01;
+
+/// How strictly a node keeps to its correspondence.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MarkKind {
+    /// A marked point: pulls its node by a spring force.
+    #[default]
+    Mark,
+    /// A position set by hand after the fit: the node is there.
+    Hard,
+}
+
+impl fmt::Display for MarkKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mark => "mark",
+            Self::Hard => "hard",
+        })
+    }
+}
+
+/// A marked image point tied to a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Correspondence {
+    /// The node.
+    pub node: NodeId,
+    /// Where it was marked, image pixels, y down, the centre of the top-left pixel is (0, 0).
+    pub position: Point2<f64>,
+    /// Mark or hard position.
+    pub kind: MarkKind,
+    /// How far from the true point such a mark is to be expected, px: half of such marks are nearer, half further. `None` for a mark
+    /// set by hand, of which a fit expects [`crate::fit::HAND_MARK_ERROR`].
+    pub expected_error: Option<f64>,
+}
+
+impl Correspondence {
+    /// A mark set by hand.
+    pub fn mark(node: NodeId, position: Point2<f64>) -> Self {
+        Self { node, position, kind: MarkKind::Mark, expected_error: None }
+    }
+
+    /// A position that the node takes exactly.
+    pub fn hard(node: NodeId, position: Point2<f64>) -> Self {
+        Self { node, position, kind: MarkKind::Hard, expected_error: None }
+    }
+
+    /// A mark that was found, or measured by somebody else, with its expected error in px.
+    pub fn found(node: NodeId, position: Point2<f64>, expected_error: f64) -> Self {
+        Self { expected_error: Some(expected_error), ..Self::mark(node, position) }
+    }
+}
+
+/// A correspondence file that does not read.
+#[derive(Debug, thiserror::Error)]
+pub enum CorrespondenceError {
+    /// The file, a row, or a number does not read, or a column is missing.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A node that is not there.
+    #[error("{file}, line {line}: {reason}")]
+    Node {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: usize,
+        /// What was found and what was expected.
+        reason: String,
+    },
+    /// A node in two rows.
+    #[error("{file}, line {line}: node {node} stands in line {first_line} already; keep one of the two")]
+    DuplicateNode {
+        /// The file.
+        file: String,
+        /// Line of the second row, from 1.
+        line: usize,
+        /// The node.
+        node: NodeId,
+        /// Line of the first row.
+        first_line: usize,
+    },
+}
+
+/// Why correspondences do not determine a fit to an image.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MarksError {
+    /// Too few.
+    #[error("{found} correspondences; at least {MINIMUM_MARKS} are needed, 5 to 8 give a good fit")]
+    TooFew {
+        /// How many there are.
+        found: usize,
+    },
+    /// A node marked twice.
+    #[error("node {node} is marked twice; keep one of the two marks")]
+    DuplicateNode {
+        /// The node.
+        node: NodeId,
+    },
+    /// A mark outside the image, or not a finite position.
+    #[error(
+        "node {node} is marked at ({x}, {y}), outside the image of {width} x {height} pixels \
+         (x from -0.5 to {}, y from -0.5 to {})", f64::from(*width) - 0.5, f64::from(*height) - 0.5
+    )]
+    OutsideImage {
+        /// The node.
+        node: NodeId,
+        /// Its x, px.
+        x: f64,
+        /// Its y, px.
+        y: f64,
+        /// Image width, px.
+        width: u32,
+        /// Image height, px.
+        height: u32,
+    },
+    /// Marks (nearly) on one line: they say nothing about the extent across it.
+    #[error(
+        "the {count} marks lie on one line: their spread across it is {:.2} % of the spread along it, at least {} % is needed; \
+         mark a point off the line, such as the chin", ratio * 100.0, COLLINEAR_RATIO * 100.0
+    )]
+    Collinear {
+        /// Number of marks.
+        count: usize,
+        /// Smaller over larger singular value of the centred positions, 0 to 1.
+        ratio: f64,
+    },
+}
+
+/// Reads a correspondence file: `node,x,y`, optionally `kind` (`mark`, the default, or `hard`) and `expected_error` (px, > 0, or empty);
+/// further columns are ignored.
+///
+/// A node is a node number or an MPEG-4 feature point that is a single node ([`parse_node_or_feature_point`]). Order is kept.
+/// How many there are and where they lie is checked by [`validate_correspondences`].
+///
+/// # Errors
+/// [`CorrespondenceError`] for a missing column, a text that is no finite number, a node that is not there or stands twice.
+pub fn read_correspondences(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Correspondence>, CorrespondenceError> {
+    parse(&CsvFile::open(path)?, tables, node_count)
+}
+
+fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Correspondence>, CorrespondenceError> {
+    let [node_column, x_column, y_column] = csv.require(["node", "x", "y"])?;
+    let kind_column = csv.column("kind");
+    let error_column = csv.column("expected_error");
+    let file = || csv.path().display().to_string();
+    let mut line_of = BTreeMap::new();
+    let mut correspondences = Vec::new();
+    for row in csv.rows() {
+        let row = row?;
+        let line = row.line();
+        let node = parse_node_or_feature_point(row.get(node_column), tables, node_count)
+            .map_err(|reason| CorrespondenceError::Node { file: file(), line, reason })?;
+        let position = Point2::new(row.number(x_column)?, row.number(y_column)?);
+        let kind = match kind_column.map(|k| (k, row.get(k))) {
+            None | Some((_, "" | "mark")) => MarkKind::Mark,
+            Some((_, "hard")) => MarkKind::Hard,
+            Some((k, _)) => return Err(row.field_error(k, "`mark` or `hard`").into()),
+        };
+        let expected_error = match error_column {
+            Some(column) if !row.get(column).is_empty() => match row.number(column)? {
+                error if error > 0.0 => Some(error),
+                _ => return Err(row.field_error(column, "a distance in px above 0, or nothing").into()),
+            },
+            _ => None,
+        };
+        if let Some(first_line) = line_of.insert(node, line) {
+            return Err(CorrespondenceError::DuplicateNode { file: file(), line, node, first_line });
+        }
+        correspondences.push(Correspondence { node, position, kind, expected_error });
+    }
+    Ok(correspondences)
+}
+
+/// Writes a correspondence file that [`read_correspondences`] reads: `node,x,y,kind`, sorted by node, 9 significant digits; with a column
+/// `expected_error` where a mark has one.
+///
+/// # Errors
+/// [`OutputError`] when the file cannot be written.
+pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) -> Result<(), OutputError> {
+    let mut sorted: Vec<_> = correspondences.iter().collect();
+    sorted.sort_by_key(|c| c.node);
+    let with_errors = sorted.iter().any(|c| c.expected_error.is_some());
+    write_atomic(path, |writer| {
+        writeln!(writer, "node,x,y,kind{}", if with_errors { ",expected_error" } else { "" })?;
+        sorted.iter().try_for_each(|c| {
+            write!(writer, "{},{},{},{}", c.node, nine_digits(c.position.x), nine_digits(c.position.y), c.kind)?;
+            match c.expected_error {
+                _ if !with_errors => writeln!(writer),
+                Some(error) => writeln!(writer, ",{}", nine_digits(error)),
+                None => writeln!(writer, ","),
+            }
+        })
+    })
+}
+
+/// Checks that correspondences, marks and hard positions together, determine a fit to an image of the given size in pixels.
+///
+/// Pixels reach half a pixel around their centres: a mark must lie in [-0.5, width - 0.5] x [-0.5, height - 0.5].
+///
+/// # Errors
+/// [`MarksError`] for fewer than [`MINIMUM_MARKS`], a node marked twice, a mark outside the image, or collinear marks
+/// ([`COLLINEAR_RATIO`]); the first that applies, in this order.
+pub fn validate_correspondences(correspondences: &[Correspondence], width: u32, height: u32) -> Result<(), MarksError> {
+    let count = correspondences.len();
+    if count < MINIMUM_MARKS {
+        return Err(MarksError::TooFew { found: count });
+    }
+    let mut nodes: Vec<NodeId> = correspondences.iter().map(|c| c.node).collect();
+    nodes.sort_unstable();
+    if let Some(pair) = nodes.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(MarksError::DuplicateNode { node: pair[0] });
+    }
+    let inside = |value: f64, size: u32| value >= -0.5 && value <= f64::from(size) - 0.5;
+    if let Some(c) = correspondences.iter().find(|c| !(inside(c.position.x, width) && inside(c.position.y, height))) {
+        return Err(MarksError::OutsideImage { node: c.node, x: c.position.x, y: c.position.y, width, height });
+    }
+    let ratio = singular_value_ratio(correspondences);
+    if ratio < COLLINEAR_RATIO { Err(MarksError::Collinear { count, ratio }) } else { Ok(()) }
+}
+
+/// Smaller over larger singular value of the centred positions; 0 when all coincide.
+fn singular_value_ratio(correspondences: &[Correspondence]) -> f64 {
+    let mean = correspondences.iter().map(|c| c.position.coords).sum::<nalgebra::Vector2<f64>>() / correspondences.len() as f64;
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for c in correspondences {
+        let p = c.position.coords - mean;
+        xx += p.x * p.x;
+        xy += p.x * p.y;
+        yy += p.y * p.y;
+    }
+    let larger = 0.5 * (xx + yy + (xx - yy).hypot(2.0 * xy));
+    if larger > 0.0 { ((xx * yy - xy * xy).max(0.0)).sqrt() / larger } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn read(text: &[u8]) -> Result<Vec<Correspondence>, String> {
+        let csv = CsvFile::from_bytes(Path::new("C.csv"), text.to_vec()).map_err(|e| e.to_string())?;
+        parse(&csv, &Tables::candide3(), 113).map_err(|e| e.to_string())
+    }
+
+    fn mark(node: u16, x: f64, y: f64) -> Correspondence {
+        Correspondence::mark(NodeId(node), Point2::new(x, y))
+    }
+
+    #[test]
+    fn nodes_feature_points_and_kinds_are_read() {
+        let text = b"\xEF\xBB\xBFlabel,y,x,node,kind\r\nchin,20.5,10,10,\r\ncorner,3,4,8.3,hard\r\n";
+        let hard = Correspondence { kind: MarkKind::Hard, ..mark(31, 4.0, 3.0) };
+        assert_eq!(read(text), Ok(vec![mark(10, 10.0, 20.5), hard]));
+        assert_eq!(read(b"node,x,y\n"), Ok(vec![]), "the count is checked by validation");
+    }
+
+    #[test]
+    fn errors_name_file_line_and_value() {
+        let message = |text: &[u8]| read(text).unwrap_err();
+        assert!(message(b"node,x\n1,2\n").starts_with("C.csv: has no column `y`; found `node`, `x`"));
+        assert!(message(b"node,x,y\n1,2,3\n2,a,3\n").starts_with("C.csv, line 3: x is `a`; a finite number was expected"));
+        assert!(message(b"node,x,y\n1,NaN,3\n").contains("x is `NaN`"));
+        assert!(message(b"node,x,y\n1,2,-inf\n").contains("y is `-inf`"));
+        assert_eq!(message(b"node,x,y\n113,2,3\n"), "C.csv, line 2: node 113 does not exist; the wireframe has nodes 0 to 112");
+        assert!(message(b"node,x,y\n3.5,2,3\n").contains("not a single node but the middle of nodes 67, 68, 71, 72"));
+        // Feature point 8.3 is node 31.
+        assert_eq!(
+            message(b"node,x,y\n8.3,2,3\n\n31,2,3\n"),
+            "C.csv, line 4: node 31 stands in line 2 already; keep one of the two"
+        );
+        assert!(message(b"node,x,y,kind\n1,2,3,soft\n").contains("kind is `soft`; `mark` or `hard` was expected"));
+        assert!(message(b"").contains("is empty"));
+        assert!(message(b"node,x,y\n\xE9,2,3\n").contains("not UTF-8"));
+    }
+
+    #[test]
+    fn too_few_outside_and_twice_are_refused() {
+        let corners = [mark(0, -0.5, -0.5), mark(1, 639.5, 0.0), mark(2, 0.0, 479.5)];
+        assert_eq!(validate_correspondences(&corners, 640, 480), Ok(()));
+        assert_eq!(validate_correspondences(&corners[..2], 640, 480), Err(MarksError::TooFew { found: 2 }));
+        let error = validate_correspondences(&corners, 640, 479).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "node 2 is marked at (0, 479.5), outside the image of 640 x 479 pixels (x from -0.5 to 639.5, y from -0.5 to 478.5)"
+        );
+        let nan = [corners[0], corners[1], mark(5, f64::NAN, 1.0)];
+        assert!(matches!(validate_correspondences(&nan, 640, 480), Err(MarksError::OutsideImage { node: NodeId(5), .. })));
+        let twice = [corners[0], corners[1], mark(0, 9.0, 99.0)];
+        assert_eq!(validate_correspondences(&twice, 640, 480), Err(MarksError::DuplicateNode { node: NodeId(0) }));
+    }
+
+    #[test]
+    fn marks_on_a_line_are_refused() {
+        // (0, 0), (100, 0), (200, 0) and (100, h): centred on (100, h/4), the scatter is diag(20000, 3/4 h^2), so the ratio of
+        // singular values is h sqrt(0.75 / 20000) = 0.00612 h: h = 1 is under 1 %, h = 2 over.
+        let marks = |h| [mark(0, 0.0, 0.0), mark(1, 100.0, 0.0), mark(2, 200.0, 0.0), mark(3, 100.0, h)];
+        match validate_correspondences(&marks(1.0), 640, 480).unwrap_err() {
+            MarksError::Collinear { count, ratio } => {
+                assert_eq!(count, 4);
+                approx::assert_relative_eq!(ratio, (0.75_f64 / 20000.0).sqrt(), epsilon = 1e-12);
+            }
+            other => panic!("{other}"),
+        }
+        assert_eq!(validate_correspondences(&marks(2.0), 640, 480), Ok(()));
+        let one_place = [mark(0, 5.0, 5.0), mark(1, 5.0, 5.0), mark(2, 5.0, 5.0)];
+        assert_eq!(validate_correspondences(&one_place, 640, 480), Err(MarksError::Collinear { count: 3, ratio: 0.0 }));
+    }
+
+    #[test]
+    fn writing_is_sorted_and_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("C.csv");
+        let hard = Correspondence { kind: MarkKind::Hard, ..mark(31, 4.25, -0.0) };
+        write_correspondences(&path, &[hard, mark(10, 1.0 / 3.0, 20.0)]).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "node,x,y,kind\n10,0.333333333,20,mark\n31,4.25,0,hard\n");
+        let read = read_correspondences(&path, &Tables::candide3(), 113).unwrap();
+        assert_eq!(read, [mark(10, 0.333_333_333, 20.0), Correspondence { position: Point2::new(4.25, 0.0), ..hard }]);
+    }
+
+    #[test]
+    fn expected_errors_are_read_and_written() {
+        let found = Correspondence::found(NodeId(10), Point2::new(1.0, 2.0), 2.5);
+        assert_eq!(read(b"node,x,y,expected_error\n10,1,2,2.5\n31,3,4,\n"), Ok(vec![found, mark(31, 3.0, 4.0)]));
+        for bad in ["0", "-1", "x", "inf"] {
+            let error = read(format!("node,x,y,expected_error\n10,1,2,{bad}\n").as_bytes()).unwrap_err();
+            assert!(error.starts_with("C.csv, line 2: expected_error is"), "{error}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("C.csv");
+        write_correspondences(&path, &[mark(31, 3.0, 4.0), found]).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "node,x,y,kind,expected_error\n10,1,2,mark,2.5\n31,3,4,mark,\n");
+        assert_eq!(read_correspondences(&path, &Tables::candide3(), 113).unwrap(), [found, mark(31, 3.0, 4.0)]);
+    }
+
+    proptest! {
+        #[test]
+        fn collinearity_does_not_depend_on_place_turn_or_size(
+            angle in 0.0..6.3_f64, scale in 0.5..20.0_f64, h in 0.0..50.0_f64, shift in -100.0..100.0_f64,
+        ) {
+            let base = [(0.0, 0.0), (10.0, h), (25.0, 0.0), (40.0, 3.0)];
+            let rotation = nalgebra::Rotation2::new(angle);
+            let plain: Vec<_> = base.iter().zip(0..).map(|(&(x, y), n)| mark(n, x, y)).collect();
+            let moved: Vec<_> = plain
+                .iter()
+                .map(|c| Correspondence { position: rotation * c.position * scale + nalgebra::Vector2::new(shift, -shift), ..*c })
+                .collect();
+            prop_assert!((singular_value_ratio(&plain) - singular_value_ratio(&moved)).abs() < 1e-9);
+        }
+
+        #[test]
+        fn any_text_reads_or_fails_without_a_panic(text in "(node,x,y(,kind)?\n)?[0-9a-z.,\"\n-]{0,80}") {
+            let _ = read(text.as_bytes());
+        }
+    }
+}

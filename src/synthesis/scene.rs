@@ -1,0 +1,290 @@
+//! A face before the camera: its mesh, eyeballs where it has holes for eyes, and darkness in its other openings.
+
+use image::RgbImage;
+
+use super::Bank;
+use crate::{
+    mesh::{add, sphere_front, vertex_normals},
+    render::{Canvas, Shade, Vertex},
+    units::FeaturePoint,
+};
+
+/// From where a face is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Width and height of the picture, px.
+    pub size: (u32, u32),
+    /// Turn of the head about y, degrees; positive shows more of its right side.
+    pub yaw_degrees: f32,
+    /// Nod of the head about x, degrees; positive looks down.
+    pub pitch_degrees: f32,
+}
+
+impl View {
+    /// From the front.
+    pub fn front(width: u32, height: u32) -> Self {
+        Self { size: (width, height), yaw_degrees: 0.0, pitch_degrees: 0.0 }
+    }
+
+    /// Turned.
+    pub fn turned(self, yaw_degrees: f32) -> Self {
+        Self { yaw_degrees, ..self }
+    }
+}
+
+/// A part that rests, with its own triangles.
+#[derive(Clone, Debug)]
+struct Prop {
+    positions: Vec<[f32; 3]>,
+    normals: Vec<[f32; 3]>,
+    triangles: Vec<[u32; 3]>,
+    shade: Shade,
+}
+
+/// What is drawn of a bank's mesh.
+#[derive(Debug)]
+pub struct FaceScene<'b> {
+    bank: &'b Bank,
+    /// How each triangle of the mesh looks.
+    shades: Vec<Shade>,
+    eyes: Vec<Prop>,
+    /// Openings that are no eyes, as closed walks.
+    openings: Vec<Vec<u32>>,
+    /// Middle of the face, and half its larger extent.
+    middle: [f32; 3],
+    reach: f32,
+}
+
+/// Share of the picture's smaller side that the face takes.
+const FILLING: f32 = 0.90;
+/// How far the inside of an opening lies behind its border, over its width.
+const CAVITY_DEPTH: f32 = 0.25;
+/// Radius of an eyeball over half the width of the opening for it.
+const EYE_FIT: f32 = 1.02;
+/// Radius of an iris: over the opening of the lids, of which it shows a little less than all; and at most over the eyeball's.
+const IRIS: (f32, f32) = (0.60, 0.48);
+
+/// Radius of the iris of an eyeball.
+fn iris(bank: &Bank, eyeball: f32) -> f32 {
+    let lid = |point: u8| bank.feature_point_position(FeaturePoint { group: 3, point });
+    let opening = lid(1).zip(lid(3)).map_or(f32::INFINITY, |(upper, lower)| (upper[1] - lower[1]).abs());
+    (IRIS.0 * opening).min(IRIS.1 * eyeball)
+}
+
+impl<'b> FaceScene<'b> {
+    /// Finds out what the parts of a bank's mesh are: a part without feature points that no member moves is an eyeball; a hole around
+    /// the corners of an eye gets one where the mesh has none; other holes are openings.
+    pub fn new(bank: &'b Bank) -> Self {
+        let part = parts(bank);
+        let (shades, has_eyes) = shades(bank, &part);
+        let mut loops = bank.mesh().border_loops();
+        // The longest walk with feature points on its part is the outline of the face; eyeballs have outlines of their own.
+        let face = bank.feature_points().first().map_or(0, |p| part[p.vertex as usize]);
+        loops.retain(|walk| part[walk[0] as usize] == face);
+        let mut openings = if loops.is_empty() { Vec::new() } else { loops.split_off(1) };
+        let mut eyes = Vec::new();
+        openings.retain(|walk| match eyeball(bank, walk) {
+            Some(eye) => {
+                eyes.push(eye);
+                false
+            }
+            None => true,
+        });
+        if has_eyes {
+            eyes.clear();
+        }
+        let [low, high] = bank.mesh().bounds();
+        let middle = add(low, high).map(|c| c / 2.0);
+        let reach = (0..2).map(|k| (high[k] - low[k]) / 2.0).fold(0.0, f32::max);
+        Self { bank, shades, eyes, openings, middle, reach }
+    }
+
+    /// Draws the face with displacements from neutral.
+    pub fn draw(&self, displacements: &[[f32; 3]], view: View) -> RgbImage {
+        self.canvas(displacements, view).picture()
+    }
+
+    /// Draws the neutral face with its feature points as dots.
+    pub fn draw_feature_points(&self, view: View) -> RgbImage {
+        let still = vec![[0.0; 3]; self.bank.vertex_count()];
+        let mut canvas = self.canvas(&still, view);
+        let camera = Camera::new(self, view);
+        let radius = 0.009 * view.size.0.min(view.size.1) as f32;
+        for point in self.bank.feature_points() {
+            let position = self.bank.mesh().positions()[point.vertex as usize];
+            let at = camera.place(position);
+            for (size, colour, lift) in [(1.35, [0.02, 0.02, 0.02], 0.049), (1.0, [0.93, 0.68, 0.0], 0.05)] {
+                disc(&mut canvas, [at[0], at[1], at[2] + lift * self.reach], size * radius, colour);
+            }
+        }
+        canvas.picture()
+    }
+
+    fn canvas(&self, displacements: &[[f32; 3]], view: View) -> Canvas {
+        let mesh = self.bank.mesh();
+        let positions: Vec<[f32; 3]> = mesh.positions().iter().zip(displacements).map(|(&p, &d)| add(p, d)).collect();
+        let normals = vertex_normals(&positions, mesh.triangles());
+        let camera = Camera::new(self, view);
+        let mut canvas = Canvas::new(view.size.0, view.size.1);
+        let corners: Vec<Vertex> =
+            positions.iter().zip(&normals).zip(mesh.positions()).map(|((&p, &n), &m)| camera.vertex(p, n, m)).collect();
+        for (triangle, &shade) in mesh.triangles().iter().zip(&self.shades) {
+            canvas.triangle(triangle.map(|v| corners[v as usize]), shade);
+        }
+        for eye in &self.eyes {
+            let corners: Vec<Vertex> = eye.positions.iter().zip(&eye.normals).map(|(&p, &n)| camera.vertex(p, n, p)).collect();
+            for triangle in &eye.triangles {
+                canvas.triangle(triangle.map(|v| corners[v as usize]), eye.shade);
+            }
+        }
+        for walk in &self.openings {
+            let (positions, triangles) = cavity(walk, &positions);
+            let corners: Vec<Vertex> = positions.iter().map(|&p| camera.vertex(p, [0.0, 0.0, 1.0], p)).collect();
+            for triangle in triangles {
+                canvas.triangle(triangle.map(|v| corners[v as usize]), Shade::Cavity);
+            }
+        }
+        canvas
+    }
+}
+
+/// Number of the connected part of every vertex.
+fn parts(bank: &Bank) -> Vec<u32> {
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            parent[v as usize] = parent[parent[v as usize] as usize];
+            v = parent[v as usize];
+        }
+        v
+    }
+    let mut parent: Vec<u32> = (0..bank.vertex_count() as u32).collect();
+    for &[a, b, c] in bank.mesh().triangles() {
+        for (from, to) in [(a, b), (b, c)] {
+            let (p, q) = (root(&mut parent, from), root(&mut parent, to));
+            parent[p.max(q) as usize] = p.min(q);
+        }
+    }
+    (0..parent.len() as u32).map(|v| root(&mut parent, v)).collect()
+}
+
+/// How every triangle looks, and whether the mesh has eyeballs of its own.
+fn shades(bank: &Bank, part: &[u32]) -> (Vec<Shade>, bool) {
+    let mut moving = vec![false; part.len()];
+    bank.feature_points().iter().for_each(|p| moving[part[p.vertex as usize] as usize] = true);
+    for member in 0..bank.member_count() {
+        for (v, displacement) in bank.displacements(member).iter().enumerate() {
+            if *displacement != [0.0; 3] {
+                moving[part[v] as usize] = true;
+            }
+        }
+    }
+    let mut bounds = vec![[[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]]; part.len()];
+    for (position, &part) in bank.mesh().positions().iter().zip(part) {
+        let [low, high] = &mut bounds[part as usize];
+        for k in 0..3 {
+            low[k] = low[k].min(position[k]);
+            high[k] = high[k].max(position[k]);
+        }
+    }
+    let shade = |triangle: &[u32; 3]| {
+        let part = part[triangle[0] as usize] as usize;
+        if moving[part] {
+            return Shade::Skin;
+        }
+        let [low, high] = bounds[part];
+        Shade::Eye { centre: add(low, high).map(|c| c / 2.0), iris: iris(bank, (high[0] - low[0]) / 2.0) }
+    };
+    let shades: Vec<Shade> = bank.mesh().triangles().iter().map(shade).collect();
+    let has_eyes = shades.iter().any(|s| matches!(s, Shade::Eye { .. }));
+    (shades, has_eyes)
+}
+
+/// An eyeball for a hole, if the corners of an eye lie on its border or next to it.
+fn eyeball(bank: &Bank, walk: &[u32]) -> Option<Prop> {
+    let position = |v: u32| bank.mesh().positions()[v as usize];
+    let border: Vec<[f32; 3]> = walk.iter().map(|&v| position(v)).collect();
+    let count = border.len() as f32;
+    let centre = border.iter().fold([0.0; 3], |sum, &p| add(sum, p)).map(|c| c / count);
+    let half = border.iter().map(|p| (p[0] - centre[0]).abs()).fold(0.0, f32::max);
+    let corner = |group: u8, point: u8| bank.feature_point_position(FeaturePoint { group, point });
+    let eyes = [(corner(3, 7), corner(3, 11)), (corner(3, 12), corner(3, 8))];
+    let is_eye = eyes.iter().any(|&(outer, inner)| {
+        outer.zip(inner).is_some_and(|(o, i)| {
+            (f32::midpoint(o[0], i[0]) - centre[0]).hypot(f32::midpoint(o[1], i[1]) - centre[1]) < half / 2.0
+        })
+    });
+    if !is_eye {
+        return None;
+    }
+    let radius = EYE_FIT * half;
+    // Where a ball of this radius meets the border on average.
+    let across = border.iter().map(|p| (p[0] - centre[0]).powi(2) + (p[1] - centre[1]).powi(2)).sum::<f32>() / count;
+    let behind = (radius * radius - across).max(0.0).sqrt();
+    let centre = [centre[0], centre[1], centre[2] - behind];
+    let (positions, triangles) = sphere_front(centre, radius, 24, 48);
+    let normals = positions.iter().map(|p| [p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]].map(|c| c / radius)).collect();
+    Some(Prop { positions, normals, triangles, shade: Shade::Eye { centre, iris: iris(bank, radius) } })
+}
+
+/// The inside of an opening: a fan behind its border.
+fn cavity(walk: &[u32], positions: &[[f32; 3]]) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+    let border = walk.iter().map(|&v| positions[v as usize]);
+    let (low, high) = border.clone().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), p| (l.min(p[0]), h.max(p[0])));
+    let back = CAVITY_DEPTH * (high - low);
+    let mut points: Vec<[f32; 3]> = border.map(|[x, y, z]| [x, y, z - 0.02 * back]).collect();
+    let count = points.len() as u32;
+    let middle = points.iter().fold([0.0; 3], |sum, &p| add(sum, p)).map(|c| c / count as f32);
+    points.push([middle[0], middle[1], middle[2] - back]);
+    (points, (0..count).map(|k| [k, (k + 1) % count, count]).collect())
+}
+
+fn disc(canvas: &mut Canvas, at: [f32; 3], radius: f32, colour: [f32; 3]) {
+    const SIDES: u32 = 20;
+    let vertex = |x: f32, y: f32| Vertex { at: [x, y, at[2]], normal: [0.0, 0.0, 1.0], model: [0.0; 3] };
+    let rim = |k: u32| {
+        let (sin, cos) = (k as f32 / SIDES as f32 * std::f32::consts::TAU).sin_cos();
+        vertex(at[0] + radius * cos, at[1] + radius * sin)
+    };
+    for k in 0..SIDES {
+        canvas.triangle([vertex(at[0], at[1]), rim(k), rim(k + 1)], Shade::Flat(colour));
+    }
+}
+
+/// An orthographic camera that looks at the middle of the face.
+struct Camera {
+    middle: [f32; 3],
+    scale: f32,
+    half: [f32; 2],
+    yaw: (f32, f32),
+    pitch: (f32, f32),
+}
+
+impl Camera {
+    fn new(scene: &FaceScene<'_>, view: View) -> Self {
+        let (width, height) = (view.size.0 as f32, view.size.1 as f32);
+        let scale = if scene.reach > 0.0 { FILLING * width.min(height) / (2.0 * scene.reach) } else { 1.0 };
+        let turn = |degrees: f32| degrees.to_radians().sin_cos();
+        Self {
+            middle: scene.middle,
+            scale,
+            half: [width / 2.0, height / 2.0],
+            yaw: turn(view.yaw_degrees),
+            pitch: turn(view.pitch_degrees),
+        }
+    }
+
+    fn rotate(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
+        let ((sy, cy), (sp, cp)) = (self.yaw, self.pitch);
+        let (x, z) = (cy * x + sy * z, cy * z - sy * x);
+        [x, cp * y - sp * z, sp * y + cp * z]
+    }
+
+    fn place(&self, position: [f32; 3]) -> [f32; 3] {
+        let [x, y, z] = self.rotate([position[0] - self.middle[0], position[1] - self.middle[1], position[2] - self.middle[2]]);
+        [self.half[0] + self.scale * x, self.half[1] - self.scale * y, z]
+    }
+
+    fn vertex(&self, position: [f32; 3], normal: [f32; 3], model: [f32; 3]) -> Vertex {
+        Vertex { at: self.place(position), normal: self.rotate(normal), model }
+    }
+}
