@@ -50,7 +50,7 @@ pub use confidence::{
 };
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
-pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, evaluate_groups, wilson};
+pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, IntervalTrial, evaluate_groups, wilson};
 pub use marks::{
     MarkChoice, MarkableNode, SELECTION_SIZES, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks,
     suggested_marks, suggested_table,
@@ -69,7 +69,7 @@ pub use synthesis::{
     CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart,
     evaluate_crossovers, evaluate_solvers, history_chart, solver_table, time_solvers, time_table,
 };
-pub use synthetic::SyntheticPeople;
+pub use synthetic::{Spread, SyntheticPeople};
 pub use table::{Cell, Table};
 pub use tracking::{
     Failed, Start, TrackingCase, TrackingOptions, TrackingResult, dataset_cases, evaluate_tracking, hard_simulation,

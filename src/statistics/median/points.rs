@@ -120,6 +120,12 @@ impl<'a> PointSet<'a> {
         Self { points, weights: None, total_weight: points.len() as f64 }
     }
 
+    /// [`PointSet::unweighted`], with weights that are known to be one for each point, finite and positive.
+    pub(in crate::statistics) fn known(points: &'a [Vector2<f64>], weights: Option<&'a [f64]>) -> Self {
+        let total_weight = weights.map_or(points.len() as f64, |weights| CompensatedSum::of(weights.iter().copied()));
+        Self { points, weights, total_weight }
+    }
+
     /// Other points with the same weights, one for each of these.
     pub(super) fn with_points<'b>(&self, points: &'b [Vector2<f64>]) -> PointSet<'b>
     where
