@@ -15,7 +15,7 @@ use grimace::{
     normalize::{NormalizeOptions, Resample, SizeMode},
     pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     sequence::configure_opencv,
-    statistics::{MedianKind, StatisticsOptions, compare::CompareOptions},
+    statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting, compare::CompareOptions},
     track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;
@@ -131,7 +131,8 @@ pub struct TrackArgs {
     /// A displacement is extreme beyond this many robust standard deviations from its neighbours'
     #[arg(long, default_value_t = TrackOptions::default().extreme, value_parser = positive, value_name = "FACTOR")]
     extreme: f64,
-    /// Force on a tracked node per pixel, over the stiffness of a spring
+    /// Force per pixel on a node that was tracked, over the stiffness of a spring, where the gradients of its window are as strong as
+    /// its mismatch: nodes with clearer windows pull harder, others less
     #[arg(long, default_value_t = TrackOptions::default().force, value_parser = positive, value_name = "GAIN")]
     track_force: f64,
     /// Gain of the alignment with the neutral frame; 0 leaves it out
@@ -166,6 +167,12 @@ pub struct ModelArgs {
     /// Share of models trimmed per displacement field
     #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
     alpha: f64,
+    /// What is trimmed: displacement fields, each in its own order (frame), or whole models
+    #[arg(long, default_value = "frame", value_parser = words::<TrimLevel>(&["frame", "model"]))]
+    trim: TrimLevel,
+    /// What has the same weight: every person, however many sequences they have, or every sequence
+    #[arg(long, default_value = "person", value_parser = words::<Weighting>(&["person", "sequence"]))]
+    weight: Weighting,
     /// Which generalized median becomes the representative; the gap between the two is always reported
     #[arg(long, default_value = "greedy", value_parser = words::<MedianKind>(&["greedy", "exact"]))]
     median: MedianKind,
@@ -177,7 +184,7 @@ impl ModelArgs {
     }
 
     pub fn statistics(&self) -> StatisticsOptions {
-        StatisticsOptions { alpha: self.alpha, median: self.median }
+        StatisticsOptions { alpha: self.alpha, median: self.median, weighting: self.weight, trim: self.trim }
     }
 }
 

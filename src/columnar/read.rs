@@ -17,7 +17,7 @@ use parquet::{
     file::reader::{ChunkReader, FileReader, Length, SerializedFileReader},
 };
 
-use super::{ColumnarError, NAMES, coordinate};
+use super::{ColumnarError, ID, NAMES, coordinate};
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     statistics::{
@@ -159,13 +159,21 @@ impl ColumnarModels {
             columns,
         };
         let [subjects, sequences, emotions] = NAMES.map(|name| match texts.remove(name) {
-            Some(place) => file.texts(place, name),
+            Some(place) => file.texts(place, name, false),
             None => Err(missing(name, "text")),
         });
-        file.ids = subjects?.into_iter().zip(sequences?).map(|(subject, sequence)| SequenceId { subject, sequence }).collect();
-        file.emotions = emotions?;
-        for (name, place) in texts {
-            let values = file.texts(place, &name)?;
+        let id = |(subject, sequence): (String, String)| SequenceId {
+            subject: subject.trim().to_owned(),
+            sequence: sequence.trim().to_owned(),
+        };
+        file.ids = subjects?.into_iter().zip(sequences?).map(id).collect();
+        // As a manifest's.
+        file.emotions = emotions?.iter().map(|emotion| emotion.trim().to_lowercase()).collect();
+        if let Some(row) = file.emotions.iter().position(String::is_empty) {
+            return Err(ColumnarError::Missing { path: path.to_owned(), row: row + 1, column: NAMES[2].to_owned() });
+        }
+        for (name, place) in texts.into_iter().filter(|(name, _)| name != ID) {
+            let values = file.texts(place, &name, true)?;
             file.metadata.insert(name, values);
         }
         if file.ids.is_empty() {
@@ -194,8 +202,13 @@ impl ColumnarModels {
         (self.row_count() * (self.frames * self.nodes * 16 * 2 + 512)) as u64
     }
 
-    /// All values of a column.
+    /// All values of a column, which must be there in every row.
     fn values<T: DataType>(&self, place: usize, name: &str) -> Result<Vec<T::T>, ColumnarError> {
+        self.values_or::<T>(place, name, None)
+    }
+
+    /// All values of a column, nulls as `null` where that is given.
+    fn values_or<T: DataType>(&self, place: usize, name: &str, null: Option<&T::T>) -> Result<Vec<T::T>, ColumnarError> {
         let error = |e: ParquetError| parquet_error(&self.path, &e);
         let rows = usize::try_from(self.reader.metadata().file_metadata().num_rows()).unwrap_or(0);
         let mut values: Vec<T::T> = Vec::new();
@@ -211,6 +224,12 @@ impl ColumnarModels {
                 levels.clear();
                 let (records, _, _) = column.read_records(count - read, Some(&mut levels), None, &mut values).map_err(error)?;
                 (read, last) = (read + records, records);
+                if let (Some(null), true) = (null, values.len() != before + read) {
+                    // The values that are there stand together at the end; each goes to its row.
+                    let mut there = values.split_off(before + read - records).into_iter();
+                    let value = |level: &i16| if *level == 0 { Some(null.clone()) } else { there.next() };
+                    values.extend(levels.iter().filter_map(value));
+                }
                 if values.len() != before + read {
                     let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
                     let row = before + read - records + null + 1;
@@ -225,8 +244,10 @@ impl ColumnarModels {
         }
     }
 
-    fn texts(&self, place: usize, name: &str) -> Result<Vec<String>, ColumnarError> {
-        let values = self.values::<ByteArrayType>(place, name)?;
+    /// All values of a column of text; nulls are empty texts where `may_be_null`.
+    fn texts(&self, place: usize, name: &str, may_be_null: bool) -> Result<Vec<String>, ColumnarError> {
+        let empty = ByteArray::from("");
+        let values = self.values_or::<ByteArrayType>(place, name, may_be_null.then_some(&empty))?;
         Ok(values.iter().map(|text: &ByteArray| String::from_utf8_lossy(text.data()).into_owned()).collect())
     }
 

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{
     Comparisons, Failure, Workbench,
-    classes::{class, unique_stem, warnings},
+    classes::{class, spelling_warnings, unique_stem, warnings},
     parts::EmotionPart,
 };
 use crate::{
@@ -143,6 +143,7 @@ pub(super) fn analyze_with(
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
     let grouped = labelled(models);
+    let spelled = spelling_warnings(&grouped, &options.by);
     let emotions = by_emotion(group_models(&grouped, &options.by)?);
     let part = |(emotion, groups): &(String, Vec<(ClassLabel, Vec<&SequenceModel>)>)| {
         let known = parts_of.and_then(|out| EmotionPart::read(out, emotion, groups, bench));
@@ -159,9 +160,10 @@ pub(super) fn analyze_with(
         }
         comparisons.push(part.comparisons);
     }
-    let mut warnings: Vec<String> = look_again(&tracks).into_iter().chain(warnings(&classes)).collect();
+    let mut warnings: Vec<String> = look_again(&tracks).into_iter().chain(warnings(&classes, &options.statistics)).collect();
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
-    warnings.extend(comparisons.iter().flat_map(Comparisons::warnings));
+    warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
+    warnings.extend(spelled);
     Ok(Analysis { classes, comparisons, tracks, failures, warnings, tracked_here: false })
 }
 

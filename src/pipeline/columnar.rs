@@ -75,6 +75,6 @@ pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -
         let representative = representative_of_many(label, ids, neutral, &models, &bench.wireframe, statistics, memory)?;
         classes.push(class(representative, stem, subjects, None, &fapus, bench)?);
     }
-    let warnings = warnings(&classes);
+    let warnings = warnings(&classes, &bench.options.statistics);
     Ok(Analysis { classes, comparisons: None, tracks: Vec::new(), failures: Vec::new(), warnings, tracked_here: false })
 }

@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{AnalyzedClass, classes::listed};
 use crate::{
-    output::{OutputError, nine_digits, write_records},
+    output::{OutputError, count, nine_digits, write_records},
     statistics::{
         ClassLabel, SequenceModel, UNKNOWN_GROUP,
-        bootstrap::DispersionInterval,
-        compare::{CompareOptions, Comparison, adjust, compare},
+        bootstrap::{DispersionInterval, no_interval},
+        compare::{CompareOptions, Comparison, Tested, adjust, compare},
     },
     units::NodeId,
     wireframe::Wireframe,
@@ -115,8 +115,9 @@ impl Comparisons {
     }
 
     /// What a person should know, at most one line of each kind.
-    pub(super) fn warnings(&self) -> Vec<String> {
+    pub(super) fn warnings(&self, significance: f64) -> Vec<String> {
         let mut warnings = Vec::new();
+        warnings.extend(self.hopeless(significance));
         let untested: Vec<String> = self
             .pairs
             .iter()
@@ -138,10 +139,42 @@ impl Comparisons {
     }
 }
 
+impl Comparisons {
+    /// The warning that tests can not find anything, and what would help.
+    fn hopeless(&self, significance: f64) -> Option<String> {
+        let tested: Vec<&Tested> = self.pairs.iter().filter_map(|pair| pair.outcome.as_ref().ok()).collect();
+        let hopeless: Vec<&&Tested> = tested.iter().filter(|t| t.least_p_adjusted > significance).collect();
+        let first = hopeless.first()?;
+        let tests = tested.len();
+        let drawn = hopeless.iter().filter(|t| !t.exhaustive).count();
+        let mut helps = Vec::new();
+        if drawn > 0 {
+            // One of drawn + 1 times the number of tests is at most the significance.
+            helps.push(format!("--permutations {} or more", (tests as f64 / significance).ceil() as usize));
+        }
+        if drawn < hopeless.len() {
+            helps.push("more people in groups whose splits are all tried".to_owned());
+        }
+        helps.push("fewer groups to compare".to_owned());
+        Some(format!(
+            "{} of {} can not reject at {significance} after Holm's correction for their number, whatever the data (least p {}, corrected {}); what would help: {}",
+            hopeless.len(),
+            count(tests, "test", "tests"),
+            nine_digits(first.least_p),
+            nine_digits(first.least_p_adjusted),
+            helps.join(", ")
+        ))
+    }
+}
+
 /// The values of a group, joined.
 pub(crate) fn values(group: &BTreeMap<String, String>) -> String {
     group.values().map(String::as_str).collect::<Vec<_>>().join(" + ")
 }
+
+/// Columns of `intervals.csv` before those of the groups.
+const INTERVAL_COLUMNS: [&str; 9] =
+    ["emotion", "subjects", "sequences", "dispersion", "low", "high", "level", "replicates", "method"];
 
 /// Writes `intervals.csv`, `comparisons.csv` and `comparison_nodes.csv` into `out`; returns their names.
 pub(super) fn write_groups(
@@ -154,15 +187,17 @@ pub(super) fn write_groups(
     let group_names = || by.iter().map(|name| format!("group_{name}"));
     let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
 
-    let header: Vec<String> = ["emotion", "subjects", "sequences", "dispersion", "low", "high", "level", "replicates", "method"]
+    let header: Vec<String> = INTERVAL_COLUMNS
         .map(str::to_owned)
         .into_iter()
         .chain(group_names())
+        .chain(["no_interval".to_owned()])
+        .chain(by.iter().filter(|name| !INTERVAL_COLUMNS.contains(&name.as_str())).cloned())
         .collect();
     let rows = classes.iter().map(|class| {
         let r = &class.representative;
         let interval = class.interval.as_ref();
-        let method = interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "basic" } else { "basic, median held" });
+        let method = interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "left out" } else { "left out, median held" });
         let mut row = vec![
             r.label.emotion.clone(),
             class.subjects.to_string(),
@@ -174,7 +209,10 @@ pub(super) fn write_groups(
             interval.map(|i| i.replicates.to_string()).unwrap_or_default(),
             method.to_owned(),
         ];
-        row.extend(by.iter().map(|column| r.label.group.get(column).cloned().unwrap_or_default()));
+        let value = |column: &String| r.label.group.get(column).cloned().unwrap_or_default();
+        row.extend(by.iter().map(value));
+        row.push(if interval.is_some() { String::new() } else { no_interval(class.subjects).unwrap_or_default() });
+        row.extend(by.iter().filter(|name| !INTERVAL_COLUMNS.contains(&name.as_str())).map(value));
         row
     });
     write_records(&out.join("intervals.csv"), &header, rows)?;
@@ -193,6 +231,7 @@ pub(super) fn write_groups(
             "used_a",
             "used_b",
             "not_tested",
+            "least_p_holm",
         ])
         .map(str::to_owned)
         .collect();
@@ -204,11 +243,11 @@ pub(super) fn write_groups(
                 row.extend([t.energy, t.effect, t.effect_by_chance, t.p, t.p_adjusted, t.least_p].map(nine_digits));
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.people_used.map(|n| n.to_string()));
-                row.push(String::new());
+                row.extend([String::new(), nine_digits(t.least_p_adjusted)]);
             }
             Err(why) => {
                 row.extend(std::iter::repeat_n(String::new(), 10));
-                row.push(why.to_string());
+                row.extend([why.to_string(), String::new()]);
             }
         }
         row

@@ -14,6 +14,7 @@ mod run;
 mod sequence;
 mod showcase;
 mod tracks;
+mod units;
 mod work;
 mod write;
 

@@ -94,7 +94,7 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
-        (None, Some(info)) => (info.emotion, info.metadata),
+        (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
         (None, None) => {
             return Err(SequenceFailure {
                 stage: Stage::Dataset,

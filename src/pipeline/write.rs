@@ -6,13 +6,13 @@ use serde::Serialize;
 
 use super::{
     Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, files::file_blake3,
-    groups::write_groups, model_file::write_model, showcase::films,
+    groups::write_groups, model_file::write_model, showcase::films, units::units_json,
 };
 use crate::{
     fap::{self, FapCatalog, FapNumber, Motion},
     output::{self, OutputError, nine_digits, write_records},
     report::{ApexFap, GroupsData, ReportData, render_html},
-    statistics::{self, MedianSums, Representative},
+    statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
 };
@@ -35,6 +35,10 @@ struct RepresentativeJson<'a> {
     sums: MedianSums,
     dispersion: Option<f64>,
     dispersion_untrimmed: Option<f64>,
+    dispersions: Dispersions,
+    subjects: usize,
+    weighting: Weighting,
+    trim: statistics::TrimLevel,
     distances: BTreeMap<String, Option<f64>>,
     node_dispersion: &'a [f64],
     /// Values that the standard's ranges changed in the FAP file.
@@ -56,7 +60,7 @@ struct Trimmed {
     distance: f64,
 }
 
-/// Writes `representatives/`, `fap/`, `statistics.csv`, `trimming.csv`, `failures.csv`, `verdicts.csv` and `report.html`; returns the BLAKE3 of every
+/// Writes `representatives/`, `fap/`, `statistics.csv`, `trimming.csv`, `failures.csv`, `verdicts.csv`, `units.json` and `report.html`; returns the BLAKE3 of every
 /// file by its path relative to `out`.
 ///
 /// # Errors
@@ -88,7 +92,10 @@ pub fn write_analysis(
     if let Some(comparisons) = &analysis.comparisons {
         files.extend(write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)?);
     }
-    files.extend(["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "report.html"].map(str::to_owned));
+    output::write_json(&out.join("units.json"), &units_json())?;
+    files.extend(
+        ["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "units.json", "report.html"].map(str::to_owned),
+    );
     Ok(files.into_iter().filter_map(|file| file_blake3(&out.join(&file)).map(|hash| (file, hash))).collect())
 }
 
@@ -109,6 +116,10 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
         sums: r.sums,
         dispersion: r.dispersion,
         dispersion_untrimmed: r.dispersion_untrimmed,
+        dispersions: r.dispersions,
+        subjects: class.subjects,
+        weighting: bench.options.statistics.weighting,
+        trim: bench.options.statistics.trim,
         distances: r.sequences.iter().zip(&r.distances).map(|(id, d)| (id.to_string(), *d)).collect(),
         node_dispersion: &r.node_dispersion,
         clamped: class
@@ -147,6 +158,12 @@ fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Resu
         "sum_of_distances_exact",
         "lower_bound",
         "certificate_gap",
+        "subjects",
+        "dispersion_literal",
+        "dispersion_literal_untrimmed",
+        "dispersion_field",
+        "dispersion_field_untrimmed",
+        "weighting",
     ];
     let by = &bench.options.by;
     let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
@@ -162,6 +179,16 @@ fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Resu
             nine_digits(r.sums.exact),
             nine_digits(r.sums.lower_bound),
             nine_digits(r.sums.certificate_gap),
+            class.subjects.to_string(),
+            optional(r.dispersions.literal),
+            optional(r.dispersions.literal_untrimmed),
+            optional(r.dispersions.field),
+            optional(r.dispersions.field_untrimmed),
+            match bench.options.statistics.weighting {
+                Weighting::Person => "person",
+                Weighting::Sequence => "sequence",
+            }
+            .to_owned(),
         ];
         row.extend(group_values(class, by));
         row
@@ -179,12 +206,14 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
                 row.id.to_string(),
                 nine_digits(row.distance),
                 row.dropped.to_string(),
+                row.id.to_string(),
+                row.id.subject.clone(),
             ];
             fields.extend(group_values(class, by));
             fields
         })
     });
-    write_table(path, &["emotion", "frame", "sequence", "distance", "dropped"], by, rows)
+    write_table(path, &["emotion", "frame", "sequence", "distance", "dropped", "id", "subject"], by, rows)
 }
 
 /// Writes `failures.csv`; the header stands there even without failures.
@@ -192,8 +221,11 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
 /// # Errors
 /// [`OutputError`].
 pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<(), OutputError> {
-    let rows = failures.iter().map(|f| vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone()]);
-    write_table(path, &["subject", "sequence", "stage", "reason"], &[], rows)
+    let rows = failures.iter().map(|f| {
+        let id = SequenceId { subject: f.subject.clone(), sequence: f.sequence.clone() }.to_string();
+        vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone(), id]
+    });
+    write_table(path, &["subject", "sequence", "stage", "reason", "id"], &[], rows)
 }
 
 /// Writes `verdicts.csv`: a row for every tracked sequence.
@@ -205,9 +237,18 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<(), OutputErro
         let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
         let SequenceId { subject, sequence } = t.id.clone();
         let verdict = s.verdict.name().to_owned();
-        vec![subject, sequence, t.emotion.clone(), verdict, number(expected), number(percent), s.reasons.join("; ")]
+        vec![
+            subject,
+            sequence,
+            t.emotion.clone(),
+            verdict,
+            number(expected),
+            number(percent),
+            s.reasons.join("; "),
+            t.id.to_string(),
+        ]
     });
-    let header = ["subject", "sequence", "emotion", "verdict", "expected_error_px", "expected_error_percent_es", "reasons"];
+    let header = ["subject", "sequence", "emotion", "verdict", "expected_error_px", "expected_error_percent_es", "reasons", "id"];
     write_table(path, &header, &[], rows)
 }
 
@@ -271,7 +312,9 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
         ("Size normalization", json(serde_json::to_value(o.normalize.size))),
         ("Trimming alpha", o.statistics.alpha.to_string()),
+        ("Trimmed", format!("at {} level", json(serde_json::to_value(o.statistics.trim)))),
         ("Generalized median", json(serde_json::to_value(o.statistics.median))),
+        ("Equal weight for every", json(serde_json::to_value(o.statistics.weighting))),
         ("FAP frames between key frames", o.fap.between.to_string()),
         ("FAP frame rate (Hz)", o.fap.fps.to_string()),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),

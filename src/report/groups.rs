@@ -130,8 +130,8 @@ impl GroupsView {
             p_holm: p_text(t.p_adjusted, 0.0),
             verdict: if differs(t) { "differ" } else { "not shown to differ" },
             differs: differs(t),
-            hopeless: t.least_p > significance,
-            least_p: p_text(t.least_p, 0.0),
+            hopeless: t.least_p_adjusted > significance,
+            least_p: p_text(t.least_p_adjusted, 0.0),
             place: if differs(t) { place(t) } else { String::new() },
         });
         let tests: Vec<TestRow> = tests.collect();

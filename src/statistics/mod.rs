@@ -14,6 +14,7 @@ mod groups;
 pub mod median;
 mod representative;
 pub mod scale;
+mod spelling;
 mod sum;
 pub mod trimming;
 mod weights;
@@ -31,6 +32,7 @@ use median::Ending;
 
 pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models, group_models_unchecked};
 pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, representative};
+pub use spelling::{common_spellings, near_twins, spelling_key};
 pub use trimming::TrimLevel;
 pub use weights::{Weighting, sequence_weights};
 

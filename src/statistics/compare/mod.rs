@@ -99,6 +99,9 @@ pub struct Tested {
     pub p_adjusted: f64,
     /// The smallest p that groups of this size can reach.
     pub least_p: f64,
+    /// [`Tested::least_p`] after Holm over all pairs of the analysis, each at its own least: above the significance this pair can not
+    /// be found to differ whatever the data; 1 until [`adjust`] was called.
+    pub least_p_adjusted: f64,
     /// Splits tried.
     pub permutations: usize,
     /// Whether these are all splits there are.
@@ -192,6 +195,7 @@ pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareO
         p,
         p_adjusted: 1.0,
         least_p,
+        least_p_adjusted: 1.0,
         permutations,
         exhaustive,
         node_energy: energy.nodes,
@@ -216,7 +220,9 @@ pub fn adjust(comparisons: &mut [Comparison]) {
     let tested = comparisons.iter_mut().filter_map(|c| c.outcome.as_mut().ok());
     let mut tested: Vec<&mut Tested> = tested.collect();
     let adjusted = holm(&tested.iter().map(|t| t.p).collect::<Vec<_>>());
+    let least = holm(&tested.iter().map(|t| t.least_p).collect::<Vec<_>>());
     tested.iter_mut().zip(adjusted).for_each(|(t, p)| t.p_adjusted = p);
+    tested.iter_mut().zip(least).for_each(|(t, p)| t.least_p_adjusted = p);
 }
 
 #[cfg(test)]
