@@ -22,7 +22,9 @@ fn every_output_is_there_with_its_header_and_shape() {
     ran.prints(&["6 sequences: 6 tracked, 0 unchanged, 0 failed", "3 sequences  out/fap/happiness.fap"]);
     let names: BTreeSet<String> = work.files("out").into_keys().collect();
     let mut expected: BTreeSet<String> =
-        ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv", "units.json", "verdicts.csv"].map(str::to_owned).into();
+        ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv", "units.json", "verdicts.csv"]
+            .map(str::to_owned)
+            .into();
     for id in SEQUENCES {
         expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
     }

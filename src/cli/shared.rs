@@ -15,7 +15,7 @@ use grimace::{
     normalize::{NormalizeOptions, Resample, SizeMode},
     pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     sequence::configure_opencv,
-    statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting, compare::CompareOptions},
+    statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting, amplitude::AmplitudeOptions, compare::CompareOptions},
     track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;
@@ -77,6 +77,10 @@ pub fn memory(text: &str) -> Result<u64, String> {
 
 fn share(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
+}
+
+fn power(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.5..=0.99).contains(&v), "a number from 0.5 to 0.99")
 }
 
 fn landmark_marks(text: &str) -> Result<LandmarkSelection, String> {
@@ -197,6 +201,15 @@ pub struct AnalysisArgs {
     /// Columns of the manifest to group by, besides the emotion
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
+    /// Columns of the manifest, such as age or site: people exchange their labels in tests with people of the same value only
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN", requires = "by")]
+    strata: Vec<String>,
+    /// Amplitudes that differ by less than this count as equivalent, in times the median motion
+    #[arg(long, default_value_t = AmplitudeOptions::default().equivalence, value_parser = positive, value_name = "AMPLITUDE")]
+    equivalence: f64,
+    /// Power, 0.5 to 0.99, for which the number of people that a study would take is given
+    #[arg(long, default_value_t = AmplitudeOptions::default().power, value_parser = power, value_name = "SHARE")]
+    power: f64,
     /// Permutations of the test between two groups
     #[arg(long, default_value_t = CompareOptions::default().permutations, value_parser = count(99, 10_000_000), value_name = "COUNT")]
     permutations: usize,
@@ -235,6 +248,8 @@ impl AnalysisArgs {
             options.report_face = ReportFace::photograph(image, marks);
         }
         options.columnar = self.columnar;
+        options.strata.clone_from(&self.strata);
+        options.groups.amplitude = AmplitudeOptions { equivalence: self.equivalence, power: self.power };
         options.groups.bootstrap = self.bootstrap;
         options.groups.compare = CompareOptions {
             permutations: self.permutations,

@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{
-    Analysis, AnalysisError, AnalyzedModel, Workbench,
+    AmplitudeResults, Analysis, AnalysisError, AnalyzedModel, Workbench,
     classes::{class, unique_stem, warnings},
 };
 use crate::{
@@ -76,5 +76,14 @@ pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -
         classes.push(class(representative, stem, subjects, None, &fapus, bench)?);
     }
     let warnings = warnings(&classes, &bench.options.statistics);
-    Ok(Analysis { classes, comparisons: None, tracks: Vec::new(), failures: Vec::new(), warnings, tracked_here: false })
+    Ok(Analysis {
+        classes,
+        comparisons: None,
+        tracks: Vec::new(),
+        failures: Vec::new(),
+        warnings,
+        tracked_here: false,
+        amplitudes: AmplitudeResults::default(),
+        recognition: None,
+    })
 }

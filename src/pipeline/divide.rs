@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 
 use super::{
     AnalysisError, AnalyzedModel, Event, Failure, RunError, RunJson, Workbench,
-    analysis::{by_emotion, labelled},
+    analysis::{by_emotion, labelled, strata_of},
     folder::{RUN_JSON, new_record, open},
     parts::EmotionPart,
     work::{Collected, collect, plan_all, process_all},
@@ -88,8 +88,10 @@ pub fn run_emotion(
     let grouped = labelled(models);
     // A column that is empty in this emotion need not be so in the others, where the run will say so.
     let groups = group_models_unchecked(&grouped, &bench.options.by).map_err(AnalysisError::from)?;
+    let strata = strata_of(&grouped, &bench.options.strata);
+    let strata = strata.as_ref();
     for (emotion, groups) in by_emotion(groups) {
-        EmotionPart::compute(&emotion, &groups, bench)?.write(out, &emotion, &groups, bench)?;
+        EmotionPart::compute(&emotion, &groups, bench, strata)?.write(out, &emotion, &groups, bench, strata)?;
     }
     Ok(failures)
 }

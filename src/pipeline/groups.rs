@@ -12,8 +12,9 @@ use crate::{
     output::{OutputError, count, nine_digits, write_records},
     statistics::{
         ClassLabel, SequenceModel, UNKNOWN_GROUP,
+        amplitude::AmplitudeOptions,
         bootstrap::{DispersionInterval, no_interval},
-        compare::{CompareOptions, Comparison, Tested, adjust, compare},
+        compare::{CompareOptions, Comparison, OmnibusComparison, Strata, Tested, adjust, adjust_omnibus, compare, omnibus},
     },
     units::NodeId,
     wireframe::Wireframe,
@@ -32,11 +33,14 @@ pub struct GroupOptions {
     pub compare: CompareOptions,
     /// Replicates of the bootstrap of every dispersion; 0 for none. Without groups there is no bootstrap.
     pub bootstrap: usize,
+    /// Comparisons of amplitudes.
+    #[serde(default)]
+    pub amplitude: AmplitudeOptions,
 }
 
 impl Default for GroupOptions {
     fn default() -> Self {
-        Self { compare: CompareOptions::default(), bootstrap: BOOTSTRAP_REPLICATES }
+        Self { compare: CompareOptions::default(), bootstrap: BOOTSTRAP_REPLICATES, amplitude: AmplitudeOptions::default() }
     }
 }
 
@@ -49,10 +53,13 @@ pub struct Comparisons {
     pub too_many: Vec<(String, usize)>,
     /// Whether people without a value were left out.
     pub unknown_left_out: bool,
+    /// All groups of each emotion at once; corrected for their number.
+    #[serde(default)]
+    pub omnibus: Vec<OmnibusComparison>,
 }
 
 /// Whether a class is of people whose value is known in every column.
-fn is_known(label: &ClassLabel) -> bool {
+pub(super) fn is_known(label: &ClassLabel) -> bool {
     !label.group.is_empty() && label.group.values().all(|value| value != UNKNOWN_GROUP)
 }
 
@@ -71,6 +78,7 @@ pub(super) fn compare_groups(
     groups: &[(ClassLabel, Vec<&SequenceModel>)],
     live: &[NodeId],
     options: &GroupOptions,
+    strata: Option<&Strata>,
 ) -> Comparisons {
     let mut all = Comparisons::default();
     let grouped = groups.iter().filter(|(label, _)| !label.group.is_empty());
@@ -79,6 +87,15 @@ pub(super) fn compare_groups(
     if known.len() > MAX_COMPARED_GROUPS {
         all.too_many.push((emotion.to_owned(), known.len()));
         return all;
+    }
+    if known.len() > 1 {
+        let labels: Vec<(&str, &BTreeMap<String, String>)> = known.iter().map(|(label, _)| (emotion, &label.group)).collect();
+        let members: Vec<Vec<&SequenceModel>> = known.iter().map(|(_, models)| models.clone()).collect();
+        all.omnibus.push(OmnibusComparison {
+            emotion: emotion.to_owned(),
+            groups: known.iter().map(|(label, _)| label.group.clone()).collect(),
+            outcome: omnibus(&members, live, &options.compare, strata, stream_of(&labels)),
+        });
     }
     let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
     for (i, (a, of_a)) in known.iter().enumerate() {
@@ -89,7 +106,7 @@ pub(super) fn compare_groups(
                 groups: [a.group.clone(), b.group.clone()],
                 people: [people(of_a), people(of_b)],
                 sequences: [of_a.len(), of_b.len()],
-                outcome: compare(of_a, of_b, live, &options.compare, stream),
+                outcome: compare(of_a, of_b, live, &options.compare, strata, stream),
             });
         }
     }
@@ -102,10 +119,12 @@ impl Comparisons {
         let mut all = Self::default();
         for part in parts {
             all.pairs.extend(part.pairs);
+            all.omnibus.extend(part.omnibus);
             all.too_many.extend(part.too_many);
             all.unknown_left_out |= part.unknown_left_out;
         }
         adjust(&mut all.pairs);
+        adjust_omnibus(&mut all.omnibus);
         all
     }
 
@@ -232,6 +251,10 @@ pub(super) fn write_groups(
             "used_b",
             "not_tested",
             "least_p_holm",
+            "paired",
+            "p_max_node",
+            "p_either",
+            "p_either_holm",
         ])
         .map(str::to_owned)
         .collect();
@@ -243,16 +266,21 @@ pub(super) fn write_groups(
                 row.extend([t.energy, t.effect, t.effect_by_chance, t.p, t.p_adjusted, t.least_p].map(nine_digits));
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.people_used.map(|n| n.to_string()));
-                row.extend([String::new(), nine_digits(t.least_p_adjusted)]);
+                row.extend([String::new(), nine_digits(t.least_p_adjusted), t.paired.to_string()]);
+                let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
+                row.extend([max_node, t.p_either, t.p_either_adjusted].map(nine_digits));
             }
             Err(why) => {
                 row.extend(std::iter::repeat_n(String::new(), 10));
-                row.extend([why.to_string(), String::new()]);
+                row.push(why.to_string());
+                row.extend(std::iter::repeat_n(String::new(), 5));
             }
         }
         row
     });
     write_records(&out.join("comparisons.csv"), &header, rows)?;
+
+    write_omnibus(&out.join("group_tests.csv"), &comparisons.omnibus)?;
 
     let header = ["emotion", "group_a", "group_b", "node", "energy", "p"].map(str::to_owned);
     let rows = comparisons.pairs.iter().filter_map(|pair| Some((pair, pair.outcome.as_ref().ok()?))).flat_map(|(pair, t)| {
@@ -263,5 +291,43 @@ pub(super) fn write_groups(
         })
     });
     write_records(&out.join("comparison_nodes.csv"), &header, rows)?;
-    Ok(["intervals.csv", "comparisons.csv", "comparison_nodes.csv"].map(str::to_owned).to_vec())
+    Ok(["intervals.csv", "comparisons.csv", "group_tests.csv", "comparison_nodes.csv"].map(str::to_owned).to_vec())
+}
+
+/// Writes `group_tests.csv`: all groups of an emotion at once, a row per emotion; values of groups are joined by `; `.
+fn write_omnibus(path: &Path, comparisons: &[OmnibusComparison]) -> Result<(), OutputError> {
+    let header = [
+        "emotion",
+        "groups",
+        "subjects",
+        "location_f",
+        "location_share",
+        "location_p",
+        "location_p_holm",
+        "scatters",
+        "scatter_f",
+        "scatter_p",
+        "scatter_p_holm",
+        "permutations",
+        "not_tested",
+    ];
+    let joined = |texts: Vec<String>| texts.join("; ");
+    let rows = comparisons.iter().map(|c| {
+        let mut row = vec![c.emotion.clone(), joined(c.groups.iter().map(values).collect())];
+        match &c.outcome {
+            Ok(t) => {
+                row.push(joined(t.people.iter().map(ToString::to_string).collect()));
+                row.extend([t.location_f, t.location_share, t.location_p, t.location_p_adjusted].map(nine_digits));
+                row.push(joined(t.scatters.iter().copied().map(nine_digits).collect()));
+                row.extend([t.scatter_f, t.scatter_p, t.scatter_p_adjusted].map(nine_digits));
+                row.extend([t.permutations.to_string(), String::new()]);
+            }
+            Err(why) => {
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 3));
+                row.push(why.clone());
+            }
+        }
+        row
+    });
+    write_records(path, header, rows)
 }

@@ -1,5 +1,6 @@
 //! The main job, stage by stage: dataset -> tracks -> normalized models -> representatives, FAP files, report.
 
+mod amplitudes;
 mod analysis;
 mod classes;
 mod columnar;
@@ -10,6 +11,7 @@ mod groups;
 mod landmarks;
 mod model_file;
 mod parts;
+mod recognition;
 mod run;
 mod sequence;
 mod showcase;
@@ -31,6 +33,7 @@ use crate::{
     wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
 };
 
+pub use amplitudes::{AmplitudeResults, SequenceAmplitudes};
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
@@ -38,6 +41,9 @@ pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_
 pub(crate) use groups::values as group_values;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
 pub use model_file::{ModelFileError, read_model, write_model};
+pub use recognition::{
+    NONE_LEVEL, NONE_OF_THESE, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition,
+};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
@@ -65,6 +71,9 @@ pub struct PipelineOptions {
     pub fap: FapOptions,
     /// Manifest columns to group by, besides the emotion; empty for none.
     pub by: Vec<String>,
+    /// Manifest columns within whose values people exchange their labels in tests between groups; empty for none.
+    #[serde(default)]
+    pub strata: Vec<String>,
     /// Which landmarks serve as correspondences where a sequence has no marks of its own.
     pub marks: LandmarkSelection,
     /// On whom the report shows the representatives moving.

@@ -21,6 +21,7 @@ use crate::{
     statistics::{
         self, ClassLabel, Representative, SequenceModel,
         bootstrap::{DispersionInterval, dispersion_interval},
+        compare::Strata,
     },
 };
 
@@ -53,7 +54,12 @@ impl EmotionPart {
     ///
     /// # Errors
     /// [`AnalysisError`] when the options are out of range.
-    pub fn compute(emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Result<Self, AnalysisError> {
+    pub fn compute(
+        emotion: &str,
+        groups: &Groups<'_>,
+        bench: &Workbench,
+        strata: Option<&Strata>,
+    ) -> Result<Self, AnalysisError> {
         let options = &bench.options;
         let live = bench.wireframe.live_nodes();
         let replicates = if options.by.is_empty() { 0 } else { options.groups.bootstrap };
@@ -66,8 +72,11 @@ impl EmotionPart {
             Ok(ClassPart { representative, subjects, interval })
         };
         let classes = groups.par_iter().map(class).collect::<Result<Vec<_>, AnalysisError>>()?;
-        let comparisons =
-            if options.by.is_empty() { Comparisons::default() } else { compare_groups(emotion, groups, live, &options.groups) };
+        let comparisons = if options.by.is_empty() {
+            Comparisons::default()
+        } else {
+            compare_groups(emotion, groups, live, &options.groups, strata)
+        };
         Ok(Self { inputs_blake3: String::new(), classes, comparisons })
     }
 
@@ -75,16 +84,23 @@ impl EmotionPart {
     ///
     /// # Errors
     /// [`OutputError`].
-    pub fn write(mut self, out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Result<(), OutputError> {
-        self.inputs_blake3 = inputs_blake3(groups, bench);
+    pub fn write(
+        mut self,
+        out: &Path,
+        emotion: &str,
+        groups: &Groups<'_>,
+        bench: &Workbench,
+        strata: Option<&Strata>,
+    ) -> Result<(), OutputError> {
+        self.inputs_blake3 = inputs_blake3(groups, bench, strata);
         write_json(&part_path(out, emotion), &self)
     }
 
     /// The part that was written of exactly these models and options, if it is there.
-    pub fn read(out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Option<Self> {
+    pub fn read(out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench, strata: Option<&Strata>) -> Option<Self> {
         let bytes = fs::read(part_path(out, emotion)).ok()?;
         let part: Self = serde_json::from_slice(&bytes).ok()?;
-        (part.inputs_blake3 == inputs_blake3(groups, bench)).then_some(part)
+        (part.inputs_blake3 == inputs_blake3(groups, bench, strata)).then_some(part)
     }
 }
 
@@ -93,7 +109,7 @@ fn part_path(out: &Path, emotion: &str) -> PathBuf {
     out.join(PARTS_FOLDER).join(format!("{emotion}.json"))
 }
 
-fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench) -> String {
+fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench, strata: Option<&Strata>) -> String {
     let mut hasher = blake3::Hasher::new();
     let mut part = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -101,12 +117,15 @@ fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench) -> String {
     };
     let options = &bench.options;
     part(MADE_BY.as_bytes());
-    let chosen = (&options.normalize, &options.statistics, &options.groups, &options.by, &bench.wireframe_blake3);
+    let chosen =
+        (&options.normalize, &options.statistics, &options.groups, &options.by, &options.strata, &bench.wireframe_blake3);
     part(&serde_json::to_vec(&chosen).unwrap_or_default());
     for (label, models) in groups {
         part(&serde_json::to_vec(label).unwrap_or_default());
         for model in models {
             part(model.id.subject.as_bytes());
+            let of_person = strata.map(|strata| strata.values(&model.id.subject)).unwrap_or_default();
+            of_person.iter().for_each(|value| part(value.as_bytes()));
             part(model.id.sequence.as_bytes());
             let positions = model.model.frames().iter().flat_map(crate::model::FrameExpressionModel::nodes);
             let bytes: Vec<u8> = positions.flat_map(|p| [p.x.to_le_bytes(), p.y.to_le_bytes()]).flatten().collect();

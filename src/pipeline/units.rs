@@ -21,10 +21,11 @@ const FACE_UNIT: &str = "face unit";
 const PX: &str = "px";
 const RATIO: &str = "ratio";
 const PROBABILITY: &str = "probability";
+const MEDIANS: &str = "times the median";
 const FRAME: &str = "frame from 0";
 
 /// Words for units.
-const UNITS: [(&str, &str); 8] = [
+const UNITS: [(&str, &str); 10] = [
     (
         FACE_UNIT,
         "ES0 / 1024 of the canonical neutral face, ES0 being the distance of the eyes' centres; x to the subject's left, y up",
@@ -35,7 +36,9 @@ const UNITS: [(&str, &str); 8] = [
     (FRAME, "frame of the normalized model, or the displacement field from that frame to the next"),
     ("frame number", "as in the names of the images, or as the video counts, from 1"),
     ("percent of ES0", "100 times a length in px over the distance of the eyes' centres in px"),
-    ("times the median", "1 for a motion as strong as the median motion"),
+    ("standard deviations", "of people within the groups, or of the differences of pairs"),
+    ("variances", "squared distance in standard deviations of people within a label, over all directions"),
+    (MEDIANS, "1 for a motion as strong as the median motion"),
 ];
 
 /// Columns with units, by file.
@@ -73,10 +76,46 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("p_holm", PROBABILITY),
             ("least_p", PROBABILITY),
             ("least_p_holm", PROBABILITY),
+            ("p_max_node", PROBABILITY),
+            ("p_either", PROBABILITY),
+            ("p_either_holm", PROBABILITY),
         ],
     ),
     ("comparison_nodes.csv", &[("energy", FACE_UNIT), ("p", PROBABILITY)]),
-    // More tables
+    ("amplitudes.csv", &[("amplitude", MEDIANS)]),
+    (
+        "amplitude_comparisons.csv",
+        &[
+            ("mean_a", MEDIANS),
+            ("mean_b", MEDIANS),
+            ("sd_a", MEDIANS),
+            ("sd_b", MEDIANS),
+            ("difference", MEDIANS),
+            ("low", MEDIANS),
+            ("high", MEDIANS),
+            ("effect", "standard deviations"),
+            ("p", PROBABILITY),
+            ("p_holm", PROBABILITY),
+            ("p_equivalence", PROBABILITY),
+        ],
+    ),
+    (
+        "group_tests.csv",
+        &[
+            ("location_f", RATIO),
+            ("location_share", RATIO),
+            ("location_p", PROBABILITY),
+            ("location_p_holm", PROBABILITY),
+            ("scatters", FACE_UNIT),
+            ("scatter_f", RATIO),
+            ("scatter_p", PROBABILITY),
+            ("scatter_p_holm", PROBABILITY),
+        ],
+    ),
+    (
+        "recognition.csv",
+        &[("probability", PROBABILITY), ("p_LABEL", PROBABILITY), ("distance", "variances"), ("typicality", PROBABILITY)],
+    ),
 ];
 
 /// Units of every table that `run` and `analyze` write.

@@ -5,8 +5,9 @@ use std::{collections::BTreeMap, path::Path};
 use serde::Serialize;
 
 use super::{
-    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, files::file_blake3,
-    groups::write_groups, model_file::write_model, showcase::films, units::units_json,
+    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, ReportFace, SCHEMA_VERSION, Workbench,
+    amplitudes::write_amplitudes, files::file_blake3, groups::write_groups, model_file::write_model,
+    recognition::write_recognition, showcase::films, units::units_json,
 };
 use crate::{
     fap::{self, FapCatalog, FapNumber, Motion},
@@ -91,6 +92,11 @@ pub fn write_analysis(
     output::write_bytes(&out.join("report.html"), html.as_bytes())?;
     if let Some(comparisons) = &analysis.comparisons {
         files.extend(write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)?);
+    }
+    files.extend(write_amplitudes(out, &analysis.amplitudes, bench)?);
+    if let Some(recognition) = &analysis.recognition {
+        write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?;
+        files.push("recognition.csv".to_owned());
     }
     output::write_json(&out.join("units.json"), &units_json())?;
     files.extend(
@@ -317,6 +323,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Equal weight for every", json(serde_json::to_value(o.statistics.weighting))),
         ("FAP frames between key frames", o.fap.between.to_string()),
         ("FAP frame rate (Hz)", o.fap.fps.to_string()),
+        ("Labels exchanged within", if o.strata.is_empty() { "all people".to_owned() } else { o.strata.join(", ") }),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
     ];
     let rows = tracking.into_iter().filter(|_| tracked_here).chain(analysis);

@@ -116,7 +116,7 @@ impl GroupsView {
             })
             .collect();
         let tests_made = tested.len();
-        let differs = |t: &Tested| t.p_adjusted <= significance;
+        let differs = |t: &Tested| t.p_adjusted <= significance || t.p_either_adjusted <= significance;
         let place = |t: &Tested| places(t, data, significance);
         let tests = tested.iter().map(|(_, c, t)| TestRow {
             emotion: c.emotion.clone(),

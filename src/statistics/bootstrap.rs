@@ -344,7 +344,7 @@ impl Sample {
 const AT_POINT: f64 = 1e-7;
 
 /// The sum of distances from x to weighted points, and where to go from there.
-struct Place {
+pub(super) struct Place {
     x: Vector2<f64>,
     sum: f64,
     /// No direction leads down by more than [`FLAT`].
@@ -357,7 +357,7 @@ struct Place {
 }
 
 impl Place {
-    fn new(points: &[(Vector2<f64>, f64)], x: Vector2<f64>) -> Self {
+    pub(super) fn new(points: &[(Vector2<f64>, f64)], x: Vector2<f64>) -> Self {
         let (mut sum, mut g, mut here, mut inverse, mut weight) = (0.0, Vector2::zeros(), 0.0, 0.0, 0.0);
         let (mut hxx, mut hxy, mut hyy) = (0.0, 0.0, 0.0);
         let mut nearest = (f64::INFINITY, None);
@@ -399,7 +399,7 @@ impl Place {
 
 impl Place {
     /// About where the median of these points without some of them is: one Newton step from here.
-    fn without(&self, removed: impl Iterator<Item = (Vector2<f64>, f64)>) -> Vector2<f64> {
+    pub(super) fn without(&self, removed: impl Iterator<Item = (Vector2<f64>, f64)>) -> Vector2<f64> {
         let (mut g, [mut hxx, mut hxy, mut hyy]) = (self.gradient, self.hessian);
         for (p, w) in removed {
             let d = self.x - p;
@@ -423,7 +423,7 @@ impl Place {
 }
 
 /// The geometric median of weighted points after a few steps from a start that is near it.
-fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector2<f64> {
+pub(super) fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector2<f64> {
     if points.is_empty() {
         return start;
     }

@@ -6,12 +6,14 @@
 //! Letters as in [KP]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
 //! order in which models are given nor on the number of threads.
 
+pub mod amplitude;
 pub mod bootstrap;
 pub mod compare;
 pub mod dispersion;
 pub mod distance;
 mod groups;
 pub mod median;
+pub mod recognize;
 mod representative;
 pub mod scale;
 mod spelling;
