@@ -66,8 +66,8 @@ pub struct IntervalTrial {
     pub people: usize,
     /// Classes.
     pub tried: usize,
-    /// Intervals that hold the truth: ours, and the basic bootstrap's.
-    pub covered: [usize; 2],
+    /// Intervals that hold the truth: ours, that around the dispersion of people left out, and the basic bootstrap's.
+    pub covered: [usize; 3],
     /// Mean width of ours, face units.
     pub width: f64,
     /// Mean of the classes' dispersions, face units.
@@ -179,7 +179,7 @@ fn coverage(
     let mut trials = Vec::new();
     for &count in &options.interval_people {
         let mut trial =
-            IntervalTrial { population, people: count, tried: 0, covered: [0; 2], width: 0.0, mean_dispersion: 0.0, truth };
+            IntervalTrial { population, people: count, tried: 0, covered: [0; 3], width: 0.0, mean_dispersion: 0.0, truth };
         for number in 0..options.intervals {
             let models = class(far + (number as u64 + 1) * PEOPLE_PER_PAIR, count)?;
             let of_class = representative(label(), &models, people.wireframe(), &statistics)?;
@@ -188,9 +188,9 @@ fn coverage(
             let made = dispersion_replicates(&of_class, &models, live, alpha, replicates, options.seed, number as u32);
             tick();
             let Some(made) = made else { continue };
-            let (ours, basic) = (made.interval(), made.basic());
+            let ours = made.interval();
             trial.tried += 1;
-            for (covered, i) in trial.covered.iter_mut().zip([ours, basic]) {
+            for (covered, i) in trial.covered.iter_mut().zip([ours, made.around_left_out(), made.basic()]) {
                 *covered += usize::from((i.low..=i.high).contains(&truth));
             }
             trial.width += (ours.high - ours.low) / options.intervals as f64;
@@ -241,6 +241,7 @@ impl GroupStudy {
             "covered_percent",
             "low_percent",
             "high_percent",
+            "covered_left_out_percent",
             "covered_basic_percent",
             "mean_width",
             "mean_dispersion",
@@ -257,6 +258,7 @@ impl GroupStudy {
                 Cell::Number(100.0 * low, 1),
                 Cell::Number(100.0 * high, 1),
                 percent(t.covered[1]),
+                percent(t.covered[2]),
                 Cell::Number(t.width, 3),
                 Cell::Number(t.mean_dispersion, 3),
                 Cell::Number(t.truth, 3),

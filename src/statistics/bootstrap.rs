@@ -1,11 +1,11 @@
-//! How sure a dispersion is: a bootstrap over people (Efron & Tibshirani 1993) around the dispersion of people left out.
+//! How sure a dispersion is: a bootstrap over people (Efron & Tibshirani 1993).
 //!
-//! A class's dispersion is smaller than that of the population it was drawn from: the median lies among the very people it is measured
-//! on. So the interval is around s', the dispersion with every person's distance taken to the median of the *others*; its half width is
-//! the normal quantile times the standard deviation of the replicates' dispersions times sqrt(n / (n - 1)) for n people, whose copies
+//! A class's dispersion s is smaller than that of the population it was drawn from: the median lies among the very people it is measured
+//! on. The dispersion s' with every person's distance taken to the median of the *others* is larger by about as much: that median is
+//! itself off. So the interval is around the middle of s and s'; its half width is the normal quantile times the standard deviation of the replicates' dispersions times sqrt(n / (n - 1)) for n people, whose copies
 //! scatter less than people do. A replicate draws as many people as there are, with replacement, each with all their sequences; trims,
 //! takes the median and the dispersion [KP, eq. (6) to (8)] anew. `evaluate groups --intervals` counts how often such intervals hold the
-//! truth, beside the basic interval `2 s - q` (Davison & Hinkley 1997, section 5.2).
+//! truth, beside those around s' and the basic interval `2 s - q` (Davison & Hinkley 1997, section 5.2).
 //!
 //! For more than [`MAX_RETRIMMED`] models the replicates keep trimming and median of all models and draw the distances only, and the
 //! medians without a person are one Newton step from that of all: both are then settled to a share of the scatter that is far below the
@@ -80,11 +80,20 @@ pub struct DispersionReplicates {
 }
 
 impl DispersionReplicates {
-    /// The interval around the dispersion of people left out.
+    /// The interval around the middle of both dispersions.
     pub fn interval(&self) -> DispersionInterval {
+        self.around(f64::midpoint(self.dispersion, self.left_out))
+    }
+
+    /// The interval around the dispersion of people left out, for comparison.
+    pub fn around_left_out(&self) -> DispersionInterval {
+        self.around(self.left_out)
+    }
+
+    fn around(&self, center: f64) -> DispersionInterval {
         let n = self.people as f64;
         let half = Z * deviation(&self.values) * (n / (n - 1.0)).sqrt();
-        self.between(self.left_out - half, self.left_out + half)
+        self.between(center - half, center + half)
     }
 
     /// The basic bootstrap interval, for comparison.
@@ -478,11 +487,12 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_is_around_the_dispersion_of_people_left_out() {
-        // Deviation of 1, 2, 3 is 1: 5 plus and minus 1.96 sqrt(10 / 9); the basic one is 8 - 2.95 to 8 - 1.05.
+    fn an_interval_is_around_the_middle_of_both_dispersions() {
+        // Deviation of 1, 2, 3 is 1: 4.5 plus and minus 1.96 sqrt(10 / 9); the basic one is 8 - 2.95 to 8 - 1.05.
         let r = DispersionReplicates { dispersion: 4.0, left_out: 5.0, values: vec![1.0, 2.0, 3.0], people: 10, retrimmed: true };
         let half = Z * (10.0f64 / 9.0).sqrt();
-        assert_eq!((r.interval().low, r.interval().high), (5.0 - half, 5.0 + half));
+        assert_eq!((r.interval().low, r.interval().high), (4.5 - half, 4.5 + half));
+        assert_eq!(r.around_left_out().high, 5.0 + half);
         approx::assert_relative_eq!(r.basic().low, 5.05, max_relative = 1e-12);
         approx::assert_relative_eq!(r.basic().high, 6.95, max_relative = 1e-12);
         assert!(no_interval(7).unwrap().starts_with("7 people are too few") && no_interval(8).is_none());

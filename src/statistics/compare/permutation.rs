@@ -33,8 +33,9 @@ impl Design {
         let mut chosen = match self {
             Self::Free => return subset(people, size, random),
             Self::Strata(blocks) => {
-                let of_block =
-                    |(places, first): &Block| subset(places.len(), *first, random).into_iter().map(|k| places[k]).collect();
+                let of_block = |(places, first): &Block| {
+                    subset(places.len(), *first, random).into_iter().map(|k| places[k]).collect::<Vec<_>>()
+                };
                 blocks.iter().flat_map(of_block).collect::<Vec<usize>>()
             }
             Self::Pairs => (0..people / 2).map(|i| if random.random::<bool>() { i } else { i + people / 2 }).collect(),

@@ -18,8 +18,11 @@ use crate::units::NodeId;
 pub use lda::DiscriminantError;
 use lda::Discriminants;
 
-/// Folds of people that are left out together where there are more people.
-const MOST_FOLDS: usize = 50;
+/// Folds of people that are left out together where there are more people, for up to [`FEW_SEQUENCES`] sequences and for more.
+const MOST_FOLDS: [usize; 2] = [50, 10];
+
+/// Sequences up to which a fold costs little.
+const FEW_SEQUENCES: usize = 500;
 
 /// What a sequence is recognized as.
 #[derive(Clone, Debug, PartialEq)]
@@ -138,7 +141,7 @@ impl Recognizer {
         }
         let label_of: Vec<usize> = models.iter().map(|(_, label)| labels.iter().position(|l| l == label).unwrap_or(0)).collect();
         let subject_of: Vec<usize> = models.iter().map(|(m, _)| place[m.id.subject.as_str()]).collect();
-        let folds = place.len().min(MOST_FOLDS);
+        let folds = place.len().min(MOST_FOLDS[usize::from(data.len() > FEW_SEQUENCES)]);
         let fold = |f: usize| -> Result<Vec<(usize, LeftOut)>, RecognizeError> {
             let (own, others): (Vec<usize>, Vec<usize>) = (0..data.len()).partition(|&i| subject_of[i] % folds == f);
             let of_others: Vec<usize> = others.iter().map(|&i| label_of[i]).collect();
