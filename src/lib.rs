@@ -35,15 +35,21 @@
     clippy::cast_sign_loss
 )]
 
+// The command line uses the library by its outer name.
+extern crate self as grimace;
+
 pub mod annotate;
+#[doc(hidden)]
+#[allow(missing_docs, clippy::pedantic)]
+pub mod cli;
 pub mod clone;
 pub mod columnar;
 pub mod dataset;
-pub mod evaluate;
 pub mod fap;
 pub mod fit;
 pub mod geometry;
 pub mod input;
+pub mod locate;
 pub mod mesh;
 pub mod model;
 pub mod normalize;
@@ -54,7 +60,6 @@ pub mod render;
 pub mod report;
 pub mod robust;
 pub mod sequence;
-pub mod simulate;
 pub mod statistics;
 pub mod synthesis;
 pub mod track;

@@ -1,9 +1,7 @@
 //! The `grimace` command.
 
-mod cli;
-
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    cli::main()
+    grimace::cli::main()
 }

@@ -92,6 +92,36 @@ pub fn draw_overlay(
     Ok(RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default())
 }
 
+/// Draws points that were found on a picture: position and expected error, px, and the eye distance of their face, px. Dots are green where
+/// the expected error is small against the eye distance (up to 2 %), yellow to 5 %, red beyond; small pictures are enlarged.
+pub fn draw_points(gray: &image::GrayImage, points: &[(Point2<f64>, f64, f64)]) -> RgbImage {
+    let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
+    let large = image::imageops::resize(gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
+    let Some(mut canvas) = Pixmap::new(large.width(), large.height()) else {
+        return image::DynamicImage::ImageLuma8(large).to_rgb8();
+    };
+    for (pixel, luma) in canvas.data_mut().chunks_exact_mut(4).zip(large.as_raw()) {
+        pixel.copy_from_slice(&[*luma, *luma, *luma, 255]);
+    }
+    let scale = f64::from(factor);
+    for (point, expected_error, eye_distance) in points {
+        let (x, y) = (((point.x + 0.5) * scale) as f32, ((point.y + 0.5) * scale) as f32);
+        let radius = ((0.012 * eye_distance * scale) as f32).max(1.5);
+        let share = expected_error / eye_distance;
+        let colour = if share <= 0.02 {
+            [60, 220, 90]
+        } else if share <= 0.05 {
+            [240, 228, 66]
+        } else {
+            [230, 60, 40]
+        };
+        dot(&mut canvas, x, y, radius * 1.4, [10, 20, 30]);
+        dot(&mut canvas, x, y, radius, colour);
+    }
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default()
+}
+
 fn paint(rgba: [u8; 4]) -> Paint<'static> {
     let mut paint = Paint::default();
     paint.set_color(Color::from_rgba8(rgba[0], rgba[1], rgba[2], rgba[3]));

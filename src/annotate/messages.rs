@@ -21,17 +21,20 @@ pub struct Mark {
     /// Mark or hard position.
     #[serde(default)]
     pub kind: MarkKind,
+    /// Expected error of a mark that nobody set, px.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expected_error: Option<f64>,
 }
 
 impl From<&Correspondence> for Mark {
     fn from(c: &Correspondence) -> Self {
-        Self { node: c.node, x: c.position.x, y: c.position.y, kind: c.kind }
+        Self { node: c.node, x: c.position.x, y: c.position.y, kind: c.kind, expected_error: c.expected_error }
     }
 }
 
 impl From<&Mark> for Correspondence {
     fn from(m: &Mark) -> Self {
-        Self { node: m.node, position: Point2::new(m.x, m.y), kind: m.kind }
+        Self { node: m.node, position: Point2::new(m.x, m.y), kind: m.kind, expected_error: m.expected_error }
     }
 }
 

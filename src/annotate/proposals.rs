@@ -23,7 +23,7 @@ use opencv::{
 
 use crate::{
     dataset::{LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
-    fit::{Correspondence, MarkKind, ShapePrior},
+    fit::{Correspondence, ShapePrior},
     geometry::Similarity,
     sequence::{Frame, SequenceError},
     units::NodeId,
@@ -178,7 +178,7 @@ impl Cascades {
                 places[k] = corner + follow_lips(&image, [left, right], middle, corner).unwrap_or_default();
             }
         }
-        let mark = |(&node, position): (&NodeId, Point2<f64>)| Correspondence { node, position, kind: MarkKind::Mark };
+        let mark = |(&node, position): (&NodeId, Point2<f64>)| Correspondence::mark(node, position);
         Ok(Some(PROPOSED.iter().zip(places).map(mark).collect()))
     }
 

@@ -12,17 +12,19 @@ macro_rules! eprintln {
 
 mod analyze;
 mod annotate;
-mod bank;
+pub mod bank;
 mod clone;
-mod evaluate;
 mod fap;
 mod fit;
-mod print;
+mod lab;
+mod learn;
+mod locate;
+pub mod print;
 mod prior;
-mod progress;
+pub mod progress;
+mod recognize;
 mod run;
-mod shared;
-mod simulate;
+pub mod shared;
 mod synthesize;
 mod track;
 
@@ -58,20 +60,26 @@ enum Command {
     Track(track::Args),
     /// Statistics, FAP files and report from tracks already there.
     Analyze(analyze::Args),
+    /// Label sequences by the expressions of people seen before.
+    Recognize(recognize::Args),
     /// Put an expression on a new face: a textured animation from one photograph.
     Clone(clone::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
+    /// Find faces and their points.
+    Locate(locate::Args),
+    /// Learn what this program ships with, from your own data.
+    Learn(learn::Args),
     /// Make synthetic sequences with exact ground truth.
-    Simulate(simulate::Args),
+    Simulate(lab::Args),
     /// Dense animation from the motion of feature points, by a bank of expression meshes.
     Synthesize(synthesize::Args),
     /// Banks of expression meshes for `synthesize`.
     Bank(bank::Args),
     /// Experiments against ground truth: how right fit and tracker are.
-    Evaluate(evaluate::Args),
+    Evaluate(lab::Args),
 }
 
 /// How a command that did not fail ended.
@@ -83,6 +91,9 @@ pub enum Outcome {
     Failed,
     /// Exit status 3: done, but some sequences failed.
     SomeFailed,
+    /// The exit status of another program.
+    #[cfg(not(unix))]
+    Other(u8),
 }
 
 /// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
@@ -98,32 +109,42 @@ fn chain(error: &anyhow::Error) -> String {
     })
 }
 
-/// Parses the arguments, runs the command, prints errors, returns the exit status: 0 done, 1 failed, 2 bad usage, 3 done but
-/// some sequences failed.
-pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let result = match cli.command {
-        Command::Run(args) => run::run(&args),
-        Command::Annotate(args) => annotate::run(&args),
-        Command::Fit(args) => fit::run(&args),
-        Command::Track(args) => track::run(&args),
-        Command::Analyze(args) => analyze::run(&args),
-        Command::Clone(args) => clone::run(&args),
-        Command::Fap(args) => fap::run(args),
-        Command::Prior(args) => prior::run(&args),
-        Command::Simulate(args) => simulate::run(args),
-        Command::Synthesize(args) => synthesize::run(&args),
-        Command::Bank(args) => bank::run(&args),
-        Command::Evaluate(args) => evaluate::run(&args),
-    };
-    let result = result.and_then(|outcome| print::check().map(|()| outcome));
-    match result {
+/// Prints an error, if there is one, and gives the exit status: 0 done, 1 failed, 3 done but some sequences failed.
+pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
+    match result.and_then(|outcome| print::check().map(|()| outcome)) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Failed) => ExitCode::FAILURE,
         Ok(Outcome::SomeFailed) => ExitCode::from(3),
+        #[cfg(not(unix))]
+        Ok(Outcome::Other(status)) => ExitCode::from(status),
         Err(error) => {
             eprintln!("error: {}", chain(&error));
             ExitCode::FAILURE
         }
     }
+}
+
+/// Parses the arguments, runs the command, prints errors, returns the exit status: 0 done, 1 failed, 2 bad usage, 3 done but
+/// some sequences failed.
+pub fn main() -> ExitCode {
+    if let Some((command, arguments)) = lab::asked(std::env::args_os().skip(1)) {
+        return exit_code(lab::run(command, &arguments));
+    }
+    exit_code(match Cli::parse().command {
+        Command::Run(args) => run::run(&args),
+        Command::Annotate(args) => annotate::run(&args),
+        Command::Fit(args) => fit::run(&args),
+        Command::Track(args) => track::run(&args),
+        Command::Analyze(args) => analyze::run(&args),
+        Command::Recognize(args) => recognize::run(&args),
+        Command::Clone(args) => clone::run(&args),
+        Command::Fap(args) => fap::run(args),
+        Command::Prior(args) => prior::run(&args),
+        Command::Locate(args) => locate::run(&args),
+        Command::Learn(args) => learn::run(&args),
+        Command::Simulate(args) => lab::run("simulate", &args.arguments),
+        Command::Synthesize(args) => synthesize::run(&args),
+        Command::Bank(args) => bank::run(&args),
+        Command::Evaluate(args) => lab::run("evaluate", &args.arguments),
+    })
 }

@@ -47,6 +47,26 @@ pub struct Correspondence {
     pub position: Point2<f64>,
     /// Mark or hard position.
     pub kind: MarkKind,
+    /// How far from the true point such a mark is to be expected, px: half of such marks are nearer, half further. `None` for a mark
+    /// set by hand, of which a fit expects [`super::HAND_MARK_ERROR`].
+    pub expected_error: Option<f64>,
+}
+
+impl Correspondence {
+    /// A mark set by hand.
+    pub fn mark(node: NodeId, position: Point2<f64>) -> Self {
+        Self { node, position, kind: MarkKind::Mark, expected_error: None }
+    }
+
+    /// A position that the node takes exactly.
+    pub fn hard(node: NodeId, position: Point2<f64>) -> Self {
+        Self { node, position, kind: MarkKind::Hard, expected_error: None }
+    }
+
+    /// A mark that was found, or measured by somebody else, with its expected error in px.
+    pub fn found(node: NodeId, position: Point2<f64>, expected_error: f64) -> Self {
+        Self { expected_error: Some(expected_error), ..Self::mark(node, position) }
+    }
 }
 
 /// A correspondence file that does not read.
@@ -124,7 +144,8 @@ pub enum MarksError {
     },
 }
 
-/// Reads a correspondence file: `node,x,y`, optionally `kind` (`mark`, the default, or `hard`); further columns are ignored.
+/// Reads a correspondence file: `node,x,y`, optionally `kind` (`mark`, the default, or `hard`) and `expected_error` (px, > 0, or empty);
+/// further columns are ignored.
 ///
 /// A node is a node number or an MPEG-4 feature point that is a single node ([`parse_node_or_feature_point`]). Order is kept.
 /// How many there are and where they lie is checked by [`validate_correspondences`].
@@ -138,6 +159,7 @@ pub fn read_correspondences(path: &Path, tables: &Tables, node_count: usize) -> 
 fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Correspondence>, CorrespondenceError> {
     let [node_column, x_column, y_column] = csv.require(["node", "x", "y"])?;
     let kind_column = csv.column("kind");
+    let error_column = csv.column("expected_error");
     let file = || csv.path().display().to_string();
     let mut line_of = BTreeMap::new();
     let mut correspondences = Vec::new();
@@ -152,25 +174,39 @@ fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Corres
             Some((_, "hard")) => MarkKind::Hard,
             Some((k, _)) => return Err(row.field_error(k, "`mark` or `hard`").into()),
         };
+        let expected_error = match error_column {
+            Some(column) if !row.get(column).is_empty() => match row.number(column)? {
+                error if error > 0.0 => Some(error),
+                _ => return Err(row.field_error(column, "a distance in px above 0, or nothing").into()),
+            },
+            _ => None,
+        };
         if let Some(first_line) = line_of.insert(node, line) {
             return Err(CorrespondenceError::DuplicateNode { file: file(), line, node, first_line });
         }
-        correspondences.push(Correspondence { node, position, kind });
+        correspondences.push(Correspondence { node, position, kind, expected_error });
     }
     Ok(correspondences)
 }
 
-/// Writes a correspondence file that [`read_correspondences`] reads: `node,x,y,kind`, sorted by node, 9 significant digits.
+/// Writes a correspondence file that [`read_correspondences`] reads: `node,x,y,kind`, sorted by node, 9 significant digits; with a column
+/// `expected_error` where a mark has one.
 ///
 /// # Errors
 /// [`OutputError`] when the file can not be written.
 pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) -> Result<(), OutputError> {
     let mut sorted: Vec<_> = correspondences.iter().collect();
     sorted.sort_by_key(|c| c.node);
+    let with_errors = sorted.iter().any(|c| c.expected_error.is_some());
     write_atomic(path, |writer| {
-        writeln!(writer, "node,x,y,kind")?;
+        writeln!(writer, "node,x,y,kind{}", if with_errors { ",expected_error" } else { "" })?;
         sorted.iter().try_for_each(|c| {
-            writeln!(writer, "{},{},{},{}", c.node, nine_digits(c.position.x), nine_digits(c.position.y), c.kind)
+            write!(writer, "{},{},{},{}", c.node, nine_digits(c.position.x), nine_digits(c.position.y), c.kind)?;
+            match c.expected_error {
+                _ if !with_errors => writeln!(writer),
+                Some(error) => writeln!(writer, ",{}", nine_digits(error)),
+                None => writeln!(writer, ","),
+            }
         })
     })
 }
@@ -228,7 +264,7 @@ mod tests {
     }
 
     fn mark(node: u16, x: f64, y: f64) -> Correspondence {
-        Correspondence { node: NodeId(node), position: Point2::new(x, y), kind: MarkKind::Mark }
+        Correspondence::mark(NodeId(node), Point2::new(x, y))
     }
 
     #[test]
@@ -300,6 +336,21 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), "node,x,y,kind\n10,0.333333333,20,mark\n31,4.25,0,hard\n");
         let read = read_correspondences(&path, &Tables::candide3(), 113).unwrap();
         assert_eq!(read, [mark(10, 0.333_333_333, 20.0), Correspondence { position: Point2::new(4.25, 0.0), ..hard }]);
+    }
+
+    #[test]
+    fn expected_errors_are_read_and_written() {
+        let found = Correspondence::found(NodeId(10), Point2::new(1.0, 2.0), 2.5);
+        assert_eq!(read(b"node,x,y,expected_error\n10,1,2,2.5\n31,3,4,\n"), Ok(vec![found, mark(31, 3.0, 4.0)]));
+        for bad in ["0", "-1", "x", "inf"] {
+            let error = read(format!("node,x,y,expected_error\n10,1,2,{bad}\n").as_bytes()).unwrap_err();
+            assert!(error.starts_with("C.csv, line 2: expected_error is"), "{error}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("C.csv");
+        write_correspondences(&path, &[mark(31, 3.0, 4.0), found]).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "node,x,y,kind,expected_error\n10,1,2,mark,2.5\n31,3,4,mark,\n");
+        assert_eq!(read_correspondences(&path, &Tables::candide3(), 113).unwrap(), [found, mark(31, 3.0, 4.0)]);
     }
 
     proptest! {

@@ -35,6 +35,16 @@ pub use spring::{Pull, SpringError, Springs, Target};
 /// Default gain of the force on a marked node, in units of the springs' stiffness k [KP leave both open].
 pub const FIT_FORCE: f64 = 20.0;
 
+/// Expected error of a mark that a person set, over the eye distance: half of such marks are nearer to the true point. Orders of
+/// magnitude as in `candide/markable_nodes.csv`.
+pub const HAND_MARK_ERROR: f64 = 0.019;
+
+/// Median distance over the standard deviation in x and in y, where both are normal and independent: sqrt(2 ln 2).
+pub(crate) const MEDIAN_OVER_DEVIATION: f64 = 1.177_410_022_515_474_7;
+
+/// The force on a mark follows the inverse square of its expected error, within these shares of [`FitOptions::force`].
+const FORCE_SHARES: (f64, f64) = (0.02, 5.0);
+
 /// Which shape prior stands ahead of the springs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -182,6 +192,9 @@ pub struct Fitter {
     options: FitOptions,
 }
 
+/// Distance of the pupils of Candide-3, model units.
+const EYE_DISTANCE: f64 = 0.613;
+
 /// Largest roll of a plausible portrait, radians; beyond it the picture stands on its head.
 const MAX_ROLL: f64 = std::f64::consts::FRAC_PI_2;
 
@@ -228,7 +241,8 @@ impl Fitter {
         let placed = self.expected(marks, &seen, count)?;
         let placed = placed.unwrap_or_else(|| frontal.iter().map(|p| image_from_face.apply(p)).collect());
         let rest: Vec<_> = placed.into_iter().map(flip).collect();
-        let targets: Vec<_> = marks.iter().map(|m| self.target(m)).collect();
+        let eye_distance = image_from_face.scale * EYE_DISTANCE;
+        let targets: Vec<_> = marks.iter().map(|m| self.target(m, eye_distance)).collect();
         let nodes = self.springs.deform(wireframe, &rest, &targets)?;
         let folded = folded_triangles(wireframe, &frontal, &nodes);
         if folded >= FOLDED_TRIANGLES {
@@ -264,7 +278,9 @@ impl Fitter {
             return Ok(None);
         }
         let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
-        let faces = self.priors.iter().map(|p| p.explain(&nodes, seen)).collect::<Result<Vec<_>, _>>()?;
+        let deviations: Vec<_> = marks.iter().map(|m| m.expected_error.map(|e| e / MEDIAN_OVER_DEVIATION)).collect();
+        let explained = self.priors.iter().map(|p| p.explain_by_errors(&nodes, seen, &deviations));
+        let faces = explained.collect::<Result<Vec<_>, _>>()?;
         let shares = prior::shares(&faces);
         let place = |k: usize| -> Point2<f64> {
             let places = faces.iter().zip(&shares).map(|(f, share)| f.marks_from_face.apply(&f.shape[k]).coords * *share);
@@ -273,9 +289,14 @@ impl Fitter {
         Ok(Some((0..count).map(place).collect()))
     }
 
-    fn target(&self, mark: &Correspondence) -> Target {
+    /// What a mark does to the springs, on a face with an eye distance of so many px.
+    fn target(&self, mark: &Correspondence, eye_distance: f64) -> Target {
+        let share = mark.expected_error.map_or(1.0, |error| {
+            let ratio = HAND_MARK_ERROR * eye_distance / error;
+            if ratio.is_finite() { (ratio * ratio).clamp(FORCE_SHARES.0, FORCE_SHARES.1) } else { 1.0 }
+        });
         let pull = match mark.kind {
-            MarkKind::Mark => Pull::Force(self.options.force),
+            MarkKind::Mark => Pull::Force(self.options.force * share),
             MarkKind::Hard => Pull::Hard,
         };
         Target { node: mark.node, position: mark.position, pull }

@@ -85,6 +85,7 @@ impl LandmarkSource {
             part(&[u8::from(mark.kind == MarkKind::Hard)]);
             part(&mark.position.x.to_le_bytes());
             part(&mark.position.y.to_le_bytes());
+            part(&mark.expected_error.unwrap_or_default().to_le_bytes());
         }
         for file in crate::dataset::landmark_files(&self.path).map_err(SequenceFailure::at(Stage::Dataset))? {
             let bytes = fs::read(&file).map_err(|e| SequenceFailure {

@@ -11,6 +11,7 @@ mod groups;
 mod landmarks;
 mod model_file;
 mod parts;
+mod pictures;
 mod recognition;
 mod run;
 mod sequence;
@@ -41,13 +42,14 @@ pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_
 pub(crate) use groups::values as group_values;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
 pub use model_file::{ModelFileError, read_model, write_model};
+pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use recognition::{
     NONE_LEVEL, NONE_OF_THESE, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition,
 };
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
-pub use tracks::{id_of, load_tracks, track_files, tracks_folder};
+pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use write::write_analysis;
 
 /// Frames between two key frames of a FAP file: 5 key frames give 25 frames.

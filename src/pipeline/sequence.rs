@@ -132,6 +132,7 @@ impl SequenceSource {
             part(&[u8::from(mark.kind == MarkKind::Hard)]);
             part(&mark.position.x.to_le_bytes());
             part(&mark.position.y.to_le_bytes());
+            part(&mark.expected_error.unwrap_or_default().to_le_bytes());
         }
         if let FrameSource::Video { first, last, .. } = &self.frames {
             part(format!("{first:?} {last:?}").as_bytes());

@@ -15,7 +15,6 @@ use crate::{
     model::FrameExpressionModel,
     report::Film,
     sequence::read_colour,
-    simulate::{Emotion, SimulateError, SimulateOptions, simulate_sequence},
     statistics::Representative,
     warp::{MouthInside, NODE_COUNT},
 };
@@ -52,8 +51,10 @@ const FRAMES: usize = 9;
 const HEIGHT: u32 = 236;
 /// Quality of its JPEG, 1 to 100.
 const QUALITY: u8 = 84;
-/// Size of the simulated person's picture, px.
-const SIMULATED_SIZE: (u32, u32) = (360, 400);
+/// A simulated person, neutral, and all nodes of the wireframe in the picture, px. Made by the simulation (`crates/lab`), whose test
+/// `the_face_of_the_report_is_what_the_simulation_makes` compares them with it and makes them anew.
+const SIMULATED_PICTURE: &[u8] = include_bytes!("assets/simulated_face.png");
+const SIMULATED_NODES: &str = include_str!("assets/simulated_face.csv");
 
 /// The face that the report shows the representatives on.
 ///
@@ -67,32 +68,26 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
             Target::new(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks, bench)
         }
         ReportFace::Simulated => {
-            let frame = simulated_face().map_err(|e| CloneError::Showcase(e.to_string()))?;
+            let (picture, nodes) = simulated_face().map_err(CloneError::Showcase)?;
             let fitted = FittedWireframe {
-                model: FrameExpressionModel::new(frame.nodes),
+                model: FrameExpressionModel::new(nodes),
                 image_from_face: Similarity::identity(),
                 correspondences: Vec::new(),
                 residuals: Vec::new(),
             };
-            Target::from_fit("simulated", frame.image, fitted, bench)
+            Target::from_fit("simulated", picture, fitted, bench)
         }
     }
 }
 
-fn simulated_face() -> Result<crate::simulate::SimulatedFrame, SimulateError> {
-    let options = SimulateOptions {
-        subjects: 1,
-        frames: 2,
-        width: SIMULATED_SIZE.0,
-        height: SIMULATED_SIZE.1,
-        noise_sigma: 0.0,
-        roll_degrees: 0.0,
-        shift_px: 0.0,
-        scale_change: 0.0,
-        ..SimulateOptions::default()
-    };
-    let mut frames = simulate_sequence(&options, 0, Emotion::Happiness)?;
-    frames.next().ok_or(SimulateError::OutOfRange { option: "frames", value: "0".to_owned(), range: "at least 2" })
+/// The picture, and the positions of all nodes.
+fn simulated_face() -> Result<(RgbImage, Vec<Point2<f64>>), String> {
+    let picture = image::load_from_memory(SIMULATED_PICTURE).map_err(|e| e.to_string())?.into_rgb8();
+    let nodes = csv::Reader::from_reader(SIMULATED_NODES.as_bytes())
+        .deserialize::<(u16, f64, f64)>()
+        .map(|row| row.map(|(_, x, y)| Point2::new(x, y)).map_err(|e| e.to_string()))
+        .collect::<Result<_, _>>()?;
+    Ok((picture, nodes))
 }
 
 /// A film of each representative on the face of the report; none for a wireframe that the warp does not know.

@@ -14,9 +14,8 @@ use super::{
 use crate::{
     mesh::{Subdivision, TriangleMesh, sphere_front},
     pipeline::MADE_BY,
-    simulate::{EXPRESSIONS, Emotion, ExpressionUnit, find_unit, settle_offsets},
     units::NodeId,
-    wireframe::{Fapus, Tables, Wireframe},
+    wireframe::{Emotion, ExpressionUnit, Fapus, Tables, Wireframe, expressions, find_unit, settle_offsets},
 };
 
 /// Rounds of subdivision: about 23K vertices and 46K triangles with the eyes, as the meshes of [ZL].
@@ -41,7 +40,7 @@ struct Shape {
 /// The shapes that the six expressions use: FAPs as they are, action unit vectors by sides.
 fn shapes(wireframe: &Wireframe, fapus: &Fapus) -> Vec<Shape> {
     let mut shapes: Vec<Shape> = Vec::new();
-    for row in EXPRESSIONS.iter().filter(|r| Emotion::BASIC.contains(&r.emotion)) {
+    for row in expressions().iter().filter(|r| Emotion::BASIC.contains(&r.emotion)) {
         if shapes.iter().any(|s| s.unit == row.unit) {
             continue;
         }
@@ -126,7 +125,7 @@ impl Candide {
 
     fn expressions(&self) -> Vec<(String, Vec<f64>)> {
         let weight = |emotion: Emotion, shape: &Shape| {
-            EXPRESSIONS.iter().filter(|r| r.emotion == emotion && r.unit == shape.unit).map(|r| r.weight).sum()
+            expressions().iter().filter(|r| r.emotion == emotion && r.unit == shape.unit).map(|r| r.weight).sum()
         };
         Emotion::BASIC.iter().map(|&e| (e.label().to_owned(), self.shapes.iter().map(|s| weight(e, s)).collect())).collect()
     }
@@ -235,7 +234,7 @@ pub fn candide_shapes() -> Result<Bank, BankError> {
     candide.bank(candide.names(), displacements, None)
 }
 
-/// The six expressions as weights of [`candide_shapes`], by [`EXPRESSIONS`].
+/// The six expressions as weights of [`candide_shapes`], by [`expressions`].
 ///
 /// # Errors
 /// As [`candide_shapes`].

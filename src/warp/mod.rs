@@ -58,7 +58,7 @@ use crate::geometry::Similarity;
 
 pub use audit::Audit;
 pub use layout::{NODE_COUNT, Opening};
-pub(crate) use mesh::convex_hull;
+pub use mesh::convex_hull;
 pub use render::MouthInside;
 pub use sample::{Texture, resample};
 

@@ -1,5 +1,6 @@
 //! The Candide wireframe: nodes, triangles, springs, motion units, and the tables that tie MPEG-4 to its nodes.
 
+mod expression;
 mod fapu;
 mod tables;
 mod wfm;
@@ -10,6 +11,9 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use crate::units::NodeId;
 
+pub use expression::{
+    Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError, expressions, find_unit, keep_lips_apart, settle_offsets,
+};
 pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};

@@ -307,7 +307,7 @@ fn push_offset(units: &mut Vec<MotionUnit>, name: &str, kind: UnitKind, node: u1
 }
 
 /// All records of an embedded CSV table.
-fn rows<T: for<'de> Deserialize<'de>>(table: &'static str, text: &str) -> Result<Vec<T>, TableError> {
+pub(super) fn rows<T: for<'de> Deserialize<'de>>(table: &'static str, text: &str) -> Result<Vec<T>, TableError> {
     let mut reader = csv::ReaderBuilder::new().from_reader(text.as_bytes());
     reader.deserialize().collect::<Result<_, _>>().map_err(|e| TableError { table, reason: e.to_string() })
 }

@@ -13,32 +13,50 @@ use std::{
     sync::LazyLock,
 };
 
-use grimace::simulate::{Emotion, SimulateOptions, simulate_dataset};
 use tempfile::TempDir;
+
+/// The repository's folder.
+pub fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.ancestors().find(|folder| folder.join("candide").is_dir()).unwrap().to_owned()
+}
+
+/// The command, with `grimace-lab` beside it, which it starts for `simulate` and `evaluate`.
+///
+/// `cargo test` builds both. It builds only one of them when only one package's tests are asked for; then the other is built here,
+/// unless an earlier build left it.
+pub fn grimace() -> &'static Path {
+    static PROGRAM: LazyLock<PathBuf> = LazyLock::new(|| {
+        // The tests lie in the folder `deps` beside the programs.
+        let test = std::env::current_exe().unwrap();
+        let folder = test.parent().and_then(Path::parent).unwrap();
+        let program = |name: &str| folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+        for package in ["grimace", "grimace-lab"] {
+            if !program(package).is_file() {
+                let mut build = std::process::Command::new(env!("CARGO"));
+                build.args(["build", "--quiet", "--package", package, "--bin", package, "--manifest-path"]);
+                build.arg(root().join("Cargo.toml")).args(if cfg!(debug_assertions) { &[][..] } else { &["--release"] });
+                assert!(build.status().unwrap().success(), "{package} is not there and can not be built");
+            }
+        }
+        program("grimace")
+    });
+    &PROGRAM
+}
 
 /// Files by path relative to a folder, `/` between folders.
 pub type Files = BTreeMap<String, Vec<u8>>;
 
-/// Three subjects (S001 and S002 of cohort A, S003 of cohort B) with happiness (005) and surprise (007), six frames of 200x160 each.
-pub fn faces_options() -> SimulateOptions {
-    SimulateOptions {
-        subjects: 3,
-        emotions: vec![Emotion::Happiness, Emotion::Surprise],
-        frames: 6,
-        width: 200,
-        height: 160,
-        seed: 7,
-        ..SimulateOptions::default()
-    }
-}
-
 /// Ids of the sequences of [`FACES`], sorted.
 pub const SEQUENCES: [&str; 6] = ["S001_005", "S001_007", "S002_005", "S002_007", "S003_005", "S003_007"];
 
-/// The dataset of [`faces_options`].
+/// Three subjects (S001 and S002 of cohort A, S003 of cohort B) with happiness (005) and surprise (007), six frames of 200x160 each.
 pub static FACES: LazyLock<Files> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
-    simulate_dataset(&faces_options(), folder.path(), true, |_, _| {}).unwrap();
+    let options = "--subjects 3 --emotions happiness,surprise --frames 6 --size 200x160 --seed 7 --force";
+    let mut simulate = std::process::Command::new(grimace());
+    simulate.arg("simulate").args(options.split_whitespace()).arg("-o").arg(folder.path());
+    Ran::from(simulate.output().unwrap()).exit(0);
     files_in(folder.path())
 });
 
@@ -184,7 +202,7 @@ impl Work {
 
     /// The command in the folder, to be started.
     pub fn command(&self) -> std::process::Command {
-        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_grimace"));
+        let mut command = std::process::Command::new(grimace());
         command.current_dir(self.folder.path());
         command
     }
@@ -197,7 +215,7 @@ impl Work {
     /// Runs a shell script in which `$GRIMACE` is the command.
     pub fn shell(&self, script: &str) -> Ran {
         let mut command = std::process::Command::new("sh");
-        command.current_dir(self.folder.path()).env("GRIMACE", env!("CARGO_BIN_EXE_grimace")).args(["-c", script]);
+        command.current_dir(self.folder.path()).env("GRIMACE", grimace()).args(["-c", script]);
         command.output().unwrap().into()
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::LandmarksError;
 use crate::{
-    fit::{Correspondence, MarkKind},
+    fit::Correspondence,
     units::NodeId,
     wireframe::{LandmarkConfidence, Tables},
 };
@@ -70,15 +70,14 @@ pub fn correspondences_from_landmarks(
         })
         .filter(|&(_, confidence, _)| confidence != LandmarkConfidence::Low)
         .collect();
-    let correspondence = |node, position| Correspondence { node, position, kind: MarkKind::Mark };
     let of_nodes = |nodes: &[NodeId]| {
         let one = |&node: &NodeId| match marks.iter().find(|mark| mark.0 == node) {
-            Some(&(_, _, position)) => Ok(correspondence(node, position)),
+            Some(&(_, _, position)) => Ok(Correspondence::mark(node, position)),
             None => Err(LandmarksError::NoLandmark { node, nodes: marks.iter().map(|mark| mark.0).collect() }),
         };
         nodes.iter().map(one).collect()
     };
-    let at_least = |least| marks.iter().filter(|mark| mark.1 >= least).map(|mark| correspondence(mark.0, mark.2)).collect();
+    let at_least = |least| marks.iter().filter(|mark| mark.1 >= least).map(|mark| Correspondence::mark(mark.0, mark.2)).collect();
     match selection {
         LandmarkSelection::Default => of_nodes(&DEFAULT_LANDMARK_NODES),
         LandmarkSelection::Nodes(nodes) => of_nodes(nodes),

@@ -38,6 +38,9 @@ const CANDIDE_MARK_DEVIATION: f64 = 0.006;
 /// network differ by 1.3 to 2.5 % at the corners of eyes and mouth.
 const FACES_MARK_DEVIATION: f64 = 0.01;
 
+/// Least standard deviation of a mark, model units: no mark is exact.
+const LEAST_MARK_DEVIATION: f64 = 0.002;
+
 /// A linear model of neutral face shape, in face space and Candide's model units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShapePrior {
@@ -94,7 +97,7 @@ impl ShapePrior {
 
     /// The most probable face for marks at `nodes` (at least three, all of them below the mean's length).
     ///
-    /// `seen` are their places, y up, in any unit: the image with y turned over.
+    /// `seen` are their places, y up, in any unit: the image with y turned over. Every mark has the error [`Self::mark_deviation`].
     ///
     /// # Errors
     /// [`SimilarityError`] when the marks do not determine a placement.
@@ -102,7 +105,24 @@ impl ShapePrior {
     /// # Panics
     /// If a node is not one of the prior's, or `nodes` and `seen` differ in length (a programmer's error).
     pub fn explain(&self, nodes: &[NodeId], seen: &[Point2<f64>]) -> Result<Explanation, SimilarityError> {
-        assert_eq!(nodes.len(), seen.len(), "a place for every node");
+        self.explain_by_errors(nodes, seen, &vec![None; nodes.len()])
+    }
+
+    /// As [`Self::explain`], by marks of different errors: `deviations` are their standard deviations in x and in y, in the unit of
+    /// `seen`; `None` for a mark of [`Self::mark_deviation`].
+    ///
+    /// # Errors
+    /// As [`Self::explain`].
+    ///
+    /// # Panics
+    /// As [`Self::explain`].
+    pub fn explain_by_errors(
+        &self,
+        nodes: &[NodeId],
+        seen: &[Point2<f64>],
+        deviations: &[Option<f64>],
+    ) -> Result<Explanation, SimilarityError> {
+        assert!(nodes.len() == seen.len() && nodes.len() == deviations.len(), "a place for every node");
         let rows = 2 * nodes.len();
         let mean: Vec<Point2<f64>> = nodes.iter().map(|n| self.mean[n.index()]).collect();
         // Places near the mean, so that the linear system is well scaled whatever the image.
@@ -112,7 +132,8 @@ impl ShapePrior {
         let scaled = DMatrix::from_fn(rows, self.modes.len(), |r, c| modes[(r, c)] * self.deviations[c].powi(2));
         let mut covariance = &scaled * modes.transpose();
         for (i, node) in nodes.iter().enumerate() {
-            let noise = self.mark_deviation.powi(2) + self.residuals[node.index()].powi(2);
+            let deviation = deviations[i].map_or(self.mark_deviation, |d| (d * rough.scale).max(LEAST_MARK_DEVIATION));
+            let noise = deviation.powi(2) + self.residuals[node.index()].powi(2);
             covariance[(2 * i, 2 * i)] += noise;
             covariance[(2 * i + 1, 2 * i + 1)] += noise;
         }

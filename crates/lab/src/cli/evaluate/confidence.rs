@@ -1,0 +1,197 @@
+//! `grimace evaluate confidence`.
+
+use std::{path::PathBuf, sync::atomic::Ordering};
+
+use anyhow::Context;
+use grimace::{
+    dataset::DEFAULT_LANDMARK_NODES,
+    fit::Fitter,
+    output::write_bytes,
+    sequence::configure_opencv,
+    track::Confidence,
+    wireframe::{Tables, Wireframe},
+};
+use grimace_lab::{
+    evaluate::{
+        ConfidenceCondition, ConfidenceOptions, QUINTILES, SampledSequence, Start, TrackerVariant, TrackingOptions, VariantKind,
+        calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples, dataset_cases,
+        evaluate_tracking, expected_of_records, expected_of_samples, fit_confidence, hard_simulation, verdict_table,
+    },
+    simulate::SimulateOptions,
+};
+use serde_json::json;
+
+use super::{CommonArgs, Folder, SimulationArgs, bar, nodes, tracking::StartWord};
+use grimace::cli::{
+    Outcome,
+    shared::{FitArgs, TrackArgs, stop_flag},
+};
+
+/// The tracker's expected errors against true ones.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  grimace evaluate confidence -o confidence
+  grimace evaluate confidence faces -o confidence --by kind --start landmarks
+
+Without a DATASET, simulated people are tracked (clean and hard, at full and at half size; from exact positions and from seven marks), \
+weights and calibration are fitted and written to track_confidence.csv, and judged by people that were not among them: expected and true \
+median error by quintile in confidence_quintiles.csv and confidence.svg, verdicts in verdicts.csv. With a DATASET the model that is \
+shipped is judged by its landmarks or exact positions.")]
+pub struct Args {
+    /// Dataset with 68-point landmarks or exact positions: judges the model that is shipped
+    dataset: Option<PathBuf>,
+    /// How the sequences of a DATASET are started
+    #[arg(long, value_enum, default_value_t = StartWord::Landmarks, requires = "dataset")]
+    start: StartWord,
+    /// Column of the manifest to group by
+    #[arg(long, value_name = "COLUMN", requires = "dataset")]
+    by: Option<String>,
+    /// Simulated subjects to learn from
+    #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=500), conflicts_with = "dataset")]
+    subjects: u32,
+    /// Further simulated subjects to judge by
+    #[arg(long, default_value_t = 6, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=500), conflicts_with = "dataset")]
+    held_out: u32,
+    /// Nodes or feature points marked when a sequence starts from a fit
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    marks: Vec<String>,
+    #[command(flatten)]
+    simulation: SimulationArgs,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    track: TrackArgs,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Added to the seed for the people that are judged by.
+const HELD_OUT_SEED: u64 = 0x5EED_0000;
+
+impl Args {
+    fn conditions(&self, subjects: u32, seed: u64) -> Vec<ConfidenceCondition> {
+        let clean = self.simulation.options(subjects, seed);
+        // People of the smaller pictures are others.
+        let small =
+            SimulateOptions { width: clean.width / 2, height: clean.height / 2, seed: seed.wrapping_add(1), ..clean.clone() };
+        let condition = |name: &str, simulation| ConfidenceCondition { name: name.to_owned(), simulation };
+        vec![
+            condition("hard", hard_simulation(&clean)),
+            condition("clean", clean),
+            condition("hard, half size", hard_simulation(&small)),
+            condition("clean, half size", small),
+        ]
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut folder = args.common.start()?;
+    configure_opencv()?;
+    let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+    let marks = if args.marks.is_empty() { DEFAULT_LANDMARK_NODES.to_vec() } else { nodes(&args.marks, &tables, &wireframe)? };
+    let fitter = Fitter::new(&wireframe, args.fit.options());
+    if args.dataset.is_some() {
+        return judge_dataset(args, folder, &fitter, &wireframe, &tables, marks);
+    }
+    let options = ConfidenceOptions { track: args.track.options(), marks, marks_noise_px: args.simulation.marks_noise };
+    let seed = args.common.seed;
+    let (learn, judge) = (args.conditions(args.subjects, seed), args.conditions(args.held_out, seed.wrapping_add(HELD_OUT_SEED)));
+    let total = (learn.len() * args.subjects as usize + judge.len() * args.held_out as usize) * args.simulation.emotions.len();
+    let stop = stop_flag()?;
+    let bar = bar(args.common.quiet, "tracking", total);
+    let tick = || {
+        bar.inc(1);
+        !stop.load(Ordering::SeqCst)
+    };
+    let learned = confidence_samples(&learn, &fitter, &wireframe, &tables, &options, tick)?;
+    let held_out = confidence_samples(&judge, &fitter, &wireframe, &tables, &options, tick)?;
+    bar.finish_and_clear();
+    let confidence =
+        fit_confidence(&learned).context("too few samples to learn from; give more --subjects, --emotions or --frames")?;
+    write_bytes(&folder.path.join("track_confidence.csv"), confidence.to_csv().as_bytes())?;
+    folder.files.push("track_confidence.csv".to_owned());
+
+    let mut table = calibration_table();
+    let mut judged = |name: &str, of: &dyn Fn(&SampledSequence) -> bool, confidence: &Confidence| {
+        let chosen = held_out.iter().filter(|s| of(s));
+        table.rows.extend(calibration_rows(name, &calibration(expected_of_samples(chosen, confidence), QUINTILES)));
+    };
+    judged("all", &|_| true, &confidence);
+    for condition in &judge {
+        judged(&condition.name, &|s| s.condition == condition.name, &confidence);
+    }
+    judged("from exact positions", &|s| s.start == Start::Landmarks, &confidence);
+    judged("from seven marks", &|s| s.start == Start::Seven, &confidence);
+    judged("all, model as shipped", &|_| true, Confidence::shipped());
+    let title = "Expected and true error of tracked nodes, held-out people";
+    folder.figure("confidence.svg", &calibration_chart(title, expected_of_samples(&held_out, &confidence)))?;
+    folder.table("confidence_quintiles.csv", &table)?;
+    folder.print("Expected and true median error by quintile of the expected error, held-out people", &table);
+    let verdicts = verdict_table(&held_out, &confidence, &wireframe, &tables);
+    folder.table("verdicts.csv", &verdicts)?;
+    folder.print("Verdicts, and true mean error at the last frame", &verdicts);
+    let count = |sequences: &[SampledSequence]| sequences.iter().map(|s| s.samples.len()).sum::<usize>();
+    let written = json!({
+        "subjects": args.subjects, "held_out": args.held_out, "emotions": args.simulation.emotions, "frames": args.simulation.frames,
+        "size": args.simulation.size, "marks": options.marks, "marks_noise_px": options.marks_noise_px,
+        "fit": args.fit.options(), "track": options.track,
+    });
+    let results = json!({ "samples": count(&learned), "held_out_samples": count(&held_out) });
+    folder.finish("confidence", None, seed, written, results)?;
+    Ok(Outcome::Done)
+}
+
+fn judge_dataset(
+    args: &Args,
+    mut folder: Folder,
+    fitter: &Fitter,
+    wireframe: &Wireframe,
+    tables: &Tables,
+    marks: Vec<grimace::units::NodeId>,
+) -> anyhow::Result<Outcome> {
+    let Some(dataset) = &args.dataset else { return Ok(Outcome::Failed) };
+    let (cases, mut failures) = dataset_cases(dataset, args.by.as_deref())?;
+    let variant = TrackerVariant { name: "tracker".to_owned(), kind: VariantKind::Options(args.track.options()) };
+    let options = TrackingOptions {
+        start: args.start.into(),
+        variants: vec![variant],
+        marks,
+        marks_noise_px: args.simulation.marks_noise,
+        by: args.by.clone(),
+        seed: args.common.seed,
+    };
+    let stop = stop_flag()?;
+    let bar = bar(args.common.quiet, "tracking", cases.len());
+    let result = evaluate_tracking(&cases, fitter, wireframe, tables, &options, || {
+        bar.inc(1);
+        !stop.load(Ordering::SeqCst)
+    })?;
+    bar.finish_and_clear();
+    failures.extend(result.failures.iter().cloned());
+    let mut table = calibration_table();
+    for (g, group) in result.records.groups.iter().enumerate() {
+        let errors = expected_of_records(&result.records, 0, g);
+        table.rows.extend(calibration_rows(group, &calibration(errors.clone(), QUINTILES)));
+        if !errors.is_empty() {
+            let name = format!("confidence_{}.svg", super::file_word(group));
+            folder.figure(&name, &calibration_chart(&format!("Expected and true error of tracked nodes, {group}"), errors))?;
+        }
+    }
+    folder.table("confidence_quintiles.csv", &table)?;
+    folder.print("Expected and true median error by quintile of the expected error", &table);
+    for failure in &failures {
+        eprintln!("failed: {}: {}", failure.id, failure.reason);
+    }
+    let written = json!({
+        "start": options.start, "marks": options.marks, "by": options.by, "fit": args.fit.options(), "track": args.track.options(),
+    });
+    let results = json!({ "sequences": cases.len() - result.failures.len(), "failed": failures.len() });
+    folder.finish("confidence", Some(dataset), options.seed, written, results)?;
+    Ok(match (result.failures.len() == cases.len(), failures.is_empty()) {
+        (true, _) => Outcome::Failed,
+        (false, false) => Outcome::SomeFailed,
+        (false, true) => Outcome::Done,
+    })
+}

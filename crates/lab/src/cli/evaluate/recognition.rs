@@ -1,0 +1,146 @@
+//! `grimace evaluate recognition`.
+
+use std::path::PathBuf;
+
+use grimace::{
+    dataset::Dataset,
+    output::write_bytes,
+    pipeline::{NONE_LEVEL, PipelineOptions, Workbench, load_tracks, track_files},
+};
+use grimace_lab::evaluate::{LabelledSequence, evaluate_discriminants, evaluate_recognition};
+use serde_json::json;
+
+use grimace::cli::{Outcome, shared::ModelArgs};
+
+use super::{CommonArgs, bar};
+
+/// Do the representatives mean anything? Every sequence is recognized by other people's, in two ways.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace evaluate recognition results/tracks -o recognition
+
+One subject is left out at a time. First every sequence goes to the nearest representative, made of all others: confusion.csv, \
+confusion.svg, recognition.csv (a row per sequence). Then it is recognized by the discriminants of `run` and `recognize`, made of all \
+others: confusion_discriminants.csv and .svg, recognition_discriminants.csv, calibration.csv and .svg (whether probabilities hold). \
+evaluation.json has both accuracies.")]
+pub struct Args {
+    /// Track files, or folders of them
+    #[arg(required = true)]
+    tracks: Vec<PathBuf>,
+    /// Dataset or manifest that says emotion and further columns of the sequences
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    /// What is to be recognized: the emotion, or a column of the manifest
+    #[arg(long, default_value = "emotion", value_name = "COLUMN")]
+    label: String,
+    #[command(flatten)]
+    models: ModelArgs,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Runs the experiment.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut folder = args.common.start()?;
+    let (normalize, statistics) = (args.models.normalize(), args.models.statistics());
+    let options = PipelineOptions { normalize, statistics, ..PipelineOptions::default() };
+    let bench = Workbench::new(None, options)?;
+    let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
+    let files = track_files(&args.tracks)?;
+    anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
+    let (models, failures) = load_tracks(&files, dataset.as_ref(), &bench);
+    for failure in &failures {
+        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
+    }
+    let known = models.iter().flat_map(|m| m.metadata.keys()).any(|column| *column == args.label);
+    anyhow::ensure!(args.label == "emotion" || known, "no sequence has a column `{}`", args.label);
+    let label = |m: &grimace::pipeline::AnalyzedModel| match args.label.as_str() {
+        "emotion" => m.emotion.clone(),
+        column => m.metadata.get(column).cloned().unwrap_or_default(),
+    };
+    let labelled = models.iter().map(|m| LabelledSequence { model: m.model.clone(), label: label(m) });
+    let (labelled, unlabelled): (Vec<_>, Vec<_>) = labelled.partition(|s| !s.label.is_empty());
+    if !unlabelled.is_empty() {
+        eprintln!("left out: {} sequences without a value in `{}`", unlabelled.len(), args.label);
+    }
+    let mut subjects: Vec<&str> = labelled.iter().map(|s| s.model.id.subject.as_str()).collect();
+    subjects.sort_unstable();
+    subjects.dedup();
+    let bar = bar(args.common.quiet, "leaving out", subjects.len());
+    let recognition = evaluate_recognition(&labelled, &bench.wireframe, &bench.options.statistics, || bar.inc(1))?;
+    bar.finish_and_clear();
+
+    let summary = recognition.summary(args.common.seed);
+    let confusion = recognition.confusion_table();
+    folder.table("confusion.csv", &confusion)?;
+    folder.table("recognition.csv", &recognition.sequence_table())?;
+    write_bytes(&folder.path.join("confusion.svg"), recognition.confusion_svg().as_bytes())?;
+    folder.files.push("confusion.svg".to_owned());
+    folder.print("Confusion: rows are labels, columns what they were recognized as", &confusion);
+    if !args.common.quiet {
+        println!(
+            "{} of {} sequences of {} subjects judged; recognized {:.1} % (95 % interval {:.1} to {:.1}), mean over labels {:.1} %",
+            summary.judged,
+            recognition.sequences.len(),
+            subjects.len(),
+            100.0 * summary.accuracy,
+            100.0 * summary.accuracy_interval[0],
+            100.0 * summary.accuracy_interval[1],
+            100.0 * summary.balanced_accuracy
+        );
+        println!(
+            "to compare with: the most frequent label always, {:.1} %; guessing, mean over labels {:.1} %",
+            100.0 * summary.most_frequent,
+            100.0 * summary.guessing
+        );
+    }
+    let discriminants = match evaluate_discriminants(&labelled, &bench.wireframe, NONE_LEVEL, || {}) {
+        Ok(calibration) => {
+            let summary = calibration.recognition.summary(args.common.seed);
+            let confusion = calibration.recognition.confusion_table();
+            folder.table("confusion_discriminants.csv", &confusion)?;
+            folder.table("recognition_discriminants.csv", &calibration.recognition.sequence_table())?;
+            folder.table("calibration.csv", &calibration.table())?;
+            for (name, svg) in
+                [("confusion_discriminants.svg", calibration.recognition.confusion_svg()), ("calibration.svg", calibration.svg())]
+            {
+                write_bytes(&folder.path.join(name), svg.as_bytes())?;
+                folder.files.push(name.to_owned());
+            }
+            folder.print("Confusion of the discriminants", &confusion);
+            folder.print("Do their probabilities hold?", &calibration.table());
+            if !args.common.quiet {
+                println!(
+                    "discriminants: {} judged; recognized {:.1} % (95 % interval {:.1} to {:.1}); none of these: {}",
+                    summary.judged,
+                    100.0 * summary.accuracy,
+                    100.0 * summary.accuracy_interval[0],
+                    100.0 * summary.accuracy_interval[1],
+                    calibration.none
+                );
+            }
+            json!(summary)
+        }
+        Err(why) => {
+            eprintln!("no discriminants: {why}");
+            json!(why.to_string())
+        }
+    };
+    let options = json!({
+        "label": args.label,
+        "resample": normalize.resample,
+        "size": normalize.size,
+        "alpha": statistics.alpha,
+        "median": statistics.median,
+        "tracks": files.len(),
+    });
+    folder.finish(
+        "recognition",
+        args.dataset.as_deref(),
+        args.common.seed,
+        options,
+        json!({ "nearest": summary, "discriminants": discriminants }),
+    )?;
+    Ok(if failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
+}

@@ -1,0 +1,178 @@
+//! `grimace evaluate tracking`.
+
+use std::{path::PathBuf, sync::atomic::Ordering};
+
+use grimace::{
+    dataset::DEFAULT_LANDMARK_NODES,
+    fit::Fitter,
+    sequence::configure_opencv,
+    wireframe::{Tables, Wireframe},
+};
+use grimace_lab::evaluate::{
+    Cell, Failed, Start, Table, TrackerVariant, TrackingOptions, TrackingResult, VariantKind, curve_table, dataset_cases,
+    evaluate_tracking, frames_worse, hard_simulation, last_table, markdown_last, sequence_table, simulated_cases,
+    standard_variants, tracking_chart,
+};
+use serde_json::{Value, json};
+
+use super::{CommonArgs, Folder, SimulationArgs, bar, file_word, nodes};
+use grimace::cli::{
+    Outcome,
+    shared::{FitArgs, TrackArgs, stop_flag},
+};
+
+/// Error of the tracker.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  grimace evaluate tracking -o tracking-error --subjects 4 --hard
+  grimace evaluate tracking faces -o tracking-error --by kind --start seven
+  grimace evaluate tracking -o ablation --variants narrow:window=0.08 --variants stiff:force=10,extreme=4
+
+Without a DATASET, sequences are simulated in memory. A DATASET needs 68-point landmarks for the neutral and the last frame at least; it \
+is compared at the nodes that a landmark stands for. Curves per frame are in tracking_frames.csv and tracking_*.svg, the last frames in \
+tracking_last.csv, each sequence in tracking_sequences.csv. A sequence that fails is named in failures.csv; the exit status is then 3.")]
+pub struct Args {
+    /// Dataset with 68-point landmarks; simulated sequences without
+    dataset: Option<PathBuf>,
+    /// Start from all known nodes of the neutral frame and measure positions, or from a fit to seven marks and measure offsets from neutral
+    #[arg(long, value_enum, default_value_t = StartWord::Landmarks)]
+    start: StartWord,
+    /// Column of the manifest to group by
+    #[arg(long, value_name = "COLUMN", requires = "dataset")]
+    by: Option<String>,
+    /// Nodes or feature points marked with `--start seven`
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    marks: Vec<String>,
+    /// A further tracker: a name and options of the tracker that differ; may be given several times
+    #[arg(long, value_name = "NAME:KEY=VALUE,...")]
+    variants: Vec<String>,
+    /// Simulated subjects
+    #[arg(long, default_value_t = 4, value_name = "N", conflicts_with = "dataset", help_heading = super::SIMULATION)]
+    subjects: u32,
+    /// The hard simulation: blur, changing light, noise, compression, the head turned by up to 8 degrees
+    #[arg(long, conflicts_with = "dataset", help_heading = super::SIMULATION)]
+    hard: bool,
+    #[command(flatten)]
+    simulation: SimulationArgs,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    track: TrackArgs,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum StartWord {
+    Landmarks,
+    Seven,
+}
+
+impl From<StartWord> for Start {
+    fn from(word: StartWord) -> Self {
+        match word {
+            StartWord::Landmarks => Self::Landmarks,
+            StartWord::Seven => Self::Seven,
+        }
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut folder = args.common.start()?;
+    configure_opencv()?;
+    let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+    let base = args.track.options();
+    let mut variants = standard_variants(&base);
+    for text in &args.variants {
+        let variant = TrackerVariant::parse(text, &base)?;
+        anyhow::ensure!(variants.iter().all(|v| v.name != variant.name), "--variants: there are two variants `{}`", variant.name);
+        variants.push(variant);
+    }
+    let marks = if args.marks.is_empty() { DEFAULT_LANDMARK_NODES.to_vec() } else { nodes(&args.marks, &tables, &wireframe)? };
+    let options = TrackingOptions {
+        start: args.start.into(),
+        variants,
+        marks,
+        marks_noise_px: args.simulation.marks_noise,
+        by: args.by.clone(),
+        seed: args.common.seed,
+    };
+    let clean = args.simulation.options(args.subjects, args.common.seed);
+    let simulation = if args.hard { hard_simulation(&clean) } else { clean };
+    let (cases, mut failures) = match &args.dataset {
+        Some(path) => dataset_cases(path, args.by.as_deref())?,
+        None => (simulated_cases(&simulation)?, Vec::new()),
+    };
+    let fit_options = args.fit.options();
+    let fitter = Fitter::new(&wireframe, fit_options.clone());
+    let stop = stop_flag()?;
+    let bar = bar(args.common.quiet, "tracking", cases.len());
+    let result = evaluate_tracking(&cases, &fitter, &wireframe, &tables, &options, || {
+        bar.inc(1);
+        !stop.load(Ordering::SeqCst)
+    });
+    bar.finish_and_clear();
+    let result = result?;
+    failures.extend(result.failures.iter().cloned());
+    write(&mut folder, &result, &failures, options.start)?;
+    for failure in &failures {
+        let variant = if failure.variant.is_empty() { String::new() } else { format!(" ({})", failure.variant) };
+        eprintln!("failed: {}{variant}: {}", failure.id, failure.reason);
+    }
+
+    let names = |v: &TrackerVariant| {
+        let settings = match &v.kind {
+            VariantKind::Options(options) => json!(options),
+            VariantKind::PlainKlt => json!("plain KLT: frame to frame, 21-pixel window, 4 levels, no check"),
+        };
+        (v.name.clone(), settings)
+    };
+    let written = json!({
+        "start": options.start,
+        "marks": options.marks,
+        "by": options.by,
+        "fit": fit_options,
+        "variants": options.variants.iter().map(names).collect::<serde_json::Map<String, Value>>(),
+        "simulation": args.dataset.is_none().then_some(&simulation),
+        "marks_noise_px": args.dataset.is_none().then_some(options.marks_noise_px),
+    });
+    let results = json!({ "sequences": cases.len() - result.failures.len(), "failed": failures.len() });
+    folder.finish("tracking", args.dataset.as_deref(), options.seed, written, results)?;
+    Ok(match (result.failures.len() == cases.len(), failures.is_empty()) {
+        (true, _) => Outcome::Failed,
+        (false, false) => Outcome::SomeFailed,
+        (false, true) => Outcome::Done,
+    })
+}
+
+fn write(folder: &mut Folder, result: &TrackingResult, failures: &[Failed], start: Start) -> anyhow::Result<()> {
+    let records = &result.records;
+    folder.table("tracking_frames.csv", &curve_table(records))?;
+    folder.table("tracking_last.csv", &last_table(records))?;
+    folder.table("tracking_sequences.csv", &sequence_table(records))?;
+    let mut failed = Table::new(["sequence", "variant", "reason"]);
+    failed.rows.extend(failures.iter().map(|f| [&f.id, &f.variant, &f.reason].map(Cell::text).to_vec()));
+    folder.table("failures.csv", &failed)?;
+    if records.errors.is_empty() {
+        return Ok(());
+    }
+    let what = match start {
+        Start::Landmarks => "position error",
+        Start::Seven => "error of the offset from neutral",
+    };
+    for (g, group) in records.groups.iter().enumerate() {
+        if records.errors.iter().any(|e| e.group == g) {
+            folder.figure(&format!("tracking_{}.svg", file_word(group)), &tracking_chart(records, g, what))?;
+        }
+    }
+    folder.print(&format!("Last frame, mean {what}"), &markdown_last(records));
+    // The first two variants are the tracker with and without its deformation.
+    let mut claim = Table::new(["group", "frames from the 5th on", "worse with deformation"]);
+    for (group, frames, worse) in frames_worse(records, 0, 1) {
+        claim.rows.push(vec![Cell::text(group), Cell::Count(frames), Cell::Count(worse)]);
+    }
+    folder.print("With deformation against without, mean per frame", &claim);
+    Ok(())
+}

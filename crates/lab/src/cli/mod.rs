@@ -1,0 +1,49 @@
+//! The command line of `grimace simulate` and `grimace evaluate`: parse, call the libraries, print.
+
+/// Prints a line like `std`'s macro of this name, which panics when nobody reads on.
+macro_rules! println {
+    ($($arg:tt)*) => { ::grimace::cli::print::line(format_args!($($arg)*)) };
+}
+
+/// Prints a line to standard error without a panic when that is not possible.
+macro_rules! eprintln {
+    ($($arg:tt)*) => { ::grimace::cli::print::error_line(format_args!($($arg)*)) };
+}
+
+mod evaluate;
+mod simulate;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Simulated faces with exact ground truth, and experiments against ground truth.
+#[derive(Debug, Parser)]
+#[command(name = "grimace", bin_name = "grimace", version, about, propagate_version = true, max_term_width = 150, after_help = AFTER_HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const AFTER_HELP: &str = "\
+Example:
+  grimace simulate -o faces --subjects 4
+  grimace evaluate fit -o fit-error
+
+The program grimace-lab, which `grimace` starts for these two commands.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make synthetic sequences with exact ground truth.
+    Simulate(simulate::Args),
+    /// Experiments against ground truth: how right fit and tracker are.
+    Evaluate(evaluate::Args),
+}
+
+/// Parses the arguments, runs the command, prints errors, returns the exit status.
+pub fn main() -> ExitCode {
+    grimace::cli::exit_code(match Cli::parse().command {
+        Command::Simulate(args) => simulate::run(args),
+        Command::Evaluate(args) => evaluate::run(&args),
+    })
+}

@@ -1,0 +1,465 @@
+//! The tracker's expected errors against true ones: samples from simulated people, the fit of the model, and how well it is calibrated.
+//!
+//! Every simulated sequence is tracked twice, from exact positions of all nodes and from a fit to a few marks, as both occur. What is
+//! compared is the error of the neutral offset in every third frame and in the last.
+
+use nalgebra::{DMatrix, DVector, Point2};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{
+    Cell, ErrorSummary, EvaluateError, LineChart, MarkNoise, Person, Records, Series, Start, Table, TruthNode, percentile,
+};
+use crate::simulate::{Emotion, SimulateOptions, SimulatedFrame, SimulatedSequence, Subject};
+use grimace::{
+    fit::{Correspondence, Fitter},
+    sequence::Frame,
+    track::{
+        Confidence, NodeFeatures, TrackOptions, TrackPlan, Verdict, expect_errors, eye_distance_px, node_features, summarize,
+        track_sequence,
+    },
+    units::NodeId,
+    wireframe::{Tables, Wireframe},
+};
+
+/// Frames between two that samples are taken from.
+const FRAME_STEP: usize = 3;
+/// Smallest true error that is told from none, over the eye distance: 0.01 px at 100 px.
+const ERROR_FLOOR: f64 = 1e-4;
+/// Rounds of reweighted least squares.
+const ROUNDS: usize = 40;
+/// Residuals, in the logarithm, below this weigh alike.
+const RESIDUAL_FLOOR: f64 = 0.02;
+/// Ridge on the weights, per sample.
+const RIDGE: f64 = 1e-4;
+/// Bins of the calibration.
+const BINS: usize = 24;
+/// Parts that a table of the calibration has.
+pub const QUINTILES: usize = 5;
+
+/// One kind of simulation to learn from or to judge by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConfidenceCondition {
+    /// Name in tables.
+    pub name: String,
+    /// Its options; the seed says who.
+    pub simulation: SimulateOptions,
+}
+
+/// How the samples are tracked.
+#[derive(Clone, Debug)]
+pub struct ConfidenceOptions {
+    /// Options of the tracker.
+    pub track: TrackOptions,
+    /// Nodes marked when a sequence starts from a fit.
+    pub marks: Vec<NodeId>,
+    /// Standard deviation of those marks, px.
+    pub marks_noise_px: f64,
+}
+
+/// A node in a frame: what the tracker knows, and what is true.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConfidenceSample {
+    /// What the tracker knows.
+    pub features: NodeFeatures,
+    /// True error of the neutral offset over the eye distance.
+    pub error: f64,
+}
+
+/// The samples of one tracked sequence.
+#[derive(Clone, Debug)]
+pub struct SampledSequence {
+    /// Name.
+    pub id: String,
+    /// Name of the condition.
+    pub condition: String,
+    /// How it was started.
+    pub start: Start,
+    /// Eye distance in the neutral frame, px.
+    pub eye_distance: f64,
+    /// The samples.
+    pub samples: Vec<ConfidenceSample>,
+    /// Mean true error at the last frame over the eye distance, all live nodes.
+    pub last_error: f64,
+    /// The frames as tracked, for the verdict.
+    frames: Vec<grimace::track::TrackedFrame>,
+}
+
+/// Simulates and tracks every subject and emotion of every condition. `progress` is called from any thread when a sequence is done and
+/// may return `false` to stop. A sequence whose face the tracker loses gives no samples.
+///
+/// # Errors
+/// [`EvaluateError`] for options out of range, marks that determine no fit, or an interruption.
+pub fn confidence_samples(
+    conditions: &[ConfidenceCondition],
+    fitter: &Fitter,
+    wireframe: &Wireframe,
+    tables: &Tables,
+    options: &ConfidenceOptions,
+    progress: impl Fn() -> bool + Sync,
+) -> Result<Vec<SampledSequence>, EvaluateError> {
+    for condition in conditions {
+        condition.simulation.check()?;
+    }
+    let plan = TrackPlan::new(wireframe, tables);
+    let bench = Bench { fitter, wireframe, tables, options, plan };
+    let cases: Vec<(&ConfidenceCondition, u32, Emotion)> = conditions
+        .iter()
+        .flat_map(|c| {
+            let emotions = move |subject| c.simulation.emotions.iter().map(move |&emotion| (c, subject, emotion));
+            (0..c.simulation.subjects).flat_map(emotions)
+        })
+        .collect();
+    let sampled: Vec<Vec<SampledSequence>> = cases
+        .par_iter()
+        .map(|&(condition, subject, emotion)| {
+            let samples = bench.sample(condition, subject, emotion)?;
+            if progress() { Ok(samples) } else { Err(EvaluateError::Interrupted) }
+        })
+        .collect::<Result<_, _>>()?;
+    Ok(sampled.into_iter().flatten().collect())
+}
+
+struct Bench<'a> {
+    fitter: &'a Fitter,
+    wireframe: &'a Wireframe,
+    tables: &'a Tables,
+    options: &'a ConfidenceOptions,
+    plan: TrackPlan,
+}
+
+impl Bench<'_> {
+    fn sample(
+        &self,
+        condition: &ConfidenceCondition,
+        subject: u32,
+        emotion: Emotion,
+    ) -> Result<Vec<SampledSequence>, EvaluateError> {
+        let person = Subject::new(&condition.simulation, subject)?;
+        let sequence = SimulatedSequence::new(&person, emotion, &condition.simulation)?;
+        let (images, truth): (Vec<_>, Vec<_>) = (0..sequence.frame_count())
+            .map(|k| {
+                let SimulatedFrame { image, nodes } = sequence.frame(k);
+                (image::DynamicImage::ImageRgb8(image).into_luma8(), nodes)
+            })
+            .unzip();
+        let neutral = &truth[0];
+        let Some(eye_distance) = eye_distance_px(self.tables, neutral) else { return Ok(Vec::new()) };
+        let mut out = Vec::new();
+        for start in [Start::Landmarks, Start::Seven] {
+            let fitted = self.fitter.fit(self.wireframe, &self.marks(start, neutral, condition, subject))?;
+            let frames = (1..).zip(&images).map(|(number, image)| Frame::from_image(number, image));
+            let Ok(track) = track_sequence(self.wireframe, &self.plan, &fitted, frames, &self.options.track, |_| true) else {
+                continue;
+            };
+            let features = node_features(&track.frames, self.wireframe, self.tables);
+            let error = |k: usize, id: NodeId| {
+                let found = track.frames[k].nodes[id.index()].position - track.frames[0].nodes[id.index()].position;
+                (found - (truth[k][id.index()] - neutral[id.index()])).norm() / eye_distance
+            };
+            let live = self.wireframe.live_nodes();
+            let last = track.frames.len() - 1;
+            let mut samples = Vec::new();
+            for k in (1..=last).filter(|&k| k % FRAME_STEP == 0 || k == last) {
+                for (&id, features) in live.iter().zip(&features[k]) {
+                    samples.extend(features.map(|features| ConfidenceSample { features, error: error(k, id) }));
+                }
+            }
+            let last_error = live.iter().map(|&id| error(last, id)).sum::<f64>() / live.len().max(1) as f64;
+            let id = format!("{}_{:03}", person.id(), emotion.code());
+            let condition = condition.name.clone();
+            out.push(SampledSequence { id, condition, start, eye_distance, samples, last_error, frames: track.frames });
+        }
+        Ok(out)
+    }
+
+    fn marks(&self, start: Start, neutral: &[Point2<f64>], condition: &ConfidenceCondition, subject: u32) -> Vec<Correspondence> {
+        let live = self.wireframe.live_nodes();
+        let hard = |&node: &NodeId| Correspondence::hard(node, neutral[node.index()]);
+        match start {
+            Start::Landmarks => live.iter().map(hard).collect(),
+            Start::Seven => {
+                let truth = |&node: &NodeId| TruthNode { node, position: neutral[node.index()], inner: true };
+                let truth = live.iter().map(truth).collect();
+                let person = Person::new(String::new(), f64::NAN, truth, condition.simulation.seed, subject);
+                let noise = MarkNoise::Uniform(self.options.marks_noise_px);
+                self.options.marks.iter().filter_map(|&n| person.mark(n, noise)).collect()
+            }
+        }
+    }
+}
+
+/// Learns weights and calibration from samples; `None` of fewer samples than the model has terms, times ten.
+#[must_use]
+pub fn fit_confidence(sequences: &[SampledSequence]) -> Option<Confidence> {
+    let samples: Vec<&ConfidenceSample> = sequences.iter().flat_map(|s| &s.samples).collect();
+    let size = NodeFeatures::names().len();
+    if samples.len() < 10 * size {
+        return None;
+    }
+    let rows: Vec<(Vec<f64>, f64)> = samples.iter().map(|s| (s.features.terms(), s.error.max(ERROR_FLOOR).ln())).collect();
+    let weights = median_regression(&rows, size)?;
+    let scored: Vec<(f64, f64)> = rows.iter().map(|(terms, log)| (Confidence::score(&weights, terms), *log)).collect();
+    Confidence::new(weights, calibrate(scored))
+}
+
+/// Weights of the least absolute deviations, by reweighted least squares.
+fn median_regression(rows: &[(Vec<f64>, f64)], size: usize) -> Option<Vec<f64>> {
+    let mut weights: Option<Vec<f64>> = None;
+    for _ in 0..ROUNDS {
+        let mut matrix = DMatrix::<f64>::zeros(size, size);
+        let mut right = DVector::<f64>::zeros(size);
+        for (terms, log) in rows {
+            let residual = weights.as_ref().map_or(1.0, |w| log - Confidence::score(w, terms));
+            let importance = 1.0 / residual.abs().max(RESIDUAL_FLOOR);
+            for (i, a) in terms.iter().enumerate() {
+                for (j, b) in terms[..=i].iter().enumerate() {
+                    matrix[(i, j)] += importance * a * b;
+                }
+                right[i] += importance * a * log;
+            }
+        }
+        for i in 0..size {
+            matrix[(i, i)] += RIDGE * rows.len() as f64;
+            for j in 0..i {
+                matrix[(j, i)] = matrix[(i, j)];
+            }
+        }
+        weights = Some(matrix.cholesky()?.solve(&right).iter().copied().collect());
+    }
+    weights
+}
+
+/// Knots of the calibration from scores and the logarithms of true errors: medians of equally large bins, made non-decreasing by pooling
+/// neighbours.
+fn calibrate(mut scored: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    scored.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let middle = |part: &[(f64, f64)], pick: fn(&(f64, f64)) -> f64| {
+        let mut values: Vec<f64> = part.iter().map(pick).collect();
+        values.sort_by(f64::total_cmp);
+        percentile(&values, 0.5).unwrap_or(0.0)
+    };
+    // Score, logarithm and number of bins of a pool.
+    let mut pools: Vec<(f64, f64, f64)> = Vec::new();
+    for bin in parts(&scored, BINS) {
+        let mut pool = (middle(bin, |s| s.0), middle(bin, |s| s.1), 1.0);
+        while let Some(&(score, log, count)) = pools.last().filter(|last| last.1 >= pool.1 || last.0 >= pool.0) {
+            let total = count + pool.2;
+            let mean = |a: f64, b: f64| (a * count + b * pool.2) / total;
+            pool = (mean(score, pool.0), mean(log, pool.1), total);
+            pools.pop();
+        }
+        pools.push(pool);
+    }
+    pools.into_iter().map(|(score, log, _)| (score, log)).collect()
+}
+
+/// Splits into `count` parts of nearly equal size, leaving out empty ones.
+fn parts<T>(all: &[T], count: usize) -> impl Iterator<Item = &[T]> {
+    (0..count).map(move |k| &all[k * all.len() / count..(k + 1) * all.len() / count]).filter(|part| !part.is_empty())
+}
+
+/// An expected error and the true one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExpectedError {
+    /// Expected, percent of the eye distance.
+    pub expected: f64,
+    /// True, percent of the eye distance.
+    pub truth: f64,
+    /// Pixels of one percent of the eye distance.
+    pub px: f64,
+}
+
+/// One fifth, or another part, of the nodes by their expected error.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CalibrationPart {
+    /// Number of nodes and frames.
+    pub count: usize,
+    /// Median expected error, percent of the eye distance.
+    pub expected: f64,
+    /// Median true error, percent of the eye distance.
+    pub truth: f64,
+    /// 95th percentile of the true error, percent of the eye distance.
+    pub truth_p95: f64,
+    /// The medians in px.
+    pub expected_px: f64,
+    /// See [`CalibrationPart::expected_px`].
+    pub truth_px: f64,
+}
+
+impl CalibrationPart {
+    /// Expected over true median error.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.expected / self.truth
+    }
+}
+
+/// Expected and true errors by parts of equal size, from the least to the most expected error.
+#[must_use]
+pub fn calibration(mut errors: Vec<ExpectedError>, count: usize) -> Vec<CalibrationPart> {
+    errors.sort_by(|a, b| a.expected.total_cmp(&b.expected));
+    let summary =
+        |part: &[ExpectedError], pick: fn(&ExpectedError) -> f64| ErrorSummary::of(&part.iter().map(pick).collect::<Vec<_>>());
+    let part = |part: &[ExpectedError]| {
+        let truth = summary(part, |e| e.truth)?;
+        Some(CalibrationPart {
+            count: part.len(),
+            expected: summary(part, |e| e.expected)?.median,
+            truth: truth.median,
+            truth_p95: truth.p95,
+            expected_px: summary(part, |e| e.expected * e.px)?.median,
+            truth_px: summary(part, |e| e.truth * e.px)?.median,
+        })
+    };
+    parts(&errors, count).filter_map(part).collect()
+}
+
+/// Expected and true errors of sampled sequences.
+#[must_use]
+pub fn expected_of_samples<'a>(
+    sequences: impl IntoIterator<Item = &'a SampledSequence>,
+    confidence: &Confidence,
+) -> Vec<ExpectedError> {
+    let of = |s: &'a SampledSequence| {
+        let px = s.eye_distance / 100.0;
+        s.samples.iter().map(move |sample| ExpectedError {
+            expected: 100.0 * confidence.expected(&sample.features),
+            truth: 100.0 * sample.error,
+            px,
+        })
+    };
+    sequences.into_iter().flat_map(of).collect()
+}
+
+/// Expected and true errors of a tracking experiment, its frames after the neutral, by group.
+#[must_use]
+pub fn expected_of_records(records: &Records, variant: usize, group: usize) -> Vec<ExpectedError> {
+    let wanted = records.errors.iter().filter(|e| e.variant == variant && e.group == group && e.frame > 1 && e.percent > 0.0);
+    let pair = |e: &super::RecordedError| {
+        let px = e.px / e.percent;
+        Some(ExpectedError { expected: e.expected_px? / px, truth: e.percent, px })
+    };
+    wanted.filter_map(pair).collect()
+}
+
+/// Rows of the table of a calibration.
+pub fn calibration_rows(name: &str, parts: &[CalibrationPart]) -> Vec<Vec<Cell>> {
+    let row = |(k, p): (usize, &CalibrationPart)| {
+        vec![
+            Cell::text(name),
+            Cell::Count(k + 1),
+            Cell::Count(p.count),
+            Cell::Number(p.expected, 3),
+            Cell::Number(p.truth, 3),
+            Cell::Number(p.ratio(), 2),
+            Cell::Number(p.truth_p95, 2),
+            Cell::Number(p.expected_px, 3),
+            Cell::Number(p.truth_px, 3),
+        ]
+    };
+    parts.iter().enumerate().map(row).collect()
+}
+
+/// An empty table for [`calibration_rows`].
+#[must_use]
+pub fn calibration_table() -> Table {
+    Table::new([
+        "sequences",
+        "quintile",
+        "nodes",
+        "expected_percent_es",
+        "true_percent_es",
+        "ratio",
+        "true_p95_percent_es",
+        "expected_px",
+        "true_px",
+    ])
+}
+
+/// Expected and true median errors against the twentieth of the nodes, by ascending expectation.
+#[must_use]
+pub fn calibration_chart(title: &str, errors: Vec<ExpectedError>) -> LineChart {
+    const TWENTIETHS: usize = 20;
+    let parts = calibration(errors, TWENTIETHS);
+    let points = |pick: fn(&CalibrationPart) -> f64| (1..).map(f64::from).zip(parts.iter().map(pick)).collect();
+    LineChart {
+        title: title.to_owned(),
+        x_label: "twentieth of the nodes, from the least to the most expected error".to_owned(),
+        y_label: "median error, % of the eye distance".to_owned(),
+        series: vec![
+            Series { name: "expected".to_owned(), points: points(|p| p.expected) },
+            Series { name: "true".to_owned(), points: points(|p| p.truth) },
+        ],
+    }
+}
+
+/// How often each verdict is given, and what the true mean error at the last frame of those sequences is.
+#[must_use]
+pub fn verdict_table(sequences: &[SampledSequence], confidence: &Confidence, wireframe: &Wireframe, tables: &Tables) -> Table {
+    let judged: Vec<(&SampledSequence, Verdict)> = sequences
+        .iter()
+        .map(|s| {
+            let mut frames = s.frames.clone();
+            expect_errors(&mut frames, wireframe, tables, confidence);
+            (s, summarize(&frames, wireframe, tables).verdict)
+        })
+        .collect();
+    let mut names: Vec<&str> = judged.iter().map(|(s, _)| s.condition.as_str()).collect();
+    names.dedup();
+    let mut table =
+        Table::new(["sequences", "verdict", "count", "true_mean_percent_es", "true_median_percent_es", "true_max_percent_es"]);
+    for name in names {
+        for verdict in [Verdict::Good, Verdict::LookAgain] {
+            let of = judged.iter().filter(|(s, v)| s.condition == name && *v == verdict);
+            let mut errors: Vec<f64> = of.map(|(s, _)| 100.0 * s.last_error).collect();
+            errors.sort_by(f64::total_cmp);
+            let summary = ErrorSummary::of(&errors);
+            table.rows.push(vec![
+                Cell::text(name),
+                Cell::text(verdict.name()),
+                Cell::Count(errors.len()),
+                Cell::maybe(summary.map(|s| s.mean), 2),
+                Cell::maybe(summary.map(|s| s.median), 2),
+                Cell::maybe(errors.last().copied(), 2),
+            ]);
+        }
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn median_regression_ignores_outliers() {
+        // y = 2 x + 1, and one row in five is far off.
+        let rows: Vec<(Vec<f64>, f64)> = (0..200)
+            .map(|k| {
+                let x = f64::from(k) / 100.0;
+                (vec![1.0, x], 2.0 * x + 1.0 + if k % 5 == 0 { 40.0 } else { 0.0 })
+            })
+            .collect();
+        let weights = median_regression(&rows, 2).unwrap();
+        assert!((weights[0] - 1.0).abs() < 0.05 && (weights[1] - 2.0).abs() < 0.05, "{weights:?}");
+    }
+
+    #[test]
+    fn calibrations_do_not_decrease() {
+        let scored: Vec<(f64, f64)> = (0..480).map(|k| (f64::from(k), if k < 240 { 5.0 } else { f64::from(k % 7) })).collect();
+        let knots = calibrate(scored);
+        assert!(knots.windows(2).all(|k| k[0].0 < k[1].0 && k[0].1 < k[1].1), "{knots:?}");
+    }
+
+    #[test]
+    fn parts_compare_medians() {
+        // Ten nodes of expected 1..10 whose true error is twice that: fifths of two, medians 1.5 and 3.0 in the first.
+        let errors = (1..=10).rev().map(|k| ExpectedError { expected: f64::from(k), truth: 2.0 * f64::from(k), px: 0.5 });
+        let parts = calibration(errors.collect(), QUINTILES);
+        assert_eq!(parts.len(), 5);
+        assert_eq!((parts[0].count, parts[0].expected, parts[0].truth, parts[0].ratio()), (2, 1.5, 3.0, 0.5));
+        assert_eq!((parts[4].expected_px, parts[4].truth_px), (4.75, 9.5));
+        assert!(calibration(Vec::new(), QUINTILES).is_empty());
+    }
+}

@@ -1,0 +1,424 @@
+//! Which nodes are marked: choices to compare, and the search for the best.
+//!
+//! The criterion of the search is the mean node error in percent of the eye distance, over all known nodes of all people, averaged
+//! over the populations and over 5, 6, 7 and 8 marks, when every mark carries the error that its feature allows
+//! (`candide/markable_nodes.csv`). One order of nodes serves all numbers of marks: a prefix of it is marked. The search is greedy: the
+//! best pair under the similarity, then the node that lowers the error most, one at a time, to eight; then exchanges (one of the eight
+//! against a node outside, or two of the eight against each other) as long as one of them lowers the criterion; then greedy to fifteen.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use super::{Cell, EvaluateError, FitMethod, MarkNoise, Person, Population, Table, fit::person_errors};
+use grimace::{
+    dataset::DEFAULT_LANDMARK_NODES,
+    units::{FeaturePoint, NodeId},
+    wireframe::{Region, Tables, Wireframe},
+};
+
+const MARKABLE: &str = include_str!("../../../../candide/markable_nodes.csv");
+const SUGGESTED: &str = include_str!("../../../../candide/suggested_marks.csv");
+
+/// Numbers of marks that the criterion of the search averages over: KP's working range.
+pub const SELECTION_SIZES: std::ops::RangeInclusive<usize> = 5..=8;
+
+/// Length of the suggested order.
+pub const SUGGESTED_COUNT: usize = 15;
+
+/// Smallest gain of the criterion that counts, percent of the eye distance: well above rounding.
+const LEAST_GAIN: f64 = 1e-9;
+
+/// A node at a feature that a person can click.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkableNode {
+    /// The node.
+    pub node: NodeId,
+    /// Standard deviation of a careful person's mark, in x and in y, over the eye distance.
+    pub deviation_es: f64,
+    /// The feature in words; left and right are the subject's own.
+    pub description: String,
+}
+
+/// One of the suggested marks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SuggestedMark {
+    /// Place in the order, from 1.
+    pub rank: usize,
+    /// The node.
+    pub node: NodeId,
+    /// Its MPEG-4 feature point, where it is one by itself.
+    pub fp: Option<FeaturePoint>,
+    /// Criterion with the marks up to this one, percent of the eye distance; `None` for fewer than three.
+    pub error_after: Option<f64>,
+    /// The feature in words.
+    pub description: String,
+}
+
+fn rows<T: for<'de> Deserialize<'de>>(name: &str, text: &str) -> Vec<T> {
+    let rows: Result<_, _> = csv::Reader::from_reader(text.as_bytes()).deserialize().collect();
+    rows.unwrap_or_else(|error| unreachable!("embedded table {name}: {error}"))
+}
+
+/// The nodes that a person can mark, from `candide/markable_nodes.csv`.
+pub fn markable_nodes() -> Vec<MarkableNode> {
+    #[derive(Deserialize)]
+    struct Row {
+        node: u16,
+        sd_percent_es: f64,
+        description: String,
+    }
+    let node = |r: Row| MarkableNode { node: NodeId(r.node), deviation_es: r.sd_percent_es / 100.0, description: r.description };
+    rows("markable_nodes.csv", MARKABLE).into_iter().map(node).collect()
+}
+
+/// The suggested marks in order, from `candide/suggested_marks.csv`: mark the first 5 to 8.
+pub fn suggested_marks() -> Vec<SuggestedMark> {
+    #[derive(Deserialize)]
+    struct Row {
+        rank: usize,
+        node: u16,
+        fp: String,
+        error_after_percent_es: Option<f64>,
+        description: String,
+    }
+    let mark = |r: Row| SuggestedMark {
+        rank: r.rank,
+        node: NodeId(r.node),
+        fp: r.fp.parse().ok(),
+        error_after: r.error_after_percent_es,
+        description: r.description,
+    };
+    rows("suggested_marks.csv", SUGGESTED).into_iter().map(mark).collect()
+}
+
+/// A way to choose which nodes are marked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkChoice {
+    /// Name in tables and figures.
+    pub name: String,
+    order: Order,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Order {
+    /// The first so many of these.
+    Fixed(Vec<NodeId>),
+    /// So many of these, drawn anew for every person.
+    Random(Vec<NodeId>),
+}
+
+impl MarkChoice {
+    /// The first so many of an order of nodes; nodes that a person's data lack are passed over.
+    pub fn fixed(name: impl Into<String>, nodes: Vec<NodeId>) -> Self {
+        Self { name: name.into(), order: Order::Fixed(nodes) }
+    }
+
+    /// So many of the nodes, drawn anew for every person.
+    pub fn random(name: impl Into<String>, nodes: Vec<NodeId>) -> Self {
+        Self { name: name.into(), order: Order::Random(nodes) }
+    }
+
+    /// The `count` nodes marked on a person, the `index`-th; `None` when there are not so many.
+    pub fn nodes(&self, person: &Person, index: u32, count: usize, seed: u64) -> Option<Vec<NodeId>> {
+        let known = |nodes: &[NodeId]| nodes.iter().copied().filter(|&n| person.knows(n)).collect::<Vec<_>>();
+        let mut nodes = match &self.order {
+            Order::Fixed(nodes) => known(nodes),
+            Order::Random(nodes) => {
+                let mut nodes = known(nodes);
+                let mut random = ChaCha8Rng::seed_from_u64(seed);
+                // The top bit keeps the stream apart from those of the marks' errors.
+                random.set_stream(1 << 63 | u64::from(index));
+                for k in 0..nodes.len() {
+                    let other = random.random_range(k..nodes.len());
+                    nodes.swap(k, other);
+                }
+                nodes
+            }
+        };
+        if nodes.len() < count {
+            return None;
+        }
+        nodes.truncate(count);
+        Some(nodes)
+    }
+}
+
+/// The choices compared: suggested, the landmarks used by default and on, upper face only, random.
+pub fn standard_choices(tables: &Tables) -> Vec<MarkChoice> {
+    let markable: Vec<NodeId> = markable_nodes().iter().map(|m| m.node).collect();
+    let suggested = suggested_marks().iter().map(|m| m.node).collect();
+    // Corners of eyes and mouth and the chin, with three of them far apart; then nose, brows, lips.
+    let [left_outer, left_inner, right_outer, right_inner, left_mouth, right_mouth, chin] = DEFAULT_LANDMARK_NODES;
+    let further = [6, 7, 8, 15, 48, 26, 59, 16].map(NodeId);
+    let first = [left_outer, right_outer, chin, left_mouth, right_mouth, left_inner, right_inner];
+    let corners = first.into_iter().chain(further).collect();
+    let is_upper = |n: &NodeId| matches!(tables.region(*n), Region::Brow | Region::Eye | Region::Nose | Region::Forehead);
+    let upper = markable.iter().copied().filter(is_upper).collect();
+    vec![
+        MarkChoice::fixed("suggested", suggested),
+        MarkChoice::fixed("corners and chin", corners),
+        MarkChoice::fixed("upper face only", upper),
+        MarkChoice::random("random", markable),
+    ]
+}
+
+/// The search.
+struct Search<'a> {
+    wireframe: &'a Wireframe,
+    populations: &'a [Population],
+    method: &'a FitMethod,
+    markable: &'a [MarkableNode],
+}
+
+impl Search<'_> {
+    /// Mean node error, percent of the eye distance: over a person's nodes, over people, over populations. Infinite when a person
+    /// can not be fitted.
+    fn error(&self, method: &FitMethod, nodes: &[NodeId]) -> f64 {
+        let noise = MarkNoise::Reliability(self.markable);
+        let of_person = |person: &Person| {
+            let errors = person_errors(self.wireframe, method, person, nodes, noise, false)?;
+            let mean = errors.iter().map(|e| e.0).sum::<f64>() / errors.len() as f64;
+            Some(100.0 * mean / person.eye_distance)
+        };
+        let of_population = |population: &Population| {
+            let errors: Vec<f64> = population.people.iter().map(|p| of_person(p).unwrap_or(f64::INFINITY)).collect();
+            errors.iter().sum::<f64>() / errors.len() as f64
+        };
+        self.populations.iter().map(of_population).sum::<f64>() / self.populations.len() as f64
+    }
+
+    /// Mean error over the sizes of the working range that an order of nodes reaches.
+    fn criterion(&self, order: &[NodeId]) -> f64 {
+        let sizes: Vec<usize> = SELECTION_SIZES.filter(|&size| size <= order.len()).collect();
+        sizes.iter().map(|&size| self.error(self.method, &order[..size])).sum::<f64>() / sizes.len() as f64
+    }
+
+    /// The best of some orders by a measure, with its value; the first of equals.
+    fn best(orders: Vec<Vec<NodeId>>, measure: impl Fn(&[NodeId]) -> f64 + Sync) -> Option<(Vec<NodeId>, f64)> {
+        let values: Vec<f64> = orders.par_iter().map(|order| measure(order)).collect();
+        let best = (0..orders.len()).min_by(|&a, &b| values[a].total_cmp(&values[b]).then(a.cmp(&b)))?;
+        Some((orders.into_iter().nth(best)?, values[best]))
+    }
+
+    /// The order and the node that lowers the error most behind it.
+    fn extended(order: &[NodeId], candidates: &[NodeId]) -> Vec<Vec<NodeId>> {
+        let new = candidates.iter().filter(|c| !order.contains(c));
+        new.map(|&c| order.iter().copied().chain([c]).collect()).collect()
+    }
+
+    /// All orders one exchange away.
+    fn exchanged(order: &[NodeId], candidates: &[NodeId]) -> Vec<Vec<NodeId>> {
+        let mut orders = Vec::new();
+        for place in 0..order.len() {
+            for &candidate in candidates.iter().filter(|c| !order.contains(c)) {
+                let mut other = order.to_vec();
+                other[place] = candidate;
+                orders.push(other);
+            }
+            // Two places that no size of the working range separates are the same for the criterion.
+            for later in (place + 1).max(*SELECTION_SIZES.start())..order.len() {
+                let mut other = order.to_vec();
+                other.swap(place, later);
+                orders.push(other);
+            }
+        }
+        orders
+    }
+}
+
+/// Searches the best order of marks for people and a method; see the module for the criterion.
+///
+/// `progress` is called with steps done and an estimate of all steps, and may return `false` to stop.
+///
+/// # Errors
+/// [`EvaluateError::TooFewCandidates`] when fewer than [`SUGGESTED_COUNT`] nodes can be marked on every person, or
+/// [`EvaluateError::Interrupted`].
+pub fn suggest_marks(
+    wireframe: &Wireframe,
+    tables: &Tables,
+    populations: &[Population],
+    method: &FitMethod,
+    mut progress: impl FnMut(usize, usize) -> bool,
+) -> Result<Vec<SuggestedMark>, EvaluateError> {
+    let markable = markable_nodes();
+    let everywhere = |n: NodeId| populations.iter().all(|p| p.people.iter().all(|person| person.knows(n)));
+    let candidates: Vec<NodeId> = markable.iter().map(|m| m.node).filter(|&n| everywhere(n)).collect();
+    if candidates.len() < SUGGESTED_COUNT {
+        return Err(EvaluateError::TooFewCandidates { found: candidates.len(), needed: SUGGESTED_COUNT });
+    }
+    let search = Search { wireframe, populations, method, markable: &markable };
+    let largest = *SELECTION_SIZES.end();
+    // Forward steps, and about as many rounds of exchange as there are marks.
+    let (mut done, total) = (0, SUGGESTED_COUNT + largest);
+    let mut step = || {
+        done += 1;
+        if progress(done.min(total), total) { Ok(()) } else { Err(EvaluateError::Interrupted) }
+    };
+
+    let mut pairs = Vec::new();
+    for (k, &a) in candidates.iter().enumerate() {
+        pairs.extend(candidates[k + 1..].iter().map(|&b| vec![a, b]));
+    }
+    let similarity = FitMethod::similarity(wireframe);
+    let too_few = EvaluateError::TooFewCandidates { found: candidates.len(), needed: SUGGESTED_COUNT };
+    let Some((mut order, _)) = Search::best(pairs, |nodes| search.error(&similarity, nodes)) else { return Err(too_few) };
+    step()?;
+    let forward = |order: &mut Vec<NodeId>| {
+        if let Some((longer, _)) = Search::best(Search::extended(order, &candidates), |nodes| search.error(method, nodes)) {
+            *order = longer;
+        }
+    };
+    while order.len() < largest {
+        forward(&mut order);
+        step()?;
+    }
+    let mut value = search.criterion(&order);
+    while let Some((better, found)) = Search::best(Search::exchanged(&order, &candidates), |nodes| search.criterion(nodes)) {
+        if found >= value - LEAST_GAIN {
+            break;
+        }
+        (order, value) = (better, found);
+        step()?;
+    }
+    order_for_fewer(&search, &mut order);
+    while order.len() < SUGGESTED_COUNT {
+        forward(&mut order);
+        step()?;
+    }
+
+    let mark = |(k, node): (usize, &NodeId)| SuggestedMark {
+        rank: k + 1,
+        node: *node,
+        fp: tables.feature_points.iter().find(|row| row.nodes == [*node]).map(|row| row.fp),
+        error_after: (k >= 2).then(|| search.error(method, &order[..=k])),
+        description: markable.iter().find(|m| m.node == *node).map(|m| m.description.clone()).unwrap_or_default(),
+    };
+    Ok(order.iter().enumerate().map(mark).collect())
+}
+
+/// Puts the first marks, whose order the criterion leaves open, in the order that is best for three and for four.
+fn order_for_fewer(search: &Search, order: &mut [NodeId]) {
+    for size in (3..*SELECTION_SIZES.start()).rev() {
+        // Which of the first `size + 1` is best left for last?
+        let head = order[..=size].to_vec();
+        let orders = (0..=size).map(|last| {
+            let mut nodes: Vec<NodeId> = head.iter().enumerate().filter(|(k, _)| *k != last).map(|(_, n)| *n).collect();
+            nodes.push(head[last]);
+            nodes
+        });
+        if let Some((best, _)) = Search::best(orders.collect(), |nodes| search.error(search.method, &nodes[..size])) {
+            order[..=size].copy_from_slice(&best);
+        }
+    }
+}
+
+/// Suggested marks in the columns of `suggested_marks.csv`.
+pub fn suggested_table(marks: &[SuggestedMark]) -> Table {
+    let mut table = Table::new(["rank", "node", "fp", "error_after_percent_es", "description"]);
+    for m in marks {
+        table.rows.push(vec![
+            Cell::Count(m.rank),
+            Cell::Count(m.node.index()),
+            Cell::Text(m.fp.map(|fp| fp.to_string()).unwrap_or_default()),
+            Cell::maybe(m.error_after.map(|e| (e * 1e4).round() / 1e4), 2),
+            Cell::text(&m.description),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        evaluate::{TruthNode, simulated_people},
+        simulate::SimulateOptions,
+    };
+
+    #[test]
+    fn markable_nodes_are_live_named_once_and_plausible() {
+        let wireframe = Wireframe::candide3();
+        let nodes = markable_nodes();
+        let distinct: std::collections::BTreeSet<_> = nodes.iter().map(|m| m.node).collect();
+        assert_eq!(distinct.len(), nodes.len());
+        for m in &nodes {
+            assert!(wireframe.live_nodes().contains(&m.node), "{}", m.node);
+            assert!((0.005..=0.1).contains(&m.deviation_es) && !m.description.is_empty(), "{}", m.node);
+        }
+        // A mirrored node is as easy to click.
+        let frontal = wireframe.frontal();
+        for m in &nodes {
+            let p = frontal[m.node.index()];
+            let mirrored = |other: &&MarkableNode| {
+                let q = frontal[other.node.index()];
+                (q.x + p.x).abs() < 1e-9 && (q.y - p.y).abs() < 1e-9
+            };
+            let twin = nodes.iter().find(mirrored).unwrap_or_else(|| panic!("node {} lacks its mirror", m.node));
+            assert_eq!(twin.deviation_es, m.deviation_es, "{}", m.node);
+        }
+    }
+
+    #[test]
+    fn the_shipped_suggestion_is_an_order_of_markable_nodes_that_gets_better() {
+        let marks = suggested_marks();
+        let markable: Vec<NodeId> = markable_nodes().iter().map(|m| m.node).collect();
+        assert_eq!(marks.iter().map(|m| m.rank).collect::<Vec<_>>(), (1..=SUGGESTED_COUNT).collect::<Vec<_>>());
+        let distinct: std::collections::BTreeSet<_> = marks.iter().map(|m| m.node).collect();
+        assert_eq!(distinct.len(), SUGGESTED_COUNT);
+        let tables = Tables::candide3();
+        for m in &marks {
+            assert!(markable.contains(&m.node) && !m.description.is_empty());
+            assert_eq!(m.error_after.is_some(), m.rank >= 3);
+            if let Some(fp) = m.fp {
+                assert_eq!(tables.feature_point_nodes(fp), Some([m.node].as_slice()));
+            }
+        }
+        let errors: Vec<f64> = marks.iter().filter_map(|m| m.error_after).collect();
+        assert!(errors.windows(2).all(|w| w[1] < w[0]), "{errors:?}");
+    }
+
+    #[test]
+    fn the_search_finds_marks_better_than_the_corners_and_is_repeatable() {
+        let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+        let options = SimulateOptions { subjects: 6, ..SimulateOptions::default() };
+        let people = vec![simulated_people(&options, &wireframe, &tables).unwrap()];
+        let method = FitMethod::similarity(&wireframe);
+        let marks = suggest_marks(&wireframe, &tables, &people, &method, |_, _| true).unwrap();
+        let markable = markable_nodes();
+        let search = Search { wireframe: &wireframe, populations: &people, method: &method, markable: &markable };
+        let found: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
+        let corners: Vec<NodeId> = DEFAULT_LANDMARK_NODES.into_iter().chain([NodeId(6)]).collect();
+        assert!(search.criterion(&found[..8]) < search.criterion(&corners));
+        assert_eq!(marks[6].error_after, Some(search.error(&method, &found[..7])));
+        assert_eq!(suggest_marks(&wireframe, &tables, &people, &method, |_, _| true).unwrap(), marks);
+        assert!(matches!(suggest_marks(&wireframe, &tables, &people, &method, |_, _| false), Err(EvaluateError::Interrupted)));
+    }
+
+    #[test]
+    fn too_few_nodes_are_refused_with_their_number() {
+        let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+        let node = |n| TruthNode { node: NodeId(n), position: nalgebra::Point2::new(f64::from(n), 0.0), inner: true };
+        let person = Person::new("p".to_owned(), 1.0, vec![node(20), node(53), node(10)], 1, 0);
+        let people = [Population { name: "few".to_owned(), real: true, people: vec![person] }];
+        let error = suggest_marks(&wireframe, &tables, &people, &FitMethod::similarity(&wireframe), |_, _| true).unwrap_err();
+        assert!(error.to_string().starts_with("3 nodes can be marked on every person; at least 15"), "{error}");
+    }
+
+    #[test]
+    fn choices_take_the_first_known_nodes_and_random_ones_differ_by_person() {
+        let node = |n| TruthNode { node: NodeId(n), position: nalgebra::Point2::new(f64::from(n), 0.0), inner: true };
+        let person = Person::new("p".to_owned(), 1.0, (0..30).map(node).collect(), 1, 0);
+        let fixed = MarkChoice::fixed("f", [99, 3, 5, 7].map(NodeId).to_vec());
+        assert_eq!(fixed.nodes(&person, 0, 2, 1), Some(vec![NodeId(3), NodeId(5)]));
+        assert_eq!(fixed.nodes(&person, 0, 4, 1), None);
+        let random = MarkChoice::random("r", (0..30).map(NodeId).collect());
+        let draw = |index, seed| random.nodes(&person, index, 9, seed).unwrap();
+        assert_eq!(draw(0, 1), draw(0, 1));
+        assert_ne!(draw(0, 1), draw(1, 1));
+        assert_ne!(draw(0, 1), draw(0, 2));
+        // More marks keep those that were there: curves over the number of marks compare like with like.
+        assert_eq!(random.nodes(&person, 0, 5, 1).unwrap(), draw(0, 1)[..5]);
+    }
+}

@@ -1,0 +1,241 @@
+//! Time and memory of the statistics by the number of models, on made-up models in a columnar file.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use rayon::prelude::*;
+
+use super::{Cell, SyntheticPeople, Table};
+use grimace::{
+    columnar::{ColumnarError, ColumnarModels, ColumnarRow, ColumnarWriter},
+    normalize::FRAMES_PER_MODEL,
+    statistics::{
+        ClassLabel, MedianKind, StatisticsError, StatisticsOptions,
+        scale::{SlotSource, representative_of_many},
+    },
+    units::SequenceId,
+    wireframe::FapusError,
+};
+
+/// What is measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScaleOptions {
+    /// Numbers of models, ascending.
+    pub models: Vec<usize>,
+    /// Most models that are trimmed.
+    pub trim_up_to: usize,
+    /// Share trimmed.
+    pub alpha: f64,
+    /// Memory of the statistics, bytes.
+    pub memory: u64,
+    /// Seed of the models.
+    pub seed: u64,
+}
+
+/// One measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScaleRow {
+    /// Models N''.
+    pub models: usize,
+    /// Share trimmed; 0 for none.
+    pub alpha: f64,
+    /// Time of reading, trimming, both medians and dispersions, seconds.
+    pub seconds: f64,
+    /// Processor time of all threads meanwhile, seconds; `None` where the system does not tell.
+    pub cpu_seconds: Option<f64>,
+    /// Largest resident memory while doing so, MB; `None` where the system does not tell.
+    pub peak_mb: Option<f64>,
+    /// (Field, model) pairs whose trimming was computed exactly, and those that rounding leaves open; `None` without trimming.
+    pub exact_and_open: Option<(usize, usize)>,
+    /// Relative gap of the median to its proven bound.
+    pub certificate_gap: f64,
+    /// Dispersion, face units.
+    pub dispersion: f64,
+    /// Size of the file, MB.
+    pub file_mb: f64,
+    /// Time of making and writing the models, seconds.
+    pub write_seconds: f64,
+}
+
+/// Why scale can not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum ScaleError {
+    /// Candide-3 has no FAPUs.
+    #[error(transparent)]
+    Fapus(#[from] FapusError),
+    /// The file of models.
+    #[error(transparent)]
+    Columnar(#[from] ColumnarError),
+    /// Statistics.
+    #[error(transparent)]
+    Statistics(#[from] StatisticsError),
+}
+
+/// Models made at once.
+const CHUNK: usize = 4096;
+
+/// Writes made-up models of one emotion.
+///
+/// # Errors
+/// [`ScaleError`] when the file can not be written.
+pub fn write_synthetic_models(path: &Path, count: usize, seed: u64) -> Result<(), ScaleError> {
+    let people = SyntheticPeople::new(seed)?;
+    let mut writer = ColumnarWriter::create(path, &[], FRAMES_PER_MODEL, people.wireframe().node_count())?;
+    let mut start = 0;
+    while start < count {
+        let end = count.min(start + CHUNK);
+        let row = |i: usize| ColumnarRow {
+            id: SequenceId { subject: format!("p{i:08}"), sequence: "1".to_owned() },
+            emotion: "happiness".to_owned(),
+            metadata: Vec::new(),
+            coordinates: people.frames(i as u64, 1.0).iter().flatten().flat_map(|p| [p.x, p.y]).collect(),
+        };
+        for row in (start..end).into_par_iter().map(row).collect::<Vec<_>>() {
+            writer.push(row)?;
+        }
+        start = end;
+    }
+    writer.finish()?;
+    Ok(())
+}
+
+/// Measures the statistics for every number of models; the file of models stands in `folder` meanwhile.
+///
+/// # Errors
+/// [`ScaleError`].
+pub fn evaluate_scale(
+    options: &ScaleOptions,
+    folder: &Path,
+    mut tick: impl FnMut(&ScaleRow),
+) -> Result<Vec<ScaleRow>, ScaleError> {
+    let people = SyntheticPeople::new(options.seed)?;
+    let live = people.wireframe().live_nodes();
+    let path: PathBuf = folder.join("models.parquet");
+    let mut rows = Vec::new();
+    for &models in &options.models {
+        let started = Instant::now();
+        write_synthetic_models(&path, models, options.seed)?;
+        let write_seconds = started.elapsed().as_secs_f64();
+        let file_mb = std::fs::metadata(&path).map_or(0.0, |m| m.len() as f64 / 1e6);
+        for alpha in [options.alpha, 0.0] {
+            if alpha > 0.0 && models > options.trim_up_to {
+                continue;
+            }
+            reset_peak();
+            let (started, cpu) = (Instant::now(), cpu_seconds());
+            let file = ColumnarModels::open(&path)?;
+            let class = file.class((0..file.row_count()).collect(), live);
+            let (ids, neutral) = (class.ids(), class.neutral()?);
+            let label = ClassLabel { emotion: "happiness".to_owned(), group: BTreeMap::new() };
+            let statistics = StatisticsOptions { alpha, median: MedianKind::Exact, ..StatisticsOptions::default() };
+            let source: &ColumnarClassRef<'_> = &class;
+            let r = representative_of_many(label, ids, neutral, source, people.wireframe(), &statistics, options.memory)?;
+            let row = ScaleRow {
+                models,
+                alpha,
+                seconds: started.elapsed().as_secs_f64(),
+                cpu_seconds: cpu.and_then(|before| Some(cpu_seconds()? - before)),
+                peak_mb: peak_mb(),
+                exact_and_open: r.certificate.as_ref().map(|c| (c.decided_exactly, c.undecided.len())),
+                certificate_gap: r.sums.certificate_gap,
+                dispersion: r.dispersion.unwrap_or(0.0),
+                file_mb,
+                write_seconds,
+            };
+            debug_assert_eq!(source.model_count(), models);
+            tick(&row);
+            rows.push(row);
+        }
+        // Gone already, or not to be removed: either way nothing more can be done.
+        let _ = std::fs::remove_file(&path);
+    }
+    Ok(rows)
+}
+
+type ColumnarClassRef<'a> = grimace::columnar::ColumnarClass<'a>;
+
+/// Starts the measurement of the largest resident memory anew, where the system can.
+fn reset_peak() {
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
+/// Largest resident memory since the start or the last [`reset_peak`], MB.
+fn peak_mb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.split_whitespace().next()?.parse::<f64>().ok().map(|kb| kb * 1024.0 / 1e6)
+}
+
+/// Processor time of this process so far, seconds.
+fn cpu_seconds() -> Option<f64> {
+    // Linux counts hundredths of a second in this file.
+    const TICKS: f64 = 100.0;
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name may hold blanks; user and system time are the 12th and 13th fields behind it.
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks = |place: usize| fields.get(place)?.parse::<f64>().ok();
+    Some((ticks(11)? + ticks(12)?) / TICKS)
+}
+
+/// Exponent of the growth of the time of the untrimmed median between the smallest and the largest number of models.
+pub fn growth_exponent(rows: &[ScaleRow]) -> Option<f64> {
+    let untrimmed: Vec<&ScaleRow> = rows.iter().filter(|row| row.alpha == 0.0).collect();
+    let (first, last) = (untrimmed.first()?, untrimmed.last()?);
+    // Processor time, where there is one: others on the machine do not count.
+    let time = |row: &ScaleRow| row.cpu_seconds.filter(|t| *t > 0.0).unwrap_or(row.seconds);
+    (last.models > first.models).then(|| (time(last) / time(first)).ln() / (last.models as f64 / first.models as f64).ln())
+}
+
+/// A row per measurement.
+pub fn scale_table(rows: &[ScaleRow]) -> Table {
+    let mut table = Table::new([
+        "models",
+        "alpha",
+        "seconds",
+        "cpu_seconds",
+        "peak_mb",
+        "decided_exactly",
+        "undecided",
+        "certificate_gap",
+        "dispersion",
+        "file_mb",
+        "write_seconds",
+    ]);
+    for row in rows {
+        let count = |n: Option<usize>| n.map_or(Cell::Empty, Cell::Count);
+        table.rows.push(vec![
+            Cell::Count(row.models),
+            Cell::Number(row.alpha, 2),
+            Cell::Number(row.seconds, 2),
+            Cell::maybe(row.cpu_seconds, 2),
+            Cell::maybe(row.peak_mb, 0),
+            count(row.exact_and_open.map(|(exact, _)| exact)),
+            count(row.exact_and_open.map(|(_, open)| open)),
+            Cell::Number(row.certificate_gap, 14),
+            Cell::Number(row.dispersion, 4),
+            Cell::Number(row.file_mb, 0),
+            Cell::Number(row.write_seconds, 1),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_numbers_are_measured_and_the_file_is_gone() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = ScaleOptions { models: vec![50, 100], trim_up_to: 50, alpha: 0.1, memory: 1 << 24, seed: 1 };
+        let rows = evaluate_scale(&options, folder.path(), |_| {}).unwrap();
+        assert_eq!(rows.iter().map(|r| (r.models, r.alpha)).collect::<Vec<_>>(), [(50, 0.1), (50, 0.0), (100, 0.0)]);
+        // Trimming lowers the dispersion; every median is proven.
+        assert!(rows[0].dispersion < rows[1].dispersion && rows.iter().all(|r| r.certificate_gap < 1e-10));
+        assert!(growth_exponent(&rows).is_some());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

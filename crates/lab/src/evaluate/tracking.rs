@@ -1,0 +1,405 @@
+//! The tracking experiment: node errors over the frames of sequences whose nodes are known [KP, Fig. 3 and eq. (1)].
+//!
+//! Two protocols ([`Start`]): from true positions, which measures the tracker alone; and from a few marks, which measures fit and
+//! tracker together, by the error of the offset from neutral (what a FAP measures). KP's eq. (1) is the mean over the nodes of one
+//! frame; in simulated sequences the nodes are all live ones, in real ones those that have a landmark.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use image::{DynamicImage, GrayImage};
+use nalgebra::Point2;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{
+    EvaluateError, MarkNoise, Person, Records, TrackerVariant, TruthError, TruthNode,
+    records::RecordedError,
+    truth::{compared_nodes, group_of, landmark_eye_distance, read_truth, truth_path},
+};
+use crate::simulate::{CameraOptions, Emotion, SimulateOptions, SimulatedSequence, Subject};
+use grimace::{
+    dataset::{Dataset, DatasetError, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
+    fit::{Correspondence, Fitter},
+    sequence::{Frame, SequenceError, SequenceReader},
+    track::{TrackPlan, eye_distance_px},
+    units::NodeId,
+    wireframe::{Region, Tables, Wireframe},
+};
+
+/// How a sequence is started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Start {
+    /// All known nodes of the neutral frame as hard positions; the error is that of the position.
+    Landmarks,
+    /// A fit to a few marks; the error is that of the offset from neutral.
+    Seven,
+}
+
+/// What is compared and how.
+#[derive(Clone, Debug)]
+pub struct TrackingOptions {
+    /// Protocol.
+    pub start: Start,
+    /// Trackers.
+    pub variants: Vec<TrackerVariant>,
+    /// Nodes marked with [`Start::Seven`].
+    pub marks: Vec<NodeId>,
+    /// Standard deviation of those marks in simulated sequences, px.
+    pub marks_noise_px: f64,
+    /// Manifest column to group by; one group without.
+    pub by: Option<String>,
+    /// Seed of the marks' errors.
+    pub seed: u64,
+}
+
+/// One sequence to track.
+#[derive(Clone, Debug)]
+pub struct TrackingCase {
+    /// Name.
+    pub id: String,
+    group: String,
+    source: CaseSource,
+}
+
+#[derive(Clone, Debug)]
+enum CaseSource {
+    Simulated {
+        options: SimulateOptions,
+        subject: u32,
+        emotion: Emotion,
+    },
+    /// With landmarks, or with exact positions of all nodes where there is a file of them.
+    Entry {
+        entry: Box<SequenceEntry>,
+        exact: Option<PathBuf>,
+    },
+}
+
+/// A sequence that was left out, for all variants alike, and why.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failed {
+    /// Name.
+    pub id: String,
+    /// The variant that failed, or empty when the sequence itself does not serve.
+    pub variant: String,
+    /// The error.
+    pub reason: String,
+}
+
+/// What came out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackingResult {
+    /// The errors.
+    pub records: Records,
+    /// Sequences left out.
+    pub failures: Vec<Failed>,
+}
+
+/// The hard version of a simulation, about as bad as film of a dim room with a consumer camera: the head turned by up to 8 degrees,
+/// pixel noise of 4 grey levels, motion blur of half the time between two frames, a lens 0.8 px (standard deviation) out of focus,
+/// brightness that changes by up to 15 % and 8 grey levels over the sequence, a gradient of ±15 % that moves over the face, and JPEG
+/// compression of quality 75. None of it moves a node.
+pub fn hard_simulation(options: &SimulateOptions) -> SimulateOptions {
+    let camera = CameraOptions {
+        shutter: 0.5,
+        defocus_px: 0.8,
+        gain_change: 0.15,
+        bias_change: 8.0,
+        light_gradient: 0.15,
+        compression: Some(75),
+    };
+    SimulateOptions { noise_sigma: 4.0, yaw_degrees: 8.0, camera, ..options.clone() }
+}
+
+/// One sequence for every subject and emotion of a simulation.
+///
+/// # Errors
+/// [`EvaluateError::Simulate`] for options out of range.
+pub fn simulated_cases(options: &SimulateOptions) -> Result<Vec<TrackingCase>, EvaluateError> {
+    options.check()?;
+    let case = |subject: u32, emotion: Emotion| TrackingCase {
+        id: format!("S{:03}_{:03}", subject + 1, emotion.code()),
+        group: "simulated".to_owned(),
+        source: CaseSource::Simulated { options: options.clone(), subject, emotion },
+    };
+    let emotions = |subject| options.emotions.iter().map(move |&emotion| case(subject, emotion));
+    Ok((0..options.subjects).flat_map(emotions).collect())
+}
+
+/// The sequences of a dataset that have landmarks, or exact positions in `truth/SUBJECT_SEQUENCE.csv`, grouped by a column of its manifest; and what of it does not read.
+///
+/// # Errors
+/// [`EvaluateError`] when the dataset does not open, lacks the column, or has no sequence with landmarks.
+pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>, Vec<Failed>), EvaluateError> {
+    let dataset = Dataset::open(path)?;
+    let mut failures: Vec<Failed> = Vec::new();
+    for f in &dataset.failures {
+        failures.push(Failed {
+            id: format!("{}_{}", f.subject, f.sequence),
+            variant: String::new(),
+            reason: f.error.to_string(),
+        });
+    }
+    let mut cases = Vec::new();
+    for entry in dataset.sequences {
+        // Beside the manifest; in the layout of Cohn-Kanade beside the folder of the images.
+        let exact = [&dataset.root, path].map(|root| truth_path(root, &entry.id)).into_iter().find(|path| path.is_file());
+        if entry.landmarks_paths.is_empty() && exact.is_none() {
+            continue;
+        }
+        let group = group_of(&entry, by)?;
+        cases.push(TrackingCase { id: entry.id.to_string(), group, source: CaseSource::Entry { entry: Box::new(entry), exact } });
+    }
+    if cases.is_empty() {
+        return Err(EvaluateError::NoTruth { path: path.to_owned() });
+    }
+    Ok((cases, failures))
+}
+
+/// A sequence ready to be tracked.
+struct Prepared {
+    frames: PreparedFrames,
+    eye_distance: f64,
+    /// Nodes compared: the node, its part, inner face or not.
+    compared: Vec<(NodeId, String, bool)>,
+    /// By frame number: true positions in the order of `compared`. Frames without are not compared.
+    truth: BTreeMap<u32, Vec<Point2<f64>>>,
+    /// What the wireframe is fitted to.
+    marks: Vec<Correspondence>,
+}
+
+enum PreparedFrames {
+    Images(Vec<GrayImage>),
+    Source(FrameSource),
+}
+
+impl PreparedFrames {
+    fn open(&self) -> Result<Box<dyn Iterator<Item = Result<Frame, SequenceError>> + '_>, SequenceError> {
+        Ok(match self {
+            Self::Images(images) => Box::new((1..).zip(images).map(|(number, image)| Frame::from_image(number, image))),
+            Self::Source(source) => Box::new(SequenceReader::open(source)?),
+        })
+    }
+}
+
+/// Tracks every sequence with every variant and compares. `progress` is called from any thread when a sequence is finished and may
+/// return `false` to stop.
+///
+/// A sequence that fails for one variant is left out for all, so that all are compared on the same sequences.
+///
+/// # Errors
+/// [`EvaluateError::Interrupted`].
+pub fn evaluate_tracking(
+    cases: &[TrackingCase],
+    fitter: &Fitter,
+    wireframe: &Wireframe,
+    tables: &Tables,
+    options: &TrackingOptions,
+    progress: impl Fn() -> bool + Sync,
+) -> Result<TrackingResult, EvaluateError> {
+    let bench = Bench { fitter, wireframe, tables, options, plan: TrackPlan::new(wireframe, tables) };
+    let results: Vec<Option<Result<CaseErrors, Failed>>> = cases
+        .par_iter()
+        .enumerate()
+        .map(|(index, case)| {
+            let result = bench.run(case, index);
+            progress().then_some(result)
+        })
+        .collect();
+    let mut groups: Vec<String> = cases.iter().map(|c| c.group.clone()).collect();
+    groups.sort();
+    groups.dedup();
+    let mut records = Records {
+        variants: options.variants.iter().map(|v| v.name.clone()).collect(),
+        groups,
+        sequences: cases.iter().map(|c| c.id.clone()).collect(),
+        parts: Vec::new(),
+        has_inner: false,
+        errors: Vec::new(),
+    };
+    let mut failures = Vec::new();
+    for (sequence, (case, result)) in cases.iter().zip(results).enumerate() {
+        match result.ok_or(EvaluateError::Interrupted)? {
+            Ok(errors) => append(&mut records, sequence, &case.group, errors),
+            Err(failed) => failures.push(failed),
+        }
+    }
+    records.has_inner = records.errors.iter().any(|e| e.inner) && records.errors.iter().any(|e| !e.inner);
+    Ok(TrackingResult { records, failures })
+}
+
+/// Errors of one sequence: names of the parts, and records whose part is a place in them.
+struct CaseErrors {
+    parts: Vec<String>,
+    errors: Vec<RecordedError>,
+}
+
+fn append(records: &mut Records, sequence: usize, group: &str, case: CaseErrors) {
+    let group = records.groups.iter().position(|g| g == group).unwrap_or_default();
+    let mut places = Vec::new();
+    for part in case.parts {
+        places.push(records.parts.iter().position(|p| *p == part).unwrap_or_else(|| {
+            records.parts.push(part);
+            records.parts.len() - 1
+        }));
+    }
+    records.errors.extend(case.errors.into_iter().map(|e| RecordedError { sequence, group, part: places[e.part], ..e }));
+}
+
+struct Bench<'a> {
+    fitter: &'a Fitter,
+    wireframe: &'a Wireframe,
+    tables: &'a Tables,
+    options: &'a TrackingOptions,
+    plan: TrackPlan,
+}
+
+impl Bench<'_> {
+    fn run(&self, case: &TrackingCase, index: usize) -> Result<CaseErrors, Failed> {
+        let failed = |variant: &str, reason: String| Failed { id: case.id.clone(), variant: variant.to_owned(), reason };
+        let prepared = match &case.source {
+            CaseSource::Simulated { options, subject, emotion } => self.simulated(options, *subject, *emotion, index),
+            CaseSource::Entry { entry, exact: Some(path) } => self.exact_entry(entry, path, index),
+            CaseSource::Entry { entry, exact: None } => self.entry(entry),
+        };
+        let prepared = prepared.map_err(|e| failed("", e.to_string()))?;
+        let fitted = self.fitter.fit(self.wireframe, &prepared.marks).map_err(|e| failed("", e.to_string()))?;
+        let mut parts: Vec<String> = Vec::new();
+        for (_, part, _) in &prepared.compared {
+            if !parts.contains(part) {
+                parts.push(part.clone());
+            }
+        }
+        let mut errors = Vec::new();
+        for (variant, tracker) in self.options.variants.iter().enumerate() {
+            let frames = prepared.frames.open().map_err(|e| failed("", e.to_string()))?;
+            let track =
+                tracker.track(self.wireframe, &self.plan, &fitted, frames).map_err(|e| failed(&tracker.name, e.to_string()))?;
+            let Some((first, neutral)) = track.first() else { continue };
+            let Some(true_neutral) = prepared.truth.get(first) else {
+                return Err(failed("", format!("the neutral frame {first} has no true positions to compare with")));
+            };
+            for (k, (number, nodes)) in track.iter().enumerate() {
+                let last = k + 1 == track.len();
+                let Some(truth) = prepared.truth.get(number) else {
+                    if last {
+                        return Err(failed("", format!("the last frame {number} has no true positions to compare with")));
+                    }
+                    continue;
+                };
+                for (i, (node, part, inner)) in prepared.compared.iter().enumerate() {
+                    let (found, start) = (nodes[node.index()], neutral[node.index()].position);
+                    let px = match self.options.start {
+                        Start::Landmarks => (found.position - truth[i]).norm(),
+                        Start::Seven => ((found.position - start) - (truth[i] - true_neutral[i])).norm(),
+                    };
+                    errors.push(RecordedError {
+                        variant,
+                        group: 0,
+                        sequence: 0,
+                        frame: k + 1,
+                        last,
+                        part: parts.iter().position(|p| p == part).unwrap_or_default(),
+                        inner: *inner,
+                        tracked: found.tracked,
+                        px,
+                        percent: 100.0 * px / prepared.eye_distance,
+                        expected_px: found.expected,
+                    });
+                }
+            }
+        }
+        Ok(CaseErrors { parts, errors })
+    }
+
+    fn simulated(
+        &self,
+        options: &SimulateOptions,
+        subject: u32,
+        emotion: Emotion,
+        index: usize,
+    ) -> Result<Prepared, EvaluateError> {
+        let subject = Subject::new(options, subject)?;
+        let sequence = SimulatedSequence::new(&subject, emotion, options)?;
+        let (mut images, mut positions) = (Vec::new(), BTreeMap::new());
+        for (number, k) in (1..).zip(0..sequence.frame_count()) {
+            let frame = sequence.frame(k);
+            positions.insert(number, frame.nodes);
+            images.push(DynamicImage::ImageRgb8(frame.image).to_luma8());
+        }
+        let neutral = sequence.nodes(0);
+        Ok(self.all_nodes(PreparedFrames::Images(images), &neutral, &positions, index))
+    }
+
+    fn exact_entry(&self, entry: &SequenceEntry, path: &Path, index: usize) -> Result<Prepared, EvaluateError> {
+        let frames = entry.frames().map_err(DatasetError::from)?;
+        let positions = read_truth(path, self.wireframe.node_count())?;
+        let frame = frames.neutral_number();
+        let Some(neutral) = positions.get(&frame) else {
+            return Err(TruthError::NoNeutral { path: path.to_owned(), frame }.into());
+        };
+        Ok(self.all_nodes(PreparedFrames::Source(frames), neutral, &positions, index))
+    }
+
+    /// A sequence of which every node is known.
+    fn all_nodes(
+        &self,
+        frames: PreparedFrames,
+        neutral: &[Point2<f64>],
+        positions: &BTreeMap<u32, Vec<Point2<f64>>>,
+        index: usize,
+    ) -> Prepared {
+        let live = self.wireframe.live_nodes();
+        // From top to bottom, so that parts come in that order.
+        let mut compared: Vec<(NodeId, String, bool)> = Vec::new();
+        for region in Region::ALL {
+            let of_region = live.iter().filter(|&&n| self.tables.region(n) == region);
+            compared.extend(of_region.map(|&n| (n, region.to_string(), true)));
+        }
+        let of_frame = |nodes: &Vec<Point2<f64>>| compared.iter().map(|(n, _, _)| nodes[n.index()]).collect();
+        let truth = positions.iter().map(|(&number, nodes)| (number, of_frame(nodes))).collect();
+        let eye_distance = eye_distance_px(self.tables, neutral).unwrap_or(f64::NAN);
+        let marks = match self.options.start {
+            Start::Landmarks => live.iter().map(|&n| hard(n, neutral[n.index()])).collect(),
+            Start::Seven => {
+                let node = |&node: &NodeId| TruthNode { node, position: neutral[node.index()], inner: true };
+                let truth = live.iter().map(node).collect();
+                let person = Person::new(String::new(), eye_distance, truth, self.options.seed, index as u32);
+                let noise = MarkNoise::Uniform(self.options.marks_noise_px);
+                self.options.marks.iter().filter_map(|&n| person.mark(n, noise)).collect()
+            }
+        };
+        Prepared { frames, eye_distance, compared, truth, marks }
+    }
+
+    fn entry(&self, entry: &SequenceEntry) -> Result<Prepared, EvaluateError> {
+        let frames = entry.frames().map_err(DatasetError::from)?;
+        let Some(track) = entry.landmarks()? else {
+            return Err(EvaluateError::NoTruth { path: entry.frames_path.clone() });
+        };
+        let points = track.frame(frames.neutral_number())?;
+        let nodes = compared_nodes(self.tables);
+        let Some(eye_distance) = landmark_eye_distance(points) else {
+            return Err(EvaluateError::NoTruth { path: entry.frames_path.clone() });
+        };
+        let marks = match self.options.start {
+            Start::Landmarks => nodes.iter().map(|c| hard(c.node, points[c.landmark])).collect(),
+            Start::Seven => {
+                let selection = LandmarkSelection::Nodes(self.options.marks.clone());
+                correspondences_from_landmarks(points, self.tables, &selection)?
+            }
+        };
+        let of_frame = |points: &Vec<Point2<f64>>| nodes.iter().map(|c| points[c.landmark]).collect();
+        let truth = track.frames.iter().map(|(&number, points)| (number, of_frame(points))).collect();
+        let compared = nodes.iter().map(|c| (c.node, c.part.clone(), c.inner)).collect();
+        Ok(Prepared { frames: PreparedFrames::Source(frames), eye_distance, compared, truth, marks })
+    }
+}
+
+fn hard(node: NodeId, position: Point2<f64>) -> Correspondence {
+    Correspondence::hard(node, position)
+}

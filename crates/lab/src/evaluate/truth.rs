@@ -1,0 +1,197 @@
+//! What is true: exact node positions from a file, or landmarks that stand for nodes.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Point2, Vector2};
+
+use super::EvaluateError;
+use grimace::{
+    dataset::{LANDMARK_COUNT, SequenceEntry},
+    input::{CsvFile, InputError},
+    units::{NodeId, SequenceId},
+    wireframe::{LandmarkConfidence, Tables},
+};
+
+/// First landmark that is not on the contour: the inner face is 17 to 67.
+pub const FIRST_INNER_LANDMARK: u8 = 17;
+
+/// Landmarks around the right and the left eye; their mean stands for the pupil.
+const EYES: [std::ops::Range<usize>; 2] = [36..42, 42..48];
+
+/// A node and the landmark that stands for it alone, confidence high or medium.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ComparedNode {
+    /// The node.
+    pub node: NodeId,
+    /// Its landmark.
+    pub landmark: usize,
+    /// Part of the face, as in the table of landmarks.
+    pub part: String,
+    /// Whether it belongs to the inner face.
+    pub inner: bool,
+}
+
+/// The nodes that can be compared with landmarks, in the order of the landmarks.
+pub fn compared_nodes(tables: &Tables) -> Vec<ComparedNode> {
+    let rows = tables.landmarks.iter().filter(|row| row.confidence >= LandmarkConfidence::Medium);
+    rows.filter_map(|row| match row.nodes[..] {
+        [(node, _)] => Some(ComparedNode {
+            node,
+            landmark: usize::from(row.landmark),
+            part: row.part.clone(),
+            inner: row.landmark >= FIRST_INNER_LANDMARK,
+        }),
+        _ => None,
+    })
+    .collect()
+}
+
+/// Eye distance ES0 of a face with 68 landmarks, px: between the means of the landmarks around each eye. `None` when it is not
+/// positive, or when there are not 68 landmarks.
+pub fn landmark_eye_distance(points: &[Point2<f64>]) -> Option<f64> {
+    if points.len() != LANDMARK_COUNT {
+        return None;
+    }
+    let [right, left] = EYES.map(|eye| {
+        let count = eye.len() as f64;
+        points[eye].iter().map(|p| p.coords).sum::<Vector2<f64>>() / count
+    });
+    Some((left - right).norm()).filter(|d| d.is_finite() && *d > 0.0)
+}
+
+/// The group of a sequence: its value in a column of the manifest, `(none)` for an empty one; `all` without a column.
+///
+/// # Errors
+/// [`EvaluateError::NoColumn`] when the sequence has no such column.
+pub fn group_of(entry: &SequenceEntry, by: Option<&str>) -> Result<String, EvaluateError> {
+    let Some(column) = by else { return Ok("all".to_owned()) };
+    match entry.column(column) {
+        Some("") => Ok("(none)".to_owned()),
+        Some(value) => Ok(value.to_owned()),
+        None => {
+            let fixed = ["subject", "sequence", "emotion"].map(str::to_owned);
+            let found = fixed.into_iter().chain(entry.metadata.keys().cloned()).collect();
+            Err(EvaluateError::NoColumn { id: entry.id.to_string(), column: column.to_owned(), found })
+        }
+    }
+}
+
+/// Exact node positions that do not read.
+#[derive(Debug, thiserror::Error)]
+pub enum TruthError {
+    /// The file, a row or a number.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A node that the wireframe does not have.
+    #[error("{}, line {line}: node {node} does not exist; the wireframe has nodes 0 to {}", path.display(), count.saturating_sub(1))]
+    NoSuchNode {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The node.
+        node: u32,
+        /// Nodes there are.
+        count: usize,
+    },
+    /// The neutral frame is missing.
+    #[error("{}: there are no positions of the neutral frame {frame}", path.display())]
+    NoNeutral {
+        /// The file.
+        path: PathBuf,
+        /// Frame number.
+        frame: u32,
+    },
+    /// A frame without all nodes.
+    #[error("{}: frame {frame} has {found} of {expected} nodes", path.display())]
+    Incomplete {
+        /// The file.
+        path: PathBuf,
+        /// Frame number.
+        frame: u32,
+        /// Nodes found.
+        found: usize,
+        /// Nodes of the wireframe.
+        expected: usize,
+    },
+}
+
+/// Where the exact positions of a sequence are looked for: `truth/SUBJECT_SEQUENCE.csv` in the dataset's folder, as
+/// `grimace simulate` writes them.
+pub fn truth_path(root: &Path, id: &SequenceId) -> PathBuf {
+    root.join("truth").join(format!("{id}.csv"))
+}
+
+/// Reads exact positions `frame,node,x,y`: all N nodes of every frame that is there, px, by frame number.
+///
+/// # Errors
+/// [`TruthError`] for a file that does not read, a node that is not there, or a frame without all nodes.
+pub fn read_truth(path: &Path, node_count: usize) -> Result<BTreeMap<u32, Vec<Point2<f64>>>, TruthError> {
+    let csv = CsvFile::open(path)?;
+    let [frame, node, x, y] = csv.require(["frame", "node", "x", "y"])?;
+    let mut frames: BTreeMap<u32, Vec<Option<Point2<f64>>>> = BTreeMap::new();
+    for row in csv.rows() {
+        let row = row?;
+        let number = row.whole_number(node)?;
+        let nodes = frames.entry(row.whole_number(frame)?).or_insert_with(|| vec![None; node_count]);
+        let Some(place) = nodes.get_mut(number as usize) else {
+            return Err(TruthError::NoSuchNode { path: path.to_owned(), line: row.line(), node: number, count: node_count });
+        };
+        *place = Some(Point2::new(row.number(x)?, row.number(y)?));
+    }
+    let complete = |(frame, nodes): (u32, Vec<Option<Point2<f64>>>)| {
+        let found = nodes.iter().flatten().count();
+        let incomplete = || TruthError::Incomplete { path: path.to_owned(), frame, found, expected: node_count };
+        Ok((frame, nodes.into_iter().collect::<Option<Vec<_>>>().ok_or_else(incomplete)?))
+    };
+    frames.into_iter().map(complete).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exact_positions_are_read_whole_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            read_truth(&path, 2).map_err(|e| e.to_string().replace(&path.display().to_string(), "t.csv"))
+        };
+        let frames = read("frame,node,x,y\n7,1,3,4\n7,0,1,2\n").unwrap();
+        assert_eq!(frames, BTreeMap::from([(7, vec![Point2::new(1.0, 2.0), Point2::new(3.0, 4.0)])]));
+        assert_eq!(read("frame,node,x,y\n7,0,1,2\n").unwrap_err(), "t.csv: frame 7 has 1 of 2 nodes");
+        let error = read("frame,node,x,y\n7,2,1,2\n").unwrap_err();
+        assert_eq!(error, "t.csv, line 2: node 2 does not exist; the wireframe has nodes 0 to 1");
+        assert!(read("frame,node,x,y\n7,0,one,2\n").unwrap_err().contains("x is `one`"));
+        assert!(read("frame,node,x\n").unwrap_err().contains("no column `y`"));
+    }
+
+    #[test]
+    fn fifty_two_landmarks_stand_for_one_node() {
+        // 68 landmarks, 15 of low confidence, and the nasion (27) between two nodes.
+        let compared = compared_nodes(&Tables::candide3());
+        assert_eq!(compared.len(), 52);
+        // Of the 51 inner ones the four between brow nodes 18, 20, 23, 25, then 27, 29, 56 and 58 are out.
+        assert_eq!(compared.iter().filter(|c| c.inner).count(), 43);
+        let nodes: std::collections::BTreeSet<_> = compared.iter().map(|c| c.node).collect();
+        assert_eq!(nodes.len(), 52, "no node twice");
+    }
+
+    #[test]
+    fn the_eye_distance_is_between_the_middles_of_the_eyes() {
+        let mut points = vec![Point2::new(0.0, 0.0); LANDMARK_COUNT];
+        for (k, point) in points[36..42].iter_mut().enumerate() {
+            *point = Point2::new(10.0 + k as f64, 5.0); // mean 12.5
+        }
+        points[42..48].fill(Point2::new(15.5, 9.0));
+        // From (12.5, 5) to (15.5, 9): 5.
+        assert_eq!(landmark_eye_distance(&points), Some(5.0));
+        assert_eq!(landmark_eye_distance(&points[..67]), None);
+        assert_eq!(landmark_eye_distance(&[Point2::origin(); LANDMARK_COUNT]), None);
+    }
+}

@@ -1,0 +1,163 @@
+//! Trackers to compare: the program's own with some options, and plain KLT.
+
+use nalgebra::Point2;
+use serde_json::Value;
+
+use super::EvaluateError;
+use grimace::{
+    fit::FittedWireframe,
+    sequence::{Frame, SequenceError},
+    track::{Found, Klt, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackPlan, track_sequence},
+    wireframe::Wireframe,
+};
+
+/// Window and pyramid levels of plain KLT.
+pub const PLAIN_WINDOW_PX: u32 = 21;
+/// See [`PLAIN_WINDOW_PX`].
+pub const PLAIN_LEVELS: u32 = 4;
+
+/// What a variant runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum VariantKind {
+    /// The tracker with options.
+    Options(TrackOptions),
+    /// Plain KLT: from frame to frame, [`PLAIN_WINDOW_PX`] and [`PLAIN_LEVELS`], no check; a node that KLT loses stays where it was.
+    PlainKlt,
+}
+
+/// A named tracker.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackerVariant {
+    /// Name in tables and figures.
+    pub name: String,
+    /// What it runs.
+    pub kind: VariantKind,
+}
+
+/// A node in a frame: its place, and whether it was tracked there (or else placed by other means).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Placed {
+    pub position: Point2<f64>,
+    pub tracked: bool,
+    /// Expected error, px.
+    pub expected: Option<f64>,
+}
+
+/// The tracker with its options, the same without deformation, and plain KLT [KP, Fig. 3].
+pub fn standard_variants(options: &TrackOptions) -> Vec<TrackerVariant> {
+    let variant = |name: &str, kind| TrackerVariant { name: name.to_owned(), kind };
+    vec![
+        variant("with deformation", VariantKind::Options(*options)),
+        variant("without deformation", VariantKind::Options(TrackOptions { deform: false, ..*options })),
+        variant("plain KLT", VariantKind::PlainKlt),
+    ]
+}
+
+impl TrackerVariant {
+    /// A variant from a text `name:key=value,key=value`, the keys being fields of [`TrackOptions`]; `base` gives the others. A dot
+    /// goes into a field of fields.
+    ///
+    /// # Errors
+    /// [`EvaluateError::Variant`] for a text of another form, a key that is not there, or a value of the wrong type.
+    pub fn parse(text: &str, base: &TrackOptions) -> Result<Self, EvaluateError> {
+        let error = |reason: String| EvaluateError::Variant { text: text.to_owned(), reason };
+        let (name, settings) = text.split_once(':').unwrap_or((text, ""));
+        if name.trim().is_empty() {
+            return Err(error("it has no name; expected name:key=value,key=value".to_owned()));
+        }
+        let mut options = serde_json::to_value(base).map_err(|e| error(e.to_string()))?;
+        for setting in settings.split(',').map(str::trim).filter(|s| !s.is_empty()) {
+            let (key, value) =
+                setting.split_once('=').ok_or_else(|| error(format!("`{setting}` is not of the form key=value")))?;
+            let mut place = &mut options;
+            for part in key.trim().split('.') {
+                let names: Vec<String> = place.as_object().map(|o| o.keys().cloned().collect()).unwrap_or_default();
+                place = place
+                    .get_mut(part)
+                    .ok_or_else(|| error(format!("there is no option `{}`; there are {}", key.trim(), names.join(", "))))?;
+            }
+            let value = value.trim();
+            *place = serde_json::from_str(value).unwrap_or_else(|_| Value::String(value.to_owned()));
+        }
+        let options = serde_json::from_value(options).map_err(|e| error(e.to_string()))?;
+        Ok(Self { name: name.trim().to_owned(), kind: VariantKind::Options(options) })
+    }
+
+    /// Tracks all N nodes through the frames, the neutral frame included.
+    pub(super) fn track(
+        &self,
+        wireframe: &Wireframe,
+        plan: &TrackPlan,
+        fitted: &FittedWireframe,
+        frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
+    ) -> Result<Vec<(u32, Vec<Placed>)>, TrackError> {
+        match &self.kind {
+            VariantKind::PlainKlt => plain_klt(wireframe, fitted, frames),
+            VariantKind::Options(options) => {
+                let track = track_sequence(wireframe, plan, fitted, frames, options, |_| true)?;
+                let placed = |n: &grimace::track::TrackedNode| Placed {
+                    position: n.position,
+                    tracked: !matches!(n.state, NodeState::Recovered(_)),
+                    expected: n.expected_error,
+                };
+                Ok(track.frames.iter().map(|f| (f.number, f.nodes.iter().map(placed).collect())).collect())
+            }
+        }
+    }
+}
+
+fn plain_klt(
+    wireframe: &Wireframe,
+    fitted: &FittedWireframe,
+    frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
+) -> Result<Vec<(u32, Vec<Placed>)>, TrackError> {
+    let mut klt = Klt::new(PLAIN_LEVELS, PLAIN_WINDOW_PX);
+    let mut nodes = fitted.model.nodes().to_vec();
+    let live = wireframe.live_nodes();
+    let mut out: Vec<(u32, Vec<Placed>)> = Vec::new();
+    for frame in frames {
+        let frame = frame?;
+        klt.advance(&frame)?;
+        let mut tracked = vec![true; nodes.len()];
+        if !out.is_empty() {
+            let probe = |p: Point2<f64>| Probe { position: p, guess: p };
+            let probes: Vec<Probe> = live.iter().map(|n| probe(nodes[n.index()])).collect();
+            let found = klt.find(Slot::Previous, Slot::Current, PLAIN_WINDOW_PX, PLAIN_LEVELS, &probes)?;
+            for (node, found) in live.iter().zip(found) {
+                match found {
+                    Found::At { position, .. } => nodes[node.index()] = position,
+                    Found::Lost => tracked[node.index()] = false,
+                }
+            }
+            wireframe.place_followers(&mut nodes);
+        }
+        let placed = nodes.iter().zip(tracked).map(|(&position, tracked)| Placed { position, tracked, expected: None });
+        out.push((frame.number(), placed.collect()));
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variants_change_the_options_they_name() {
+        let base = TrackOptions { levels: 3, ..TrackOptions::default() };
+        let variant = TrackerVariant::parse("wide : window = 0.2, deform=false", &base).unwrap();
+        assert_eq!(variant.name, "wide");
+        assert_eq!(variant.kind, VariantKind::Options(TrackOptions { window: 0.2, deform: false, ..base }));
+        assert_eq!(TrackerVariant::parse("same", &base).unwrap().kind, VariantKind::Options(base));
+    }
+
+    #[test]
+    fn a_variant_that_can_not_be_is_explained() {
+        let message = |text: &str| TrackerVariant::parse(text, &TrackOptions::default()).unwrap_err().to_string();
+        assert!(message("a:windw=1").contains("there is no option `windw`; there are "));
+        assert!(message("a:windw=1").contains("window"));
+        assert!(message("a:window").contains("`window` is not of the form key=value"));
+        assert!(message("a:deform=7").contains("invalid type"));
+        assert!(message("a:window.x=7").contains("there is no option `window.x`"));
+        assert!(message(":window=1").contains("it has no name"));
+    }
+}

@@ -1,0 +1,318 @@
+//! The files of simulated sequences, in the project's own layout or in that of Cohn-Kanade.
+
+use std::{
+    fmt::Write as _,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use image::{
+    ImageEncoder, RgbImage,
+    codecs::{
+        jpeg::JpegEncoder,
+        png::{CompressionType, FilterType, PngEncoder},
+    },
+};
+use nalgebra::{Point2, Vector2};
+use rand_distr::{Distribution, StandardNormal};
+use serde::Serialize;
+
+use super::{
+    DatasetLayout, SimulateError, SimulateOptions, SimulatedFrame,
+    options::FrameFormat,
+    random::{Purpose, generator},
+};
+use grimace::{
+    dataset::MANIFEST_NAME,
+    output::{OutputError, nine_digits, write_atomic, write_bytes, write_csv, write_json, write_records},
+    wireframe::{LandmarkRow, Tables},
+};
+
+/// Nodes that are marked on the neutral frame: corners of the eyes, corners of the mouth, chin.
+pub const MARKED_NODES: [u16; 7] = [20, 23, 53, 56, 31, 64, 10];
+/// Version of the layout of a simulated dataset.
+const SCHEMA_VERSION: u32 = 1;
+
+/// Folders of the Cohn-Kanade layout: images, labels, landmarks.
+const COHN_KANADE: [&str; 3] = ["cohn-kanade-images", "Emotion", "Landmarks"];
+
+/// One sequence to write.
+pub(super) struct Performance<F: Fn(usize) -> Result<SimulatedFrame, SimulateError>> {
+    pub subject: String,
+    pub sequence: String,
+    /// Label.
+    pub emotion: String,
+    /// Subject and emotion code of its streams of chance.
+    pub stream: (u32, u8),
+    /// Frame number k from 0.
+    pub frame: F,
+}
+
+/// A row of the manifest: a sequence that was written.
+pub(super) struct ManifestRow {
+    subject: String,
+    sequence: String,
+    emotion: String,
+    /// Where it was written to, relative to the dataset; so are its correspondences.
+    frames: String,
+    correspondences: String,
+    fps: f64,
+    /// Values of the further columns.
+    further: Vec<String>,
+}
+
+impl ManifestRow {
+    const COLUMNS: [&str; 6] = ["subject", "sequence", "emotion", "frames", "correspondences", "fps"];
+
+    /// The same row with the values of further columns.
+    pub fn with(self, further: impl IntoIterator<Item = String>) -> Self {
+        Self { further: further.into_iter().collect(), ..self }
+    }
+
+    fn fields(self) -> Vec<String> {
+        let own = [self.subject, self.sequence, self.emotion, self.frames, self.correspondences, format!("{:?}", self.fps)];
+        own.into_iter().chain(self.further).collect()
+    }
+}
+
+#[derive(Serialize)]
+struct MarkRow {
+    node: u16,
+    x: String,
+    y: String,
+}
+
+#[derive(Serialize)]
+struct TruthRow {
+    frame: usize,
+    node: usize,
+    x: String,
+    y: String,
+}
+
+#[derive(Serialize)]
+struct Provenance<'a> {
+    schema_version: u32,
+    program: &'static str,
+    version: &'static str,
+    units: Units,
+    options: &'a SimulateOptions,
+    #[serde(flatten)]
+    further: &'a serde_json::Map<String, serde_json::Value>,
+}
+
+#[derive(Serialize)]
+struct Units {
+    positions: &'static str,
+    noise_sigma: &'static str,
+    angles: &'static str,
+    fps: &'static str,
+}
+
+const UNITS: Units = Units {
+    positions: "px; x right, y down, the centre of the top-left pixel is (0, 0)",
+    noise_sigma: "grey levels of 0 to 255",
+    angles: "degrees",
+    fps: "frames per second",
+};
+
+/// Makes the folder, or refuses one with something in it.
+pub(super) fn begin(out: &Path, force: bool) -> Result<(), SimulateError> {
+    fs::create_dir_all(out).map_err(OutputError::at(out))?;
+    if !force && fs::read_dir(out).map_err(OutputError::at(out))?.next().is_some() {
+        return Err(SimulateError::NotEmpty { path: out.to_owned() });
+    }
+    // What an earlier run left is not a dataset while frames are written over it.
+    Ok(remove(&out.join(MANIFEST_NAME))?)
+}
+
+/// Writes `simulate.json` and, last, the manifest with the further `columns`: a folder with a manifest is a complete dataset.
+pub(super) fn finish(
+    out: &Path,
+    options: &SimulateOptions,
+    further: &serde_json::Map<String, serde_json::Value>,
+    columns: &[&str],
+    rows: impl IntoIterator<Item = ManifestRow>,
+) -> Result<(), SimulateError> {
+    let provenance = Provenance {
+        schema_version: SCHEMA_VERSION,
+        program: "grimace",
+        version: env!("CARGO_PKG_VERSION"),
+        units: UNITS,
+        options,
+        further,
+    };
+    write_json(&out.join("simulate.json"), &provenance)?;
+    if options.layout == DatasetLayout::Manifest {
+        let header = ManifestRow::COLUMNS.iter().chain(columns);
+        write_records(&out.join(MANIFEST_NAME), header, rows.into_iter().map(ManifestRow::fields))?;
+    }
+    Ok(())
+}
+
+/// Writes the frames of a sequence, its marks or landmarks and label, and the true positions.
+pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateError>>(
+    performance: &Performance<F>,
+    options: &SimulateOptions,
+    out: &Path,
+    tick: &impl Fn(),
+) -> Result<ManifestRow, SimulateError> {
+    let (who, what) = (&performance.subject, &performance.sequence);
+    let folder = format!("{who}/{what}");
+    let stem = format!("{who}_{what}_");
+    let layout = Layout::new(options.layout, out, &folder);
+    for folder in layout.folders() {
+        remove_frames(folder, &stem)?;
+    }
+    let tables = Tables::candide3();
+    let mut truth = Vec::new();
+    for frame in 0..options.frames {
+        let simulated = (performance.frame)(frame)?;
+        let name = format!("{stem}{:08}", frame + 1);
+        let picture = layout.images.join(format!("{name}.{}", options.format.extension()));
+        write_atomic(&picture, |writer| encode(&simulated.image, options.format, writer))?;
+        truth.extend(simulated.nodes.iter().enumerate().map(|(node, p)| TruthRow {
+            frame: frame + 1,
+            node,
+            x: nine_digits(p.x),
+            y: nine_digits(p.y),
+        }));
+        if let Some([labels, landmarks]) = &layout.cohn_kanade {
+            let text = landmark_text(&simulated.nodes, &tables.landmarks);
+            write_bytes(&landmarks.join(format!("{name}_landmarks.txt")), text.as_bytes())?;
+            // The label stands at the apex.
+            if frame + 1 == options.frames {
+                let code = grimace::dataset::emotion_code(&performance.emotion)
+                    .ok_or_else(|| SimulateError::NoCode { emotion: performance.emotion.clone() })?;
+                write_bytes(
+                    &labels.join(format!("{name}_emotion.txt")),
+                    format!("   {}\n", exponential(f64::from(code))).as_bytes(),
+                )?;
+            }
+        } else if frame == 0 {
+            let marks = marks(&simulated.nodes, options, performance.stream);
+            write_csv(&layout.images.join("correspondences.csv"), marks)?;
+        }
+        tick();
+    }
+    write_csv(&out.join("truth").join(format!("{who}_{what}.csv")), truth)?;
+    Ok(ManifestRow {
+        subject: who.clone(),
+        sequence: what.clone(),
+        emotion: performance.emotion.clone(),
+        correspondences: format!("{folder}/correspondences.csv"),
+        frames: folder,
+        fps: options.fps,
+        further: Vec::new(),
+    })
+}
+
+/// The folders of one sequence.
+struct Layout {
+    images: PathBuf,
+    /// Labels and landmarks.
+    cohn_kanade: Option<[PathBuf; 2]>,
+}
+
+impl Layout {
+    fn new(layout: DatasetLayout, out: &Path, folder: &str) -> Self {
+        match layout {
+            DatasetLayout::Manifest => Self { images: out.join(folder), cohn_kanade: None },
+            DatasetLayout::CohnKanade => {
+                let [images, labels, landmarks] = COHN_KANADE.map(|name| out.join(name).join(folder));
+                Self { images, cohn_kanade: Some([labels, landmarks]) }
+            }
+        }
+    }
+
+    fn folders(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(&self.images).chain(self.cohn_kanade.iter().flatten()).map(PathBuf::as_path)
+    }
+}
+
+/// The 68 landmarks of a frame as CK+ writes them: a line `x y` each, 8 significant digits.
+fn landmark_text(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> String {
+    let place = |row: &LandmarkRow| {
+        let sum: Vector2<f64> = row.nodes.iter().map(|&(node, weight)| nodes[node.index()].coords * weight).sum();
+        let total: f64 = row.nodes.iter().map(|&(_, weight)| weight).sum();
+        sum / total
+    };
+    let mut text = String::new();
+    for p in landmarks.iter().map(place) {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "   {}   {}", exponential(p.x), exponential(p.y));
+    }
+    text
+}
+
+/// A number as C's `%.7e` writes it: `1.1495612e+02`.
+fn exponential(value: f64) -> String {
+    let text = format!("{value:.7e}");
+    let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    let (sign, digits) = exponent.strip_prefix('-').map_or(('+', exponent), |digits| ('-', digits));
+    format!("{mantissa}e{sign}{digits:0>2}")
+}
+
+/// Removes a file if it is there.
+fn remove(path: &Path) -> Result<(), OutputError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(OutputError::at(path)(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Removes the frames of an earlier run: a longer sequence, or another format, would mix with the new one.
+fn remove_frames(folder: &Path, stem: &str) -> Result<(), OutputError> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(OutputError::at(folder))?,
+    };
+    for entry in entries {
+        let path = entry.map_err(OutputError::at(folder))?.path();
+        let is_frame = path.file_name().and_then(|name| name.to_str()).is_some_and(|name| name.starts_with(stem));
+        if is_frame {
+            remove(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// The marks a person would set on the neutral frame: true positions plus Gaussian errors.
+fn marks(nodes: &[Point2<f64>], options: &SimulateOptions, (subject, code): (u32, u8)) -> Vec<MarkRow> {
+    let mut random = generator(options.seed, Purpose::Marks, subject, code, 0);
+    let mut error = || -> f64 {
+        let z: f64 = StandardNormal.sample(&mut random);
+        z * options.marks_noise_px
+    };
+    MARKED_NODES
+        .iter()
+        .map(|&node| {
+            let p = nodes[usize::from(node)];
+            let (x, y) = (p.x + error(), p.y + error());
+            MarkRow { node, x: nine_digits(x), y: nine_digits(y) }
+        })
+        .collect()
+}
+
+fn encode(image: &RgbImage, format: FrameFormat, writer: &mut dyn io::Write) -> io::Result<()> {
+    let (width, height) = image.dimensions();
+    let colour = image::ExtendedColorType::Rgb8;
+    match format {
+        FrameFormat::Png => PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
+            .write_image(image, width, height, colour),
+        FrameFormat::Jpg { quality } => JpegEncoder::new_with_quality(writer, quality).write_image(image, width, height, colour),
+    }
+    .map_err(io::Error::other)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_as_c_does() {
+        assert_eq!(exponential(114.956_123_4), "1.1495612e+02");
+        assert_eq!(exponential(-0.05), "-5.0000000e-02");
+        assert_eq!(exponential(3.0), "3.0000000e+00");
+    }
+}

@@ -1,0 +1,54 @@
+//! Synthetic sequences with exact ground truth: textured, lit Candide-3 faces that go from neutral to a full expression.
+//!
+//! Identity is a sum of Candide's shape units, expression a sum of its action units ([`grimace::wireframe::expressions`]), both seeded. A face is
+//! drawn as a painted plane under an inverse warp that is exact at every node: the pixel at a node's true position shows the
+//! texture of that node. Eyeballs and the inside of the mouth are drawn through the openings between lids and lips; eyeballs do
+//! not deform. Hair, ears, neck and clothes continue the same surface, so the face has no border.
+//!
+//! Photographs of neutral faces can be animated by the same expressions, or by FAP curves ([`simulate_photographs`]).
+//!
+//! Everything follows from the seed: the same options give the same pictures, whatever the order or the number of threads.
+//!
+//! ```
+//! use grimace_lab::simulate::{Emotion, SimulateOptions, simulate_sequence};
+//!
+//! let options = SimulateOptions { width: 160, height: 120, frames: 3, ..SimulateOptions::default() };
+//! let frames: Vec<_> = simulate_sequence(&options, 0, Emotion::Surprise)?.collect();
+//! assert_eq!(frames.len(), 3);
+//! // The chin (node 10) drops: y grows downwards in the image.
+//! assert!(frames[2].nodes[10].y > frames[0].nodes[10].y);
+//! # Ok::<(), grimace_lab::simulate::SimulateError>(())
+//! ```
+
+mod blink;
+mod camera;
+mod dataset;
+mod expression;
+mod eye;
+mod files;
+mod mesh;
+mod motion;
+mod mouth;
+mod neutral;
+mod noise;
+mod options;
+mod photograph;
+mod portrait;
+mod random;
+mod render;
+mod sequence;
+mod subject;
+mod texture;
+
+pub use camera::CameraOptions;
+pub use dataset::{DatasetSummary, simulate_dataset};
+pub use expression::faps_without_unit;
+pub use files::MARKED_NODES;
+pub use grimace::wireframe::Emotion;
+pub use motion::{Course, HeadPose};
+pub use neutral::{UnitScope, neutral_nodes, performed_nodes};
+pub use options::{DatasetLayout, FrameFormat, SimulateError, SimulateOptions};
+pub use photograph::{AnimatedPortrait, MAX_FAP_MOTIONS, PortraitMotion, simulate_photographs};
+pub use portrait::{Portrait, PortraitError, PortraitMarks, PortraitSource, portrait_fitter};
+pub use sequence::{SimulatedFrame, SimulatedFrames, SimulatedSequence, render_frame, simulate_sequence};
+pub use subject::{Appearance, Cohort, Colour, Sex, Subject};

@@ -1,0 +1,249 @@
+//! Photographs animated: a portrait's wireframe goes through a known expression and the texture engine ([`grimace::warp`]) moves the
+//! picture with it.
+//!
+//! The nodes of a frame are those at which the engine put the skin, not those it was asked for: they are exact whatever it smoothed.
+//! Roll, shift and change of scale move the whole picture; yaw and pitch move the nodes, at Candide-3's depths, in front of it. A
+//! sequence starts from the photograph as it is.
+
+use std::path::Path;
+
+use image::RgbImage;
+use nalgebra::{Point2, Point3, Vector3};
+use rayon::prelude::*;
+use serde_json::json;
+
+use super::{
+    DatasetSummary, Emotion, SimulateError, SimulateOptions, SimulatedFrame,
+    blink::{Blink, close_lids},
+    camera::{Exposure, develop},
+    expression::{apex_offsets, fap_offsets},
+    files::{ManifestRow, Performance, begin, finish, write_sequence},
+    motion::Course,
+    portrait::{Portrait, PortraitError},
+    subject::place_followers,
+};
+use grimace::{
+    fap::FapSequence,
+    geometry::Similarity,
+    warp::{MouthInside, WarpError},
+    wireframe::Wireframe,
+};
+
+/// Codes of motions that are no emotion of the table; also the first sequence number of motions from FAP files.
+const FIRST_FAP_CODE: u8 = 8;
+/// Most motions from FAP files.
+pub const MAX_FAP_MOTIONS: usize = 8;
+
+/// What a portrait is made to perform.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PortraitMotion {
+    /// An emotion of the table, from neutral to the apex.
+    Emotion(Emotion),
+    /// FAP curves, stretched over the frames of the sequence.
+    Faps {
+        /// Label of the sequence.
+        label: String,
+        /// The curves.
+        faps: FapSequence,
+    },
+}
+
+impl PortraitMotion {
+    fn label(&self) -> &str {
+        match self {
+            Self::Emotion(emotion) => emotion.label(),
+            Self::Faps { label, .. } => label,
+        }
+    }
+}
+
+/// A portrait that performs a motion.
+#[derive(Debug)]
+pub struct AnimatedPortrait<'a> {
+    portrait: &'a Portrait,
+    options: &'a SimulateOptions,
+    wireframe: &'a Wireframe,
+    index: u32,
+    code: u8,
+    course: Course,
+    blink: Option<Blink>,
+    /// Offsets at the apex, or at every frame of the FAP curves; face space, model units.
+    offsets: Vec<Vec<Vector3<f64>>>,
+    is_curve: bool,
+}
+
+impl<'a> AnimatedPortrait<'a> {
+    /// Performance number `index` of a portrait; `code` is the emotion's, or one of 8 to 15 for FAP curves.
+    pub fn new(
+        portrait: &'a Portrait,
+        motion: &PortraitMotion,
+        options: &'a SimulateOptions,
+        wireframe: &'a Wireframe,
+        index: u32,
+        code: u8,
+    ) -> Self {
+        let (offsets, is_curve) = match motion {
+            PortraitMotion::Emotion(emotion) => {
+                let apex = apex_offsets(wireframe, &portrait.fapus, *emotion, 1.0, options.seed, index);
+                (vec![apex], false)
+            }
+            PortraitMotion::Faps { faps, .. } => {
+                (faps.frames.iter().map(|frame| fap_offsets(wireframe, &portrait.fapus, frame)).collect(), true)
+            }
+        };
+        Self {
+            portrait,
+            options,
+            wireframe,
+            index,
+            code,
+            course: Course::from_rest(options, index, code, portrait.image_from_face.scale),
+            blink: Blink::new(options, index, code),
+            offsets,
+            is_curve,
+        }
+    }
+
+    /// Number of frames.
+    pub fn frame_count(&self) -> usize {
+        self.options.frames
+    }
+
+    /// Offsets from neutral at a time in frames, face space, model units.
+    fn offsets_at(&self, time: f64) -> Vec<Vector3<f64>> {
+        let mut offsets: Vec<Vector3<f64>> = if self.is_curve {
+            let last = self.offsets.len().saturating_sub(1);
+            let place = (time / (self.options.frames - 1) as f64).clamp(0.0, 1.0) * last as f64;
+            let below = (place.floor() as usize).min(last);
+            let (a, b) = (&self.offsets[below], &self.offsets[(below + 1).min(last)]);
+            a.iter().zip(b).map(|(a, b)| a + (b - a) * (place - below as f64)).collect()
+        } else {
+            let intensity = self.course.intensity(time);
+            self.offsets[0].iter().map(|d| d * intensity).collect()
+        };
+        if let Some(blink) = &self.blink {
+            close_lids(&self.portrait.neutral, &mut offsets, blink.closure(time));
+        }
+        offsets
+    }
+
+    /// Where the nodes are wanted at a time in frames, and how the whole picture has moved.
+    fn wanted(&self, time: f64) -> (Vec<Point2<f64>>, Similarity) {
+        let Portrait { image_from_face, neutral, warp, .. } = self.portrait;
+        let mut nodes: Vec<Point3<f64>> = neutral.iter().zip(self.offsets_at(time)).map(|(n, d)| n + d).collect();
+        place_followers(self.wireframe, &mut nodes);
+        let (rest, pose) = (self.course.pose(0.0), self.course.pose(time));
+        // Motion is added to where the nodes are on the photograph, so that at rest they are there to the last bit.
+        let motion = |(start, node): (&Point3<f64>, &Point3<f64>)| pose.project(node) - rest.project(start);
+        let motions = neutral.iter().zip(&nodes).map(motion);
+        let wanted = warp.nodes().iter().zip(motions).map(|(p, m)| p + image_from_face.apply_vector(&m)).collect();
+        let flat = pose.flat();
+        let whole =
+            if flat == Similarity::identity() { flat } else { image_from_face.after(&flat).after(&image_from_face.inverse()) };
+        (wanted, whole)
+    }
+
+    /// Picture and exact nodes of a frame, `frame` in `0..frame_count()`.
+    ///
+    /// # Errors
+    /// [`WarpError`] when the nodes go where no picture can be.
+    pub fn frame(&self, frame: usize) -> Result<SimulatedFrame, WarpError> {
+        let Portrait { warp, texture, .. } = self.portrait;
+        let deform = |time: f64| {
+            let (nodes, whole) = self.wanted(time);
+            warp.deform_with(&nodes, &whole)
+        };
+        let deformation = deform(frame as f64)?;
+        let half = self.options.camera.shutter / 2.0;
+        let extent = if half > 0.0 {
+            let [open, close] = [-half, half].map(|dt| self.wanted(frame as f64 + dt).0);
+            open.iter().zip(&close).map(|(a, b)| (b - a).norm()).fold(0.0, f64::max)
+        } else {
+            0.0
+        };
+        let times = self.options.camera.exposure_times(frame, extent);
+        let (mut sums, mut size) = (Vec::new(), (0, 0));
+        let mut picture = RgbImage::default();
+        for &time in &times {
+            warp.render_into(texture, &deform(time)?, &MouthInside::Dark, &mut picture);
+            size = picture.dimensions();
+            sums.resize(picture.as_raw().len(), 0_u32);
+            sums.iter_mut().zip(picture.as_raw()).for_each(|(sum, &value)| *sum += u32::from(value));
+        }
+        let count = times.len().max(1) as f32;
+        let data = sums.into_iter().map(|sum| sum as f32 / count).collect();
+        let exposure = Exposure { width: size.0 as usize, height: size.1 as usize, data };
+        let image = develop(exposure, self.options, self.index, self.code, frame);
+        Ok(SimulatedFrame { image, nodes: deformation.nodes().to_vec() })
+    }
+}
+
+/// Writes a dataset of animated photographs, as [`super::simulate_dataset`] does of rendered faces.
+///
+/// There are as many subjects as [`SimulateOptions::subjects`] says: portraits are taken in turn, those of a further round perform
+/// differently and have `-2`, `-3` ... behind their name. The size in the options does not count; frames are as large as the photograph.
+///
+/// # Errors
+/// [`SimulateError`] for options out of range, a portrait that can not be warped, more than [`MAX_FAP_MOTIONS`] motions from FAP files,
+/// a folder that is not empty (unless `force`), or a file that can not be written.
+pub fn simulate_photographs(
+    portraits: &[Portrait],
+    motions: &[PortraitMotion],
+    options: &SimulateOptions,
+    out: &Path,
+    force: bool,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<DatasetSummary, SimulateError> {
+    options.check()?;
+    let faps = motions.iter().filter(|m| matches!(m, PortraitMotion::Faps { .. })).count();
+    if faps > MAX_FAP_MOTIONS {
+        return Err(SimulateError::OutOfRange {
+            option: "fap",
+            value: format!("given {faps} times"),
+            range: "given at most 8 times",
+        });
+    }
+    begin(out, force)?;
+    let wireframe = Wireframe::candide3();
+    let mut next = FIRST_FAP_CODE;
+    let coded: Vec<(u8, &PortraitMotion)> = motions
+        .iter()
+        .map(|motion| match motion {
+            PortraitMotion::Emotion(emotion) => (emotion.code(), motion),
+            PortraitMotion::Faps { .. } => {
+                next += 1;
+                (next - 1, motion)
+            }
+        })
+        .collect();
+    let cases: Vec<(u32, &Portrait, u8, &PortraitMotion)> = (0..options.subjects)
+        .zip(portraits.iter().cycle())
+        .flat_map(|(index, portrait)| coded.iter().map(move |&(code, motion)| (index, portrait, code, motion)))
+        .collect();
+    let total = cases.len() * options.frames;
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let tick = || progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, total);
+    let rows: Vec<ManifestRow> = cases
+        .par_iter()
+        .map(|&(index, portrait, code, motion)| {
+            let sequence = AnimatedPortrait::new(portrait, motion, options, &wireframe, index, code);
+            let round = index as usize / portraits.len().max(1) + 1;
+            let performance = Performance {
+                subject: if round > 1 { format!("{}-{round}", portrait.id()) } else { portrait.id().to_owned() },
+                sequence: format!("{code:03}"),
+                emotion: motion.label().to_owned(),
+                stream: (index, code),
+                frame: |k| {
+                    let error = |source| SimulateError::from(PortraitError::Warp { id: portrait.id().to_owned(), source });
+                    sequence.frame(k).map_err(error)
+                },
+            };
+            Ok(write_sequence(&performance, options, out, &tick)?.with([portrait.id().to_owned()]))
+        })
+        .collect::<Result<_, SimulateError>>()?;
+    let sequences = rows.len();
+    let mut further = serde_json::Map::new();
+    further.insert("portraits".to_owned(), json!(portraits.iter().map(Portrait::id).collect::<Vec<_>>()));
+    finish(out, options, &further, &["portrait"], rows)?;
+    Ok(DatasetSummary { sequences, frames: total })
+}

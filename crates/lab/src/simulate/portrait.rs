@@ -1,0 +1,395 @@
+//! Neutral portraits to animate: a photograph and its marks, a folder of them, or the neutral frames of a dataset.
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use nalgebra::{Point2, Point3, Vector2};
+
+use super::subject::place_followers;
+use grimace::{
+    dataset::{
+        Dataset, DatasetError, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkSelection, LandmarksError, MANIFEST_NAME,
+        correspondences_from_landmarks, read_landmarks,
+    },
+    fit::{
+        Correspondence, CorrespondenceError, FitError, FitOptions, Fitter, MarksError, read_correspondences,
+        validate_correspondences,
+    },
+    geometry::Similarity,
+    input::{CsvFile, InputError},
+    track::eye_distance_px,
+    warp::{Texture, Warp, WarpError},
+    wireframe::{Fapus, FapusError, Tables, Wireframe},
+};
+
+/// What stands behind a photograph's name in the name of its marks, in the order looked for.
+const MARK_FILES: [&str; 5] = ["_correspondences.csv", ".csv", "_landmarks68.csv", "_landmarks68_auto.csv", "_landmarks.csv"];
+/// Landmarks are taken by these confidences, the most first, until the face they fit is not folded.
+const SELECTIONS: [LandmarkSelection; 3] =
+    [LandmarkSelection::HighAndMedium, LandmarkSelection::High, LandmarkSelection::Default];
+
+/// Upper and lower node in the middle of each brow. No landmark tells the lower one, and fits place it too high; a brow between two
+/// nodes that go up together stays as thick as it is.
+const BROWS: [(usize, usize); 2] = [(16, 18), (49, 51)];
+/// Height of a brow in Candide-3, over the eye distance.
+const BROW_HEIGHT: f64 = 0.085;
+
+/// Why a photograph can not be animated.
+#[derive(Debug, thiserror::Error)]
+pub enum PortraitError {
+    /// The photograph does not open.
+    #[error("{}: cannot be read as a picture: {source}", path.display())]
+    Image {
+        /// The photograph.
+        path: PathBuf,
+        /// Why.
+        source: image::ImageError,
+    },
+    /// A folder does not list.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A folder without portraits.
+    #[error("{}: there is no portrait in it; put photographs there, or rows into its manifest.csv", path.display())]
+    Empty {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A photograph without marks.
+    #[error(
+        "{}: it has no marks; put correspondences (node,x,y) or 68 landmarks (point,x,y) beside it as {looked_for}", path.display()
+    )]
+    NoMarks {
+        /// The photograph.
+        path: PathBuf,
+        /// File names looked for.
+        looked_for: String,
+    },
+    /// Correspondences that do not read.
+    #[error(transparent)]
+    Correspondences(#[from] CorrespondenceError),
+    /// A CSV file that does not read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// Landmarks that do not read.
+    #[error(transparent)]
+    Landmarks(#[from] LandmarksError),
+    /// Not the 68 points.
+    #[error("{}: {found} of {LANDMARK_COUNT} landmarks; every point from 0 to {} once, point,x,y", path.display(), LANDMARK_COUNT - 1)]
+    LandmarkCount {
+        /// The file.
+        path: PathBuf,
+        /// Points found.
+        found: usize,
+    },
+    /// A dataset that does not open, or a sequence of it.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// Frames that do not list.
+    #[error(transparent)]
+    Frames(#[from] FramesError),
+    /// Marks that determine no fit.
+    #[error("{id}: {source}")]
+    Marks {
+        /// Portrait.
+        id: String,
+        /// Why.
+        source: MarksError,
+    },
+    /// The fit failed.
+    #[error("{id}: {source}")]
+    Fit {
+        /// Portrait.
+        id: String,
+        /// Why.
+        source: FitError,
+    },
+    /// The face can not be warped.
+    #[error("{id}: {source}")]
+    Warp {
+        /// Portrait.
+        id: String,
+        /// Why.
+        source: WarpError,
+    },
+    /// The face's FAPUs can not be measured.
+    #[error("{id}: {source}")]
+    Fapus {
+        /// Portrait.
+        id: String,
+        /// Why.
+        source: FapusError,
+    },
+}
+
+/// A neutral portrait with its fitted wireframe, ready to be moved.
+#[derive(Debug)]
+pub struct Portrait {
+    id: String,
+    /// Placement of face space, y flipped, in the photograph.
+    pub(super) image_from_face: Similarity,
+    /// Fitted nodes in face space, model units; depths are those of Candide-3.
+    pub(super) neutral: Vec<Point3<f64>>,
+    pub(super) fapus: Fapus,
+    pub(super) warp: Warp,
+    pub(super) texture: Texture,
+}
+
+/// Where the marks of a portrait come from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PortraitMarks {
+    /// Marks as a person sets them.
+    Correspondences(Vec<Correspondence>),
+    /// The 68 landmarks in the order of the scheme.
+    Landmarks(Vec<Point2<f64>>),
+}
+
+impl PortraitMarks {
+    /// Reads correspondences `node,x,y`, or 68 landmarks as `point,x,y` or as the first row of `frame,x0,y0,...`: told apart by the
+    /// header.
+    ///
+    /// # Errors
+    /// [`PortraitError`] for a file that does not read.
+    pub fn read(path: &Path, tables: &Tables, node_count: usize) -> Result<Self, PortraitError> {
+        let csv = CsvFile::open(path)?;
+        if csv.column("point").is_some() {
+            return Ok(Self::Landmarks(read_points(&csv)?));
+        }
+        if csv.column("x0").is_some() {
+            let track = read_landmarks(path)?;
+            let points = track.frames.into_values().next();
+            return Ok(Self::Landmarks(points.ok_or_else(|| PortraitError::LandmarkCount { path: path.to_owned(), found: 0 })?));
+        }
+        Ok(Self::Correspondences(read_correspondences(path, tables, node_count)?))
+    }
+}
+
+/// The 68 points of `point,x,y`.
+fn read_points(csv: &CsvFile) -> Result<Vec<Point2<f64>>, PortraitError> {
+    let [point, x, y] = csv.require(["point", "x", "y"])?;
+    let mut points = vec![None; LANDMARK_COUNT];
+    for row in csv.rows() {
+        let row = row?;
+        let place = points.get_mut(row.whole_number(point)? as usize).filter(|p| p.is_none());
+        let Some(place) = place else { return Err(row.field_error(point, "each of the points 0 to 67 once").into()) };
+        *place = Some(Point2::new(row.number(x)?, row.number(y)?));
+    }
+    let found = points.iter().flatten().count();
+    let count = || PortraitError::LandmarkCount { path: csv.path().to_owned(), found };
+    points.into_iter().collect::<Option<Vec<_>>>().ok_or_else(count)
+}
+
+impl Portrait {
+    /// Fits the wireframe to the marks and prepares the warp. Of landmarks as many are used as make a face that is not folded.
+    ///
+    /// # Errors
+    /// [`PortraitError`] when marks determine no fit, or the face is not seen from the front.
+    pub fn new(
+        id: &str,
+        photograph: &RgbImage,
+        marks: &PortraitMarks,
+        fitter: &Fitter,
+        wireframe: &Wireframe,
+        tables: &Tables,
+    ) -> Result<Self, PortraitError> {
+        match marks {
+            PortraitMarks::Correspondences(marks) => Self::fitted(id, photograph, marks, fitter, wireframe, tables),
+            PortraitMarks::Landmarks(points) => {
+                let mut result = None;
+                for selection in &SELECTIONS {
+                    let marks = correspondences_from_landmarks(points, tables, selection)?;
+                    let portrait = Self::fitted(id, photograph, &marks, fitter, wireframe, tables);
+                    match (&portrait, &result) {
+                        (Ok(_), _) => return portrait,
+                        (Err(_), None) => result = Some(portrait),
+                        _ => {}
+                    }
+                }
+                // The first is the one with the most marks; there is at least one selection.
+                result.unwrap_or_else(|| Err(PortraitError::Warp { id: id.to_owned(), source: WarpError::NoEyes }))
+            }
+        }
+    }
+
+    fn fitted(
+        id: &str,
+        photograph: &RgbImage,
+        marks: &[Correspondence],
+        fitter: &Fitter,
+        wireframe: &Wireframe,
+        tables: &Tables,
+    ) -> Result<Self, PortraitError> {
+        let name = || id.to_owned();
+        validate_correspondences(marks, photograph.width(), photograph.height())
+            .map_err(|source| PortraitError::Marks { id: name(), source })?;
+        let fitted = fitter.fit(wireframe, marks).map_err(|source| PortraitError::Fit { id: name(), source })?;
+        let mut nodes = fitted.model.nodes().to_vec();
+        give_brows_height(&mut nodes, &fitted.image_from_face, tables);
+        let warp = Warp::new(&nodes).map_err(|source| PortraitError::Warp { id: name(), source })?;
+        let face_from_image = fitted.image_from_face.inverse();
+        let mut neutral: Vec<Point3<f64>> = nodes
+            .iter()
+            .zip(wireframe.vertices())
+            .map(|(p, vertex)| {
+                let flat = face_from_image.apply(p);
+                Point3::new(flat.x, -flat.y, vertex.z)
+            })
+            .collect();
+        place_followers(wireframe, &mut neutral);
+        let flat: Vec<Point2<f64>> = neutral.iter().map(nalgebra::OPoint::xy).collect();
+        let fapus = Fapus::measure(&tables.fapus, &flat).map_err(|source| PortraitError::Fapus { id: name(), source })?;
+        let image_from_face = fitted.image_from_face;
+        Ok(Self { id: name(), image_from_face, neutral, fapus, warp, texture: Texture::new(photograph) })
+    }
+
+    /// Name.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// Nodes on the photograph, px.
+    pub fn nodes(&self) -> &[Point2<f64>] {
+        self.warp.nodes()
+    }
+}
+
+/// Moves the lower nodes of the brows down where they lie closer to the upper ones than [`BROW_HEIGHT`].
+fn give_brows_height(nodes: &mut [Point2<f64>], image_from_face: &Similarity, tables: &Tables) {
+    let down = image_from_face.apply_vector(&Vector2::y()).normalize();
+    let height = BROW_HEIGHT * eye_distance_px(tables, nodes).unwrap_or(0.0);
+    for (upper, lower) in BROWS {
+        let missing = height - (nodes[lower] - nodes[upper]).dot(&down);
+        nodes[lower] += down * missing.max(0.0);
+    }
+}
+
+/// A portrait that is still on disk.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PortraitSource {
+    /// Name.
+    pub id: String,
+    /// The photograph.
+    pub photograph: PathBuf,
+    /// Its marks.
+    pub marks: PortraitMarks,
+}
+
+impl PortraitSource {
+    /// One photograph with a file of marks, or with one beside it.
+    ///
+    /// # Errors
+    /// [`PortraitError`] for marks that do not read or are not there.
+    pub fn photograph(path: &Path, marks: Option<&Path>, tables: &Tables, node_count: usize) -> Result<Self, PortraitError> {
+        let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let beside = MARK_FILES.map(|ending| path.with_file_name(format!("{id}{ending}")));
+        let found = marks.or_else(|| beside.iter().map(PathBuf::as_path).find(|path| path.is_file()));
+        let Some(found) = found else {
+            let looked_for = MARK_FILES.map(|ending| format!("{id}{ending}")).join(", ");
+            return Err(PortraitError::NoMarks { path: path.to_owned(), looked_for });
+        };
+        let marks = PortraitMarks::read(found, tables, node_count)?;
+        Ok(Self { id, photograph: path.to_owned(), marks })
+    }
+
+    /// The portraits of a folder: its photographs with marks beside them, those that a `manifest.csv` with columns `file` and `state`
+    /// calls neutral where there is one; or the neutral frame of every subject of a dataset, with its correspondences or landmarks.
+    ///
+    /// # Errors
+    /// [`PortraitError`] for a folder that has none, or marks that do not read or are not there.
+    pub fn folder(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Self>, PortraitError> {
+        let listed = listed_photographs(path)?;
+        let photographs = match listed {
+            Some(photographs) => photographs,
+            None if path.join(MANIFEST_NAME).is_file() => return Self::dataset(path, tables, node_count),
+            None => photographs(path)?,
+        };
+        if photographs.is_empty() {
+            return Self::dataset(path, tables, node_count).map_err(|error| match error {
+                PortraitError::Dataset(_) => PortraitError::Empty { path: path.to_owned() },
+                error => error,
+            });
+        }
+        photographs.iter().map(|file| Self::photograph(file, None, tables, node_count)).collect()
+    }
+
+    /// The neutral frame of every subject's first sequence that has marks.
+    fn dataset(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Self>, PortraitError> {
+        let dataset = Dataset::open(path)?;
+        let mut portraits: Vec<Self> = Vec::new();
+        for entry in &dataset.sequences {
+            if portraits.iter().any(|p| p.id == entry.id.subject) {
+                continue;
+            }
+            let frames = entry.frames()?;
+            let neutral = frames.neutral_number();
+            let marks = if let Some(track) = entry.landmarks()? {
+                PortraitMarks::Landmarks(track.frame(neutral)?.to_vec())
+            } else {
+                let selection = LandmarkSelection::default();
+                PortraitMarks::Correspondences(entry.correspondences(neutral, tables, node_count, &selection)?)
+            };
+            let Some(photograph) = frames.files().first().map(|path| (*path).to_owned()) else { continue };
+            portraits.push(Self { id: entry.id.subject.clone(), photograph, marks });
+        }
+        if portraits.is_empty() {
+            return Err(PortraitError::Empty { path: path.to_owned() });
+        }
+        Ok(portraits)
+    }
+
+    /// Reads the photograph and fits it.
+    ///
+    /// # Errors
+    /// As [`Portrait::new`], and for a photograph that does not open.
+    pub fn open(&self, fitter: &Fitter, wireframe: &Wireframe, tables: &Tables) -> Result<Portrait, PortraitError> {
+        let error = |source| PortraitError::Image { path: self.photograph.clone(), source };
+        let picture = image::ImageReader::open(&self.photograph)
+            .map_err(|e| error(image::ImageError::IoError(e)))?
+            .decode()
+            .map_err(error)?;
+        Portrait::new(&self.id, &picture.into_rgb8(), &self.marks, fitter, wireframe, tables)
+    }
+}
+
+/// Fits portraits with the default options.
+#[must_use]
+pub fn portrait_fitter(wireframe: &Wireframe) -> Fitter {
+    Fitter::new(wireframe, FitOptions::default())
+}
+
+/// Photographs that a manifest with columns `file` and `state` calls neutral; `None` without such a manifest.
+fn listed_photographs(folder: &Path) -> Result<Option<Vec<PathBuf>>, PortraitError> {
+    let manifest = folder.join(MANIFEST_NAME);
+    if !manifest.is_file() {
+        return Ok(None);
+    }
+    let csv = CsvFile::open(&manifest)?;
+    let (Some(file), Some(state)) = (csv.column("file"), csv.column("state")) else { return Ok(None) };
+    let mut files = Vec::new();
+    for row in csv.rows() {
+        let row = row?;
+        if row.get(state).trim() == "neutral" {
+            files.push(folder.join(row.get(file).trim()));
+        }
+    }
+    Ok(Some(files))
+}
+
+/// Pictures in a folder, sorted by name.
+fn photographs(folder: &Path) -> Result<Vec<PathBuf>, PortraitError> {
+    let io = |source| PortraitError::Io { path: folder.to_owned(), source };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        let known = path.extension().and_then(|e| e.to_str()).map(str::to_lowercase);
+        if path.is_file() && known.is_some_and(|e| IMAGE_EXTENSIONS.contains(&e.as_str())) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}

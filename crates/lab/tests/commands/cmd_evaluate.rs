@@ -1,0 +1,352 @@
+//! `grimace evaluate`: what a user types, and what comes out.
+
+use std::{fs, path::Path, path::PathBuf};
+
+use assert_cmd::{Command, assert::Assert};
+use predicates::str::contains;
+use tempfile::TempDir;
+
+/// A fresh folder to run in.
+struct Work {
+    folder: TempDir,
+}
+
+impl Work {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    fn json(&self, name: &str) -> serde_json::Value {
+        serde_json::from_str(&self.read(name)).unwrap()
+    }
+
+    /// Rows of a CSV file, by column name.
+    fn rows(&self, name: &str) -> Vec<std::collections::BTreeMap<String, String>> {
+        csv::Reader::from_path(self.path(name)).unwrap().deserialize().map(|r| r.unwrap()).collect()
+    }
+
+    /// `grimace ARGS` in the folder.
+    fn grimace(&self, args: &str) -> Assert {
+        let mut command = Command::new(crate::common::grimace());
+        command.current_dir(self.folder.path()).args(args.split_whitespace()).assert()
+    }
+
+    fn stdout(&self, args: &str) -> String {
+        String::from_utf8(self.grimace(args).success().get_output().stdout.clone()).unwrap()
+    }
+
+    /// Every file of a folder with its bytes.
+    fn bytes(&self, folder: &str) -> Vec<(String, Vec<u8>)> {
+        let mut files: Vec<_> = fs::read_dir(self.path(folder))
+            .unwrap()
+            .map(|e| e.unwrap().path())
+            .map(|p| (p.file_name().unwrap().to_string_lossy().into_owned(), fs::read(&p).unwrap()))
+            .collect();
+        files.sort();
+        files
+    }
+}
+
+fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> f64 {
+    row[column].parse().unwrap_or_else(|_| panic!("{column} is {:?}", row[column]))
+}
+
+/// Small and few: a tenth of a second each.
+const TINY: &str = "--subjects 1 --emotions happiness --frames 4 --size 240x180";
+
+#[test]
+fn fit_errors_fall_with_more_marks_and_springs_beat_the_similarity() {
+    let work = Work::new();
+    let printed = work.stdout("evaluate fit -o out --subjects 12 --counts 5,7,15");
+    assert!(
+        printed.contains("Mean error over live nodes of 12 simulated people") && printed.contains("| 15 marks |"),
+        "{printed}"
+    );
+    let rows = work.rows("out/fit_error.csv");
+    // 4 choices, 3 numbers of marks, 5 methods.
+    assert_eq!(rows.len(), 60);
+    let mean = |method: &str, choice: &str, marks: &str| {
+        let row = rows.iter().find(|r| r["method"] == method && r["choice"] == choice && r["marks"] == marks).unwrap();
+        assert_eq!((row["people"].as_str(), row["failed"].as_str(), row["errors"].as_str()), ("12", "0", "1248"));
+        assert!(number(row, "median_px") <= number(row, "p95_px"));
+        number(row, "mean_percent_es")
+    };
+    for method in ["springs", "candide prior"] {
+        assert!(mean(method, "suggested", "15") < mean(method, "suggested", "5"), "{method}");
+        assert!(mean(method, "suggested", "7") < mean("similarity", "suggested", "7"), "{method}");
+    }
+    let suggested = rows.iter().find(|r| r["choice"] == "suggested" && r["marks"] == "5").unwrap();
+    assert_eq!(suggested["nodes"].split(' ').count(), 5);
+    for figure in ["methods_simulated.svg", "choices_simulated.svg"] {
+        let svg = work.read(&format!("out/{figure}"));
+        assert!(svg.contains("number of marks") && svg.contains("% of eye distance"), "{figure}");
+    }
+    let json = work.json("out/evaluation.json");
+    assert_eq!((&json["seed"], &json["options"]["marks_noise_px"]), (&1.into(), &0.7.into()));
+    assert!(json["units"]["percent_es"].as_str().unwrap().contains("eye distance"));
+}
+
+#[test]
+fn exact_marks_at_every_node_of_a_choice_leave_less_error_than_noisy_ones() {
+    let work = Work::new();
+    let error = |out: &str, noise: &str| {
+        work.stdout(&format!(
+            "evaluate fit -o {out} --subjects 6 --counts 7 --marks-noise {noise} --marks 20,53,8.3,64,10,23,56"
+        ));
+        let rows = work.rows(&format!("{out}/fit_error.csv"));
+        let row = rows.iter().find(|r| r["choice"] == "given" && r["method"] == "springs").unwrap().clone();
+        assert_eq!(row["nodes"], "20 53 31 64 10 23 56");
+        number(&row, "mean_px")
+    };
+    assert!(error("exact", "0") < error("noisy", "5"));
+}
+
+#[test]
+fn people_from_landmarks_are_compared_at_the_landmarks_that_were_not_marked() {
+    let work = Work::new();
+    write_people(&work.path("people.csv"));
+    work.stdout("evaluate fit people.csv -o out --subjects 2 --counts 7");
+    let rows = work.rows("out/fit_error.csv");
+    let real: Vec<_> = rows.iter().filter(|r| r["population"] == "real" && r["choice"] == "corners and chin").collect();
+    // 52 landmarks less 7 marked, 43 inner ones less 6 (the chin is not inner), 3 people.
+    let counts: Vec<_> = real.iter().take(2).map(|r| (r["compared"].as_str(), r["errors"].as_str())).collect();
+    assert_eq!(counts, [("other landmarks", "135"), ("other inner-face landmarks", "111")]);
+    assert!(work.path("out/methods_real.svg").is_file());
+}
+
+/// Three people whose landmarks are Candide's own nodes at different sizes, the nose of each out of place.
+fn write_people(path: &Path) {
+    let (wireframe, tables) = (grimace::wireframe::Wireframe::candide3(), grimace::wireframe::Tables::candide3());
+    let frontal = wireframe.frontal();
+    let mut text = format!("person,{}\n", (0..68).map(|k| format!("x{k},y{k}")).collect::<Vec<_>>().join(","));
+    for (name, scale) in [("A", 100.0), ("B", 150.0), ("C", 220.0)] {
+        text.push_str(name);
+        for row in &tables.landmarks {
+            let (mut x, mut y) = (0.0, 0.0);
+            for (node, weight) in &row.nodes {
+                x += weight * (400.0 + scale * frontal[node.index()].x);
+                y += weight * (400.0 - scale * frontal[node.index()].y);
+            }
+            let lower = if row.part == "nose" { 0.05 * scale } else { 0.0 };
+            text.push_str(&format!(",{x},{}", y + lower));
+        }
+        text.push('\n');
+    }
+    fs::write(path, text).unwrap();
+}
+
+#[test]
+fn suggested_marks_are_searched_on_request() {
+    let work = Work::new();
+    write_people(&work.path("people.csv"));
+    let printed = work.stdout("evaluate fit people.csv -o out --subjects 3 --counts 5 --suggest");
+    assert!(printed.contains("error_after_percent_es"), "{printed}");
+    let rows = work.rows("out/suggested_marks.csv");
+    assert_eq!(rows.len(), 15);
+    assert_eq!((rows[0]["rank"].as_str(), rows[0]["error_after_percent_es"].as_str()), ("1", ""));
+    let nodes: Vec<_> = rows[..5].iter().map(|r| r["node"].as_str()).collect();
+    let errors = work.rows("out/fit_error.csv");
+    let row = errors.iter().find(|r| r["population"] == "simulated" && r["choice"] == "suggested").unwrap();
+    assert_eq!(row["nodes"].split(' ').collect::<Vec<_>>(), nodes, "the marks found are those compared");
+}
+
+#[test]
+fn tracking_starts_right_and_drifts_and_every_frame_is_there() {
+    let work = Work::new();
+    let printed = work.stdout(&format!("evaluate tracking -o out {TINY}"));
+    assert!(printed.contains("Last frame, mean position error") && printed.contains("plain KLT"), "{printed}");
+    let rows = work.rows("out/tracking_frames.csv");
+    for variant in ["with deformation", "without deformation", "plain KLT"] {
+        let curve: Vec<_> =
+            rows.iter().filter(|r| r["variant"] == variant && r["part"] == "all" && r["state"] == "any").collect();
+        assert_eq!(curve.iter().map(|r| r["frame"].as_str()).collect::<Vec<_>>(), ["1", "2", "3", "4"]);
+        assert!(curve.iter().all(|r| r["errors"] == "104"));
+        // Started at the true nodes, to a rounding of OpenCV's single precision.
+        assert!(number(curve[0], "mean_px") < 1e-6);
+        assert!(number(curve[3], "mean_px") > 0.0 && number(curve[3], "mean_px") < 20.0);
+    }
+    let last = work.rows("out/tracking_last.csv");
+    let parts: std::collections::BTreeSet<_> = last.iter().map(|r| r["part"].clone()).collect();
+    let expected = ["all", "brow", "cheek", "contour", "eye", "forehead", "jaw", "mouth", "nose"];
+    assert_eq!(parts.iter().map(String::as_str).collect::<Vec<_>>(), expected);
+    assert_eq!(work.rows("out/tracking_sequences.csv").len(), 1);
+    assert_eq!(work.read("out/failures.csv"), "sequence,variant,reason\n");
+    let svg = work.read("out/tracking_simulated.svg");
+    assert!(svg.contains("frame (1 is the neutral frame)") && svg.contains("mean error over the live nodes"));
+}
+
+#[test]
+fn the_same_options_give_the_same_bytes_whatever_the_threads() {
+    let work = Work::new();
+    work.stdout(&format!("evaluate tracking -o a {TINY} --start seven --hard -j 1"));
+    work.stdout(&format!("evaluate tracking -o b {TINY} --start seven --hard -j 3"));
+    assert_eq!(work.bytes("a"), work.bytes("b"));
+    work.stdout("evaluate fit -o c --subjects 5 --counts 4 -j 1");
+    work.stdout("evaluate fit -o d --subjects 5 --counts 4 -j 3");
+    assert_eq!(work.bytes("c"), work.bytes("d"));
+    work.stdout("evaluate fit -o e --subjects 5 --counts 4 --seed 2");
+    assert_ne!(work.read("c/fit_error.csv"), work.read("e/fit_error.csv"));
+}
+
+#[test]
+fn variants_are_rows_of_their_own() {
+    let work = Work::new();
+    work.stdout(&format!("evaluate tracking -o out {TINY} --variants same: --variants loose:force=0.5,levels=2"));
+    let rows = work.rows("out/tracking_last.csv");
+    let whole = |variant: &str| {
+        let row = rows.iter().find(|r| r["variant"] == variant && r["part"] == "all" && r["state"] == "any").unwrap();
+        row["mean_px"].clone()
+    };
+    assert_eq!(whole("same"), whole("with deformation"));
+    assert_ne!(whole("loose"), whole("with deformation"));
+    assert_eq!(work.json("out/evaluation.json")["options"]["variants"]["loose"]["levels"], 2);
+    work.grimace("evaluate tracking -o other --variants x:wide=1")
+        .failure()
+        .code(1)
+        .stderr(contains("there is no option `wide`"));
+    work.grimace("evaluate tracking -o other --variants x: --variants x:").failure().stderr(contains("two variants `x`"));
+}
+
+#[test]
+fn simulated_datasets_are_compared_with_their_exact_nodes() {
+    let work = Work::new();
+    work.stdout("simulate -o faces --subjects 2 --emotions happiness,anger --frames 3 --size 240x180");
+    work.stdout("evaluate tracking faces -o out --by cohort");
+    let rows = work.rows("out/tracking_last.csv");
+    let all = rows.iter().find(|r| r["variant"] == "with deformation" && r["part"] == "all" && r["state"] == "any").unwrap();
+    // 4 sequences of 104 live nodes, both subjects in cohort A.
+    assert_eq!((all["group"].as_str(), all["sequences"].as_str(), all["errors"].as_str()), ("A", "4", "416"));
+    work.grimace("evaluate tracking faces -o other --by colour")
+        .failure()
+        .stderr(contains("has no column `colour` to group by; there are subject, sequence, emotion, cohort"));
+
+    // A broken file of one sequence costs that sequence.
+    fs::write(work.path("faces/truth/S001_005.csv"), "frame,node,x,y\n1,0,a,2\n").unwrap();
+    work.grimace("evaluate tracking faces -o partial")
+        .failure()
+        .code(3)
+        .stderr(contains("failed: S001_005").and(contains("x is `a`")));
+    assert_eq!(work.rows("partial/tracking_sequences.csv").len(), 3);
+    assert_eq!(work.rows("partial/failures.csv")[0]["sequence"], "S001_005");
+}
+
+use predicates::prelude::PredicateBooleanExt as _;
+
+#[test]
+fn mistakes_are_named() {
+    let work = Work::new();
+    work.grimace("evaluate fit nowhere -o out").failure().code(1).stderr(contains("nowhere"));
+    work.grimace("evaluate tracking nowhere -o out").failure().code(1).stderr(contains("nowhere"));
+    work.grimace("evaluate fit -o out --subjects 0").failure().code(1).stderr(contains("--subjects is 0; it must be 1 to 999"));
+    work.grimace("evaluate fit -o out --counts 2").failure().code(2).stderr(contains("3..=104"));
+    work.grimace("evaluate fit -o out --marks-noise -1").failure().code(2);
+    work.grimace("evaluate fit -o out --marks 4,20,53").failure().stderr(contains("node 4 is in no triangle"));
+    work.grimace("evaluate fit -o out --marks 20,3.7").failure().stderr(contains("node 20 is listed twice"));
+    work.grimace("evaluate tracking -o out --by kind").failure().code(2);
+    work.grimace("evaluate tracking -o out --size 9").failure().code(2).stderr(contains("not a size such as 640x480"));
+    assert!(!work.path("out").exists(), "nothing is written");
+    // A dataset without anything to compare with.
+    work.stdout("simulate -o faces --subjects 1 --emotions anger --frames 2 --size 96x72");
+    fs::remove_dir_all(work.path("faces/truth")).unwrap();
+    for experiment in ["fit", "tracking"] {
+        work.grimace(&format!("evaluate {experiment} faces -o out"))
+            .failure()
+            .code(1)
+            .stderr(contains("nothing to compare with"));
+    }
+}
+
+#[test]
+fn results_are_not_written_over_unless_forced() {
+    let work = Work::new();
+    work.stdout("evaluate fit -o out --subjects 2 --counts 5 -q");
+    work.grimace("evaluate fit -o out --subjects 2 --counts 5").failure().code(1).stderr(contains("out is not empty"));
+    work.grimace("evaluate fit -o out --subjects 2 --counts 5 --force").success();
+    assert_eq!(work.stdout("evaluate fit -o quiet --subjects 2 --counts 5 --quiet"), "");
+}
+
+#[test]
+fn help_has_an_example() {
+    let work = Work::new();
+    for experiment in ["fit", "tracking"] {
+        assert!(work.stdout(&format!("evaluate {experiment} --help")).contains(&format!("grimace evaluate {experiment}")));
+    }
+}
+
+/// Plain KLT and the fit on the real sequences, against the figures that independent prototypes gave.
+#[test]
+fn real_sequences_give_the_figures_of_the_prototypes() {
+    let data = crate::common::root().join("../shared/data/sequences");
+    if !data.is_dir() {
+        eprintln!("SKIPPED: ../shared/data/sequences is not there");
+        return;
+    }
+    let work = Work::new();
+    work.stdout(&format!("evaluate tracking {} -o out --by kind", data.display()));
+    let rows = work.rows("out/tracking_last.csv");
+    // A prototype with OpenCV gave inner face and inner lips in % of the eye distance.
+    for (kind, inner, lips) in [("photo_animated", 1.32, 3.69), ("real_endpoints_morph", 2.53, 5.11), ("real_video", 5.10, 12.40)]
+    {
+        for (part, expected) in [("inner_face", inner), ("inner_lip", lips)] {
+            let wanted = |r: &&std::collections::BTreeMap<String, String>| {
+                r["group"] == kind && r["variant"] == "plain KLT" && r["part"] == part && r["state"] == "any"
+            };
+            let found = number(rows.iter().find(wanted).unwrap(), "mean_percent_es");
+            assert!((found - expected).abs() < 0.02 * expected, "{kind} {part}: {found}, {expected} expected");
+        }
+    }
+    work.stdout(&format!("evaluate fit {} -o fit --subjects 2 --counts 7", data.display()));
+    let rows = work.rows("fit/fit_error.csv");
+    assert!(rows.iter().any(|r| r["population"] == "real" && r["method"] == "springs" && number(r, "mean_percent_es") < 10.0));
+}
+
+#[test]
+fn confidence_is_learned_judged_and_reproducible() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |name: &str, threads: &str| {
+        let out = folder.path().join(name);
+        let mut command = Command::new(crate::common::grimace());
+        command.args(["evaluate", "confidence", "--subjects", "1", "--held-out", "1", "--emotions", "surprise", "--frames", "6"]);
+        command.args(["--size", "240x200", "-j", threads, "-o"]).arg(&out).assert().success();
+        out
+    };
+    let (one, two) = (run("one", "1"), run("two", "2"));
+    for file in ["track_confidence.csv", "confidence_quintiles.csv", "verdicts.csv", "confidence.svg", "evaluation.json"] {
+        assert!(fs::read(one.join(file)).unwrap() == fs::read(two.join(file)).unwrap(), "{file}");
+    }
+    let table = fs::read_to_string(one.join("track_confidence.csv")).unwrap();
+    let learned = grimace::track::Confidence::parse(&table).unwrap();
+    assert_ne!(&learned, grimace::track::Confidence::shipped());
+    let mut reader = csv::Reader::from_path(one.join("confidence_quintiles.csv")).unwrap();
+    let rows: Vec<_> = reader.records().map(Result::unwrap).filter(|r| &r[0] == "all").collect();
+    assert_eq!(rows.len(), 5);
+    let expected: Vec<f64> = rows.iter().map(|r| r[3].parse().unwrap()).collect();
+    assert!(expected.windows(2).all(|e| e[0] <= e[1]), "{expected:?}");
+}
+
+#[test]
+fn the_shipped_confidence_is_judged_by_a_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    let (faces, out) = (folder.path().join("faces"), folder.path().join("out"));
+    let mut simulate = Command::new(crate::common::grimace());
+    simulate.args(["simulate", "--subjects", "2", "--emotions", "happiness", "--frames", "5", "--size", "240x200", "-o"]);
+    simulate.arg(&faces).assert().success();
+    let mut command = Command::new(crate::common::grimace());
+    command.args(["evaluate", "confidence"]).arg(&faces).args(["--by", "cohort", "--start", "seven", "-o"]).arg(&out);
+    command.assert().success();
+    // Four frames after the neutral one of two sequences, 104 nodes each.
+    let mut reader = csv::Reader::from_path(out.join("confidence_quintiles.csv")).unwrap();
+    let nodes: usize = reader.records().map(|r| r.unwrap()[2].parse::<usize>().unwrap()).sum();
+    assert_eq!(nodes, 2 * 4 * 104);
+    let mut wrong = Command::new(crate::common::grimace());
+    wrong.args(["evaluate", "confidence"]).arg(&faces).args(["--by", "age", "-o"]).arg(folder.path().join("none"));
+    wrong.assert().code(1).stderr(predicates::str::contains("no column `age`"));
+}

@@ -1,0 +1,264 @@
+//! `grimace simulate`.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use assert_cmd::Command;
+use predicates::prelude::{PredicateBooleanExt, predicate::str::contains};
+
+fn simulate(out: &Path) -> Command {
+    let mut command = Command::new(crate::common::grimace());
+    command.arg("simulate").arg("-o").arg(out);
+    command
+}
+
+/// A small, fast dataset.
+fn small(out: &Path) -> Command {
+    let mut command = simulate(out);
+    command.args(["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "3", "--size", "96x80", "--seed", "5"]);
+    command
+}
+
+/// Every file below a folder with its bytes.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(here) = open.pop() {
+        for entry in fs::read_dir(here).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                found.insert(path.strip_prefix(folder).unwrap().to_owned(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+fn rows(path: &Path) -> (Vec<String>, Vec<Vec<String>>) {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    let text = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
+    let header = text(reader.headers().unwrap());
+    (header, reader.records().map(|r| text(&r.unwrap())).collect())
+}
+
+#[test]
+fn writes_a_dataset_with_manifest_frames_marks_and_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("faces");
+    small(&out).args(["--marks-noise", "0"]).assert().success().stdout(contains("4 sequences of 2 subjects, 12 frames"));
+    let (header, manifest) = rows(&out.join("manifest.csv"));
+    assert_eq!(header, ["subject", "sequence", "emotion", "frames", "correspondences", "fps", "sex", "cohort"]);
+    assert_eq!(manifest.len(), 4);
+    assert_eq!(manifest[0], ["S001", "005", "happiness", "S001/005", "S001/005/correspondences.csv", "25.0", "f", "A"]);
+    assert_eq!(manifest[3][..3], ["S002", "007", "surprise"]);
+    let frame = image::open(out.join("S002/007/S002_007_00000003.png")).unwrap();
+    assert_eq!((frame.width(), frame.height()), (96, 80));
+    assert!(!out.join("S002/007/S002_007_00000004.png").exists());
+    // 3 frames of 113 nodes.
+    let (header, truth) = rows(&out.join("truth/S002_007.csv"));
+    assert_eq!((header.join(","), truth.len()), ("frame,node,x,y".to_owned(), 3 * 113));
+    // Marks without noise are the true positions of the neutral frame.
+    let (header, marks) = rows(&out.join("S002/007/correspondences.csv"));
+    assert_eq!(header, ["node", "x", "y"]);
+    assert_eq!(marks.iter().map(|m| m[0].as_str()).collect::<Vec<_>>(), ["20", "23", "53", "56", "31", "64", "10"]);
+    for mark in &marks {
+        let true_row = &truth[mark[0].parse::<usize>().unwrap()];
+        assert_eq!((&true_row[0], &true_row[1..]), (&"1".to_owned(), &mark[..]));
+    }
+    let provenance: serde_json::Value = serde_json::from_slice(&fs::read(out.join("simulate.json")).unwrap()).unwrap();
+    assert_eq!((&provenance["schema_version"], &provenance["options"]["seed"]), (&1.into(), &5.into()));
+    assert!(provenance["units"]["positions"].as_str().unwrap().starts_with("px"));
+}
+
+#[test]
+fn gives_the_same_bytes_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
+    small(&one).args(["--threads", "1"]).assert().success();
+    small(&two).args(["--threads", "2"]).assert().success();
+    let (a, b) = (files(&one), files(&two));
+    // 12 frames, 4 marks, 4 truths, manifest, provenance.
+    assert_eq!(a.len(), 22);
+    assert!(a == b, "files differ between 1 and 2 threads");
+}
+
+#[test]
+fn another_seed_gives_other_faces() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = ["1", "2"].map(|seed| {
+        let out = folder.path().join(seed);
+        simulate(&out)
+            .args(["--subjects", "1", "--emotions", "fear", "--frames", "2", "--size", "64x64", "--seed", seed])
+            .assert()
+            .success();
+        fs::read(out.join("S001/004/S001_004_00000001.png")).unwrap()
+    });
+    assert_ne!(pictures[0], pictures[1]);
+}
+
+#[test]
+fn a_sequence_does_not_depend_on_what_else_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let [all, one] = ["all", "one"].map(|name| folder.path().join(name));
+    small(&all).assert().success();
+    let options = ["--subjects", "1", "--emotions", "surprise", "--frames", "3", "--size", "96x80", "--seed", "5"];
+    simulate(&one).args(options).assert().success();
+    let name = "S001/007/S001_007_00000003.png";
+    assert_eq!(fs::read(all.join(name)).unwrap(), fs::read(one.join(name)).unwrap());
+}
+
+#[test]
+fn refuses_a_folder_that_is_not_empty_unless_forced() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("precious.txt"), "keep").unwrap();
+    small(folder.path()).assert().code(1).stderr(contains("is not empty").and(contains("--force")));
+    assert_eq!(files(folder.path()).len(), 1);
+    small(folder.path()).arg("--force").assert().success();
+    assert_eq!(fs::read(folder.path().join("precious.txt")).unwrap(), b"keep");
+}
+
+#[test]
+fn forcing_leaves_no_frames_of_the_earlier_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let [again, fresh] = ["again", "fresh"].map(|name| folder.path().join(name));
+    small(&again).assert().success();
+    let short = ["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "2", "--size", "96x80", "--format", "jpg"];
+    simulate(&again).args(short).arg("--force").assert().success();
+    simulate(&fresh).args(short).assert().success();
+    assert!(files(&again) == files(&fresh), "files of the earlier run are left");
+}
+
+#[test]
+fn bad_options_are_named_with_their_range() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let cases: [(&[&str], i32, &str); 9] = [
+        (&["--frames", "1"], 1, "--frames is 1; it must be 2 to 9999"),
+        (&["--subjects", "0"], 1, "--subjects is 0"),
+        (&["--size", "10x10"], 1, "--size is 10x10; it must be 64 to 4096"),
+        (&["--size", "big"], 2, "`big` is not a size such as 640x480"),
+        (&["--emotions", "joy"], 2, "`joy` is not an emotion"),
+        (&["--emotions", "fear,fear"], 1, "fear is listed twice"),
+        (&["--noise", "NaN"], 1, "--noise is NaN"),
+        (&["--format", "jpg", "--quality", "101"], 1, "--quality is 101"),
+        (&["--threads", "0"], 1, "--threads is 0"),
+    ];
+    for (args, status, message) in cases {
+        simulate(&out).args(args).assert().code(status).stderr(contains(message));
+        assert!(!out.exists(), "{args:?} left a folder behind");
+    }
+}
+
+#[test]
+fn help_has_an_example() {
+    Command::new(crate::common::grimace())
+        .args(["simulate", "--help"])
+        .assert()
+        .success()
+        .stdout(contains("grimace simulate -o faces").and(contains("correspondences.csv")));
+}
+
+/// Grey levels by which a frame of the shipped dataset may differ from a fresh one, on average and at most: libraries of other
+/// machines may round a sine differently, which a JPEG block can spread.
+const MEAN_TOLERANCE: f64 = 0.05;
+const LARGEST_TOLERANCE: u8 = 24;
+
+#[test]
+fn the_shipped_dataset_is_what_its_command_makes() {
+    let shipped = crate::common::root().join("fixtures/simulated");
+    let readme = fs::read_to_string(shipped.with_file_name("README.md")).unwrap();
+    let command =
+        readme.lines().find(|l| l.trim_start().starts_with("grimace simulate")).expect("the command stands in the README");
+    let mut args: Vec<&str> = command.split_whitespace().skip(2).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("again");
+    let place = args.iter().position(|&a| a == "fixtures/simulated").unwrap();
+    let out_text = out.to_str().unwrap();
+    args[place] = out_text;
+    // One sequence of it: fewer subjects and emotions change nothing in the rest.
+    let subjects = args.iter().position(|&a| a == "--subjects").unwrap();
+    args[subjects + 1] = "1";
+    args.extend(["--emotions", "surprise"]);
+    Command::new(crate::common::grimace()).arg("simulate").args(args).assert().success();
+    let again = files(&out);
+    let mut frames = 0;
+    for (path, bytes) in again.iter().filter(|(p, _)| p.starts_with("S001") || p.starts_with("truth")) {
+        if path.extension().is_some_and(|e| e == "csv") {
+            let (fresh, kept) = (rows(&out.join(path)), rows(&shipped.join(path)));
+            assert_eq!((&fresh.0, fresh.1.len()), (&kept.0, kept.1.len()), "{}", path.display());
+            for (a, b) in fresh.1.iter().flatten().zip(kept.1.iter().flatten()) {
+                let (a, b): (f64, f64) = (a.parse().unwrap(), b.parse().unwrap());
+                assert!((a - b).abs() < 1e-5, "{}: {a} and {b}", path.display());
+            }
+            continue;
+        }
+        let fresh = image::load_from_memory(bytes).unwrap().to_rgb8();
+        let kept = image::open(shipped.join(path)).unwrap().to_rgb8();
+        assert_eq!(fresh.dimensions(), kept.dimensions());
+        let differences: Vec<u8> = fresh.iter().zip(kept.iter()).map(|(a, b)| a.abs_diff(*b)).collect();
+        let mean = differences.iter().map(|&d| f64::from(d)).sum::<f64>() / differences.len() as f64;
+        assert!(mean <= MEAN_TOLERANCE, "{}: mean difference {mean}", path.display());
+        assert!(differences.iter().all(|&d| d <= LARGEST_TOLERANCE), "{}", path.display());
+        frames += 1;
+    }
+    assert!(frames >= 8, "{frames} frames compared");
+}
+
+#[test]
+fn writes_the_layout_of_cohn_kanade_and_run_reads_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, results) = (folder.path().join("ck"), folder.path().join("results"));
+    let mut command = simulate(&out);
+    command.args(["--subjects", "2", "--emotions", "surprise", "--frames", "3", "--size", "200x160", "--layout", "cohn-kanade"]);
+    command.assert().success();
+    assert!(!out.join("manifest.csv").exists());
+    assert!(out.join("cohn-kanade-images/S002/007/S002_007_00000003.png").is_file());
+    let label = fs::read_to_string(out.join("Emotion/S001/007/S001_007_00000003_emotion.txt")).unwrap();
+    assert_eq!(label, "   7.0000000e+00\n");
+    // The chin is landmark 8 and node 10.
+    let landmarks = fs::read_to_string(out.join("Landmarks/S001/007/S001_007_00000002_landmarks.txt")).unwrap();
+    assert_eq!(landmarks.lines().count(), 68);
+    let chin: Vec<f64> = landmarks.lines().nth(8).unwrap().split_whitespace().map(|v| v.parse().unwrap()).collect();
+    let (_, truth) = rows(&out.join("truth/S001_007.csv"));
+    let node = &truth[113 + 10];
+    assert_eq!(node[..2], ["2", "10"]);
+    assert!((chin[0] - node[2].parse::<f64>().unwrap()).abs() < 1e-4 && (chin[1] - node[3].parse::<f64>().unwrap()).abs() < 1e-4);
+    let mut run = Command::new(crate::common::grimace());
+    run.arg("run").arg(&out).arg("-o").arg(&results).assert().success().stdout(contains("2 sequences: 2 tracked"));
+    assert!(results.join("fap/surprise.fap").is_file());
+}
+
+#[test]
+fn faults_of_the_camera_change_pictures_and_never_positions() {
+    let folder = tempfile::tempdir().unwrap();
+    let (plain, faulty) = (folder.path().join("plain"), folder.path().join("faulty"));
+    small(&plain).assert().success();
+    let faults = ["--shutter", "0.5", "--defocus", "1", "--gain-change", "0.2", "--bias-change", "5", "--light-gradient", "0.1"];
+    small(&faulty).args(faults).args(["--compression", "60"]).assert().success();
+    let (plain, faulty) = (files(&plain), files(&faulty));
+    assert_eq!(plain.keys().collect::<Vec<_>>(), faulty.keys().collect::<Vec<_>>());
+    for (path, bytes) in &plain {
+        let picture = path.extension().is_some_and(|e| e == "png");
+        let options = path.ends_with("simulate.json");
+        assert_eq!(faulty[path] != *bytes, picture || options, "{}", path.display());
+    }
+}
+
+#[test]
+fn faults_out_of_range_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("faces");
+    for (flag, value, message) in [
+        ("--shutter", "2", "--shutter is 2; it must be 0 to 1"),
+        ("--compression", "0", "--compression is 0; it must be 1 to 100"),
+        ("--light-gradient", "nan", "--light-gradient is NaN; it must be 0 to 0.9"),
+    ] {
+        small(&out).args([flag, value]).assert().code(1).stderr(contains(message));
+    }
+    small(&out).args(["--layout", "ck"]).assert().code(2).stderr(contains("cohn-kanade"));
+}

@@ -1,0 +1,8 @@
+//! `grimace simulate` and `grimace evaluate` end to end, as a user calls them.
+
+#[path = "../../../../tests/common/mod.rs"]
+mod common;
+
+mod cmd_evaluate;
+mod cmd_simulate;
+mod cmd_simulate_photo;

@@ -1,0 +1,89 @@
+//! `grimace simulate` and `grimace evaluate`: commands of a program of its own, `grimace-lab`.
+
+use std::{
+    env,
+    ffi::{OsStr, OsString},
+    path::PathBuf,
+    process::Command,
+};
+
+use super::Outcome;
+
+/// Name of the program.
+const PROGRAM: &str = "grimace-lab";
+
+/// Arguments, which are the other program's to understand.
+#[derive(Debug, clap::Args)]
+#[command(disable_help_flag = true, disable_version_flag = true)]
+pub struct Args {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+    pub arguments: Vec<OsString>,
+}
+
+/// The command and arguments of the lab that a whole command line asks for, `help COMMAND` included.
+pub fn asked(mut arguments: impl Iterator<Item = OsString>) -> Option<(&'static str, Vec<OsString>)> {
+    let command = |word: &OsStr| ["simulate", "evaluate"].into_iter().find(|name| word == *name);
+    let first = arguments.next()?;
+    if first == "help" {
+        let name = command(&arguments.next()?)?;
+        return Some((name, arguments.chain([OsString::from("--help")]).collect()));
+    }
+    Some((command(&first)?, arguments.collect()))
+}
+
+/// The program: beside this one, else whatever the system finds on PATH.
+fn program() -> PathBuf {
+    let name = format!("{PROGRAM}{}", env::consts::EXE_SUFFIX);
+    let beside = env::current_exe().ok().and_then(|path| Some(path.parent()?.join(&name)));
+    beside.filter(|path| path.is_file()).unwrap_or_else(|| PathBuf::from(name))
+}
+
+/// Runs a command of the lab with its output, its signals and its exit status.
+pub fn run(command: &str, arguments: &[OsString]) -> anyhow::Result<Outcome> {
+    let mut lab = Command::new(program());
+    lab.arg(command).args(arguments);
+    let error = match start(lab) {
+        Ok(outcome) => return Ok(outcome),
+        Err(error) => error,
+    };
+    if error.kind() == std::io::ErrorKind::NotFound {
+        anyhow::bail!(
+            "`grimace {command}` is a command of {PROGRAM}, which is neither beside this program nor on PATH; in the project's folder, \
+             `cargo install --path crates/lab` installs it"
+        );
+    }
+    Err(anyhow::Error::new(error).context(format!("cannot start {PROGRAM}")))
+}
+
+/// Becomes the other program.
+#[cfg(unix)]
+fn start(mut lab: Command) -> std::io::Result<Outcome> {
+    use std::os::unix::process::CommandExt;
+    Err(lab.exec())
+}
+
+/// Runs the other program to its end.
+#[cfg(not(unix))]
+fn start(mut lab: Command) -> std::io::Result<Outcome> {
+    Ok(lab.status()?.code().and_then(|code| u8::try_from(code).ok()).map_or(Outcome::Failed, Outcome::Other))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(line: &str) -> Option<(&'static str, Vec<OsString>)> {
+        asked(line.split_whitespace().map(OsString::from))
+    }
+
+    #[test]
+    fn only_its_own_commands_are_asked_of_the_lab() {
+        let list = |words: &[&str]| words.iter().map(OsString::from).collect::<Vec<_>>();
+        assert_eq!(words("simulate -o faces --help"), Some(("simulate", list(&["-o", "faces", "--help"]))));
+        assert_eq!(words("evaluate"), Some(("evaluate", vec![])));
+        assert_eq!(words("help evaluate fit"), Some(("evaluate", list(&["fit", "--help"]))));
+        for line in ["", "run faces -o simulate", "help", "help run", "--help", "-o simulate", "simulated"] {
+            assert_eq!(words(line), None, "{line}");
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! `grimace learn`.
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use anyhow::Context;
+use clap::Subcommand;
+use grimace::{
+    locate::{
+        ModelOrigin,
+        learn::{LearnOptions, LearnSummary, learn_locator, read_faces},
+    },
+    output,
+    pipeline::MADE_BY,
+};
+
+use super::{Outcome, progress::frame_bar};
+
+/// Learn what this program ships with, from your own data.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  grimace learn locator FACES -o locator.bin")]
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Learn to find faces and their points, from photographs with hand-set points.
+    Locator(LocatorArgs),
+}
+
+/// Learn to find faces and their points, from photographs with hand-set points.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace learn locator FACES -o locator.bin --credit \"Whose faces these are, and the licence\"
+  grimace locate photo.jpg -o points.csv --model locator.bin
+
+FACES is a folder with delineation189.csv (person,x0,y0,...,x188,y188: the 189 points of the Face Research Lab London Set, pixels) and \
+neutral/PERSON.jpg. Of every photograph many pictures are made, in other sizes, turns, lights, backgrounds, clothes and hair. Errors are \
+printed for people left out in turn (five groups), percent of the eye distance.")]
+struct LocatorArgs {
+    /// Folder of photographs and points
+    faces: PathBuf,
+    /// The model
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// People who do not serve, separated by commas
+    #[arg(long, value_delimiter = ',', value_name = "PERSON")]
+    leave_out: Vec<String>,
+    /// Pictures made of each photograph and of its mirror image
+    #[arg(long, default_value_t = LearnOptions::default().pictures as u16, value_parser = clap::value_parser!(u16).range(2..=200))]
+    pictures: u16,
+    /// Seed of all chance
+    #[arg(long, default_value_t = LearnOptions::default().seed)]
+    seed: u64,
+    /// Threads; 0 for one per core
+    #[arg(short, long, default_value_t = 0)]
+    jobs: usize,
+    /// Whom to credit for the faces, and their licence; written into the file
+    #[arg(long, default_value = "", value_name = "TEXT")]
+    credit: String,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+    /// No summary
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    match &args.what {
+        What::Locator(args) => locator(args),
+    }
+}
+
+fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(args.force || !args.output.exists(), "{} is there already; --force writes over it", args.output.display());
+    let options = LearnOptions {
+        seed: args.seed,
+        pictures: usize::from(args.pictures),
+        leave_out: args.leave_out.iter().cloned().collect::<BTreeSet<_>>(),
+    };
+    let faces = read_faces(&args.faces, &options.leave_out)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(args.jobs).build()?;
+    let bar = frame_bar(args.quiet, Some(7));
+    bar.set_style(indicatif::ProgressStyle::with_template("{bar:32.cyan/blue} {msg}  {elapsed} elapsed")?);
+    let learned = pool.install(|| {
+        learn_locator(&faces.faces, &options, &|part| {
+            bar.inc(1);
+            bar.set_message(part.to_owned());
+        })
+    });
+    bar.finish_and_clear();
+    let origin = ModelOrigin {
+        made_by: MADE_BY.to_owned(),
+        command: command(args),
+        blake3: faces.blake3,
+        people: faces.faces.len(),
+        left_out: options.leave_out.into_iter().collect(),
+        credit: args.credit.clone(),
+    };
+    let bytes = learned.model.to_bytes(&origin)?;
+    output::write_bytes(&args.output, &bytes).context("the model was not written")?;
+    if !args.quiet {
+        print_summary(&learned.summary, bytes.len());
+        if args.credit.is_empty() {
+            println!("note: no --credit; say whose faces these are before you pass the file on");
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+fn print_summary(summary: &LearnSummary, size: usize) {
+    println!(
+        "{} people, {} bytes; errors on {} pictures of people left out, percent of the eye distance:",
+        summary.people, size, summary.pictures
+    );
+    println!("{:<14} {:>6} {:>6} {:>6}", "points", "mean", "95 %", "worst");
+    for group in &summary.groups {
+        println!("{:<14} {:>6.2} {:>6.2} {:>6.2}", group.group, group.mean, group.percentile_95, group.worst);
+    }
+    println!("expected and real median error, by fifths of the points:");
+    for [expected, real] in &summary.quintiles {
+        println!("{expected:>14.2} {real:>6.2}");
+    }
+    println!(
+        "faces proposed {:.2} %, accepted {:.2} %; false alarms accepted {:.2} %",
+        100.0 * summary.proposed,
+        100.0 * summary.accepted,
+        100.0 * summary.false_alarms
+    );
+}
+
+/// The command without the folders of this machine.
+fn command(args: &LocatorArgs) -> String {
+    let name = |path: &Path| path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    let left_out = if args.leave_out.is_empty() { String::new() } else { format!(" --leave-out {}", args.leave_out.join(",")) };
+    format!(
+        "grimace learn locator {} -o {} --pictures {} --seed {}{left_out}",
+        name(&args.faces),
+        name(&args.output),
+        args.pictures,
+        args.seed
+    )
+}

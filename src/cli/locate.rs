@@ -1,0 +1,177 @@
+//! `grimace locate`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use grimace::{
+    locate::{LocateOptions, LocatedFace, Locator, Model, TRUSTED},
+    output::{self, nine_digits},
+    overlay::{draw_points, png_bytes},
+    pipeline::{PictureSource, pictures_of},
+    sequence::configure_opencv,
+};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{Outcome, progress::frame_bar, shared::set_threads};
+
+/// Find faces and their points.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace locate photo.jpg -o points.csv --overlay pictures
+  grimace locate my-dataset -o points.csv
+
+POINTS.csv has the columns image,face,node,x,y,expected_error: faces count from 1, the largest first; nodes are Candide-3 vertices; x, y and \
+the expected error (half of such points are further off, half less) are in pixels. Of a dataset the neutral frames are taken. A face whose \
+median expected error is above the limit is named as not trusted: look at it before you use its points. Faces are looked for upright and \
+large first, then small and turned ones.
+
+Exit status: 0 done, 3 where a picture has no face or does not read.")]
+pub struct Args {
+    /// Pictures, folders of pictures, datasets
+    #[arg(required = true, value_name = "IMAGE|FOLDER|DATASET")]
+    pictures: Vec<PathBuf>,
+    /// The points: image,face,node,x,y,expected_error
+    #[arg(short, long, value_name = "POINTS.csv")]
+    output: PathBuf,
+    /// Folder for pictures with the points drawn on them
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+    /// A model of `grimace learn locator`, instead of the one that ships
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Most faces of a picture
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=1000), value_name = "COUNT")]
+    faces: u16,
+    /// Smallest distance of the pupils that is looked for, px; a share of the picture's longer side by default
+    #[arg(long, value_parser = clap::value_parser!(u16).range(10..), value_name = "PX")]
+    least_eye_distance: Option<u16>,
+    /// Median expected error, over the eye distance, up to which a face is trusted
+    #[arg(long, default_value_t = TRUSTED, value_name = "SHARE")]
+    trust: f64,
+    /// Threads; 0 for one per core
+    #[arg(short, long, default_value_t = 0)]
+    jobs: usize,
+    /// Write over results that are there
+    #[arg(long)]
+    force: bool,
+    /// No progress bar, no summary
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+#[derive(Serialize)]
+struct Row<'a> {
+    image: &'a str,
+    face: usize,
+    node: u16,
+    x: String,
+    y: String,
+    expected_error: String,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    for path in [Some(&args.output), args.overlay.as_ref()].into_iter().flatten() {
+        anyhow::ensure!(args.force || !path.exists(), "{} is there already; --force writes over it", path.display());
+    }
+    configure_opencv()?;
+    set_threads(args.jobs)?;
+    let model = match &args.model {
+        Some(path) => Model::read(path)?.0,
+        None => Model::shipped()?,
+    };
+    let locator = Locator::new(model);
+    let options =
+        LocateOptions { most_faces: usize::from(args.faces), least_eye_distance: args.least_eye_distance.map(f64::from) };
+    let (mut pictures, mut failures) = (Vec::new(), Vec::new());
+    for path in &args.pictures {
+        let (found, failed) = pictures_of(path)?;
+        pictures.extend(found);
+        failures.extend(failed);
+    }
+    if let Some(folder) = &args.overlay {
+        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
+    let bar = frame_bar(args.quiet, Some(pictures.len() as u64));
+    let found: Vec<Result<Vec<LocatedFace>, String>> = pictures
+        .par_iter()
+        .enumerate()
+        .map(|(k, picture)| {
+            let faces = locate(&locator, picture, &options, args.overlay.as_deref().map(|folder| (folder, k)));
+            bar.inc(1);
+            faces.map_err(|e| format!("{e:#}"))
+        })
+        .collect();
+    bar.finish_and_clear();
+    let rows = pictures.iter().zip(&found).flat_map(|(picture, faces)| {
+        let name = picture.name.as_str();
+        faces.iter().flatten().enumerate().flat_map(move |(k, face)| {
+            face.points.iter().map(move |point| Row {
+                image: name,
+                face: k + 1,
+                node: point.node.0,
+                x: nine_digits(point.position.x),
+                y: nine_digits(point.position.y),
+                expected_error: nine_digits(point.expected_error),
+            })
+        })
+    });
+    output::write_csv(&args.output, rows)?;
+    let (mut empty, mut doubtful, mut count) = (0, 0, 0);
+    for failure in &failures {
+        eprintln!("{failure}");
+    }
+    for (picture, faces) in pictures.iter().zip(&found) {
+        match faces {
+            Err(reason) => {
+                empty += 1;
+                // What OpenCV or the file system says names the file.
+                if reason.contains(&picture.name) { eprintln!("{reason}") } else { eprintln!("{}: {reason}", picture.name) }
+            }
+            Ok(faces) if faces.is_empty() => {
+                empty += 1;
+                eprintln!("{}: no face found", picture.name);
+            }
+            Ok(faces) => {
+                count += faces.len();
+                for (k, face) in faces.iter().enumerate().filter(|(_, f)| f.expected_error() > args.trust) {
+                    doubtful += 1;
+                    eprintln!(
+                        "{}: face {} is not trusted: half of its points are expected to be more than {:.1} % of the eye distance off",
+                        picture.name,
+                        k + 1,
+                        100.0 * face.expected_error()
+                    );
+                }
+            }
+        }
+    }
+    if !args.quiet {
+        println!(
+            "{}, {count} {}, {doubtful} not trusted, {empty} without a face",
+            output::count(pictures.len(), "picture", "pictures"),
+            if count == 1 { "face" } else { "faces" }
+        );
+    }
+    Ok(if empty > 0 || !failures.is_empty() { Outcome::SomeFailed } else { Outcome::Done })
+}
+
+fn locate(
+    locator: &Locator,
+    picture: &PictureSource,
+    options: &LocateOptions,
+    overlay: Option<(&Path, usize)>,
+) -> anyhow::Result<Vec<LocatedFace>> {
+    let image = picture.read()?.to_image()?;
+    let faces = locator.locate(&image, options);
+    if let Some((folder, number)) = overlay {
+        let stem = Path::new(&picture.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let points: Vec<_> =
+            faces.iter().flat_map(|f| f.points.iter().map(|p| (p.position, p.expected_error, f.eye_distance))).collect();
+        let path = folder.join(format!("{:04}_{stem}.png", number + 1));
+        output::write_bytes(&path, &png_bytes(&draw_points(&image, &points))?)?;
+    }
+    Ok(faces)
+}

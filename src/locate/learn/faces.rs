@@ -1,0 +1,211 @@
+//! Faces to learn from: photographs with the 189 hand-set points of the Face Research Lab London Set.
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use image::RgbImage;
+
+use crate::{
+    input::{CsvFile, InputError},
+    locate::{
+        PUPILS, points,
+        shape::{Point, Shape, distance},
+    },
+};
+
+/// Points of a face in the file.
+pub const POINTS: usize = 189;
+
+/// First and one past the last point of the outline of the face, the chin first.
+const OUTLINE: std::ops::Range<usize> = 125..145;
+
+/// Largest side of a photograph, px.
+const LARGEST: u32 = 4000;
+
+/// Faces that do not read.
+#[derive(Debug, thiserror::Error)]
+pub enum FacesError {
+    /// The table.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A photograph.
+    #[error("{}: {reason}", path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A person left out who is not there.
+    #[error("{}: nobody is called {name}; --leave-out takes names of the column person", path.display())]
+    NoSuchPerson {
+        /// The table.
+        path: PathBuf,
+        /// Who was named.
+        name: String,
+    },
+    /// A person twice.
+    #[error("{}, line {line}: {name} stands there already", path.display())]
+    Twice {
+        /// The table.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Who.
+        name: String,
+    },
+    /// Pupils in one place.
+    #[error("{}, line {line}: the pupils of {name} are {distance} px apart; at least 20 are needed", path.display())]
+    Small {
+        /// The table.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Who.
+        name: String,
+        /// Distance, px.
+        distance: f32,
+    },
+    /// Too few to learn from.
+    #[error("{}: {found} people; at least {} are needed", path.display(), super::LEAST_PEOPLE)]
+    TooFew {
+        /// The table.
+        path: PathBuf,
+        /// How many there are.
+        found: usize,
+    },
+}
+
+/// One person's photograph.
+#[derive(Clone, Debug)]
+pub struct TrainingFace {
+    /// Who.
+    pub person: String,
+    /// Grey pixels.
+    pub grey: image::GrayImage,
+    /// 255 where the background is, 0 on the person.
+    pub background: image::GrayImage,
+    /// 255 inside the outline of the face.
+    pub inside: image::GrayImage,
+    /// The locator's points, px.
+    pub shape: Shape,
+}
+
+/// The faces and what they were read from.
+#[derive(Clone, Debug)]
+pub struct TrainingFaces {
+    /// In the order of the table.
+    pub faces: Vec<TrainingFace>,
+    /// BLAKE3 of the table and all photographs used, in hexadecimal.
+    pub blake3: String,
+}
+
+/// Reads `FOLDER/delineation189.csv` (`person,x0,y0,...,x188,y188`, px) and `FOLDER/neutral/PERSON.jpg`.
+///
+/// # Errors
+/// [`FacesError`].
+pub fn read_faces(folder: &Path, leave_out: &BTreeSet<String>) -> Result<TrainingFaces, FacesError> {
+    let path = folder.join("delineation189.csv");
+    let csv = CsvFile::open(&path)?;
+    let [person_column] = csv.require(["person"])?;
+    let names: Vec<String> = (0..POINTS).flat_map(|k| [format!("x{k}"), format!("y{k}")]).collect();
+    let columns = csv.require::<{ 2 * POINTS }>(std::array::from_fn(|k| names[k].as_str()))?;
+    let mut hasher = blake3::Hasher::new();
+    let (mut seen, mut faces) = (BTreeSet::new(), Vec::new());
+    for row in csv.rows() {
+        let row = row?;
+        let person = row.get(person_column).to_owned();
+        if !seen.insert(person.clone()) {
+            return Err(FacesError::Twice { path, line: row.line(), name: person });
+        }
+        if leave_out.contains(&person) {
+            continue;
+        }
+        let numbers = columns.iter().map(|&c| row.number(c)).collect::<Result<Vec<f64>, _>>()?;
+        let all: Vec<Point> = numbers.chunks_exact(2).map(|p| [p[0] as f32, p[1] as f32]).collect();
+        let shape: Shape = points().iter().map(|p| mean_of(&all, &p.sources)).collect();
+        let apart = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
+        if apart < 20.0 {
+            return Err(FacesError::Small { path, line: row.line(), name: person, distance: apart });
+        }
+        let (picture, bytes) = read_picture(&folder.join("neutral").join(format!("{person}.jpg")))?;
+        hasher.update(&blake3::hash(&bytes).as_bytes()[..]);
+        numbers.iter().for_each(|n| {
+            hasher.update(&n.to_le_bytes());
+        });
+        faces.push(face(person, &picture, &all[OUTLINE], shape));
+    }
+    if let Some(name) = leave_out.iter().find(|name| !seen.contains(*name)) {
+        return Err(FacesError::NoSuchPerson { path, name: name.clone() });
+    }
+    if faces.len() < super::LEAST_PEOPLE {
+        return Err(FacesError::TooFew { path, found: faces.len() });
+    }
+    Ok(TrainingFaces { faces, blake3: hasher.finalize().to_hex().to_string() })
+}
+
+fn mean_of(all: &[Point], sources: &[(usize, f64)]) -> Point {
+    sources.iter().fold([0.0, 0.0], |sum, &(k, share)| {
+        let p = all.get(k).copied().unwrap_or_default();
+        [sum[0] + p[0] * share as f32, sum[1] + p[1] * share as f32]
+    })
+}
+
+fn read_picture(path: &Path) -> Result<(RgbImage, Vec<u8>), FacesError> {
+    let failed = |reason: String| FacesError::Picture { path: path.to_owned(), reason };
+    let bytes = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
+    let picture = image::load_from_memory(&bytes).map_err(|e| failed(e.to_string()))?.to_rgb8();
+    if picture.width().max(picture.height()) > LARGEST {
+        return Err(failed(format!("{}x{} px; at most {LARGEST} a side", picture.width(), picture.height())));
+    }
+    Ok((picture, bytes))
+}
+
+fn face(person: String, picture: &RgbImage, outline: &[Point], shape: Shape) -> TrainingFace {
+    let (width, height) = picture.dimensions();
+    // The weights of BT.601, as OpenCV's.
+    let luma = |p: &image::Rgb<u8>| ((u32::from(p[0]) * 299 + u32::from(p[1]) * 587 + u32::from(p[2]) * 114 + 500) / 1000) as u8;
+    let grey = image::GrayImage::from_fn(width, height, |x, y| image::Luma([luma(picture.get_pixel(x, y))]));
+    let inside =
+        image::GrayImage::from_fn(width, height, |x, y| image::Luma([if within(outline, x as f32, y as f32) { 255 } else { 0 }]));
+    let background = image::imageops::fast_blur(&background_of(picture, &inside), 1.2);
+    TrainingFace { person, grey, background, inside: image::imageops::fast_blur(&inside, 1.2), shape }
+}
+
+/// Whether a place is inside a closed outline (even-odd rule).
+pub fn within(outline: &[Point], x: f32, y: f32) -> bool {
+    let edges = outline.iter().zip(outline.iter().cycle().skip(1));
+    edges.filter(|(p, q)| (p[1] > y) != (q[1] > y) && x < p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0])).count() % 2 == 1
+}
+
+/// The even background that reaches the upper border and the upper half of the sides, flooded from there.
+fn background_of(picture: &RgbImage, inside: &image::GrayImage) -> image::GrayImage {
+    let (width, height) = picture.dimensions();
+    let smooth = image::imageops::fast_blur(picture, 1.5);
+    let mut mask = image::GrayImage::new(width, height);
+    let starts = [(1, 1), (width.saturating_sub(2), 1), (1, height / 4), (width.saturating_sub(2), height / 4)];
+    for start in starts {
+        if start.0 >= width || start.1 >= height || mask.get_pixel(start.0, start.1)[0] > 0 {
+            continue;
+        }
+        let seed = *smooth.get_pixel(start.0, start.1);
+        let chroma = |p: &image::Rgb<u8>| [i32::from(p[0]) - i32::from(p[1]), i32::from(p[2]) - i32::from(p[1])];
+        let like = |p: &image::Rgb<u8>| {
+            let level = (0..3).map(|k| i32::from(p[k]) - i32::from(seed[k])).sum::<i32>().abs() <= 3 * 22;
+            let (a, b) = (chroma(p), chroma(&seed));
+            level && (a[0] - b[0]).abs() <= 10 && (a[1] - b[1]).abs() <= 10
+        };
+        let mut open = vec![start];
+        while let Some((x, y)) = open.pop() {
+            if mask.get_pixel(x, y)[0] > 0 || inside.get_pixel(x, y)[0] > 0 || !like(smooth.get_pixel(x, y)) {
+                continue;
+            }
+            mask.put_pixel(x, y, image::Luma([255]));
+            let next = [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)];
+            open.extend(next.into_iter().filter(|&(x, y)| x < width && y < height));
+        }
+    }
+    mask
+}

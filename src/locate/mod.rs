@@ -1,0 +1,250 @@
+//! Faces and their points, found without a click.
+//!
+//! A linear template over gradient cells says where faces may be; joint stages place all points together at each such place; a linear
+//! verifier says whether that is a face; local stages let each point look around itself. Each face is read twice, once in the mirror:
+//! the points are the mean of both, and how far the two are apart tells, with other signs, the error to expect. Everything is learned by
+//! [`learn`] from hand-set points; what was learned ships with the program.
+
+pub mod learn;
+
+mod cells;
+mod expect;
+mod linear;
+mod model;
+mod picture;
+mod points;
+mod shape;
+mod stages;
+mod template;
+
+use image::GrayImage;
+use nalgebra::Point2;
+
+pub use model::{Model, ModelError, ModelOrigin};
+pub use points::{LocatorPoint, PUPILS, points};
+
+use crate::units::NodeId;
+use expect::{Reading, signs};
+use picture::{Picture, View};
+use shape::{Placement, Shape, distance};
+use stages::Placed;
+use template::{Candidate, Search, best, candidates};
+
+/// Score of the verifier from which a place counts as a face.
+pub const LEAST_SCORE: f32 = 0.0;
+
+/// Median expected error, over the eye distance, up to which a face is trusted.
+pub const TRUSTED: f64 = 0.035;
+
+/// A face that is read starts its second reading this much larger (logarithm) and this far off, eye distances.
+const SECOND_START: (f32, f32) = (0.05, 0.03);
+
+/// What to look for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocateOptions {
+    /// Most faces of a picture.
+    pub most_faces: usize,
+    /// Smallest eye distance, px; `None` for a share of the picture's longer side.
+    pub least_eye_distance: Option<f64>,
+}
+
+impl Default for LocateOptions {
+    fn default() -> Self {
+        Self { most_faces: 20, least_eye_distance: None }
+    }
+}
+
+/// A point that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocatedPoint {
+    /// The node.
+    pub node: NodeId,
+    /// Where it is, image pixels.
+    pub position: Point2<f64>,
+    /// Half of such points are further off than this, half less; px.
+    pub expected_error: f64,
+}
+
+/// A face that was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LocatedFace {
+    /// Its points, by node.
+    pub points: Vec<LocatedPoint>,
+    /// All points that the locator knows, in the order of [`points()`], image pixels.
+    pub shape: Vec<Point2<f64>>,
+    /// The error to expect of each of these, px.
+    pub expected_errors: Vec<f64>,
+    /// Distance of the pupils, px.
+    pub eye_distance: f64,
+    /// Score of the verifier; the higher the more like a face.
+    pub score: f64,
+}
+
+impl LocatedFace {
+    /// Median expected error over the eye distance.
+    pub fn expected_error(&self) -> f64 {
+        let mut errors = self.expected_errors.clone();
+        errors.sort_by(f64::total_cmp);
+        errors.get(errors.len() / 2).map_or(1.0, |e| e / self.eye_distance.max(f64::MIN_POSITIVE))
+    }
+
+    /// Whether the points may be used without a look: the median expected error is at most [`TRUSTED`].
+    pub fn trusted(&self) -> bool {
+        self.expected_error() <= TRUSTED
+    }
+}
+
+/// Finds faces and their points.
+#[derive(Clone, Debug)]
+pub struct Locator {
+    model: Model,
+}
+
+impl Locator {
+    /// With a model that was learned.
+    pub fn new(model: Model) -> Self {
+        Self { model }
+    }
+
+    /// With the model that ships.
+    ///
+    /// # Errors
+    /// [`ModelError`] when it was not built in whole.
+    pub fn shipped() -> Result<Self, ModelError> {
+        Model::shipped().map(Self::new)
+    }
+
+    /// The faces of a picture, the largest first; none where there are none.
+    ///
+    /// Faces are looked for upright and large first; where there are none, small ones and turned ones are.
+    pub fn locate(&self, image: &GrayImage, options: &LocateOptions) -> Vec<LocatedFace> {
+        let Some(picture) = Picture::new(image) else { return Vec::new() };
+        let (longer, shorter) = (picture.width().max(picture.height()) as f32, picture.width().min(picture.height()) as f32);
+        let least = options.least_eye_distance.map_or((0.055 * longer).max(18.0), |d| d.max(10.0) as f32);
+        let most = (0.5 * shorter).max(least);
+        let smaller = options.least_eye_distance.map_or((0.02 * longer).clamp(10.0, least), |d| d as f32);
+        let degrees = f32::to_radians;
+        let searches = [
+            (least, most, 0.0, 12),
+            (smaller * 1.07, most, 0.0, 40),
+            (least, most, degrees(25.0), 12),
+            (least, most, degrees(-25.0), 12),
+            (least, most, degrees(90.0), 12),
+            (least, most, degrees(-90.0), 12),
+            (least, most, degrees(180.0), 12),
+            (least, most, degrees(50.0), 12),
+            (least, most, degrees(-50.0), 12),
+        ];
+        for (least, most, angle, count) in searches {
+            let search = Search { eye_distance: (least, most), angle, most: count };
+            let found = self.faces(&picture, &search, options);
+            if !found.is_empty() {
+                return found;
+            }
+        }
+        Vec::new()
+    }
+
+    fn faces(&self, picture: &Picture, search: &Search, options: &LocateOptions) -> Vec<LocatedFace> {
+        let view = picture.view(false);
+        let places = candidates(view, (picture.width(), picture.height()), &self.model.template, search);
+        let likely = places.iter().filter_map(|c| {
+            let (placement, score) = self.verify(view, c.placement);
+            (score >= LEAST_SCORE).then_some(Candidate { placement, score })
+        });
+        let kept = best(likely.collect(), options.most_faces);
+        let mut faces: Vec<_> = kept.iter().map(|c| self.read(picture, c.placement)).collect();
+        faces.retain(|f| f.eye_distance > 0.0 && f.score >= f64::from(LEAST_SCORE));
+        faces.sort_by(|p, q| q.eye_distance.total_cmp(&p.eye_distance));
+        faces
+    }
+
+    /// Where the first joint stages put a face that may be at a place, and how much it looks like one.
+    fn verify(&self, view: View<'_>, start: Placement) -> (Placement, f32) {
+        let shape: Shape = self.model.mean.iter().map(|&p| start.apply(p)).collect();
+        let (placed, features) = self.model.before_last_joint(view, shape);
+        (placed.placement, self.model.score(&features))
+    }
+
+    /// Reads the face at a place.
+    pub(crate) fn read(&self, picture: &Picture, start: Placement) -> LocatedFace {
+        let model = &self.model;
+        let mean_at = |p: Placement| -> Shape { model.mean.iter().map(|&m| p.apply(m)).collect() };
+        let plain = model.reading(picture.view(false), mean_at(start));
+        let larger = SECOND_START.0.exp();
+        let shift = SECOND_START.1 * start.scale();
+        let other = Placement { a: start.a * larger, b: start.b * larger, x: start.x + shift, y: start.y - shift };
+        let mirrored = model.mirrored_reading(picture, &mean_at(other));
+        face(model, &plain, &mirrored)
+    }
+}
+
+/// The mean of two readings and what errors to expect of it.
+fn face(model: &Model, plain: &Reading, mirrored: &Reading) -> LocatedFace {
+    let shape: Shape = plain.shape.iter().zip(&mirrored.shape).map(|(p, q)| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]).collect();
+    let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
+    let unit = eye_distance.max(1e-3);
+    let apart: Vec<f32> = plain.shape.iter().zip(&mirrored.shape).map(|(&p, &q)| distance(p, q) / unit).collect();
+    let expected: Vec<f64> =
+        (0..shape.len()).map(|k| f64::from(model.errors.expect(k, &signs(k, &apart, [plain, mirrored], unit)) * unit)).collect();
+    let shape: Vec<Point2<f64>> = shape.iter().map(|p| Point2::new(f64::from(p[0]), f64::from(p[1]))).collect();
+    let named = points().iter().zip(&shape).zip(&expected);
+    let mut found: Vec<LocatedPoint> = named
+        .filter_map(|((point, &position), &expected_error)| Some(LocatedPoint { node: point.node?, position, expected_error }))
+        .collect();
+    found.sort_by_key(|p| p.node);
+    let score = 0.5 * f64::from(plain.score + mirrored.score);
+    LocatedFace { points: found, shape, expected_errors: expected, eye_distance: f64::from(eye_distance), score }
+}
+
+impl Model {
+    /// A shape after all joint stages but the last, and what the last one reads there.
+    fn before_last_joint(&self, view: View<'_>, mut shape: Shape) -> (Placed, Vec<f32>) {
+        let last = self.joint.len().saturating_sub(1);
+        for stage in &self.joint[..last] {
+            let placed = Placed::new(&self.mean, &shape);
+            shape = placed.moved(&stage.step(&stage.features(view, &placed, &self.features)));
+        }
+        let placed = Placed::new(&self.mean, &shape);
+        let features = self.joint.last().map(|s| s.features(view, &placed, &self.features)).unwrap_or_default();
+        (placed, features)
+    }
+
+    /// How much what the last joint stage reads looks like a face.
+    fn score(&self, features: &[f32]) -> f32 {
+        linear::dot(&self.verifier.0, features) + self.verifier.1
+    }
+
+    /// All stages from a start in pixels of the view.
+    fn reading(&self, view: View<'_>, start: Shape) -> Reading {
+        let (placed, features) = self.before_last_joint(view, start);
+        let score = self.score(&features);
+        let mut shape = match self.joint.last() {
+            Some(stage) => placed.moved(&stage.step(&features)),
+            None => placed.moved(&vec![0.0; 2 * self.mean.len()]),
+        };
+        let (mut last_step, mut dissent) = (Vec::new(), Vec::new());
+        for stage in &self.local {
+            let placed = Placed::new(&self.mean, &shape);
+            let said = stage.step(&stage.features(view, &placed));
+            shape = placed.moved(&said.step);
+            last_step = said.step.chunks_exact(2).map(|s| s[0].hypot(s[1])).collect();
+            dissent = said.dissent;
+        }
+        Reading { shape, score, last_step, dissent }
+    }
+
+    /// As [`Model::reading`] of the picture in the mirror; start and answer are those of the picture as it is.
+    fn mirrored_reading(&self, picture: &Picture, start: &Shape) -> Reading {
+        let view = picture.view(true);
+        let turned = |values: &[f32]| points().iter().map(|p| values[p.mirror]).collect::<Vec<f32>>();
+        let start = points().iter().map(|p| view.turn(start[p.mirror])).collect();
+        let reading = self.reading(view, start);
+        Reading {
+            shape: points().iter().map(|p| view.turn(reading.shape[p.mirror])).collect(),
+            last_step: turned(&reading.last_step),
+            dissent: turned(&reading.dissent),
+            ..reading
+        }
+    }
+}

@@ -1,0 +1,314 @@
+//! What the locator has learned, and its file: [`MAGIC`], the length of a JSON description (u32, little-endian), the description, and the
+//! matrices that it names: for each a scale per row (f32), then its numbers (i16, times the scale of their row).
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    cells::Patch,
+    points::points,
+    shape::Shape,
+    stages::{JointStage, LocalStage},
+    template::{self, Template},
+};
+
+/// Version of the file.
+pub const SCHEMA: u32 = 1;
+
+/// First bytes of the file.
+pub const MAGIC: &[u8; 8] = b"grimloc\n";
+
+/// Everything that the locator has learned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// Mean face, canonical.
+    pub mean: Shape,
+    /// Points that joint stages look around.
+    pub features: Vec<usize>,
+    /// The first stages.
+    pub joint: Vec<JointStage>,
+    /// The later ones.
+    pub local: Vec<LocalStage>,
+    /// Where faces may be.
+    pub template: Template,
+    /// Whether it is one: weights of what the last joint stage reads, and a constant.
+    pub verifier: (Vec<f32>, f32),
+    /// What errors to expect.
+    pub errors: ErrorModel,
+}
+
+/// The error to expect of a point from how the reading went: `log e = intercept + sum of slope x sign`, then a calibration.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ErrorModel {
+    /// Per point.
+    pub intercepts: Vec<f32>,
+    /// Per sign, as [`super::expect::signs`] lists them.
+    pub slopes: Vec<f32>,
+    /// Pairs of what the sum says and what it comes to, both logarithms of shares of the eye distance, rising.
+    pub knots: Vec<[f32; 2]>,
+    /// Score of the verifier under which errors are larger than these: the lowest hundredth of the faces that it was calibrated on.
+    pub low_score: f32,
+}
+
+/// From whom a model was learned.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelOrigin {
+    /// Program and version.
+    pub made_by: String,
+    /// The command.
+    pub command: String,
+    /// BLAKE3 of points and pictures, in hexadecimal.
+    pub blake3: String,
+    /// Number of people.
+    pub people: usize,
+    /// People left out.
+    pub left_out: Vec<String>,
+    /// Whose faces these are, and their licence.
+    pub credit: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    schema: u32,
+    points: usize,
+    features: Vec<usize>,
+    joint: Vec<Patch>,
+    local: Vec<Vec<Patch>>,
+    template_bias: f32,
+    verifier_bias: f32,
+    errors: ErrorModel,
+    origin: ModelOrigin,
+    /// Names of the matrices in order, with their numbers and the numbers of a row.
+    matrices: Vec<(String, usize, usize)>,
+}
+
+/// A model that does not read or cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The file.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// No model in it.
+    #[error("{}: not a model of the locator: {reason}; `grimace learn locator` makes one", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// A matrix as it stands in the file.
+fn quantized(values: &[f32], row: usize, out: &mut Vec<u8>) {
+    let most = |line: &[f32]| line.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+    let scales: Vec<f32> =
+        values.chunks(row.max(1)).map(|line| most(line).max(f32::MIN_POSITIVE) / f32::from(i16::MAX)).collect();
+    scales.iter().for_each(|s| out.extend(s.to_le_bytes()));
+    for (line, scale) in values.chunks(row.max(1)).zip(&scales) {
+        line.iter().for_each(|v| out.extend(((v / scale).round() as i16).to_le_bytes()));
+    }
+}
+
+/// Matrices by name.
+struct Matrices(BTreeMap<String, Vec<f32>>);
+
+impl Matrices {
+    fn read(layout: &[(String, usize, usize)], mut bytes: &[u8]) -> Result<Self, String> {
+        let mut matrices = BTreeMap::new();
+        for (name, count, row) in layout {
+            let row = (*row).max(1);
+            let size = count.checked_mul(2).and_then(|n| n.checked_add(count.div_ceil(row).checked_mul(4)?));
+            let size = size.filter(|&n| n <= bytes.len()).ok_or_else(|| format!("{name}: the file ends too early"))?;
+            let (part, rest) = bytes.split_at(size);
+            bytes = rest;
+            let (scales, numbers) = part.split_at(count.div_ceil(row) * 4);
+            let scales: Vec<f32> = scales.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+            let numbers = numbers.chunks_exact(2).map(|b| f32::from(i16::from_le_bytes([b[0], b[1]])));
+            let values: Vec<f32> = numbers.enumerate().map(|(k, n)| n * scales[k / row]).collect();
+            if !values.iter().all(|v| v.is_finite()) {
+                return Err(format!("{name}: numbers that are not finite"));
+            }
+            matrices.insert(name.clone(), values);
+        }
+        if bytes.is_empty() { Ok(Self(matrices)) } else { Err(format!("{} bytes too many at the end", bytes.len())) }
+    }
+
+    /// A matrix that must have so many numbers; any positive number of them if `None`.
+    fn take(&mut self, name: &str, count: Option<usize>) -> Result<Vec<f32>, String> {
+        let values = self.0.remove(name).ok_or_else(|| format!("{name} is missing"))?;
+        let fits = count.map_or(!values.is_empty(), |c| c == values.len());
+        if fits { Ok(values) } else { Err(format!("{name}: {} numbers; {} were expected", values.len(), count.unwrap_or(1))) }
+    }
+}
+
+impl Model {
+    /// The model that ships with this program.
+    ///
+    /// # Errors
+    /// [`ModelError::Format`] when it was not built in whole.
+    pub fn shipped() -> Result<Self, ModelError> {
+        Self::from_bytes(Path::new("candide/locator.bin"), include_bytes!("../../candide/locator.bin")).map(|m| m.0)
+    }
+
+    /// Reads a model from its file.
+    ///
+    /// # Errors
+    /// [`ModelError`].
+    pub fn read(path: &Path) -> Result<(Self, ModelOrigin), ModelError> {
+        let bytes = std::fs::read(path).map_err(|source| ModelError::Io { path: path.to_owned(), source })?;
+        Self::from_bytes(path, &bytes)
+    }
+
+    /// As [`Model::read`] from the file's content; `path` is only named in errors.
+    ///
+    /// # Errors
+    /// [`ModelError::Format`].
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(Self, ModelOrigin), ModelError> {
+        parse(bytes).map_err(|reason| ModelError::Format { path: path.to_owned(), reason })
+    }
+
+    /// The file's content.
+    ///
+    /// # Errors
+    /// When a number is not finite.
+    pub fn to_bytes(&self, origin: &ModelOrigin) -> Result<Vec<u8>, serde_json::Error> {
+        let steps = 2 * self.mean.len();
+        let mean: Vec<f32> = self.mean.iter().flatten().copied().collect();
+        let mut parts: Vec<(String, &[f32], usize)> = vec![
+            ("mean".to_owned(), &mean, 1),
+            ("template".to_owned(), &self.template.weights, self.template.weights.len()),
+            ("verifier".to_owned(), &self.verifier.0, self.verifier.0.len()),
+        ];
+        for (k, stage) in self.joint.iter().enumerate() {
+            parts.push((format!("joint.{k}.offset"), &stage.offset, stage.offset.len()));
+            parts.push((format!("joint.{k}.down"), &stage.down, stage.offset.len()));
+            parts.push((format!("joint.{k}.up"), &stage.up, stage.up.len() / steps.max(1)));
+            parts.push((format!("joint.{k}.base"), &stage.base, steps));
+        }
+        for (k, stage) in self.local.iter().enumerate() {
+            let row: usize = stage.patches.iter().map(Patch::len).sum();
+            parts.push((format!("local.{k}.offset"), &stage.offset, row));
+            parts.push((format!("local.{k}.weights"), &stage.weights, row));
+            parts.push((format!("local.{k}.base"), &stage.base, steps));
+            parts.push((format!("local.{k}.mix"), &stage.mix, steps));
+        }
+        let header = Header {
+            schema: SCHEMA,
+            points: self.mean.len(),
+            features: self.features.clone(),
+            joint: self.joint.iter().map(|s| s.patch).collect(),
+            local: self.local.iter().map(|s| s.patches.clone()).collect(),
+            template_bias: self.template.bias,
+            verifier_bias: self.verifier.1,
+            errors: self.errors.clone(),
+            origin: origin.clone(),
+            matrices: parts.iter().map(|(name, values, row)| (name.clone(), values.len(), *row)).collect(),
+        };
+        let description = serde_json::to_string(&header)?;
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend((description.len() as u32).to_le_bytes());
+        bytes.extend(description.as_bytes());
+        parts.iter().for_each(|(_, values, row)| quantized(values, *row, &mut bytes));
+        Ok(bytes)
+    }
+}
+
+fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
+    let rest = bytes.strip_prefix(MAGIC.as_slice()).ok_or("it does not begin as one")?;
+    let (length, rest) = rest.split_first_chunk::<4>().ok_or("it is cut short")?;
+    let length = u32::from_le_bytes(*length) as usize;
+    let (description, numbers) = rest.split_at_checked(length).ok_or("it is cut short")?;
+    let header: Header = serde_json::from_slice(description).map_err(|e| e.to_string())?;
+    if header.schema != SCHEMA {
+        return Err(format!("schema {}; this program reads {SCHEMA}", header.schema));
+    }
+    let count = points().len();
+    if header.points != count || header.features.iter().any(|&k| k >= count) {
+        return Err(format!("{} points; this program knows {count}", header.points));
+    }
+    let patches = header.joint.iter().chain(header.local.iter().flatten());
+    if patches.clone().any(|p| !(4.0..=256.0).contains(&p.size) || p.side > 16 || p.blur > 32 || !(0.0..1.0).contains(&p.cell)) {
+        return Err("patches out of range".to_owned());
+    }
+    if header.joint.len() < 2 || header.local.is_empty() || header.errors.intercepts.len() != count {
+        return Err("stages are missing".to_owned());
+    }
+    let mut matrices = Matrices::read(&header.matrices, numbers)?;
+    let steps = 2 * count;
+    let length = |patch: &Patch| header.features.len() * patch.len();
+    let mut joint = Vec::new();
+    for (k, patch) in header.joint.iter().enumerate() {
+        let size = length(patch);
+        let up = matrices.take(&format!("joint.{k}.up"), None)?;
+        let rank = up.len() / steps;
+        if up.len() != rank * steps {
+            return Err(format!("joint.{k}.up: {} numbers are no rows of {steps}", up.len()));
+        }
+        let mut take = |part: &str, count| matrices.take(&format!("joint.{k}.{part}"), Some(count));
+        let (offset, down, base) = (take("offset", size)?, take("down", size * rank)?, take("base", steps)?);
+        joint.push(JointStage { patch: *patch, offset, down, up, base });
+    }
+    let mut local = Vec::new();
+    for (k, patches) in header.local.iter().enumerate() {
+        let row: usize = patches.iter().map(Patch::len).sum();
+        let mut take = |part: &str, count| matrices.take(&format!("local.{k}.{part}"), Some(count));
+        local.push(LocalStage {
+            patches: patches.clone(),
+            offset: take("offset", count * row)?,
+            weights: take("weights", steps * row)?,
+            base: take("base", steps)?,
+            mix: take("mix", steps * steps)?,
+        });
+    }
+    let mean = matrices.take("mean", Some(steps))?;
+    let verifier = matrices.take("verifier", Some(header.joint.last().map_or(0, length)))?;
+    let weights = matrices.take("template", Some(template::LENGTH))?;
+    let model = Model {
+        mean: mean.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
+        features: header.features,
+        joint,
+        local,
+        template: Template { weights, bias: header.template_bias },
+        verifier: (verifier, header.verifier_bias),
+        errors: header.errors,
+    };
+    Ok((model, header.origin))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_model_reads_and_writes_the_same_again() {
+        let bytes = include_bytes!("../../candide/locator.bin");
+        let (model, origin) = Model::from_bytes(Path::new("locator.bin"), bytes).unwrap();
+        assert!(bytes.len() < 2_000_000, "{} bytes", bytes.len());
+        assert!(!origin.credit.is_empty());
+        let again = Model::from_bytes(Path::new("again"), &model.to_bytes(&origin).unwrap()).unwrap();
+        for (one, two) in model.joint[0].down.iter().zip(&again.0.joint[0].down) {
+            approx::assert_relative_eq!(one, two, epsilon = 1e-5, max_relative = 1e-3);
+        }
+    }
+
+    #[test]
+    fn files_that_are_no_model_are_named() {
+        let bytes = include_bytes!("../../candide/locator.bin");
+        let message = |bytes: &[u8]| Model::from_bytes(Path::new("m.bin"), bytes).unwrap_err().to_string();
+        assert!(message(b"").starts_with("m.bin: not a model of the locator: it does not begin as one"));
+        assert!(message(&bytes[..bytes.len() - 1]).contains("ends too early"));
+        assert!(message(&bytes[..10]).contains("cut short"));
+        let mut longer = bytes.to_vec();
+        longer.push(0);
+        assert!(message(&longer).contains("1 bytes too many"));
+    }
+}

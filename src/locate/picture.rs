@@ -1,0 +1,154 @@
+//! A grey picture at full, half, quarter ... size, to be sampled at any place and size.
+
+use image::GrayImage;
+
+use super::shape::{Placement, Point};
+
+/// Levels are halved until a side is shorter than this.
+const SMALLEST_SIDE: usize = 24;
+
+#[derive(Clone, Debug)]
+struct Level {
+    width: usize,
+    height: usize,
+    pixels: Vec<f32>,
+}
+
+impl Level {
+    fn half(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let upper = &self.pixels[2 * y * self.width..][..self.width];
+            let lower = &self.pixels[(2 * y + 1) * self.width..][..self.width];
+            let pairs = upper.chunks_exact(2).zip(lower.chunks_exact(2));
+            pixels.extend(pairs.map(|(u, l)| 0.25 * (u[0] + u[1] + l[0] + l[1])));
+        }
+        Self { width, height, pixels }
+    }
+
+    fn sample(&self, x: f32, y: f32) -> f32 {
+        let (x, y) = (x.clamp(0.0, (self.width - 1) as f32), y.clamp(0.0, (self.height - 1) as f32));
+        let (left, top) = ((x as usize).min(self.width.saturating_sub(2)), (y as usize).min(self.height.saturating_sub(2)));
+        let (fx, fy) = (x - left as f32, y - top as f32);
+        let (right, bottom) = ((left + 1).min(self.width - 1), (top + 1).min(self.height - 1));
+        let upper = self.pixels[top * self.width + left] * (1.0 - fx) + self.pixels[top * self.width + right] * fx;
+        let lower = self.pixels[bottom * self.width + left] * (1.0 - fx) + self.pixels[bottom * self.width + right] * fx;
+        upper * (1.0 - fy) + lower * fy
+    }
+}
+
+/// A picture and its halves.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    levels: Vec<Level>,
+}
+
+impl Picture {
+    /// `None` for a picture without pixels.
+    pub fn new(image: &GrayImage) -> Option<Self> {
+        let (width, height) = (image.width() as usize, image.height() as usize);
+        if width == 0 || height == 0 {
+            return None;
+        }
+        let first = Level { width, height, pixels: image.as_raw().iter().map(|&v| f32::from(v)).collect() };
+        let mut levels = vec![first];
+        while let Some(last) = levels.last().filter(|l| l.width.min(l.height) >= 2 * SMALLEST_SIDE) {
+            levels.push(last.half());
+        }
+        Some(Self { levels })
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.levels[0].width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.levels[0].height
+    }
+
+    /// The picture as it is, or as in a mirror.
+    pub fn view(&self, mirrored: bool) -> View<'_> {
+        View { picture: self, mirrored }
+    }
+}
+
+/// A picture as it is or as in a mirror: column x is then column width - 1 - x.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    picture: &'a Picture,
+    mirrored: bool,
+}
+
+impl View<'_> {
+    /// A point of the picture in this view, and back.
+    pub fn turn(self, p: Point) -> Point {
+        if self.mirrored { [(self.picture.width() - 1) as f32 - p[0], p[1]] } else { p }
+    }
+
+    /// The grey value at a place, smoothed for a picture with a pixel for `scale` pixels of this one.
+    pub fn sample(self, at: Point, scale: f32) -> f32 {
+        let halvings = scale.max(f32::MIN_POSITIVE).log2().round().max(0.0) as usize;
+        let k = halvings.min(self.picture.levels.len() - 1);
+        let (size, [x, y]) = ((1_usize << k) as f32, self.turn(at));
+        self.picture.levels[k].sample((x + 0.5) / size - 0.5, (y + 0.5) / size - 0.5)
+    }
+
+    /// `width` x `height` grey values (0 to 255), row by row; `to_view` leads from the grid's columns and rows to pixels of this view.
+    /// Beyond its border the picture goes on with its border pixels.
+    pub fn warp(self, to_view: Placement, width: usize, height: usize) -> Vec<f32> {
+        let halvings = to_view.scale().max(f32::MIN_POSITIVE).log2().round().max(0.0) as usize;
+        let k = halvings.min(self.picture.levels.len() - 1);
+        let level = &self.picture.levels[k];
+        let size = (1_usize << k) as f32;
+        // The centre of a pixel of a halved level lies between those of its two pixels.
+        let to_level = |value: f32| (value + 0.5) / size - 0.5;
+        let (start, step) = if self.mirrored {
+            ((self.picture.width() - 1) as f32 - to_view.x, [-to_view.a, to_view.b])
+        } else {
+            (to_view.x, [to_view.a, -to_view.b])
+        };
+        let mut values = Vec::with_capacity(width * height);
+        for row in 0..height {
+            let (x0, y0) = (start + step[1] * row as f32, to_view.y + to_view.a * row as f32);
+            let (x0, y0) = (to_level(x0), to_level(y0));
+            let (dx, dy) = (step[0] / size, to_view.b / size);
+            values.extend((0..width).map(|column| level.sample(x0 + dx * column as f32, y0 + dy * column as f32)));
+        }
+        values
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> Picture {
+        Picture::new(&GrayImage::from_fn(64, 64, |x, y| image::Luma([(x + 2 * y) as u8]))).unwrap()
+    }
+
+    #[test]
+    fn a_ramp_is_read_at_any_size_and_in_the_mirror() {
+        // Grey is x + 2 y: at (10 + 2 c, 20 + 2 r) it is 50 + 2 c + 4 r; in the mirror x is 63 - x.
+        for mirrored in [false, true] {
+            let middle = ramp().view(mirrored).turn([10.0, 20.0]);
+            let placement = Placement { a: 2.0, b: 0.0, x: middle[0], y: middle[1] };
+            let values = ramp().view(mirrored).warp(placement, 3, 2);
+            let sign = if mirrored { -1.0 } else { 1.0 };
+            for (k, value) in values.iter().enumerate() {
+                let (c, r) = ((k % 3) as f32, (k / 3) as f32);
+                approx::assert_relative_eq!(*value, 50.0 + sign * 2.0 * c + 4.0 * r, epsilon = 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn pictures_of_any_size_do_not_panic() {
+        assert!(Picture::new(&GrayImage::new(0, 5)).is_none());
+        let one = Picture::new(&GrayImage::from_pixel(1, 1, image::Luma([7]))).unwrap();
+        let placement = Placement { a: 9.0, b: 3.0, x: -20.0, y: 4.0 };
+        assert!(one.view(false).warp(placement, 4, 4).iter().all(|&v| (v - 7.0).abs() < 1e-6));
+    }
+}

@@ -1,0 +1,85 @@
+//! Points of a face as the locator handles them, and where a canonical face lies in an image.
+
+/// A point: x right, y down.
+pub type Point = [f32; 2];
+
+/// The points of one face in the order of [`super::points()`].
+pub type Shape = Vec<Point>;
+
+/// A similarity from the canonical frame (middle of the pupils at (0, 0), pupils 1 apart) to pixels: `p -> [[a, -b], [b, a]] p + (x, y)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Scale times the cosine of the turn.
+    pub a: f32,
+    /// Scale times the sine of the turn, from the x axis towards the y axis.
+    pub b: f32,
+    /// Where the middle of the pupils is.
+    pub x: f32,
+    /// Where the middle of the pupils is.
+    pub y: f32,
+}
+
+impl Placement {
+    /// Pupils `scale` px apart around a middle, turned by `angle` radians.
+    pub fn new(middle: Point, scale: f32, angle: f32) -> Self {
+        Self { a: scale * angle.cos(), b: scale * angle.sin(), x: middle[0], y: middle[1] }
+    }
+
+    /// The similarity that takes `from` to `to` with the least sum of squared distances. The two have the same number of points.
+    pub fn fit(from: &[Point], to: &[Point]) -> Self {
+        let count = from.len().max(1) as f32;
+        let mean = |points: &[Point]| {
+            let sum = points.iter().fold([0.0_f32; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
+            [sum[0] / count, sum[1] / count]
+        };
+        let (mf, mt) = (mean(from), mean(to));
+        let (mut dot, mut cross, mut square) = (0.0_f32, 0.0_f32, 0.0_f32);
+        for (f, t) in from.iter().zip(to) {
+            let (f, t) = ([f[0] - mf[0], f[1] - mf[1]], [t[0] - mt[0], t[1] - mt[1]]);
+            dot += f[0] * t[0] + f[1] * t[1];
+            cross += f[0] * t[1] - f[1] * t[0];
+            square += f[0] * f[0] + f[1] * f[1];
+        }
+        let square = square.max(f32::MIN_POSITIVE);
+        let (a, b) = (dot / square, cross / square);
+        Self { a, b, x: mt[0] - (a * mf[0] - b * mf[1]), y: mt[1] - (b * mf[0] + a * mf[1]) }
+    }
+
+    /// Pixels per eye distance.
+    pub fn scale(self) -> f32 {
+        self.a.hypot(self.b)
+    }
+
+    /// Canonical to pixels.
+    pub fn apply(self, p: Point) -> Point {
+        [self.a * p[0] - self.b * p[1] + self.x, self.b * p[0] + self.a * p[1] + self.y]
+    }
+
+    /// Pixels to canonical.
+    pub fn invert(self, p: Point) -> Point {
+        let (x, y, square) = (p[0] - self.x, p[1] - self.y, (self.a * self.a + self.b * self.b).max(f32::MIN_POSITIVE));
+        [(self.a * x + self.b * y) / square, (self.a * y - self.b * x) / square]
+    }
+}
+
+/// Distance of two points.
+pub fn distance(p: Point, q: Point) -> f32 {
+    (p[0] - q[0]).hypot(p[1] - q[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quarter_turn_is_found_and_undone() {
+        // (1, 0) -> (5, 7), (0, 1) -> (3, 5), (0, 0) -> (5, 5): twice the size, x turned onto y.
+        let placement = Placement::fit(&[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], &[[5.0, 7.0], [3.0, 5.0], [5.0, 5.0]]);
+        approx::assert_relative_eq!(placement.a, 0.0, epsilon = 1e-6);
+        approx::assert_relative_eq!(placement.b, 2.0, epsilon = 1e-6);
+        approx::assert_relative_eq!(placement.scale(), 2.0, epsilon = 1e-6);
+        let back = placement.invert(placement.apply([0.3, -0.4]));
+        approx::assert_relative_eq!(back[0], 0.3, epsilon = 1e-6);
+        approx::assert_relative_eq!(back[1], -0.4, epsilon = 1e-6);
+    }
+}

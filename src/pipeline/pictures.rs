@@ -1,0 +1,153 @@
+//! Pictures to look for faces in: files, folders, datasets.
+
+use std::path::{Path, PathBuf};
+
+use crate::{
+    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME},
+    sequence::{Frame, SequenceError, read_first_frame, read_frame},
+};
+
+/// A picture to look for faces in.
+#[derive(Clone, Debug)]
+pub struct PictureSource {
+    /// What the picture is called in the table of points.
+    pub name: String,
+    frames: Frames,
+}
+
+#[derive(Clone, Debug)]
+enum Frames {
+    File(PathBuf),
+    First(FrameSource),
+}
+
+/// Pictures that cannot be listed.
+#[derive(Debug, thiserror::Error)]
+pub enum BatchError {
+    /// Neither a file nor a folder.
+    #[error("{}: there is no such picture, folder or dataset", path.display())]
+    NotFound {
+        /// What was named.
+        path: PathBuf,
+    },
+    /// A folder that cannot be read.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// No picture at all.
+    #[error("{}: no pictures here (extensions: {}), and no {MANIFEST_NAME}", path.display(), IMAGE_EXTENSIONS.join(" "))]
+    Empty {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A dataset.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+}
+
+impl PictureSource {
+    /// Decodes the picture.
+    ///
+    /// # Errors
+    /// [`SequenceError`] when it does not read.
+    pub fn read(&self) -> Result<Frame, SequenceError> {
+        match &self.frames {
+            Frames::File(path) => read_frame(path),
+            Frames::First(source) => read_first_frame(source),
+        }
+    }
+}
+
+/// The pictures of a path: one file; the neutral frames of a dataset (a folder with a manifest, or in the layout of Cohn-Kanade); or all
+/// pictures of a folder and the folders in it, in order of their names. With them, the sequences of a dataset that have no frames, and
+/// why.
+///
+/// # Errors
+/// [`BatchError`].
+pub fn pictures_of(path: &Path) -> Result<(Vec<PictureSource>, Vec<String>), BatchError> {
+    let is_manifest = path.file_name().is_some_and(|n| n == MANIFEST_NAME);
+    if path.is_file() && !is_manifest {
+        return Ok((vec![file(path)], Vec::new()));
+    }
+    if !path.exists() {
+        return Err(BatchError::NotFound { path: path.to_owned() });
+    }
+    match Dataset::open(path) {
+        Ok(dataset) => return Ok(neutral_frames(&dataset)),
+        Err(error) if is_manifest || path.join(MANIFEST_NAME).exists() => return Err(error.into()),
+        Err(_) => {}
+    }
+    let mut files = Vec::new();
+    gather(path, &mut files)?;
+    if files.is_empty() {
+        return Err(BatchError::Empty { path: path.to_owned() });
+    }
+    files.sort_by(|a, b| natord::compare(&a.to_string_lossy(), &b.to_string_lossy()));
+    Ok((files.iter().map(|f| file(f)).collect(), Vec::new()))
+}
+
+fn file(path: &Path) -> PictureSource {
+    PictureSource { name: path.display().to_string(), frames: Frames::File(path.to_owned()) }
+}
+
+fn neutral_frames(dataset: &Dataset) -> (Vec<PictureSource>, Vec<String>) {
+    let mut failures: Vec<String> = dataset.failures.iter().map(|f| f.error.to_string()).collect();
+    let mut pictures = Vec::new();
+    for entry in &dataset.sequences {
+        match entry.frames() {
+            Ok(source) => {
+                let name = source.files().first().map_or(&*entry.frames_path, |f| *f).display().to_string();
+                pictures.push(PictureSource { name, frames: Frames::First(source) });
+            }
+            Err(error) => failures.push(format!("{}: {error}", entry.id)),
+        }
+    }
+    (pictures, failures)
+}
+
+fn gather(folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), BatchError> {
+    let failed = |source| BatchError::Io { path: folder.to_owned(), source };
+    for item in std::fs::read_dir(folder).map_err(failed)? {
+        let item = item.map_err(failed)?;
+        let kind = item.file_type().map_err(failed)?;
+        let path = item.path();
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        if kind.is_dir() {
+            gather(&path, files)?;
+        } else if path.is_file() && IMAGE_EXTENSIONS.contains(&extension.as_str()) {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_gives_its_pictures_in_natural_order() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("b")).unwrap();
+        for name in ["p10.png", "p9.PNG", "b/q.jpg", "notes.txt"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let (pictures, failures) = pictures_of(folder.path()).unwrap();
+        let names: Vec<_> = pictures.iter().map(|p| p.name.rsplit('/').next().unwrap()).collect();
+        assert_eq!((names, failures.len()), (vec!["q.jpg", "p9.PNG", "p10.png"], 0));
+        assert!(pictures[0].read().is_err());
+    }
+
+    #[test]
+    fn what_is_not_there_is_named() {
+        assert!(
+            pictures_of(Path::new("nowhere.jpg")).unwrap_err().to_string().starts_with("nowhere.jpg: there is no such picture")
+        );
+        let folder = tempfile::tempdir().unwrap();
+        assert!(pictures_of(folder.path()).unwrap_err().to_string().contains("no pictures here"));
+    }
+}

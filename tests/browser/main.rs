@@ -1,0 +1,12 @@
+//! The page of `annotate` and the report in a real browser.
+
+#[path = "../annotation/mod.rs"]
+mod annotation;
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../report_data/mod.rs"]
+mod report_data;
+
+mod annotate;
+mod driver;
+mod report;

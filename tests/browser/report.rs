@@ -1,0 +1,197 @@
+//! The report in headless Chromium, driven through chromedriver (WebDriver): it draws without errors, plays, scrubs, sorts, filters,
+//! and is readable in the dark and on a phone.
+//!
+//! `GRIMACE_SCREENSHOTS=DIR` keeps the pictures and the page.
+
+use std::{fs, thread::sleep, time::Duration};
+
+use crate::driver::{Browser, keep, wait};
+use crate::report_data::Fixture;
+use grimace::{pipeline::Stage, report::render_html};
+use serde_json::json;
+
+/// Writes a report and shows it.
+fn open(browser: &Browser, name: &str, fixture: &Fixture) {
+    let path = browser.folder.path().join(format!("{name}.html"));
+    let html = render_html(&fixture.data()).unwrap();
+    fs::write(&path, &html).unwrap();
+    keep(&format!("{name}.html"), html.as_bytes());
+    browser.go(&format!("file://{}", path.display()));
+}
+
+const CONTOURS: &str = "document.querySelector('#r3 [data-figure=moving] .contours').getAttribute('d')";
+
+#[test]
+fn the_representative_plays_scrubs_and_exaggerates() {
+    let browser = Browser::start();
+    browser.size(1280, 720);
+    open(
+        &browser,
+        "faces",
+        &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail(
+            "S011",
+            "003",
+            Stage::Fit,
+            "2 marks; mark at least 3",
+        ),
+    );
+    let contours = || browser.text(&format!("return {CONTOURS}"));
+    let seek = |time: &str| {
+        browser.run(&format!(
+            "const s = document.querySelector('#r3 .time'); s.value = {time}; s.dispatchEvent(new Event('input', {{bubbles: true}}))"
+        ));
+        contours()
+    };
+    // The page opens at the apex, at rest.
+    let apex = contours();
+    sleep(Duration::from_millis(150));
+    assert_eq!(contours(), apex);
+    let (neutral, middle) = (seek("0"), seek("2"));
+    assert!(neutral != apex && middle != neutral && middle != apex);
+    assert_eq!(seek("4"), apex);
+    // At the neutral frame it is the neutral wireframe beside it.
+    assert_eq!(browser.text("return document.querySelector('#r3 [data-figure=neutral] .contours').getAttribute('d')"), neutral);
+    // A key frame's mark leads there.
+    browser.run("document.querySelector('#r3 .ticks [data-frame=\"2\"]').click()");
+    assert_eq!(contours(), middle);
+    // Playing moves it, pausing stops it.
+    browser.run("document.querySelector('#r3').scrollIntoView(); document.querySelector('#r3 .play').click()");
+    wait(&browser, &format!("{CONTOURS} !== {}", json!(middle)));
+    assert_eq!(browser.text("return document.querySelector('#r3 .play').getAttribute('aria-pressed')"), "true");
+    browser.run("document.querySelector('#r3 .play').click()");
+    let stopped = contours();
+    sleep(Duration::from_millis(150));
+    assert_eq!(contours(), stopped);
+    // Exaggeration moves the apex further, and leaves the neutral as it is but for the zoom.
+    seek("4");
+    browser
+        .run("const g = document.querySelector('#r3 .gain'); g.value = 3; g.dispatchEvent(new Event('input', {bubbles: true}))");
+    assert_ne!(contours(), apex);
+    assert_eq!(browser.text("return document.querySelector('#r3 .gain-text').value"), "3.0×");
+    assert_eq!(seek("0"), neutral);
+    // The ghost is the neutral.
+    browser.run("document.querySelector('#r3 .ghost').click()");
+    seek("4");
+    assert_eq!(browser.text("return document.querySelector('#r3 .ghosted').getAttribute('d')"), neutral);
+    browser.screenshot("card", false);
+    // Every figure was drawn, and the single sequence has none of dispersion.
+    let count = |selector: &str| browser.run(&format!("return document.querySelectorAll('{selector}').length")).as_u64().unwrap();
+    assert_eq!((count(".card"), count("[data-figure=heat] canvas"), count("[data-figure=distances] svg")), (6, 5, 5));
+    assert_eq!((count("[data-figure=fields] .arrows"), count("[data-figure=fields] svg")), (24, 24));
+    assert!(count("[data-figure=faps] .track") > 60);
+    let painted = "const c = document.querySelector('#r0 canvas'); const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        const seen = new Set(); for (let k = 0; k < d.length; k += 4) if (d[k + 3] === 255) seen.add((d[k] << 16) + (d[k + 1] << 8) + d[k + 2]);
+        return seen.size";
+    assert!(browser.run(painted).as_u64().unwrap() > 50, "a smooth heat map has many colours");
+    browser.no_errors();
+}
+
+#[test]
+fn less_motion_means_one_pass_and_no_loop() {
+    let browser = Browser::start();
+    browser.size(1280, 720);
+    browser.media("", "prefers-reduced-motion", "reduce");
+    open(&browser, "calm", &Fixture::new("Calm", [5; 6], &[]));
+    browser.run(
+        "document.querySelector('#r3 .speed').value = 2; document.querySelector('#r3 .speed').dispatchEvent(new Event('change'))",
+    );
+    browser.run("document.querySelector('#r3').scrollIntoView(); document.querySelector('#r3 .play').click()");
+    // 1.4 s at twice the speed; then it rests at the apex.
+    wait(&browser, "document.querySelector('#r3 .play').getAttribute('aria-pressed') === 'false'");
+    assert_eq!(browser.text("return document.querySelector('#r3 .time').value"), "4");
+    browser.no_errors();
+}
+
+#[test]
+fn the_tracking_table_sorts_filters_and_stays_fast() {
+    let browser = Browser::start();
+    browser.size(1280, 720);
+    // 6 * 334 = 2004 sequences.
+    open(&browser, "many", &Fixture::new("Two thousand sequences", [334; 6], &[]));
+    let column = |k: usize| -> Vec<String> {
+        let script = format!("return [...document.querySelectorAll('#tracks tbody tr')].map(r => r.cells[{k}].textContent)");
+        browser.run(&script).as_array().unwrap().iter().map(|v| v.as_str().unwrap().to_owned()).collect()
+    };
+    let numbers = |k: usize| column(k).iter().map(|t| t.parse::<f64>().unwrap()).collect::<Vec<_>>();
+    let click = |k: usize| browser.run(&format!("document.querySelectorAll('#tracks thead button')[{k}].click()"));
+    // Worst first, fifty of them.
+    let shown = numbers(5);
+    assert_eq!(shown.len(), 50);
+    assert!(shown.is_sorted());
+    click(5);
+    assert!(numbers(5).is_sorted_by(|a, b| a >= b) && numbers(5)[0] > shown[49]);
+    click(0);
+    assert!(column(0).is_sorted() && column(0)[0] == "S001");
+    click(0);
+    assert_eq!(column(0)[0], "S334");
+    assert_eq!(browser.text("return document.querySelector('#tracks th').getAttribute('aria-sort')"), "descending");
+    browser.run("document.querySelector('#track-next').click()");
+    assert_eq!(browser.text("return document.querySelector('#track-page').textContent"), "51–100");
+    let filter = |text: &str| {
+        let script = "const f = document.querySelector('#track-filter'); f.value = TEXT; f.dispatchEvent(new Event('input'))";
+        browser.run(&script.replace("TEXT", &json!(text).to_string()));
+        browser.text("return document.querySelector('#track-count').textContent")
+    };
+    // Six sequences of subject 17.
+    assert_eq!(filter("s017"), "6 of 2004 sequences");
+    assert_eq!(filter("s017 Fear"), "1 of 2004 sequences");
+    assert_eq!(filter("nobody"), "0 of 2004 sequences");
+    assert_eq!(filter(""), "2004 sequences");
+    let sorting = "const t = performance.now(); document.querySelectorAll('#tracks thead button')[7].click();
+        document.body.getBoundingClientRect(); return performance.now() - t";
+    let drawn = "return performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd";
+    let loading = browser.run(drawn).as_f64().unwrap();
+    eprintln!("2004 sequences: the page was drawn after {loading:.0} ms");
+    assert!(loading < 10_000.0, "loading took {loading} ms");
+    let milliseconds = browser.run(sorting).as_f64().unwrap();
+    assert!(milliseconds < 500.0, "sorting 2004 rows took {milliseconds} ms");
+    browser.run("document.querySelector('#tracking').scrollIntoView()");
+    browser.screenshot("tracking", false);
+    browser.no_errors();
+}
+
+#[test]
+fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
+    let browser = Browser::start();
+    browser.size(1280, 720);
+    open(
+        &browser,
+        "report",
+        &Fixture::new("Cohn-Kanade pilot", [9, 4, 1, 24, 12, 30], &[]).fail(
+            "S011",
+            "003",
+            Stage::Fit,
+            "2 marks; mark at least 3",
+        ),
+    );
+    // Relative luminance of the page and of its text, 0 to 255, near enough.
+    let luminance = |property: &str| {
+        let script = format!("return getComputedStyle(document.body).{property}.match(/[0-9]+/g).slice(0, 3).map(Number)");
+        let rgb: Vec<f64> = browser.run(&script).as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        0.21 * rgb[0] + 0.72 * rgb[1] + 0.07 * rgb[2]
+    };
+    browser.media("", "prefers-color-scheme", "light");
+    assert!(luminance("backgroundColor") > 230.0 && luminance("color") < 60.0);
+    browser.screenshot("light-1280x720", false);
+    browser.screenshot("light", true);
+    browser.media("print", "prefers-color-scheme", "light");
+    browser.size(800, 1100);
+    wait(&browser, "innerWidth === 800");
+    assert_eq!(browser.run("return document.documentElement.scrollWidth <= innerWidth"), json!(true), "fits on paper");
+    browser.screenshot("print", true);
+    browser.size(1280, 720);
+    browser.media("", "prefers-color-scheme", "dark");
+    assert!(luminance("backgroundColor") < 40.0 && luminance("color") > 200.0);
+    browser.screenshot("dark", true);
+    browser.media("", "prefers-color-scheme", "light");
+    browser.size(400, 800);
+    wait(&browser, "innerWidth === 400");
+    sleep(Duration::from_millis(100));
+    // Nothing sticks out: wide tables scroll in their own box.
+    assert_eq!(browser.run("return document.documentElement.scrollWidth"), json!(400));
+    browser.screenshot("phone", true);
+    browser.size(1280, 720);
+    open(&browser, "groups", &Fixture::new("Grouped by sex", [9, 8, 7, 12, 6, 10], &["f", "m"]));
+    browser.screenshot("groups", true);
+    browser.no_errors();
+}

@@ -1,0 +1,119 @@
+//! `grimace analyze`: what a user types, and what comes out.
+
+use crate::common::{Work, assert_same_files};
+
+#[test]
+fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    let ran = work.grimace("analyze out/tracks -o again").exit(0);
+    ran.prints(&["6 tracks, 0 failed", "3 sequences  again/fap/happiness.fap", "report: again/report.html"]);
+    for folder in ["models", "representatives", "fap"] {
+        assert_same_files(&work.files(&format!("out/{folder}")), &work.files(&format!("again/{folder}")));
+    }
+    for file in ["statistics.csv", "trimming.csv", "failures.csv"] {
+        assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("again/{file}")), "{file}");
+    }
+    // The run's own folder stands for its tracks.
+    work.grimace("analyze out -o whole").exit(0).prints(&["6 tracks, 0 failed"]);
+    assert_same_files(&work.files("again/representatives"), &work.files("whole/representatives"));
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads_or_on_the_order_of_the_files() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    work.grimace("analyze out/tracks -o a/results --threads 1").exit(0);
+    let backwards: Vec<String> = crate::common::SEQUENCES.iter().rev().map(|id| format!("out/tracks/{id}.csv")).collect();
+    work.grimace(&format!("analyze {} -o b/results --threads 2", backwards.join(" "))).exit(0);
+    assert_same_files(&work.files("a"), &work.files("b"));
+}
+
+#[test]
+fn groups_may_come_from_columns_written_after_tracking() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    let manifest = work.read("faces/manifest.csv");
+    let classes = ["class", "low", "low", "high", "high", "high", "high"];
+    let later: Vec<String> = manifest.lines().zip(classes).map(|(line, class)| format!("{line},{class}")).collect();
+    work.write("later.csv", later.join("\n"));
+    work.grimace("analyze out/tracks -o groups --by class").exit(1).says(&["class", "cohort"]);
+    work.grimace("analyze out/tracks -o groups --dataset later.csv --by class").exit(0);
+    assert!(work.header("groups/statistics.csv").ends_with(",class"));
+    let rows = work.rows("groups/statistics.csv");
+    let count = |emotion: &str, class: &str| {
+        rows.iter().find(|r| r["emotion"] == emotion && r["class"] == class).map(|r| r["sequences"].clone())
+    };
+    assert_eq!((count("happiness", "low").as_deref(), count("happiness", "high").as_deref()), (Some("1"), Some("2")));
+    assert!(work.path("groups/fap/surprise_class-high.fap").exists());
+}
+
+#[test]
+fn options_of_the_statistics_take_effect() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    work.grimace("analyze out/tracks -o trimmed --alpha 0.4 --median exact --between 2 --fps 30").exit(0);
+    // floor(0.4 * 3) = 1 of 3 models is dropped in each of the 4 fields of the 2 emotions.
+    let dropped = work.rows("trimmed/trimming.csv").iter().filter(|r| r["dropped"] == "true").count();
+    assert_eq!(dropped, 8);
+    // 5 key frames and 2 between: 5 + 4 * 2 = 13 frames.
+    assert!(work.read("trimmed/fap/happiness.fap").starts_with("2.1 happiness 30 13\n"));
+    work.grimace("analyze out/tracks -o uniform --size uniform --resample linear").exit(0);
+    assert_ne!(work.read("uniform/models/S001_005.csv"), work.read("trimmed/models/S001_005.csv"));
+}
+
+#[test]
+fn a_bad_track_costs_that_track() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    let track = work.read("out/tracks/S001_005.csv");
+    let lines: Vec<&str> = track.lines().collect();
+    work.write("out/tracks/S001_005.csv", lines[..lines.len() - 7].join("\n"));
+    work.write("out/tracks/S001_007.csv", work.read("out/tracks/S001_007.csv").replacen(",tracked,", ",lucky,", 1));
+    work.write("out/tracks/S002_005.csv", "frame,node,x\n1,0,3\n");
+    let nan = work
+        .read("out/tracks/S002_007.csv")
+        .lines()
+        .map(|l| if l.starts_with("3,7,") { "3,7,NaN,1,tracked,," } else { l })
+        .collect::<Vec<_>>()
+        .join("\n");
+    work.write("out/tracks/S002_007.csv", nan);
+    work.write("out/tracks/S003_005.csv", "");
+    work.write("out/tracks/alone_1.csv", &track);
+    let ran = work.grimace("analyze out/tracks -o again").exit(3).prints(&["7 tracks, 6 failed"]);
+    ran.says(&[
+        "S001_005.csv: frame 6 has 106 nodes where frame 1 has 113",
+        "state is `lucky`: `lucky` is not a node state; the states are marked,",
+        "S002_005.csv: no column `y`",
+        "x is `NaN`: expected a finite number",
+        "S003_005.csv: no column `frame`",
+        "alone_1.csv: the emotion is not known; give --dataset",
+    ]);
+    assert_eq!(work.rows("again/failures.csv").len(), 6);
+    assert_eq!(work.rows("again/statistics.csv").len(), 1);
+    let ran = work.grimace("analyze out/tracks/alone_1.csv -o none").exit(1);
+    ran.says(&["none of the 1 tracks can be used"]);
+}
+
+#[test]
+fn a_track_read_twice_counts_once() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o out").exit(0);
+    work.grimace("analyze out/tracks out/tracks/S001_005.csv -o again").exit(0).prints(&["2 tracks, 0 failed"]);
+    for extension in ["csv", "json"] {
+        work.write(&format!("copy/S009_005.{extension}"), work.read(&format!("out/tracks/S001_005.{extension}")));
+    }
+    let ran = work.grimace("analyze out/tracks copy -o twice").exit(3);
+    ran.says(&["S001_005", "was read already"]);
+}
+
+#[test]
+fn what_is_not_there_or_in_the_way_is_named() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run faces -o out").exit(0);
+    work.grimace("analyze nowhere -o again").exit(1).says(&["nowhere", "No such file"]);
+    work.write("none/a.txt", "x").grimace("analyze none -o again").exit(1).says(&["no .csv file in none"]);
+    work.write("full/a.txt", "x").grimace("analyze out/tracks -o full").exit(1).says(&["full is not empty", "--force"]);
+    work.write("file", "x").grimace("analyze out/tracks -o file/results").exit(1).says(&["cannot write file/results"]);
+    work.grimace("analyze out/tracks -o again --dataset nowhere").exit(1).says(&["nowhere: there is no such dataset"]);
+}

@@ -1,0 +1,152 @@
+//! `grimace bank`: sources, mixing, what it says, and what it refuses.
+
+use crate::common::Work;
+
+/// A face of nine vertices in a folder of OBJ files: neutral, `smile` (corners up) and `open` (lower row down).
+fn meshes(work: &Work) {
+    let obj = |offset: &dyn Fn(usize) -> [f64; 3]| {
+        let mut text = String::from("# a face\n");
+        for k in 0..9 {
+            let [x, y, z] = offset(k);
+            text += &format!("v {} {} {}\n", (k % 3) as f64 - 1.0 + x, (k / 3) as f64 - 1.0 + y, z);
+        }
+        for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let a = 3 * row + column + 1;
+            text += &format!("f {a} {} {} {}\n", a + 1, a + 4, a + 3);
+        }
+        text
+    };
+    work.write("meshes/neutral.obj", obj(&|_| [0.0; 3]));
+    work.write("meshes/smile.obj", obj(&|k| if k == 3 || k == 5 { [0.0, 0.5, 0.1] } else { [0.0; 3] }));
+    work.write("meshes/open.obj", obj(&|k| if k < 3 { [0.0, -0.4, 0.0] } else { [0.0; 3] }));
+    work.write("meshes/feature_points.csv", "fp,vertex\n8.3,5\n8.4,3\n2.1,1\n");
+}
+
+#[test]
+fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
+    let work = Work::new();
+    meshes(&work);
+    let ran = work.grimace("bank build meshes -o face.bank --unit cm --credit me").exit(0);
+    ran.prints(&["9 vertices, 8 triangles, 2 members", "3 feature points", "without 53 of the 56"]);
+    let ran = work.grimace("bank info face.bank --picture face.png --save-feature-points fp.csv").exit(0);
+    ran.prints(&[
+        "vertices        9",
+        "members         2",
+        "unit            cm",
+        "credit          me",
+        "8.3 8.4 2.1",
+        "smile",
+        "0.5099",
+    ]);
+    assert_eq!(work.read("fp.csv"), "fp,vertex\n8.3,5\n8.4,3\n2.1,1\n");
+    assert!(work.bytes("face.png").starts_with(b"\x89PNG"));
+    work.grimace("bank build meshes -o face.bank").exit(1).says(&["face.bank is there already; --force"]);
+    let first = work.bytes("face.bank");
+    work.grimace("bank build meshes -o face.bank --unit cm --credit me --force").exit(0);
+    assert_eq!(work.bytes("face.bank"), first);
+}
+
+#[test]
+fn subdivision_keeps_the_numbers_of_feature_points() {
+    let work = Work::new();
+    meshes(&work);
+    // 16 edges of 8 triangles: 9 + 16 vertices, 32 triangles.
+    work.grimace("bank build meshes -o fine.bank --subdivide 1").exit(0).prints(&["25 vertices, 32 triangles"]);
+    work.grimace("bank info fine.bank --save-feature-points fp.csv").exit(0);
+    assert_eq!(work.read("fp.csv"), "fp,vertex\n8.3,5\n8.4,3\n2.1,1\n");
+}
+
+#[test]
+fn arrays_and_gltf_are_sources_too() {
+    let work = Work::new();
+    meshes(&work);
+    work.grimace("bank build meshes -o face.bank").exit(0);
+    work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0,1,0.2\n0,8.4,0,1,0.2\n0,2.1,0,-0.4,0\n");
+    work.grimace("synthesize -b face.bank -m m.csv -o out --format glb").exit(0);
+    work.write("fp.csv", "fp,vertex\n8.3,5\n8.4,3\n2.1,1\n");
+    work.grimace("bank build out/animation.glb --feature-points fp.csv -o again.bank")
+        .exit(0)
+        .prints(&["9 vertices, 8 triangles, 2 members"]);
+    work.grimace("bank info again.bank").exit(0).prints(&["smile", "open", "unit            metre"]);
+}
+
+#[test]
+fn shapes_mix_to_members() {
+    let work = Work::new();
+    meshes(&work);
+    work.grimace("bank build meshes -o shapes.bank").exit(0);
+    work.write("mix.csv", "member,shape,weight\nlaugh,smile,1\nlaugh,open,0.5\nwide,smile,2\n");
+    work.grimace("bank mix shapes.bank --weights mix.csv -o face.bank --save-weights again.csv").exit(0).prints(&["2 members"]);
+    work.grimace("bank info face.bank").exit(0).prints(&["mixed from      2 shapes", "laugh", "wide                     1.0198"]);
+    assert!(work.read("again.csv").contains("laugh,open,0.5"));
+    work.write("bad.csv", "member,shape,weight\nlaugh,frown,1\n");
+    work.grimace("bank mix shapes.bank --weights bad.csv -o b.bank")
+        .exit(1)
+        .says(&["there is no `frown`; there are open, smile"]);
+    work.grimace("bank mix shapes.bank --performance 20 -o b.bank").exit(1).says(&["no ARKit names", "--expressions"]);
+    work.grimace("bank mix shapes.bank -o b.bank").exit(2);
+    let seeded = "bank mix shapes.bank --performance 40 --expressions mix.csv --members 6 --unseen rest.bank";
+    work.grimace(&format!("{seeded} --seed 4 -o p.bank")).exit(0).prints(&["6 members", "34 members"]);
+    work.grimace("bank info p.bank").exit(0).prints(&["laugh", "frame_0"]);
+}
+
+#[test]
+fn the_embedded_bank_is_described() {
+    let work = Work::new();
+    let ran = work.grimace("bank info candide").exit(0);
+    ran.prints(&[
+        "vertices        23424",
+        "triangles       46096",
+        "members         30",
+        "feature points  56",
+        "happiness",
+        "Ahlberg",
+    ]);
+}
+
+#[test]
+fn bad_sources_are_named_and_leave_no_file() {
+    let work = Work::new();
+    let says = |texts: &[&str]| {
+        work.grimace("bank build meshes -o face.bank --force").exit(1).says(texts);
+        assert!(!work.path("face.bank").exists());
+    };
+    work.grimace("bank build nowhere -o face.bank").exit(1).says(&["nowhere", "a folder, a .glb or a .gltf file was expected"]);
+    work.write("meshes/readme.txt", "");
+    says(&["no neutral.obj or neutral.ply"]);
+    meshes(&work);
+    let smile = work.read("meshes/smile.obj");
+    work.write("meshes/smile.obj", smile.replace("f 1 2 5 4", "f 1 2 4"));
+    says(&["member `smile` differs from the neutral mesh in triangle"]);
+    work.write("meshes/smile.obj", format!("{smile}v 1 1 1\n"));
+    says(&["member `smile` has 10 vertices, the neutral mesh 9"]);
+    work.write("meshes/smile.obj", smile.replacen("v 0 -1 0", "v nan -1 0", 1));
+    says(&["smile.obj", "vertex 1 is at (NaN, -1, 0)"]);
+    work.write("meshes/smile.obj", &smile[..40]);
+    says(&["smile.obj"]);
+    work.write("meshes/smile.obj", &smile);
+    work.write("meshes/feature_points.csv", "fp,vertex\n8.3,9\n");
+    says(&["feature point 8.3 is at vertex 9, but the mesh has 9 vertices"]);
+    work.write("meshes/feature_points.csv", "fp,vertex\n8.3,1\n8.3,2\n");
+    says(&["feature point 8.3 is given twice"]);
+    std::fs::remove_file(work.path("meshes/feature_points.csv")).unwrap();
+    says(&["no feature points", "--feature-points"]);
+    work.write("meshes/feature_points.csv", "fp,vertex\n8.3,1\n");
+    work.grimace("bank build meshes -o face.bank --part nose").exit(1).says(&["there is no `nose`"]);
+    for name in ["smile", "open"] {
+        std::fs::remove_file(work.path(&format!("meshes/{name}.obj"))).unwrap();
+    }
+    says(&["the bank has no member"]);
+}
+
+#[test]
+fn damaged_arrays_gltf_and_banks_are_errors() {
+    let work = Work::new();
+    work.write("arrays/neutral_vertices.npy", b"\x93NUMPY\x01\x00nothing");
+    work.grimace("bank build arrays -o a.bank").exit(1).says(&["neutral_vertices.npy"]);
+    work.write("a.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff");
+    work.grimace("bank build a.glb -o a.bank").exit(1).says(&["a.glb", "no valid glTF"]);
+    work.write("a.bank", b"GRIMBANK");
+    work.grimace("bank info a.bank").exit(1).says(&["a.bank is no readable bank", "shorter than the header"]);
+    work.grimace("bank info gone.bank").exit(1).says(&["gone.bank"]);
+}

@@ -1,0 +1,344 @@
+//! `grimace clone` as a user runs it.
+
+use std::io::Cursor;
+
+use crate::common::{Ran, Work};
+use grimace::fap::{FapNumber, read_fap};
+use image::{DynamicImage, ImageFormat, RgbImage};
+
+/// A folder with S001's happiness as `faces`, its track as `S001_005.csv`, and S002's neutral frame as `target.png` with `marks.csv`.
+fn work() -> Work {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("track faces/S001/005 -c faces/S001/005/correspondences.csv -o S001_005.csv --emotion happiness -q").exit(0);
+    let target = work.bytes("faces/S002/005/S002_005_00000001.png");
+    work.write("target.png", target);
+    let marks = work.read("faces/S002/005/correspondences.csv");
+    work.write("marks.csv", marks);
+    work
+}
+
+fn clone(work: &Work, args: &str) -> Ran {
+    work.grimace(&format!("clone --target target.png --correspondences marks.csv {args}"))
+}
+
+fn picture(work: &Work, name: &str) -> RgbImage {
+    image::load_from_memory(&work.bytes(name)).unwrap().to_rgb8()
+}
+
+#[test]
+fn a_track_on_a_photograph_gives_frames_track_fap_overlay_sheet_and_films() {
+    let work = work();
+    clone(&work, "--source S001_005.csv --source-frames faces/S001/005 --wrinkles -o out --film gif,apng")
+        .exit(0)
+        .prints(&["6 frames at 25 frames per second: S001_005 on target"]);
+    let files = work.files("out");
+    let names: Vec<&str> = files.keys().map(String::as_str).collect();
+    let expected = [
+        "clone.apng",
+        "clone.fap",
+        "clone.gif",
+        "clone.json",
+        "frames/target_00000001.png",
+        "frames/target_00000002.png",
+        "frames/target_00000003.png",
+        "frames/target_00000004.png",
+        "frames/target_00000005.png",
+        "frames/target_00000006.png",
+        "overlay.png",
+        "sheet.png",
+        "track/target_S001-005.csv",
+        "track/target_S001-005.json",
+    ];
+    assert_eq!(names, expected);
+    let (first, last) = (picture(&work, "out/frames/target_00000001.png"), picture(&work, "out/frames/target_00000006.png"));
+    assert_eq!(first, picture(&work, "target.png"), "the first frame is the neutral photograph, to the bit");
+    assert_ne!(first, last);
+    // The smile of the source is a smile of the target: the corners of its mouth go out and up.
+    let fap = read_fap(&work.path("out/clone.fap")).unwrap().sequence;
+    let apex = fap.frames.last().unwrap();
+    for number in [53, 54, 59, 60] {
+        assert!(apex.value(FapNumber::try_from(number).unwrap()).unwrap() > 20.0, "FAP {number}");
+    }
+    work.grimace("fap check out/clone.fap").exit(0);
+    work.grimace("analyze out/track -o analysed").exit(0).prints(&["1 track, 0 failed", "happiness"]);
+}
+
+#[test]
+fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
+    let work = work();
+    clone(&work, "--source S001_005.csv -o a").exit(0);
+    clone(&work, "--source S001_005.csv -o b").exit(0);
+    crate::common::assert_same_files(&work.files("a"), &work.files("b"));
+    clone(&work, "--source S001_005.csv -o a").exit(1).says(&["clone.json is there already; --force writes over it"]);
+    clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(0);
+    assert_eq!(work.files("a/frames").len(), 11);
+    clone(&work, "--source S001_005.csv -o a --force").exit(0);
+    assert_eq!(work.files("a/frames").len(), 6, "frames of the longer clone are gone");
+}
+
+#[test]
+fn duration_rate_loop_and_emphasis_do_what_they_say() {
+    let work = work();
+    work.grimace("analyze S001_005.csv -o analysed -q").exit(0);
+    let source = "--source analysed/representatives/happiness.csv";
+    // A second at 10 frames per second: 11 frames; back again without the ends: 9 more.
+    clone(&work, &format!("{source} -o loop --fps 10 --duration 1 --loop --ease in-out")).exit(0);
+    assert_eq!(work.files("loop/frames").len(), 20);
+    assert_eq!(picture(&work, "loop/frames/target_00000010.png"), picture(&work, "loop/frames/target_00000012.png"));
+    clone(&work, &format!("{source} -o half --emphasis 0.5")).exit(0);
+    clone(&work, &format!("{source} -o full")).exit(0);
+    let smile = |name: &str| {
+        let fap = read_fap(&work.path(name)).unwrap().sequence;
+        fap.frames.last().unwrap().value(FapNumber::try_from(59).unwrap()).unwrap()
+    };
+    let ratio = smile("half/clone.fap") / smile("full/clone.fap");
+    assert!((ratio - 0.5).abs() < 0.02, "half the emphasis is half the smile: {ratio}");
+    clone(&work, &format!("{source} -o long --duration 1e9")).exit(1).says(&["frames were asked for; at most 20000"]);
+}
+
+fn fap_file(mask: &[usize], values: &str) -> String {
+    let flags = (1..=68).map(|k| if mask.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    let zeros = mask.iter().map(|_| "0").collect::<Vec<_>>().join(" ");
+    format!("2.1 test 25 2\n{flags}\n0 {zeros}\n{flags}\n1 {values}\n")
+}
+
+#[test]
+fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
+    let work = work();
+    // Lids closed by one IRISD above (FAP 19, 20), and a tongue (44) and a head turned by 0.1 rad (49) that no photograph shows.
+    work.write("blink.fap", fap_file(&[19, 20, 44, 49], "1024 1024 500 10000"));
+    clone(&work, "--source blink.fap -o blink").exit(0).says(&["FAP 44, 49 can not be shown"]);
+    assert!(work.read("blink/clone.json").contains("44"));
+    let rows = work.rows("blink/track/target_blink.csv");
+    let gap = |frame: &str| {
+        let y = |node: &str| {
+            let row = rows.iter().find(|r| r["frame"] == frame && r["node"] == node).unwrap();
+            row["y"].parse::<f64>().unwrap()
+        };
+        y("22") - y("21")
+    };
+    assert!(gap("2") < 0.25 * gap("1"), "the lids close: {} of {}", gap("2"), gap("1"));
+    work.write("tongue.fap", fap_file(&[44], "500"));
+    clone(&work, "--source tongue.fap -o tongue").exit(1).says(&["tongue.fap: none of its FAPs (44) shows"]);
+}
+
+#[test]
+fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
+    let work = work();
+    // The upper lip goes up, the lower one down.
+    work.write("open.fap", fap_file(&[4, 5, 8, 9, 10, 11], "-250 -400 -200 -200 -350 -350"));
+    for teeth in ["auto", "drawn", "dark"] {
+        clone(&work, &format!("--source open.fap -o {teeth} --teeth {teeth}")).exit(0);
+    }
+    let apex = |teeth: &str| picture(&work, &format!("{teeth}/frames/target_00000002.png"));
+    assert_eq!(apex("auto"), apex("drawn"), "a FAP file has no pictures of teeth");
+    let brightness = |p: &RgbImage| p.pixels().map(|p| u64::from(p.0[1])).sum::<u64>();
+    assert!(brightness(&apex("drawn")) > brightness(&apex("dark")));
+}
+
+#[test]
+fn the_head_of_a_track_is_carried_over_when_it_is_asked_for() {
+    let work = work();
+    clone(&work, "--source S001_005.csv -o still").exit(0);
+    clone(&work, "--source S001_005.csv -o moving --head").exit(0);
+    let nose = |folder: &str| {
+        let rows = work.rows(&format!("{folder}/track/target_S001-005.csv"));
+        let last = rows.iter().rev().find(|r| r["node"] == "77").unwrap();
+        (last["x"].parse::<f64>().unwrap(), last["y"].parse::<f64>().unwrap())
+    };
+    let (still, moving) = (nose("still"), nose("moving"));
+    // The simulated head shifts and rolls; the bridge of the nose moves by nothing else.
+    assert!((still.0 - moving.0).hypot(still.1 - moving.1) > 0.5, "{still:?} {moving:?}");
+}
+
+#[test]
+fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
+    let work = work();
+    work.write("still.fap", fap_file(&[3], "0")).write("broken.fap", "2.1 test 25");
+    let ran = work.grimace(
+        "clone --source still.fap S001_005.csv broken.fap --target target.png faces/S001/005/S001_005_00000001.png gone.png \
+         --correspondences marks.csv faces/S001/005/correspondences.csv marks.csv -o batch --sheet",
+    );
+    ran.exit(3).prints(&["4 of 9 clones written"]).says(&["broken.fap", "gone.png"]);
+    let files = work.files("batch");
+    assert!(files.contains_key("sheet.png") && files.contains_key("target_S001_005/clone.fap"));
+    // A still face is the photograph.
+    assert_eq!(picture(&work, "batch/target_still/frames/target_00000002.png"), picture(&work, "target.png"));
+}
+
+#[test]
+fn targets_without_marks_turned_away_or_of_another_size_are_named() {
+    let work = work();
+    work.grimace("clone --source S001_005.csv --target target.png -o out").exit(2).says(&["--correspondences"]);
+    work.write("empty.csv", "node,x,y\n");
+    let with = |marks: &str| work.grimace(&format!("clone --source S001_005.csv --target target.png -c {marks} -o out"));
+    with("empty.csv").exit(1).says(&["empty.csv", "at least 3"]);
+    with("gone.csv").exit(1).says(&["gone.csv"]);
+    // A profile: the subject's left half is seen a fifth as wide as the right one.
+    let middle = 100.0;
+    let rows = work.rows("marks.csv");
+    let turned: String = rows
+        .iter()
+        .map(|row| {
+            let x: f64 = row["x"].parse().unwrap();
+            let x = if x > middle { middle + 0.12 * (x - middle) } else { x };
+            format!("{},{x},{}\n", row["node"], row["y"])
+        })
+        .collect();
+    work.write("profile.csv", format!("node,x,y\n{turned}"));
+    let ran = with("profile.csv").exit(1);
+    assert!(ran.stderr.contains("turned away by about") || ran.stderr.contains("fold"), "{}", ran.stderr);
+    let outside = work.read("marks.csv").replace("node,x,y\n", "node,x,y\n94,5000,10\n");
+    work.write("outside.csv", outside);
+    with("outside.csv").exit(1).says(&["5000"]);
+    work.write("short.csv", "point,x,y\n0,1,1\n1,2,2\n");
+    with("short.csv").exit(1).says(&["2 landmarks; the points 0 to 67"]);
+    work.grimace("clone --source S001_005.csv --target target.png target.png -c marks.csv -o out")
+        .exit(1)
+        .says(&["2 targets and 1 files of correspondences"]);
+}
+
+/// The marks of `marks.csv` times a factor.
+fn scaled_marks(work: &Work, factor: f64) -> String {
+    let row = |row: &std::collections::BTreeMap<String, String>| {
+        let scale = |column: &str| (row[column].parse::<f64>().unwrap() + 0.5) * factor - 0.5;
+        format!("{},{},{}\n", row["node"], scale("x"), scale("y"))
+    };
+    format!("node,x,y\n{}", work.rows("marks.csv").iter().map(row).collect::<String>())
+}
+
+fn png(image: impl Into<DynamicImage>) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    image.into().write_to(&mut bytes, ImageFormat::Png).unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn tiny_and_huge_pictures_work_or_say_what_is_missing() {
+    let work = work();
+    let original = picture(&work, "target.png");
+    let resized = |factor: f64| {
+        let (w, h) = original.dimensions();
+        let side = |s: u32| (f64::from(s) * factor) as u32;
+        image::imageops::resize(&original, side(w), side(h), image::imageops::FilterType::Triangle)
+    };
+    for (name, factor) in [("small", 0.25), ("large", 12.0)] {
+        work.write(&format!("{name}.png"), png(resized(factor))).write(&format!("{name}.csv"), scaled_marks(&work, factor));
+        work.grimace(&format!("clone --source S001_005.csv --target {name}.png -c {name}.csv -o {name} --fps 1 --duration 1"))
+            .exit(0);
+        assert_eq!(picture(&work, &format!("{name}/frames/{name}_00000002.png")).dimensions(), resized(factor).dimensions());
+    }
+    // 32 px wide, the eyes are 5 px apart.
+    work.write("tiny.png", png(resized(0.08))).write("tiny.csv", scaled_marks(&work, 0.08));
+    work.grimace("clone --source S001_005.csv --target tiny.png -c tiny.csv -o tiny").exit(1).says(&["px apart; at least 6 px"]);
+    let wide = RgbImage::new(16_400, 40);
+    work.write("wide.png", png(wide));
+    work.grimace("clone --source S001_005.csv --target wide.png -c marks.csv -o wide")
+        .exit(1)
+        .says(&["16400x40; at most 16384 px"]);
+}
+
+/// A JPEG whose EXIF data says that it lies on its side (orientation 6: turn it clockwise to see it upright).
+fn on_its_side(upright: &RgbImage) -> Vec<u8> {
+    let mut jpeg = Cursor::new(Vec::new());
+    image::imageops::rotate270(upright).write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
+    let jpeg = jpeg.into_inner();
+    let tiff = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    let mut out = jpeg[..2].to_vec();
+    out.extend([0xFF, 0xE1]);
+    out.extend((2 + 6 + tiff.len() as u16).to_be_bytes());
+    out.extend(b"Exif\0\0");
+    out.extend(tiff);
+    out.extend(&jpeg[2..]);
+    out
+}
+
+#[test]
+fn sixteen_bit_transparent_and_rotated_pictures_are_the_same_face() {
+    let work = work();
+    let original = picture(&work, "target.png");
+    clone(&work, "--source S001_005.csv -o plain").exit(0);
+    let apex = picture(&work, "plain/frames/target_00000006.png");
+    let apex_of = |name: &str, file: &str| {
+        work.grimace(&format!("clone --source S001_005.csv --target {file} -c marks.csv -o {name}")).exit(0);
+        picture(&work, &format!("{name}/frames/{}_00000006.png", file.split('.').next().unwrap()))
+    };
+    let deep = image::ImageBuffer::from_fn(original.width(), original.height(), |x, y| {
+        image::Rgb(original.get_pixel(x, y).0.map(|c| u16::from(c) * 257))
+    });
+    work.write("deep.png", png(DynamicImage::ImageRgb16(deep)));
+    assert_eq!(apex_of("deep", "deep.png"), apex);
+    work.write("clear.png", png(DynamicImage::ImageRgb8(original.clone()).to_rgba8()));
+    assert_eq!(apex_of("clear", "clear.png"), apex);
+    work.write("grey.png", png(image::imageops::grayscale(&original)));
+    assert_eq!(apex_of("grey", "grey.png").dimensions(), apex.dimensions());
+    work.write("side.jpg", on_its_side(&original));
+    let side = apex_of("side", "side.jpg");
+    assert_eq!(side.dimensions(), apex.dimensions());
+    let difference: f64 = side.as_raw().iter().zip(apex.as_raw()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+    assert!(difference / (apex.as_raw().len() as f64) < 6.0, "upright, up to JPEG's losses");
+}
+
+#[test]
+fn sources_that_do_not_fit_are_named() {
+    let work = work();
+    work.write("other.csv", "frame,node,x,y\n0,0,1,1\n0,1,2,2\n1,0,1,1\n1,1,2,2\n");
+    clone(&work, "--source other.csv -o out").exit(1).says(&["other.csv has 2 nodes, the wireframe 113"]);
+    clone(&work, "--source target.png -o out").exit(1).says(&["target.png: is neither a track or model (.csv) nor a FAP file"]);
+    clone(&work, "--source gone.csv -o out").exit(1).says(&["gone.csv"]);
+    clone(&work, "--source S001_005.csv --wrinkles -o out").exit(1).says(&["--wrinkles needs the pictures of the source"]);
+    work.grimace("analyze S001_005.csv -o analysed -q").exit(0);
+    clone(&work, "--source analysed/representatives/happiness.csv --source-frames faces/S001/005 --wrinkles -o out")
+        .exit(1)
+        .says(&["belong to a track"]);
+    std::fs::remove_file(work.path("faces/S001/005/S001_005_00000003.png")).unwrap();
+    clone(&work, "--source S001_005.csv --source-frames faces/S001/005 --wrinkles -o out")
+        .exit(1)
+        .says(&["has 5 of the 6 frames of the track S001_005"]);
+}
+
+#[test]
+fn videos_are_written_or_refused_with_a_reason() {
+    let work = work();
+    for format in ["mp4", "webm"] {
+        let ran = clone(&work, &format!("--source S001_005.csv -o {format} --film {format}"));
+        if ran.status == Some(0) {
+            // Read back: a track of the film has a frame for every frame, of the picture's size.
+            work.grimace(&format!("track {format}/clone.{format} --correspondences marks.csv -o {format}.csv")).exit(0);
+            let rows = work.rows(&format!("{format}.csv"));
+            assert_eq!(rows.iter().map(|r| &r["frame"]).collect::<std::collections::BTreeSet<_>>().len(), 6, "{format}");
+        } else {
+            ran.exit(1).says(&["no encoder"]);
+        }
+    }
+}
+
+#[test]
+fn the_report_shows_the_representatives_on_a_face_of_choice() {
+    let work = work();
+    work.grimace("analyze S001_005.csv -o plain -q").exit(0);
+    assert!(work.read("plain/report.html").contains("a simulated person"));
+    work.grimace("analyze S001_005.csv -o photo -q --report-face target.png --report-marks marks.csv").exit(0);
+    let html = work.read("photo/report.html");
+    assert!(html.contains("happiness on target.png") && html.contains("data:image/jpeg;base64,"));
+    work.grimace("analyze S001_005.csv -o bad -q --report-face target.png --report-marks gone.csv").exit(1).says(&["gone.csv"]);
+}
+
+#[test]
+fn cloning_is_evaluated_on_sequences_and_on_simulated_people() {
+    let work = work();
+    work.grimace("evaluate clone -o cross --subjects 4 -q").exit(0);
+    let mean = |rows: &[std::collections::BTreeMap<String, String>], truth: &str, scaling: &str| -> f64 {
+        let row = rows.iter().find(|r| r["truth"] == truth && r["emotion"] == "all" && r["scaling"] == scaling).unwrap();
+        row["mean (% ES)"].parse().unwrap()
+    };
+    let rows = work.rows("cross/cross_cloning.csv");
+    for truth in ["action units and FAPs", "FAPs"] {
+        let (floor, plain) = (mean(&rows, truth, "plain copy of the neutral"), mean(&rows, truth, "no scaling"));
+        let region = mean(&rows, truth, "per region (FAPU)");
+        assert!(region < plain && plain < floor && region < 1.5, "{truth}: {region}, {plain}, {floor}");
+    }
+    // FAPs are in the person's own FAPUs: only per region is right.
+    assert!(mean(&rows, "FAPs", "per region (FAPU)") < 0.5 * mean(&rows, "FAPs", "uniform (ES)"));
+    work.grimace("evaluate clone faces -o self -q").exit(1).says(&["68-point landmarks"]);
+}

@@ -1,0 +1,327 @@
+//! `grimace fap`: what a user types, and what comes out.
+
+use std::{fs, path::PathBuf};
+
+use assert_cmd::Command;
+use predicates::{prelude::*, str::contains};
+use tempfile::TempDir;
+
+/// A fresh folder to run in.
+struct Work {
+    folder: TempDir,
+}
+
+impl Work {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: impl AsRef<[u8]>) -> &Self {
+        fs::write(self.path(name), text).unwrap();
+        self
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    /// `grimace fap ARGS` in the folder.
+    fn fap(&self, args: &str) -> assert_cmd::assert::Assert {
+        let mut command = Command::new(crate::common::grimace());
+        command.current_dir(self.folder.path()).arg("fap").args(args.split_whitespace()).assert()
+    }
+
+    fn stdout(&self, args: &str) -> String {
+        String::from_utf8(self.fap(args).success().get_output().stdout.clone()).unwrap()
+    }
+
+    fn json(&self, args: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.fap(args).get_output().stdout).unwrap()
+    }
+}
+
+/// A mask line with the given FAPs set.
+fn mask(faps: &[usize]) -> String {
+    (1..=68).map(|n| if faps.contains(&n) { "1" } else { "0" }).collect::<Vec<_>>().join(" ")
+}
+
+/// A file in the strict subset: FAPs 4, 31 and 51 over three frames, 25 frames per second.
+fn strict() -> String {
+    let m = mask(&[4, 31, 51]);
+    format!("2.1 joy 25 3\n{m}\n0 0 0 0\n{m}\n1 10 -20 30\n{m}\n2 40 -60 80\n")
+}
+
+#[test]
+fn info_tells_name_rate_duration_and_the_extremes_of_every_fap() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    let expected = "\
+joy.fap: `joy`, version 2.1
+  3 frames, 25 fps, 0.12 s
+  3 FAPs set: 4,31,51
+  FAP  name               unit      min  max  apex  frame
+    4  lower_t_midlip     MNS/1024    0   40    40      2
+   31  raise_l_i_eyebrow  ENS/1024  -60    0   -60      2
+   51  lower_t_midlip_o   MNS/1024    0   80    80      2
+";
+    assert_eq!(work.stdout("info joy.fap"), expected);
+}
+
+#[test]
+fn info_gives_json_with_units_and_schema_version() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    let json = work.json("info --json joy.fap");
+    assert_eq!(json["schema_version"], 1);
+    assert!(json["units"].as_str().unwrap().contains("fps: 1/s"));
+    let file = &json["files"][0];
+    assert_eq!((&file["name"], &file["frames"], &file["seconds"]), (&"joy".into(), &3.into(), &0.12.into()));
+    assert_eq!(file["faps"][1]["unit"], "ENS/1024");
+    assert_eq!(file["faps"][1]["apex"], -60.0);
+}
+
+#[test]
+fn info_reads_the_good_files_when_one_is_bad() {
+    let work = Work::new();
+    work.write("a.fap", strict()).write("b.fap", "nonsense\n").write("c.fap", strict());
+    work.fap("info a.fap b.fap c.fap")
+        .code(1)
+        .stdout(contains("a.fap: `joy`").and(contains("c.fap: `joy`")))
+        .stderr(contains("b.fap:1: error header").and(contains("1 file could not be read")));
+    work.fap("info missing.fap").code(1).stderr(contains("cannot read missing.fap"));
+}
+
+#[test]
+fn check_passes_the_strict_subset() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    assert_eq!(work.stdout("check --strict joy.fap"), "1 file checked: 0 errors, 0 warnings\n");
+}
+
+#[test]
+fn check_names_line_severity_rule_and_field() {
+    let work = Work::new();
+    let m = mask(&[3]);
+    work.write("a.fap", format!("2.1 a 25 2\n{m} 0\n0 -5\n{m} 0\n1 9.5\n"));
+    let text = work.stdout("check a.fap");
+    let expected = [
+        "a.fap:2: warning mask-count: mask: 69 flags; expected 68",
+        "a.fap:3: warning unidirectional: FAP 3: open_jaw is -5;",
+        "a.fap:5: warning integer: values: FAP 3 is `9.5`;",
+        "1 file checked: 0 errors, 3 warnings",
+    ];
+    assert_eq!(text.lines().count(), expected.len());
+    for (line, start) in text.lines().zip(expected) {
+        assert!(line.starts_with(start), "{line}");
+    }
+    assert!(text.contains("other readers fail) (2 times)"), "{text}");
+    work.fap("check --strict a.fap").code(1).stdout(contains("3 errors, 0 warnings"));
+    let json = work.json("check --json a.fap");
+    assert_eq!((&json["schema_version"], &json["files"][0]["warnings"]), (&1.into(), &3.into()));
+    assert_eq!(json["files"][0]["findings"][1]["rule"], "unidirectional");
+    assert_eq!(json["files"][0]["findings"][1]["line"], 3);
+}
+
+#[test]
+fn check_counts_over_files_and_fails_on_errors_only() {
+    let work = Work::new();
+    work.write("good.fap", strict()).write("crlf.fap", strict().replace('\n', "\r\n")).write("bad.fap", "");
+    work.fap("check good.fap crlf.fap").success().stdout(contains("2 files checked: 0 errors, 1 warning\n"));
+    work.fap("check good.fap bad.fap gone.fap")
+        .code(1)
+        .stdout(contains("bad.fap:1: error header: header: the file has no header"))
+        .stdout(contains("gone.fap: error: cannot be read"))
+        .stdout(contains("3 files checked: 2 errors, 0 warnings"))
+        .stderr(contains("2 files did not pass"));
+}
+
+/// What known tools write is read with a warning that names the rule, and comes out strict.
+#[test]
+fn what_known_tools_write_is_read() {
+    let m = mask(&[4, 31, 51]);
+    let compound = mask(&[1, 2, 4, 31, 51]);
+    let one = |from: &str, to: &str| strict().replacen(from, to, 1);
+    let from_1 = one("\n2 40", "\n3 40").replacen("\n1 10", "\n2 10", 1).replacen("\n0 0 0 0", "\n1 0 0 0", 1);
+    let cases = [
+        ("69 flags", strict().replace(&m, &format!("{m} 0")), "mask-count"),
+        ("float values", one(" 10 ", " 10.25 "), "integer"),
+        ("CRLF", strict().replace('\n', "\r\n"), "line-ending"),
+        ("tabs", one("\n1 10", "\n1\t10"), "tab"),
+        ("trailing blanks", one(" 80\n", " 80 \n"), "trailing-blank"),
+        ("a comment before the header", format!("# visage\n{}", strict()), "comment"),
+        ("a comment between frames", one("\n0 0 0 0\n", "\n0 0 0 0\n# next\n"), "comment"),
+        ("a name with a blank", one("joy", "my joy"), "name"),
+        ("first frame 1", from_1, "frame-order"),
+        ("version 2.0", one("2.1 ", "2.0 "), "version"),
+        ("version 2.2", one("2.1 ", "2.2 "), "version"),
+        ("single FAPs 1 and 2", format!("2.1 x 25 1\n{compound}\n0 3 1 9 9 9\n"), "high-level"),
+        ("full FAPs 1 and 2", format!("2.1 x 25 1\n{compound}\n0 1 2 63 0 1 63 0 0 0 1 9 9 9\n"), "high-level"),
+        ("streaming", one("25 3", "25 10000"), "frame-count"),
+        ("no final newline", strict().trim_end().to_owned(), "final-newline"),
+    ];
+    for (case, text, rule) in cases {
+        let work = Work::new();
+        work.write("a.fap", text);
+        work.fap("check a.fap").success().stdout(contains(format!("warning {rule}: ")));
+        work.fap("info a.fap").success().stdout(contains("tolerated"));
+        work.fap("convert a.fap -o strict.fap").success();
+        assert_eq!(work.stdout("check --strict strict.fap"), "1 file checked: 0 errors, 0 warnings\n", "{case}");
+    }
+}
+
+/// What no known tool writes is refused with line and rule, and nothing is written.
+#[test]
+fn what_no_tool_writes_is_refused_with_line_and_rule() {
+    let m = mask(&[4, 31, 51]);
+    let one = |from: &str, to: &str| strict().replacen(from, to, 1);
+    let cases = [
+        ("a 69th flag that is 1", one(&m, &format!("{m} 1")), 2, "mask-count"),
+        ("67 flags", one(&m, &m[2..]), 2, "mask-count"),
+        ("70 flags", one(&m, &format!("{m} 0 0")), 2, "mask-count"),
+        ("a flag 2", one(&m, &m.replacen('0', "2", 1)), 2, "mask-flag"),
+        ("too few values", one("\n1 10 -20 30", "\n1 10 -20"), 5, "value-count"),
+        ("too many values", one("\n1 10 -20 30", "\n1 10 -20 30 4"), 5, "value-count"),
+        ("a word", one("-20", "low"), 5, "not-numeric"),
+        ("a decimal comma", one("-20", "-2,0"), 5, "not-numeric"),
+        ("NaN", one("-20", "NaN"), 5, "not-finite"),
+        ("infinity", one("-20", "inf"), 5, "not-finite"),
+        ("a frame left out", one("\n2 40", "\n3 40"), 7, "frame-order"),
+        ("a frame twice", one("\n2 40", "\n1 40"), 7, "frame-order"),
+        ("a first frame 2", one("\n0 0 0 0", "\n2 0 0 0"), 3, "frame-order"),
+        ("a missing line of values", one("\n1 10 -20 30", ""), 5, "frame-lines"),
+        ("a cut file", one("\n2 40 -60 80\n", "\n"), 6, "frame-lines"),
+        ("fewer frames than announced", one("25 3", "25 30"), 1, "frame-count"),
+        ("more frames than announced", one("25 3", "25 2"), 1, "frame-count"),
+        ("a huge number of frames", one("25 3", "25 18446744073709551615"), 1, "frame-count"),
+        ("version 3", one("2.1", "3"), 1, "version"),
+        ("no name", one("2.1 joy 25 3", "2.1 25 3"), 1, "header"),
+        ("a frame rate of 0", one(" 25 ", " 0 "), 1, "fps-integer"),
+        ("a byte order mark", format!("\u{feff}{}", strict()), 1, "byte-order-mark"),
+        ("an empty file", String::new(), 1, "header"),
+    ];
+    for (case, text, line, rule) in cases {
+        let work = Work::new();
+        work.write("a.fap", text);
+        let named = format!("a.fap:{line}: error {rule}: ");
+        work.fap("check a.fap").code(1).stdout(contains(named.as_str()));
+        work.fap("info a.fap").code(1).stderr(contains(named.as_str()));
+        work.fap("convert a.fap -o b.fap").code(1).stderr(contains(named.as_str()));
+        assert!(!work.path("b.fap").exists(), "{case}");
+    }
+}
+
+#[test]
+fn convert_of_a_strict_file_is_identity() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    work.fap("convert joy.fap -o copy.fap").success().stderr("");
+    assert_eq!(work.read("copy.fap"), strict());
+}
+
+#[test]
+fn convert_refuses_to_overwrite_without_force() {
+    let work = Work::new();
+    work.write("joy.fap", strict()).write("out.fap", "mine");
+    work.fap("convert joy.fap -o out.fap").code(1).stderr(contains("out.fap exists; give --force"));
+    assert_eq!(work.read("out.fap"), "mine");
+    work.fap("convert joy.fap -o out.fap --force").success();
+    work.fap("convert joy.fap -o joy.fap --force --fps 50").success();
+    assert!(work.read("joy.fap").starts_with("2.1 joy 50 5\n"));
+}
+
+#[test]
+fn convert_keeps_the_duration_or_the_frames_at_another_rate() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    work.fap("convert joy.fap --fps 50 -o fast.fap").success();
+    let fast = work.read("fast.fap");
+    assert!(fast.starts_with("2.1 joy 50 5\n"), "{fast}");
+    // The frames of before are hit: frame 1 is frame 2 now, and frame 2 is frame 4.
+    assert!(fast.contains("\n2 10 -20 30\n") && fast.contains("\n4 40 -60 80\n"), "{fast}");
+    work.fap("convert joy.fap --fps 50 --keep-frames -o same.fap").success();
+    assert_eq!(work.read("same.fap"), strict().replace("joy 25", "joy 50"));
+}
+
+#[test]
+fn convert_puts_frames_between_key_frames() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    work.fap("convert joy.fap --between 5 --fps 30 -o all.fap").success();
+    let all = work.read("all.fap");
+    assert!(all.starts_with("2.1 joy 30 13\n") && all.contains("\n6 10 -20 30\n") && all.ends_with("\n12 40 -60 80\n"), "{all}");
+    work.fap("convert joy.fap --between 999999999 -o b.fap").code(1).stderr(contains("at most 360000"));
+}
+
+#[test]
+fn convert_writes_the_faps_of_a_mask() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    work.fap("convert joy.fap --mask 31-33 -o brows.fap").success();
+    assert!(work.read("brows.fap").ends_with(&format!("{}\n2 -60 0 0\n", mask(&[31, 32, 33]))));
+    work.fap("convert joy.fap --mask all -o all.fap").success();
+    assert!(work.read("all.fap").contains(&mask(&(3..=68).collect::<Vec<_>>())));
+    work.fap("convert joy.fap --mask 0-3 -o x.fap").code(2).stderr(contains("FAPs are numbered 1 to 68"));
+}
+
+#[test]
+fn convert_writes_what_a_reader_needs() {
+    let work = Work::new();
+    let m = mask(&[1, 4, 51]);
+    work.write("a.fap", format!("2.1 my joy 10 1\n{m}\n0 1 2 63 0 0 30.5\n"));
+    work.fap("convert a.fap -o strict.fap")
+        .success()
+        .stderr(contains("became `my_joy`").and(contains("FAPs 1 and 2")).and(contains("rounded 1 value")));
+    assert_eq!(work.read("strict.fap"), format!("2.1 my_joy 10 1\n{}\n0 0 31\n", mask(&[4, 51])));
+    // Xface: FAP 1 in full, floats, and the inner lip kept from being overwritten.
+    work.fap("convert a.fap --profile xface --values float -o xface.fap").success();
+    assert_eq!(work.read("xface.fap"), format!("2.1 my_joy 10 1\n{m}\n0 1 2 63 0 1 30.5\n"));
+    work.fap("convert a.fap --profile visage -o visage.fap").success();
+    assert_eq!(work.read("visage.fap"), format!("2.2 my_joy 10 1\n{m}\n0 1 2 63 0 0 31\n"));
+    // Greta plays 25 frames per second.
+    work.fap("convert a.fap --profile greta -o greta.fap").success().stderr(contains("10 to 25 frames"));
+    assert!(work.read("greta.fap").starts_with("2.1 my_joy 25 1\n"));
+    work.fap("convert a.fap --profile greta --fps 30 -o x.fap").code(1).stderr(contains("takes 25"));
+    work.fap("convert a.fap --values float -o x.fap").code(1).stderr(contains("takes integers only"));
+    work.fap("convert a.fap --profile maya -o x.fap").code(2).stderr(contains("strict, xface, greta or visage"));
+    assert!(!work.path("x.fap").exists());
+}
+
+#[test]
+fn convert_goes_to_csv_and_back() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    work.fap("convert joy.fap -o joy.csv").success();
+    let table = work.read("joy.csv");
+    assert!(table.starts_with("frame,fap,name,value\n0,4,lower_t_midlip,0\n0,31,raise_l_i_eyebrow,0\n"), "{table}");
+    assert_eq!(table.lines().count(), 1 + 3 * 3);
+    work.fap("convert joy.csv -o back.fap").success();
+    assert_eq!(work.read("back.fap"), strict());
+    work.fap("convert joy.csv --fps 30 -o rate.fap").success();
+    assert_eq!(work.read("rate.fap"), strict().replace("joy 25", "joy 30"));
+    work.write("bad.csv", "frame,fap,name,value\n0,4,lower_t_midlip,NaN\n");
+    work.fap("convert bad.csv -o x.fap").code(1).stderr(contains("bad.csv:2: `NaN` is not a finite number"));
+    work.fap("convert joy.fap --profile xface -o x.csv").code(1).stderr(contains("is for .fap files"));
+}
+
+#[test]
+fn convert_names_an_output_that_can_not_be_written() {
+    let work = Work::new();
+    work.write("joy.fap", strict()).write("file", "");
+    work.fap("convert joy.fap -o file/out.fap").code(1).stderr(contains("cannot write file/out.fap"));
+    work.fap("convert joy.fap -o new/folder/out.fap").success();
+    assert_eq!(work.read("new/folder/out.fap"), strict());
+}
+
+#[test]
+fn every_help_has_an_example() {
+    let work = Work::new();
+    for command in ["--help", "info --help", "check --help", "convert --help"] {
+        assert!(work.stdout(command).contains("\n  grimace fap "), "{command}");
+    }
+    work.fap("info").code(2);
+    work.fap("convert joy.fap").code(2).stderr(contains("--output"));
+}

@@ -1,0 +1,225 @@
+//! `grimace fit`: what a user types, and what comes out.
+
+use crate::common::Work;
+
+/// A folder with `neutral.png`, its `marks.csv`, and the sequence they come from.
+fn work() -> Work {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.write("neutral.png", work.bytes("faces/S001/005/S001_005_00000001.png"));
+    work.write("marks.csv", work.bytes("faces/S001/005/correspondences.csv"));
+    work
+}
+
+/// x and y of a row.
+fn place(row: &std::collections::BTreeMap<String, String>) -> (f64, f64) {
+    (row["x"].parse().unwrap(), row["y"].parse().unwrap())
+}
+
+#[test]
+fn every_node_comes_out_with_state_and_residual() {
+    let work = work();
+    let ran = work.grimace("fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png").exit(0);
+    ran.prints(&["7 marks (0 hard), eye distance", "roll", "largest distance of a node to its mark"]);
+    assert_eq!(work.header("fit.csv"), "node,x,y,state,residual");
+    let rows = work.rows("fit.csv");
+    assert_eq!(rows.len(), 113);
+    let marks = work.rows("marks.csv");
+    for (k, row) in rows.iter().enumerate() {
+        assert_eq!(row["node"], k.to_string());
+        match marks.iter().find(|m| m["node"] == row["node"]) {
+            Some(mark) => {
+                assert_eq!(row["state"], "marked");
+                let ((x, y), (u, v)) = (place(row), place(mark));
+                let residual: f64 = row["residual"].parse().unwrap();
+                assert!((residual - (x - u).hypot(y - v)).abs() < 1e-6, "node {k}");
+                assert!(residual < 2.0, "node {k} is {residual} px from its mark");
+            }
+            None => assert!(row["residual"].is_empty() && ["fitted", "follows"].contains(&row["state"].as_str())),
+        }
+    }
+    // Nodes 4, 35 to 39 and 41 to 43 are in no triangle.
+    let follows: Vec<_> = rows.iter().filter(|r| r["state"] == "follows").map(|r| r["node"].clone()).collect();
+    assert_eq!(follows, ["4", "35", "36", "37", "38", "39", "41", "42", "43"]);
+    assert!(image::load_from_memory(&work.bytes("fit.png")).unwrap().width() >= 200);
+}
+
+#[test]
+fn the_fit_is_near_the_true_nodes() {
+    let work = work();
+    work.write("exact.csv", {
+        let truth = String::from_utf8(crate::common::FACES["truth/S001_005.csv"].clone()).unwrap();
+        let marked = ["20", "23", "53", "56", "31", "64", "10", "26", "59"];
+        let line = |line: &str| {
+            let fields: Vec<&str> = line.split(',').collect();
+            (fields[0] == "1" && marked.contains(&fields[1])).then(|| fields[1..].join(","))
+        };
+        format!("node,x,y\n{}\n", truth.lines().filter_map(line).collect::<Vec<_>>().join("\n"))
+    });
+    work.grimace("fit neutral.png -c exact.csv -o fit.csv").exit(0);
+    let truth = String::from_utf8(crate::common::FACES["truth/S001_005.csv"].clone()).unwrap();
+    let truth: Vec<(f64, f64)> = csv::Reader::from_reader(truth.as_bytes())
+        .deserialize::<(u32, usize, f64, f64)>()
+        .map(Result::unwrap)
+        .filter(|row| row.0 == 1)
+        .map(|row| (row.2, row.3))
+        .collect();
+    let rows = work.rows("fit.csv");
+    let errors: Vec<f64> = rows.iter().map(place).zip(&truth).map(|((x, y), (u, v))| (x - u).hypot(y - v)).collect();
+    let eyes = (truth[20].0 - truth[53].0).abs();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    // Nine exact marks of 113 nodes: a quick prototype with seven noisy ones had 4.4 % of the eye distance.
+    assert!(mean < 0.05 * eyes, "mean error {mean:.2} px with outer eye corners {eyes:.1} px apart");
+}
+
+#[test]
+fn nodes_set_by_hand_are_hard_positions() {
+    let work = work();
+    let marks: Vec<String> = work.read("marks.csv").lines().skip(1).map(|line| format!("{line},")).collect();
+    let file = |first: &str| format!("node,x,y,kind\n{first}\n{}\n", marks.join("\n"));
+    // 8.4 is the right mouth corner, node 64, which is marked already.
+    work.write("hard.csv", file("8.4,60,120,hard"));
+    work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(1).says(&["hard.csv, line 8: node 64 stands in line 2 already"]);
+    work.write("hard.csv", file("5,101.25,92.5,hard"));
+    work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(0).prints(&["8 marks (1 hard)"]);
+    let rows = work.rows("fit.csv");
+    assert_eq!((rows[5]["x"].as_str(), rows[5]["y"].as_str(), rows[5]["state"].as_str()), ("101.25", "92.5", "corrected"));
+}
+
+#[test]
+fn results_are_not_written_over_without_force() {
+    let work = work();
+    work.write("fit.csv", "mine").write("fit.png", "mine");
+    work.grimace("fit neutral.png -c marks.csv -o fit.csv").exit(1).says(&["fit.csv is there already", "--force"]);
+    work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay fit.png").exit(1).says(&["fit.png is there already"]);
+    assert!(!work.path("new.csv").exists());
+    work.grimace("fit neutral.png -c marks.csv -o fit.csv --force -q").exit(0);
+    assert_eq!(work.rows("fit.csv").len(), 113);
+}
+
+/// Runs `fit` with a correspondence file that must be refused; what it says.
+fn refused(marks: &str, texts: &[&str]) {
+    let work = work();
+    work.write("bad.csv", marks);
+    let ran = work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1);
+    assert!(ran.stderr.starts_with("error: bad.csv"), "{}", ran.stderr);
+    ran.says(texts);
+    assert!(!work.path("fit.csv").exists());
+}
+
+#[test]
+fn marks_that_do_not_make_a_fit_are_refused() {
+    refused("node,x,y\n", &["0 correspondences; at least 3 are needed, 5 to 8 give a good fit"]);
+    refused("node,x,y\n20,80,60\n", &["1 correspondences; at least 3"]);
+    refused("node,x,y\n20,80,60\n53,120,60\n", &["2 correspondences; at least 3"]);
+    refused("node,x,y\n20,80,60\n23,90,60\n56,110,60\n53,120,60\n", &["the 4 marks lie on one line", "such as the chin"]);
+    refused("node,x,y\n20,80,60\n53,120,60\n113,100,90\n", &["line 4", "node 113 does not exist", "nodes 0 to 112"]);
+    refused("node,x,y\n20,80,60\n53,120,60\nchin,100,90\n", &["line 4", "chin"]);
+    refused("node,x,y\n20,80,60\n53,120,60\n-1,100,90\n", &["line 4", "-1"]);
+    refused(
+        "node,x,y\n20,80,60\n53,220,60\n10,100,90\n",
+        &["node 53 is marked at (220, 60), outside the image of 200 x 160 pixels"],
+    );
+    refused("node,x,y\n20,80,60\n53,NaN,60\n10,100,90\n", &["line 3", "x is `NaN`; a finite number was expected"]);
+    refused("node,x,y\n20,80,60\n53,120,inf\n10,100,90\n", &["line 3", "y is `inf`"]);
+    refused("node;x;y\n20;80;60\n", &["has no column `node`", "separated by commas"]);
+    refused("node,x,y\n20,80\n", &["line 2", "the row has 2 fields where the header has 3"]);
+    refused("", &["is empty; a header line was expected"]);
+    // The subject's left eye is at the right of the image: these are exchanged, and the chin is above.
+    refused("node,x,y\n20,80,90\n53,120,90\n10,100,40\n", &["upside down", "left and right are the subject's own"]);
+}
+
+#[test]
+fn exchanged_left_and_right_are_refused() {
+    let work = work();
+    let exchange = |node: &str| {
+        match node {
+            "20" => "53",
+            "53" => "20",
+            "23" => "56",
+            "56" => "23",
+            "31" => "64",
+            "64" => "31",
+            other => other,
+        }
+        .to_owned()
+    };
+    let marks = work.read("marks.csv");
+    let swapped = marks.lines().map(|line| match line.split_once(',') {
+        Some((node, rest)) => format!("{},{rest}\n", exchange(node)),
+        None => String::new(),
+    });
+    work.write("bad.csv", swapped.collect::<String>());
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks fit the mirrored face", "the subject's own"]);
+}
+
+#[test]
+fn marks_that_fold_the_wireframe_are_refused() {
+    let work = work();
+    let marks = work.read("marks.csv");
+    // Outer and inner corner of one eye exchanged.
+    let swapped = marks.replace("\n20,", "\n@,").replace("\n23,", "\n20,").replace("\n@,", "\n23,");
+    assert_ne!(swapped, marks);
+    work.write("bad.csv", swapped);
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["triangles of the wireframe", "look first at node"]);
+    assert!(!work.path("fit.csv").exists());
+}
+
+#[test]
+fn marks_with_crlf_byte_order_mark_and_quotes_are_read() {
+    let work = work();
+    let text = format!("\u{feff}{}", work.read("marks.csv").replace('\n', "\r\n").replace("20,", "\"20\","));
+    work.grimace("fit neutral.png -c marks.csv -o plain.csv").exit(0);
+    work.write("marks.csv", text).grimace("fit neutral.png -c marks.csv -o fit.csv").exit(0);
+    assert_eq!(work.read("fit.csv"), work.read("plain.csv"));
+}
+
+#[test]
+fn an_image_that_is_none_is_refused() {
+    let work = work();
+    let png = work.bytes("neutral.png");
+    work.write("empty.png", "").write("half.png", &png[..png.len() / 2]).write("text.png", "this is no picture");
+    let fit = |image: &str| work.grimace(&format!("fit {image} -c marks.csv -o fit.csv")).exit(1);
+    fit("missing.png").says(&["missing.png: cannot be read", "No such file"]);
+    fit("empty.png").says(&["empty.png: the file is empty"]);
+    fit("half.png").says(&["half.png: the PNG image is cut off"]);
+    fit("text.png").says(&["text.png: not an image in a known format (PNG, JPEG", "this is no"]);
+    fit("faces").says(&["faces: cannot be read"]);
+    assert!(!work.path("fit.csv").exists());
+}
+
+#[test]
+fn a_wireframe_of_one_s_own_is_used_and_one_cut_in_the_middle_refused() {
+    let work = work();
+    let wfm = grimace::wireframe::write_wfm(&grimace::wireframe::Wireframe::candide3());
+    let half: Vec<&str> = wfm.lines().take(wfm.lines().count() / 2).collect();
+    work.write("own.wfm", &wfm).write("half.wfm", half.join("\n")).write("torn.wfm", &wfm[..wfm.len() / 2 - 3]);
+    work.grimace("fit neutral.png -c marks.csv -o built-in.csv").exit(0);
+    work.grimace("fit neutral.png -c marks.csv -o own.csv --wireframe own.wfm").exit(0);
+    assert_eq!(work.read("own.csv"), work.read("built-in.csv"));
+    let ran = work.grimace("fit neutral.png -c marks.csv -o fit.csv --wireframe half.wfm").exit(1);
+    ran.says(&["half.wfm: line", "units list", "cut off or a count is too large"]);
+    let ran = work.grimace("fit neutral.png -c marks.csv -o fit.csv --wireframe torn.wfm").exit(1);
+    ran.says(&["torn.wfm: line", "units list: found", "was expected"]);
+    work.grimace("fit neutral.png -c marks.csv -o fit.csv --wireframe none.wfm").exit(1).says(&["none.wfm: cannot be read"]);
+    work.write("image.wfm", work.bytes("neutral.png"));
+    work.grimace("fit neutral.png -c marks.csv -o fit.csv --wireframe image.wfm").exit(1).says(&["image.wfm: line"]);
+}
+
+#[test]
+fn the_help_has_an_example_and_bad_usage_ends_with_2() {
+    let work = Work::new();
+    let commands =
+        [("run", "Example:"), ("fit", "Example:"), ("track", "Example:"), ("analyze", "Example:"), ("simulate", "Examples:")];
+    for (command, heading) in commands {
+        work.grimace(&format!("{command} --help")).exit(0).prints(&[heading, &format!("grimace {command} ")]);
+        work.grimace(&format!("{command} --no-such-flag")).exit(2).says(&["--no-such-flag"]);
+    }
+    work.grimace("fit").exit(2).says(&["--correspondences", "--output"]);
+    work.grimace("run faces -o out --alpha 0.5").exit(2).says(&["--alpha", "0.5", "less than 0.5"]);
+    work.grimace("run faces -o out --alpha -0.1").exit(2);
+    work.grimace("run faces -o out --alpha NaN").exit(2).says(&["NaN"]);
+    work.grimace("run faces -o out --window 0").exit(2).says(&["greater than 0"]);
+    work.grimace("run faces -o out --levels 9").exit(2).says(&["1..=8"]);
+    work.grimace("run faces -o out --fps 0").exit(2).says(&["fps"]);
+    work.grimace("run faces -o out --marks 20,abc").exit(2).says(&["abc"]);
+}

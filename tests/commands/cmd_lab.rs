@@ -1,0 +1,45 @@
+//! How `grimace` starts `grimace-lab`, with scripts in its place.
+#![cfg(unix)]
+
+use std::{fs, os::unix::fs::PermissionsExt, path::Path, process::Command};
+
+use crate::common::{Ran, grimace};
+
+/// Tells its name and its arguments, and ends with status 3.
+fn script(folder: &Path, name: &str) {
+    fs::create_dir_all(folder).unwrap();
+    let path = folder.join("grimace-lab");
+    fs::write(&path, format!("#!/bin/sh\nprintf '{name}'\nprintf ' <%s>' \"$@\"\nexit 3\n")).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// Runs a copy of the command that lies alone in `folder/bin`, with `folder/path` as the only folder of PATH.
+fn run(folder: &Path, args: &str) -> Ran {
+    let program = folder.join("bin/grimace");
+    if !program.exists() {
+        fs::create_dir_all(folder.join("bin")).unwrap();
+        fs::copy(grimace(), &program).unwrap();
+    }
+    let mut command = Command::new(program);
+    command.env("PATH", folder.join("path")).args(args.split_whitespace());
+    Ran::from(command.output().unwrap())
+}
+
+#[test]
+fn the_lab_is_found_beside_the_command_then_on_path() {
+    let folder = tempfile::tempdir().unwrap();
+    let absent = run(folder.path(), "simulate -o faces").exit(1);
+    absent.says(&["`grimace simulate` is a command of grimace-lab", "cargo install --path crates/lab"]);
+    script(&folder.path().join("path"), "path");
+    // Arguments and exit status are the lab's, help included.
+    run(folder.path(), "simulate -o faces --help -x").exit(3).prints(&["path <simulate> <-o> <faces> <--help> <-x>"]);
+    run(folder.path(), "help evaluate fit").exit(3).prints(&["path <evaluate> <fit> <--help>"]);
+    script(&folder.path().join("bin"), "beside");
+    run(folder.path(), "evaluate").exit(3).prints(&["beside <evaluate>"]);
+}
+
+#[test]
+fn help_lists_the_commands_of_the_lab() {
+    let output = Command::new(grimace()).arg("--help").output().unwrap();
+    Ran::from(output).exit(0).prints(&["simulate", "evaluate"]);
+}

@@ -1,0 +1,342 @@
+//! Landmark files as input, groups compared, models in one file: what a user types, and what comes out.
+
+use std::path::Path;
+
+use crate::common::{Work, assert_same_files};
+use grimace::wireframe::{Tables, Wireframe};
+
+/// Landmarks of Candide-3 in an image of about 500 px, its mouth corners moved by `smile` px out and up.
+fn face(smile: f64) -> Vec<(f64, f64)> {
+    let frontal = Wireframe::candide3().frontal();
+    let landmarks = Tables::candide3().landmarks;
+    let place = |(k, row): (usize, &grimace::wireframe::LandmarkRow)| {
+        let sum = row.nodes.iter().map(|(n, w)| frontal[n.index()].coords * *w).sum::<nalgebra::Vector2<f64>>();
+        let (dx, dy) = match k {
+            48 | 60 => (-smile, -smile),
+            54 | 64 => (smile, -smile),
+            _ => (0.0, 0.0),
+        };
+        (300.0 + 160.0 * sum.x + dx, 300.0 - 160.0 * sum.y + dy)
+    };
+    landmarks.iter().enumerate().map(place).collect()
+}
+
+fn own(frames: &[(u32, f64)]) -> String {
+    let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+    let row = |&(frame, smile): &(u32, f64)| {
+        format!("{frame}{}\n", face(smile).iter().map(|(x, y)| format!(",{x},{y}")).collect::<String>())
+    };
+    format!("frame{header}\n{}", frames.iter().map(row).collect::<String>())
+}
+
+fn open_face(frames: &[(u32, f64, f64)]) -> String {
+    let names = |axis: &str| (0..68).map(|k| format!(", {axis}_{k}")).collect::<String>();
+    let row = |&(frame, smile, confidence): &(u32, f64, f64)| {
+        let face = face(smile);
+        let xs: String = face.iter().map(|(x, _)| format!(", {x}")).collect();
+        let ys: String = face.iter().map(|(_, y)| format!(", {y}")).collect();
+        format!("{frame}, 0, 0.0, {confidence}, 1{xs}{ys}\n")
+    };
+    let header = format!("frame, face_id, timestamp, confidence, success{}{}\n", names("x"), names("y"));
+    header + &frames.iter().map(row).collect::<String>()
+}
+
+fn pts(smile: f64) -> String {
+    // Counted from 1.
+    let points: String = face(smile).iter().map(|(x, y)| format!("{} {}\n", x + 1.0, y + 1.0)).collect();
+    format!("version: 1\nn_points: 68\n{{\n{points}}}\n")
+}
+
+fn ck(smile: f64) -> String {
+    face(smile).iter().map(|(x, y)| format!("   {x:.7e}   {y:.7e}\n")).collect()
+}
+
+/// The x offset of a node at the apex of a model, face units.
+fn moved(work: &Work, model: &str, node: &str) -> f64 {
+    let rows = work.rows(model);
+    let x = |frame: &str| rows.iter().find(|r| r["frame"] == frame && r["node"] == node).unwrap()["x"].parse::<f64>().unwrap();
+    x("4") - x("0")
+}
+
+#[test]
+fn every_form_of_landmarks_gives_the_same_model_beside_images() {
+    let work = Work::with_sequences(&["S001_005"]);
+    let manifest = work.read("faces/manifest.csv");
+    // The simulated dataset's manifest has no column for landmarks or frames, or has it: both are added where missing.
+    let mut text = manifest;
+    for name in ["frames", "landmarks"] {
+        if !text.lines().next().unwrap().split(',').any(|c| c == name) {
+            let mut lines = text.lines();
+            let header = format!("{},{name}", lines.next().unwrap());
+            text = std::iter::once(header).chain(lines.map(|l| format!("{l},"))).collect::<Vec<_>>().join("\n") + "\n";
+        }
+    }
+    work.write("faces/manifest.csv", &text);
+    let manifest = text;
+    let header = manifest.lines().next().unwrap().to_owned();
+    let row = |subject: &str, frames: &str, landmarks: &str| {
+        let value = |name: &str| match name {
+            "subject" => subject,
+            "sequence" => "1",
+            "emotion" => "happiness",
+            "frames" => frames,
+            "landmarks" => landmarks,
+            _ => "",
+        };
+        header.split(',').map(value).collect::<Vec<_>>().join(",")
+    };
+    work.write("faces/own.csv", own(&[(1, 0.0), (2, 10.0)]));
+    work.write("faces/openface.csv", open_face(&[(1, 0.0, 0.98), (2, 10.0, 0.9)]));
+    for (frame, smile) in [(1, 0.0), (2, 10.0)] {
+        work.write(&format!("faces/pts/p_{frame:04}.pts"), pts(smile));
+        work.write(&format!("faces/ck/S9_1_{frame:08}_landmarks.txt"), ck(smile));
+    }
+    let rows =
+        [row("A", "own.csv", ""), row("B", "openface.csv", ""), row("C", "pts", ""), row("D", "ck", ""), row("E", "", "own.csv")];
+    work.write("faces/manifest.csv", format!("{manifest}{}\n", rows.join("\n")));
+    work.grimace("run faces -o out --resample linear").exit(0).prints(&["6 sequences: 6 tracked"]);
+    // 10 px of a face whose eyes are 160 * 0.613 px apart are 10 * 1024 / 98.1 = 104 face units, less what the springs keep back.
+    let own_x = moved(&work, "out/models/A_1.csv", "31");
+    assert!((95.0..105.0).contains(&own_x), "{own_x}");
+    for other in ["B", "C", "D", "E"] {
+        let x = moved(&work, &format!("out/models/{other}_1.csv"), "31");
+        assert!((x - own_x).abs() < 1e-4, "{other}: {x} {own_x}");
+    }
+    // Linear in time: a quarter of the way at frame 1.
+    let states: Vec<String> = work.rows("out/tracks/A_1.csv").into_iter().map(|r| r["state"].clone()).collect();
+    let count = |state: &str| states.iter().filter(|s| *s == state).count();
+    assert_eq!((count("tracked"), count("recovered_no_landmark"), count("follows")), (52, 52, 18));
+    let json: serde_json::Value = serde_json::from_str(&work.read("out/tracks/C_1.json")).unwrap();
+    assert_eq!(json["source"], serde_json::json!(["p_0001.pts", "p_0002.pts"]));
+    assert_eq!((&json["marks_from"], &json["image_size"]["width"]), (&"landmarks".into(), &0.into()));
+    // Resumed, nothing is done twice; one changed landmark costs its sequence alone.
+    work.grimace("run faces -o out --resample linear").exit(0).prints(&["nothing changed"]);
+    work.write("faces/own.csv", own(&[(1, 0.0), (2, 12.0)]));
+    work.grimace("run faces -o out --resample linear").exit(0).prints(&["2 tracked, 4 unchanged"]);
+}
+
+/// A dataset of landmark files: subject, smile, metadata columns.
+fn people(work: &Work, header: &str, rows: &[(&str, f64, &str)]) {
+    let mut manifest = format!("subject,sequence,emotion,frames{header}\n");
+    for (subject, smile, metadata) in rows {
+        work.write(&format!("people/{subject}.csv"), own(&[(1, 0.0), (2, *smile)]));
+        manifest += &format!("{subject},1,happiness,{subject}.csv{metadata}\n");
+    }
+    work.write("people/manifest.csv", manifest);
+}
+
+#[test]
+fn bad_landmark_files_cost_their_sequence_and_say_why() {
+    let work = Work::new();
+    let mut manifest = "subject,sequence,emotion,frames\n".to_owned();
+    let good = own(&[(1, 0.0), (2, 8.0)]);
+    let files = [
+        ("good", good.clone(), None),
+        ("count", good.replace(",x67,y67", ""), Some("67 points, 68 were expected")),
+        ("commas", good.replacen("\n1,", "\n1,3,5,", 1), Some("decimal commas")),
+        ("lost", open_face(&[(1, 0.0, 0.1), (2, 5.0, 0.2)]), Some("lost in all 2 frames")),
+        ("end", open_face(&[(1, 0.0, 0.9), (2, 5.0, 0.2)]), Some("frame 2, the apex frame")),
+        ("gap", own(&[(1, 0.0), (2, 1.0), (900, 8.0)]), Some("only 3 have landmarks")),
+        ("empty", String::new(), Some("is empty")),
+    ];
+    for (name, text, _) in &files {
+        work.write(&format!("people/{name}.csv"), text);
+        manifest += &format!("{name},1,happiness,{name}.csv\n");
+    }
+    manifest += "missing,1,happiness,missing.csv\n";
+    work.write("people/manifest.csv", manifest);
+    work.grimace("run people -o out --resample linear").exit(3).prints(&["8 sequences: 1 tracked, 0 unchanged, 7 failed"]);
+    let failures = work.rows("out/failures.csv");
+    for (name, _, reason) in &files {
+        let failure = failures.iter().find(|f| f["subject"] == *name);
+        match reason {
+            None => assert!(failure.is_none()),
+            Some(reason) => assert!(failure.unwrap()["reason"].contains(reason), "{name}: {}", failure.unwrap()["reason"]),
+        }
+    }
+}
+
+#[test]
+fn groups_are_tested_with_everything_a_reviewer_asks_for() {
+    let work = Work::new();
+    let mut rows: Vec<(String, f64, &str)> = Vec::new();
+    for k in 0..14 {
+        rows.push((format!("a{k:02}"), 4.0 + 0.3 * f64::from(k), ",north"));
+        rows.push((format!("b{k:02}"), 11.0 + 0.3 * f64::from(k), ",south"));
+    }
+    rows.push(("c00".to_owned(), 7.0, ",island"));
+    rows.push(("d00".to_owned(), 7.0, ","));
+    let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, *m)).collect();
+    people(&work, ",place", &rows);
+    let ran = work.grimace("run people -o out --resample linear --by place --permutations 999 --bootstrap 200").exit(0);
+    ran.prints(&["not tested: happiness: island and north (a group of 1 can not be tested)", "compared with nobody"]);
+    let comparisons = work.rows("out/comparisons.csv");
+    // Island, north, south: three pairs; `unknown` is none.
+    assert_eq!(comparisons.len(), 3);
+    let tested = comparisons.iter().find(|r| r["group_a"] == "north" && r["group_b"] == "south").unwrap();
+    let number = |name: &str| tested[name].parse::<f64>().unwrap();
+    assert_eq!((number("p"), number("p_holm")), (0.001, 0.001));
+    assert!(number("effect") > 3.0 * number("effect_by_chance"));
+    assert_eq!((tested["subjects_a"].as_str(), tested["exhaustive"].as_str()), ("14", "false"));
+    let island = comparisons.iter().find(|r| r["group_a"] == "island").unwrap();
+    assert_eq!((island["p"].as_str(), island["not_tested"].as_str()), ("", "a group of 1 can not be tested"));
+    // The corners of the mouth differ; the chin, whose landmark moves in nobody, does so by what the springs hand on only.
+    let nodes = work.rows("out/comparison_nodes.csv");
+    let value = |node: &str, column: &str| nodes.iter().find(|r| r["node"] == node).unwrap()[column].parse::<f64>().unwrap();
+    assert!(value("31", "p") <= 0.01 && value("64", "p") <= 0.01);
+    assert!(value("31", "energy") > 100.0 * value("10", "energy").abs());
+    let intervals = work.rows("out/intervals.csv");
+    let all = intervals.iter().find(|r| r["group_place"].is_empty()).unwrap();
+    let value = |name: &str| all[name].parse::<f64>().unwrap();
+    // The people stand for a population that scatters more than they do around their own median: `low` may lie above `dispersion`.
+    assert!(0.0 < value("low") && value("low") < value("high") && value("dispersion") < value("high"));
+    assert_eq!(intervals.iter().find(|r| r["group_place"] == "island").unwrap()["low"], "");
+    let report = work.read("out/report.html");
+    for text in ["is not “alike”", "A small group, fewer than 10 people", "Not tested: happiness: island and north", "unknown"]
+    {
+        assert!(report.contains(text), "{text}");
+    }
+    // Tests follow from the seed, not from threads.
+    work.grimace("analyze out/tracks -o one --resample linear --by place --permutations 999 --bootstrap 200 -j 1").exit(0);
+    for file in ["comparisons.csv", "intervals.csv", "comparison_nodes.csv"] {
+        assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("one/{file}")), "{file}");
+    }
+    let other = "analyze out/tracks -o other --resample linear --by place --permutations 999 --bootstrap 200 --seed 2";
+    work.grimace(other).exit(0);
+    assert_ne!(work.read("out/intervals.csv"), work.read("other/intervals.csv"));
+}
+
+#[test]
+fn groups_that_can_not_be_made_or_tested_are_named() {
+    let work = Work::new();
+    people(&work, ",place,note", &[("a", 5.0, ",north,"), ("b", 6.0, ",north,"), ("c", 7.0, ",south,"), ("d", 8.0, ",south,")]);
+    work.grimace("run people -o out --by nation").exit(1).says(&["no sequence has a column `nation`", "note, place"]);
+    work.grimace("run people -o out --by note").exit(1).says(&["column `note` to group by is empty in all 4 sequences"]);
+    // Person c in both groups.
+    let manifest = work.read("people/manifest.csv") + "c,2,happiness,c.csv,north,\n";
+    work.write("people/manifest.csv", manifest);
+    work.grimace("run people -o out --by place --resample linear")
+        .exit(0)
+        .prints(&["c is in both groups; a test needs different people"]);
+    assert_eq!(work.rows("out/comparisons.csv")[0]["not_tested"], "c is in both groups; a test needs different people");
+    // Two against two can never reach 5 %: all 6 splits are tried.
+    work.grimace("analyze out/tracks/a_1.csv out/tracks/b_1.csv out/tracks/c_1.csv out/tracks/d_1.csv -o two --by place").exit(0);
+    let row = work.rows("two/comparisons.csv").remove(0);
+    assert_eq!((row["permutations"].as_str(), row["exhaustive"].as_str()), ("6", "true"));
+    assert!(row["least_p"].parse::<f64>().unwrap() > 0.3);
+    assert!(work.read("two/report.html").contains("can not be shown to differ"));
+    // Very many groups are refused at once, before a file is made for each.
+    let rows: String = (0..1500).map(|k| format!("a,{k},happiness,a.csv,p{k},\n")).collect();
+    work.write("people/manifest.csv", format!("subject,sequence,emotion,frames,place,note\n{rows}"));
+    let many = work.grimace("run people -o many --by place --resample linear").exit(1);
+    many.says(&["grouping by place makes 1501 classes", "more than 1000"]);
+    assert!(!work.path("many/representatives").exists());
+}
+
+#[test]
+fn a_columnar_file_gives_the_statistics_of_the_tracks() {
+    let work = Work::new();
+    let rows: Vec<(String, f64)> = (0..12).map(|k| (format!("a{k:02}"), 4.0 + f64::from(k))).collect();
+    people(&work, "", &rows.iter().map(|(s, x)| (s.as_str(), *x, "")).collect::<Vec<_>>());
+    work.grimace("run people -o out --resample linear --columnar --median exact").exit(0);
+    work.grimace("analyze --models out/models.parquet -o again --median exact").exit(0).prints(&["12 models"]);
+    for file in ["statistics.csv", "trimming.csv", "representatives/happiness.csv", "fap/happiness.fap"] {
+        assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("again/{file}")), "{file}");
+    }
+    // Node by node, when memory is short: the same median and dispersion to the digits written, trimming certified.
+    let many: Vec<(String, f64)> = (0..900).map(|k| (format!("m{k:04}"), 4.0 + f64::from(k % 90) * 0.1)).collect();
+    let text: String = many.iter().map(|(s, x)| format!("{s},1,happiness,{}.csv\n", (*x * 10.0).round())).collect();
+    for k in 0..90 {
+        let smile = 4.0 + f64::from(k) * 0.1;
+        work.write(&format!("many/{}.csv", (smile * 10.0).round()), own(&[(1, 0.0), (2, smile)]));
+    }
+    work.write("many/manifest.csv", format!("subject,sequence,emotion,frames\n{text}"));
+    work.grimace("run many -o all --resample linear --columnar --median exact").exit(0);
+    work.grimace("analyze --models all/models.parquet -o streamed --median exact --memory 16MB").exit(0);
+    let value = |folder: &str, name: &str| work.rows(&format!("{folder}/statistics.csv"))[0][name].parse::<f64>().unwrap();
+    for name in ["dispersion", "dispersion_untrimmed", "sum_of_distances_exact"] {
+        let (a, b) = (value("all", name), value("streamed", name));
+        assert!((a - b).abs() <= 1e-8 * a, "{name}: {a} {b}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&work.read("streamed/representatives/happiness.json")).unwrap();
+    assert!(json["trimming_certificate"]["decided_exactly"].is_u64());
+    work.grimace("analyze --models all/models.parquet -o b --memory 16MB --by subject").exit(1).says(&["more than the 16 MB"]);
+    work.write("bad.parquet", "PAR1 no").grimace("analyze --models bad.parquet -o c").exit(1).says(&["is no Parquet file"]);
+}
+
+#[test]
+fn a_run_in_parts_gives_the_bytes_of_a_plain_run() {
+    let work = Work::with_faces();
+    let options = "--by cohort --permutations 99 --bootstrap 50";
+    work.grimace(&format!("run faces -o plain {options}")).exit(0);
+    work.grimace(&format!("run faces -o parts --part 1/3 {options}")).exit(1).says(&["no run was begun here", "--plan"]);
+    let plan = work.grimace(&format!("run faces -o parts --plan {options}")).exit(0);
+    plan.prints(&[r#"{"sequences":6,"emotions":[["happiness",3],["surprise",3]]}"#]);
+    for part in ["2/4", "1/4", "4/4", "3/4"] {
+        work.grimace(&format!("run faces -o parts --part {part} {options}")).exit(0);
+    }
+    assert_eq!(work.files("parts/tracks").len(), 12);
+    for emotion in ["surprise", "happiness"] {
+        work.grimace(&format!("run faces -o parts --emotion {emotion} {options}")).exit(0);
+    }
+    assert!(work.path("parts/parts/happiness.json").exists());
+    work.grimace(&format!("run faces -o parts {options}")).exit(0).prints(&["0 tracked, 6 unchanged"]);
+    assert_same_files(&work.files("plain"), &work.files("parts"));
+    work.grimace("run faces -o parts --part 5/4").exit(2).says(&["expected K/N"]);
+    work.grimace(&format!("run faces -o parts --emotion joy {options}")).exit(1).says(&["no sequence shows the emotion `joy`"]);
+    work.grimace("run faces -o parts --emotion happiness").exit(1).says(&["other options"]);
+}
+
+#[test]
+fn recognition_leaves_one_subject_out() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    let ran = work.grimace("evaluate recognition out/tracks -o recognition").exit(0);
+    ran.prints(&["6 of 6 sequences of 3 subjects judged", "guessing, mean over labels 50.0 %"]);
+    let confusion = work.rows("recognition/confusion.csv");
+    assert_eq!(confusion.len(), 2);
+    let count = |row: usize, name: &str| confusion[row][name].parse::<usize>().unwrap();
+    // A simulated smile and a simulated surprise are not to be mistaken for each other.
+    assert_eq!((count(0, "happiness"), count(0, "surprise"), count(1, "surprise")), (3, 0, 3));
+    assert_eq!(work.rows("recognition/recognition.csv").len(), 6);
+    assert!(work.read("recognition/confusion.svg").starts_with("<svg"));
+    work.grimace("evaluate recognition out/tracks -o by-cohort --label cohort").exit(0);
+    work.grimace("evaluate recognition out/tracks -o none --label nation").exit(1).says(&["no sequence has a column `nation`"]);
+    let one = "evaluate recognition out/tracks/S001_005.csv out/tracks/S002_005.csv -o one";
+    work.grimace(one).exit(1).says(&["1 label; recognition needs sequences of at least two"]);
+}
+
+#[test]
+fn the_smiles_of_ninety_real_people_are_smiles() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/people");
+    if !data.is_dir() {
+        eprintln!("SKIPPED the_smiles_of_ninety_real_people_are_smiles: ../shared/data/people is not there");
+        return;
+    }
+    let work = Work::new();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/people_dataset");
+    let made = std::process::Command::new(script).arg(&data).arg(work.path("people")).status().unwrap();
+    assert!(made.success());
+    let options = "--resample linear --permutations 999 --bootstrap 100";
+    work.grimace(&format!("run people -o out --by gender {options}")).exit(0).prints(&["90 sequences: 90 tracked"]);
+    // Node 31 is the left corner of the mouth, on the positive side of x: a smile goes out and up on both sides, in every group.
+    for stem in ["happiness", "happiness_gender-female", "happiness_gender-male"] {
+        let rows = work.rows(&format!("out/representatives/{stem}.csv"));
+        let at = |frame: &str, node: &str, axis: &str| {
+            rows.iter().find(|r| r["frame"] == frame && r["node"] == node).unwrap()[axis].parse::<f64>().unwrap()
+        };
+        let moved = |node: &str, axis: &str| at("4", node, axis) - at("0", node, axis);
+        assert!(moved("31", "x") > 20.0 && moved("64", "x") < -20.0, "{stem}");
+        assert!(moved("31", "y") > 20.0 && moved("64", "y") > 20.0, "{stem}");
+        // Corners of the eyes hold the head: they hardly move.
+        assert!(moved("23", "x").abs() < 10.0 && moved("56", "y").abs() < 10.0, "{stem}");
+    }
+    work.grimace(&format!("analyze out/tracks -o ethnicity --by ethnicity {options}")).exit(0);
+    let comparisons = work.rows("ethnicity/comparisons.csv");
+    // Five values, one of them of a single person: 10 pairs, 4 of them without a test.
+    assert_eq!(comparisons.len(), 10);
+    assert_eq!(comparisons.iter().filter(|r| r["not_tested"] == "a group of 1 can not be tested").count(), 4);
+    for row in comparisons.iter().filter(|r| !r["p"].is_empty()) {
+        assert!(row["p_holm"].parse::<f64>().unwrap() >= row["p"].parse::<f64>().unwrap());
+    }
+}

@@ -1,0 +1,457 @@
+//! `grimace run`: what a user types, and what comes out.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    time::{Duration, SystemTime},
+};
+
+use crate::common::{FACES, SEQUENCES, Work, assert_same_files, files_in, leftovers};
+
+/// Nodes of Candide-3.
+const NODES: usize = 113;
+/// Frames of the sequences of the dataset.
+const FRAMES: usize = 6;
+
+#[test]
+fn every_output_is_there_with_its_header_and_shape() {
+    let work = Work::with_faces();
+    let ran = work.grimace("run faces -o out").exit(0);
+    ran.prints(&["6 sequences: 6 tracked, 0 unchanged, 0 failed", "3 sequences  out/fap/happiness.fap"]);
+    let names: BTreeSet<String> = work.files("out").into_keys().collect();
+    let mut expected: BTreeSet<String> =
+        ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv", "units.json", "verdicts.csv"]
+            .map(str::to_owned)
+            .into();
+    for id in SEQUENCES {
+        expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
+    }
+    for emotion in ["happiness", "surprise"] {
+        expected.extend([
+            format!("representatives/{emotion}.csv"),
+            format!("representatives/{emotion}.json"),
+            format!("fap/{emotion}.fap"),
+        ]);
+    }
+    assert_eq!(names, expected);
+
+    for id in SEQUENCES {
+        let track = format!("out/tracks/{id}.csv");
+        assert_eq!(work.header(&track), "frame,node,x,y,state,residual,expected_error");
+        let rows = work.rows(&track);
+        assert_eq!(rows.len(), FRAMES * NODES);
+        for (k, row) in rows.iter().enumerate() {
+            assert_eq!(row["frame"], (k / NODES + 1).to_string());
+            assert_eq!(row["node"], (k % NODES).to_string());
+            assert!(row["x"].parse::<f64>().unwrap().is_finite() && row["y"].parse::<f64>().unwrap().is_finite());
+            // The neutral frame has no offset to be wrong; every later one has an expectation.
+            let expected = row["expected_error"].parse::<f64>();
+            assert_eq!(expected.is_ok_and(|e| e > 0.0), row["frame"] != "1", "{row:?}");
+        }
+        check_model(&work, &format!("out/models/{id}.csv"));
+    }
+    for emotion in ["happiness", "surprise"] {
+        check_model(&work, &format!("out/representatives/{emotion}.csv"));
+        let json: serde_json::Value = serde_json::from_str(&work.read(&format!("out/representatives/{emotion}.json"))).unwrap();
+        assert_eq!(json["sequences"].as_array().unwrap().len(), 3);
+        assert!(json["unit"].as_str().unwrap().contains("face unit"));
+        assert!(json["dispersion"].as_f64().unwrap() > 0.0);
+        // 5 key frames with 5 frames between two of them.
+        let fap = work.read(&format!("out/fap/{emotion}.fap"));
+        assert!(fap.starts_with(&format!("2.1 {emotion} 25 25\n")), "{}", fap.lines().next().unwrap());
+        work.grimace(&format!("fap check out/fap/{emotion}.fap")).exit(0);
+    }
+    let header = "emotion,sequences,dispersion,dispersion_untrimmed,sum_of_distances,gap,";
+    assert!(work.header("out/statistics.csv").starts_with(header));
+    let statistics = work.rows("out/statistics.csv");
+    let emotions: Vec<_> = statistics.iter().map(|r| (r["emotion"].as_str(), r["sequences"].as_str())).collect();
+    assert_eq!(emotions, [("happiness", "3"), ("surprise", "3")]);
+    assert!(statistics.iter().all(|r| r["gap"].parse::<f64>().unwrap() <= 1e-3));
+    assert_eq!(work.header("out/trimming.csv"), "emotion,frame,sequence,distance,dropped,id,subject");
+    // 2 emotions, 4 displacement fields, 3 sequences; floor(0.1 * 3) = 0 are dropped.
+    let trimming = work.rows("out/trimming.csv");
+    assert_eq!(trimming.len(), 2 * 4 * 3);
+    assert!(trimming.iter().all(|r| r["dropped"] == "false"));
+    assert_eq!(work.read("out/failures.csv"), "subject,sequence,stage,reason,id\n");
+    let verdicts = work.rows("out/verdicts.csv");
+    assert_eq!(verdicts.len(), SEQUENCES.len());
+    assert!(verdicts.iter().all(|r| (r["verdict"] == "good") == r["reasons"].is_empty()));
+    let run: serde_json::Value = serde_json::from_str(&work.read("out/run.json")).unwrap();
+    assert_eq!(run["complete"], true);
+    assert_eq!(run["units"]["tracks"], "px");
+    assert!(work.read("out/report.html").contains("</html>"));
+}
+
+/// A model file: `frame,node,x,y`, frames 0 to 4, all nodes in order, frame 0 the canonical neutral with its eyes 1024 apart.
+fn check_model(work: &Work, name: &str) {
+    assert_eq!(work.header(name), "frame,node,x,y");
+    let rows = work.rows(name);
+    assert_eq!(rows.len(), 5 * NODES);
+    for (k, row) in rows.iter().enumerate() {
+        assert_eq!((&row["frame"], &row["node"]), (&(k / NODES).to_string(), &(k % NODES).to_string()));
+    }
+    // Candide-3 has its left mouth corner (31) opposite to the right one (64), y up and below the eyes' middle (y = 0 is near them).
+    let at = |node: usize, axis: &str| rows[node][axis].parse::<f64>().unwrap();
+    assert_eq!(at(31, "x"), -at(64, "x"));
+    assert!(at(31, "x") > 0.0 && at(31, "y") < at(20, "y"));
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads_or_on_the_run() {
+    let work = Work::with_faces();
+    for (out, threads) in [("one", 1), ("two", 2), ("again", 2)] {
+        work.grimace(&format!("run faces -o {out} --threads {threads}")).exit(0);
+    }
+    assert_same_files(&work.files("one"), &work.files("two"));
+    assert_same_files(&work.files("two"), &work.files("again"));
+}
+
+/// Dates every file back, so that a file written again shows.
+fn date_back(work: &Work, folder: &str) {
+    for name in work.files(folder).keys() {
+        fs::File::options().append(true).open(work.path(folder).join(name)).unwrap().set_modified(long_ago()).unwrap();
+    }
+}
+
+fn long_ago() -> SystemTime {
+    SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000)
+}
+
+/// Files written since [`date_back`].
+fn written(work: &Work, folder: &str) -> BTreeSet<String> {
+    let is_new = |name: &String| fs::metadata(work.path(folder).join(name)).unwrap().modified().unwrap() != long_ago();
+    work.files(folder).into_keys().filter(is_new).collect()
+}
+
+#[test]
+fn a_second_run_over_the_same_dataset_writes_nothing() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    date_back(&work, "out");
+    let before = work.files("out");
+    work.grimace("run faces -o out").exit(0).prints(&["nothing changed since the last run: 6 sequences, nothing written"]);
+    assert_eq!(written(&work, "out"), BTreeSet::new());
+    // Another date of the frames is no change of content.
+    date_back(&work, "faces");
+    work.grimace("run faces -o out --threads 2").exit(0).prints(&["nothing changed"]);
+    assert_same_files(&before, &work.files("out"));
+}
+
+#[test]
+fn a_changed_correspondence_file_redoes_that_sequence_only() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    date_back(&work, "out");
+    let marks = work.read("faces/S002/005/correspondences.csv");
+    let moved: Vec<String> =
+        marks.lines().map(|l| l.strip_prefix("10,").map_or(l.to_owned(), |_| "10,100,150".to_owned())).collect();
+    work.write("faces/S002/005/correspondences.csv", moved.join("\n") + "\n");
+    work.grimace("run faces -o out").exit(0).prints(&["6 sequences: 1 tracked, 5 unchanged, 0 failed"]);
+    let tracks: Vec<_> = written(&work, "out").into_iter().filter(|name| name.starts_with("tracks/")).collect();
+    assert_eq!(tracks, ["tracks/S002_005.csv", "tracks/S002_005.json"]);
+    work.grimace("run faces -o fresh").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("out"));
+}
+
+#[test]
+fn a_track_that_was_damaged_or_removed_is_made_again() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o out").exit(0);
+    let before = work.files("out");
+    work.replace("out/tracks/S001_005.csv", "tracked", "fitted");
+    fs::remove_file(work.path("out/models/S002_005.csv")).unwrap();
+    work.grimace("run faces -o out").exit(0).prints(&["1 tracked, 1 unchanged"]);
+    assert_same_files(&before, &work.files("out"));
+}
+
+#[test]
+fn a_sequence_taken_out_of_the_dataset_leaves_the_results() {
+    let work = Work::with_sequences(&["S001_005", "S002_005", "S001_007"]);
+    work.grimace("run faces -o out").exit(0);
+    let manifest = work.read("faces/manifest.csv");
+    work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S001,007")).collect::<Vec<_>>().join("\n"));
+    work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 0 tracked, 2 unchanged"]);
+    work.grimace("run faces -o fresh").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("out"));
+}
+
+#[test]
+fn a_new_label_or_column_is_a_change() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o out").exit(0);
+    work.replace("faces/manifest.csv", "S002,005,happiness", "S002,005,joy");
+    // Nothing is tracked again for it.
+    work.grimace("run faces -o out").exit(0).prints(&["0 tracked, 2 unchanged"]);
+    work.grimace("run faces -o fresh").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("out"));
+    assert!(work.path("out/fap/joy.fap").exists());
+    work.replace("faces/manifest.csv", ",f,A", ",f,C");
+    work.grimace("run faces -o out").exit(0);
+    work.grimace("run faces -o fresh --force").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("out"));
+}
+
+#[test]
+fn another_dataset_of_the_same_name_does_not_replace_results() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    let manifest = work.read("faces/manifest.csv");
+    let rows = |subject: &str| -> String {
+        let kept = manifest.lines().enumerate().filter(|(i, line)| *i == 0 || line.starts_with(subject));
+        kept.map(|(_, line)| format!("{line}\n")).collect()
+    };
+    work.write("faces/train.csv", rows("S001")).write("faces/test.csv", rows("S002"));
+    work.grimace("run faces/train.csv -o out").exit(0);
+    let before = work.files("out");
+    work.grimace("run faces/test.csv -o out").exit(1).says(&["another dataset", "faces/train.csv", "--force"]);
+    assert_same_files(&before, &work.files("out"));
+    // The same name, but other people.
+    work.write("faces/manifest.csv", rows("S001")).grimace("run faces -o both").exit(0);
+    work.write("faces/manifest.csv", rows("S002"));
+    work.grimace("run faces -o both").exit(1).says(&["none of its sequences is in this one"]);
+    // Forced, nothing of the first is left.
+    work.grimace("run faces -o both --force").exit(0);
+    work.grimace("run faces -o fresh").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("both"));
+}
+
+#[test]
+fn results_of_an_interrupted_run_do_not_linger() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run faces -o out").exit(0);
+    // As if an interrupted run had tracked a sequence that has left the dataset since.
+    let track = work.bytes("out/tracks/S001_005.csv");
+    work.write("out/tracks/S009_001.csv", &track).write("out/models/S009_001.csv", &track);
+    work.replace("faces/manifest.csv", ",happiness,", ",joy,");
+    work.grimace("run faces -o out").exit(0);
+    assert!(!work.path("out/tracks/S009_001.csv").exists() && !work.path("out/models/S009_001.csv").exists());
+}
+
+#[test]
+fn other_options_are_refused_without_force_and_the_difference_is_named() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o out").exit(0);
+    let before = work.files("out");
+    work.grimace("run faces -o out --alpha 0.2").exit(1).says(&["statistics", "0.1", "0.2", "--force"]);
+    work.grimace("run faces -o out --by sex").exit(1).says(&["by: [] there", "sex", "--force"]);
+    work.grimace("run faces -o out --window 0.2").exit(1).says(&["window", "0.2", "--force"]);
+    assert_same_files(&before, &work.files("out"));
+    // With --force tracks that do not depend on the option are kept.
+    work.grimace("run faces -o out --alpha 0.2 --force").exit(0).prints(&["0 tracked, 2 unchanged"]);
+    work.grimace("run faces -o out --alpha 0.2 --window 0.2 --force").exit(0).prints(&["2 tracked, 0 unchanged"]);
+    work.grimace("run faces -o fresh --alpha 0.2 --window 0.2").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("out"));
+}
+
+#[test]
+fn options_of_any_digits_are_recognized_in_the_next_run() {
+    let work = Work::with_sequences(&["S001_005"]);
+    // Numbers whose shortest text a fast but inexact reader of JSON gets wrong in the last bit.
+    let options = "--alpha 0.12345678901234566 --extreme 7.038531e-1 --window 0.11700000000000001 --fit-force 19.999999999999996";
+    work.grimace(&format!("run faces -o out {options}")).exit(0);
+    work.grimace(&format!("run faces -o out {options}")).exit(0).prints(&["nothing changed"]);
+}
+
+#[test]
+fn a_folder_with_something_else_in_it_is_refused() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.write("out/holiday.txt", "sun");
+    work.grimace("run faces -o out").exit(1).says(&["out is not empty", "another folder, or --force"]);
+    assert_eq!(work.files("out").len(), 1);
+    work.grimace("run faces -o out --force").exit(0);
+    assert_eq!(work.read("out/holiday.txt"), "sun");
+    work.write("other/manifest.csv", work.read("faces/manifest.csv"));
+    work.grimace("run other -o out").exit(1).says(&["another dataset, `faces`", "--force"]);
+}
+
+#[test]
+fn one_bad_sequence_costs_that_sequence() {
+    let work = Work::with_faces();
+    work.write("faces/S002/007/correspondences.csv", "node,x,y\n20,80,60\n53,120,60\n");
+    let frame = "faces/S003/005/S003_005_00000004.png";
+    let bytes = work.bytes(frame);
+    work.write(frame, &bytes[..bytes.len() / 2]);
+    let ran = work.grimace("run faces -o out").exit(3).prints(&["6 sequences: 4 tracked, 0 unchanged, 2 failed"]);
+    ran.says(&["S002_007", "2 correspondences; at least 3 are needed", "S003_005_00000004.png: the PNG image is cut off"]);
+    let failures = work.rows("out/failures.csv");
+    let short: Vec<_> = failures.iter().map(|f| (f["subject"].as_str(), f["sequence"].as_str(), f["stage"].as_str())).collect();
+    assert_eq!(short, [("S002", "007", "fit"), ("S003", "005", "track")]);
+    assert!(failures[0]["reason"].contains("S002/007/correspondences.csv"), "{}", failures[0]["reason"]);
+    assert!(failures[1]["reason"].contains("S003_005_00000004.png"));
+    assert!(!work.path("out/tracks/S003_005.csv").exists());
+    assert_eq!(work.rows("out/statistics.csv").iter().map(|r| r["sequences"].clone()).collect::<Vec<_>>(), ["2", "2"]);
+    // The failures are remembered: nothing changed, and still some failed.
+    work.grimace("run faces -o out").exit(3).prints(&["nothing changed"]).says(&["failed: S002_007 at fit"]);
+    // Mended, only what failed is done.
+    work.write(frame, &bytes);
+    work.write("faces/S002/007/correspondences.csv", &FACES["S002/007/correspondences.csv"]);
+    work.grimace("run faces -o out").exit(0).prints(&["6 sequences: 2 tracked, 4 unchanged, 0 failed"]);
+    work.grimace("run faces -o fresh").exit(0);
+    assert_same_files(&work.files("fresh"), &work.files("out"));
+}
+
+#[test]
+fn when_all_sequences_are_bad_the_run_fails() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    for id in ["S001", "S002"] {
+        work.write(&format!("faces/{id}/005/correspondences.csv"), "node,x,y\n");
+    }
+    let ran = work.grimace("run faces -o out").exit(1);
+    ran.says(&["none of the 2 sequences could be processed", "at fit", "0 correspondences; at least 3 are needed"]);
+    assert_eq!(work.rows("out/failures.csv").len(), 2);
+    assert!(!work.path("out/report.html").exists());
+}
+
+#[test]
+fn an_emotion_with_a_single_sequence_is_its_own_representative() {
+    let work = Work::with_sequences(&["S001_005", "S002_005", "S003_007"]);
+    let ran = work.grimace("run faces -o out").exit(0);
+    ran.prints(&["note: ", "surprise", "a single sequence", "is its own representative and has no dispersion"]);
+    assert_eq!(work.read("out/models/S003_007.csv"), work.read("out/representatives/surprise.csv"));
+    let statistics = work.rows("out/statistics.csv");
+    assert_eq!((statistics[1]["sequences"].as_str(), statistics[1]["dispersion"].as_str()), ("1", ""));
+    assert_eq!(statistics[1]["sum_of_distances"], "0");
+}
+
+#[test]
+fn groups_get_representatives_fap_files_and_rows() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out --by cohort,sex").exit(0);
+    assert!(work.header("out/statistics.csv").ends_with(",cohort,sex"));
+    let rows = work.rows("out/statistics.csv");
+    for (cohort, sex) in [("A", "f"), ("A", "m"), ("B", "f")] {
+        for emotion in ["happiness", "surprise"] {
+            let stem = format!("{emotion}_cohort-{cohort}_sex-{sex}");
+            assert!(work.path(&format!("out/representatives/{stem}.csv")).exists(), "{stem}");
+            work.grimace(&format!("fap check out/fap/{stem}.fap")).exit(0);
+            let of = |r: &&std::collections::BTreeMap<String, String>| {
+                r["emotion"] == emotion && r["cohort"] == cohort && r["sex"] == sex && r["sequences"] == "1"
+            };
+            assert_eq!(rows.iter().filter(of).count(), 1, "{stem}");
+        }
+    }
+    // Beside the groups stands the class over all people.
+    let all: Vec<_> = rows.iter().filter(|r| r["cohort"].is_empty() && r["sex"].is_empty()).map(|r| &r["sequences"]).collect();
+    assert_eq!(all, ["3", "3"]);
+    assert_eq!(rows.len(), 2 * 4);
+    work.grimace("run faces -o persons --by subject").exit(0);
+    assert_eq!(work.read("persons/models/S002_007.csv"), work.read("persons/representatives/surprise_subject-S002.csv"));
+    // A column that is not there shows before anything is tracked or written.
+    work.grimace("run faces -o other --by nationality").exit(1).says(&["no sequence has a column `nationality`", "cohort, sex"]);
+    assert!(work.files("other").is_empty());
+}
+
+#[test]
+fn overlays_show_the_neutral_and_the_apex_frame() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run faces -o out --overlay pictures").exit(0);
+    let names: Vec<_> = work.files("pictures").into_keys().collect();
+    assert_eq!(names, ["S001_005_00000001_overlay.png", "S001_005_00000006_overlay.png"]);
+    let picture = image::load_from_memory(&work.bytes("pictures/S001_005_00000006_overlay.png")).unwrap().to_rgb8();
+    let frame = image::load_from_memory(&work.bytes("faces/S001/005/S001_005_00000006.png")).unwrap().to_rgb8();
+    assert_eq!(picture.width() * frame.height(), frame.width() * picture.height());
+    assert!(picture.pixels().any(|p| p.0[0] != p.0[1] || p.0[1] != p.0[2]), "the wireframe is drawn in colour on grey");
+}
+
+/// Interrupts a run as soon as `enough` tracks are there; whether it ended before that.
+#[cfg(unix)]
+fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::common::Ran {
+    use std::process::Stdio;
+    let mut command = work.command();
+    command.args(["run", "faces", "-o", out, "-j", "1"]).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let child = command.spawn().unwrap();
+    let tracks = || fs::read_dir(work.path(out).join("tracks")).map_or(0, |entries| entries.flatten().count());
+    let start = std::time::Instant::now();
+    while tracks() < enough && start.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let kill = std::process::Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    child.wait_with_output().unwrap().into()
+}
+
+/// A dataset of which one run takes a while: 24 sequences that share their frames.
+#[cfg(unix)]
+fn long_dataset() -> Work {
+    let work = Work::with_sequences(&["S001_005"]);
+    let mut manifest = "subject,sequence,emotion,frames,correspondences\n".to_owned();
+    for k in 1..=24 {
+        manifest += &format!("P{k:02},1,happiness,S001/005,S001/005/correspondences.csv\n");
+    }
+    work.write("faces/manifest.csv", manifest);
+    work
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
+    let work = long_dataset();
+    work.grimace("run faces -o whole").exit(0);
+    for signal in ["-INT", "-TERM"] {
+        let out = format!("out{signal}");
+        let ran = interrupt(&work, &out, signal, 5).exit(1);
+        ran.says(&["interrupted; what is done is kept, run the same command again to go on"]);
+        let files = work.files(&out);
+        assert!(leftovers(&files).is_empty(), "{:?}", leftovers(&files));
+        let done = files.keys().filter(|name| name.starts_with("tracks/") && name.ends_with(".json")).count();
+        assert!((1..24).contains(&done), "{done} of 24 sequences were done");
+        for name in files.keys().filter(|name| name.ends_with(".csv")) {
+            let rows = work.rows(&format!("{out}/{name}")).len();
+            assert_eq!(rows % NODES, 0, "{name} has {rows} rows");
+        }
+        work.grimace(&format!("run faces -o {out}")).exit(0).prints(&["unchanged, 0 failed"]);
+        assert_same_files(&work.files("whole"), &work.files(&out));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
+    let work = long_dataset();
+    work.grimace("run faces -o whole").exit(0);
+    let ran = interrupt(&work, "out", "-KILL", 5);
+    assert_eq!(ran.status, None);
+    let whole = work.files("whole");
+    let files = work.files("out");
+    for name in files.keys().filter(|name| name.starts_with("tracks/") && !name.contains("/.")) {
+        assert!(files[name] == whole[name], "{name} differs from that of a whole run");
+    }
+    work.grimace("run faces -o out").exit(0);
+    let named = |files: crate::common::Files| files.into_iter().filter(|(name, _)| !name.ends_with(".tmp")).collect();
+    assert_same_files(&whole, &named(work.files("out")));
+}
+
+#[test]
+fn an_output_that_can_not_be_written_is_named() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.write("file", "x");
+    work.grimace("run faces -o file/out").exit(1).says(&["cannot write file/out"]);
+    work.grimace("run faces -o file").exit(1).says(&["file"]);
+    assert_eq!(work.read("file"), "x");
+}
+
+/// `ulimit -f` stands in for a full disk: a file may have so many blocks of 512 bytes, and writing more gives an error.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_ends_the_run_with_a_clear_error_and_no_half_file() {
+    let work = Work::with_faces();
+    for (blocks, file) in [(0, "run.json"), (16, "out16/tracks/S00"), (120, "report.html")] {
+        let out = format!("out{blocks}");
+        let ran = work.shell(&format!(
+            "trap '' XFSZ; ulimit -f {blocks}; exec \"$GRIMACE\" run faces -o {out} -j 1 2>{out}.txt || exit $?"
+        ));
+        // The limit holds for the file of standard error too: with 0 blocks nothing can be said.
+        assert_eq!(ran.status, Some(1), "{blocks}");
+        let said = work.read(&format!("{out}.txt"));
+        if blocks > 0 {
+            assert!(said.contains("cannot write") && said.contains(file), "{said}");
+            assert!(said.to_lowercase().contains("too large"), "{said}");
+        }
+        let files = work.files(&out);
+        assert!(leftovers(&files).is_empty(), "{:?}", leftovers(&files));
+        assert!(files.keys().all(|name| !name.contains("report.html")));
+        // With room again the run goes on.
+        work.grimace(&format!("run faces -o {out}")).exit(0);
+    }
+    assert_same_files(&work.files("out16"), &work.files("out120"));
+    assert_same_files(&files_in(&work.path("out0")), &work.files("out120"));
+}

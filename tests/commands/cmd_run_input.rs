@@ -1,0 +1,215 @@
+//! `grimace run` over datasets of every form, and over bad ones: what is read, what is refused, and what the refusal says.
+
+use crate::common::{FACES, Work, assert_same_files};
+use grimace::wireframe::{LandmarkRow, Tables};
+
+/// A manifest of the sequences S001_005 and S002_005 with default places.
+const PLAIN: &str = "subject,sequence,emotion\nS001,005,happiness\nS002,005,happiness\n";
+
+/// A dataset of two sequences with this manifest.
+fn with_manifest(manifest: impl AsRef<[u8]>) -> Work {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.write("faces/manifest.csv", manifest);
+    work
+}
+
+#[test]
+fn a_manifest_is_read_as_spreadsheets_write_it() {
+    let plain = with_manifest(PLAIN);
+    plain.grimace("run faces -o out").exit(0);
+    let crlf = format!("\u{feff}{}\r\n,,\r\n", PLAIN.replace('\n', "\r\n"));
+    let quoted = "\"sequence\",\"subject\",\"emotion\"\n\"005\",\"S001\",\" Happiness \"\n005,S002,HAPPINESS\n\n";
+    for manifest in [crlf.as_str(), quoted] {
+        let work = with_manifest(manifest);
+        work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 2 tracked"]);
+        assert_same_files(&plain.files("out"), &work.files("out"));
+        // The manifest itself may be named.
+        work.grimace("run faces/manifest.csv -o out").exit(0).prints(&["nothing changed"]);
+    }
+}
+
+#[test]
+fn a_manifest_that_is_none_is_refused_as_a_whole() {
+    let refused = |manifest: &[u8], texts: &[&str]| {
+        let work = with_manifest(manifest);
+        work.grimace("run faces -o out").exit(1).says(&["manifest.csv"]).says(texts);
+        assert!(work.files("out").is_empty());
+    };
+    refused(
+        b"subject,sequence,emoton\nS001,005,happiness\n",
+        &["has no column `emotion`", "found `subject`, `sequence`, `emoton`"],
+    );
+    // Taken for a column to group by, the marks would only be missed one sequence after the other.
+    refused(
+        b"subject,sequence,emotion,correspondence\nS001,005,happiness,a.csv\n",
+        &["the column `correspondence` is not known; if it is `correspondences`, name it so"],
+    );
+    refused(b"subject,sequence,emotion,First frame\nS001,005,happiness,1\n", &["if it is `first_frame`, name it so"]);
+    refused(b"sequence\n005\n", &["has no column `subject`, `emotion`"]);
+    refused(b"subject;sequence;emotion\nS001;005;happiness\n", &["columns are separated by commas"]);
+    refused(b"", &["is empty; a header line was expected"]);
+    refused(b"subject,sequence,emotion\n", &["the manifest lists no sequence"]);
+    refused(b"subject,sequence,emotion,emotion\n", &["has the column `emotion` twice"]);
+    refused(b"sub\xFFject,sequence,emotion\n", &["line 1", "not UTF-8"]);
+}
+
+#[test]
+fn a_bad_row_costs_its_sequence_and_names_its_line() {
+    let rows: [(&[u8], &[&str]); 9] = [
+        (b"S001,005,joy", &["line 4", "subject `S001`, sequence `005` stands in line 2 already"]),
+        (b"S009,005,", &["line 4", "emotion is empty"]),
+        (b"S009,005", &["line 4", "the row has 2 fields where the header has 3"]),
+        (b"S009,\"005,joy", &["line 4", "a quotation mark is not closed"]),
+        (b"S0\xE9,005,joy", &["line 4", "not UTF-8"]),
+        (b"../S009,005,joy", &["line 4", "subject is `../S009`", "path separator"]),
+        (b"S009,005,joy", &["S009_005", "there is no such folder of frames or video file"]),
+        (b"S009,a/b,joy", &["line 4", "sequence is `a/b`"]),
+        (b"S009,005,a\\b", &["line 4", "emotion is `a\\b`"]),
+    ];
+    for (row, texts) in rows {
+        let work = with_manifest([PLAIN.as_bytes(), row, b"\n"].concat());
+        let ran = work.grimace("run faces -o out").exit(3).prints(&["3 sequences: 2 tracked, 0 unchanged, 1 failed"]);
+        ran.says(texts);
+        let failures = work.rows("out/failures.csv");
+        assert_eq!((failures.len(), failures[0]["stage"].as_str()), (1, "dataset"));
+        assert_eq!(work.rows("out/statistics.csv")[0]["sequences"], "2");
+    }
+}
+
+#[test]
+fn values_of_optional_columns_are_checked() {
+    let header = "subject,sequence,emotion,first_frame,last_frame,fps,correspondences";
+    for (row, texts) in [
+        ("5,2,,", &["line 3", "first_frame is 5 and last_frame is 2; the apex must come after the neutral frame"] as &[&str]),
+        ("one,,,", &["line 3", "first_frame is `one`; a whole number of 0 or more was expected"]),
+        (",99,,", &["last_frame is 99, but the folder has 6 frames from 1 to 6"]),
+        (",,-25,", &["line 3", "fps is `-25`; a positive number was expected"]),
+        (",,NaN,", &["line 3", "fps is `NaN`"]),
+        (",,,none.csv", &["S002_005: the correspondence file faces/none.csv is not there"]),
+    ] {
+        let work = with_manifest(format!("{header}\nS001,005,happiness,,,,\nS002,005,happiness,{row}\n"));
+        work.grimace("run faces -o out").exit(3).says(texts);
+    }
+    let work = with_manifest(format!("{header}\nS001,005,happiness,2,5,,\n"));
+    work.grimace("run faces -o out").exit(0);
+    let rows = work.rows("out/tracks/S001_005.csv");
+    assert_eq!((rows[0]["frame"].as_str(), rows.len()), ("2", 4 * 113));
+}
+
+#[test]
+fn a_dataset_that_is_none_is_refused() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run nowhere -o out").exit(1).says(&["nowhere: there is no such dataset; give a folder with manifest.csv"]);
+    std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
+    let ran = work.grimace("run faces -o out").exit(1);
+    ran.says(&["faces: the emotions are not known; write manifest.csv", "S001,005,happiness"]);
+    std::fs::create_dir(work.path("empty")).unwrap();
+    work.grimace("run empty -o out").exit(1).says(&["empty: no sequences found", "Cohn-Kanade"]);
+    assert!(work.files("out").is_empty());
+}
+
+#[test]
+fn a_sequence_without_marks_says_where_they_go() {
+    let work = with_manifest(PLAIN);
+    std::fs::remove_file(work.path("faces/S002/005/correspondences.csv")).unwrap();
+    let ran = work.grimace("run faces -o out").exit(3);
+    ran.says(&["S002_005: no correspondences and no landmarks; mark 5 to 8 points", "faces/S002/005/correspondences.csv"]);
+}
+
+#[test]
+fn a_sequence_of_one_frame_is_no_sequence() {
+    let work = with_manifest(PLAIN);
+    for number in 2..=6 {
+        std::fs::remove_file(work.path(&format!("faces/S002/005/S002_005_{number:08}.png"))).unwrap();
+    }
+    let ran = work.grimace("run faces -o out").exit(3);
+    ran.says(&["faces/S002/005: 1 frame from neutral to apex; at least 2 are needed"]);
+}
+
+/// 68 landmarks of the neutral frame of a sequence, from its true nodes; nothing where no node stands for a landmark.
+fn landmarks(id: &str) -> Vec<(f64, f64)> {
+    let truth = csv::Reader::from_reader(FACES[&format!("truth/{id}.csv")].as_slice())
+        .deserialize::<(u32, usize, f64, f64)>()
+        .map(Result::unwrap)
+        .filter(|row| row.0 == 1)
+        .map(|row| (row.2, row.3))
+        .collect::<Vec<_>>();
+    let place = |row: &LandmarkRow| {
+        let sum = |axis: fn(&(f64, f64)) -> f64| row.nodes.iter().map(|(n, w)| w * axis(&truth[n.index()])).sum::<f64>();
+        if row.nodes.is_empty() { (1.0, 1.0) } else { (sum(|p| p.0), sum(|p| p.1)) }
+    };
+    Tables::candide3().landmarks.iter().map(place).collect()
+}
+
+/// A dataset in the layout of CK+: three labelled sequences and one without a label.
+fn cohn_kanade() -> Work {
+    let work = Work::new();
+    for (id, code) in [("S001_005", Some(5)), ("S002_005", Some(5)), ("S003_007", Some(7)), ("S003_005", None)] {
+        let folder = id.replace('_', "/");
+        for number in 1..=6 {
+            let name = format!("{folder}/{id}_{number:08}.png");
+            work.write(&format!("ck/cohn-kanade-images/{name}"), &FACES[&name]);
+        }
+        if let Some(code) = code {
+            work.write(&format!("ck/Emotion/{folder}/{id}_00000006_emotion.txt"), format!("   {code}.0000000e+00\n"));
+        }
+        let lines: String = landmarks(id).iter().map(|(x, y)| format!("   {x:.7e}   {y:.7e}\n")).collect();
+        work.write(&format!("ck/Landmarks/{folder}/{id}_00000001_landmarks.txt"), lines);
+    }
+    work
+}
+
+#[test]
+fn the_layout_of_cohn_kanade_is_read_as_it_is() {
+    let work = cohn_kanade();
+    let ran = work.grimace("run ck -o out").exit(0);
+    ran.prints(&["3 sequences: 3 tracked, 0 unchanged, 0 failed", "1 sequence left out: it has no emotion label"]);
+    let statistics = work.rows("out/statistics.csv");
+    let rows: Vec<_> = statistics.iter().map(|r| (r["emotion"].as_str(), r["sequences"].as_str())).collect();
+    assert_eq!(rows, [("happiness", "2"), ("surprise", "1")]);
+    let info: serde_json::Value = serde_json::from_str(&work.read("out/tracks/S001_005.json")).unwrap();
+    assert_eq!((&info["marks_from"], info["marks"].as_array().unwrap().len()), (&"landmarks".into(), 7));
+    work.grimace("run ck/cohn-kanade-images -o other").exit(0).prints(&["3 tracked"]);
+    assert_same_files(&work.files("out/models"), &work.files("other/models"));
+    work.grimace("run ck -o all --marks all").exit(0);
+    let info: serde_json::Value = serde_json::from_str(&work.read("all/tracks/S001_005.json")).unwrap();
+    assert!(info["marks"].as_array().unwrap().len() > 20);
+}
+
+#[test]
+fn bad_labels_and_landmarks_cost_their_sequence() {
+    let work = cohn_kanade();
+    let landmark_file = "ck/Landmarks/S002/005/S002_005_00000001_landmarks.txt";
+    let whole = work.read(landmark_file);
+    let refused = |texts: &[&str]| {
+        work.grimace("run ck -o out --force").exit(3).says(texts);
+        assert_eq!(work.rows("out/failures.csv").len(), 1);
+    };
+    work.write(landmark_file, whole.lines().take(67).collect::<Vec<_>>().join("\n"));
+    refused(&["S002_005_00000001_landmarks.txt: 67 points, 68 were expected"]);
+    work.write(landmark_file, whole.replacen('e', "x", 1));
+    refused(&["S002_005_00000001_landmarks.txt, line 1: found `", "two finite numbers `x y` were expected"]);
+    std::fs::rename(work.path(landmark_file), work.path(&landmark_file.replace("00000001", "00000006"))).unwrap();
+    refused(&["S002/005"]);
+    work.write(landmark_file, &whole);
+    std::fs::remove_file(work.path(&landmark_file.replace("00000001", "00000006"))).unwrap();
+    work.write("ck/Emotion/S002/005/S002_005_00000006_emotion.txt", "nine");
+    refused(&["S002_005_00000006_emotion.txt: found `nine`; an emotion code was expected: 0 neutral, 1 anger"]);
+}
+
+#[test]
+fn landmarks_of_a_manifest_serve_as_marks() {
+    let work = with_manifest("subject,sequence,emotion,landmarks\nS001,005,happiness,landmarks68.csv\nS002,005,happiness,\n");
+    let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+    let points: String = landmarks("S001_005").iter().map(|(x, y)| format!(",{x},{y}")).collect();
+    std::fs::remove_file(work.path("faces/S001/005/correspondences.csv")).unwrap();
+    work.write("faces/S001/005/landmarks68.csv", format!("frame{header}\n1{points}\n"));
+    work.grimace("run faces -o out").exit(0);
+    let shorter = format!("frame{}\n1{}\n", header.replace(",x67,y67", ""), points.rsplitn(3, ',').last().unwrap());
+    work.write("faces/S001/005/landmarks68.csv", shorter);
+    work.grimace("run faces -o out").exit(3).says(&["landmarks68.csv: 67 points, 68 were expected"]);
+    work.write("faces/S001/005/landmarks68.csv", format!("frame{header}\n2{points}\n"));
+    work.grimace("run faces -o out")
+        .exit(3)
+        .says(&["S001_005", "landmarks68.csv: frame 1 has no landmarks; there are 1 frames from 2 to 2"]);
+}

@@ -1,0 +1,204 @@
+//! `grimace synthesize` and `evaluate synthesis`: every input, every output, and what they refuse.
+
+use crate::common::Work;
+use serde_json::Value;
+
+fn report(work: &Work, folder: &str) -> Value {
+    serde_json::from_str(&work.read(&format!("{folder}/synthesis.json"))).unwrap()
+}
+
+/// A representative in face units: Candide-3's nodes, the mouth corners going up and out over five frames.
+fn representative() -> String {
+    let wireframe = grimace::wireframe::Wireframe::candide3();
+    let mut text = String::from("frame,node,x,y\n");
+    for frame in 0..5 {
+        for (node, point) in wireframe.frontal().iter().enumerate() {
+            let (mut x, mut y) = (point.x * 1024.0 / 0.613, point.y * 1024.0 / 0.613);
+            let share = f64::from(frame) / 4.0;
+            // Corners and their neighbours; everything else jitters by less than a hundredth of that.
+            match node {
+                31 | 88 => (x, y) = (x + 90.0 * share, y + 100.0 * share),
+                64 | 89 => (x, y) = (x - 90.0 * share, y + 100.0 * share),
+                79 | 85 => (x, y) = (x + 40.0 * share, y + 40.0 * share),
+                80 | 86 => (x, y) = (x - 40.0 * share, y + 40.0 * share),
+                _ => x += 0.5 * f64::from((node as u32 + frame) % 3) * share,
+            }
+            text += &format!("{frame},{node},{x},{y}\n");
+        }
+    }
+    text
+}
+
+#[test]
+fn a_representative_drives_the_embedded_bank() {
+    let work = Work::new();
+    work.write("happiness.csv", representative());
+    let ran = work.grimace("synthesize -b candide -m happiness.csv -o out --bound-starts 2").exit(0);
+    ran.prints(&["25 frames, 24 of them move", "share of the bound", "jump in time"]);
+    let report = report(&work, "out");
+    assert!(report["fitness"].as_f64().unwrap() > 0.7, "{report}");
+    assert!(report["share_of_bound"].as_f64().unwrap() > 0.9, "{report}");
+    assert_eq!(report["motion"]["kind"], "model");
+    let (document, _, _) = gltf::import(work.path("out/animation.glb")).unwrap();
+    assert_eq!(document.animations().next().unwrap().name(), Some("happiness"));
+    let names = document.meshes().next().unwrap().extras().as_ref().unwrap().get().to_owned();
+    assert!(names.contains("targetNames") && names.contains("happiness"), "{names}");
+    for file in ["contact_sheet.png", "turntable.png"] {
+        assert!(work.bytes(&format!("out/{file}")).starts_with(b"\x89PNG"));
+    }
+    assert!(work.bytes("out/turntable.gif").starts_with(b"GIF89a"));
+    assert_eq!(work.read("out/weights.csv").lines().count(), 26);
+    // Candide's units have no ARKit names.
+    assert!(!work.path("out/arkit.csv").exists());
+    work.grimace("synthesize -b candide -m happiness.csv -o out").exit(1).says(&["out is not empty", "--force"]);
+}
+
+#[test]
+fn the_same_bytes_for_any_number_of_threads() {
+    let work = Work::new();
+    work.write("m.csv", representative());
+    let run = |out: &str, threads: u8| {
+        let args = format!(
+            "synthesize -b candide -m m.csv -o {out} --solver ga --runs 2 --regions 4 --bound-starts 2 -j {threads} --between 1 --history"
+        );
+        work.grimace(&args).exit(0);
+    };
+    run("one", 1);
+    run("three", 3);
+    crate::common::assert_same_files(&work.files("one"), &work.files("three"));
+}
+
+#[test]
+fn tracks_and_fap_files_are_motions_too() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.grimace("run faces -o results -q").exit(0);
+    for (motion, kind) in [("results/tracks/S001_005.csv", "track"), ("results/fap/happiness.fap", "fap")] {
+        work.grimace(&format!("synthesize -b candide -m {motion} -o {kind} --format npy --bound-starts 1")).exit(0);
+        let report = report(&work, kind);
+        assert_eq!(report["motion"]["kind"], kind);
+        // How fit a noisy track of small frames can be is the bank's affair; that it is nearly reached is ours.
+        assert!(report["share_of_bound"].as_f64().unwrap() > 0.8, "{report}");
+    }
+    // All 6 frames of the track; the FAP file has 25.
+    assert_eq!((report(&work, "track")["frames"].clone(), report(&work, "fap")["frames"].clone()), (6.into(), 25.into()));
+}
+
+#[test]
+fn every_solver_and_format_runs_and_truth_is_compared() {
+    let work = Work::new();
+    work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0.1,0.1,0\n0,8.4,-0.1,0.1,0\n0,2.1,0,-0.05,0\n1,8.3,0.2,0.2,0\n1,8.4,-0.2,0.2,0\n1,2.1,0,-0.1,0\n");
+    work.grimace("synthesize -b candide -m m.csv -o truth --format npy --solver nnls --smooth 0").exit(0);
+    for solver in ["best", "rbf", "nnls", "ga", "refined", "cosine"] {
+        let args = format!(
+            "synthesize -b candide -m m.csv -o {solver} --solver {solver} --format npy,glb --truth truth/surface.npy --smooth 0 --bound-starts 2"
+        );
+        work.grimace(&args).exit(0).prints(&["surface error"]);
+    }
+    assert_eq!(report(&work, "nnls")["surface_error"]["mean"], 0.0);
+    assert!(report(&work, "rbf")["surface_error"]["mean"].as_f64().unwrap() > 0.1);
+    work.grimace("synthesize -b candide -m m.csv -o meshes --format obj,ply --regions 2").exit(0);
+    let (obj, ply) = (work.path("meshes/obj/frame_001.obj"), work.path("meshes/ply/frame_001.ply"));
+    let (obj, ply) = (grimace::mesh::read_obj(&obj).unwrap(), grimace::mesh::read_ply(&ply).unwrap());
+    assert_eq!(obj, ply);
+    assert_eq!(obj.vertex_count(), 23_424);
+    work.grimace("synthesize -b candide -m m.csv -o x --truth rbf/synthesis.json").exit(1).says(&["no .npy array"]);
+}
+
+#[test]
+fn a_motion_of_zeros_is_the_neutral_face_and_says_so() {
+    let work = Work::new();
+    work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0,0,0\n1,8.3,0,0,0\n");
+    for solver in ["best", "rbf", "nnls", "ga", "refined", "cosine"] {
+        let ran =
+            work.grimace(&format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format npy,pictures")).exit(0);
+        ran.prints(&["nothing moves in the whole motion: every frame is the neutral face"]);
+        let bytes = work.bytes(&format!("{solver}/surface.npy"));
+        assert!(bytes[bytes.len() - 2 * 23_424 * 12..].iter().all(|&b| b == 0 || b == 0x80), "{solver}");
+    }
+}
+
+#[test]
+fn a_target_opposite_to_everything_is_answered() {
+    let work = Work::new();
+    // No expression pushes the chin up by so much and everything else nowhere.
+    work.write("m.csv", "frame,fp,dx,dy,dz\n0,2.1,0,1,0\n0,2.11,0,1,0\n0,2.12,0,1,0\n");
+    let ran = work.grimace("synthesize -b candide -m m.csv -o out --solver ga --format npy").exit(0);
+    ran.prints(&["share of the bound"]);
+    work.grimace("synthesize -b candide -m m.csv -o nnls --solver nnls --format npy").exit(0);
+    assert!(report(&work, "out")["fitness"].is_number());
+}
+
+#[test]
+fn bad_input_is_named() {
+    let work = Work::new();
+    work.write("m.csv", "frame,fp,dx,dy\n0,8.3,1,1\n");
+    let says = |args: &str, texts: &[&str]| {
+        work.grimace(&format!("synthesize -o out {args}")).exit(1).says(texts);
+        assert!(!work.path("out").exists());
+    };
+    says("-b gone.bank -m m.csv", &["gone.bank"]);
+    says("-b candide -m gone.csv", &["gone.csv"]);
+    says("-b candide -m m.csv --regions 3", &["the number of regions is 3; 1, 2 or 4"]);
+    says("-b candide -m m.csv --tournament 1", &["the tournament's size is 1"]);
+    says("-b candide -m m.csv --solver ga --crossover blx --alpha 2", &["alpha is 2"]);
+    says("-b candide -m m.csv --overlap 2", &["the overlap is 2"]);
+    says("-b candide -m m.csv --smooth=-1", &["the smoothing is -1"]);
+    says("-b candide -m m.csv --noise 1", &["--noise 1"]);
+    work.write("bad.csv", "frame,fp,dx,dy\n0,8.3,1,inf\n");
+    says("-b candide -m bad.csv", &["bad.csv, line 2: dy is `inf`"]);
+    work.write("other.csv", "frame,fp,dx,dy\n0,6.1,1,1\n");
+    says("-b candide -m other.csv", &["no feature point in common"]);
+    work.write("bad.fap", "nonsense");
+    says("-b candide -m bad.fap", &["bad.fap"]);
+    work.grimace("synthesize -b candide -m m.csv -o out -c 0").exit(2);
+}
+
+#[test]
+fn a_bank_of_one_member_and_arkit_names_work() {
+    let work = Work::new();
+    let obj = |y: f64| format!("v 0 0 0\nv 1 {y} 0\nv 0 1 0\nf 1 2 3\n");
+    work.write("meshes/neutral.obj", obj(0.0));
+    work.write("meshes/jawOpen.obj", obj(-0.5));
+    work.write("meshes/feature_points.csv", "fp,vertex\n2.1,1\n");
+    work.grimace("bank build meshes -o one.bank").exit(0);
+    work.write("m.csv", "frame,fp,dx,dy,dz\n0,2.1,0,-0.25,0\n1,2.1,0,-0.5,0\n");
+    for solver in ["best", "nnls", "ga", "refined", "cosine"] {
+        work.grimace(&format!("synthesize -b one.bank -m m.csv -o {solver} --solver {solver} --format pictures --fps 10"))
+            .exit(0)
+            .prints(&["fitness           1.0000"]);
+        let arkit = work.read(&format!("{solver}/arkit.csv"));
+        let mut rows = csv::Reader::from_reader(arkit.as_bytes());
+        let header = rows.headers().unwrap().clone();
+        assert_eq!(header.len(), 54);
+        let jaw = header.iter().position(|h| h == "jawOpen").unwrap();
+        let values: Vec<f64> = rows.records().map(|r| r.unwrap()[jaw].parse().unwrap()).collect();
+        assert!((values[0] - 0.5).abs() < 1e-6 && (values[1] - 1.0).abs() < 1e-6, "{solver}: {values:?}");
+        assert!(arkit.lines().nth(2).unwrap().starts_with("1,0.1,"));
+    }
+    // The other way the member can only be subtracted.
+    work.write("up.csv", "frame,fp,dx,dy,dz\n0,2.1,0,0.5,0\n");
+    work.grimace("synthesize -b one.bank -m up.csv -o up --solver ga --format npy")
+        .exit(0)
+        .prints(&["fitness           -1.0000", "nothing like this motion"]);
+}
+
+#[test]
+fn evaluate_synthesis_repeats_the_papers_tables() {
+    let work = Work::new();
+    let args = "evaluate synthesis --targets 3 --region-targets 2 --runs 2 --bound-starts 2";
+    let ran = work.grimace(&format!("{args} -o out")).exit(0);
+    ran.prints(&["| midpoint", "| line", "| blx-0.2", "0.970", "| refined", "40000"]);
+    for file in
+        ["crossovers.csv", "solvers.csv", "time.csv", "history.csv", "history.svg", "surface_error.svg", "evaluation.json"]
+    {
+        assert!(work.path(&format!("out/{file}")).is_file(), "{file}");
+    }
+    // Six solvers with the whole face, five each with two and four regions.
+    assert_eq!(work.read("out/solvers.csv").lines().count(), 1 + 6 + 5 + 5);
+    work.grimace(&format!("{args} -o again -j 1 -q")).exit(0);
+    let (mut first, mut again) = (work.files("out"), work.files("again"));
+    first.remove("time.csv");
+    again.remove("time.csv");
+    crate::common::assert_same_files(&first, &again);
+    work.grimace("evaluate synthesis --alphas 2 -o x").exit(1).says(&["alpha is 2"]);
+}

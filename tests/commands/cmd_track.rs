@@ -1,0 +1,304 @@
+//! `grimace track`: what a user types, and what comes out; frames of every format, and frames that are none.
+
+use crate::common::{Work, video::write_video};
+use image::{DynamicImage, ImageFormat};
+use opencv::{
+    core::{CV_16U, Mat, Vector},
+    imgcodecs::{IMREAD_UNCHANGED, imdecode, imencode},
+    prelude::*,
+};
+
+const MARKS: &str = "faces/S001/005/correspondences.csv";
+const TRACK: &str = "track faces/S001/005 -c faces/S001/005/correspondences.csv -o S001_005.csv";
+
+fn work() -> Work {
+    Work::with_sequences(&["S001_005"])
+}
+
+/// Name of a frame of the sequence, from 1.
+fn frame(number: usize) -> String {
+    format!("faces/S001/005/S001_005_{number:08}.png")
+}
+
+/// Mean distance between the nodes of two tracks, px.
+fn mean_difference(work: &Work, a: &str, b: &str) -> f64 {
+    let (a, b) = (work.rows(a), work.rows(b));
+    assert_eq!(a.len(), b.len());
+    let value = |row: &std::collections::BTreeMap<String, String>, axis: &str| row[axis].parse::<f64>().unwrap();
+    let distance = |(a, b)| (value(a, "x") - value(b, "x")).hypot(value(a, "y") - value(b, "y"));
+    a.iter().zip(&b).map(distance).sum::<f64>() / a.len() as f64
+}
+
+#[test]
+fn a_track_has_every_node_of_every_frame_and_says_what_it_was_made_from() {
+    let work = work();
+    let ran = work.grimace(&format!("{TRACK} --emotion Happiness --fps 25 --overlay pictures")).exit(0);
+    ran.prints(&["6 frames, ", "% of the nodes tracked, mean forward-backward distance", "eye distance"]);
+    assert_eq!(work.header("S001_005.csv"), "frame,node,x,y,state,residual,expected_error");
+    let rows = work.rows("S001_005.csv");
+    assert_eq!(rows.len(), 6 * 113);
+    let follows = |node: &str| ["4", "35", "36", "37", "38", "39", "41", "42", "43"].contains(&node);
+    for row in &rows {
+        let state = row["state"].as_str();
+        match (row["frame"].as_str(), follows(&row["node"])) {
+            (_, true) => assert_eq!(state, "follows"),
+            ("1", _) => assert!(["marked", "fitted"].contains(&state), "{row:?}"),
+            _ => assert!(state == "tracked" || state.starts_with("recovered_"), "{row:?}"),
+        }
+    }
+    let info: serde_json::Value = serde_json::from_str(&work.read("S001_005.json")).unwrap();
+    assert_eq!((&info["subject"], &info["sequence"], &info["emotion"]), (&"S001".into(), &"005".into(), &"happiness".into()));
+    assert_eq!(info["image_size"], serde_json::json!({ "width": 200, "height": 160 }));
+    assert_eq!(info["source"][5], "S001_005_00000006.png");
+    assert_eq!(info["marks"].as_array().unwrap().len(), 7);
+    assert_eq!(info["fps"], 25.0);
+    assert!(info["units"]["x"].as_str().unwrap().starts_with("px"));
+    assert!(["good", "look_again"].contains(&info["summary"]["verdict"].as_str().unwrap()));
+    assert!(info["summary"]["expected_error_px"].as_f64().unwrap() > 0.0);
+    assert_eq!(work.files("pictures").len(), 6);
+}
+
+#[test]
+fn run_and_track_give_the_same_positions() {
+    let work = work();
+    work.grimace(TRACK).exit(0);
+    work.grimace("run faces -o out").exit(0);
+    assert_eq!(work.read("S001_005.csv"), work.read("out/tracks/S001_005.csv"));
+}
+
+#[test]
+fn first_and_last_frame_cut_the_sequence() {
+    let work = work();
+    let ran = work.grimace(&format!("{TRACK} --first-frame 1 --last-frame 4")).exit(0);
+    ran.prints(&["4 frames"]);
+    let ran = work.grimace(&format!("{TRACK} --force --first-frame 3 --last-frame 9")).exit(1);
+    ran.says(&["last_frame is 9, but the folder has 6 frames from 1 to 6"]);
+    assert_eq!(work.rows("S001_005.csv").len(), 4 * 113);
+}
+
+#[test]
+fn tracks_are_not_written_over_without_force() {
+    let work = work();
+    work.write("S001_005.csv", "mine");
+    work.grimace(TRACK).exit(1).says(&["S001_005.csv is there already", "--force"]);
+    assert_eq!(work.read("S001_005.csv"), "mine");
+}
+
+/// Tracks the sequence of `work` with its frames written anew by `encode` into a folder and a track of this name.
+fn track_as(work: &Work, name: &str, extension: &str, encode: impl Fn(&[u8]) -> Vec<u8>) {
+    for number in 1..=6 {
+        let bytes = encode(&work.bytes(&frame(number)));
+        // Not padded with zeros: frame 10 must come behind frame 9.
+        work.write(&format!("{name}/f{}.{extension}", number + 6), bytes);
+    }
+    work.grimace(&format!("track {name} -c {MARKS} -o {name}.csv")).exit(0).prints(&["6 frames"]);
+}
+
+/// As [`track_as`]; mean distance to the track of the frames as they are, px.
+fn tracked_as(extension: &str, encode: impl Fn(&[u8]) -> Vec<u8>) -> f64 {
+    let work = work();
+    work.grimace(TRACK).exit(0);
+    track_as(&work, "other", extension, encode);
+    mean_difference(&work, "S001_005.csv", "other.csv")
+}
+
+fn with_image(format: ImageFormat, change: impl Fn(DynamicImage) -> DynamicImage) -> impl Fn(&[u8]) -> Vec<u8> {
+    move |bytes| {
+        let mut out = std::io::Cursor::new(Vec::new());
+        change(image::load_from_memory(bytes).unwrap()).write_to(&mut out, format).unwrap();
+        out.into_inner()
+    }
+}
+
+/// Written by OpenCV, in 16 bits if asked for, so that the crate's own encoders are not all that is read.
+fn with_opencv(extension: &'static str, sixteen_bits: bool, flags: &'static [i32]) -> impl Fn(&[u8]) -> Vec<u8> {
+    move |bytes| {
+        let mut mat = imdecode(&Mat::from_slice(bytes).unwrap(), IMREAD_UNCHANGED).unwrap();
+        if sixteen_bits {
+            let mut deep = Mat::default();
+            mat.convert_to(&mut deep, CV_16U, 257.0, 0.0).unwrap();
+            mat = deep;
+        }
+        let mut out = Vector::<u8>::new();
+        assert!(imencode(extension, &mat, &mut out, &Vector::from_slice(flags)).unwrap());
+        out.to_vec()
+    }
+}
+
+/// The grey pixels of an image file as a binary PGM.
+fn grey_map(bytes: &[u8]) -> Vec<u8> {
+    let image = image::load_from_memory(bytes).unwrap().to_luma8();
+    [format!("P5\n# by hand\n{} {}\n255\n", image.width(), image.height()).as_bytes(), image.as_raw()].concat()
+}
+
+#[test]
+fn the_same_grey_pixels_give_the_same_track_in_every_lossless_format() {
+    let work = work();
+    let opencv_writes =
+        |extension: &'static str, sixteen_bits| move |bytes: &[u8]| with_opencv(extension, sixteen_bits, &[])(&grey_map(bytes));
+    track_as(&work, "pgm", "pgm", grey_map);
+    track_as(&work, "png", "PNG", with_image(ImageFormat::Png, |i| i.to_luma8().into()));
+    track_as(&work, "bmp", "BMP", opencv_writes(".bmp", false));
+    track_as(&work, "tif", "tif", opencv_writes(".tif", false));
+    // A grey level times 257 is the same share of 65535.
+    track_as(&work, "tiff16", "tiff", opencv_writes(".tiff", true));
+    track_as(&work, "png16", "png", opencv_writes(".png", true));
+    let deep_map = |bytes: &[u8]| {
+        let image = image::load_from_memory(bytes).unwrap().to_luma8();
+        let pixels: Vec<u8> = image.as_raw().iter().flat_map(|&v| [v, v]).collect();
+        [format!("P5\n{} {}\n65535\n", image.width(), image.height()).as_bytes(), &pixels].concat()
+    };
+    track_as(&work, "pgm16", "pgm", deep_map);
+    let expected = work.read("pgm.csv");
+    for name in ["png", "bmp", "tif", "tiff16", "png16", "pgm16"] {
+        assert!(work.read(&format!("{name}.csv")) == expected, "{name}");
+    }
+}
+
+#[test]
+fn colour_is_read_in_every_format_and_depth() {
+    // Decoders round or cut off when they convert to grey: one grey level, which moves nodes by some hundredths of a pixel.
+    let near = 0.05;
+    assert!(tracked_as("png", with_image(ImageFormat::Png, |i| i)) == 0.0, "the same pixels");
+    assert!(tracked_as("png", with_image(ImageFormat::Png, |i| i.to_luma8().into())) < near, "grey PNG");
+    assert!(tracked_as("png", with_image(ImageFormat::Png, |i| i.to_rgba8().into())) < near, "PNG with alpha");
+    assert!(tracked_as("png", with_opencv(".png", true, &[])) < near, "16-bit PNG");
+    assert!(tracked_as("bmp", with_opencv(".bmp", false, &[])) < near, "BMP");
+    assert!(tracked_as("tif", with_opencv(".tif", false, &[])) < near, "TIFF");
+    assert!(tracked_as("tiff", with_opencv(".tiff", true, &[])) < near, "16-bit TIFF");
+}
+
+#[test]
+fn jpeg_of_good_quality_moves_nodes_little() {
+    let jpeg = |bytes: &[u8]| {
+        let mut out = Vec::new();
+        let image = image::load_from_memory(bytes).unwrap().to_rgb8();
+        image::codecs::jpeg::JpegEncoder::new_with_quality(&mut out, 95).encode_image(&image).unwrap();
+        out
+    };
+    let moved = tracked_as("jpg", jpeg);
+    assert!(moved > 0.0 && moved < 0.5, "{moved} px");
+}
+
+#[test]
+fn a_video_is_a_sequence() {
+    let work = work();
+    if !write_video(&work, "faces/S001/005", "face.avi") {
+        return;
+    }
+    work.grimace(&format!("track face.avi -c {MARKS} -o S001_1.csv")).exit(0).prints(&["6 frames"]);
+    let info: serde_json::Value = serde_json::from_str(&work.read("S001_1.json")).unwrap();
+    assert_eq!((&info["fps"], &info["source"]), (&25.0.into(), &serde_json::json!(["face.avi"])));
+    work.grimace(TRACK).exit(0);
+    let moved = mean_difference(&work, "S001_005.csv", "S001_1.csv");
+    assert!(moved < 0.5, "motion JPEG moves nodes by {moved} px");
+    let ran = work.grimace(&format!("track face.avi -c {MARKS} -o S001_2.csv --first-frame 1 --last-frame 4")).exit(0);
+    ran.prints(&["4 frames"]);
+    let ran = work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --last-frame 40")).exit(1);
+    ran.says(&["face.avi: ends at frame 6, before frame 40"]);
+    work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --first-frame 9")).exit(1).says(&["face.avi: has 6 frames"]);
+    let ran = work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --first-frame 6")).exit(1);
+    ran.says(&["face.avi", "at least 2 frames"]);
+}
+
+#[test]
+fn a_dataset_may_hold_videos() {
+    let work = work();
+    if !write_video(&work, "faces/S001/005", "films/face.avi") {
+        return;
+    }
+    let marks = format!("../{MARKS}");
+    work.write(
+        "films/manifest.csv",
+        format!("subject,sequence,emotion,frames,correspondences\nS001,1,happiness,face.avi,{marks}\nS002,1,happiness,torn.avi,{marks}\nS003,1,happiness,text.avi,{marks}\nS004,1,happiness,empty.avi,{marks}\n"),
+    );
+    let video = work.bytes("films/face.avi");
+    work.write("films/torn.avi", &video[..200]).write("films/text.avi", "no video").write("films/empty.avi", "");
+    let ran = work.grimace("run films -o out").exit(3).prints(&["4 sequences: 1 tracked, 0 unchanged, 3 failed"]);
+    for name in ["torn", "text", "empty"] {
+        assert!(ran.stderr.contains(&format!("{name}.avi: not a video that OpenCV can decode; convert it")), "{}", ran.stderr);
+    }
+}
+
+/// Runs `track` over the damaged sequence of `work`; what it says.
+#[track_caller]
+fn refused(work: &Work, texts: &[&str]) {
+    work.grimace(TRACK).exit(1).says(texts);
+    assert!(!work.path("S001_005.csv").exists() && !work.path("S001_005.json").exists());
+}
+
+#[test]
+fn frames_that_are_none_are_named() {
+    let work = work();
+    let bytes = work.bytes(&frame(4));
+    work.write(&frame(4), "");
+    refused(&work, &["S001_005_00000004.png: the file is empty"]);
+    work.write(&frame(4), &bytes[..bytes.len() - 40]);
+    refused(&work, &["S001_005_00000004.png: the PNG image is cut off"]);
+    work.write(&frame(4), "GIF89a and more");
+    refused(&work, &["S001_005_00000004.png: not an image in a known format", "GIF89a"]);
+    let mut damaged = bytes.clone();
+    let half = damaged.len() / 2;
+    damaged[half..half + 64].fill(0);
+    work.write(&frame(4), damaged);
+    refused(&work, &["S001_005_00000004.png", "damaged"]);
+    std::fs::remove_file(work.path(&frame(4))).unwrap();
+    work.grimace(TRACK).exit(0).prints(&["5 frames"]);
+}
+
+#[test]
+fn a_jpeg_and_a_tiff_cut_off_are_named() {
+    for (extension, encode) in [(".jpg", with_opencv(".jpg", false, &[])), (".tif", with_opencv(".tif", false, &[]))] {
+        let work = work();
+        let whole = encode(&work.bytes(&frame(4)));
+        work.write(&format!("faces/S001/005/S001_005_00000004{extension}"), &whole[..whole.len() * 2 / 3]);
+        std::fs::remove_file(work.path(&frame(4))).unwrap();
+        refused(&work, &[&format!("S001_005_00000004{extension}")]);
+    }
+}
+
+#[test]
+fn frames_of_another_size_are_named() {
+    let work = work();
+    let small = image::load_from_memory(&work.bytes(&frame(3))).unwrap().crop_imm(0, 0, 180, 160);
+    small.save(work.path(&frame(3))).unwrap();
+    refused(
+        &work,
+        &["S001_005_00000003.png", "is 180x160 where the first frame is 200x160; all frames of a sequence must have one size"],
+    );
+}
+
+#[test]
+fn folders_that_are_no_sequence_are_refused() {
+    let work = work();
+    let track = |sequence: &str| work.grimace(&format!("track {sequence} -c {MARKS} -o S001_005.csv")).exit(1);
+    work.write("one/f1.png", work.bytes(&frame(1))).write("none/a.txt", "x");
+    track("one").says(&["one: 1 frame from neutral to apex; at least 2 are needed"]);
+    track("none").says(&["none: no images in the folder (extensions of images: png"]);
+    track("nowhere").says(&["nowhere: there is no such folder of frames or video file"]);
+    track("none/a.txt").says(&["a.txt: is neither a folder of images nor a video file"]);
+}
+
+#[test]
+fn marks_that_do_not_make_a_fit_name_their_file() {
+    let work = work();
+    let track = |marks: &str| {
+        work.write("marks.csv", marks);
+        work.grimace("track faces/S001/005 -c marks.csv -o S001_005.csv").exit(1)
+    };
+    track("node,x,y\n20,80,60\n53,120,60\n").says(&["marks.csv: 2 correspondences; at least 3"]);
+    track("node,x,y\n20,80,60\n53,100,60\n56,120,60\n").says(&["marks.csv: the 3 marks lie on one line"]);
+    track("node,x,y\n20,80,60\n53,120,60\n10,100,1000\n")
+        .says(&["marks.csv: node 10 is marked at (100, 1000), outside the image"]);
+    work.grimace("track faces/S001/005 -c none.csv -o S001_005.csv").exit(1).says(&["none.csv: cannot be read"]);
+}
+
+#[test]
+fn a_face_that_is_not_there_is_said_to_be_lost() {
+    let work = work();
+    let grey = image::GrayImage::from_pixel(200, 160, image::Luma([128]));
+    for number in 3..=6 {
+        grey.save(work.path(&frame(number))).unwrap();
+    }
+    refused(&work, &["frame 3: only", "of 104 nodes could be tracked; the face is lost"]);
+}

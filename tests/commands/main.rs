@@ -1,0 +1,22 @@
+//! The commands end to end, as a user calls them.
+
+#[path = "../annotation/mod.rs"]
+mod annotation;
+#[path = "../common/mod.rs"]
+mod common;
+
+mod cmd_analyze;
+mod cmd_annotate;
+mod cmd_bank;
+mod cmd_clone;
+mod cmd_fap;
+mod cmd_fit;
+mod cmd_lab;
+mod cmd_populations;
+mod cmd_prior;
+mod cmd_run;
+mod cmd_run_input;
+mod cmd_synthesize;
+mod cmd_track;
+mod real_data;
+mod workflow;

@@ -1,0 +1,88 @@
+//! The Snakemake workflow, run for real: killed in the middle, resumed, and its bytes compared with those of a plain run.
+//!
+//! Snakemake comes from `scripts/workflow_setup`; without it the tests say loudly that they were skipped.
+
+use std::{
+    os::unix::process::CommandExt,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use crate::common::{Work, assert_same_files};
+
+const OPTIONS: &str = "--by cohort --permutations 99 --bootstrap 50";
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn snakemake() -> Option<PathBuf> {
+    let path = std::env::var_os("SNAKEMAKE").map_or_else(|| root().join("target/workflow-venv/bin/snakemake"), PathBuf::from);
+    if !path.exists() {
+        eprintln!("SKIPPED tests of the workflow: {} is not there; scripts/workflow_setup installs it", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+/// The workflow over `faces` into `flow` on two cores, with this program.
+fn workflow(snakemake: &Path, work: &Work, profile: &str, grimace: &Path) -> Command {
+    let mut command = Command::new(snakemake);
+    command.current_dir(work.path("."));
+    command.arg("--snakefile").arg(root().join("workflow/Snakefile"));
+    command.arg("--workflow-profile").arg(root().join("workflow/profiles").join(profile));
+    command.args(["--cores", "2", "--config", "dataset=faces", "out=flow"]);
+    command.arg(format!("grimace={}", grimace.display())).arg(format!("options={OPTIONS}"));
+    command
+}
+
+#[test]
+fn killed_in_the_middle_and_resumed_it_gives_the_bytes_of_a_plain_run() {
+    let Some(snakemake) = snakemake() else { return };
+    let work = Work::with_faces();
+    // A sequence that fails is a part of it.
+    std::fs::remove_dir_all(work.path("faces/S003/007")).unwrap();
+    work.grimace(&format!("run faces -o plain {OPTIONS}")).exit(3);
+    // Slow enough to be caught in the middle.
+    let slow = work.path("slow.sh");
+    work.write("slow.sh", format!("#!/bin/sh\nsleep 1\nexec {} \"$@\"\n", crate::common::grimace().display()));
+    Command::new("chmod").arg("+x").arg(&slow).status().unwrap();
+
+    let mut command = workflow(&snakemake, &work, "local", &slow);
+    let mut running = command.process_group(0).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let done = || work.files("flow.workflow").keys().filter(|name| name.starts_with("part-")).count();
+    let started = Instant::now();
+    while done() < 2 {
+        assert!(started.elapsed() < Duration::from_secs(300), "no job was done");
+        assert!(running.try_wait().unwrap().is_none(), "the workflow ended early");
+        thread::sleep(Duration::from_millis(50));
+    }
+    // The group is the workflow with all its jobs, and nothing else.
+    Command::new("kill").args(["-KILL", "--", &format!("-{}", running.id())]).status().unwrap();
+    running.wait().unwrap();
+    assert!(done() < 6 && !work.path("flow.workflow/complete").exists(), "it was killed too late to show anything");
+
+    let program = crate::common::grimace();
+    assert!(workflow(&snakemake, &work, "local", program).arg("--unlock").output().unwrap().status.success());
+    let resumed = workflow(&snakemake, &work, "local", program).output().unwrap();
+    assert!(resumed.status.success(), "{}", String::from_utf8_lossy(&resumed.stderr));
+    assert_same_files(&work.files("plain"), &work.files("flow"));
+    // What is complete is not done again.
+    let again = workflow(&snakemake, &work, "local", program).output().unwrap();
+    assert!(String::from_utf8_lossy(&again.stderr).contains("Nothing to be done"));
+}
+
+#[test]
+fn batches_of_sequences_give_the_same_bytes_in_fewer_jobs() {
+    let Some(snakemake) = snakemake() else { return };
+    let work = Work::with_faces();
+    work.grimace(&format!("run faces -o plain {OPTIONS}")).exit(0);
+    let mut command = workflow(&snakemake, &work, "local", crate::common::grimace());
+    let ran = command.arg("batch=4").output().unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    // 6 sequences by 4: 2 jobs.
+    assert!(work.path("flow.workflow/part-2-of-2").exists());
+    assert_same_files(&work.files("plain"), &work.files("flow"));
+}

@@ -1,0 +1,12 @@
+//! The library from outside: golden files, properties that hold across modules, the tracker without images, the report as text.
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../report_data/mod.rs"]
+mod report_data;
+
+mod golden;
+mod properties;
+mod report_html;
+mod scripted_tracker;
+mod warp_targets;

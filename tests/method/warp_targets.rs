@@ -1,0 +1,154 @@
+//! The warp on real photographs, where the project's shared data is beside the repository; said loudly where it is not.
+//!
+//! On every target, at the apex of every emotion and in a blink: no hole, no skin folded or doubled, and no pixel changed beyond the
+//! face's surroundings.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use grimace::{
+    clone::{Target, read_marks},
+    dataset::{Dataset, LandmarkSelection},
+    fit::Correspondence,
+    pipeline::{PipelineOptions, Workbench},
+    sequence::read_colour,
+    warp::{MouthInside, Texture},
+    wireframe::{Emotion, ExpressionUnit, UnitKind, expressions},
+};
+use nalgebra::{Point2, Vector2};
+
+/// How far around the nodes' convex hull the surroundings may follow, over the eye distance.
+const SURROUNDINGS: f64 = 0.76;
+
+fn data(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
+    let found = folder.join("manifest.csv").is_file();
+    if !found {
+        eprintln!("SKIPPED, NOTHING WAS TESTED: {} is not there", folder.display());
+    }
+    found.then_some(folder)
+}
+
+/// Offsets of the nodes at the apex of an emotion, or with the eyes closed, in model units of face space.
+fn offsets(bench: &Workbench, emotion: Option<Emotion>) -> Vec<Vector2<f64>> {
+    let mut offsets = vec![Vector2::zeros(); bench.wireframe.node_count()];
+    let fapus = grimace::wireframe::Fapus::measure(&bench.tables.fapus, &bench.wireframe.frontal()).unwrap();
+    let mut add = |unit: ExpressionUnit, weight: f64| {
+        for candidate in bench.wireframe.action_units() {
+            let length = match (unit, &candidate.kind) {
+                (ExpressionUnit::Auv(wanted), UnitKind::Action { number }) if wanted == *number => 1.0,
+                (ExpressionUnit::Fap(wanted), UnitKind::Fap { number, fapu }) if wanted == *number => {
+                    fapu.and_then(|f| fapus.length(f)).unwrap_or(1.0)
+                }
+                _ => continue,
+            };
+            for (node, offset) in &candidate.offsets {
+                offsets[node.index()] += offset.xy() * weight * length;
+            }
+        }
+    };
+    match emotion {
+        Some(emotion) => expressions().iter().filter(|r| r.emotion == emotion).for_each(|r| add(r.unit, r.weight)),
+        None => add(ExpressionUnit::Auv(6), 1.0),
+    }
+    offsets
+}
+
+/// Directions and how far the nodes reach in each: a point is at least as far from their convex hull as it is beyond any of them.
+fn supports(nodes: &[Point2<f64>]) -> Vec<(Vector2<f64>, f64)> {
+    (0..64)
+        .map(|k| {
+            let angle = std::f64::consts::TAU * f64::from(k) / 64.0;
+            let direction = Vector2::new(angle.cos(), angle.sin());
+            (direction, nodes.iter().map(|p| p.coords.dot(&direction)).fold(f64::NEG_INFINITY, f64::max))
+        })
+        .collect()
+}
+
+fn check(name: &str, picture: image::RgbImage, marks: &[Correspondence], bench: &Workbench) {
+    let size = picture.dimensions();
+    let target = Target::new(name, picture, marks, bench).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let (warp, neutral) = (target.warp(), target.fitted.model.nodes());
+    let still = warp.render(target.texture(), &warp.deform(neutral).unwrap(), &MouthInside::Dark);
+    assert!(still == target.picture, "{name}: the neutral face is not given back to the bit");
+    let supports = supports(neutral);
+    let reach = SURROUNDINGS * warp.eye_distance() + 1.0;
+    let beyond: Vec<(u32, u32)> = (0..size.1)
+        .flat_map(|y| (0..size.0).map(move |x| (x, y)))
+        .filter(|&(x, y)| {
+            let point = Vector2::new(f64::from(x), f64::from(y));
+            supports.iter().any(|(direction, support)| point.dot(direction) - support > reach)
+        })
+        .collect();
+    for emotion in Emotion::BASIC.map(Some).into_iter().chain([None]) {
+        let moved: Vec<Point2<f64>> = neutral
+            .iter()
+            .zip(offsets(bench, emotion))
+            .map(|(p, o)| p + target.fitted.image_from_face.apply_vector(&Vector2::new(o.x, -o.y)))
+            .collect();
+        let deformation = warp.deform(&moved).unwrap();
+        let audit = warp.audit(&deformation, size);
+        assert_eq!((audit.folded, audit.holes), (0, 0), "{name}, {emotion:?}: {audit:?}");
+        // Pixels that two slivers share where closed lips meet their corner.
+        assert!(audit.doubled <= audit.inside / 10_000, "{name}, {emotion:?}: {audit:?}");
+        assert!(audit.inside > 100);
+        let frame = warp.render(target.texture(), &deformation, &MouthInside::Dark);
+        let changed = beyond.iter().find(|&&(x, y)| frame.get_pixel(x, y) != target.picture.get_pixel(x, y));
+        assert!(changed.is_none(), "{name}, {emotion:?}: pixel {changed:?} lies beyond the surroundings and changed");
+        assert!(frame != target.picture, "{name}, {emotion:?}: nothing moved");
+    }
+}
+
+#[test]
+fn portraits_move_without_holes_and_without_touching_the_background() {
+    let Some(folder) = data("portraits") else { return };
+    let bench = Workbench::new(None, PipelineOptions::default()).unwrap();
+    let mut count = 0;
+    let mut files: Vec<PathBuf> = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    for path in files.iter().filter(|p| p.extension().is_some_and(|e| e == "jpg" || e == "png")) {
+        let stem = path.file_stem().unwrap().to_string_lossy().into_owned();
+        let marks = folder.join(format!("{stem}_landmarks68_auto.csv"));
+        for selection in [LandmarkSelection::Default, LandmarkSelection::HighAndMedium] {
+            let marks = read_marks(&marks, &selection, &bench).unwrap();
+            check(&format!("{stem} {selection:?}"), read_colour(path).unwrap(), &marks, &bench);
+        }
+        count += 1;
+    }
+    assert!(count >= 8, "{count} portraits");
+}
+
+#[test]
+fn first_frames_of_sequences_move_without_holes_and_without_touching_the_background() {
+    let Some(folder) = data("sequences") else { return };
+    let bench = Workbench::new(None, PipelineOptions::default()).unwrap();
+    let dataset = Dataset::open(&folder).unwrap();
+    let mut count = 0;
+    for entry in dataset.sequences.iter().filter(|e| e.id.sequence == "001") {
+        let frames = entry.frames().unwrap();
+        let node_count = bench.wireframe.node_count();
+        let marks =
+            entry.correspondences(frames.neutral_number(), &bench.tables, node_count, &LandmarkSelection::Default).unwrap();
+        let picture = read_colour(frames.files()[0]).unwrap();
+        check(&entry.id.to_string(), picture, &marks, &bench);
+        count += 1;
+    }
+    assert!(count >= 15, "{count} people");
+}
+
+#[test]
+fn the_warp_of_a_grey_picture_is_grey() {
+    let nodes: Vec<Point2<f64>> = grimace::wireframe::Wireframe::candide3()
+        .vertices()
+        .iter()
+        .map(|v| Point2::new(80.0 + 60.0 * v.x, 90.0 - 60.0 * v.y))
+        .collect();
+    let warp = grimace::warp::Warp::new(&nodes).unwrap();
+    let grey = image::GrayImage::from_fn(160, 190, |x, y| image::Luma([(x * 3 + y * 2) as u8]));
+    let mut moved = nodes.clone();
+    moved[31].x += 3.0;
+    let frame = warp.render(&Texture::from_gray(&grey), &warp.deform(&moved).unwrap(), &MouthInside::Dark);
+    assert!(frame.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]));
+}
