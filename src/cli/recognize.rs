@@ -12,8 +12,8 @@ use crate::{
     dataset::Dataset,
     output::write_records,
     pipeline::{
-        NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, Workbench, load_tracks, recognition_header,
-        recognition_record, track_files, tracks_folder, write_recognition,
+        NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, load_tracks, recognition_header, recognition_record,
+        track_files, tracks_folder, write_recognition,
     },
     statistics::recognize::Recognizer,
 };
