@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{
     AmplitudeResults, Comparisons, Failure, RecognitionResults, Workbench,
-    classes::{class, spelling_warnings, unique_stem, warnings},
+    classes::{class, listed, spelling_warnings, unique_stem, warnings},
     parts::EmotionPart,
     recognition::recognize_left_out,
 };
@@ -175,7 +175,13 @@ pub(super) fn analyze_with(
     let amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
     warnings.extend(amplitudes.warnings());
     let recognition = recognize_left_out(&grouped, bench);
-    warnings.extend(recognition.as_ref().err().map(|why| format!("no recognition.csv: {why}")));
+    // One emotion alone is nothing to recognize, and nobody expects it.
+    let several = emotions.len() > 1;
+    warnings.extend(recognition.as_ref().err().filter(|_| several).map(|why| format!("no recognition.csv: {why}")));
+    let findings = amplitudes.findings(options.groups.compare.significance, &options.groups.amplitude);
+    if !findings.is_empty() {
+        warnings.push(format!("by amplitude: {}", listed(&findings, 6)));
+    }
     Ok(Analysis {
         classes,
         comparisons,

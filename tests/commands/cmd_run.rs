@@ -19,10 +19,19 @@ fn every_output_is_there_with_its_header_and_shape() {
     let ran = work.grimace("run faces -o out").exit(0);
     ran.prints(&["6 sequences: 6 tracked, 0 unchanged, 0 failed", "3 sequences  out/fap/happiness.fap"]);
     let names: BTreeSet<String> = work.files("out").into_keys().collect();
-    let mut expected: BTreeSet<String> =
-        ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv", "units.json", "verdicts.csv"]
-            .map(str::to_owned)
-            .into();
+    let mut expected: BTreeSet<String> = [
+        "amplitudes.csv",
+        "failures.csv",
+        "recognition.csv",
+        "report.html",
+        "run.json",
+        "statistics.csv",
+        "trimming.csv",
+        "units.json",
+        "verdicts.csv",
+    ]
+    .map(str::to_owned)
+    .into();
     for id in SEQUENCES {
         expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
     }
