@@ -216,8 +216,7 @@ pub(super) fn write_groups(
     let rows = classes.iter().map(|class| {
         let r = &class.representative;
         let interval = class.interval.as_ref();
-        let method =
-            interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "bootstrap" } else { "bootstrap, median held" });
+        let method = interval.map_or("", |_: &DispersionInterval| "bootstrap");
         let mut row = vec![
             r.label.emotion.clone(),
             class.subjects.to_string(),

@@ -65,9 +65,9 @@ impl EmotionPart {
         let replicates = if options.by.is_empty() { 0 } else { options.groups.bootstrap };
         let class = |(label, models): &(ClassLabel, Vec<&SequenceModel>)| {
             let representative = statistics::representative(label.clone(), models, &bench.wireframe, &options.statistics)?;
-            let (alpha, seed) = (options.statistics.alpha, options.groups.compare.seed);
+            let seed = options.groups.compare.seed;
             let stream = stream_of(&[(emotion, &label.group)]);
-            let interval = dispersion_interval(&representative, models, live, alpha, replicates, seed, stream);
+            let interval = dispersion_interval(&representative, models, live, replicates, seed, stream);
             let subjects = models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
             Ok(ClassPart { representative, subjects, interval })
         };

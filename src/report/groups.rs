@@ -45,7 +45,6 @@ pub(super) struct GroupsView {
     /// Notes under the tables, in the words of the template.
     notes: Vec<&'static str>,
     small_group: usize,
-    max_retrimmed: usize,
 }
 
 #[derive(Serialize)]
@@ -57,7 +56,6 @@ struct GroupRow {
     dispersion: String,
     interval: String,
     small: bool,
-    held: bool,
 }
 
 #[derive(Serialize)]
@@ -112,7 +110,6 @@ impl GroupsView {
                     |i| format!("{} to {}", fixed(i.low, 2), fixed(i.high, 2)),
                 ),
                 small: people < SMALL_GROUP,
-                held: interval.is_some_and(|i| !i.retrimmed),
             })
             .collect();
         let tests_made = tested.len();
@@ -164,7 +161,6 @@ impl GroupsView {
             ("drawn", tested.iter().any(|(_, c, t)| t.people_used != c.people)),
             ("unknown", comparisons.unknown_left_out),
             ("small", rows.iter().any(|row| row.small)),
-            ("held", rows.iter().any(|row| row.held)),
         ];
         let notes = notes.into_iter().filter(|(_, holds)| *holds).map(|(note, _)| note).collect();
         Self {
@@ -181,7 +177,6 @@ impl GroupsView {
             significance_percent: format!("{}", significance * 100.0),
             small_group: SMALL_GROUP,
             notes,
-            max_retrimmed: crate::statistics::bootstrap::MAX_RETRIMMED,
             rows,
             tests,
         }

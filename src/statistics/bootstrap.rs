@@ -2,14 +2,13 @@
 //!
 //! A class's dispersion s is smaller than that of the population it was drawn from: the median lies among the very people it is measured
 //! on. The dispersion s' with every person's distance taken to the median of the *others* is larger by about as much: that median is
-//! itself off. So the interval is around the middle of s and s'; its half width is the normal quantile times the standard deviation of the replicates' dispersions times sqrt(n / (n - 1)) for n people, whose copies
-//! scatter less than people do. A replicate draws as many people as there are, with replacement, each with all their sequences; trims,
-//! takes the median and the dispersion [KP, eq. (6) to (8)] anew. `evaluate groups --intervals` counts how often such intervals hold the
-//! truth, beside those around s' and the basic interval `2 s - q` (Davison & Hinkley 1997, section 5.2).
+//! itself off. So the interval is around the middle of s and s'. Its half width is Student's quantile for n - 1 degrees of freedom times
+//! the bootstrap's standard deviation times sqrt(n / (n - 1)) for n people, whose copies scatter less than people do. A replicate draws
+//! as many people as there are, with replacement, each with all their sequences, and takes the median of their distances, each the
+//! middle of the two above. Trimming and medians are held: taken anew they would lie among copies of the same people, which made the
+//! intervals of 20 people twice too wide. `evaluate groups --intervals` counts how often such intervals hold the truth.
 //!
-//! For more than [`MAX_RETRIMMED`] models the replicates keep trimming and median of all models and draw the distances only, and the
-//! medians without a person are one Newton step from that of all: both are then settled to a share of the scatter that is far below the
-//! dispersion's own error.
+//! For more than [`MAX_EXACT`] models the medians without a person are one Newton step from that of all.
 
 use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
@@ -21,13 +20,13 @@ use super::{
     Representative, SequenceModel,
     dispersion::median_of,
     distance::{DisplacementFields, length},
-    trimming::trimmed_count,
     weights::{Weighting, sequence_weights},
 };
 use crate::units::NodeId;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Models up to which every replicate trims and takes its median anew.
-pub const MAX_RETRIMMED: usize = 400;
+/// Models up to which the median without a person is searched for.
+pub const MAX_EXACT: usize = 400;
 
 /// People below which no interval is given: with fewer, the few values that a replicate's median can take are no distribution.
 pub const LEAST_PEOPLE: usize = 8;
@@ -40,9 +39,6 @@ const FLAT: f64 = 1e-5;
 
 /// Confidence of the intervals.
 const LEVEL: f64 = 0.95;
-
-/// The quantile of the normal distribution that leaves half of what [`LEVEL`] leaves.
-const Z: f64 = 1.959_963_984_540_054;
 
 /// Why a class has no interval; `None` where it has enough people.
 pub fn no_interval(people: usize) -> Option<String> {
@@ -60,8 +56,6 @@ pub struct DispersionInterval {
     pub level: f64,
     /// Replicates.
     pub replicates: usize,
-    /// Whether the replicates trimmed and took their medians anew.
-    pub retrimmed: bool,
 }
 
 /// What the intervals of a class are made of.
@@ -75,8 +69,6 @@ pub struct DispersionReplicates {
     pub values: Vec<f64>,
     /// People.
     pub people: usize,
-    /// Whether the replicates trimmed and took their medians anew.
-    pub retrimmed: bool,
 }
 
 impl DispersionReplicates {
@@ -90,22 +82,18 @@ impl DispersionReplicates {
         self.around(self.left_out)
     }
 
+    /// The interval around the class's own dispersion, for comparison.
+    pub fn around_own(&self) -> DispersionInterval {
+        self.around(self.dispersion)
+    }
+
     fn around(&self, center: f64) -> DispersionInterval {
         let n = self.people as f64;
-        let half = Z * deviation(&self.values) * (n / (n - 1.0)).sqrt();
-        self.between(center - half, center + half)
-    }
-
-    /// The basic bootstrap interval, for comparison.
-    pub fn basic(&self) -> DispersionInterval {
-        let tail = (1.0 - LEVEL) / 2.0;
-        let twice = 2.0 * self.dispersion;
-        self.between(twice - quantile(&self.values, 1.0 - tail), twice - quantile(&self.values, tail))
-    }
-
-    fn between(&self, low: f64, high: f64) -> DispersionInterval {
+        // Never infinite: there are LEAST_PEOPLE people or more.
+        let quantile = StudentsT::new(0.0, 1.0, n - 1.0).map_or(f64::INFINITY, |t| t.inverse_cdf(f64::midpoint(1.0, LEVEL)));
+        let half = quantile * deviation(&self.values) * (n / (n - 1.0)).sqrt();
         let replicates = self.values.len();
-        DispersionInterval { low: low.max(0.0), high, level: LEVEL, replicates, retrimmed: self.retrimmed }
+        DispersionInterval { low: (center - half).max(0.0), high: center + half, level: LEVEL, replicates }
     }
 }
 
@@ -124,12 +112,11 @@ pub fn dispersion_interval(
     representative: &Representative,
     models: &[&SequenceModel],
     live: &[NodeId],
-    alpha: f64,
     replicates: usize,
     seed: u64,
     stream: u32,
 ) -> Option<DispersionInterval> {
-    dispersion_replicates(representative, models, live, alpha, replicates, seed, stream).map(|r| r.interval())
+    dispersion_replicates(representative, models, live, replicates, seed, stream).map(|r| r.interval())
 }
 
 /// What [`dispersion_interval`] is made of.
@@ -137,7 +124,6 @@ pub fn dispersion_replicates(
     representative: &Representative,
     models: &[&SequenceModel],
     live: &[NodeId],
-    alpha: f64,
     replicates: usize,
     seed: u64,
     stream: u32,
@@ -157,8 +143,11 @@ pub fn dispersion_replicates(
     }
     let weighting = if representative.weighted { Weighting::Person } else { Weighting::Sequence };
     let weights = sequence_weights(models.iter().map(|m| &m.id), weighting);
-    let retrimmed = models.len() <= MAX_RETRIMMED;
-    let sample = Sample::new(&models, representative, live, alpha, weights, retrimmed);
+    let sample = Sample::new(&models, representative, live, weights);
+    let kept = kept_fields(representative, &models, sample.fields);
+    let others = sample.left_out(&people, &kept, models.len() <= MAX_EXACT);
+    let middle = |(own, others): (&Option<f64>, &Option<f64>)| Some(f64::midpoint((*own)?, (*others)?));
+    let distances: Vec<Option<f64>> = representative.distances.iter().zip(&others).map(middle).collect();
     let replicate = |number: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream((1 << 63) | (u64::from(stream) << 32) | number as u64);
@@ -167,13 +156,12 @@ pub fn dispersion_replicates(
             let drawn = random.random_range(0..people.len());
             people[drawn].iter().for_each(|&i| copies[i] += 1);
         }
-        if retrimmed { sample.dispersion(&copies) } else { sample.median_of_copies(&representative.distances, &copies) }
+        sample.median_of_copies(&distances, &copies)
     };
     let mut values: Vec<f64> = (0..replicates).into_par_iter().map(replicate).collect();
     values.sort_by(f64::total_cmp);
-    let kept = kept_fields(representative, &models, sample.fields);
-    let left_out = sample.left_out(&people, &kept, retrimmed);
-    Some(DispersionReplicates { dispersion: representative.dispersion?, left_out, values, people: people.len(), retrimmed })
+    let left_out = median_of(others, sample.weights.as_deref())?;
+    Some(DispersionReplicates { dispersion: representative.dispersion?, left_out, values, people: people.len() })
 }
 
 /// By field and model (sorted by id), whether the representative kept it.
@@ -187,47 +175,24 @@ fn kept_fields(representative: &Representative, models: &[&SequenceModel], field
     kept
 }
 
-/// Linear between the two values around the share, of sorted values, at least one.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let at = share * (sorted.len() - 1) as f64;
-    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
-    low + (high - low) * at.fract()
-}
-
-/// What every replicate of a class needs.
+/// What the distances of a class are taken from.
 struct Sample {
     models: Vec<DisplacementFields>,
     fields: usize,
     nodes: usize,
-    /// `d_f` of all pairs by field, n x n; empty where nothing is trimmed anew.
-    pairs: Vec<Vec<f64>>,
-    /// The medians of all models, from which those of a replicate start, in slot order.
+    /// The medians of all models, in slot order.
     start: Vec<Vector2<f64>>,
-    alpha: f64,
     /// The models' weights, where they differ.
     weights: Option<Vec<f64>>,
 }
 
 impl Sample {
-    fn new(
-        models: &[&SequenceModel],
-        representative: &Representative,
-        live: &[NodeId],
-        alpha: f64,
-        weights: Option<Vec<f64>>,
-        with_pairs: bool,
-    ) -> Self {
+    fn new(models: &[&SequenceModel], representative: &Representative, live: &[NodeId], weights: Option<Vec<f64>>) -> Self {
         let models: Vec<_> = models.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
         let center = DisplacementFields::of_model(&representative.model, live);
-        let n = models.len();
-        let of_field = |m: usize| {
-            let row = |i: usize| (0..n).map(|j| models[i].frame_distance(&models[j], m)).collect::<Vec<_>>();
-            (0..n).into_par_iter().flat_map_iter(row).collect()
-        };
         let (fields, nodes) = (center.field_count(), center.node_count());
-        let pairs = if with_pairs { (0..fields).map(of_field).collect() } else { Vec::new() };
         let start = (0..fields).flat_map(|m| (0..nodes).map(|k| center.vector(m, k)).collect::<Vec<_>>()).collect();
-        Self { models, fields, nodes, pairs, start, alpha, weights }
+        Self { models, fields, nodes, start, weights }
     }
 
     fn weight(&self, model: usize) -> f64 {
@@ -243,73 +208,8 @@ impl Sample {
         median_of(values, weights.as_deref()).unwrap_or(0.0)
     }
 
-    /// Dispersion of the models, each as often as `copies` says.
-    fn dispersion(&self, copies: &[usize]) -> f64 {
-        let (fields, nodes) = (self.fields, self.nodes);
-        let drawn: Vec<usize> = (0..copies.len()).filter(|&i| copies[i] > 0).collect();
-        // Of each model's copies the first `kept[m][i]` are kept in field m.
-        let kept: Vec<Vec<usize>> = (0..fields).map(|m| self.kept(m, copies, &drawn)).collect();
-        let mut sums = vec![0.0; drawn.len() * fields];
-        for m in 0..fields {
-            let members: Vec<usize> = drawn.iter().copied().filter(|&i| kept[m][i] > 0).collect();
-            for k in 0..nodes {
-                let points: Vec<(Vector2<f64>, f64)> =
-                    members.iter().map(|&i| (self.models[i].vector(m, k), kept[m][i] as f64 * self.weight(i))).collect();
-                let center = refined_median(&points, self.start[m * nodes + k]);
-                for (place, &i) in drawn.iter().enumerate() {
-                    let v = self.models[i].vector(m, k);
-                    sums[place * fields + m] += length(v.x - center.x, v.y - center.y);
-                }
-            }
-        }
-        let (mut distances, mut weights) = (Vec::new(), Vec::new());
-        for (place, &i) in drawn.iter().enumerate() {
-            for copy in 0..copies[i] {
-                let in_fields = (0..fields).filter(|&m| copy < kept[m][i]);
-                let (sum, number) =
-                    in_fields.fold((0.0, 0), |(sum, n), m| (sum + sums[place * fields + m] / nodes as f64, n + 1));
-                if number > 0 {
-                    distances.push(Some(sum / f64::from(number)));
-                    weights.push(self.weight(i));
-                }
-            }
-        }
-        median_of(distances, self.weights.as_ref().map(|_| weights.as_slice())).unwrap_or(0.0)
-    }
-
-    /// How many copies of every model field m keeps.
-    fn kept(&self, m: usize, copies: &[usize], drawn: &[usize]) -> Vec<usize> {
-        let n = copies.len();
-        let sum = |i: usize| -> f64 { drawn.iter().map(|&j| copies[j] as f64 * self.weight(j) * self.pairs[m][i * n + j]).sum() };
-        let mut order: Vec<(f64, usize)> = drawn.iter().map(|&i| (sum(i), i)).collect();
-        // The farthest first, of equally far ones the later.
-        order.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
-        let mut kept = copies.to_vec();
-        if self.weights.is_none() {
-            let mut left = trimmed_count(self.alpha, copies.iter().sum());
-            for (_, i) in order {
-                let gone = left.min(kept[i]);
-                kept[i] -= gone;
-                left -= gone;
-            }
-            return kept;
-        }
-        let total: f64 = drawn.iter().map(|&i| copies[i] as f64 * self.weight(i)).sum();
-        let mut left = self.alpha * total * (1.0 + 1e-12);
-        for (_, i) in order {
-            let fit = (left / self.weight(i)).floor() as usize;
-            let gone = fit.min(kept[i]);
-            kept[i] -= gone;
-            left -= gone as f64 * self.weight(i);
-            if kept[i] > 0 {
-                break;
-            }
-        }
-        kept
-    }
-
-    /// The dispersion with every person's distances to the medians of the others, over the fields that a model is kept in.
-    fn left_out(&self, people: &[Vec<usize>], kept: &[Vec<bool>], exact: bool) -> f64 {
+    /// Every model's distance to the medians of other people, over the fields that it is kept in; `None` where that is no field.
+    fn left_out(&self, people: &[Vec<usize>], kept: &[Vec<bool>], exact: bool) -> Vec<Option<f64>> {
         let (fields, nodes, n) = (self.fields, self.nodes, self.models.len());
         let of_slot = |slot: usize| -> Vec<f64> {
             let (m, k) = (slot / nodes, slot % nodes);
@@ -345,7 +245,7 @@ impl Sample {
             let (sum, count) = in_fields.fold((0.0, 0usize), |(sum, count), m| (sum + sums[m][i], count + 1));
             (count > 0).then(|| sum / (count * nodes) as f64)
         };
-        median_of((0..n).map(of_model), self.weights.as_deref()).unwrap_or(0.0)
+        (0..n).map(of_model).collect()
     }
 }
 
@@ -488,20 +388,12 @@ mod tests {
 
     #[test]
     fn an_interval_is_around_the_middle_of_both_dispersions() {
-        // Deviation of 1, 2, 3 is 1: 4.5 plus and minus 1.96 sqrt(10 / 9); the basic one is 8 - 2.95 to 8 - 1.05.
-        let r = DispersionReplicates { dispersion: 4.0, left_out: 5.0, values: vec![1.0, 2.0, 3.0], people: 10, retrimmed: true };
-        let half = Z * (10.0f64 / 9.0).sqrt();
-        assert_eq!((r.interval().low, r.interval().high), (4.5 - half, 4.5 + half));
-        assert_eq!(r.around_left_out().high, 5.0 + half);
-        approx::assert_relative_eq!(r.basic().low, 5.05, max_relative = 1e-12);
-        approx::assert_relative_eq!(r.basic().high, 6.95, max_relative = 1e-12);
+        // Deviation of 1, 2, 3 is 1; Student's quantile for 9 degrees of freedom is 2.262157: 4.5 plus and minus it times sqrt(10 / 9).
+        let r = DispersionReplicates { dispersion: 4.0, left_out: 5.0, values: vec![1.0, 2.0, 3.0], people: 10 };
+        let half = 2.262_157 * (10.0f64 / 9.0).sqrt();
+        approx::assert_relative_eq!(r.interval().low, 4.5 - half, max_relative = 1e-6);
+        approx::assert_relative_eq!(r.interval().high, 4.5 + half, max_relative = 1e-6);
+        approx::assert_relative_eq!(r.around_left_out().high, 5.0 + half, max_relative = 1e-6);
         assert!(no_interval(7).unwrap().starts_with("7 people are too few") && no_interval(8).is_none());
-    }
-
-    #[test]
-    fn quantiles_lie_between_values() {
-        // Of 0, 10, 20, 30, 40 the share 0.1 is at place 0.4.
-        assert_eq!(quantile(&[0.0, 10.0, 20.0, 30.0, 40.0], 0.1), 4.0);
-        assert_eq!(quantile(&[7.0], 0.975), 7.0);
     }
 }

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     SequenceModel, Weighting,
-    bootstrap::{MAX_RETRIMMED, Place, refined_median},
+    bootstrap::{MAX_EXACT, Place, refined_median},
     weights::sequence_weights,
 };
 use crate::{
@@ -108,7 +108,7 @@ pub fn amplitudes(models: &[&SequenceModel], wireframe: &Wireframe, tables: &Tab
         let place = Place::new(&points, all);
         let mut products = vec![(0.0, 0.0); models.len()];
         for person in &people {
-            let median = if models.len() <= MAX_RETRIMMED {
+            let median = if models.len() <= MAX_EXACT {
                 let others: Vec<_> = (0..points.len()).filter(|i| !person.contains(i)).map(|i| points[i]).collect();
                 refined_median(&others, all)
             } else {

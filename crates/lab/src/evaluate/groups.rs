@@ -66,7 +66,7 @@ pub struct IntervalTrial {
     pub people: usize,
     /// Classes.
     pub tried: usize,
-    /// Intervals that hold the truth: ours, that around the dispersion of people left out, and the basic bootstrap's.
+    /// Intervals that hold the truth: ours, that around the dispersion of people left out, and that around the class's own.
     pub covered: [usize; 3],
     /// Mean width of ours, face units.
     pub width: f64,
@@ -184,13 +184,12 @@ fn coverage(
             let models = class(far + (number as u64 + 1) * PEOPLE_PER_PAIR, count)?;
             let of_class = representative(label(), &models, people.wireframe(), &statistics)?;
             let models: Vec<&SequenceModel> = models.iter().collect();
-            let (alpha, replicates) = (statistics.alpha, options.replicates);
-            let made = dispersion_replicates(&of_class, &models, live, alpha, replicates, options.seed, number as u32);
+            let made = dispersion_replicates(&of_class, &models, live, options.replicates, options.seed, number as u32);
             tick();
             let Some(made) = made else { continue };
             let ours = made.interval();
             trial.tried += 1;
-            for (covered, i) in trial.covered.iter_mut().zip([ours, made.around_left_out(), made.basic()]) {
+            for (covered, i) in trial.covered.iter_mut().zip([ours, made.around_left_out(), made.around_own()]) {
                 *covered += usize::from((i.low..=i.high).contains(&truth));
             }
             trial.width += (ours.high - ours.low) / options.intervals as f64;
@@ -242,7 +241,7 @@ impl GroupStudy {
             "low_percent",
             "high_percent",
             "covered_left_out_percent",
-            "covered_basic_percent",
+            "covered_own_percent",
             "mean_width",
             "mean_dispersion",
             "true_dispersion",
