@@ -3,6 +3,7 @@
 //! One line is one row. A quoted field may hold commas and doubled quotes but no line break, so that a quote left open costs its
 //! own row and not all the rows behind it. Blank lines and rows of empty fields are passed over.
 
+use crate::{formula::without_apostrophe, text::excerpt};
 use std::{
     borrow::Cow,
     fmt, fs, io,
@@ -54,7 +55,7 @@ pub enum InputErrorKind {
     Field {
         /// Column name.
         column: String,
-        /// The field.
+        /// The field, shortened and printable.
         found: String,
         /// What should be there.
         expected: &'static str,
@@ -81,11 +82,15 @@ impl fmt::Display for LineSuffix {
     }
 }
 
+/// Most columns that a message names.
+const MOST_NAMES: usize = 20;
+
 fn quoted(names: &[String]) -> String {
     if names.is_empty() {
         return "none".to_owned();
     }
-    names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
+    let shown = names.iter().take(MOST_NAMES).map(|n| format!("`{}`", excerpt(n))).collect::<Vec<_>>().join(", ");
+    if names.len() > MOST_NAMES { format!("{shown} and {} more", names.len() - MOST_NAMES) } else { shown }
 }
 
 fn separator_hint(found: &[String]) -> &'static str {
@@ -101,6 +106,8 @@ pub struct CsvFile {
     path: PathBuf,
     bytes: Vec<u8>,
     header: Vec<String>,
+    /// Line of the header, from 1.
+    header_line: usize,
     /// Offset and line number of what follows the header.
     body: (usize, usize),
 }
@@ -135,14 +142,14 @@ impl CsvFile {
         let mut lines = Lines { bytes: &bytes, offset: start, line: 1 };
         let (line, text) = lines.by_ref().find(|(_, text)| !is_blank(text)).ok_or_else(|| error(None, InputErrorKind::Empty))?;
         let fields = split_fields(text).map_err(|kind| error(Some(line), kind))?;
-        let header: Vec<String> = fields.iter().map(|f| f.trim().to_owned()).collect();
+        let header: Vec<String> = fields.iter().map(|f| without_apostrophe(f.trim()).to_owned()).collect();
         for (k, name) in header.iter().enumerate() {
             if !name.is_empty() && header[..k].contains(name) {
-                return Err(error(Some(line), InputErrorKind::DuplicateColumn { name: name.clone() }));
+                return Err(error(Some(line), InputErrorKind::DuplicateColumn { name: excerpt(name) }));
             }
         }
         let body = (lines.offset, lines.line);
-        Ok(Self { path: path.to_owned(), bytes, header, body })
+        Ok(Self { path: path.to_owned(), bytes, header, header_line: line, body })
     }
 
     /// The file's path.
@@ -173,7 +180,11 @@ impl CsvFile {
             return Ok(names.map(|n| self.column(n).unwrap_or_default()));
         }
         let found = self.header.iter().filter(|n| !n.is_empty()).cloned().collect();
-        Err(InputError { path: self.path.clone(), line: None, kind: InputErrorKind::MissingColumns { missing, found } })
+        Err(InputError {
+            path: self.path.clone(),
+            line: Some(self.header_line),
+            kind: InputErrorKind::MissingColumns { missing, found },
+        })
     }
 
     /// All rows in order. A bad row is an error of its own and does not end the iteration.
@@ -209,10 +220,11 @@ impl CsvRow<'_> {
         self.line
     }
 
-    /// A field without surrounding white space; empty for a column that is not there.
+    /// A field without surrounding white space, and without the apostrophe that keeps it from being a formula in our own files; empty for
+    /// a column that is not there.
     #[must_use]
     pub fn get(&self, column: usize) -> &str {
-        self.fields.get(column).map_or("", |f| f.trim())
+        self.fields.get(column).map_or("", |f| without_apostrophe(f.trim()))
     }
 
     /// A field as a finite number.
@@ -235,8 +247,8 @@ impl CsvRow<'_> {
     /// An error that names this row's line, the column, and what is there.
     #[must_use]
     pub fn field_error(&self, column: usize, expected: &'static str) -> InputError {
-        let name = self.header.get(column).cloned().unwrap_or_default();
-        let kind = InputErrorKind::Field { column: name, found: self.get(column).to_owned(), expected };
+        let name = self.header.get(column).map(|name| excerpt(name)).unwrap_or_default();
+        let kind = InputErrorKind::Field { column: name, found: excerpt(self.get(column)), expected };
         InputError { path: self.path.to_owned(), line: Some(self.line), kind }
     }
 }
@@ -345,7 +357,7 @@ mod tests {
     fn columns_are_asked_for_by_name() {
         let file = file(b"node;x;y\n").unwrap();
         let error = file.require(["node", "x"]).unwrap_err().to_string();
-        assert_eq!(error, "a.csv: has no column `node`, `x`; found `node;x;y` (columns are separated by commas)");
+        assert_eq!(error, "a.csv, line 1: has no column `node`, `x`; found `node;x;y` (columns are separated by commas)");
         assert!(super::tests::file(b"a,b,a\n").unwrap_err().to_string().contains("column `a` twice"));
         assert!(super::tests::file(b"\n \n").unwrap_err().to_string().contains("is empty"));
         assert!(super::tests::file(b"a,b,,\n").is_ok(), "columns without a name do not collide");
@@ -360,6 +372,11 @@ mod tests {
         assert!(rows[2].number(0).is_err());
         assert!(rows[3].whole_number(0).is_err());
         assert_eq!(rows[4].whole_number(0).unwrap(), 4);
+        // What a terminal would obey is escaped, and a field as long as the file is not repeated.
+        let hostile = super::tests::file(format!("a\n\u{1b}[2J\n{}\n", "9e".repeat(1_000_000)).as_bytes()).unwrap();
+        let errors: Vec<_> = hostile.rows().map(|row| row.unwrap().number(0).unwrap_err().to_string()).collect();
+        assert_eq!(errors[0], "a.csv, line 2: a is `\\u{1b}[2J`; a finite number was expected");
+        assert!(errors[1].ends_with("9e9e...`; a finite number was expected") && errors[1].len() < 200);
     }
 
     proptest! {

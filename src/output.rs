@@ -8,6 +8,8 @@ use std::{
 
 use serde::Serialize;
 
+use crate::formula::FormulaGuard;
+
 /// A file or folder that could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}", path.display())]
@@ -111,13 +113,19 @@ pub fn write_json<T: Serialize + ?Sized>(path: &Path, value: &T) -> Result<(), O
     })
 }
 
+/// A writer of CSV whose fields no spreadsheet takes for formulas: see [`crate::formula`]. All CSV files with texts in them are written
+/// through it.
+pub fn csv_writer<W: Write>(writer: W) -> csv::Writer<impl Write> {
+    csv::Writer::from_writer(FormulaGuard::new(writer))
+}
+
 /// Writes rows as CSV, the header taken from the row type's field names.
 ///
 /// # Errors
 /// As [`write_atomic`].
 pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<(), OutputError> {
     write_atomic(path, |writer| {
-        let mut csv = csv::Writer::from_writer(writer);
+        let mut csv = csv_writer(writer);
         for row in rows {
             csv.serialize(row).map_err(io::Error::from)?;
         }
@@ -135,7 +143,7 @@ pub fn write_records<H: AsRef<[u8]>>(
     rows: impl IntoIterator<Item = Vec<String>>,
 ) -> Result<(), OutputError> {
     write_atomic(path, |writer| {
-        let mut csv = csv::Writer::from_writer(writer);
+        let mut csv = csv_writer(writer);
         csv.write_record(header).map_err(io::Error::from)?;
         for row in rows {
             csv.write_record(&row).map_err(io::Error::from)?;

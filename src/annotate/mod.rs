@@ -5,7 +5,7 @@
 //! takes corrections, and tracks again from a corrected frame.
 //!
 //! [`Annotator::bind`] opens the port, [`Annotator::serve`] answers until it is told to stop. What the page asks for is in `routes`, who
-//! may ask in `security`, marks and frames of a dataset in `desk`, tracks in `retrack`; files are written by the writers of
+//! may ask in `security`, what a connection may cost in `serve`, marks and frames of a dataset in `desk`, tracks in `retrack`; files are written by the writers of
 //! [`crate::fit`] and [`crate::track`] and, for the manifest, by `manifest_edit`.
 
 mod desk;
@@ -18,6 +18,7 @@ mod request;
 mod retrack;
 mod routes;
 mod security;
+mod serve;
 
 use std::{
     io,
@@ -194,14 +195,15 @@ impl Annotator {
     pub fn serve(self, stop: &AtomicBool) -> Result<(), AnnotateError> {
         let runtime =
             tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(AnnotateError::Server)?;
-        let router = routes::router(self.app);
+        let limits = serve::Limits::default();
+        let router = routes::router(self.app, limits);
         runtime.block_on(async {
             self.listener.set_nonblocking(true).map_err(AnnotateError::Server)?;
             let listener = tokio::net::TcpListener::from_std(self.listener).map_err(AnnotateError::Server)?;
-            let serving = axum::serve(listener, router);
+            let serving = serve::serve(listener, router, limits);
             // Every change was saved when it was made: connections may be cut.
             tokio::select! {
-                ended = async { serving.await } => ended.map_err(AnnotateError::Server),
+                ended = serving => ended.map_err(AnnotateError::Server),
                 () = stopped(stop) => Ok(()),
             }
         })

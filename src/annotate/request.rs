@@ -8,6 +8,8 @@ use axum::{
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use crate::text::message;
+
 /// Why a request is not fulfilled.
 #[derive(Debug)]
 pub enum RequestError {
@@ -26,12 +28,12 @@ pub enum RequestError {
 impl RequestError {
     /// A refusal in the words of an error.
     pub fn refused(error: impl std::fmt::Display) -> Self {
-        Self::Refused(error.to_string())
+        Self::Refused(message(&error.to_string()).into_owned())
     }
 
     /// A failure in the words of an error.
     pub fn failed(error: impl std::fmt::Display) -> Self {
-        Self::Failed(error.to_string())
+        Self::Failed(message(&error.to_string()).into_owned())
     }
 
     /// A conflict with what is there now.

@@ -38,13 +38,11 @@ use super::{
     page,
     retrack::{Correct, Retrack, TrackDesk},
     security,
+    serve::{BODY_LIMIT, Limits, whole_body},
 };
 
-/// Largest body of a request: more than the marks of all nodes need.
-const BODY_LIMIT: usize = 64 * 1024;
-
 /// The addresses of the page.
-pub fn router(app: Shared) -> Router {
+pub fn router(app: Shared, limits: Limits) -> Router {
     Router::new()
         .route("/{token}/", get(index))
         .route("/{token}/{file}", get(file))
@@ -76,6 +74,7 @@ pub fn router(app: Shared) -> Router {
         )
         .fallback(|| async { RequestError::NotFound("no such page".to_owned()) })
         .layer(DefaultBodyLimit::max(BODY_LIMIT))
+        .layer(middleware::from_fn_with_state(limits, whole_body))
         .layer(middleware::from_fn_with_state(app.clone(), security::check))
         .with_state(app)
 }

@@ -8,7 +8,7 @@ use grimace::synthesis::{
     read_recipes, recipe_motions, write_feature_points, write_recipes,
 };
 
-use super::Outcome;
+use super::{Outcome, shared::about};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -153,7 +153,7 @@ pub fn open(path: &Path) -> anyhow::Result<Bank> {
     if path.as_os_str() == EMBEDDED && !path.is_file() {
         return Ok(synthesis::candide_bank()?);
     }
-    Ok(Bank::open(path)?)
+    Bank::open(path).map_err(|e| about(path)(&e))
 }
 
 fn check_free(force: bool, files: &[Option<&Path>]) -> anyhow::Result<()> {
@@ -173,7 +173,7 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
         unit: args.unit.clone(),
         credit: args.credit.clone(),
     };
-    let summary = build_bank(&args.source, &args.output, &options)?;
+    let summary = build_bank(&args.source, &args.output, &options).map_err(|e| about(&args.source)(&e))?;
     if let Some(path) = &args.save_feature_points {
         write_feature_points(path, &summary.feature_points)?;
     }
@@ -190,7 +190,8 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
 fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     check_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
     let embedded = args.shapes.as_os_str() == EMBEDDED && !args.shapes.is_file();
-    let shapes = if embedded { synthesis::candide_shapes()? } else { Bank::open(&args.shapes)? };
+    let shapes =
+        if embedded { synthesis::candide_shapes()? } else { Bank::open(&args.shapes).map_err(|e| about(&args.shapes)(&e))? };
     let (recipes, dominant) = match (&args.weights, args.performance) {
         (Some(path), _) => (read_recipes(path, shapes.names())?, 0),
         (None, models) => {

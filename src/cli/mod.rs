@@ -31,6 +31,7 @@ mod track;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use grimace::text::message;
 
 /// Representative facial expressions from image sequences, as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
@@ -98,7 +99,7 @@ pub enum Outcome {
 
 /// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
 fn chain(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
+    error.chain().map(|cause| message(&cause.to_string()).into_owned()).fold(String::new(), |text, cause| {
         if text.contains(&cause) {
             text
         } else if text.is_empty() {

@@ -1,5 +1,6 @@
 //! Lines on standard output and standard error.
 
+use grimace::text::{message, printable};
 use std::{
     fmt,
     io::{self, Write},
@@ -9,9 +10,9 @@ use std::{
 /// Why standard output could not be written, if so.
 static FAILURE: OnceLock<io::Error> = OnceLock::new();
 
-/// Prints a line to standard output. A reader that has seen enough is no failure; any other is kept for [`check`].
+/// Prints a line to standard output; what files hold commands no terminal. A reader that has seen enough is no failure; any other is kept for [`check`].
 pub fn line(text: fmt::Arguments<'_>) {
-    match writeln!(io::stdout(), "{text}") {
+    match writeln!(io::stdout(), "{}", printable(&text.to_string())) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => drop(FAILURE.set(error)),
         _ => {}
     }
@@ -19,7 +20,7 @@ pub fn line(text: fmt::Arguments<'_>) {
 
 /// Prints a line to standard error. Where that fails nobody can be told.
 pub fn error_line(text: fmt::Arguments<'_>) {
-    let _ = writeln!(io::stderr(), "{text}");
+    let _ = writeln!(io::stderr(), "{}", message(&text.to_string()));
 }
 
 /// Fails when a line could not be printed.

@@ -316,6 +316,14 @@ impl GeneralArgs {
     }
 }
 
+/// An error about a file: its name, where the error's own text lacks it, and the text.
+pub fn about(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> anyhow::Error {
+    move |error| {
+        let (path, error) = (path.display().to_string(), error.to_string());
+        if error.contains(&path) { anyhow::anyhow!(error) } else { anyhow::anyhow!("{path}: {error}") }
+    }
+}
+
 /// Uses `threads` threads for everything that runs in parallel; 0 for one per processor.
 pub fn set_threads(threads: usize) -> anyhow::Result<()> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start the threads")

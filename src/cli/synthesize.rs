@@ -20,7 +20,7 @@ use serde_json::json;
 use super::{
     Outcome, bank,
     progress::frame_bar,
-    shared::{positive, set_threads},
+    shared::{about, positive, set_threads},
 };
 
 const EXAMPLE: &str = "\
@@ -245,7 +245,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let occupied = out.is_file() || std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
     anyhow::ensure!(args.force || !occupied, "{} is not empty; choose a new folder, or --force to write into it", out.display());
     let bank = bank::open(&args.bank)?;
-    let motion = read_motion(&args.motion, &bank, args.time.scale)?;
+    let motion = read_motion(&args.motion, &bank, args.time.scale).map_err(|e| about(&args.motion)(&e))?;
     let between = args.time.between.unwrap_or(if motion.kind == MotionKind::Model { BETWEEN } else { 0 });
     let noise = args.time.noise.unwrap_or(if motion.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE });
     anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");

@@ -14,7 +14,7 @@ use grimace::{
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, TrackArgs, positive, stop_flag},
+    shared::{FitArgs, GeneralArgs, TrackArgs, about, positive, stop_flag},
 };
 
 /// Track one sequence.
@@ -87,9 +87,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     bar.finish_and_clear();
     let (track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
         Stage::Fit => anyhow::anyhow!("{}: {reason}", args.correspondences.display()),
-        _ => anyhow::anyhow!(reason),
+        _ => about(&args.sequence)(&reason),
     })?;
-    info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| anyhow::anyhow!(f.reason))?;
+    info.inputs_blake3 = source.inputs_blake3(&bench).map_err(|f| about(&args.sequence)(&f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
         overlay_pictures(
@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 output::write_bytes(&path, &bytes).map_err(SequenceFailure::at(Stage::Write))
             },
         )
-        .map_err(|f| anyhow::anyhow!(f.reason))?;
+        .map_err(|f| about(&args.sequence)(&f.reason))?;
     }
     if !args.general.quiet {
         let s = &info.summary;

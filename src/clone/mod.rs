@@ -28,6 +28,7 @@ use crate::{
     model::ModelError,
     normalize::NormalizeError,
     output::OutputError,
+    plausible::Implausible,
     sequence::{FilmError, SequenceError},
     track::TrackFileError,
     warp::WarpError,
@@ -46,6 +47,14 @@ pub use timing::{Ease, Moment, Timing};
 /// Why an expression can not be cloned.
 #[derive(Debug, thiserror::Error)]
 pub enum CloneError {
+    /// A motion that no face makes.
+    #[error("{}, {source}", path.display())]
+    Implausible {
+        /// The source's file.
+        path: PathBuf,
+        /// Frame, node and offset.
+        source: Implausible,
+    },
     /// The source's track or model does not read.
     #[error(transparent)]
     Track(#[from] TrackFileError),

@@ -11,6 +11,7 @@ use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::stable_nodes,
     pipeline::Workbench,
+    plausible::{FaceSize, Implausible},
     track::{TrackedFrame, read_track, read_track_info, track_model},
     units::{FaceUnit, Px},
     wireframe::Fapus,
@@ -60,10 +61,10 @@ impl SourceMotion {
     pub fn read(path: &Path, bench: &Workbench) -> Result<Self, CloneError> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        match extension.as_str() {
+        let motion = match extension.as_str() {
             "fap" => {
                 let file = read_fap(path)?;
-                Self::from_fap(&name, &file.sequence, bench).map_err(|error| with_path(error, path))
+                Self::from_fap(&name, &file.sequence, bench).map_err(|error| with_path(error, path))?
             }
             "csv" => {
                 let frames = read_track(path)?;
@@ -78,15 +79,33 @@ impl SourceMotion {
                         motion.fps = info.fps;
                         motion.emotion = Some(info.emotion);
                     }
-                    Ok(motion)
+                    motion
                 } else {
                     let frame = |f: &TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
                     let model = DynamicExpressionModel::new(frames.iter().map(frame).collect())?;
-                    Self::from_model(&name, &model, bench)
+                    let implausible = |source| CloneError::Implausible { path: path.to_owned(), source };
+                    FaceSize::CANONICAL
+                        .check_neutral(frames.first().map_or(0, |f| f.number), model.neutral().nodes())
+                        .map_err(implausible)?;
+                    Self::from_model(&name, &model, bench)?
                 }
             }
-            _ => Err(CloneError::UnknownSource { path: path.display().to_string() }),
+            _ => return Err(CloneError::UnknownSource { path: path.display().to_string() }),
+        };
+        motion.check().map_err(|source| CloneError::Implausible { path: path.to_owned(), source })?;
+        Ok(motion)
+    }
+
+    /// Checks that the motion is one that a face can make.
+    fn check(&self) -> Result<(), Implausible> {
+        let unit = if self.kind == SourceKind::Track { "px" } else { "face units" };
+        let size = FaceSize { eye_separation: self.fapus.es, unit };
+        let number = |m: usize| self.frames.get(m).map_or(m as u32, |(number, _)| *number);
+        self.offsets.iter().enumerate().try_for_each(|(m, offsets)| size.check_offsets(number(m), offsets))?;
+        if let Some((number, neutral)) = self.frames.first() {
+            size.check_neutral(*number, neutral)?;
         }
+        Ok(())
     }
 
     /// The motion of tracked frames; the head's motion is taken out and kept beside it.

@@ -11,6 +11,7 @@
 //! reading the others. Files that other programs wrote over this one may have columns in another order, nullable types or Snappy
 //! compression.
 
+mod lengths;
 mod read;
 mod write;
 

@@ -17,13 +17,19 @@ use parquet::{
     file::reader::{ChunkReader, FileReader, Length, SerializedFileReader},
 };
 
-use super::{ColumnarError, ID, NAMES, coordinate};
+use super::{
+    ColumnarError, ID, NAMES, coordinate,
+    lengths::{PageLengths, check_footer},
+};
 use crate::{
+    foreign::caught,
     model::{DynamicExpressionModel, FrameExpressionModel},
+    plausible::FaceSize,
     statistics::{
-        MAX_DISPLACEMENT, NEUTRAL_TOLERANCE,
+        NEUTRAL_TOLERANCE,
         scale::{SlotSource, SourceError},
     },
+    text::message,
     units::{FaceUnit, NodeId, SequenceId},
 };
 
@@ -81,6 +87,37 @@ impl ChunkReader for SharedFile {
     }
 }
 
+impl SharedFile {
+    /// The metadata at the end of the file, without its length and the mark behind it; `None` where these are not.
+    fn footer(&self) -> io::Result<Option<Vec<u8>>> {
+        const TAIL: u64 = 8;
+        let Some(tail_at) = self.length.checked_sub(TAIL) else { return Ok(None) };
+        let mut tail = [0; TAIL as usize];
+        self.read_at(tail_at, &mut tail)?;
+        let [a, b, c, d, mark @ ..] = tail;
+        let length = u64::from(u32::from_le_bytes([a, b, c, d]));
+        let Some(start) = tail_at.checked_sub(length).filter(|_| &mark == b"PAR1") else { return Ok(None) };
+        let mut footer = vec![0; length as usize];
+        self.read_at(start, &mut footer)?;
+        Ok(Some(footer))
+    }
+}
+
+/// Most bytes of text in a column over the bytes of the file.
+const MOST_TEXT: u64 = 64;
+
+/// Checks the numbers of rows: those of the groups make that of the file, and every row takes a byte at least.
+fn check_rows(reader: &SerializedFileReader<SharedFile>, length: u64) -> Result<(), String> {
+    let rows = reader.metadata().file_metadata().num_rows();
+    let groups = reader.metadata().row_groups().iter().map(parquet::file::metadata::RowGroupMetaData::num_rows);
+    let sum = groups.map(|rows| u64::try_from(rows).ok()).try_fold(0_u64, |sum, rows| sum.checked_add(rows?));
+    if u64::try_from(rows).ok() == sum && sum.is_some_and(|sum| sum <= length) {
+        Ok(())
+    } else {
+        Err(format!("{rows} rows in {length} bytes"))
+    }
+}
+
 /// Axis, frame and node of a coordinate's column.
 pub(super) fn parse_coordinate(name: &str) -> Option<(usize, usize, usize)> {
     let mut parts = name.split('_');
@@ -96,6 +133,7 @@ pub(super) fn parse_coordinate(name: &str) -> Option<(usize, usize, usize)> {
 /// An open file of models.
 pub struct ColumnarModels {
     path: PathBuf,
+    shared: SharedFile,
     reader: SerializedFileReader<SharedFile>,
     /// Sequences by row.
     pub ids: Vec<SequenceId>,
@@ -125,7 +163,13 @@ impl ColumnarModels {
         let file = File::open(path).map_err(io_error)?;
         let length = file.metadata().map_err(io_error)?.len();
         let shared = SharedFile { file: Arc::new(Mutex::new(file)), length };
-        let reader = SerializedFileReader::new(shared).map_err(|e| parquet_error(path, &e))?;
+        let damaged = |reason: String| ColumnarError::Parquet { path: path.to_owned(), reason };
+        let footer = shared.footer().map_err(io_error)?.ok_or_else(|| damaged("no Parquet footer at its end".to_owned()))?;
+        check_footer(&footer).map_err(damaged)?;
+        drop(footer);
+        let reader =
+            caught(|| SerializedFileReader::new(shared.clone())).map_err(damaged)?.map_err(|e| parquet_error(path, &e))?;
+        check_rows(&reader, length).map_err(damaged)?;
         let schema = reader.metadata().file_metadata().schema_descr_ptr();
         let (mut numbers, mut texts) = (BTreeMap::new(), BTreeMap::new());
         for (place, column) in schema.columns().iter().enumerate() {
@@ -139,17 +183,21 @@ impl ColumnarModels {
         let missing =
             |column: &str, expected| ColumnarError::Column { path: path.to_owned(), column: column.to_owned(), expected };
         let known = numbers.keys().filter_map(|name| parse_coordinate(name));
-        let (frames, nodes) = known.fold((0, 0), |(f, n), (_, frame, node)| (f.max(frame + 1), n.max(node + 1)));
+        let (frames, nodes) =
+            known.fold((0, 0), |(f, n), (_, frame, node)| (f.max(frame.saturating_add(1)), n.max(node.saturating_add(1))));
         if frames < 2 || nodes > usize::from(u16::MAX) {
             return Err(missing("x_1_0", "double"));
         }
-        let mut columns = Vec::with_capacity(frames * nodes * 2);
+        // Names may say more than there is.
+        let all = frames.checked_mul(nodes * 2).filter(|&all| all <= numbers.len());
+        let mut columns = Vec::with_capacity(all.unwrap_or(0));
         for (m, k, axis) in (0..frames).flat_map(|m| (0..nodes).flat_map(move |k| (0..2).map(move |axis| (m, k, axis)))) {
             let name = coordinate(axis, m, k);
             columns.push(*numbers.get(&name).ok_or_else(|| missing(&name, "double"))?);
         }
         let mut file = Self {
             path: path.to_owned(),
+            shared,
             reader,
             ids: Vec::new(),
             emotions: Vec::new(),
@@ -209,46 +257,96 @@ impl ColumnarModels {
 
     /// All values of a column, nulls as `null` where that is given.
     fn values_or<T: DataType>(&self, place: usize, name: &str, null: Option<&T::T>) -> Result<Vec<T::T>, ColumnarError> {
-        let error = |e: ParquetError| parquet_error(&self.path, &e);
-        let rows = usize::try_from(self.reader.metadata().file_metadata().num_rows()).unwrap_or(0);
+        let damaged = |reason| ColumnarError::Parquet { path: self.path.clone(), reason: format!("column `{name}`: {reason}") };
+        let rows = self.reader.metadata().file_metadata().num_rows() as usize;
         let mut values: Vec<T::T> = Vec::new();
         for group in 0..self.reader.num_row_groups() {
-            let group = self.reader.get_row_group(group).map_err(error)?;
-            let count = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
-            let column: ColumnReader = group.get_column_reader(place).map_err(error)?;
-            let mut column = get_typed_column_reader::<T>(column);
-            let mut levels = Vec::new();
+            self.check_pages(group, place).map_err(damaged)?;
             let before = values.len();
-            let (mut read, mut last) = (0, usize::MAX);
-            while read < count && last > 0 {
-                levels.clear();
-                let (records, _, _) = column.read_records(count - read, Some(&mut levels), None, &mut values).map_err(error)?;
-                (read, last) = (read + records, records);
-                if let (Some(null), true) = (null, values.len() != before + read) {
-                    // The values that are there stand together at the end; each goes to its row.
-                    let mut there = values.split_off(before + read - records).into_iter();
-                    let value = |level: &i16| if *level == 0 { Some(null.clone()) } else { there.next() };
-                    values.extend(levels.iter().filter_map(value));
-                }
-                if values.len() != before + read {
-                    let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
-                    let row = before + read - records + null + 1;
-                    return Err(ColumnarError::Missing { path: self.path.clone(), row, column: name.to_owned() });
-                }
+            let read = caught(|| self.group_values::<T>(group, place, null, &mut values)).map_err(damaged)?;
+            if let Some(missing) = read.map_err(|e| damaged(e.to_string()))? {
+                return Err(ColumnarError::Missing {
+                    path: self.path.clone(),
+                    row: before + missing + 1,
+                    column: name.to_owned(),
+                });
             }
         }
-        if values.len() == rows {
-            Ok(values)
-        } else {
-            Err(parquet_error(&self.path, &ParquetError::EOF(format!("{} of {rows} rows", values.len()))))
-        }
+        if values.len() == rows { Ok(values) } else { Err(damaged(format!("{} of {rows} rows", values.len()))) }
     }
 
-    /// All values of a column of text; nulls are empty texts where `may_be_null`.
-    fn texts(&self, place: usize, name: &str, may_be_null: bool) -> Result<Vec<String>, ColumnarError> {
-        let empty = ByteArray::from("");
-        let values = self.values_or::<ByteArrayType>(place, name, may_be_null.then_some(&empty))?;
-        Ok(values.iter().map(|text: &ByteArray| String::from_utf8_lossy(text.data()).into_owned()).collect())
+    /// Adds a row group's values of a column, nulls as `null` where that is given; gives the row of the group, from 0, that has none.
+    fn group_values<T: DataType>(
+        &self,
+        group: usize,
+        place: usize,
+        null: Option<&T::T>,
+        values: &mut Vec<T::T>,
+    ) -> Result<Option<usize>, ParquetError> {
+        let group = self.reader.get_row_group(group)?;
+        let count = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
+        let column: ColumnReader = group.get_column_reader(place)?;
+        let mut column = get_typed_column_reader::<T>(column);
+        let mut levels = Vec::new();
+        let before = values.len();
+        let (mut read, mut last) = (0, usize::MAX);
+        while read < count && last > 0 {
+            levels.clear();
+            let (records, _, _) = column.read_records(count - read, Some(&mut levels), None, values)?;
+            (read, last) = (read + records, records);
+            if let (Some(null), true) = (null, values.len() != before + read) {
+                // The values that are there stand together at the end; each goes to its row.
+                let mut there = values.split_off(before + read - records).into_iter();
+                let value = |level: &i16| if *level == 0 { Some(null.clone()) } else { there.next() };
+                values.extend(levels.iter().filter_map(value));
+            }
+            if values.len() != before + read {
+                let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
+                return Ok(Some(read - records + null));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Checks the lengths that a column's pages say, in a row group.
+    fn check_pages(&self, group: usize, place: usize) -> Result<(), String> {
+        /// Bytes read for a header, and most of them; most headers have some dozens.
+        const FIRST: u64 = 1 << 10;
+        const MOST: u64 = 1 << 24;
+        let group = self.reader.metadata().row_group(group);
+        let column = group.column(place);
+        let rows = u64::try_from(group.num_rows()).unwrap_or(0);
+        let start = column.dictionary_page_offset().unwrap_or_else(|| column.data_page_offset());
+        let range = u64::try_from(start).ok().zip(u64::try_from(column.compressed_size()).ok());
+        let range = range.and_then(|(start, length)| Some((start, start.checked_add(length)?)));
+        let (mut at, end) = range
+            .filter(|&(_, end)| end <= self.shared.length)
+            .ok_or_else(|| format!("{} bytes at {start} of a file of {}", column.compressed_size(), self.shared.length))?;
+        while at < end {
+            let mut window = FIRST;
+            let lengths = loop {
+                let mut bytes = vec![0; (end - at).min(window) as usize];
+                self.shared.read_at(at, &mut bytes).map_err(|e| e.to_string())?;
+                match PageLengths::read(&bytes)? {
+                    Some(lengths) => break lengths,
+                    None if window < (end - at).min(MOST) => window *= 8,
+                    None => return Err("the header of a page ends early".to_owned()),
+                }
+            };
+            at += lengths.checked(end - at, rows)?;
+        }
+        Ok(())
+    }
+
+    fn texts(&self, place: usize, name: &str) -> Result<Vec<String>, ColumnarError> {
+        let values = self.values::<ByteArrayType>(place, name)?;
+        // A text that many rows share stands in the file once.
+        let bytes: u64 = values.iter().map(|text: &ByteArray| text.len() as u64).sum();
+        if bytes > self.shared.length.saturating_mul(MOST_TEXT) {
+            let reason = format!("column `{name}`: {bytes} bytes of text from a file of {}", self.shared.length);
+            return Err(ColumnarError::Parquet { path: self.path.clone(), reason });
+        }
+        Ok(values.iter().map(|text| String::from_utf8_lossy(text.data()).into_owned()).collect())
     }
 
     /// Positions of a node in a frame, by row.
@@ -270,8 +368,11 @@ impl ColumnarModels {
             }
         }
         let model = |(frames, id): (Vec<Vec<Point2<f64>>>, &SequenceId)| {
-            DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())
-                .map_err(|e| ColumnarError::Model { path: self.path.clone(), id: id.to_string(), reason: e.to_string() })
+            let error = |reason: String| ColumnarError::Model { path: self.path.clone(), id: id.to_string(), reason };
+            let model = DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())
+                .map_err(|e| error(e.to_string()))?;
+            FaceSize::CANONICAL.check_model(&model).map_err(|e| error(e.to_string()))?;
+            Ok(model)
         };
         rows.into_iter().zip(&self.ids).map(model).collect()
     }
@@ -284,7 +385,7 @@ impl ColumnarModels {
 }
 
 fn parquet_error(path: &Path, error: &ParquetError) -> ColumnarError {
-    ColumnarError::Parquet { path: path.to_owned(), reason: error.to_string() }
+    ColumnarError::Parquet { path: path.to_owned(), reason: message(&error.to_string()).into_owned() }
 }
 
 /// Models of a file, read node by node, in the order of their ids.
@@ -344,15 +445,16 @@ impl SlotSource for ColumnarClass<'_> {
             );
             return Err(self.error(row, &reason));
         }
+        let neutral = before.clone();
         let mut fields = Vec::with_capacity(self.field_count());
         for frame in 1..self.file.frames {
             let now = read(frame)?;
-            let moved: Vec<Vector2<f64>> = self.rows.iter().map(|&row| now[row] - before[row]).collect();
-            if let Some(place) = moved.iter().position(|v| !(v.x.abs() < MAX_DISPLACEMENT && v.y.abs() < MAX_DISPLACEMENT)) {
-                let (x, y) = (moved[place].x, moved[place].y);
-                return Err(self.error(self.rows[place], &format!("node {node} moves by ({x}, {y}) in field {}", frame - 1)));
+            for &row in &self.rows {
+                let (offset, from) = (now[row] - neutral[row], "where the neutral frame has it");
+                let checked = FaceSize::CANONICAL.check(frame as u32, || format!("node {node}"), offset, from);
+                checked.map_err(|e| self.error(row, &e.to_string()))?;
             }
-            fields.push(moved);
+            fields.push(self.rows.iter().map(|&row| now[row] - before[row]).collect());
             before = now;
         }
         Ok(fields)

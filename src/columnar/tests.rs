@@ -83,7 +83,71 @@ fn files_that_are_no_models_are_refused() {
     let file = ColumnarModels::open(&wild.path().join("m.parquet")).unwrap();
     assert!(file.models().unwrap_err().to_string().contains("b_1"));
     let live = [NodeId(0)];
-    assert!(file.class(vec![0, 1], &live).node(0).unwrap_err().to_string().contains("b_1: node 0 moves by (NaN, 1)"));
+    assert!(file.class(vec![0, 1], &live).node(0).unwrap_err().to_string().contains("b_1: frame 1: node 0 is off by (NaN, 1"));
     let mut writer = ColumnarWriter::create(&folder.path().join("odd"), &[], 3, 2).unwrap();
     assert!(matches!(writer.push(row("a", 1.0)), Err(ColumnarError::Shape { found: 8, expected: 12, .. })));
+}
+
+/// Everything that a file can be asked for.
+fn read_all(path: &std::path::Path) -> Result<usize, String> {
+    let file = ColumnarModels::open(path).map_err(|e| e.to_string())?;
+    let live: Vec<NodeId> = (0..file.node_count()).map(|k| NodeId(k as u16)).collect();
+    let class = file.class((0..file.row_count()).collect(), &live);
+    class.neutral().map_err(|e| e.to_string())?;
+    live.iter().enumerate().try_for_each(|(k, _)| class.node(k).map(drop)).map_err(|e| e.to_string())?;
+    file.models().map(|models| models.len()).map_err(|e| e.to_string())
+}
+
+#[test]
+fn a_damaged_file_is_an_error_and_takes_no_memory() {
+    let good = written(vec![row("a", 1.0), row("b", 2.0), row("c", 3.0)]);
+    let path = good.path().join("m.parquet");
+    let bytes = std::fs::read(&path).unwrap();
+    assert_eq!(read_all(&path), Ok(3));
+    let mut refused = 0;
+    for place in 0..bytes.len() {
+        let mut damaged = bytes.clone();
+        damaged[place] ^= [0x01, 0x80, 0xFF][place % 3];
+        std::fs::write(&path, &damaged).unwrap();
+        // Values may have changed unseen; what must not happen is a panic, or an error that does not name the file.
+        if let Err(error) = read_all(&path) {
+            refused += 1;
+            assert!(error.contains("m.parquet"), "byte {place}: {error}");
+        }
+    }
+    assert!(refused > bytes.len() / 3, "{refused} of {} damaged files refused", bytes.len());
+}
+
+#[test]
+fn rows_and_pages_that_no_file_holds_are_refused() {
+    let good = written(vec![row("a", 1.0), row("b", 2.0)]);
+    let path = good.path().join("m.parquet");
+    let bytes = std::fs::read(&path).unwrap();
+    let error = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        read_all(&path).unwrap_err()
+    };
+    // The footer's third field, the number of rows: i64, zigzag 2.
+    let length = bytes.len();
+    let footer = length - 8 - u32::from_le_bytes(bytes[length - 8..length - 4].try_into().unwrap()) as usize;
+    let mut footers = bytes[footer..length - 8].to_vec();
+    let rows = (0..footers.len()).rev().find(|&at| footers[at..].starts_with(&[0x16, 0x04, 0x19, 0x1C])).unwrap();
+    footers.splice(rows + 1..=rows + 1, [0x80, 0x80, 0x80, 0x80, 0x40]);
+    let many = [&bytes[..footer], &footers, &(footers.len() as u32).to_le_bytes(), b"PAR1"].concat();
+    assert!(error(&many).contains("8589934592 rows in"), "{}", error(&many));
+    // A column named after a frame far out makes no room for all frames before it.
+    let far = String::from_utf8_lossy(&bytes).contains("x_1_0");
+    assert!(far, "names stand in the file as they are");
+    let renamed: Vec<u8> = {
+        let mut bytes = bytes.clone();
+        for at in 0..bytes.len() - 5 {
+            if &bytes[at..at + 5] == b"x_1_0" {
+                bytes[at..at + 5].copy_from_slice(b"x_9_9");
+            }
+        }
+        bytes
+    };
+    assert!(error(&renamed).contains("has no column `x_0_2`"), "{}", error(&renamed));
+    assert!(error(b"PAR1\xFF\xFF\xFF\x7FPAR1").contains("no Parquet footer"));
+    assert!(error(b"PAR1").contains("no Parquet footer"));
 }

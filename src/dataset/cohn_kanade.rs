@@ -21,7 +21,7 @@ use super::{
     frames::{has_frames, sub_folders, visible},
     manifest::CORRESPONDENCES_NAME,
 };
-use crate::units::SequenceId;
+use crate::{text::excerpt, units::SequenceId};
 
 /// Emotions by their code in CK+.
 const EMOTION_CODES: [&str; 8] = ["neutral", "anger", "contempt", "disgust", "fear", "happiness", "sadness", "surprise"];
@@ -148,7 +148,6 @@ fn entry(folders: &Folders, id: &SequenceId) -> Result<Option<SequenceEntry>, Da
 
 /// The label in a sequence's folder of labels; `None` when there is no folder or no file in it.
 fn read_emotion(folder: &Path) -> Result<Option<&'static str>, DatasetError> {
-    const SHOWN: usize = 40;
     if !folder.is_dir() {
         return Ok(None);
     }
@@ -166,6 +165,6 @@ fn read_emotion(folder: &Path) -> Result<Option<&'static str>, DatasetError> {
     let code = text.trim().parse::<f64>().ok().filter(|code| code.fract() == 0.0 && *code >= 0.0);
     match code.and_then(|code| EMOTION_CODES.get(code as usize)) {
         Some(emotion) => Ok(Some(emotion)),
-        None => Err(DatasetError::EmotionCode { path: path.clone(), found: text.trim().chars().take(SHOWN).collect() }),
+        None => Err(DatasetError::EmotionCode { path: path.clone(), found: excerpt(text.trim()) }),
     }
 }

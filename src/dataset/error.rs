@@ -3,7 +3,7 @@
 use std::{io, path::PathBuf};
 
 use super::{FramesError, LandmarksError};
-use crate::{fit::CorrespondenceError, input::InputError, units::SequenceId};
+use crate::{fit::CorrespondenceError, input::InputError, text::excerpt, units::SequenceId};
 
 /// What is wrong with a dataset or one of its sequences.
 #[derive(Debug, thiserror::Error)]
@@ -192,5 +192,5 @@ pub(super) fn check_file_name(column: &'static str, value: &str) -> Result<(), R
         _ if value.len() > MAX_NAME_BYTES => "which is longer than 100 bytes",
         _ => return Ok(()),
     };
-    Err(RowError::NotAFileName { column, value: value.to_owned(), reason })
+    Err(RowError::NotAFileName { column, value: excerpt(value), reason })
 }

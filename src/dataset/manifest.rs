@@ -13,6 +13,7 @@ use std::{
 use super::{Dataset, DatasetError, FailedEntry, RowError, SequenceEntry, error::check_file_name, frames::is_video};
 use crate::{
     input::{CsvFile, CsvRow},
+    text::excerpt,
     units::SequenceId,
 };
 
@@ -87,7 +88,7 @@ fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
         if let Some(found) = csv.header().iter().find(is_near) {
             return Err(DatasetError::MisspeltColumn {
                 path: csv.path().to_owned(),
-                found: found.clone(),
+                found: excerpt(found),
                 meant: meant.to_owned(),
             });
         }

@@ -67,7 +67,7 @@ impl FromStr for FapNumber {
     type Err = ParseFapNumberError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let number: u8 = text.trim().parse().map_err(|_| ParseFapNumberError(text.to_owned()))?;
+        let number: u8 = text.trim().parse().map_err(|_| ParseFapNumberError(crate::text::excerpt(text)))?;
         Self::try_from(number)
     }
 }

@@ -17,13 +17,12 @@ use super::{
     finding::{Finding, Findings, Rule, Severity},
     sequence::{FapFrame, FapSequence, VERSION, is_name_token},
 };
+use crate::text::excerpt;
 
 /// Frame count that encoders write who stream and do not know it.
 const STREAMING_FRAME_COUNT: u64 = 10_000;
 /// Greatest absolute value: what a 32-bit reader holds.
 const VALUE_LIMIT: f64 = i32::MAX as f64;
-/// Characters of a word that a message shows.
-const SHOWN_MAX: usize = 40;
 
 /// A FAP file that was read.
 #[derive(Clone, Debug, PartialEq)]
@@ -271,31 +270,31 @@ impl Parser {
                 true
             }
             _ => {
-                let message = format!("`{}` is not a version; expected {VERSION} (or 2.0, 2.2)", shown(version));
+                let message = format!("`{}` is not a version; expected {VERSION} (or 2.0, 2.2)", excerpt(version));
                 self.findings.error(line, "version", Rule::Version, message);
                 false
             }
         };
         let name = name.join(" ");
         if !is_name_token(&name) {
-            let message = || format!("`{}`; expected one ASCII word of 1 to 100 characters, not starting with #", shown(&name));
+            let message = || format!("`{}`; expected one ASCII word of 1 to 100 characters, not starting with #", excerpt(&name));
             self.findings.warning(line, "name", Rule::Name, message);
         }
         let fps = fps_text.parse::<f64>().ok().filter(|fps| *fps > 0.0 && *fps <= VALUE_LIMIT);
         match fps {
             None => {
-                let message = format!("`{}` is not a frame rate; expected a positive integer, such as 25", shown(fps_text));
+                let message = format!("`{}` is not a frame rate; expected a positive integer, such as 25", excerpt(fps_text));
                 self.findings.error(line, "fps", Rule::FpsInteger, message);
             }
             Some(_) if !is_plain_integer(fps_text) => {
-                let message = || format!("`{}`; expected an integer: readers cut it or stop", shown(fps_text));
+                let message = || format!("`{}`; expected an integer: readers cut it or stop", excerpt(fps_text));
                 self.findings.warning(line, "fps", Rule::FpsInteger, message);
             }
             Some(_) => {}
         }
         let frame_count = count_text.parse::<u64>().ok();
         if frame_count.is_none() {
-            let message = format!("`{}` is not a number of frames", shown(count_text));
+            let message = format!("`{}` is not a number of frames", excerpt(count_text));
             self.findings.error(line, "nframes", Rule::FrameCount, message);
         }
         let version = version_read.then(|| (*version).to_owned())?;
@@ -331,7 +330,7 @@ impl Parser {
             return Expect::Values(None, line);
         }
         if let Some(k) = words.iter().position(|word| !is_flag(word)) {
-            let message = format!("flag {} is `{}`; expected 0 or 1", k + 1, shown(words[k]));
+            let message = format!("flag {} is `{}`; expected 0 or 1", k + 1, excerpt(words[k]));
             self.findings.error(line, "mask", Rule::MaskFlag, message);
             return Expect::Values(None, line);
         }
@@ -390,7 +389,7 @@ impl Parser {
 
     fn frame_number(&mut self, line: usize, word: &str) -> bool {
         let Ok(number) = word.parse::<i64>() else {
-            let message = format!("`{}` is not a frame number", shown(word));
+            let message = format!("`{}` is not a frame number", excerpt(word));
             self.findings.error(line, "frame", Rule::NotNumeric, message);
             self.next_number = self.next_number.map(|next| next.saturating_add(1));
             return false;
@@ -415,17 +414,17 @@ impl Parser {
 
     fn value(&mut self, line: usize, fap: FapNumber, word: &str) -> Option<f64> {
         let Ok(value) = word.parse::<f64>() else {
-            let message = format!("`{}` is not a number", shown(word));
+            let message = format!("`{}` is not a number", excerpt(word));
             self.findings.error(line, format!("FAP {fap}"), Rule::NotNumeric, message);
             return None;
         };
         if value.is_nan() || value.abs() > VALUE_LIMIT {
-            let message = format!("`{}` is not a finite number of 32 bits", shown(word));
+            let message = format!("`{}` is not a finite number of 32 bits", excerpt(word));
             self.findings.error(line, format!("FAP {fap}"), Rule::NotFinite, message);
             return None;
         }
         if !is_plain_integer(word) {
-            let message = || format!("FAP {fap} is `{}`; expected a decimal integer: some readers stop here", shown(word));
+            let message = || format!("FAP {fap} is `{}`; expected a decimal integer: some readers stop here", excerpt(word));
             self.findings.warning(line, "values", Rule::Integer, message);
         }
         Some(value)
@@ -445,7 +444,7 @@ impl Parser {
         for word in words {
             let value = self.value(line, fap, word)?;
             if value.fract() != 0.0 {
-                let message = format!("`{}` is not an integer", shown(word));
+                let message = format!("`{}` is not an integer", excerpt(word));
                 self.findings.error(line, field, Rule::Integer, message);
                 return None;
             }
@@ -471,15 +470,6 @@ fn is_flag(word: &str) -> bool {
 fn is_plain_integer(word: &str) -> bool {
     let digits = word.strip_prefix('-').unwrap_or(word);
     !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())
-}
-
-/// A word as messages show it: printable, and not too long.
-fn shown(word: &str) -> String {
-    let mut text: String = word.chars().take(SHOWN_MAX).flat_map(char::escape_debug).collect();
-    if word.chars().nth(SHOWN_MAX).is_some() {
-        text.push_str("...");
-    }
-    text
 }
 
 #[cfg(test)]

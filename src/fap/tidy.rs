@@ -15,7 +15,10 @@ use super::{
     interpolate::MAX_FRAMES,
     sequence::{FapFrame, FapSequence, VERSION, name_token},
 };
-use crate::output::{OutputError, nine_digits, write_csv};
+use crate::{
+    output::{OutputError, nine_digits, write_csv},
+    text::{excerpt, message},
+};
 
 /// A table that does not read.
 #[derive(Debug, thiserror::Error)]
@@ -88,13 +91,13 @@ pub fn read_tidy_csv(path: &Path, fps: f64) -> Result<FapSequence, TidyError> {
         let text = |column: usize| record.get(column).unwrap_or_default();
         let number = text(frame_column).parse::<usize>().ok().filter(|&number| number < MAX_FRAMES);
         let number = number.ok_or_else(|| {
-            at(line, format!("`{}` is not a frame number; expected 0 to {}", text(frame_column), MAX_FRAMES - 1))
+            at(line, format!("`{}` is not a frame number; expected 0 to {}", excerpt(text(frame_column)), MAX_FRAMES - 1))
         })?;
-        let fap: FapNumber = text(fap_column).parse().map_err(|e| at(line, format!("{e}")))?;
+        let fap: FapNumber = text(fap_column).parse().map_err(|e| at(line, message(&format!("{e}")).into_owned()))?;
         let row = FapCatalog::mpeg4().row(fap);
         let name = name_column.map(text).filter(|name| !name.is_empty() && *name != row.name);
         if let Some(name) = name {
-            return Err(at(line, format!("FAP {fap} is `{}`, not `{name}`", row.name)));
+            return Err(at(line, format!("FAP {fap} is `{}`, not `{}`", row.name, excerpt(name))));
         }
         let frame = frames.entry(number).or_default();
         if frame.is_set(fap) {
@@ -104,7 +107,8 @@ pub fn read_tidy_csv(path: &Path, fps: f64) -> Result<FapSequence, TidyError> {
             frame.set_fields(fap, Some(fields(fap, text(value_column)).map_err(|reason| at(line, reason))?));
         } else {
             let value = text(value_column).parse::<f64>().ok().filter(|value| value.abs() <= f64::from(i32::MAX));
-            let value = value.ok_or_else(|| at(line, format!("`{}` is not a finite number of 32 bits", text(value_column))))?;
+            let value =
+                value.ok_or_else(|| at(line, format!("`{}` is not a finite number of 32 bits", excerpt(text(value_column)))))?;
             frame.set_value(fap, Some(value));
         }
     }
@@ -122,7 +126,7 @@ fn fields(fap: FapNumber, text: &str) -> Result<Vec<i32>, String> {
     let fields: Option<Vec<i32>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
     fields
         .filter(|fields| fields.len() == count || fields.len() == 1)
-        .ok_or_else(|| format!("`{text}` is no value of FAP {fap}; expected {count} integers (or 1)"))
+        .ok_or_else(|| format!("`{}` is no value of FAP {fap}; expected {count} integers (or 1)", excerpt(text)))
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use std::{
 use npyz::{NpyFile, NpyReader, Order, WriterBuilder};
 
 use super::MeshFileError;
+use crate::foreign::caught;
 
 /// A whole array in memory, C order.
 #[derive(Clone, Debug, PartialEq)]
@@ -117,7 +118,8 @@ fn open(path: &Path) -> Result<(NpyFile<Source>, Vec<usize>), MeshFileError> {
     let header = check_header(path)?;
     let file = File::open(path).map_err(MeshFileError::io(path))?;
     let length = file.metadata().map_err(MeshFileError::io(path))?.len();
-    let array = NpyFile::new(BufReader::new(file)).map_err(|e| MeshFileError::format(path, format!("no .npy array: {e}")))?;
+    let array = caught(|| NpyFile::new(BufReader::new(file))).map_err(|e| MeshFileError::format(path, e))?;
+    let array = array.map_err(|e| MeshFileError::format(path, format!("no .npy array: {e}")))?;
     if array.order() != Order::C {
         return Err(MeshFileError::format(path, "the array is in Fortran order; save it with numpy.ascontiguousarray"));
     }

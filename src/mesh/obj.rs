@@ -11,6 +11,7 @@ use std::{
 use ::obj::{Group, IndexTuple, LoadConfig, ObjData, ObjError, Object, SimplePolygon};
 
 use super::{MeshFileError, TriangleMesh, fan};
+use crate::{foreign::caught, text::excerpt};
 
 /// Reads an OBJ file; polygons become fans.
 ///
@@ -29,7 +30,8 @@ pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
         plain.push(b'\n');
     }
     let config = LoadConfig { strict: false };
-    let data = ObjData::load_buf_with_config(&plain[..], config).map_err(|e| MeshFileError::format(path, reason(&e)))?;
+    let data = caught(|| ObjData::load_buf_with_config(&plain[..], config)).map_err(|e| MeshFileError::format(path, e))?;
+    let data = data.map_err(|e| MeshFileError::format(path, reason(&e)))?;
     let mut triangles = Vec::new();
     let polygons = data.objects.iter().flat_map(|o| &o.groups).flat_map(|g| &g.polys);
     for (face, polygon) in polygons.enumerate() {
@@ -51,7 +53,7 @@ pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
 fn reason(error: &ObjError) -> String {
     match error {
         ObjError::MalformedFaceGroup { line_number, group } => {
-            format!("line {}: `{group}` is not a corner such as 7, 7/1 or 7/1/3", line_number + 1)
+            format!("line {}: `{}` is not a corner such as 7, 7/1 or 7/1/3", line_number + 1, excerpt(group))
         }
         ObjError::ArgumentListFailure { line_number, .. } => format!("line {}: three numbers were expected", line_number + 1),
         ObjError::ZeroVertexNumber { line_number } => format!("line {}: vertex 0; OBJ counts from 1", line_number + 1),

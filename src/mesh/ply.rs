@@ -15,6 +15,7 @@ use ply_rs_bw::{
 };
 
 use super::{MeshFileError, TriangleMesh, fan};
+use crate::foreign::caught;
 
 /// A row of a PLY file: a vertex's position, or a face's corners.
 #[derive(Debug)]
@@ -87,6 +88,10 @@ impl PropertyAccess for Row {
 /// [`MeshFileError`] for a file that can not be read, is damaged or ends early, or what is no mesh.
 pub fn read_ply(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     let file = File::open(path).map_err(MeshFileError::io(path))?;
+    caught(|| parse(path, file)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
+}
+
+fn parse(path: &Path, file: File) -> Result<TriangleMesh, MeshFileError> {
     let mut reader = Reader::new(BufReader::new(file));
     let parser = Parser::<Row>::new();
     let header = parser.read_header(&mut reader).map_err(|e| MeshFileError::format(path, e))?;

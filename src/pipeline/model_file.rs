@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     output::{OutputError, nine_digits, write_atomic},
+    plausible::{FaceSize, Implausible},
     units::FaceUnit,
 };
 
@@ -38,6 +39,14 @@ pub enum ModelFileError {
         /// Why.
         source: ModelError,
     },
+    /// It moves as no face does.
+    #[error("{}, {source}", path.display())]
+    Implausible {
+        /// The file.
+        path: PathBuf,
+        /// Frame, node and offset.
+        source: Implausible,
+    },
 }
 
 /// Reads a normalized model or a representative.
@@ -48,5 +57,8 @@ pub fn read_model(path: &Path) -> Result<DynamicExpressionModel<FaceUnit>, Model
     let frames = crate::track::read_track(path)?;
     let frame = |f: crate::track::TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
     let model = DynamicExpressionModel::new(frames.into_iter().map(frame).collect());
-    model.map_err(|source| ModelFileError::Model { path: path.to_owned(), source })
+    let model = model.map_err(|source| ModelFileError::Model { path: path.to_owned(), source })?;
+    let checked = FaceSize::CANONICAL.check_model(&model);
+    checked.map_err(|source| ModelFileError::Implausible { path: path.to_owned(), source })?;
+    Ok(model)
 }

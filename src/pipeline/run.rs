@@ -25,6 +25,7 @@ use crate::{
     dataset::SequenceEntry,
     output::{self, OutputError},
     pipeline::{write_analysis, write_columnar},
+    text::message,
     units::SequenceId,
 };
 
@@ -164,7 +165,11 @@ pub fn run(
         id: SequenceId { subject: failure.subject.clone(), sequence: failure.sequence.clone() },
         emotion: String::new(),
         entry: None,
-        source: Err(SequenceFailure { stage: Stage::Dataset, reason: failure.error.to_string(), fatal: false }),
+        source: Err(SequenceFailure {
+            stage: Stage::Dataset,
+            reason: message(&failure.error.to_string()).into_owned(),
+            fatal: false,
+        }),
     }));
     planned.sort_by(|a, b| a.id.cmp(&b.id));
 

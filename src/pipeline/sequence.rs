@@ -17,8 +17,9 @@ use crate::{
     model::DynamicExpressionModel,
     output,
     overlay::draw_overlay,
+    plausible::FaceSize,
     sequence::{SequenceReader, read_first_frame},
-    statistics::MAX_DISPLACEMENT,
+    text::message,
     track::{
         TRACK_SCHEMA, Track, TrackError, TrackInfo, TrackSummary, TrackedFrame, read_track, read_track_info, summarize,
         track_model, track_sequence, track_units, write_track,
@@ -82,6 +83,7 @@ impl SequenceFailure {
                 }
                 cause = inner.source();
             }
+            let reason = message(&reason).into_owned();
             Self { stage, reason, fatal: stage == Stage::Write }
         }
     }
@@ -252,12 +254,10 @@ pub(super) fn normalized(
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
     let model = normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))?;
     // One such model would end the statistics of all.
-    let offsets = |m| model.neutral_offsets(m).into_iter().map(|v| v.norm()).fold(0.0, f64::max);
-    let largest = (1..model.frame_count()).map(offsets).fold(0.0, f64::max);
-    if largest >= MAX_DISPLACEMENT {
-        let reason = format!("a node moves by {largest:.3e} face units; that is no face (1024 is the eye distance)");
-        return Err(SequenceFailure { stage: Stage::Normalize, reason, fatal: false });
-    }
+    FaceSize::CANONICAL.check_model(&model).map_err(|e| {
+        let reason = format!("of the frames of the normalized model, {e}");
+        SequenceFailure { stage: Stage::Normalize, reason, fatal: false }
+    })?;
     Ok(model)
 }
 

@@ -126,7 +126,10 @@ fn load(
             });
         }
     };
-    let model = normalized(&frames, bench)?;
+    let model = normalized(&frames, bench).map_err(|failure| {
+        let reason = format!("{}: {}", path.display(), failure.reason);
+        SequenceFailure { reason, ..failure }
+    })?;
     let summary = summarize(&frames, &bench.wireframe, &bench.tables);
     let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })

@@ -9,6 +9,8 @@ use opencv::{
     videoio::VideoWriter,
 };
 
+use super::webm::set_random_numbers;
+
 /// A video that could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
@@ -75,6 +77,9 @@ pub fn write_video<E: From<FilmError>>(
     writer.release().map_err(FilmError::from)?;
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
         return Err(FilmError::Empty { path: path.to_owned() }.into());
+    }
+    if is_webm {
+        set_random_numbers(&temporary).map_err(io)?;
     }
     Ok(std::fs::rename(&temporary, path).map_err(io)?)
 }

@@ -7,6 +7,7 @@ mod colour;
 mod decode;
 mod film;
 mod video;
+mod webm;
 
 use std::path::{Path, PathBuf};
 

@@ -17,6 +17,8 @@ use super::{
 };
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
+    normalize::CANONICAL_ES,
+    plausible::MAX_OFFSET,
     units::{FaceUnit, NodeId, SequenceId},
     wireframe::Wireframe,
 };
@@ -25,8 +27,8 @@ use crate::{
 /// digits of coordinates of about a thousand face units.
 pub const NEUTRAL_TOLERANCE: f64 = 1e-3;
 
-/// Displacements from this size on (a million eye distances) are refused, face units.
-pub const MAX_DISPLACEMENT: f64 = 1e9;
+/// Displacements from this size on are refused, face units: what [`MAX_OFFSET`] is from frame to frame, for models made elsewhere.
+pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 
 /// Computes the representative of one class: its trimmed generalized median and its dispersion.
 ///

@@ -160,7 +160,7 @@ fn is_seen_in(coefficient: &str, side: f64, region: &str) -> bool {
 /// [`OutputError`].
 pub fn write_arkit(path: &Path, fps: f64, frames: &[[f64; 52]]) -> Result<(), OutputError> {
     write_atomic(path, |writer| {
-        let mut csv = csv::Writer::from_writer(writer);
+        let mut csv = crate::output::csv_writer(writer);
         csv.write_record(["frame", "time_s"].iter().chain(&COEFFICIENTS)).map_err(io::Error::from)?;
         for (frame, values) in frames.iter().enumerate() {
             let start = [frame.to_string(), nine_digits(frame as f64 / fps)];

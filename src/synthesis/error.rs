@@ -9,6 +9,7 @@ use crate::{
     model::ModelError,
     normalize::NormalizeError,
     output::OutputError,
+    plausible::Implausible,
     track::TrackFileError,
     units::FeaturePoint,
     wireframe::FapusError,
@@ -161,6 +162,14 @@ pub enum SynthesisError {
         path: PathBuf,
         /// What was found and what was expected.
         reason: String,
+    },
+    /// A motion that no face makes.
+    #[error("{}, {source}", path.display())]
+    Implausible {
+        /// The file.
+        path: PathBuf,
+        /// Frame, point and offset.
+        source: Implausible,
     },
     /// The bank's feature points do not say how large the face is.
     #[error("the bank's facial animation units can not be measured: {reason}; give --scale, the bank's units per face unit")]

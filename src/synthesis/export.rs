@@ -137,7 +137,7 @@ impl Animation<'_> {
     pub fn write_weights(&self, path: &Path) -> Result<(), OutputError> {
         let names = self.synthesizer.regions().scheme().names();
         write_atomic(path, |out| {
-            let mut csv = csv::Writer::from_writer(out);
+            let mut csv = crate::output::csv_writer(out);
             csv.write_record(["frame", "region"].into_iter().chain(self.synthesizer.bank().names().iter().map(String::as_str)))?;
             for (frame, answer) in self.answers.iter().enumerate() {
                 for (region, weights) in names.iter().zip(&answer.weights) {
@@ -158,7 +158,7 @@ impl Animation<'_> {
         let names = self.synthesizer.regions().scheme().names();
         let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
         write_atomic(path, |out| {
-            let mut csv = csv::Writer::from_writer(out);
+            let mut csv = crate::output::csv_writer(out);
             csv.write_record(["frame", "region", "fitness", "bound", "share_of_bound"])?;
             for (frame, answer) in self.answers.iter().enumerate() {
                 let frame = frame.to_string();
@@ -181,7 +181,7 @@ impl Animation<'_> {
     pub fn write_history(&self, path: &Path) -> Result<(), OutputError> {
         let names = self.synthesizer.regions().scheme().names();
         write_atomic(path, |out| {
-            let mut csv = csv::Writer::from_writer(out);
+            let mut csv = crate::output::csv_writer(out);
             csv.write_record(["frame", "region", "run", "generation", "offspring", "best"])?;
             for (frame, answer) in self.answers.iter().enumerate() {
                 for (region, runs) in names.iter().zip(&answer.runs) {

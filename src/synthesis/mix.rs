@@ -42,7 +42,7 @@ pub fn read_recipes(path: &Path, shapes: &[String]) -> Result<Vec<Recipe>, BankE
 /// [`OutputError`].
 pub fn write_recipes(path: &Path, shapes: &[String], recipes: &[Recipe]) -> Result<(), OutputError> {
     write_atomic(path, |writer| {
-        let mut csv = csv::Writer::from_writer(writer);
+        let mut csv = crate::output::csv_writer(writer);
         csv.write_record(["member", "shape", "weight"])?;
         for recipe in recipes {
             for (shape, weight) in shapes.iter().zip(&recipe.weights).filter(|(_, w)| **w != 0.0) {

@@ -12,8 +12,11 @@ use super::{Bank, FpMotion, SynthesisError};
 use crate::{
     fap::{FapCatalog, offsets_from_frame, read_fap},
     input::CsvFile,
+    mesh::TriangleMesh,
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{Canonical, NormalizeOptions, Normalizer},
+    plausible::{FaceSize, Implausible},
+    text::excerpt,
     track::{read_track, read_track_info, track_model},
     units::{FaceUnit, FeaturePoint, NodeId},
     wireframe::{Fapu, Tables, Wireframe},
@@ -108,7 +111,7 @@ pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motio
         } else if file.column("node").is_some() {
             read_model(&file, &Face::new(bank, scale)?)?
         } else {
-            let found = file.header().join(",");
+            let found = excerpt(&file.header().join(","));
             let reason = format!(
                 "the header is `{found}`; expected were frame,fp,dx,dy,dz (feature points), frame,node,x,y (a representative or a \
                  normalized model) or frame,node,x,y,state,residual (a track)"
@@ -123,7 +126,25 @@ pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motio
     Ok(motion)
 }
 
+fn implausible(path: &Path) -> impl Fn(Implausible) -> SynthesisError {
+    move |source| SynthesisError::Implausible { path: path.to_owned(), source }
+}
+
+/// The size of a bank's face: its eye separation; where it has no eyes, as much as its mesh measures from corner to corner.
+fn face_size(bank: &Bank) -> FaceSize {
+    let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
+    let eye_separation = length(Fapu::Es, &at).filter(|es| *es > 0.0).unwrap_or_else(|| diagonal(bank.mesh()));
+    FaceSize { eye_separation, unit: "of the bank's units" }
+}
+
+/// Distance of the corners of the box around a mesh.
+fn diagonal(mesh: &TriangleMesh) -> f64 {
+    let [least, most] = mesh.bounds();
+    (0..3).map(|axis| f64::from(most[axis] - least[axis]).powi(2)).sum::<f64>().sqrt()
+}
+
 fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
+    let size = face_size(bank);
     let [frame, fp, dx, dy] = file.require(["frame", "fp", "dx", "dy"])?;
     let dz = file.column("dz");
     let mut frames: BTreeMap<u32, FpMotion> = BTreeMap::new();
@@ -138,6 +159,10 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
         let z = depth.map_or(Ok(0.0), |dz| row.number(dz))?;
         let offset = Vector3::new(row.number(dx)?, row.number(dy)?, z);
         let number = row.whole_number(frame)?;
+        for offset in [offset.xy(), offset.yz()] {
+            let named = || format!("feature point {point}");
+            size.check(number, named, offset, "its place in the neutral mesh").map_err(implausible(file.path()))?;
+        }
         let motion = frames.entry(number).or_insert_with(|| FpMotion { offsets: vec![None; count], planar: false });
         match bank.feature_point_index(point) {
             None if !ignored.contains(&point) => ignored.push(point),
@@ -180,8 +205,13 @@ fn read_track_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisEr
 fn read_fap_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisError> {
     let sequence = read_fap(path)?.sequence;
     let mut frames = Vec::with_capacity(sequence.frames.len());
-    for frame in &sequence.frames {
+    for (number, frame) in (0..).zip(&sequence.frames) {
         let offsets = offsets_from_frame(frame, &face.canonical.fapus, FapCatalog::mpeg4())?;
+        let (size, from) = (FaceSize::CANONICAL, "where the neutral face has it");
+        for (node, offset) in &offsets {
+            let offset = Vector2::new(offset.x.unwrap_or(0.0), offset.y.unwrap_or(0.0));
+            size.check(number, || format!("node {node}"), offset, from).map_err(implausible(path))?;
+        }
         // A feature point that no FAP drives is unknown; an axis that none drives rests.
         frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
     }
@@ -233,6 +263,7 @@ impl<'b> Face<'b> {
             let reason = format!("{found} nodes; Candide-3 has {expected}");
             return Err(SynthesisError::Motion { path: path.to_owned(), reason });
         }
+        FaceSize::CANONICAL.check_model(model).map_err(implausible(path))?;
         let frames = (0..model.frame_count())
             .map(|m| {
                 let offsets = model.neutral_offsets(m);

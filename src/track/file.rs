@@ -15,6 +15,7 @@ use crate::{
     fit::FitOptions,
     output::{self, OutputError, nine_digits},
     sequence::ImageSize,
+    text::excerpt,
     units::SequenceId,
 };
 
@@ -96,13 +97,15 @@ pub enum TrackFileError {
         source: csv::Error,
     },
     /// A column that a track needs is not there.
-    #[error("{}: no column `{column}`; a track has frame,node,x,y,state,residual, found {found}", path.display())]
+    #[error("{}:{line}: no column `{column}`; a track has frame,node,x,y,state,residual, found {found}", path.display())]
     Column {
         /// The file.
         path: PathBuf,
+        /// Line of the header, from 1.
+        line: u64,
         /// The column.
         column: &'static str,
-        /// The header found.
+        /// The header found, shortened.
         found: String,
     },
     /// A value that does not read.
@@ -207,8 +210,9 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     let header = reader.headers().map_err(csv_error)?.clone();
     let column = |name: &str| header.iter().position(|h| h.eq_ignore_ascii_case(name));
     let needed = |name: &'static str| {
-        let found = header.iter().collect::<Vec<_>>().join(",");
-        column(name).ok_or_else(|| TrackFileError::Column { path: path.to_owned(), column: name, found })
+        let found = || excerpt(&header.iter().collect::<Vec<_>>().join(","));
+        let line = header.position().map_or(1, csv::Position::line);
+        column(name).ok_or_else(|| TrackFileError::Column { path: path.to_owned(), line, column: name, found: found() })
     };
     let (frame_at, node_at, x_at, y_at) = (needed("frame")?, needed("node")?, needed("x")?, needed("y")?);
     let (state_at, residual_at, expected_at) = (column("state"), column("residual"), column("expected_error"));
@@ -221,7 +225,7 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
             path: path.to_owned(),
             line,
             column,
-            value: value.to_owned(),
+            value: excerpt(value),
             expected: expected.to_owned(),
         };
         let text = |at: usize| record.get(at).unwrap_or("");
@@ -327,6 +331,6 @@ mod tests {
         assert!(message("frame,node,x,y\n2,0,1,1\n1,0,1,1\n").contains("frames must ascend"));
         assert!(message("frame,node,x,y\n1,0,1,1\n2,0,1,1\n2,1,1,1\n").contains("frame 2 has 2 nodes"));
         assert!(message("frame,node,x,y,expected_error\n1,0,1,1,much\n").contains("expected_error is `much`"));
-        assert!(message("").contains("no column `frame`"));
+        assert!(message("").contains("t.csv:1: no column `frame`"));
     }
 }

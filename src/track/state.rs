@@ -83,6 +83,6 @@ impl FromStr for NodeState {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let found = Self::NAMES.iter().find(|(_, name)| *name == text).map(|(state, _)| *state);
         let names = || Self::NAMES.map(|(_, name)| name).join(", ");
-        found.ok_or_else(|| format!("`{text}` is not a node state; the states are {}", names()))
+        found.ok_or_else(|| format!("`{}` is not a node state; the states are {}", crate::text::excerpt(text), names()))
     }
 }

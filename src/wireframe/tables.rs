@@ -6,7 +6,10 @@ use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 
 use super::{Axis, Fapu, FapuDefinition, MotionUnit, UnitKind, Wireframe};
-use crate::units::{FeaturePoint, NodeId};
+use crate::{
+    text::excerpt,
+    units::{FeaturePoint, NodeId},
+};
 
 const VERTICES: &str = include_str!("../../candide/vertices.csv");
 const TRIANGLES: &str = include_str!("../../candide/triangles.csv");
@@ -230,7 +233,7 @@ pub fn parse_node_or_feature_point(text: &str, tables: &Tables, node_count: usiz
         };
     }
     let fp: FeaturePoint =
-        text.parse().map_err(|_| format!("`{text}` is neither a node number nor a feature point such as 8.3"))?;
+        text.parse().map_err(|_| format!("`{}` is neither a node number nor a feature point such as 8.3", excerpt(text)))?;
     match tables.feature_point_nodes(fp) {
         Some(&[node]) if node.index() < node_count => Ok(node),
         Some(nodes) => {

@@ -14,7 +14,7 @@ use std::{
 use nalgebra::{Point3, Vector3};
 
 use super::{Fapu, MotionUnit, UnitKind, Wireframe, WireframeError};
-use crate::units::NodeId;
+use crate::{text::excerpt, units::NodeId};
 
 /// Largest file read. Candide-3 has 35 kB.
 const MAX_BYTES: u64 = 64 << 20;
@@ -297,13 +297,10 @@ fn text(field: &[u8]) -> &str {
 }
 
 fn bad_line(section: WfmSection, line: usize, found: &[u8], expected: String) -> WfmErrorKind {
-    const SHOWN: usize = 60;
-    let mut text: String =
-        String::from_utf8_lossy(found).chars().take(SHOWN).map(|c| if c.is_control() { '?' } else { c }).collect();
-    if found.len() > SHOWN {
-        text.push_str(" ...");
-    }
-    WfmErrorKind::Line { line, section, expected, found: text }
+    /// Enough bytes for an excerpt; a file may be one line.
+    const ENOUGH: usize = 400;
+    let found = excerpt(&String::from_utf8_lossy(&found[..found.len().min(ENOUGH)]));
+    WfmErrorKind::Line { line, section, expected, found }
 }
 
 /// A wireframe as the text of a `.wfm` file: nine sections with headings, 6 decimals, LF, ASCII.

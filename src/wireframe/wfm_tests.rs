@@ -154,7 +154,7 @@ fn wrong_lines_are_named_with_what_was_expected() {
     assert!(change("2 0 -1 0", "7 0 -1 0").contains("animation units list: found `7`"));
     assert!(change("\n3\n", "\n3.5\n").contains("found `3.5` where the number of vertices, at most 65535, was expected"));
     assert!(change("\n1\n0 1 2", "\n0").contains("no triangles"));
-    assert!(message("\u{0}\u{1}PNG").contains("line 1, vertex list: found `??PNG`"));
+    assert!(message("\u{0}\u{1}PNG").contains("line 1, vertex list: found `\\u{0}\\u{1}PNG`"));
 }
 
 #[test]

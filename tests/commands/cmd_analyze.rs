@@ -84,7 +84,7 @@ fn a_bad_track_costs_that_track() {
     ran.says(&[
         "S001_005.csv: frame 6 has 106 nodes where frame 1 has 113",
         "state is `lucky`: `lucky` is not a node state; the states are marked,",
-        "S002_005.csv: no column `y`",
+        "S002_005.csv:1: no column `y`",
         "x is `NaN`: expected a finite number",
         "S003_005.csv: no column `frame`",
         "alone_1.csv: the emotion is not known; give --dataset",

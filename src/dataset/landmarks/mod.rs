@@ -41,9 +41,6 @@ const TEXT_FILE_SUFFIX: &str = "_landmarks";
 /// Bytes of a file that its form is recognized by: the header of a table of `OpenFace` is longer, but not up to `frame`.
 const SNIFFED_BYTES: usize = 4096;
 
-/// Characters of a bad line that an error shows.
-const SHOWN: usize = 60;
-
 /// Landmarks of the frames of one sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LandmarkTrack {

@@ -4,7 +4,8 @@ use std::{fs, path::Path};
 
 use nalgebra::Point2;
 
-use super::{Form, LANDMARK_COUNT, LandmarksError, SHOWN, form_of};
+use super::{Form, LANDMARK_COUNT, LandmarksError, form_of};
+use crate::text::excerpt;
 
 /// Pixel that the first row and column of a `.pts` file's image are counted from (its authors work in MATLAB).
 const PTS_FIRST_PIXEL: f64 = 1.0;
@@ -32,10 +33,6 @@ fn numbered_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     (1..).zip(text.lines().map(str::trim)).filter(|(_, content)| !content.is_empty())
 }
 
-fn shortened(content: &str) -> String {
-    content.chars().take(SHOWN).collect()
-}
-
 /// Two finite numbers between white space.
 fn point(path: &Path, line: usize, content: &str) -> Result<Point2<f64>, LandmarksError> {
     let fields = |text: &str| -> Vec<Option<f64>> {
@@ -44,20 +41,16 @@ fn point(path: &Path, line: usize, content: &str) -> Result<Point2<f64>, Landmar
     match fields(content)[..] {
         [Some(x), Some(y)] => Ok(Point2::new(x, y)),
         _ if matches!(fields(&content.replace(',', "."))[..], [Some(_), Some(_)]) => {
-            Err(LandmarksError::DecimalComma { path: path.to_owned(), line, found: shortened(content) })
+            Err(LandmarksError::DecimalComma { path: path.to_owned(), line, found: excerpt(content) })
         }
-        _ => Err(LandmarksError::Line { path: path.to_owned(), line, found: shortened(content) }),
+        _ => Err(LandmarksError::Line { path: path.to_owned(), line, found: excerpt(content) }),
     }
 }
 
 /// `version: 1`, `n_points: 68`, `{`, points, `}`; what follows is passed over.
 fn read_pts(path: &Path, text: &str) -> Result<Vec<Point2<f64>>, LandmarksError> {
-    let error = |line: usize, found: &str, expected| LandmarksError::Pts {
-        path: path.to_owned(),
-        line,
-        found: shortened(found),
-        expected,
-    };
+    let error =
+        |line: usize, found: &str, expected| LandmarksError::Pts { path: path.to_owned(), line, found: excerpt(found), expected };
     let mut declared = None;
     let mut lines = numbered_lines(text);
     loop {

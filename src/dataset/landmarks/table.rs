@@ -4,8 +4,11 @@ use std::{collections::BTreeMap, path::Path};
 
 use nalgebra::Point2;
 
-use super::{Form, LANDMARK_COUNT, LandmarkTrack, LandmarksError, SHOWN, form_of};
-use crate::input::{CsvFile, CsvRow, InputError, InputErrorKind};
+use super::{Form, LANDMARK_COUNT, LandmarkTrack, LandmarksError, form_of};
+use crate::{
+    input::{CsvFile, CsvRow, InputError, InputErrorKind},
+    text::excerpt,
+};
 
 /// Whether a file is a table of landmarks: it has a column `frame` and the first point's.
 pub(super) fn is_landmarks(path: &Path) -> bool {
@@ -90,7 +93,7 @@ fn explained(error: InputError, field: &str) -> LandmarksError {
     let has_comma = field.contains(',') && field.replace(',', ".").parse::<f64>().is_ok();
     match (error.line, &error.kind) {
         (Some(line), InputErrorKind::Field { .. }) if has_comma => {
-            LandmarksError::DecimalComma { path: error.path, line, found: field.chars().take(SHOWN).collect() }
+            LandmarksError::DecimalComma { path: error.path, line, found: excerpt(field) }
         }
         (Some(line), &InputErrorKind::FieldCount { expected, found }) if found > expected => {
             LandmarksError::ExtraFields { path: error.path, line, found, expected }

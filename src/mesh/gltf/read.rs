@@ -10,7 +10,11 @@ use gltf::{
     mesh::Mode,
 };
 
-use crate::mesh::{MeshFileError, TriangleMesh, check_finite};
+use crate::{
+    foreign::caught,
+    mesh::{MeshFileError, TriangleMesh, check_finite},
+    text::excerpt,
+};
 
 /// A neutral mesh and its morph targets.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,9 +33,13 @@ pub struct GltfMorphs {
 /// [`MeshFileError`] for what is no glTF, has no morph targets or refers to data that is not there.
 pub fn read_gltf(path: &Path) -> Result<GltfMorphs, MeshFileError> {
     let bytes = std::fs::read(path).map_err(MeshFileError::io(path))?;
+    caught(|| parse(path, &bytes)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<GltfMorphs, MeshFileError> {
     let error = |reason: String| MeshFileError::format(path, reason);
     let invalid = |e: gltf::Error| error(format!("no valid glTF: {e}"));
-    let Gltf { document, blob } = Gltf::from_slice_without_validation(&bytes).map_err(invalid)?;
+    let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(invalid)?;
     let root = document.into_json();
     // The crate's validation takes the accessors of positions as given.
     let positions =
@@ -64,7 +72,7 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
             && uri.contains('%')
             && !is_percent_utf8(uri)
         {
-            return Err(error(format!("the buffer's address `{uri}` is not UTF-8")));
+            return Err(error(format!("the buffer's address `{}` is not UTF-8", excerpt(uri))));
         }
         let data = buffer::Data::from_source_and_blob(buffer.source(), path.parent(), &mut blob)
             .map_err(|e| error(format!("buffer {}: {e}", buffer.index())))?;

@@ -68,7 +68,7 @@ impl Table {
     /// [`OutputError`] when the file can not be written.
     pub fn write_csv(&self, path: &Path) -> Result<(), OutputError> {
         write_atomic(path, |writer| {
-            let mut csv = csv::Writer::from_writer(writer);
+            let mut csv = grimace::output::csv_writer(writer);
             csv.write_record(&self.header)?;
             for row in &self.rows {
                 csv.write_record(row.iter().map(Cell::csv))?;

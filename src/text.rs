@@ -1,0 +1,88 @@
+//! Texts of other people's files as messages show them: printable and of bounded length.
+//!
+//! A field of a file may hold escape sequences that a terminal obeys, or be as long as the file. Whatever quotes one takes its
+//! [`excerpt`]; where messages leave the library's hands (terminal, `failures.csv`, the page of `annotate`) they pass through [`message`],
+//! which also tames what other crates quote.
+
+use std::borrow::Cow;
+
+/// Most characters of a quoted field.
+const EXCERPT: usize = 60;
+
+/// Characters of a message that stay when it is too long: before and behind what is left out.
+const MESSAGE: (usize, usize) = (1500, 500);
+
+/// Characters that a message may have beyond that, so that one that was shortened is not shortened again.
+const SLACK: usize = 64;
+
+/// Whether a terminal may take a character for more than a sign: controls, and what turns the direction of writing.
+fn is_command(c: char) -> bool {
+    (c.is_control() && c != '\n' && c != '\t')
+        || matches!(c, '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{200E}' | '\u{200F}')
+}
+
+/// A field or word as messages quote it: its first 60 characters, everything in them printable, and `...` where there are more.
+pub fn excerpt(text: &str) -> String {
+    let sign = |c: char| match c {
+        '\'' | '"' | '\\' => Cow::Owned(c.to_string()),
+        _ if is_command(c) || c.is_control() => Cow::Owned(c.escape_default().to_string()),
+        _ => Cow::Owned(c.escape_debug().to_string()),
+    };
+    let mut shown: String = text.chars().take(EXCERPT).map(sign).collect();
+    if text.chars().nth(EXCERPT).is_some() {
+        shown.push_str("...");
+    }
+    shown
+}
+
+/// A text as it may be printed on a terminal: what the terminal would obey is escaped (`\u{1b}`); line breaks and tabs stay.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    if !text.contains(is_command) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_command(c) { shown.extend(c.escape_default()) } else { shown.push(c) }
+    }
+    Cow::Owned(shown)
+}
+
+/// A whole message: printable, and of about 2000 characters at most. What is too long loses its middle, since the file stands at the
+/// front and what was expected at the end.
+pub fn message(text: &str) -> Cow<'_, str> {
+    let (front, back) = MESSAGE;
+    let most = front + back + SLACK;
+    if text.len() <= most || text.chars().nth(most).is_none() {
+        return printable(text);
+    }
+    let count = text.chars().count();
+    let place = |k: usize| text.char_indices().nth(k).map_or(text.len(), |(place, _)| place);
+    let (head, tail) = (&text[..place(front)], &text[place(count - back)..]);
+    Cow::Owned(format!("{} [... {} characters ...] {}", printable(head), count - front - back, printable(tail)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_terminal_obeys_is_escaped() {
+        assert_eq!(excerpt("\u{1b}]0;title\u{7}"), "\\u{1b}]0;title\\u{7}");
+        assert_eq!(excerpt("a\tb \"c\" d\\e 'f' \u{202E}"), "a\\tb \"c\" d\\e 'f' \\u{202e}");
+        assert_eq!(excerpt("Ärger 😀"), "Ärger 😀");
+        assert_eq!(printable("two\nlines\tand \u{1b}[31m\u{9b}31m\r"), "two\nlines\tand \\u{1b}[31m\\u{9b}31m\\r");
+        assert!(matches!(printable("plain"), Cow::Borrowed("plain")));
+    }
+
+    #[test]
+    fn long_texts_are_shortened_and_keep_both_ends() {
+        assert_eq!(excerpt(&"x".repeat(60)), "x".repeat(60));
+        assert_eq!(excerpt(&"é".repeat(40_000_000)), "é".repeat(60) + "...");
+        let long = format!("a.csv, line 3: {} was expected", "y".repeat(5000));
+        let shown = message(&long);
+        assert!(shown.starts_with("a.csv, line 3: yyy") && shown.ends_with("yyy was expected"), "{shown}");
+        assert!(shown.contains(" characters ...] ") && shown.chars().count() < 2040);
+        assert_eq!(message(&shown), shown, "shown twice it stays");
+        assert_eq!(message("short"), "short");
+    }
+}
