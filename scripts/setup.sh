@@ -1,5 +1,6 @@
 # Sourced by scripts/demo and scripts/test: makes sure that what the build needs is there.
 #   need_packages PACKAGE...   installs Debian packages that are missing (as root, or through sudo)
+#   need_component NAME CMD    stops when the toolchain lacks it
 #   need_cargo                 stops with a hint when there is no Rust toolchain
 
 need_packages() {
@@ -25,9 +26,16 @@ need_packages() {
 need_cargo() {
     local version=0
     command -v cargo >/dev/null && version=$(rustc --version | sed -E 's/^rustc 1\.([0-9]+).*/\1/')
-    [ "$version" -ge 88 ] 2>/dev/null && return
-    echo "a Rust toolchain of version 1.88 or newer is needed (Debian 12's own is older): install one, for example with rustup," >&2
+    [ "$version" -ge 89 ] 2>/dev/null && return
+    echo "a Rust toolchain of version 1.89 or newer is needed (Debian 12's own is older): install one, for example with rustup," >&2
     echo "and run this again" >&2
+    exit 1
+}
+
+# A part of the toolchain that minimal ones lack: need_component NAME CARGO_SUBCOMMAND
+need_component() {
+    cargo "$2" --version >/dev/null 2>&1 && return
+    echo "the toolchain has no $1, without which this is no check: install it, for example with \`rustup component add $1\`" >&2
     exit 1
 }
 

@@ -147,7 +147,7 @@ impl Target {
     /// Reads bytes as this kind of file; the error's text where they are none.
     ///
     /// # Errors
-    /// What the reader says, and when the temporary file can not be written.
+    /// What the reader says, and when the temporary file cannot be written.
     pub fn read(&self, bytes: &[u8]) -> Outcome {
         thread_local! {
             static FOLDER: OnceCell<tempfile::TempDir> = const { OnceCell::new() };

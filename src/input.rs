@@ -13,7 +13,7 @@ use std::{
 /// What is wrong in a CSV file.
 #[derive(Debug, thiserror::Error)]
 pub enum InputErrorKind {
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
     /// No header line.
@@ -125,7 +125,7 @@ impl CsvFile {
     /// Reads a file and its header.
     ///
     /// # Errors
-    /// [`InputError`] when the file can not be read, is empty, or has a header that is not UTF-8 or names a column twice.
+    /// [`InputError`] when the file cannot be read, is empty, or has a header that is not UTF-8 or names a column twice.
     pub fn open(path: &Path) -> Result<Self, InputError> {
         let bytes = fs::read(path).map_err(|e| InputError { path: path.to_owned(), line: None, kind: e.into() })?;
         Self::from_bytes(path, bytes)

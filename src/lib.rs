@@ -8,6 +8,42 @@
 //!   -> Representative { generalized median, dispersion } -> FAP file, report
 //! ```
 //!
+//! # The method in order
+//!
+//! ```no_run
+//! use std::path::Path;
+//!
+//! use grimace::{
+//!     correspondence::read_correspondences,
+//!     dataset::list_frames,
+//!     fap::{FapCatalog, FapSequence, write_fap},
+//!     fit::{FitOptions, Fitter},
+//!     normalize::{NormalizeOptions, Normalizer},
+//!     sequence::SequenceReader,
+//!     track::{TrackOptions, TrackPlan, track_model, track_sequence},
+//!     wireframe::Face,
+//! };
+//!
+//! let folder = Path::new("fixtures/simulated/S001/005");
+//! let Face { wireframe, tables } = Face::candide3();
+//! // Fit: marked points of the neutral frame pull the wireframe.
+//! let marks = read_correspondences(&folder.join("correspondences.csv"), &tables, wireframe.node_count())?;
+//! let fitted = Fitter::new(&wireframe, FitOptions::default()).fit(&wireframe, &marks)?;
+//! // Track: it follows the face to the apex frame.
+//! let frames = SequenceReader::open(&list_frames(folder, None, None)?)?;
+//! let plan = TrackPlan::new(&wireframe, &tables);
+//! let track = track_sequence(&wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)?;
+//! // Normalize: five frames in face units. Models of many people make a `statistics::representative`.
+//! let normalizer = Normalizer::new(&wireframe, &tables, NormalizeOptions::default())?;
+//! let model = normalizer.normalize(&track_model(&track.frames)?)?;
+//! // FAPs.
+//! let (faps, _) = FapSequence::from_model(&model, &normalizer.canonical().fapus, FapCatalog::mpeg4(), "smile", 25, 5)?;
+//! write_fap(Path::new("smile.fap"), &faps)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! `examples/` goes on from here; `docs/architecture.md` says how the modules lie on each other.
+//!
 //! Axes and units are those of [`units`]. Left and right are always the subject's own.
 //!
 //! # References
@@ -44,6 +80,7 @@ pub mod annotate;
 pub mod cli;
 pub mod clone;
 pub mod columnar;
+pub mod correspondence;
 pub mod dataset;
 pub mod fap;
 pub mod fit;

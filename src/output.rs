@@ -10,6 +10,9 @@ use serde::Serialize;
 
 use crate::formula::FormulaGuard;
 
+/// Program and version, as written into every file that says where it came from.
+pub const MADE_BY: &str = concat!("grimace ", env!("CARGO_PKG_VERSION"));
+
 /// A file or folder that could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}", path.display())]
@@ -32,7 +35,7 @@ impl OutputError {
 /// Missing parent folders are made.
 ///
 /// # Errors
-/// [`OutputError`] when a folder or the file can not be written (no space, no permission).
+/// [`OutputError`] when a folder or the file cannot be written (no space, no permission).
 pub fn write_atomic(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
     let error = |source| OutputError { path: path.to_owned(), source };
     let mut writer = BufWriter::new(temporary_beside(path)?);
@@ -71,7 +74,7 @@ impl PendingFile {
     /// A file that will be at `path`. Missing parent folders are made.
     ///
     /// # Errors
-    /// [`OutputError`] when a folder or the file can not be made.
+    /// [`OutputError`] when a folder or the file cannot be made.
     pub fn create(path: &Path) -> Result<Self, OutputError> {
         Ok(Self { path: path.to_owned(), file: temporary_beside(path)? })
     }
@@ -87,7 +90,7 @@ impl PendingFile {
     /// Puts the whole file in its place.
     ///
     /// # Errors
-    /// [`OutputError`] when it can not be renamed.
+    /// [`OutputError`] when it cannot be renamed.
     pub fn persist(self) -> Result<(), OutputError> {
         let Self { path, file } = self;
         file.persist(&path).map(|_| ()).map_err(|e| OutputError { path, source: e.error })
@@ -162,6 +165,12 @@ pub fn nine_digits(value: f64) -> String {
     let text = format!("{value:.8e}");
     let rounded: f64 = text.parse().unwrap_or(value);
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
+}
+
+/// The first of a list, and how many more.
+pub(crate) fn listed(items: &[String], most: usize) -> String {
+    let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
+    if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }
 }
 
 #[cfg(test)]

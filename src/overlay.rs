@@ -41,7 +41,7 @@ pub fn legend() -> Vec<(NodeState, [u8; 3])> {
 /// were set (image positions in px).
 ///
 /// # Errors
-/// [`SequenceError`] when the frame's pixels can not be read.
+/// [`SequenceError`] when the frame's pixels cannot be read.
 pub fn draw_overlay(
     frame: &Frame,
     wireframe: &Wireframe,

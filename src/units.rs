@@ -2,7 +2,7 @@
 //!
 //! Two spaces exist. *Image space*: pixels, x right, y **down**, the centre of the top-left pixel is (0, 0). *Face space*:
 //! Candide-3's axes, x to the subject's left, y **up**. A model carries its unit in its type ([`Px`], [`FaceUnit`]), so that a
-//! tracked model in pixels can not be handed to a statistic in face units.
+//! tracked model in pixels cannot be handed to a statistic in face units.
 
 use std::{fmt, str::FromStr};
 

@@ -324,7 +324,7 @@ impl Desk {
             let node = mark.node;
             if !self.bench.wireframe.live_nodes().contains(&node) {
                 return Err(RequestError::Refused(format!(
-                    "node {node} can not be marked: it is in no triangle of the wireframe"
+                    "node {node} cannot be marked: it is in no triangle of the wireframe"
                 )));
             }
             if marks[..k].iter().any(|m| m.node == node) {

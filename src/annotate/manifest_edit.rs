@@ -16,13 +16,13 @@ use crate::{
     units::SequenceId,
 };
 
-/// A manifest that can not be changed.
+/// A manifest that cannot be changed.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestEditError {
     /// It does not read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// It can not be read or found.
+    /// It cannot be read or found.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
         /// The manifest.
@@ -38,7 +38,7 @@ pub enum ManifestEditError {
         /// The sequence.
         id: SequenceId,
     },
-    /// It can not be written.
+    /// It cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
 }

@@ -70,7 +70,7 @@ impl Default for AnnotateOptions {
     }
 }
 
-/// Why the page can not be served.
+/// Why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum AnnotateError {
     /// The dataset does not open.
@@ -93,7 +93,7 @@ pub enum AnnotateError {
         /// The folder.
         path: PathBuf,
     },
-    /// The frames of a run can not be found.
+    /// The frames of a run cannot be found.
     #[error(
         "{}: the run's dataset is called `{name}`, and there is no such folder beside it or here; give it: grimace annotate DATASET --tracks {}",
         path.display(), path.display()
@@ -104,7 +104,7 @@ pub enum AnnotateError {
         /// Name of the dataset, as the run noted it.
         name: String,
     },
-    /// A file of the run that can not be read.
+    /// A file of the run that cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
         /// The file or folder.
@@ -112,7 +112,7 @@ pub enum AnnotateError {
         /// Why.
         source: io::Error,
     },
-    /// The port can not be had.
+    /// The port cannot be had.
     #[error("cannot listen on {address}: {source}; choose another port with --port, or leave it out for any that is free")]
     Listen {
         /// Address and port.

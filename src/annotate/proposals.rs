@@ -93,7 +93,7 @@ pub struct ProposedMarks {
     pub marks: Vec<Correspondence>,
 }
 
-/// Cascades that can not be used.
+/// Cascades that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CascadeError {
     /// No folder of cascades.
@@ -108,7 +108,7 @@ pub enum CascadeError {
     /// OpenCV failed.
     #[error("OpenCV: {0}")]
     OpenCv(#[from] opencv::Error),
-    /// The frame's pixels can not be read.
+    /// The frame's pixels cannot be read.
     #[error(transparent)]
     Frame(SequenceError),
 }

@@ -1,4 +1,4 @@
-//! Requests of the page that can not be fulfilled, and how that is said.
+//! Requests of the page that cannot be fulfilled, and how that is said.
 
 use axum::{
     Json,
@@ -15,7 +15,7 @@ use crate::text::message;
 pub enum RequestError {
     /// No such sequence, frame or file.
     NotFound(String),
-    /// The request can not be taken as it is: a position outside the image, a file that does not read.
+    /// The request cannot be taken as it is: a position outside the image, a file that does not read.
     Refused(String),
     /// Someone else has changed the sequence since the page read it; with what is there now.
     Conflict(Value),

@@ -158,7 +158,7 @@ impl TrackDesk {
         self.lock().len()
     }
 
-    /// Tracks that can not be shown, with the reason.
+    /// Tracks that cannot be shown, with the reason.
     pub fn failures(&self) -> &[String] {
         &self.failures
     }

@@ -86,7 +86,7 @@ impl Guard {
         let here = self.address.ip();
         let address: Option<IpAddr> = name.trim_start_matches('[').trim_end_matches(']').parse().ok();
         let named = match address {
-            // Whoever names a number can not have been led here by another site's name.
+            // Whoever names a number cannot have been led here by another site's name.
             Some(ip) => ip == here || here.is_unspecified() || (ip.is_loopback() && here.is_loopback()),
             None => name.eq_ignore_ascii_case("localhost") && (here.is_loopback() || here.is_unspecified()),
         };

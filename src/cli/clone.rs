@@ -13,8 +13,8 @@ use grimace::{
         Timing, clone_expression, encode_png, read_marks, write_clone,
     },
     dataset::list_frames,
-    output::write_atomic,
-    pipeline::{MADE_BY, PipelineOptions, Workbench, file_blake3},
+    output::{MADE_BY, write_atomic},
+    pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
     sequence::{read_colour, read_colour_frames},
 };
@@ -240,7 +240,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 if !source.motion.not_shown.is_empty() {
                     let faps = source.motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                     eprintln!(
-                        "warning: {}: FAP {faps} can not be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
+                        "warning: {}: FAP {faps} cannot be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
                         path.display()
                     );
                 }
@@ -291,7 +291,7 @@ impl Job<'_> {
         let name = self.target_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let picture = read_colour(self.target_path)?;
         let marks = read_marks(self.marks_path, &self.args.marks.marks, self.bench)?;
-        let target = Target::new(&name, picture, &marks, self.bench);
+        let target = Target::new(&name, picture, &marks, self.bench.fitter(), self.bench);
         target.with_context(|| format!("{} with {}", self.target_path.display(), self.marks_path.display()))
     }
 
@@ -325,7 +325,7 @@ impl Job<'_> {
             faps_limited: 0,
         };
         let films = self.args.look.film.as_slice();
-        let files = CloneFiles { folder, films, source_frames: source.pictures.as_deref() };
+        let files = CloneFiles { folder, films, fit: &self.bench.options.fit, source_frames: source.pictures.as_deref() };
         let apex = write_clone(&files, &clone, &source.motion, info, self.bench, || {
             self.bar.inc(1);
             !self.stop.load(Ordering::Relaxed)

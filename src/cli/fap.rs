@@ -196,7 +196,7 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     #[derive(Serialize)]
     struct FileCheck {
         file: String,
-        /// Why the file can not be opened; then there are no findings.
+        /// Why the file cannot be opened; then there are no findings.
         unreadable: Option<String>,
         errors: usize,
         warnings: usize,

@@ -13,7 +13,7 @@ use grimace::{
         learn::{LearnOptions, LearnSummary, learn_locator, read_faces},
     },
     output,
-    pipeline::MADE_BY,
+    output::MADE_BY,
 };
 
 use super::{Outcome, progress::frame_bar};

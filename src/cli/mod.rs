@@ -79,7 +79,7 @@ enum Command {
     Synthesize(synthesize::Args),
     /// Banks of expression meshes for `synthesize`.
     Bank(bank::Args),
-    /// Experiments against ground truth: how right fit and tracker are.
+    /// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
     Evaluate(lab::Args),
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use grimace::{
     fit::{DEFAULT_MODES, FaceSource, PriorFile, PriorOrigin, learn_prior, read_neutral_faces, write_prior},
-    pipeline::MADE_BY,
+    output::MADE_BY,
     wireframe::{Tables, Wireframe},
 };
 

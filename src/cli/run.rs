@@ -20,7 +20,7 @@ Example:
   grimace run faces -o results --by cohort --overlay results/overlays
 
 A DATASET is a folder with manifest.csv (subject,sequence,emotion and more) or with the layout of Cohn-Kanade. Interrupted or run \
-again, it goes on where it stopped: what is done and unchanged, by content, is not done again. One bad sequence costs that sequence: \
+again, it goes on where it stopped: sequences whose files did not change (by content) are kept. One bad sequence costs that sequence: \
 it is named in failures.csv and the exit status is 3.")]
 pub struct Args {
     /// Dataset folder, or its manifest file

@@ -13,9 +13,13 @@ use grimace::{
     dataset::LandmarkSelection,
     fit::{FitOptions, LoadedPrior, PriorKind},
     normalize::{NormalizeOptions, Resample, SizeMode},
-    pipeline::{FapOptions, GroupOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
+    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, showcase_target},
     sequence::configure_opencv,
-    statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting, amplitude::AmplitudeOptions, compare::CompareOptions},
+    statistics::{
+        MedianKind, StatisticsOptions, TrimLevel, Weighting,
+        amplitude::AmplitudeOptions,
+        compare::{CompareOptions, GroupOptions},
+    },
     track::{AlignOptions, TrackOptions},
 };
 use serde::de::DeserializeOwned;

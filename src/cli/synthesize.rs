@@ -7,8 +7,7 @@ use std::{
 
 use clap::ValueEnum;
 use grimace::{
-    output::write_json,
-    pipeline::MADE_BY,
+    output::{MADE_BY, write_json},
     synthesis::{
         Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, MotionKind, OVERLAP,
         RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
@@ -29,7 +28,7 @@ Examples:
   grimace synthesize --bank face.bank --motion results/fap/surprise.fap --regions 4 -o surprise
   grimace synthesize --bank face.bank --motion points.csv --solver ga --crossover line --seed 3 --history -o points
 
-The motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,residual), a .fap file, or a CSV \
+The motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,...), a .fap file, or a CSV \
 file frame,fp,dx,dy,dz in the bank's unit (dz empty or missing for motion in the plane). The first three are seen from the front: they \
 are compared in the x-y plane and scaled by the facial animation units of the bank. Writes into OUT: animation.glb (morph targets with \
 the members' names), weights.csv, fitness.csv, synthesis.json, contact_sheet.png, turntable.png, turntable.gif, arkit.csv where the \
@@ -305,7 +304,7 @@ fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<Stri
     Ok(files)
 }
 
-/// BLAKE3 of a file; `None` when it can not be read, as for the embedded bank.
+/// BLAKE3 of a file; `None` when it cannot be read, as for the embedded bank.
 fn file_blake3(path: &Path) -> Option<String> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(std::fs::File::open(path).ok()?).ok()?;

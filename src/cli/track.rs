@@ -7,7 +7,8 @@ use grimace::{
     fit::read_correspondences,
     output,
     overlay::png_bytes,
-    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, Stage, id_of, overlay_path, overlay_pictures, track_one},
+    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, id_of, overlay_path, overlay_pictures, track_one},
+    report::Stage,
     track::write_track,
 };
 
@@ -23,7 +24,7 @@ use super::{
 Example:
   grimace track faces/S001/001 --correspondences faces/S001/001/correspondences.csv -o S001_001.csv --emotion happiness --overlay pictures
 
-The track has one row for every node of every frame: frame,node,x,y,state,residual. Lost nodes are placed by the springs and say so in \
+The track has one row for every node of every frame: frame,node,x,y,state,residual,expected_error. Lost nodes are placed by the springs and say so in \
 their state. Beside it stands a .json with the source, the options and what it was made from.")]
 pub struct Args {
     /// Folder of images in order, or a video; the first frame is neutral, the last the apex

@@ -3,7 +3,7 @@
 //! Wrinkles are an expression ratio image (Liu, Shan and Zhang, *Expressive expression mapping with ratio images*, SIGGRAPH 2001):
 //! where a frame of the source is darker or lighter than its neutral frame at the same point of the skin, the target becomes so by
 //! the same factor. Both pictures are carried into the geometry of the target's photograph by the mesh; the ratio of their grey
-//! levels counts less where it can not be trusted: slow changes (light, exposure) are taken out, strong edges of the source's two
+//! levels counts less where it cannot be trusted: slow changes (light, exposure) are taken out, strong edges of the source's two
 //! frames (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
 //! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target.
 

@@ -9,14 +9,13 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use super::CloneError;
+use super::{CloneError, source::normalizer};
 use crate::{
     fap::{FapCatalog, FapNumber, FapSequence, Motion, offsets_from_frame},
     fit::{Pull, Springs, Target},
     normalize::stable_nodes,
-    pipeline::Workbench,
     units::NodeId,
-    wireframe::{Axis, Region, UnitKind},
+    wireframe::{Axis, Face, Region, UnitKind},
 };
 
 /// Gain of a node that a FAP drives, over the stiffness of a spring: as good as exact.
@@ -34,9 +33,9 @@ const REST_BROW: f64 = 6.0;
 type NodeOffsets = Vec<Vec<Vector2<f64>>>;
 
 /// Neutral offsets of all nodes for every frame, face units, and the FAPs with values that do not show.
-pub fn offsets(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<(NodeOffsets, Vec<FapNumber>), CloneError> {
+pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeOffsets, Vec<FapNumber>), CloneError> {
     let catalog = FapCatalog::mpeg4();
-    let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+    let normalizer = normalizer(face)?;
     let canonical = normalizer.canonical();
     let rest = canonical.neutral.nodes();
     if sequence.frames.is_empty() {
@@ -56,9 +55,9 @@ pub fn offsets(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<
         let faps = not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         return Err(CloneError::NothingToShow { path: name.to_owned(), faps });
     }
-    let companions = companions(bench, catalog);
-    let springs = Springs::new(&bench.wireframe);
-    let still: Vec<NodeId> = still_nodes(bench);
+    let companions = companions(face, catalog);
+    let springs = Springs::new(&face.wireframe);
+    let still: Vec<NodeId> = still_nodes(face);
     let mut frames = Vec::with_capacity(sequence.frames.len());
     for frame in &sequence.frames {
         let driven = offsets_from_frame(frame, &canonical.fapus, catalog)?;
@@ -80,7 +79,7 @@ pub fn offsets(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<
             }
         }
         let mut targets: Vec<Target> = Vec::new();
-        for &node in bench.wireframe.live_nodes() {
+        for &node in face.wireframe.live_nodes() {
             let at = rest[node.index()];
             if let Some(&[x, y]) = wanted.get(&node) {
                 let (x, gain_x) = x.unwrap_or((0.0, FREE));
@@ -88,7 +87,7 @@ pub fn offsets(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<
                 let gain = Matrix2::new(gain_x, 0.0, 0.0, gain_y);
                 targets.push(Target { node, position: at + Vector2::new(x, y), pull: Pull::Matrix(gain) });
             } else {
-                let gain = match bench.tables.region(node) {
+                let gain = match face.tables.region(node) {
                     _ if still.contains(&node) => DRIVEN,
                     Region::Brow => REST_BROW,
                     _ => REST,
@@ -96,23 +95,23 @@ pub fn offsets(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<
                 targets.push(Target { node, position: at, pull: Pull::Force(gain) });
             }
         }
-        let moved: Vec<Point2<f64>> = springs.deform(&bench.wireframe, rest, &targets)?;
+        let moved: Vec<Point2<f64>> = springs.deform(&face.wireframe, rest, &targets)?;
         frames.push(moved.iter().zip(rest).map(|(p, r)| p - r).collect());
     }
     Ok((frames, not_shown))
 }
 
 /// Nodes that no expression moves: eye corners and nose bone, the skull's outline, the irises (they are driven by the gaze or stay).
-fn still_nodes(bench: &Workbench) -> Vec<NodeId> {
+fn still_nodes(face: &Face) -> Vec<NodeId> {
     let mut still: Vec<NodeId> =
-        stable_nodes(&bench.tables, bench.wireframe.node_count()).into_iter().map(|k| NodeId(k as u16)).collect();
+        stable_nodes(&face.tables, face.wireframe.node_count()).into_iter().map(|k| NodeId(k as u16)).collect();
     let catalog = FapCatalog::mpeg4();
     let gaze = catalog.rows().iter().filter(|r| !r.relative_to.is_empty()).flat_map(|r| r.nodes.iter().copied());
     still.extend(gaze);
     // The brow line is the upper end of what moves.
-    let top = (0..bench.wireframe.node_count() as u16).map(NodeId).filter(|&n| {
-        let high = bench.wireframe.vertices()[n.index()].y > 0.75;
-        high && matches!(bench.tables.region(n), Region::Forehead | Region::Contour)
+    let top = (0..face.wireframe.node_count() as u16).map(NodeId).filter(|&n| {
+        let high = face.wireframe.vertices()[n.index()].y > 0.75;
+        high && matches!(face.tables.region(n), Region::Forehead | Region::Contour)
     });
     still.extend(top);
     still.sort_unstable();
@@ -121,9 +120,9 @@ fn still_nodes(bench: &Workbench) -> Vec<NodeId> {
 }
 
 /// Driving node, node that goes with it, axis, and the share it takes, from the FAP vectors of the wireframe.
-fn companions(bench: &Workbench, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f64)> {
+fn companions(face: &Face, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f64)> {
     let mut found = Vec::new();
-    for unit in bench.wireframe.action_units() {
+    for unit in face.wireframe.action_units() {
         let UnitKind::Fap { number, .. } = unit.kind else { continue };
         let Some(row) = u8::try_from(number).ok().and_then(|n| FapNumber::try_from(n).ok()).map(|f| catalog.row(f)) else {
             continue;

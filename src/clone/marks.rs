@@ -9,7 +9,7 @@ use crate::{
     dataset::{LandmarkSelection, correspondences_from_landmarks},
     fit::{Correspondence, read_correspondences},
     input::CsvFile,
-    pipeline::Workbench,
+    wireframe::Face,
 };
 
 /// Landmarks of the scheme.
@@ -20,10 +20,10 @@ const LANDMARKS: usize = 68;
 ///
 /// # Errors
 /// [`CloneError`] for a file that is neither or does not read.
-pub fn read_marks(path: &Path, selection: &LandmarkSelection, bench: &Workbench) -> Result<Vec<Correspondence>, CloneError> {
+pub fn read_marks(path: &Path, selection: &LandmarkSelection, face: &Face) -> Result<Vec<Correspondence>, CloneError> {
     let file = CsvFile::open(path)?;
     if file.column("node").is_some() || file.column("point").is_none() {
-        return Ok(read_correspondences(path, &bench.tables, bench.wireframe.node_count())?);
+        return Ok(read_correspondences(path, &face.tables, face.wireframe.node_count())?);
     }
     let [point, x, y] = file.require(["point", "x", "y"])?;
     let mut points = vec![None; LANDMARKS];
@@ -36,5 +36,5 @@ pub fn read_marks(path: &Path, selection: &LandmarkSelection, bench: &Workbench)
     let found = points.iter().flatten().count();
     let points: Option<Vec<Point2<f64>>> = points.into_iter().collect();
     let points = points.ok_or_else(|| CloneError::Landmarks { path: path.to_owned(), found })?;
-    Ok(correspondences_from_landmarks(&points, &bench.tables, selection)?)
+    Ok(correspondences_from_landmarks(&points, &face.tables, selection)?)
 }

@@ -44,7 +44,7 @@ pub use source::{LID_PAIRS, SourceKind, SourceMotion};
 pub use target::{Rescale, Target};
 pub use timing::{Ease, Moment, Timing};
 
-/// Why an expression can not be cloned.
+/// Why an expression cannot be cloned.
 #[derive(Debug, thiserror::Error)]
 pub enum CloneError {
     /// A motion that no face makes.
@@ -94,10 +94,10 @@ pub enum CloneError {
     /// The frames do not make a model.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The source can not be made upright.
+    /// The source cannot be made upright.
     #[error("the source: {0}")]
     Normalize(#[from] NormalizeError),
-    /// FAPs can not be converted.
+    /// FAPs cannot be converted.
     #[error(transparent)]
     Convert(#[from] ConvertError),
     /// A face without FAPUs.
@@ -131,7 +131,7 @@ pub enum CloneError {
     /// Marks that do not determine a fit.
     #[error(transparent)]
     Marks(#[from] MarksError),
-    /// The wireframe can not be fitted to the target.
+    /// The wireframe cannot be fitted to the target.
     #[error(transparent)]
     Fit(#[from] FitError),
     /// The eyes, the mouth and the chin do not lie like those of a face seen from the front.
@@ -164,7 +164,7 @@ pub enum CloneError {
         /// Most px a side.
         most: u32,
     },
-    /// The photograph can not be warped.
+    /// The photograph cannot be warped.
     #[error(transparent)]
     Warp(#[from] WarpError),
     /// A picture does not read.
@@ -181,16 +181,16 @@ pub enum CloneError {
         /// Most frames.
         most: usize,
     },
-    /// A file can not be written.
+    /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// The FAP file can not be written.
+    /// The FAP file cannot be written.
     #[error(transparent)]
     FapWrite(#[from] FapWriteError),
-    /// The video can not be written.
+    /// The video cannot be written.
     #[error(transparent)]
     Film(#[from] FilmError),
-    /// A picture can not be encoded.
+    /// A picture cannot be encoded.
     #[error("cannot encode {what}: {reason}")]
     Encode {
         /// GIF, APNG, PNG.

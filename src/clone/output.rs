@@ -11,15 +11,15 @@ use serde::Serialize;
 use super::{Clone, CloneError, CloneOptions, Sheet, SourceMotion, picture};
 use crate::{
     fap::{Clamped, FapCatalog, FapSequence, write_fap},
-    fit::MarkKind,
+    fit::{FitOptions, MarkKind},
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, SizeMode},
-    output::{write_atomic, write_bytes, write_json},
+    output::{MADE_BY, write_atomic, write_bytes, write_json},
     overlay::draw_overlay,
-    pipeline::{MADE_BY, Workbench},
     sequence::{Frame, ImageSize, write_video},
-    track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackedFrame, TrackedNode, summarize, track_units, write_track},
+    track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackOptions, TrackedFrame, TrackedNode, summarize, track_units, write_track},
     units::SequenceId,
+    wireframe::Face,
 };
 
 /// A film in one file.
@@ -78,6 +78,8 @@ pub struct CloneFiles<'a> {
     pub folder: &'a Path,
     /// Films in one file.
     pub films: &'a [Film],
+    /// Options that the target was fitted with.
+    pub fit: &'a FitOptions,
     /// The source's own pictures in the order of its track, for the sheet.
     pub source_frames: Option<&'a [RgbImage]>,
 }
@@ -95,16 +97,16 @@ const SHEET_FRAMES: usize = 5;
 /// Returns the rendered apex frame.
 ///
 /// # Errors
-/// [`CloneError`] for a file that can not be written, or an interruption.
+/// [`CloneError`] for a file that cannot be written, or an interruption.
 pub fn write_clone(
     files: &CloneFiles,
     clone: &Clone,
     source: &SourceMotion,
     mut info: CloneInfo,
-    bench: &Workbench,
+    face: &Face,
     mut tick: impl FnMut() -> bool,
 ) -> Result<RgbImage, CloneError> {
-    let &CloneFiles { folder, films, source_frames } = files;
+    let &CloneFiles { folder, films, source_frames, .. } = files;
     let apex = clone.apex();
     let chosen = spread(clone.frames.len().min(apex + 1));
     let (mut shown, mut apex_picture) = (BTreeMap::new(), RgbImage::default());
@@ -138,10 +140,10 @@ pub fn write_clone(
         }
     }
     let model = clone.model()?;
-    let frames = tracked(clone, bench);
-    let (csv, mut track_info) = track_info(folder, clone, source, &frames, &info, bench);
+    let frames = tracked(clone, face);
+    let (csv, mut track_info) = track_info(files, clone, source, &frames, &info, face);
     write_track(&csv, &frames, &mut track_info)?;
-    let (faps, clamped) = fap_of(&model, clone, source, bench)?;
+    let (faps, clamped) = fap_of(&model, clone, source, face)?;
     write_fap(&folder.join("clone.fap"), &faps)?;
     info.fps = clone.fps;
     info.frames = clone.frames.len();
@@ -150,7 +152,7 @@ pub fn write_clone(
     info.faps_not_shown = source.not_shown.iter().map(|f| f.get()).collect();
     write_json(&folder.join("clone.json"), &info)?;
     let grey = image::imageops::grayscale(&apex_picture);
-    let overlay = draw_overlay(&Frame::from_image(1, &grey)?, &bench.wireframe, &frames[apex].nodes, &[])?;
+    let overlay = draw_overlay(&Frame::from_image(1, &grey)?, &face.wireframe, &frames[apex].nodes, &[])?;
     write_atomic(&folder.join("overlay.png"), |writer| encode_png(&overlay, writer))?;
     let mut sheet = Sheet::new(SHEET_HEIGHT);
     if let Some(pictures) = source_frames {
@@ -171,8 +173,8 @@ fn spread(count: usize) -> Vec<usize> {
 }
 
 /// The clone as a track. Its nodes are computed, not tracked: the first frame is `fitted`, what the warp carries along `follows`.
-fn tracked(clone: &Clone, bench: &Workbench) -> Vec<TrackedFrame> {
-    let followers: Vec<usize> = bench.wireframe.followers().iter().map(|f| f.node.index()).collect();
+fn tracked(clone: &Clone, face: &Face) -> Vec<TrackedFrame> {
+    let followers: Vec<usize> = face.wireframe.followers().iter().map(|f| f.node.index()).collect();
     let frame = |(k, frame): (usize, &super::CloneFrame)| TrackedFrame {
         number: k as u32 + 1,
         nodes: frame
@@ -191,12 +193,12 @@ fn tracked(clone: &Clone, bench: &Workbench) -> Vec<TrackedFrame> {
 
 /// Where the track goes, and what stands beside it.
 fn track_info(
-    folder: &Path,
+    files: &CloneFiles,
     clone: &Clone,
     source: &SourceMotion,
     frames: &[TrackedFrame],
     info: &CloneInfo,
-    bench: &Workbench,
+    face: &Face,
 ) -> (std::path::PathBuf, TrackInfo) {
     let target = clone.target();
     let id = SequenceId { subject: target.name.replace('_', "-"), sequence: source.name.replace('_', "-") };
@@ -215,14 +217,14 @@ fn track_info(
         fps: Some(clone.fps),
         marks_from: "clone".to_owned(),
         marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
-        fit: bench.options.fit.clone(),
-        track: bench.options.track,
-        summary: summarize(frames, &bench.wireframe, &bench.tables),
+        fit: files.fit.clone(),
+        track: TrackOptions::default(),
+        summary: summarize(frames, &face.wireframe, &face.tables),
         inputs_blake3: blake3::hash(inputs.as_bytes()).to_hex().to_string(),
         csv_blake3: String::new(),
         id: id.clone(),
     };
-    (folder.join("track").join(format!("{id}.csv")), track_info)
+    (files.folder.join("track").join(format!("{id}.csv")), track_info)
 }
 
 /// The target's FAP file: its own motion in its own FAPUs.
@@ -230,12 +232,12 @@ fn fap_of(
     model: &DynamicExpressionModel<crate::units::Px>,
     clone: &Clone,
     source: &SourceMotion,
-    bench: &Workbench,
+    face: &Face,
 ) -> Result<(FapSequence, Vec<Clamped>), CloneError> {
     let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
     let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
-    let normalizer = crate::normalize::Normalizer::new(&bench.wireframe, &bench.tables, options).map_err(wireframe)?;
-    let normalized = normalizer.equalized(model)?;
+    let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
+    let normalized = normalizer.normalize_every_frame(model)?;
     let name = format!("{}_{}", clone.target().name, source.name);
     // FAP files have whole frame rates.
     let fps = clone.fps.round().clamp(1.0, 1000.0) as u32;

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use super::{CloneError, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail};
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
-    pipeline::Workbench,
     units::Px,
     warp::Deformation,
+    wireframe::Face,
 };
 
 /// Options of cloning.
@@ -71,13 +71,13 @@ pub fn clone_expression<'a>(
     target: &'a Target,
     details: Option<&'a Details>,
     options: &CloneOptions,
-    bench: &Workbench,
+    face: &Face,
 ) -> Result<Clone<'a>, CloneError> {
     let (fps, moments) = options.timing.moments(source)?;
     let frames = moments
         .iter()
         .map(|moment| {
-            let nodes = target.nodes_at(source, moment, options.rescale, options.emphasis, options.head, bench);
+            let nodes = target.nodes_at(source, moment, options.rescale, options.emphasis, options.head, face);
             Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest })
         })
         .collect::<Result<_, CloneError>>()?;

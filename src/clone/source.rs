@@ -9,12 +9,11 @@ use crate::{
     fap::{FapNumber, FapSequence, read_fap},
     geometry::Similarity,
     model::{DynamicExpressionModel, FrameExpressionModel},
-    normalize::stable_nodes,
-    pipeline::Workbench,
+    normalize::{NormalizeOptions, Normalizer, stable_nodes},
     plausible::{FaceSize, Implausible},
     track::{TrackedFrame, read_track, read_track_info, track_model},
     units::{FaceUnit, Px},
-    wireframe::Fapus,
+    wireframe::{Face, Fapus},
 };
 
 /// What a motion was read from.
@@ -58,23 +57,23 @@ impl SourceMotion {
     ///
     /// # Errors
     /// [`CloneError`] for a file that is none of these, does not read, or is over another wireframe.
-    pub fn read(path: &Path, bench: &Workbench) -> Result<Self, CloneError> {
+    pub fn read(path: &Path, face: &Face) -> Result<Self, CloneError> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let motion = match extension.as_str() {
             "fap" => {
                 let file = read_fap(path)?;
-                Self::from_fap(&name, &file.sequence, bench).map_err(|error| with_path(error, path))?
+                Self::from_fap(&name, &file.sequence, face).map_err(|error| with_path(error, path))?
             }
             "csv" => {
                 let frames = read_track(path)?;
-                let expected = bench.wireframe.node_count();
+                let expected = face.wireframe.node_count();
                 let found = frames.first().map_or(0, |f| f.nodes.len());
                 if found != expected {
                     return Err(CloneError::Topology { what: path.display().to_string(), found, expected });
                 }
                 if has_states(path) {
-                    let mut motion = Self::from_track(&name, &frames, bench)?;
+                    let mut motion = Self::from_track(&name, &frames, face)?;
                     if let Some(info) = read_track_info(path)? {
                         motion.fps = info.fps;
                         motion.emotion = Some(info.emotion);
@@ -87,7 +86,7 @@ impl SourceMotion {
                     FaceSize::CANONICAL
                         .check_neutral(frames.first().map_or(0, |f| f.number), model.neutral().nodes())
                         .map_err(implausible)?;
-                    Self::from_model(&name, &model, bench)?
+                    Self::from_model(&name, &model, face)?
                 }
             }
             _ => return Err(CloneError::UnknownSource { path: path.display().to_string() }),
@@ -112,13 +111,13 @@ impl SourceMotion {
     ///
     /// # Errors
     /// [`CloneError`] for fewer than two frames or a neutral face without FAPUs.
-    pub fn from_track(name: &str, frames: &[TrackedFrame], bench: &Workbench) -> Result<Self, CloneError> {
+    pub fn from_track(name: &str, frames: &[TrackedFrame], face: &Face) -> Result<Self, CloneError> {
         let model: DynamicExpressionModel<Px> = track_model(frames)?;
-        let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+        let normalizer = normalizer(face)?;
         let upright = normalizer.upright(&model)?;
-        let fapus = Fapus::measure(&bench.tables.fapus, &upright[0])
+        let fapus = Fapus::measure(&face.tables.fapus, &upright[0])
             .map_err(|source| CloneError::Fapus { what: "the source's neutral face", source })?;
-        let stable = stable_nodes(&bench.tables, bench.wireframe.node_count());
+        let stable = stable_nodes(&face.tables, face.wireframe.node_count());
         let pick = |nodes: &[Point2<f64>]| stable.iter().map(|&k| nodes[k]).collect::<Vec<_>>();
         let neutral = pick(model.neutral().nodes());
         let head = model
@@ -144,12 +143,12 @@ impl SourceMotion {
     ///
     /// # Errors
     /// [`CloneError::Topology`] for another wireframe.
-    pub fn from_model(name: &str, model: &DynamicExpressionModel<FaceUnit>, bench: &Workbench) -> Result<Self, CloneError> {
-        let expected = bench.wireframe.node_count();
+    pub fn from_model(name: &str, model: &DynamicExpressionModel<FaceUnit>, face: &Face) -> Result<Self, CloneError> {
+        let expected = face.wireframe.node_count();
         if model.node_count() != expected {
             return Err(CloneError::Topology { what: name.to_owned(), found: model.node_count(), expected });
         }
-        let fapus = canonical_fapus(bench)?;
+        let fapus = canonical_fapus(face)?;
         let offsets: Vec<_> = (0..model.frame_count()).map(|m| model.neutral_offsets(m)).collect();
         Ok(Self {
             name: name.to_owned(),
@@ -169,19 +168,19 @@ impl SourceMotion {
     ///
     /// # Errors
     /// [`CloneError`] for a file without frames, or without a FAP that shows from the front.
-    pub fn from_fap(name: &str, sequence: &FapSequence, bench: &Workbench) -> Result<Self, CloneError> {
-        let (mut offsets, not_shown) = fap_motion::offsets(name, sequence, bench)?;
+    pub fn from_fap(name: &str, sequence: &FapSequence, face: &Face) -> Result<Self, CloneError> {
+        let (mut offsets, not_shown) = fap_motion::offsets(name, sequence, face)?;
         if offsets.len() == 1 {
             // A single pose is reached from the neutral face.
-            offsets.insert(0, vec![Vector2::zeros(); bench.wireframe.node_count()]);
+            offsets.insert(0, vec![Vector2::zeros(); face.wireframe.node_count()]);
         }
         Ok(Self {
             name: name.to_owned(),
             kind: SourceKind::Fap,
             head: vec![Similarity::identity(); offsets.len()],
             offsets,
-            fapus: canonical_fapus(bench)?,
-            lid_gaps: lid_gaps(canonical_neutral(bench)?.nodes()),
+            fapus: canonical_fapus(face)?,
+            lid_gaps: lid_gaps(canonical_neutral(face)?.nodes()),
             frames: Vec::new(),
             fps: Some(sequence.fps),
             emotion: None,
@@ -213,13 +212,19 @@ pub fn lid_gaps(upright: &[Point2<f64>]) -> [f64; LID_PAIRS.len()] {
     })
 }
 
-fn canonical_neutral(bench: &Workbench) -> Result<FrameExpressionModel<FaceUnit>, CloneError> {
-    let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+/// A normalizer of the face, for what does not depend on its options: upright frames and the canonical neutral.
+pub(super) fn normalizer(face: &Face) -> Result<Normalizer<'_>, CloneError> {
+    Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())
+        .map_err(|source| CloneError::Fapus { what: "the wireframe", source })
+}
+
+fn canonical_neutral(face: &Face) -> Result<FrameExpressionModel<FaceUnit>, CloneError> {
+    let normalizer = normalizer(face)?;
     Ok(normalizer.canonical().neutral.clone())
 }
 
-fn canonical_fapus(bench: &Workbench) -> Result<Fapus, CloneError> {
-    let normalizer = bench.normalizer().map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+fn canonical_fapus(face: &Face) -> Result<Fapus, CloneError> {
+    let normalizer = normalizer(face)?;
     Ok(normalizer.canonical().fapus)
 }
 

@@ -10,14 +10,13 @@ use super::{
     timing::Moment,
 };
 use crate::{
-    fit::{Correspondence, FittedWireframe, validate_correspondences},
+    fit::{Correspondence, FittedWireframe, Fitter, validate_correspondences},
     geometry::Similarity,
     normalize::stable_nodes,
-    pipeline::Workbench,
     sequence::MAX_SIDE,
     units::NodeId,
     warp::{NODE_COUNT, Texture, Warp},
-    wireframe::Fapus,
+    wireframe::{Face, Fapus},
 };
 
 /// How offsets are scaled from the source's face to the target's.
@@ -69,33 +68,39 @@ impl Target {
     ///
     /// # Errors
     /// [`CloneError`] for marks that do not fit a frontal face, a face too small, a picture too large, or another wireframe.
-    pub fn new(name: &str, picture: RgbImage, marks: &[Correspondence], bench: &Workbench) -> Result<Self, CloneError> {
+    pub fn new(
+        name: &str,
+        picture: RgbImage,
+        marks: &[Correspondence],
+        fitter: &Fitter,
+        face: &Face,
+    ) -> Result<Self, CloneError> {
         let (width, height) = picture.dimensions();
         if width.max(height) > MAX_SIDE {
             return Err(CloneError::TooLarge { width, height, most: MAX_SIDE });
         }
         validate_correspondences(marks, width, height)?;
-        let fitted = bench.fitter().fit(&bench.wireframe, marks)?;
-        Self::from_fit(name, picture, fitted, bench)
+        let fitted = fitter.fit(&face.wireframe, marks)?;
+        Self::from_fit(name, picture, fitted, face)
     }
 
     /// A target whose wireframe is already there.
     ///
     /// # Errors
     /// As [`Target::new`].
-    pub fn from_fit(name: &str, picture: RgbImage, fitted: FittedWireframe, bench: &Workbench) -> Result<Self, CloneError> {
+    pub fn from_fit(name: &str, picture: RgbImage, fitted: FittedWireframe, face: &Face) -> Result<Self, CloneError> {
         let nodes = fitted.model.nodes();
         if nodes.len() != NODE_COUNT {
             return Err(CloneError::Topology { what: name.to_owned(), found: nodes.len(), expected: NODE_COUNT });
         }
-        let stable = stable_nodes(&bench.tables, nodes.len());
-        let frontal = bench.wireframe.frontal();
+        let stable = stable_nodes(&face.tables, nodes.len());
+        let frontal = face.wireframe.frontal();
         let pick = |points: &[Point2<f64>]| stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
         let y_up: Vec<Point2<f64>> = nodes.iter().map(|p| Point2::new(p.x, -p.y)).collect();
         let from_face = Similarity::fit(&pick(&frontal), &pick(&y_up), None).map_err(|_| crate::warp::WarpError::NoEyes)?;
         let unroll = Rotation2::new(-from_face.angle);
         let upright: Vec<Point2<f64>> = y_up.iter().map(|p| unroll * p).collect();
-        let fapus = Fapus::measure(&bench.tables.fapus, &upright)
+        let fapus = Fapus::measure(&face.tables.fapus, &upright)
             .map_err(|source| CloneError::Fapus { what: "the target's neutral face", source })?;
         check_frontal(&upright)?;
         if fapus.es < LEAST_EYE_DISTANCE {
@@ -129,7 +134,7 @@ impl Target {
         rescale: Rescale,
         emphasis: f64,
         head: bool,
-        bench: &Workbench,
+        face: &Face,
     ) -> Vec<Point2<f64>> {
         let roll = Rotation2::new(self.roll);
         let ratio = |fapu| match (self.fapus.length(fapu), source.fapus.length(fapu)) {
@@ -150,7 +155,7 @@ impl Target {
             .map(|(k, (p, offset))| {
                 let scale = match rescale {
                     Rescale::Fapu => {
-                        let (x, y) = bench.tables.node_fapus(NodeId(k as u16));
+                        let (x, y) = face.tables.node_fapus(NodeId(k as u16));
                         let lid = LID_PAIRS.iter().position(|&(above, below)| k == above || k == below);
                         Vector2::new(ratio(x), lid.map_or(ratio(y), |pair| lid_ratio(pair, ratio(y))))
                     }
@@ -226,7 +231,6 @@ mod tests {
     use crate::{
         clone::timing::Moment,
         model::FrameExpressionModel,
-        pipeline::PipelineOptions,
         track::{NodeState, TrackedFrame, TrackedNode},
         wireframe::Wireframe,
     };
@@ -243,7 +247,7 @@ mod tests {
         TrackedFrame { number, nodes: nodes.iter().map(node).collect() }
     }
 
-    fn target(nodes: Vec<Point2<f64>>, bench: &Workbench) -> Result<Target, CloneError> {
+    fn target(nodes: Vec<Point2<f64>>, bench: &Face) -> Result<Target, CloneError> {
         let fitted = FittedWireframe {
             model: FrameExpressionModel::new(nodes),
             image_from_face: Similarity::identity(),
@@ -254,7 +258,7 @@ mod tests {
     }
 
     /// A smile: the mouth corners go 5 px out and 4 px up, in a head that rolls.
-    fn smile(bench: &Workbench) -> (SourceMotion, Vec<Point2<f64>>) {
+    fn smile(bench: &Face) -> (SourceMotion, Vec<Point2<f64>>) {
         let start = neutral(&Similarity::identity());
         let roll = Similarity { scale: 1.02, angle: 0.05, translation: Vector2::new(3.0, -2.0) };
         let mut end = start.clone();
@@ -265,8 +269,8 @@ mod tests {
         (motion, end)
     }
 
-    fn bench() -> Workbench {
-        Workbench::new(None, PipelineOptions::default()).unwrap()
+    fn bench() -> Face {
+        Face::candide3()
     }
 
     #[test]

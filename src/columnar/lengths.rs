@@ -38,7 +38,7 @@ mod kind {
 enum Broken {
     /// The bytes end before it does.
     Short,
-    /// It promises what can not be.
+    /// It promises what cannot be.
     Wrong(&'static str),
 }
 

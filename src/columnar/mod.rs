@@ -32,10 +32,10 @@ const ID: &str = "id";
 /// Version of the columns.
 const SCHEMA_VERSION: &str = "1";
 
-/// A columnar file that can not be read or written.
+/// A columnar file that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ColumnarError {
-    /// The file can not be opened or made.
+    /// The file cannot be opened or made.
     #[error("{}: {reason}", path.display())]
     Io {
         /// The file.

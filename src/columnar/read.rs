@@ -157,7 +157,7 @@ impl ColumnarModels {
     /// Opens a file and reads the names of its rows.
     ///
     /// # Errors
-    /// [`ColumnarError`] for a file that can not be read, has other columns, or holds a sequence twice or none.
+    /// [`ColumnarError`] for a file that cannot be read, has other columns, or holds a sequence twice or none.
     pub fn open(path: &Path) -> Result<Self, ColumnarError> {
         let io_error = |reason| ColumnarError::Io { path: path.to_owned(), reason };
         let file = File::open(path).map_err(io_error)?;
@@ -359,7 +359,7 @@ impl ColumnarModels {
     /// All models, by row.
     ///
     /// # Errors
-    /// [`ColumnarError`] for values that can not be read or make no model.
+    /// [`ColumnarError`] for values that cannot be read or make no model.
     pub fn models(&self) -> Result<Vec<DynamicExpressionModel<FaceUnit>>, ColumnarError> {
         let mut rows = vec![vec![Vec::with_capacity(self.nodes); self.frames]; self.row_count()];
         for (m, k) in (0..self.frames).flat_map(|m| (0..self.nodes).map(move |k| (m, k))) {
@@ -405,7 +405,7 @@ impl ColumnarClass<'_> {
     /// The neutral frame of the first model, all nodes; that the others have the same is checked as they are read.
     ///
     /// # Errors
-    /// [`ColumnarError`] for values that can not be read.
+    /// [`ColumnarError`] for values that cannot be read.
     pub fn neutral(&self) -> Result<Vec<Point2<f64>>, ColumnarError> {
         let first = self.rows.first().copied().unwrap_or(0);
         (0..self.file.nodes).map(|k| self.file.positions(0, k).map(|column| column[first])).collect()

@@ -55,7 +55,7 @@ impl ColumnarWriter {
     /// A file for models of that many frames and nodes, with further text columns.
     ///
     /// # Errors
-    /// [`ColumnarError`] when the file can not be made.
+    /// [`ColumnarError`] when the file cannot be made.
     pub fn create(path: &Path, metadata: &[String], frames: usize, nodes: usize) -> Result<Self, ColumnarError> {
         let pending = PendingFile::create(path).map_err(unwritable)?;
         let error = |e: parquet::errors::ParquetError| ColumnarError::Parquet { path: path.to_owned(), reason: e.to_string() };
@@ -74,7 +74,7 @@ impl ColumnarWriter {
         }
         let texts = fields.len();
         let mut properties = WriterProperties::builder()
-            .set_created_by(crate::pipeline::MADE_BY.to_owned())
+            .set_created_by(crate::output::MADE_BY.to_owned())
             .set_key_value_metadata(Some(notes()))
             .set_statistics_enabled(EnabledStatistics::None)
             .set_offset_index_disabled(true)
@@ -147,7 +147,7 @@ impl ColumnarWriter {
     /// Writes what is left and puts the file in its place.
     ///
     /// # Errors
-    /// [`ColumnarError`] when the file can not be written.
+    /// [`ColumnarError`] when the file cannot be written.
     pub fn finish(mut self) -> Result<(), ColumnarError> {
         self.flush()?;
         let path = self.path;
@@ -160,7 +160,7 @@ impl ColumnarWriter {
 fn notes() -> Vec<KeyValue> {
     let note = |key: &str, value: &str| KeyValue::new(key.to_owned(), value.to_owned());
     vec![
-        note("grimace.made_by", crate::pipeline::MADE_BY),
+        note("grimace.made_by", crate::output::MADE_BY),
         note("grimace.schema_version", SCHEMA_VERSION),
         note("grimace.unit", <FaceUnit as crate::units::Unit>::NAME),
         note("grimace.columns", "x_M_K, y_M_K: node K in frame M from 0, x to the subject's left, y up"),

@@ -58,7 +58,7 @@ struct Folders {
 /// Opens a folder in this layout, the one above or that of the images itself; `None` when it is not in this layout.
 ///
 /// # Errors
-/// [`DatasetError`] when the images are there and the labels are not, or a folder can not be listed.
+/// [`DatasetError`] when the images are there and the labels are not, or a folder cannot be listed.
 pub(super) fn open(root: &Path) -> Result<Option<Dataset>, DatasetError> {
     let Some(folders) = find_folders(root)? else { return Ok(None) };
     let images = &folders.images;

@@ -11,7 +11,7 @@ use super::{
     landmark_files, list_frames, read_landmarks,
 };
 use crate::{
-    fit::{Correspondence, read_correspondences},
+    correspondence::{Correspondence, read_correspondences},
     units::SequenceId,
     wireframe::Tables,
 };
@@ -82,7 +82,7 @@ impl SequenceEntry {
     ///
     /// # Errors
     /// [`DatasetError`] when there are none, or the file or the landmarks do not read. Whether they determine a fit is for
-    /// [`crate::fit::validate_correspondences`].
+    /// [`crate::correspondence::validate_correspondences`].
     pub fn correspondences(
         &self,
         neutral_number: u32,

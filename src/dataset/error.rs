@@ -3,7 +3,7 @@
 use std::{io, path::PathBuf};
 
 use super::{FramesError, LandmarksError};
-use crate::{fit::CorrespondenceError, input::InputError, text::excerpt, units::SequenceId};
+use crate::{correspondence::CorrespondenceError, input::InputError, text::excerpt, units::SequenceId};
 
 /// What is wrong with a dataset or one of its sequences.
 #[derive(Debug, thiserror::Error)]
@@ -52,7 +52,7 @@ pub enum DatasetError {
         /// The known column that it is nearly.
         meant: String,
     },
-    /// A folder that can not be listed or a file that can not be read.
+    /// A folder that cannot be listed or a file that cannot be read.
     #[error("{}: cannot be read: {reason}", path.display())]
     Io {
         /// The file or folder.
@@ -79,7 +79,7 @@ pub enum DatasetError {
         /// What is wrong.
         problem: RowError,
     },
-    /// A folder whose name can not be an id.
+    /// A folder whose name cannot be an id.
     #[error("{}: {problem}", path.display())]
     FolderName {
         /// The folder.
@@ -103,7 +103,7 @@ pub enum DatasetError {
         /// Its content, shortened.
         found: String,
     },
-    /// Frames that can not be listed.
+    /// Frames that cannot be listed.
     #[error(transparent)]
     Frames(#[from] FramesError),
     /// Landmarks that do not read.
@@ -143,7 +143,7 @@ pub enum RowError {
         /// Column.
         column: &'static str,
     },
-    /// A text that can not be part of a file name.
+    /// A text that cannot be part of a file name.
     #[error("{column} is `{value}`, {reason}; results are named after it")]
     NotAFileName {
         /// Column.

@@ -63,10 +63,10 @@ impl FrameSource {
     }
 }
 
-/// Why the frames of a sequence can not be listed.
+/// Why the frames of a sequence cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum FramesError {
-    /// The folder can not be listed.
+    /// The folder cannot be listed.
     #[error("{}: cannot be read: {reason}", path.display())]
     Io {
         /// The folder.

@@ -267,7 +267,7 @@ fn the_real_sequences_read() {
         let count = Wireframe::candide3().node_count();
         let marks = entry.correspondences(source.neutral_number(), &tables, count, &LandmarkSelection::Default).unwrap();
         let size = |column| entry.column(column).unwrap().parse().unwrap();
-        crate::fit::validate_correspondences(&marks, size("width"), size("height")).unwrap();
+        crate::correspondence::validate_correspondences(&marks, size("width"), size("height")).unwrap();
     }
     // Counted apart from this code: image files in the folder, and the sum of last_frame - first_frame + 1 over the rows.
     assert_eq!(frame_count, 638);

@@ -12,7 +12,7 @@ use super::{
 /// Most frames that interpolation makes: four hours at 25 frames per second, 400 MB.
 pub const MAX_FRAMES: usize = 360_000;
 
-/// Why frames can not be interpolated.
+/// Why frames cannot be interpolated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateError {
     /// The result would be too long.

@@ -36,7 +36,7 @@ pub struct FapFile {
 /// A FAP file that was not read.
 #[derive(Debug, thiserror::Error)]
 pub enum FapReadError {
-    /// The file can not be opened or read.
+    /// The file cannot be opened or read.
     #[error("cannot read {}: {source}", path.display())]
     Io {
         /// The file.
@@ -104,7 +104,7 @@ impl ParsedFap {
 /// Reads a FAP file tolerantly.
 ///
 /// # Errors
-/// [`FapReadError`] when the file can not be read or its content is none that a known tool writes.
+/// [`FapReadError`] when the file cannot be read or its content is none that a known tool writes.
 pub fn read_fap(path: &Path) -> Result<FapFile, FapReadError> {
     let bytes = std::fs::read(path).map_err(|source| FapReadError::Io { path: path.to_owned(), source })?;
     parse_fap(&bytes).into_file().map_err(|findings| {

@@ -23,7 +23,7 @@ use crate::{
 /// A table that does not read.
 #[derive(Debug, thiserror::Error)]
 pub enum TidyError {
-    /// The file can not be opened or read.
+    /// The file cannot be opened or read.
     #[error("cannot read {}: {source}", path.display())]
     Io {
         /// The file.
@@ -54,7 +54,7 @@ struct Row {
 /// Writes a sequence as a table, values with 9 significant digits.
 ///
 /// # Errors
-/// [`OutputError`] when the file can not be written.
+/// [`OutputError`] when the file cannot be written.
 pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputError> {
     let rows = sequence.frames.iter().enumerate().flat_map(|(index, frame)| {
         FapCatalog::mpeg4().rows().iter().filter_map(move |row| {

@@ -22,7 +22,7 @@ pub enum ValueFormat {
 /// Greatest frame rate: what the reader with a 16-bit counter holds.
 const FPS_MAX: f64 = 32_767.0;
 
-/// What in a sequence can not be written.
+/// What in a sequence cannot be written.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FapWriteErrorKind {
     /// The name is not a token.
@@ -100,7 +100,7 @@ pub enum FapWriteError {
 /// Writes a FAP file that every known reader takes, whole or not at all.
 ///
 /// # Errors
-/// [`FapWriteError`] when a name, frame rate or value does not fit the strict subset, or the file can not be written.
+/// [`FapWriteError`] when a name, frame rate or value does not fit the strict subset, or the file cannot be written.
 pub fn write_fap(path: &Path, sequence: &FapSequence) -> Result<(), FapWriteError> {
     write_fap_as(path, sequence, Profile::Strict, ValueFormat::Integer)
 }

@@ -6,7 +6,6 @@
 //!
 //! The wireframe of the result is in image space: here the y axis is flipped.
 
-mod correspondence;
 mod prior;
 mod spring;
 
@@ -22,7 +21,7 @@ use crate::{
     wireframe::Wireframe,
 };
 
-pub use correspondence::{
+pub use crate::correspondence::{
     COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences,
 };
@@ -104,7 +103,7 @@ impl Default for FitOptions {
     }
 }
 
-/// Why a wireframe can not be fitted.
+/// Why a wireframe cannot be fitted.
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
     /// Too few marks.

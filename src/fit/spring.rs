@@ -56,7 +56,7 @@ pub enum SpringError {
     #[error("no node drives the deformation")]
     NoTarget,
     /// A target at a node that does not exist or is in no triangle.
-    #[error("node {node} is in no triangle; it can not drive the springs")]
+    #[error("node {node} is in no triangle; it cannot drive the springs")]
     NotLive {
         /// The node.
         node: NodeId,

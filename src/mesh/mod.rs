@@ -53,7 +53,7 @@ pub enum MeshError {
 /// A mesh file that does not read.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFileError {
-    /// The file can not be opened or ends early.
+    /// The file cannot be opened or ends early.
     #[error("cannot read {}: {source}", path.display())]
     Io {
         /// The file.

@@ -158,7 +158,7 @@ fn check_header(path: &Path) -> Result<u64, MeshFileError> {
 /// Writes a C-order `f32` array of a shape; `fill` hands over the values in order through its argument.
 ///
 /// # Errors
-/// When `out` can not be written to, or the number of values is not that of the shape.
+/// When `out` cannot be written to, or the number of values is not that of the shape.
 pub fn write_npy_f32(
     out: &mut dyn Write,
     shape: &[usize],

@@ -16,7 +16,7 @@ use crate::{foreign::caught, text::excerpt};
 /// Reads an OBJ file; polygons become fans.
 ///
 /// # Errors
-/// [`MeshFileError`] for a file that can not be read, lines that do not parse (with their number), or what is no mesh.
+/// [`MeshFileError`] for a file that cannot be read, lines that do not parse (with their number), or what is no mesh.
 pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     let bytes = fs::read(path).map_err(MeshFileError::io(path))?;
     // Only positions and faces matter: other lines are blanked, so that comments in any encoding and statements of other
@@ -64,7 +64,7 @@ fn reason(error: &ObjError) -> String {
 /// Writes positions and triangles as OBJ, with the shortest decimals that read back to the same `f32`.
 ///
 /// # Errors
-/// When `out` can not be written to.
+/// When `out` cannot be written to.
 pub fn write_obj(out: &mut dyn Write, positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> io::Result<()> {
     let corner = |v: u32| IndexTuple(v as usize, None, None);
     let mut group = Group::new("face".to_owned());

@@ -85,7 +85,7 @@ impl PropertyAccess for Row {
 /// Reads a PLY file: the elements `vertex` (x, y, z) and `face` (`vertex_indices` or `vertex_index`); polygons become fans.
 ///
 /// # Errors
-/// [`MeshFileError`] for a file that can not be read, is damaged or ends early, or what is no mesh.
+/// [`MeshFileError`] for a file that cannot be read, is damaged or ends early, or what is no mesh.
 pub fn read_ply(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     let file = File::open(path).map_err(MeshFileError::io(path))?;
     caught(|| parse(path, file)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
@@ -125,7 +125,7 @@ fn parse(path: &Path, file: File) -> Result<TriangleMesh, MeshFileError> {
 /// Writes positions and triangles as binary little-endian PLY.
 ///
 /// # Errors
-/// When `out` can not be written to.
+/// When `out` cannot be written to.
 pub fn write_ply(out: &mut dyn Write, positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> io::Result<()> {
     let mut ply = Ply::<Row>::new();
     ply.header.encoding = Encoding::BinaryLittleEndian;

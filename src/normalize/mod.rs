@@ -52,7 +52,7 @@ impl Default for NormalizeOptions {
     }
 }
 
-/// Why a track can not be normalized.
+/// Why a track cannot be normalized.
 #[derive(Debug, thiserror::Error)]
 pub enum NormalizeError {
     /// The points that expressions do not move determine no similarity.
@@ -132,15 +132,6 @@ impl<'a> Normalizer<'a> {
         orientation::upright(track, &self.wireframe.frontal(), self.tables)
     }
 
-    /// A track in face units with all its frames, upright, without head motion, with canonical FAPUs.
-    ///
-    /// # Errors
-    /// [`NormalizeError`].
-    pub fn equalized(&self, track: &DynamicExpressionModel<Px>) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
-        let upright = self.upright(track)?;
-        size::equalize(&upright, self.tables, &self.canonical, self.wireframe, self.options.size)
-    }
-
     /// The normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright, without head motion, with canonical FAPUs.
     ///
     /// # Errors
@@ -157,11 +148,7 @@ impl<'a> Normalizer<'a> {
         &self,
         track: &DynamicExpressionModel<Px>,
     ) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
-        let expected = self.wireframe.node_count();
-        if track.node_count() != expected {
-            return Err(NormalizeError::NodeCount { found: track.node_count(), expected });
-        }
-        let upright = orientation::upright(track, &self.wireframe.frontal(), self.tables)?;
+        let upright = self.upright(track)?;
         size::equalize(&upright, self.tables, &self.canonical, self.wireframe, self.options.size)
     }
 }

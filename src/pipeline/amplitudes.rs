@@ -5,21 +5,16 @@ use std::{
     path::Path,
 };
 
-use super::{
-    Workbench,
-    analysis::EmotionGroups,
-    classes::listed,
-    groups::{is_known, stream_of, values},
-};
+use super::{Workbench, analysis::EmotionGroups};
 use crate::{
-    output::{OutputError, nine_digits, write_records},
+    output::{OutputError, listed, nine_digits, write_records},
     statistics::{
         LabelledModel, SequenceModel,
         amplitude::{
             AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, PersonValue, adjust_amplitudes, amplitudes,
             compare_amplitudes,
         },
-        compare::Strata,
+        compare::{MAX_COMPARED_GROUPS, Strata, group_values, is_known, stream_of},
     },
     units::SequenceId,
 };
@@ -49,7 +44,7 @@ pub struct AmplitudeResults {
 }
 
 /// Most groups of an emotion whose amplitudes are compared.
-const MOST_GROUPS: usize = super::MAX_COMPARED_GROUPS;
+const MOST_GROUPS: usize = MAX_COMPARED_GROUPS;
 
 impl AmplitudeResults {
     /// Amplitudes of all emotions.
@@ -190,7 +185,7 @@ pub(super) fn write_amplitudes(out: &Path, results: &AmplitudeResults, bench: &W
         "not_tested",
     ];
     let rows = results.comparisons.iter().map(|c| {
-        let mut row = vec![c.emotion.clone(), c.region.to_owned(), values(&c.groups[0]), values(&c.groups[1])];
+        let mut row = vec![c.emotion.clone(), c.region.to_owned(), group_values(&c.groups[0]), group_values(&c.groups[1])];
         let words = c.words(bench.options.groups.compare.significance, &bench.options.groups.amplitude);
         match &c.outcome {
             Ok(t) => {

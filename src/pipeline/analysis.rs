@@ -8,8 +8,8 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    AmplitudeResults, Comparisons, Failure, RecognitionResults, Workbench,
-    classes::{class, listed, spelling_warnings, unique_stem, warnings},
+    AmplitudeResults, Failure, RecognitionResults, Workbench,
+    classes::{class, spelling_warnings, unique_stem, warnings},
     parts::EmotionPart,
     recognition::recognize_left_out,
 };
@@ -17,10 +17,13 @@ use crate::{
     clone::CloneError,
     fap::{Clamped, ConvertError, FapSequence, FapWriteError},
     model::ModelError,
-    output::OutputError,
+    output::{OutputError, listed},
     statistics::{
-        ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError, bootstrap::DispersionInterval,
-        check_columns, compare::Strata, group_models, spelling_key,
+        ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError,
+        bootstrap::DispersionInterval,
+        check_columns,
+        compare::{Comparisons, Strata},
+        group_models, spelling_key,
     },
     track::{TrackQuality, Verdict},
     wireframe::FapusError,
@@ -51,10 +54,10 @@ pub enum AnalysisError {
     /// A model is not one.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// A FAP file can not be written.
+    /// A FAP file cannot be written.
     #[error(transparent)]
     Fap(#[from] FapWriteError),
-    /// A file can not be written.
+    /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// The report does not render.
@@ -63,7 +66,7 @@ pub enum AnalysisError {
     /// A column to group by that no sequence has.
     #[error(transparent)]
     Group(#[from] GroupError),
-    /// The representatives can not be shown on the report's face.
+    /// The representatives cannot be shown on the report's face.
     #[error("the face of the report: {0}")]
     Face(#[from] CloneError),
     /// A representative has no FAPs.
@@ -74,7 +77,7 @@ pub enum AnalysisError {
     Columnar(#[from] crate::columnar::ColumnarError),
     /// Groups of models that do not fit into memory.
     #[error(
-        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which groups can not be compared; allow more, or leave --by out"
+        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which groups cannot be compared; allow more, or leave --by out"
     )]
     GroupsNeedMemory {
         /// Megabytes of all models.

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{AnalysisError, AnalyzedClass, FapOptions, Workbench};
 use crate::{
     fap::{Clamped, FapCatalog, FapSequence},
+    output::listed,
     statistics::{
         ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, near_twins,
         scale::MANY_MODELS, spelling_key, trimming::trimmed_count,
@@ -54,12 +55,6 @@ const NOTABLE_CLAMP: f64 = 20.0;
 
 /// Most classes that a warning names.
 const MOST_NAMED: usize = 12;
-
-/// The first of a list, and how many more.
-pub(super) fn listed(items: &[String], most: usize) -> String {
-    let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
-    if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }
-}
 
 /// What a person should know before using the results: at most one line of each kind.
 pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -> Vec<String> {

@@ -17,7 +17,7 @@ use crate::{
 /// Writes models, sorted by id, with every metadata column that one of them has.
 ///
 /// # Errors
-/// [`ColumnarError`] when the file can not be written.
+/// [`ColumnarError`] when the file cannot be written.
 pub fn write_columnar(path: &Path, models: &[AnalyzedModel]) -> Result<(), ColumnarError> {
     let columns: BTreeSet<&String> = models.iter().flat_map(|m| m.metadata.keys()).collect();
     let columns: Vec<String> = columns.into_iter().cloned().collect();

@@ -7,24 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::{PipelineOptions, Stage};
 use crate::units::SequenceId;
 
-/// Program and version, as written into every file of provenance.
-pub const MADE_BY: &str = concat!("grimace ", env!("CARGO_PKG_VERSION"));
-
 /// Version of the schema of `run.json` and of the representatives' JSON.
 pub const SCHEMA_VERSION: u32 = 1;
-
-/// A sequence that failed: a row of `failures.csv`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Failure {
-    /// Subject.
-    pub subject: String,
-    /// Sequence.
-    pub sequence: String,
-    /// Stage that failed.
-    pub stage: Stage,
-    /// The error in full.
-    pub reason: String,
-}
 
 /// How one sequence went, in `run.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,7 +31,7 @@ pub struct SequenceRecord {
 pub struct RunJson {
     /// [`SCHEMA_VERSION`].
     pub schema_version: u32,
-    /// [`MADE_BY`].
+    /// [`crate::output::MADE_BY`].
     pub made_by: String,
     /// Name of the dataset's folder.
     pub dataset: String,
@@ -86,7 +70,7 @@ pub fn run_units() -> BTreeMap<String, String> {
     .collect()
 }
 
-/// BLAKE3 of a file, in hexadecimal; `None` when it can not be read.
+/// BLAKE3 of a file, in hexadecimal; `None` when it cannot be read.
 pub fn file_blake3(path: &Path) -> Option<String> {
     std::fs::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string())
 }

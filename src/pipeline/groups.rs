@@ -1,195 +1,16 @@
-//! Groups beside each other: intervals of their dispersions, tests between them, and the files of both.
+//! The files of groups beside each other: intervals of their dispersions, and tests between them.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
-use super::{AnalyzedClass, classes::listed};
+use super::AnalyzedClass;
 use crate::{
-    output::{OutputError, count, nine_digits, write_records},
+    output::{OutputError, nine_digits, write_records},
     statistics::{
-        ClassLabel, SequenceModel, UNKNOWN_GROUP,
-        amplitude::AmplitudeOptions,
         bootstrap::{DispersionInterval, no_interval},
-        compare::{CompareOptions, Comparison, OmnibusComparison, Strata, Tested, adjust, adjust_omnibus, compare, omnibus},
+        compare::{Comparisons, OmnibusComparison, group_values},
     },
-    units::NodeId,
     wireframe::Wireframe,
 };
-
-/// Replicates of a bootstrap where nothing else is asked for.
-const BOOTSTRAP_REPLICATES: usize = 1000;
-
-/// Groups of one emotion above which none are compared: 50 make 1,225 pairs.
-pub const MAX_COMPARED_GROUPS: usize = 50;
-
-/// Options of groups.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct GroupOptions {
-    /// Tests between groups.
-    pub compare: CompareOptions,
-    /// Replicates of the bootstrap of every dispersion; 0 for none. Without groups there is no bootstrap.
-    pub bootstrap: usize,
-    /// Comparisons of amplitudes.
-    #[serde(default)]
-    pub amplitude: AmplitudeOptions,
-}
-
-impl Default for GroupOptions {
-    fn default() -> Self {
-        Self { compare: CompareOptions::default(), bootstrap: BOOTSTRAP_REPLICATES, amplitude: AmplitudeOptions::default() }
-    }
-}
-
-/// What was compared, and what was not.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Comparisons {
-    /// All pairs of groups of every emotion, by emotion, then in the order of the groups; corrected for their number.
-    pub pairs: Vec<Comparison>,
-    /// Emotions with too many groups to compare, with the number of groups.
-    pub too_many: Vec<(String, usize)>,
-    /// Whether people without a value were left out.
-    pub unknown_left_out: bool,
-    /// All groups of each emotion at once; corrected for their number.
-    #[serde(default)]
-    pub omnibus: Vec<OmnibusComparison>,
-}
-
-/// Whether a class is of people whose value is known in every column.
-pub(super) fn is_known(label: &ClassLabel) -> bool {
-    !label.group.is_empty() && label.group.values().all(|value| value != UNKNOWN_GROUP)
-}
-
-/// Random stream of a class or a pair of classes: it depends on their names alone, so that neither other groups nor the order in which
-/// emotions are worked on change a result.
-pub(super) fn stream_of(labels: &[(&str, &BTreeMap<String, String>)]) -> u32 {
-    let hash = blake3::hash(&serde_json::to_vec(labels).unwrap_or_default());
-    let bytes = hash.as_bytes();
-    // Half the range: the bootstrap has the other.
-    u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) >> 1
-}
-
-/// Compares every two groups of one emotion; the p values are not corrected yet.
-pub(super) fn compare_groups(
-    emotion: &str,
-    groups: &[(ClassLabel, Vec<&SequenceModel>)],
-    live: &[NodeId],
-    options: &GroupOptions,
-    strata: Option<&Strata>,
-) -> Comparisons {
-    let mut all = Comparisons::default();
-    let grouped = groups.iter().filter(|(label, _)| !label.group.is_empty());
-    let (known, unknown): (Vec<_>, Vec<_>) = grouped.partition(|(label, _)| is_known(label));
-    all.unknown_left_out = !unknown.is_empty();
-    if known.len() > MAX_COMPARED_GROUPS {
-        all.too_many.push((emotion.to_owned(), known.len()));
-        return all;
-    }
-    if known.len() > 1 {
-        let labels: Vec<(&str, &BTreeMap<String, String>)> = known.iter().map(|(label, _)| (emotion, &label.group)).collect();
-        let members: Vec<Vec<&SequenceModel>> = known.iter().map(|(_, models)| models.clone()).collect();
-        all.omnibus.push(OmnibusComparison {
-            emotion: emotion.to_owned(),
-            groups: known.iter().map(|(label, _)| label.group.clone()).collect(),
-            outcome: omnibus(&members, live, &options.compare, strata, stream_of(&labels)),
-        });
-    }
-    let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
-    for (i, (a, of_a)) in known.iter().enumerate() {
-        for (b, of_b) in &known[i + 1..] {
-            let stream = stream_of(&[(emotion, &a.group), (emotion, &b.group)]);
-            all.pairs.push(Comparison {
-                emotion: emotion.to_owned(),
-                groups: [a.group.clone(), b.group.clone()],
-                people: [people(of_a), people(of_b)],
-                sequences: [of_a.len(), of_b.len()],
-                outcome: compare(of_a, of_b, live, &options.compare, strata, stream),
-            });
-        }
-    }
-    all
-}
-
-impl Comparisons {
-    /// Those of all emotions, corrected for their number.
-    pub(super) fn together(parts: impl IntoIterator<Item = Self>) -> Self {
-        let mut all = Self::default();
-        for part in parts {
-            all.pairs.extend(part.pairs);
-            all.omnibus.extend(part.omnibus);
-            all.too_many.extend(part.too_many);
-            all.unknown_left_out |= part.unknown_left_out;
-        }
-        adjust(&mut all.pairs);
-        adjust_omnibus(&mut all.omnibus);
-        all
-    }
-
-    /// Tests made.
-    pub fn tests(&self) -> usize {
-        self.pairs.iter().filter(|pair| pair.outcome.is_ok()).count()
-    }
-
-    /// What a person should know, at most one line of each kind.
-    pub(super) fn warnings(&self, significance: f64) -> Vec<String> {
-        let mut warnings = Vec::new();
-        warnings.extend(self.hopeless(significance));
-        let untested: Vec<String> = self
-            .pairs
-            .iter()
-            .filter_map(|pair| pair.outcome.as_ref().err().map(|why| (pair, why)))
-            .map(|(pair, why)| format!("{}: {} and {} ({why})", pair.emotion, values(&pair.groups[0]), values(&pair.groups[1])))
-            .collect();
-        if !untested.is_empty() {
-            warnings.push(format!("not tested: {}", listed(&untested, 5)));
-        }
-        if !self.too_many.is_empty() {
-            let list: Vec<String> = self.too_many.iter().map(|(emotion, groups)| format!("{emotion} has {groups}")).collect();
-            warnings
-                .push(format!("more than {MAX_COMPARED_GROUPS} groups are not compared with each other: {}", list.join(", ")));
-        }
-        if self.unknown_left_out && !self.pairs.is_empty() {
-            warnings.push(format!("people without a value are the group `{UNKNOWN_GROUP}`, which is compared with nobody"));
-        }
-        warnings
-    }
-}
-
-impl Comparisons {
-    /// The warning that tests can not find anything, and what would help.
-    fn hopeless(&self, significance: f64) -> Option<String> {
-        let tested: Vec<&Tested> = self.pairs.iter().filter_map(|pair| pair.outcome.as_ref().ok()).collect();
-        let hopeless: Vec<&&Tested> = tested.iter().filter(|t| t.least_p_adjusted > significance).collect();
-        let first = hopeless.first()?;
-        let tests = tested.len();
-        let drawn = hopeless.iter().filter(|t| !t.exhaustive).count();
-        let mut helps = Vec::new();
-        if drawn > 0 {
-            // One of drawn + 1 times the number of tests is at most the significance.
-            helps.push(format!("--permutations {} or more", (tests as f64 / significance).ceil() as usize));
-        }
-        if drawn < hopeless.len() {
-            helps.push("more people in groups whose splits are all tried".to_owned());
-        }
-        helps.push("fewer groups to compare".to_owned());
-        Some(format!(
-            "{} of {} can not reject at {significance} after Holm's correction for their number, whatever the data (least p {}, corrected {}); what would help: {}",
-            hopeless.len(),
-            count(tests, "test", "tests"),
-            nine_digits(first.least_p),
-            nine_digits(first.least_p_adjusted),
-            helps.join(", ")
-        ))
-    }
-}
-
-/// The values of a group, joined.
-pub(crate) fn values(group: &BTreeMap<String, String>) -> String {
-    group.values().map(String::as_str).collect::<Vec<_>>().join(" + ")
-}
 
 /// Columns of `intervals.csv` before those of the groups.
 const INTERVAL_COLUMNS: [&str; 9] =
@@ -259,7 +80,7 @@ pub(super) fn write_groups(
         .map(str::to_owned)
         .collect();
     let rows = comparisons.pairs.iter().map(|pair| {
-        let mut row = vec![pair.emotion.clone(), values(&pair.groups[0]), values(&pair.groups[1])];
+        let mut row = vec![pair.emotion.clone(), group_values(&pair.groups[0]), group_values(&pair.groups[1])];
         row.extend(pair.people.iter().chain(&pair.sequences).map(ToString::to_string));
         match &pair.outcome {
             Ok(t) => {
@@ -286,7 +107,8 @@ pub(super) fn write_groups(
     let rows = comparisons.pairs.iter().filter_map(|pair| Some((pair, pair.outcome.as_ref().ok()?))).flat_map(|(pair, t)| {
         let nodes = wireframe.live_nodes().iter().zip(t.node_energy.iter().zip(&t.node_p));
         nodes.map(move |(node, (&energy, &p))| {
-            let names = vec![pair.emotion.clone(), values(&pair.groups[0]), values(&pair.groups[1]), node.to_string()];
+            let names =
+                vec![pair.emotion.clone(), group_values(&pair.groups[0]), group_values(&pair.groups[1]), node.to_string()];
             [names, vec![nine_digits(energy), nine_digits(p)]].concat()
         })
     });
@@ -313,7 +135,7 @@ fn write_omnibus(path: &Path, comparisons: &[OmnibusComparison]) -> Result<(), O
     ];
     let joined = |texts: Vec<String>| texts.join("; ");
     let rows = comparisons.iter().map(|c| {
-        let mut row = vec![c.emotion.clone(), joined(c.groups.iter().map(values).collect())];
+        let mut row = vec![c.emotion.clone(), joined(c.groups.iter().map(group_values).collect())];
         match &c.outcome {
             Ok(t) => {
                 row.push(joined(t.people.iter().map(ToString::to_string).collect()));

@@ -21,7 +21,7 @@ mod units;
 mod work;
 mod write;
 
-use std::{path::Path, sync::OnceLock};
+use std::{ops::Deref, path::Path, sync::OnceLock};
 
 use serde::{Deserialize, Serialize};
 
@@ -29,25 +29,25 @@ use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection},
     fit::{FitOptions, Fitter, SpringError},
     normalize::{NormalizeOptions, Normalizer},
-    statistics::StatisticsOptions,
+    output::MADE_BY,
+    report::{Failure, Stage},
+    statistics::{StatisticsOptions, compare::GroupOptions},
     track::{LandmarkPlan, TrackOptions, TrackPlan},
-    wireframe::{FapusError, Tables, WfmError, Wireframe, read_wfm},
+    wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
 pub use amplitudes::{AmplitudeResults, SequenceAmplitudes};
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
-pub use files::{Failure, MADE_BY, RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
-pub(crate) use groups::values as group_values;
-pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS};
+pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use recognition::{
     NONE_LEVEL, NONE_OF_THESE, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition,
 };
 pub use run::{Event, RunError, RunSummary, run};
-pub use sequence::{SequenceFailure, SequenceSource, Stage, overlay_path, overlay_pictures, track_one};
+pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use write::write_analysis;
@@ -122,27 +122,25 @@ impl Default for FapOptions {
     }
 }
 
-/// A wireframe that can not be worked with.
+/// A wireframe that cannot be worked with.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkbenchError {
     /// The file does not read.
     #[error(transparent)]
     Wfm(#[from] WfmError),
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("cannot read the wireframe: {0}")]
     Io(#[from] std::io::Error),
     /// The wireframe lacks what FAPUs are measured on.
-    #[error("the wireframe can not be used: {0}")]
+    #[error("the wireframe cannot be used: {0}")]
     Fapus(#[from] FapusError),
 }
 
 /// A wireframe with everything that is computed once for it, and the options of every stage.
 #[derive(Debug)]
 pub struct Workbench {
-    /// The wireframe.
-    pub wireframe: Wireframe,
-    /// The tables that tie it to MPEG-4 and to landmarks.
-    pub tables: Tables,
+    /// The wireframe and its tables. A workbench is a face: `bench.wireframe` is `bench.face.wireframe`.
+    pub face: Face,
     /// Options of every stage.
     pub options: PipelineOptions,
     fitter: Fitter,
@@ -151,6 +149,14 @@ pub struct Workbench {
     landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
     /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
     wireframe_blake3: Option<String>,
+}
+
+impl Deref for Workbench {
+    type Target = Face;
+
+    fn deref(&self) -> &Face {
+        &self.face
+    }
 }
 
 impl Workbench {
@@ -164,10 +170,10 @@ impl Workbench {
             Some(path) => Some(blake3::hash(&std::fs::read(path)?).to_hex().to_string()),
             None => None,
         };
-        let tables = Tables::candide3();
-        let fitter = Fitter::new(&wireframe, options.fit.clone());
-        let plan = TrackPlan::new(&wireframe, &tables);
-        let bench = Self { wireframe, tables, options, fitter, plan, landmark_plan: OnceLock::new(), wireframe_blake3 };
+        let face = Face::new(wireframe);
+        let fitter = Fitter::new(&face.wireframe, options.fit.clone());
+        let plan = TrackPlan::new(&face.wireframe, &face.tables);
+        let bench = Self { face, options, fitter, plan, landmark_plan: OnceLock::new(), wireframe_blake3 };
         bench.normalizer()?;
         Ok(bench)
     }

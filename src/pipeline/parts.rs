@@ -12,16 +12,13 @@ use std::{
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    AnalysisError, Comparisons, MADE_BY, Workbench,
-    groups::{compare_groups, stream_of},
-};
+use super::{AnalysisError, MADE_BY, Workbench};
 use crate::{
     output::{OutputError, write_json},
     statistics::{
         self, ClassLabel, Representative, SequenceModel,
         bootstrap::{DispersionInterval, dispersion_interval},
-        compare::Strata,
+        compare::{Comparisons, Strata, compare_groups, stream_of},
     },
 };
 

@@ -93,7 +93,7 @@ pub enum RunError {
         /// What differs.
         what: String,
     },
-    /// A file can not be written.
+    /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// Writing in the middle of a sequence failed.

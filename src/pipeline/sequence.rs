@@ -2,15 +2,14 @@
 
 use std::{
     collections::BTreeMap,
-    fmt, fs,
+    fs,
     path::{Path, PathBuf},
 };
 
 use image::RgbImage;
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 
-use super::{MADE_BY, Workbench};
+use super::{MADE_BY, Stage, Workbench};
 use crate::{
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
@@ -27,38 +26,7 @@ use crate::{
     units::{FaceUnit, SequenceId},
 };
 
-/// A stage of the main job, as named in `failures.csv`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Stage {
-    /// Reading what the user gave: manifest row, marks, landmarks, list of frames.
-    Dataset,
-    /// Fitting the wireframe to the neutral frame.
-    Fit,
-    /// Decoding and tracking the frames.
-    Track,
-    /// Normalizing the track.
-    Normalize,
-    /// Statistics over the models.
-    Statistics,
-    /// Writing results.
-    Write,
-}
-
-impl fmt::Display for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Dataset => "dataset",
-            Self::Fit => "fit",
-            Self::Track => "track",
-            Self::Normalize => "normalize",
-            Self::Statistics => "statistics",
-            Self::Write => "write",
-        })
-    }
-}
-
-/// A sequence that can not be processed, and where it failed.
+/// A sequence that cannot be processed, and where it failed.
 #[derive(Clone, Debug)]
 pub struct SequenceFailure {
     /// The stage.
@@ -118,7 +86,7 @@ impl SequenceSource {
     /// Emotion, further columns and frame rate are not among it: a new label does not make a new track.
     ///
     /// # Errors
-    /// [`SequenceFailure`] when a frame can not be read.
+    /// [`SequenceFailure`] when a frame cannot be read.
     pub fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {

@@ -65,7 +65,7 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
         ReportFace::Photograph { image, correspondences, .. } => {
             let picture = read_colour(image)?;
             let marks = read_marks(correspondences, &LandmarkSelection::HighAndMedium, bench)?;
-            Target::new(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks, bench)
+            Target::new(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks, bench.fitter(), bench)
         }
         ReportFace::Simulated => {
             let (picture, nodes) = simulated_face().map_err(CloneError::Showcase)?;

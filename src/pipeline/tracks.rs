@@ -24,7 +24,7 @@ pub fn tracks_folder(folder: &Path) -> PathBuf {
 /// once.
 ///
 /// # Errors
-/// [`std::io::Error`] when a folder can not be read or a file is not there, with its path.
+/// [`std::io::Error`] when a folder cannot be read or a file is not there, with its path.
 pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let with_path = |path: &Path| {
         let path = path.display().to_string();
@@ -107,7 +107,7 @@ fn load(
     let info = read_track_info(path).map_err(SequenceFailure::at(Stage::Dataset))?;
     let id = info.as_ref().map_or_else(|| id_of(path), |i| i.id.clone());
     if id.to_string().contains(['/', '\\', '\0']) {
-        let reason = format!("{}: subject and sequence `{id}` can not name a file", path.display());
+        let reason = format!("{}: subject and sequence `{id}` cannot name a file", path.display());
         return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));

@@ -32,7 +32,7 @@ pub(super) struct Planned<'a> {
     pub emotion: String,
     /// What the manifest says; `None` for a row that is damaged.
     pub entry: Option<&'a SequenceEntry>,
-    /// What drives it and the hash of its inputs, or why it can not be worked on.
+    /// What drives it and the hash of its inputs, or why it cannot be worked on.
     pub source: Result<(Source, String), SequenceFailure>,
 }
 

@@ -65,7 +65,7 @@ struct Trimmed {
 /// file by its path relative to `out`.
 ///
 /// # Errors
-/// [`AnalysisError`] when a file can not be written.
+/// [`AnalysisError`] when a file cannot be written.
 pub fn write_analysis(
     analysis: &Analysis,
     out: &Path,
@@ -313,6 +313,14 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Extreme displacement (robust standard deviations)", o.track.extreme.to_string()),
         ("Spring force on tracked nodes (over stiffness)", o.track.force.to_string()),
         ("Weight of the mismatch against gradients", o.track.mismatch.to_string()),
+        ("Gain of the alignment with the neutral frame", o.track.align.gain.to_string()),
+        ("Landmarks used as marks", json(serde_json::to_value(&o.marks))),
+    ];
+    let tests = [
+        ("Permutations of a test between groups", o.groups.compare.permutations.to_string()),
+        ("People of a group in a test, at most", o.groups.compare.people.to_string()),
+        ("Bootstrap replicates", o.groups.bootstrap.to_string()),
+        ("Seed", o.groups.compare.seed.to_string()),
     ];
     let analysis = [
         ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
@@ -326,6 +334,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Labels exchanged within", if o.strata.is_empty() { "all people".to_owned() } else { o.strata.join(", ") }),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
     ];
-    let rows = tracking.into_iter().filter(|_| tracked_here).chain(analysis);
+    let rows =
+        tracking.into_iter().filter(|_| tracked_here).chain(analysis).chain(tests.into_iter().filter(|_| !o.by.is_empty()));
     rows.map(|(label, value)| (label.to_owned(), value)).collect()
 }

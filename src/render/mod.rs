@@ -3,9 +3,7 @@
 //! Nothing here needs a display or a graphics card, and the same face gives the same bytes.
 
 mod raster;
-mod scene;
 mod sheet;
 
 pub use raster::{Canvas, Shade, Vertex};
-pub use scene::{FaceScene, View};
 pub use sheet::{LABEL_HEIGHT, Labelled, contact_sheet, gif_bytes, write_label};

@@ -12,8 +12,7 @@ use super::{
 };
 use crate::{
     output::count,
-    pipeline::group_values,
-    statistics::compare::{Comparison, Tested},
+    statistics::compare::{Comparison, Tested, group_values},
     units::NodeId,
 };
 

@@ -4,6 +4,7 @@
 //! so). Text and tables are rendered here; the figures are drawn by the page's script from the embedded data. The bytes depend
 //! on the input alone: no clock, no random names, lengths rounded to 0.01 face units.
 
+mod failure;
 mod groups;
 mod numbers;
 mod payload;
@@ -16,11 +17,16 @@ use minijinja::{
 };
 
 use crate::{
-    pipeline::{Comparisons, Failure, GroupOptions},
-    statistics::{Representative, bootstrap::DispersionInterval},
+    statistics::{
+        Representative,
+        bootstrap::DispersionInterval,
+        compare::{Comparisons, GroupOptions},
+    },
     track::TrackQuality,
     wireframe::{Fapus, Tables, Wireframe},
 };
+
+pub use failure::{Failure, Stage};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
 const STYLE: &str = include_str!("assets/report.css");

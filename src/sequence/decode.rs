@@ -9,7 +9,7 @@ use opencv::{
 /// Why bytes are not an image.
 #[derive(Debug, thiserror::Error)]
 pub enum DecodeError {
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
     /// No bytes.

@@ -32,7 +32,7 @@ pub enum FilmError {
         /// The file.
         path: PathBuf,
     },
-    /// The file can not be moved to its name.
+    /// The file cannot be moved to its name.
     #[error("cannot write {}: {source}", path.display())]
     Io {
         /// The file.
@@ -53,7 +53,7 @@ const WEBM: (&str, &[&[u8; 4]]) = ("webm", &[b"VP90", b"VP80"]);
 /// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one.
 ///
 /// # Errors
-/// [`FilmError`] when this OpenCV has no encoder for the format or the file can not be written; what `frames` gives as error.
+/// [`FilmError`] when this OpenCV has no encoder for the format or the file cannot be written; what `frames` gives as error.
 pub fn write_video<E: From<FilmError>>(
     path: &Path,
     frames: impl IntoIterator<Item = Result<RgbImage, E>>,

@@ -68,7 +68,7 @@ impl Frame {
     /// A frame of the given pixels.
     ///
     /// # Errors
-    /// [`SequenceError::OpenCv`] when OpenCV can not hold the image.
+    /// [`SequenceError::OpenCv`] when OpenCV cannot hold the image.
     pub fn from_image(number: u32, image: &image::GrayImage) -> Result<Self, SequenceError> {
         let mat = Mat::new_rows_cols_with_data(image.height() as i32, image.width() as i32, image.as_raw())?;
         Ok(Self { number, mat: mat.try_clone()? })
@@ -77,7 +77,7 @@ impl Frame {
     /// A copy of the pixels.
     ///
     /// # Errors
-    /// [`SequenceError::OpenCv`] when the pixels can not be read.
+    /// [`SequenceError::OpenCv`] when the pixels cannot be read.
     pub fn to_image(&self) -> Result<image::GrayImage, SequenceError> {
         let size = self.size();
         let continuous = if self.mat.is_continuous() { self.mat.try_clone()? } else { self.mat.clone() };
@@ -87,7 +87,7 @@ impl Frame {
     }
 }
 
-/// Why a sequence can not be read.
+/// Why a sequence cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
     /// A frame does not decode.

@@ -30,7 +30,7 @@ const MOST_DESCRIPTION: u64 = 1 << 20;
 /// Sets the random numbers of a `WebM` or Matroska file to 1, 2, ... in the order in which they appear.
 ///
 /// # Errors
-/// When the file can not be read or written.
+/// When the file cannot be read or written.
 pub(super) fn set_random_numbers(path: &Path) -> io::Result<()> {
     let mut file = OpenOptions::new().read(true).write(true).open(path)?;
     let length = file.metadata()?.len();

@@ -24,7 +24,7 @@ pub struct LabelledModel {
 /// Columns that every sequence has besides its emotion.
 const ID_COLUMNS: [&str; 2] = ["subject", "sequence"];
 
-/// Why models can not be grouped.
+/// Why models cannot be grouped.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GroupError {
     /// A column that no sequence has.

@@ -178,7 +178,7 @@ pub struct Representative {
     pub node_dispersion: Vec<f64>,
 }
 
-/// Why statistics can not be computed.
+/// Why statistics cannot be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum StatisticsError {
     /// No model.
@@ -253,7 +253,7 @@ pub enum StatisticsError {
         /// Magnitudes must be below this.
         limit: f64,
     },
-    /// Displacement vectors that can not be read.
+    /// Displacement vectors that cannot be read.
     #[error(transparent)]
     Source(#[from] scale::SourceError),
     /// The result is not a model.

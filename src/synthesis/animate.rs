@@ -163,7 +163,7 @@ impl<'b> Synthesizer<'b> {
         Goal::new(&self.basis, motion, |_| true)
     }
 
-    /// Solves one frame; `frame` only chooses the streams of chance.
+    /// Solves one frame; `frame` only chooses the random streams.
     pub fn solve(&self, motion: &FpMotion, frame: usize) -> FrameAnswer {
         let motion = motion.emphasized(self.options.emphasis);
         let count = self.regions.count();

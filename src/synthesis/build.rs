@@ -11,7 +11,7 @@ use super::{
     file,
     source::BankSource,
 };
-use crate::{mesh::Subdivision, pipeline::MADE_BY, units::FeaturePoint};
+use crate::{mesh::Subdivision, output::MADE_BY, units::FeaturePoint};
 
 /// What is built.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     mesh::{Subdivision, TriangleMesh, sphere_front},
-    pipeline::MADE_BY,
+    output::MADE_BY,
     units::NodeId,
     wireframe::{Emotion, ExpressionUnit, Fapus, Tables, Wireframe, expressions, find_unit, settle_offsets},
 };

@@ -15,7 +15,7 @@ use crate::{
     wireframe::FapusError,
 };
 
-/// A bank that can not be made, read or used.
+/// A bank that cannot be made, read or used.
 #[derive(Debug, thiserror::Error)]
 pub enum BankError {
     /// A mesh or array file that does not read.
@@ -24,7 +24,7 @@ pub enum BankError {
     /// A CSV file that does not read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A file that can not be written.
+    /// A file that cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// No mesh.
@@ -120,7 +120,7 @@ pub enum BankError {
     },
 }
 
-/// A motion that can not be read or synthesized.
+/// A motion that cannot be read or synthesized.
 #[derive(Debug, thiserror::Error)]
 pub enum SynthesisError {
     /// The bank.
@@ -132,7 +132,7 @@ pub enum SynthesisError {
     /// A track that does not read.
     #[error(transparent)]
     Track(#[from] TrackFileError),
-    /// A track that can not be normalized.
+    /// A track that cannot be normalized.
     #[error("{}: {source}", path.display())]
     Normalize {
         /// The track.
@@ -152,7 +152,7 @@ pub enum SynthesisError {
     /// FAP values that become no motion.
     #[error(transparent)]
     Convert(#[from] ConvertError),
-    /// A file that can not be written.
+    /// A file that cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// A motion file that is none of those that are read.
@@ -172,7 +172,7 @@ pub enum SynthesisError {
         source: Implausible,
     },
     /// The bank's feature points do not say how large the face is.
-    #[error("the bank's facial animation units can not be measured: {reason}; give --scale, the bank's units per face unit")]
+    #[error("the bank's facial animation units cannot be measured: {reason}; give --scale, the bank's units per face unit")]
     Scale {
         /// What is missing.
         reason: String,
@@ -193,7 +193,7 @@ pub enum SynthesisError {
         /// What was expected.
         expected: &'static str,
     },
-    /// A picture that can not be encoded.
-    #[error("the picture can not be made: {0}")]
+    /// A picture that cannot be encoded.
+    #[error("the picture cannot be made: {0}")]
     Picture(#[from] image::ImageError),
 }

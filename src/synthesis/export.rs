@@ -5,7 +5,7 @@ use std::{borrow::Cow, path::Path};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer};
+use super::{FaceScene, FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer, View};
 use crate::{
     mesh::{
         add,
@@ -14,7 +14,7 @@ use crate::{
     },
     output::{OutputError, nine_digits, write_atomic, write_bytes},
     overlay::png_bytes,
-    render::{FaceScene, Labelled, View, contact_sheet, gif_bytes},
+    render::{Labelled, contact_sheet, gif_bytes},
 };
 
 /// An animation: a synthesizer's answers to the frames of a motion.
@@ -214,7 +214,7 @@ impl Animation<'_> {
     /// Writes a sheet of eight frames, from the front and from the side.
     ///
     /// # Errors
-    /// [`SynthesisError`] when the picture can not be encoded or written.
+    /// [`SynthesisError`] when the picture cannot be encoded or written.
     pub fn write_contact_sheet(&self, path: &Path) -> Result<(), SynthesisError> {
         let scene = FaceScene::new(self.synthesizer.bank());
         let frames = self.chosen_frames(SHEET_COLUMNS);
@@ -235,7 +235,7 @@ impl Animation<'_> {
     /// Writes the frame that moves most from nine sides as a PNG file, and the animation while the head turns as an endless GIF file.
     ///
     /// # Errors
-    /// [`SynthesisError`] when a picture can not be encoded or written.
+    /// [`SynthesisError`] when a picture cannot be encoded or written.
     pub fn write_turntable(&self, png: &Path, gif: &Path) -> Result<(), SynthesisError> {
         let scene = FaceScene::new(self.synthesizer.bank());
         let apex = self.surface(self.apex());
@@ -279,7 +279,7 @@ const GIF_YAW: f32 = 35.0;
 /// Writes a picture as PNG.
 ///
 /// # Errors
-/// [`SynthesisError`] when it can not be encoded or written.
+/// [`SynthesisError`] when it cannot be encoded or written.
 pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), SynthesisError> {
     Ok(write_bytes(path, &png_bytes(picture)?)?)
 }
@@ -287,7 +287,7 @@ pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), SynthesisError> 
 /// A picture of a bank: neutral from three sides, its feature points, and every member.
 ///
 /// # Errors
-/// [`SynthesisError`] when it can not be encoded or written.
+/// [`SynthesisError`] when it cannot be encoded or written.
 pub fn write_bank_picture(bank: &super::Bank, path: &Path) -> Result<(), SynthesisError> {
     let scene = FaceScene::new(bank);
     let still = vec![[0.0; 3]; bank.vertex_count()];

@@ -5,8 +5,7 @@ use std::{borrow::Cow, path::Path};
 use super::{Bank, BankError, BankHead, BankInfo, Composition, FpBasis, file, performance::Recipe};
 use crate::{
     input::CsvFile,
-    output::{OutputError, nine_digits, write_atomic},
-    pipeline::MADE_BY,
+    output::{MADE_BY, OutputError, nine_digits, write_atomic},
 };
 
 /// Reads recipes from a CSV file with the columns `member`, `shape` and `weight`; members are in the order of their first row, shapes

@@ -92,7 +92,7 @@ impl Motion {
     }
 }
 
-/// Reads a motion for a bank. `scale` is in bank units per face unit and stands for the bank's FAPUs where these can not be measured.
+/// Reads a motion for a bank. `scale` is in bank units per face unit and stands for the bank's FAPUs where these cannot be measured.
 ///
 /// The kind is known by the name (`.fap`) or the header: a column `fp` for feature points, `state` for a track, else a model.
 ///

@@ -1,4 +1,4 @@
-//! Streams of chance: one for every run, region and frame, so that neither their order nor the number of threads changes a result.
+//! Random streams: one for every run, region and frame, so that neither their order nor the number of threads changes a result.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -80,7 +80,7 @@ pub fn track_units() -> BTreeMap<String, String> {
 /// A track file that does not read.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackFileError {
-    /// The file can not be opened.
+    /// The file cannot be opened.
     #[error("cannot read {}: {source}", path.display())]
     Io {
         /// The file.

@@ -129,7 +129,7 @@ impl Default for TrackOptions {
 /// Smallest KLT window, px.
 pub const MIN_WINDOW_PX: u32 = 7;
 
-/// Why a sequence can not be tracked.
+/// Why a sequence cannot be tracked.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
     /// A frame does not read.
@@ -209,14 +209,14 @@ pub trait PointTracker {
     /// Takes the next frame: it becomes the current one, the current one the previous, the first one stays the neutral.
     ///
     /// # Errors
-    /// [`TrackError`] when the frame can not be prepared.
+    /// [`TrackError`] when the frame cannot be prepared.
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError>;
 
     /// Mean gradient matrices of the windows around points of a frame, squared grey levels per px: how well, and in which
     /// direction, a match is determined. A tracker that does not know says so by the default: all points, all directions alike.
     ///
     /// # Errors
-    /// [`TrackError`] when the gradients can not be read.
+    /// [`TrackError`] when the gradients cannot be read.
     fn gradients(&self, _slot: Slot, _window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
         Ok(vec![Matrix2::identity(); points.len()])
     }
@@ -225,7 +225,7 @@ pub trait PointTracker {
     /// px beyond them where the image does. A tracker without images says so by the default, and nodes are not aligned.
     ///
     /// # Errors
-    /// [`TrackError`] when the image can not be read.
+    /// [`TrackError`] when the image cannot be read.
     fn patch(&self, _slot: Slot, _points: &[Point2<f64>], _margin: f64, _smoothing: f64) -> Result<Option<Patch>, TrackError> {
         Ok(None)
     }
@@ -233,7 +233,7 @@ pub trait PointTracker {
     /// Finds the probes of frame `from` in frame `to`, with a square window and that many pyramid levels; one answer per probe.
     ///
     /// # Errors
-    /// [`TrackError`] when the search can not run at all.
+    /// [`TrackError`] when the search cannot run at all.
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError>;
 }
 

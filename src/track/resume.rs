@@ -76,7 +76,7 @@ pub fn correct_nodes(
 /// out: they depend on the whole track ([`super::expect_errors`]).
 ///
 /// # Errors
-/// [`TrackError`] as for tracking, for a `start` that the track does not have, and for corrections that the springs can not take.
+/// [`TrackError`] as for tracking, for a `start` that the track does not have, and for corrections that the springs cannot take.
 #[allow(clippy::too_many_arguments)]
 pub fn resume_with(
     tracker: &mut impl PointTracker,

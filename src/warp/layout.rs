@@ -4,7 +4,7 @@ use nalgebra::{Point2, Unit, Vector2};
 
 use crate::units::NodeId;
 
-/// An opening of the face, which the skin can not be stretched over.
+/// An opening of the face, which the skin cannot be stretched over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Opening {
     /// Between the lips.
@@ -62,7 +62,7 @@ const LOWER_LIDS: [u16; 6] = [99, 22, 107, 100, 55, 108];
 const MOUTH_GAP: f64 = 0.06;
 /// Distance of the lids in the reference, over the eye distance.
 const LID_GAP: f64 = 0.10;
-/// Lips nearer than this, over the eye distance, count as closed: the fit can not tell better.
+/// Lips nearer than this, over the eye distance, count as closed: the fit cannot tell better.
 const CLOSED_GAP: f64 = 0.06;
 
 /// A place between brow and lid.

@@ -65,7 +65,7 @@ pub use sample::{Texture, resample};
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
 /// pixel, and where lips close a sliver may turn.
 const MOST_FOLDED: f64 = 0.04;
-/// Why a face can not be warped.
+/// Why a face cannot be warped.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WarpError {
     /// Another wireframe.
@@ -102,7 +102,7 @@ pub struct Warp {
     closed: bool,
     /// The vertices on the photograph.
     source: Vec<Point2<f64>>,
-    /// Skin triangles that have no area on the photograph (at the corners of closed lips); they can not fold any further.
+    /// Skin triangles that have no area on the photograph (at the corners of closed lips); they cannot fold any further.
     is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,

@@ -106,7 +106,7 @@ pub struct Fapus {
     pub mw: f64,
 }
 
-/// Why FAPUs can not be measured.
+/// Why FAPUs cannot be measured.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FapusError {
     /// A length that is zero, negative or not a number: the neutral wireframe is folded there.

@@ -1,6 +1,7 @@
 //! The Candide wireframe: nodes, triangles, springs, motion units, and the tables that tie MPEG-4 to its nodes.
 
 mod expression;
+mod face;
 mod fapu;
 mod tables;
 mod wfm;
@@ -14,6 +15,7 @@ use crate::units::NodeId;
 pub use expression::{
     Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError, expressions, find_unit, keep_lips_apart, settle_offsets,
 };
+pub use face::Face;
 pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};

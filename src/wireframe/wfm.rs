@@ -52,7 +52,7 @@ impl fmt::Display for WfmSection {
 /// What is wrong in a `.wfm` file.
 #[derive(Debug, thiserror::Error)]
 pub enum WfmErrorKind {
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
     /// More bytes than a wireframe has.

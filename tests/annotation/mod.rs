@@ -84,7 +84,7 @@ impl Server {
     /// Sends bytes on a connection of their own and reads to the end.
     pub fn raw(&self, request: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(&self.authority).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(300))).unwrap();
         // A server that refuses a long body may close before all of it is sent.
         let _ = stream.write_all(request);
         let mut bytes = Vec::new();

@@ -84,7 +84,7 @@ fn rows(work: &Work, sequence: &str) -> Vec<(u64, f64, f64, String)> {
 
 /// Dismisses what is proposed, if anything is: cascades see a face in some simulated images.
 fn no_proposals(browser: &Browser) {
-    sleep(Duration::from_millis(300));
+    wait(browser, "document.getElementById('proposal-bar').dataset.answered === document.getElementById('sequence').textContent");
     browser.run("document.getElementById('dismiss').click()");
     wait(browser, "document.querySelectorAll('.pin.proposal').length === 0");
 }

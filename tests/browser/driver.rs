@@ -68,7 +68,7 @@ impl Browser {
 
     pub fn try_post(&self, path: &str, body: &Value) -> Result<Value, String> {
         let agent =
-            ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(Duration::from_secs(60))).build();
+            ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(Duration::from_secs(300))).build();
         let request = ureq::Agent::from(agent).post(format!("{}{path}", self.session)).content_type("application/json");
         let text = request
             .send(body.to_string())
@@ -192,7 +192,7 @@ impl Browser {
     }
 
     fn get(&self, path: &str) -> Value {
-        let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(60))).build();
+        let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(300))).build();
         let mut response = ureq::Agent::from(agent).get(format!("{}{path}", self.session)).call().unwrap();
         let answer: Value = serde_json::from_str(&response.body_mut().read_to_string().unwrap()).unwrap();
         answer["value"].clone()
@@ -258,11 +258,11 @@ pub fn decode_base64(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// Waits for a condition in the page, at most five seconds.
+/// Waits for a condition in the page: long enough for a machine that does eight other things.
 pub fn wait(browser: &Browser, condition: &str) {
     let start = Instant::now();
     while browser.run(&format!("return {condition}")) != json!(true) {
-        assert!(start.elapsed() < Duration::from_secs(5), "waited in vain for {condition}");
+        assert!(start.elapsed() < Duration::from_secs(120), "waited in vain for {condition}");
         sleep(Duration::from_millis(20));
     }
 }

@@ -107,7 +107,7 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
     let work = work();
     // Lids closed by one IRISD above (FAP 19, 20), and a tongue (44) and a head turned by 0.1 rad (49) that no photograph shows.
     work.write("blink.fap", fap_file(&[19, 20, 44, 49], "1024 1024 500 10000"));
-    clone(&work, "--source blink.fap -o blink").exit(0).says(&["FAP 44, 49 can not be shown"]);
+    clone(&work, "--source blink.fap -o blink").exit(0).says(&["FAP 44, 49 cannot be shown"]);
     assert!(work.read("blink/clone.json").contains("44"));
     let rows = work.rows("blink/track/target_blink.csv");
     let gap = |frame: &str| {

@@ -169,7 +169,7 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, *m)).collect();
     people(&work, ",place", &rows);
     let ran = work.grimace("run people -o out --resample linear --by place --permutations 999 --bootstrap 200").exit(0);
-    ran.prints(&["not tested: happiness: island and north (a group of 1 can not be tested)", "compared with nobody"]);
+    ran.prints(&["not tested: happiness: island and north (a group of 1 cannot be tested)", "compared with nobody"]);
     let comparisons = work.rows("out/comparisons.csv");
     // Island, north, south: three pairs; `unknown` is none.
     assert_eq!(comparisons.len(), 3);
@@ -179,7 +179,7 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     assert!(number("effect") > 3.0 * number("effect_by_chance"));
     assert_eq!((tested["subjects_a"].as_str(), tested["exhaustive"].as_str()), ("14", "false"));
     let island = comparisons.iter().find(|r| r["group_a"] == "island").unwrap();
-    assert_eq!((island["p"].as_str(), island["not_tested"].as_str()), ("", "a group of 1 can not be tested"));
+    assert_eq!((island["p"].as_str(), island["not_tested"].as_str()), ("", "a group of 1 cannot be tested"));
     // The corners of the mouth differ; the chin, whose landmark moves in nobody, does so by what the springs hand on only.
     let nodes = work.rows("out/comparison_nodes.csv");
     let value = |node: &str, column: &str| nodes.iter().find(|r| r["node"] == node).unwrap()[column].parse::<f64>().unwrap();
@@ -224,7 +224,7 @@ fn groups_that_can_not_be_made_or_tested_are_named() {
     let row = work.rows("two/comparisons.csv").remove(0);
     assert_eq!((row["permutations"].as_str(), row["exhaustive"].as_str()), ("6", "true"));
     assert!(row["least_p"].parse::<f64>().unwrap() > 0.3);
-    assert!(work.read("two/report.html").contains("can not be shown to differ"));
+    assert!(work.read("two/report.html").contains("cannot be shown to differ"));
     // Very many groups are refused at once, before a file is made for each.
     let rows: String = (0..1500).map(|k| format!("a,{k},happiness,a.csv,p{k},\n")).collect();
     work.write("people/manifest.csv", format!("subject,sequence,emotion,frames,place,note\n{rows}"));
@@ -335,7 +335,7 @@ fn the_smiles_of_ninety_real_people_are_smiles() {
     let comparisons = work.rows("ethnicity/comparisons.csv");
     // Five values, one of them of a single person: 10 pairs, 4 of them without a test.
     assert_eq!(comparisons.len(), 10);
-    assert_eq!(comparisons.iter().filter(|r| r["not_tested"] == "a group of 1 can not be tested").count(), 4);
+    assert_eq!(comparisons.iter().filter(|r| r["not_tested"] == "a group of 1 cannot be tested").count(), 4);
     for row in comparisons.iter().filter(|r| !r["p"].is_empty()) {
         assert!(row["p_holm"].parse::<f64>().unwrap() >= row["p"].parse::<f64>().unwrap());
     }

@@ -370,7 +370,7 @@ fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::comm
     let child = command.spawn().unwrap();
     let tracks = || fs::read_dir(work.path(out).join("tracks")).map_or(0, |entries| entries.flatten().count());
     let start = std::time::Instant::now();
-    while tracks() < enough && start.elapsed() < Duration::from_secs(60) {
+    while tracks() < enough && start.elapsed() < Duration::from_secs(600) {
         std::thread::sleep(Duration::from_millis(1));
     }
     let kill = std::process::Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();

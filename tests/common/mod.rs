@@ -36,7 +36,7 @@ pub fn grimace() -> &'static Path {
                 let mut build = std::process::Command::new(env!("CARGO"));
                 build.args(["build", "--quiet", "--package", package, "--bin", package, "--manifest-path"]);
                 build.arg(root().join("Cargo.toml")).args(if cfg!(debug_assertions) { &[][..] } else { &["--release"] });
-                assert!(build.status().unwrap().success(), "{package} is not there and can not be built");
+                assert!(build.status().unwrap().success(), "{package} is not there and cannot be built");
             }
         }
         program("grimace")

@@ -5,7 +5,9 @@ mod common;
 #[path = "../report_data/mod.rs"]
 mod report_data;
 
+mod examples;
 mod golden;
+mod layers;
 mod properties;
 mod report_html;
 mod scripted_tracker;

@@ -69,7 +69,7 @@ fn supports(nodes: &[Point2<f64>]) -> Vec<(Vector2<f64>, f64)> {
 
 fn check(name: &str, picture: image::RgbImage, marks: &[Correspondence], bench: &Workbench) {
     let size = picture.dimensions();
-    let target = Target::new(name, picture, marks, bench).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let target = Target::new(name, picture, marks, bench.fitter(), bench).unwrap_or_else(|e| panic!("{name}: {e}"));
     let (warp, neutral) = (target.warp(), target.fitted.model.nodes());
     let still = warp.render(target.texture(), &warp.deform(neutral).unwrap(), &MouthInside::Dark);
     assert!(still == target.picture, "{name}: the neutral face is not given back to the bit");

@@ -5,8 +5,7 @@ use std::collections::BTreeMap;
 use grimace::{
     fap::{FapCatalog, FapNumber, FapSequence, Motion},
     model::{DynamicExpressionModel, FrameExpressionModel},
-    pipeline::{Failure, Stage},
-    report::{ApexFap, ReportData},
+    report::{ApexFap, Failure, ReportData, Stage},
     statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions},
     track::{TrackQuality, TrackSummary, Verdict},
     units::{FaceUnit, NodeId, SequenceId},

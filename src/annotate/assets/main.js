@@ -39,7 +39,7 @@ const KEYS = {
     [', and .', 'frame back, frame on'],
     ['Home, End', 'neutral frame, apex frame'],
     ['Drag', 'correct a node in this frame'],
-    ['[ and ]', 'lost node before, behind'],
+    ['[ and ]', 'previous, next lost node'],
     ['← ↑ → ↓', 'move the selected node by 1 px'],
     ['Shift + arrow', '… by 0.1 px'],
     ['Ctrl + arrow', '… by 10 px'],

@@ -245,6 +245,7 @@ export class Marking {
       this.proposalNote = error.message;
     }
     this.render();
+    document.getElementById('proposal-bar').dataset.answered = id;
   }
 
   showFace() {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::LandmarksError;
 use crate::{
-    fit::Correspondence,
+    correspondence::Correspondence,
     units::NodeId,
     wireframe::{LandmarkConfidence, Tables},
 };

@@ -62,7 +62,7 @@ pub enum LandmarksError {
     /// A CSV file that does not read, or a field that is no finite number.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A file or folder that can not be read.
+    /// A file or folder that cannot be read.
     #[error("{}: cannot be read: {reason}", path.display())]
     Io {
         /// The file or folder.
@@ -302,7 +302,7 @@ fn form_of(path: &Path) -> Form {
 /// Reads the landmarks of a sequence: a table, or a folder with one or with a file per frame; see the module's text for the forms.
 ///
 /// # Errors
-/// [`LandmarksError`] for files that can not be read, another number of points than 68, fields that are no finite numbers, frames
+/// [`LandmarksError`] for files that cannot be read, another number of points than 68, fields that are no finite numbers, frames
 /// that are there twice, several sets of landmarks in one folder, or no frame.
 pub fn read_landmarks(path: &Path) -> Result<LandmarkTrack, LandmarksError> {
     read_landmarks_with(path, LEAST_CONFIDENCE)
@@ -343,7 +343,7 @@ pub fn read_landmarks_with(path: &Path, least_confidence: f64) -> Result<Landmar
 /// table.
 ///
 /// # Errors
-/// [`LandmarksError::Io`] for a folder that can not be listed, [`LandmarksError::Unknown`] for a file that is no table,
+/// [`LandmarksError::Io`] for a folder that cannot be listed, [`LandmarksError::Unknown`] for a file that is no table,
 /// [`LandmarksError::Ambiguous`] for a folder with several tables, or with a table and files per frame.
 pub fn landmark_files(path: &Path) -> Result<Vec<PathBuf>, LandmarksError> {
     if !path.is_dir() {

@@ -72,7 +72,7 @@ pub struct PriorFile {
 /// A prior file that does not read.
 #[derive(Debug, thiserror::Error)]
 pub enum PriorFileError {
-    /// The file can not be read.
+    /// The file cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
         /// The file.
@@ -188,7 +188,7 @@ pub fn read_prior(path: &Path) -> Result<(ShapePrior, String), PriorFileError> {
 /// Writes a prior file: JSON, a line for every list of coordinates.
 ///
 /// # Errors
-/// [`OutputError`] when the file can not be written.
+/// [`OutputError`] when the file cannot be written.
 pub fn write_prior(path: &Path, file: &PriorFile) -> Result<(), OutputError> {
     write_atomic(path, |writer| {
         let json = |value: serde_json::Result<String>| value.map_err(io::Error::from);

@@ -41,7 +41,7 @@ pub enum LearnError {
         /// Faces given.
         found: usize,
     },
-    /// A number of modes that can not be had.
+    /// A number of modes that cannot be had.
     #[error("{asked} modes from {faces} faces; 1 to {most} can be learned")]
     Modes {
         /// Modes asked for.

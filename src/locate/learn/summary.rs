@@ -1,4 +1,4 @@
-//! How right a locator is that was just learned, on people left out in turn.
+//! The accuracy of a locator that was just learned, on people left out in turn.
 
 use std::collections::BTreeMap;
 

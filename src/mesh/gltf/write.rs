@@ -50,7 +50,7 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// at a time is in memory.
 ///
 /// # Errors
-/// When `out` can not be written to, or the file would exceed the 4 GiB of the format.
+/// When `out` cannot be written to, or the file would exceed the 4 GiB of the format.
 pub fn write_glb<'a>(
     out: &mut dyn Write,
     mesh: &TriangleMesh,

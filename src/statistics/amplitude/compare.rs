@@ -106,7 +106,7 @@ pub fn compare_amplitudes(
 ) -> Result<AmplitudeTest, String> {
     let smaller = a.len().min(b.len());
     if smaller < LEAST_PEOPLE {
-        return Err(format!("a group of {smaller} can not be compared; {LEAST_PEOPLE} people or more are needed"));
+        return Err(format!("a group of {smaller} cannot be compared; {LEAST_PEOPLE} people or more are needed"));
     }
     let of_b: BTreeMap<&str, f64> = b.iter().map(|p| (p.subject.as_str(), p.value)).collect();
     let pairs: Vec<(f64, f64)> = a.iter().filter_map(|p| Some((p.value, *of_b.get(p.subject.as_str())?))).collect();
@@ -329,7 +329,7 @@ mod tests {
 
     #[test]
     fn what_can_not_be_compared_says_why() {
-        assert!(compared(&people(&[1.0], "a"), &people(&B, "b")).unwrap_err().starts_with("a group of 1 can not"));
+        assert!(compared(&people(&[1.0], "a"), &people(&B, "b")).unwrap_err().starts_with("a group of 1 cannot"));
         let equal = compared(&people(&[1.0; 4], "a"), &people(&[1.0; 3], "b")).unwrap_err();
         assert!(equal.starts_with("all amplitudes within each group are equal"), "{equal}");
         assert!(compared(&people(&[1.0; 4], "a"), &people(&[1.0; 4], "a")).unwrap_err().contains("same amount"));

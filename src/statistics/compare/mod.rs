@@ -30,6 +30,7 @@
 //!
 //! **Effect size.** H = E / (2 mean d(a, b)), 0 for groups alike to 1 for groups apart, beside what permutations reach by chance.
 
+mod groups;
 mod holm;
 mod omnibus;
 mod pairs;
@@ -43,6 +44,8 @@ use serde::{Deserialize, Serialize};
 use super::{SequenceModel, distance::DisplacementFields};
 use crate::units::NodeId;
 
+pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
+pub(crate) use groups::{compare_groups, is_known, stream_of};
 pub use holm::holm;
 pub use omnibus::{Omnibus, OmnibusComparison, adjust_omnibus, omnibus};
 use pairs::PairDistances;
@@ -75,12 +78,12 @@ pub const LEAST_PEOPLE: usize = 2;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotTested {
     /// A group of one says nothing about its scatter.
-    #[error("a group of {people} can not be tested")]
+    #[error("a group of {people} cannot be tested")]
     TooFewPeople {
         /// People in the smaller group.
         people: usize,
     },
-    /// People in both groups: labels can not be exchanged freely.
+    /// People in both groups: labels cannot be exchanged freely.
     #[error("{}{} in both groups; a test needs different people", .subjects.join(", "), if *.count > .subjects.len() { format!(" and {} more are", .count - .subjects.len()) } else if *.count == 1 { " is".to_owned() } else { " are".to_owned() })]
     SharedPeople {
         /// The first of them.
@@ -88,7 +91,7 @@ pub enum NotTested {
         /// How many there are.
         count: usize,
     },
-    /// People can not be permuted within strata.
+    /// People cannot be permuted within strata.
     #[error(transparent)]
     Strata(#[from] StrataError),
 }
@@ -116,7 +119,7 @@ pub struct Tested {
     pub p_adjusted: f64,
     /// The smallest p that groups of this size can reach.
     pub least_p: f64,
-    /// [`Tested::least_p`] after Holm over all pairs of the analysis, each at its own least: above the significance this pair can not
+    /// [`Tested::least_p`] after Holm over all pairs of the analysis, each at its own least: above the significance this pair cannot
     /// be found to differ whatever the data; 1 until [`adjust`] was called.
     pub least_p_adjusted: f64,
     /// Splits tried.

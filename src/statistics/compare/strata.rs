@@ -12,7 +12,7 @@ pub struct Strata {
     of: BTreeMap<String, Vec<String>>,
 }
 
-/// Why people can not be permuted within strata.
+/// Why people cannot be permuted within strata.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum StrataError {
     /// People without a value.

@@ -38,10 +38,10 @@ const MAX_HALVINGS: usize = 30;
 /// Radii, relative to the mean distance, of the clusters around x that the certificate tries to leave the residual to.
 const CERTIFICATE_RADII: [f64; 7] = [1e-14, 1e-13, 1e-12, 1e-10, 1e-8, 1e-5, 1e-2];
 
-/// Relative decrease of the slope that a full step must bring where the sum can not tell; shorter steps proportionally less.
+/// Relative decrease of the slope that a full step must bring where the sum cannot tell; shorter steps proportionally less.
 const LEAST_DECREASE: f64 = 0.01;
 
-/// Distance to the nearest point, relative to the mean distance, below which x may be in a cluster that it can not be placed in
+/// Distance to the nearest point, relative to the mean distance, below which x may be in a cluster that it cannot be placed in
 /// exactly, so that only the certificate tells whether it is good.
 const CROWDED: f64 = 1e-8;
 

@@ -40,7 +40,7 @@ const BYTES_PER_SLOT: u64 = 80;
 /// Most nodes worked on at once.
 const MOST_NODES_AT_ONCE: usize = 16;
 
-/// Displacement vectors that can not be read.
+/// Displacement vectors that cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct SourceError {
@@ -68,7 +68,7 @@ pub trait SlotSource: Sync {
     /// The vectors of the k-th live node: by field, in the order of the models; finite.
     ///
     /// # Errors
-    /// [`SourceError`] when they can not be read.
+    /// [`SourceError`] when they cannot be read.
     fn node(&self, k: usize) -> Result<Vec<Vec<Vector2<f64>>>, SourceError>;
 }
 

@@ -32,7 +32,7 @@ use grimace::cli::{Outcome, shared::set_threads};
 /// Version of the layout of `evaluation.json`.
 const SCHEMA_VERSION: u32 = 1;
 
-/// Experiments against ground truth: how right fit and tracker are.
+/// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -41,7 +41,7 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Experiment {
-    /// How right clones are: a sequence on its own neutral frame, and simulated people on each other.
+    /// Accuracy of clones: a sequence on its own neutral frame, and simulated people on each other.
     Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
     Fit(fit::Args),
@@ -230,7 +230,7 @@ fn nodes(list: &[String], tables: &Tables, wireframe: &Wireframe) -> anyhow::Res
     for text in list {
         let node =
             parse_node_or_feature_point(text, tables, wireframe.node_count()).map_err(anyhow::Error::msg).context("--marks")?;
-        anyhow::ensure!(wireframe.live_nodes().contains(&node), "--marks: node {node} is in no triangle and can not be marked");
+        anyhow::ensure!(wireframe.live_nodes().contains(&node), "--marks: node {node} is in no triangle and cannot be marked");
         anyhow::ensure!(!nodes.contains(&node), "--marks: node {node} is listed twice");
         nodes.push(node);
     }

@@ -36,7 +36,7 @@ The program grimace-lab, which `grimace` starts for these two commands.";
 enum Command {
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
-    /// Experiments against ground truth: how right fit and tracker are.
+    /// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
     Evaluate(evaluate::Args),
 }
 

@@ -97,12 +97,15 @@ pub struct Args {
     /// Frame rate stated in the manifest.
     #[arg(long, default_value_t = 25.0)]
     fps: f64,
-    /// Number of threads (default: one per processor).
-    #[arg(long, value_name = "N")]
-    threads: Option<usize>,
+    /// Threads; 0 for one per processor.
+    #[arg(short = 'j', long, default_value_t = 0)]
+    threads: usize,
     /// Write into a folder that is not empty.
     #[arg(long)]
     force: bool,
+    /// No progress bar, no summary.
+    #[arg(short, long)]
+    quiet: bool,
     #[command(flatten)]
     photograph: PhotographArgs,
     #[command(flatten)]
@@ -255,13 +258,8 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
         fps: args.fps,
         camera: args.camera.options(),
     };
-    let mut pool = rayon::ThreadPoolBuilder::new();
-    if let Some(threads) = args.threads {
-        anyhow::ensure!(threads > 0, "--threads is 0; it must be at least 1");
-        pool = pool.num_threads(threads);
-    }
-    let pool = pool.build().context("cannot start the threads")?;
-    let progress = Progress::new();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads).build().context("cannot start the threads")?;
+    let progress = Progress::new(args.quiet);
     let show = |done, total| progress.show(done, total);
     let (summary, subjects) = match &args.photograph.photo {
         None => (pool.install(|| simulate_dataset(&options, &args.output, args.force, show))?, options.subjects),
@@ -274,13 +272,15 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
         }
     };
     progress.finish();
-    println!(
-        "{} of {}, {}, written to {}",
-        count(summary.sequences, "sequence", "sequences"),
-        count(subjects as usize, "subject", "subjects"),
-        count(summary.frames, "frame", "frames"),
-        args.output.display()
-    );
+    if !args.quiet {
+        println!(
+            "{} of {}, {}, written to {}",
+            count(summary.sequences, "sequence", "sequences"),
+            count(subjects as usize, "subject", "subjects"),
+            count(summary.frames, "frame", "frames"),
+            args.output.display()
+        );
+    }
     Ok(Outcome::Done)
 }
 
@@ -292,8 +292,8 @@ struct Progress {
 }
 
 impl Progress {
-    fn new() -> Self {
-        Self { start: Instant::now(), terminal: std::io::stderr().is_terminal(), bar: OnceLock::new() }
+    fn new(quiet: bool) -> Self {
+        Self { start: Instant::now(), terminal: !quiet && std::io::stderr().is_terminal(), bar: OnceLock::new() }
     }
 
     fn show(&self, done: usize, total: usize) {

@@ -93,7 +93,7 @@ const SIGNIFICANCE: f64 = 0.05;
 /// People of one pair: a million numbers each, so that no person is in two.
 const PEOPLE_PER_PAIR: u64 = 1 << 20;
 
-/// Why the study can not be made.
+/// Why the study cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum GroupStudyError {
     /// Candide-3 has no FAPUs.

@@ -174,7 +174,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Mean node error, percent of the eye distance: over a person's nodes, over people, over populations. Infinite when a person
-    /// can not be fitted.
+    /// cannot be fitted.
     fn error(&self, method: &FitMethod, nodes: &[NodeId]) -> f64 {
         let noise = MarkNoise::Reliability(self.markable);
         let of_person = |person: &Person| {

@@ -1,4 +1,4 @@
-//! How right the fit and the tracker are: experiments against ground truth.
+//! The accuracy of fit and tracker: experiments against ground truth.
 //!
 //! [`evaluate_fit`] measures the node error of the fit by number and choice of marks, [`suggest_marks`] chooses the nodes that are best
 //! marked, [`evaluate_tracking`] repeats the paper's tracking experiment [KP, Fig. 3] on simulated and on real sequences,
@@ -81,13 +81,13 @@ pub use variant::{PLAIN_LEVELS, PLAIN_WINDOW_PX, TrackerVariant, VariantKind, st
 
 pub use truth::TruthError;
 
-/// Why an experiment can not be made.
+/// Why an experiment cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
     /// Simulation options out of range.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
-    /// A face that can not be cloned.
+    /// A face that cannot be cloned.
     #[error(transparent)]
     Clone(#[from] CloneError),
     /// A fit that failed where none may fail.
@@ -108,7 +108,7 @@ pub enum EvaluateError {
     /// Frames that do not read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
-    /// A file that can not be written.
+    /// A file that cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// No sequence of a dataset has landmarks to compare with.
@@ -127,7 +127,7 @@ pub enum EvaluateError {
         /// Columns there are.
         found: Vec<String>,
     },
-    /// A tracker variant that can not be understood.
+    /// A tracker variant that cannot be understood.
     #[error("variant `{text}`: {reason}")]
     Variant {
         /// As given.
@@ -143,8 +143,8 @@ pub enum EvaluateError {
         /// Marks wanted.
         needed: usize,
     },
-    /// A curve that can not be drawn.
-    #[error("the figure `{title}` can not be drawn: {reason}")]
+    /// A curve that cannot be drawn.
+    #[error("the figure `{title}` cannot be drawn: {reason}")]
     Figure {
         /// Its title.
         title: String,

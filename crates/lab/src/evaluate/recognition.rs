@@ -79,7 +79,7 @@ pub struct RecognitionSummary {
 /// Replicates of the bootstrap of the accuracy.
 const REPLICATES: usize = 2000;
 
-/// Why recognition can not be tried.
+/// Why recognition cannot be tried.
 #[derive(Debug, thiserror::Error)]
 pub enum RecognitionError {
     /// Nothing to tell apart.
@@ -94,7 +94,7 @@ pub enum RecognitionError {
         /// Subjects found.
         found: usize,
     },
-    /// A representative can not be made.
+    /// A representative cannot be made.
     #[error(transparent)]
     Statistics(#[from] StatisticsError),
 }

@@ -60,7 +60,7 @@ pub struct ScaleRow {
     pub write_seconds: f64,
 }
 
-/// Why scale can not be measured.
+/// Why scale cannot be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum ScaleError {
     /// Candide-3 has no FAPUs.
@@ -80,7 +80,7 @@ const CHUNK: usize = 4096;
 /// Writes made-up models of one emotion.
 ///
 /// # Errors
-/// [`ScaleError`] when the file can not be written.
+/// [`ScaleError`] when the file cannot be written.
 pub fn write_synthetic_models(path: &Path, count: usize, seed: u64) -> Result<(), ScaleError> {
     let people = SyntheticPeople::new(seed)?;
     let mut writer = ColumnarWriter::create(path, &[], FRAMES_PER_MODEL, people.wireframe().node_count())?;

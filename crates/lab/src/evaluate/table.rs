@@ -65,7 +65,7 @@ impl Table {
     /// Writes the table as CSV.
     ///
     /// # Errors
-    /// [`OutputError`] when the file can not be written.
+    /// [`OutputError`] when the file cannot be written.
     pub fn write_csv(&self, path: &Path) -> Result<(), OutputError> {
         write_atomic(path, |writer| {
             let mut csv = grimace::output::csv_writer(writer);

@@ -30,7 +30,7 @@ pub struct DatasetSummary {
 /// With `force`, frames that an earlier run left in the folder of a sequence are removed; other files stay.
 ///
 /// # Errors
-/// [`SimulateError`] for options out of range, a folder that is not empty (unless `force`), or a file that can not be written.
+/// [`SimulateError`] for options out of range, a folder that is not empty (unless `force`), or a file that cannot be written.
 pub fn simulate_dataset(
     options: &SimulateOptions,
     out: &Path,

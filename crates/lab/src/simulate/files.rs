@@ -42,7 +42,7 @@ pub(super) struct Performance<F: Fn(usize) -> Result<SimulatedFrame, SimulateErr
     pub sequence: String,
     /// Label.
     pub emotion: String,
-    /// Subject and emotion code of its streams of chance.
+    /// Subject and emotion code of its random streams.
     pub stream: (u32, u8),
     /// Frame number k from 0.
     pub frame: F,

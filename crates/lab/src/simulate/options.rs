@@ -175,10 +175,10 @@ pub enum SimulateError {
     /// A file that could not be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// A portrait that can not be animated.
+    /// A portrait that cannot be animated.
     #[error(transparent)]
     Portrait(#[from] PortraitError),
-    /// A face whose FAPUs can not be measured.
+    /// A face whose FAPUs cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
 }

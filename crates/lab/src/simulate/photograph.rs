@@ -184,8 +184,8 @@ impl<'a> AnimatedPortrait<'a> {
 /// differently and have `-2`, `-3` ... behind their name. The size in the options does not count; frames are as large as the photograph.
 ///
 /// # Errors
-/// [`SimulateError`] for options out of range, a portrait that can not be warped, more than [`MAX_FAP_MOTIONS`] motions from FAP files,
-/// a folder that is not empty (unless `force`), or a file that can not be written.
+/// [`SimulateError`] for options out of range, a portrait that cannot be warped, more than [`MAX_FAP_MOTIONS`] motions from FAP files,
+/// a folder that is not empty (unless `force`), or a file that cannot be written.
 pub fn simulate_photographs(
     portraits: &[Portrait],
     motions: &[PortraitMotion],

@@ -34,7 +34,7 @@ const BROWS: [(usize, usize); 2] = [(16, 18), (49, 51)];
 /// Height of a brow in Candide-3, over the eye distance.
 const BROW_HEIGHT: f64 = 0.085;
 
-/// Why a photograph can not be animated.
+/// Why a photograph cannot be animated.
 #[derive(Debug, thiserror::Error)]
 pub enum PortraitError {
     /// The photograph does not open.
@@ -108,7 +108,7 @@ pub enum PortraitError {
         /// Why.
         source: FitError,
     },
-    /// The face can not be warped.
+    /// The face cannot be warped.
     #[error("{id}: {source}")]
     Warp {
         /// Portrait.
@@ -116,7 +116,7 @@ pub enum PortraitError {
         /// Why.
         source: WarpError,
     },
-    /// The face's FAPUs can not be measured.
+    /// The face's FAPUs cannot be measured.
     #[error("{id}: {source}")]
     Fapus {
         /// Portrait.

@@ -1,4 +1,4 @@
-//! One independent stream of chance for every unit of work, so that neither the order of the work nor the number of threads
+//! One independent random stream for every unit of work, so that neither the order of the work nor the number of threads
 //! changes a result.
 
 use rand::SeedableRng;

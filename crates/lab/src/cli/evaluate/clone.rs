@@ -19,7 +19,7 @@ use grimace::cli::{
     shared::{FitArgs, MarksArgs, TrackArgs, stop_flag},
 };
 
-/// How right clones are.
+/// The accuracy of clones.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -2,10 +2,10 @@
 
 use image::RgbImage;
 
-use super::raster::{Canvas, Shade, Vertex};
+use super::Bank;
 use crate::{
     mesh::{add, sphere_front, vertex_normals},
-    synthesis::Bank,
+    render::{Canvas, Shade, Vertex},
     units::FeaturePoint,
 };
 

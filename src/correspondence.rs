@@ -48,7 +48,7 @@ pub struct Correspondence {
     /// Mark or hard position.
     pub kind: MarkKind,
     /// How far from the true point such a mark is to be expected, px: half of such marks are nearer, half further. `None` for a mark
-    /// set by hand, of which a fit expects [`super::HAND_MARK_ERROR`].
+    /// set by hand, of which a fit expects [`crate::fit::HAND_MARK_ERROR`].
     pub expected_error: Option<f64>,
 }
 
@@ -193,7 +193,7 @@ fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Corres
 /// `expected_error` where a mark has one.
 ///
 /// # Errors
-/// [`OutputError`] when the file can not be written.
+/// [`OutputError`] when the file cannot be written.
 pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) -> Result<(), OutputError> {
     let mut sorted: Vec<_> = correspondences.iter().collect();
     sorted.sort_by_key(|c| c.node);

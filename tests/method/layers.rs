@@ -1,0 +1,113 @@
+//! The order of the library's modules: each imports only what stands before it. `docs/architecture.md` says what the layers are for.
+
+use std::{fs, path::Path};
+
+use crate::common::root;
+
+/// Modules from the ground up. A module may import those of the layers below, and those before it in its own layer.
+const LAYERS: [(&str, &[&str]); 5] = [
+    (
+        "ground",
+        &["text", "units", "geometry", "robust", "formula", "foreign", "input", "output", "wireframe", "model", "correspondence"],
+    ),
+    ("sources", &["dataset", "sequence"]),
+    ("method", &["locate", "fit", "track", "normalize", "plausible", "statistics", "fap"]),
+    ("making", &["overlay", "warp", "mesh", "render", "synthesis", "clone"]),
+    ("tool", &["columnar", "report", "pipeline", "annotate", "cli", "fuzzing"]),
+];
+
+/// Place of a module in the order.
+fn rank(module: &str) -> Option<usize> {
+    LAYERS.iter().flat_map(|(_, modules)| *modules).position(|m| *m == module)
+}
+
+/// The part of a file that is not its tests, comments blanked; line numbers stay.
+fn code(text: &str) -> String {
+    let tests = text.find("#[cfg(test)]\nmod ").or_else(|| text.find("#[cfg(test)]\n#[allow")).unwrap_or(text.len());
+    let line = |line: &str| if line.trim_start().starts_with("//") { String::new() } else { line.to_owned() };
+    text[..tests].lines().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// The modules of the crate that a text names, with their lines: `crate::a::b`, `crate::{a::b, c}`.
+fn imports(text: &str) -> Vec<(usize, String)> {
+    let word = |text: &str| text.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let mut found = Vec::new();
+    for (start, path) in text.match_indices("crate::").chain(text.match_indices("grimace::")) {
+        let before = text[..start].chars().next_back();
+        if before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == '$') {
+            continue;
+        }
+        let after = start + path.len();
+        let line_of = |at: usize| text[..at].matches('\n').count() + 1;
+        let Some(group) = text[after..].strip_prefix('{') else {
+            found.push((line_of(start), word(&text[after..])));
+            continue;
+        };
+        // Names stand at the start of the group and after the commas that are in no inner group.
+        let (mut depth, mut starts) = (1, vec![after + 1]);
+        for (offset, c) in group.char_indices() {
+            match c {
+                '{' => depth += 1,
+                '}' => depth -= 1,
+                ',' if depth == 1 => starts.push(after + 2 + offset),
+                _ => {}
+            }
+            if depth == 0 {
+                break;
+            }
+        }
+        let named = starts.into_iter().map(|at| (at + (text[at..].len() - text[at..].trim_start().len()), word(&text[at..])));
+        found.extend(named.filter(|(_, name)| !name.is_empty()).map(|(at, name)| (line_of(at), name)));
+    }
+    found
+}
+
+/// What is wrong with the imports of one module's text.
+fn wrong(module: &str, text: &str) -> Vec<(usize, String)> {
+    let own = rank(module);
+    let against = |(_, name): &(usize, String)| name != module && rank(name) > own;
+    imports(&code(text)).into_iter().filter(against).collect()
+}
+
+fn check(module: &str, path: &Path, failures: &mut Vec<String>) {
+    if path.is_dir() {
+        for entry in fs::read_dir(path).unwrap() {
+            check(module, &entry.unwrap().path(), failures);
+        }
+    } else if path.extension().is_some_and(|e| e == "rs") && !path.file_stem().unwrap().to_string_lossy().ends_with("tests") {
+        for (line, name) in wrong(module, &fs::read_to_string(path).unwrap()) {
+            let path = path.strip_prefix(root()).unwrap().display();
+            failures.push(format!("{path}:{line}: `{module}` imports `{name}`, which stands above it"));
+        }
+    }
+}
+
+#[test]
+fn every_module_imports_only_what_lies_below_it() {
+    let mut failures = Vec::new();
+    for entry in fs::read_dir(root().join("src")).unwrap() {
+        let path = entry.unwrap().path();
+        let module = path.file_stem().unwrap().to_string_lossy().into_owned();
+        if ["lib", "main"].contains(&module.as_str()) {
+            continue;
+        }
+        if rank(&module).is_none() {
+            failures.push(format!("src/{module}: give the module its place in LAYERS"));
+        }
+        check(&module, &path, &mut failures);
+    }
+    failures.sort();
+    assert!(failures.is_empty(), "\n{}", failures.join("\n"));
+}
+
+#[test]
+fn a_wrong_import_is_found_and_named() {
+    let text =
+        "// use crate::cli;\nuse crate::{\n    units::{NodeId, Px},\n    report::Film,\n};\nfn f() { crate::pipeline::run(); }\n";
+    let names = |module| wrong(module, text).into_iter().map(|(line, name)| format!("{line} {name}")).collect::<Vec<_>>();
+    assert_eq!(names("fit"), ["4 report", "6 pipeline"]);
+    assert_eq!(names("report"), ["6 pipeline"]);
+    assert!(names("pipeline").is_empty());
+    let tests = "use crate::units;\n#[cfg(test)]\nmod tests {\n    use crate::cli;\n}\n";
+    assert!(wrong("fit", tests).is_empty());
+}
