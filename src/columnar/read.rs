@@ -338,8 +338,10 @@ impl ColumnarModels {
         Ok(())
     }
 
-    fn texts(&self, place: usize, name: &str) -> Result<Vec<String>, ColumnarError> {
-        let values = self.values::<ByteArrayType>(place, name)?;
+    /// All values of a column of text; nulls are empty texts where `may_be_null`.
+    fn texts(&self, place: usize, name: &str, may_be_null: bool) -> Result<Vec<String>, ColumnarError> {
+        let empty = ByteArray::from("");
+        let values = self.values_or::<ByteArrayType>(place, name, may_be_null.then_some(&empty))?;
         // A text that many rows share stands in the file once.
         let bytes: u64 = values.iter().map(|text: &ByteArray| text.len() as u64).sum();
         if bytes > self.shared.length.saturating_mul(MOST_TEXT) {
