@@ -72,7 +72,6 @@ pub(super) fn write_groups(
             "used_b",
             "not_tested",
             "least_p_holm",
-            "paired",
             "p_max_node",
             "p_either",
             "p_either_holm",
@@ -87,14 +86,14 @@ pub(super) fn write_groups(
                 row.extend([t.energy, t.effect, t.effect_by_chance, t.p, t.p_adjusted, t.least_p].map(nine_digits));
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.people_used.map(|n| n.to_string()));
-                row.extend([String::new(), nine_digits(t.least_p_adjusted), t.paired.to_string()]);
+                row.extend([String::new(), nine_digits(t.least_p_adjusted)]);
                 let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
                 row.extend([max_node, t.p_either, t.p_either_adjusted].map(nine_digits));
             }
             Err(why) => {
                 row.extend(std::iter::repeat_n(String::new(), 10));
                 row.push(why.to_string());
-                row.extend(std::iter::repeat_n(String::new(), 5));
+                row.extend(std::iter::repeat_n(String::new(), 4));
             }
         }
         row

@@ -17,9 +17,8 @@
 //! the distance of two people is the mean over their sequences. All splits are tried where there are no more than the permutations
 //! asked for; otherwise that many are drawn, and p = (1 + those at least as large) / (1 + drawn), which never rejects too often.
 //!
-//! **Designs.** With [`Strata`] people exchange labels within their stratum only. Where everybody of the smaller group is in the other
-//! too ([`LEAST_PAIRS`] people or more), the test is paired: each of these people exchanges the labels of their own two sets of
-//! sequences.
+//! **Designs.** With [`Strata`] people exchange labels within their stratum only. People who are in both groups cannot be tested here: E
+//! hardly sees a change that is small beside how much people differ; their amplitudes are compared in pairs ([`super::amplitude`]).
 //!
 //! **Verdict.** Two groups differ by E as a whole, or by the node that stands out most; [`Tested::p_either`] is the chance of either,
 //! corrected for there being two ways.
@@ -96,9 +95,6 @@ pub enum NotTested {
     Strata(#[from] StrataError),
 }
 
-/// Fewest people in both groups who make a paired test.
-pub const LEAST_PAIRS: usize = 3;
-
 /// People in both groups that are named.
 const NAMED_PEOPLE: usize = 3;
 
@@ -130,8 +126,6 @@ pub struct Tested {
     pub node_energy: Vec<f64>,
     /// p of every live node, corrected for the number of nodes.
     pub node_p: Vec<f64>,
-    /// Whether the same people are in both groups and exchange their two labels.
-    pub paired: bool,
     /// Chance that E is as large, or one node stands out as much, without a difference: twice the smaller of [`Tested::p`] and the
     /// smallest of [`Tested::node_p`], 1 at most.
     pub p_either: f64,
@@ -183,18 +177,6 @@ pub fn compare(
 ) -> Result<Tested, NotTested> {
     let (a, b) = (by_subject(a), by_subject(b));
     let shared: BTreeSet<&str> = a.keys().filter(|subject| b.contains_key(*subject)).copied().collect();
-    let is_paired = shared.len() >= LEAST_PAIRS && shared.len() == a.len().min(b.len());
-    if is_paired {
-        let keep = |people: People<'_>| -> Vec<Vec<DisplacementFields>> {
-            let of_person =
-                |models: &Vec<&SequenceModel>| models.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
-            people.iter().filter(|(subject, _)| shared.contains(*subject)).map(|(_, models)| of_person(models)).collect()
-        };
-        let (a, b): (Vec<_>, Vec<_>) = (keep(a), keep(b));
-        let chosen = permutation::draw(a.len(), options, stream, 0);
-        let of = |people: &[Vec<DisplacementFields>]| chosen.iter().map(|&i| people[i].clone()).collect::<Vec<_>>();
-        return Ok(test_design(&[of(&a), of(&b)].concat(), chosen.len(), options, &Design::Pairs, stream));
-    }
     if !shared.is_empty() {
         let subjects = shared.iter().take(NAMED_PEOPLE).map(|&s| s.to_owned()).collect();
         return Err(NotTested::SharedPeople { subjects, count: shared.len() });
@@ -251,7 +233,6 @@ fn test_design(
     let p = if exhaustive { at_least as f64 / permutations as f64 } else { (1 + at_least) as f64 / (1 + permutations) as f64 };
     let least_node_p = node_p.iter().copied().fold(1.0, f64::min);
     Tested {
-        paired: matches!(design, Design::Pairs),
         p_either: (2.0 * p.min(least_node_p)).min(1.0),
         p_either_adjusted: 1.0,
         people_used: sizes,

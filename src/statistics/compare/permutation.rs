@@ -23,8 +23,6 @@ pub(super) enum Design {
     Free,
     /// Within strata.
     Strata(Vec<Block>),
-    /// The i-th person of the first group with the i-th of the second, who are the same.
-    Pairs,
 }
 
 impl Design {
@@ -38,20 +36,17 @@ impl Design {
                 };
                 blocks.iter().flat_map(of_block).collect::<Vec<usize>>()
             }
-            Self::Pairs => (0..people / 2).map(|i| if random.random::<bool>() { i } else { i + people / 2 }).collect(),
         };
         chosen.sort_unstable();
         chosen
     }
 
     /// Splits there are, about.
-    fn splits(&self, people: usize) -> f64 {
+    fn splits(&self) -> f64 {
         let choose = |n: usize, k: usize| (0..k.min(n - k)).fold(1.0, |c, i| c * (n - i) as f64 / (i + 1) as f64);
         match self {
             Self::Free => f64::INFINITY,
             Self::Strata(blocks) => blocks.iter().map(|(places, first)| choose(places.len(), *first)).product(),
-            // Two splits that are each other's complement have one E.
-            Self::Pairs => 2f64.powi((people / 2) as i32 - 1),
         }
     }
 }
@@ -169,7 +164,7 @@ pub(super) fn permute(
     let least_p = if exhaustive {
         (twins / permutations as f64).min(1.0)
     } else {
-        (1.0 / (1 + permutations) as f64).max(1.0 / design.splits(n))
+        (1.0 / (1 + permutations) as f64).max(1.0 / design.splits())
     };
     Permuted {
         at_least,

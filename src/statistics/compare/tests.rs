@@ -97,27 +97,6 @@ fn large_groups_are_tested_on_a_draw_that_the_seed_decides() {
 }
 
 #[test]
-fn the_same_people_twice_exchange_their_own_labels() {
-    // Six people, each 3 further on the second time; people lie 100 apart, which hides the 3 from a test that exchanges everybody.
-    let models: Vec<SequenceModel> = (0..12)
-        .map(|i| model(&format!("s{}", i % 6), &(i / 6).to_string(), f64::from(i % 6) * 100.0 + f64::from(i / 6) * 3.0))
-        .collect();
-    let (a, b): (Vec<_>, Vec<_>) = models.iter().partition(|m| m.id.sequence == "0");
-    let tested = compare(&a, &b, &[NodeId(0)], &CompareOptions::default(), None, 0).unwrap();
-    assert!(tested.paired);
-    // Of 64 exchanges two, none and all, reach E: p is near 1 / 32.
-    assert!(
-        (tested.p - 1.0 / 32.0).abs() < 0.01 && (tested.least_p - 1.0 / 32.0).abs() < 1e-12,
-        "{} {}",
-        tested.p,
-        tested.least_p
-    );
-    // Both ways of differing count: one node, so the smaller p is that of E or of the node, doubled.
-    assert_eq!(tested.p_either, 2.0 * tested.p.min(tested.node_p[0]));
-    assert!(compare(&a[..2], &b, &[NodeId(0)], &CompareOptions::default(), None, 0).is_err());
-}
-
-#[test]
 fn people_are_exchanged_within_strata_only() {
     // Two sites 50 apart; group A is mostly at the first. Freely exchanged the groups differ, within the sites they do not.
     let models: Vec<SequenceModel> =
