@@ -11,9 +11,12 @@ mod confidence;
 mod file;
 mod klt;
 mod landmarks;
+mod portable_klt;
+mod pyramid;
 mod quality;
 mod recover;
 mod resume;
+mod smooth;
 mod state;
 mod step;
 
@@ -33,6 +36,7 @@ pub use confidence::{Confidence, ConfidenceError, Evidence, NodeFeatures, expect
 pub use file::{TRACK_SCHEMA, TrackFileError, TrackInfo, read_track, read_track_info, track_csv, track_units, write_track};
 pub use klt::Klt;
 pub use landmarks::LandmarkPlan;
+pub use portable_klt::PortableKlt;
 pub use quality::{TrackQuality, TrackSummary, Verdict, summarize};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};

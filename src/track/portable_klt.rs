@@ -1,0 +1,414 @@
+//! Pyramidal KLT [Bouguet] without OpenCV: the pyramid of a frame is made once and serves as next, then as previous image, forward and back.
+//!
+//! The arithmetic is that of OpenCV's `calcOpticalFlowPyrLK`, which is the field's reference: positions in single precision, weights of
+//! the bilinear interpolation in 14 bits, grey values with 5 bits behind the point, Scharr derivatives in 16 bits, and its rules for when
+//! to stop and what is lost. Derivatives are made only where windows lie.
+
+use nalgebra::{Matrix2, Point2};
+
+use super::{
+    Found, Patch, PointTracker, Probe, Slot, TrackError,
+    pyramid::{Level, Pyramid},
+    smooth::smoothed,
+};
+use crate::sequence::Frame;
+
+/// Iterations and step (px) at which the search at one pyramid level ends.
+const MAX_ITERATIONS: u32 = 30;
+const STEP_PX: f32 = 0.01;
+
+/// Steps that undo each other to within this, px, end the search half way between.
+const SWING_PX: f32 = 0.01;
+
+/// Grey levels per px of one step of the Scharr derivatives.
+const SCHARR: f64 = 1.0 / 32.0;
+
+/// Smallest normalized eigenvalue of a window's gradient matrix.
+const MIN_EIGENVALUE: f32 = 1e-4;
+
+/// Bits of the interpolation's weights, and bits of grey values behind the point.
+const WEIGHT_BITS: u32 = 14;
+const GREY_BITS: u32 = 5;
+
+/// Makes sums of products of derivatives small numbers; cancels out.
+const SCALE: f32 = 1.0 / (1 << 20) as f32;
+
+/// Sums run in as many lanes, so that they vectorize and are the same on every machine.
+const LANES: usize = 8;
+
+/// The pyramidal KLT tracker in Rust, for places without OpenCV; it finds what [`super::Klt`] finds to a few millionths of a pixel.
+#[derive(Debug)]
+pub struct PortableKlt {
+    levels: usize,
+    max_window: i32,
+    /// A ring: the neutral, the previous and the current frame.
+    ring: [Pyramid; 3],
+    neutral: usize,
+    previous: usize,
+    current: Option<usize>,
+    window: Window,
+}
+
+/// Values on a window, row by row, and room to make them.
+#[derive(Debug, Default)]
+struct Window {
+    /// Of the first frame, and of the second less that.
+    grey: Vec<f32>,
+    difference: Vec<f32>,
+    dx: Vec<f32>,
+    dy: Vec<f32>,
+    rows: [Vec<f32>; 2],
+    raw_dx: Vec<i16>,
+    raw_dy: Vec<i16>,
+    scratch: Vec<[i16; 2]>,
+}
+
+impl PortableKlt {
+    /// A tracker with `levels` pyramid levels (1: the image itself only), for windows up to `max_window_px`.
+    #[must_use]
+    pub fn new(levels: u32, max_window_px: u32) -> Self {
+        Self {
+            levels: levels.clamp(1, 8) as usize,
+            max_window: max_window_px.clamp(3, 255) as i32,
+            ring: std::array::from_fn(|_| Pyramid::default()),
+            neutral: 0,
+            previous: 0,
+            current: None,
+            window: Window::default(),
+        }
+    }
+
+    fn pyramid(&self, slot: Slot) -> &Pyramid {
+        &self.ring[match slot {
+            Slot::Neutral => self.neutral,
+            Slot::Previous => self.previous,
+            Slot::Current => self.current.unwrap_or(0),
+        }]
+    }
+
+    fn image(&self, slot: Slot) -> Result<&Level, TrackError> {
+        let reason = || TrackError::PointTracker { reason: "it was given no frame".to_owned() };
+        self.pyramid(slot).levels().first().ok_or_else(reason)
+    }
+}
+
+impl PointTracker for PortableKlt {
+    fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
+        let free = match self.current {
+            None => 0,
+            Some(current) => {
+                self.previous = current;
+                (0..3).find(|k| *k != self.neutral && *k != current).unwrap_or(0)
+            }
+        };
+        let image = frame.image();
+        self.ring[free].build(image.as_raw(), image.dimensions(), self.levels, self.max_window);
+        self.current = Some(free);
+        Ok(())
+    }
+
+    fn gradients(&self, slot: Slot, window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
+        let image = self.image(slot)?;
+        let half = (window_px / 2).min(self.max_window as u32 / 2) as i32;
+        let side = 2 * half as usize + 1;
+        let (mut dx, mut dy, mut scratch) = (vec![0; side * side], vec![0; side * side], vec![[0; 2]; side + 2]);
+        let matrix = |point: &Point2<f64>| {
+            let centre = |at: f64, size: i32| at.round().clamp(-1.0 - f64::from(half), f64::from(size + half)) as i32;
+            let (x, y) = (centre(point.x, image.width), centre(point.y, image.height));
+            // Outside the image derivatives are zero and do not count.
+            image.derivatives(x - half, y - half, side, &mut dx, &mut dy, &mut scratch);
+            let inside = |at: i32, size: i32| f64::from(((at + half + 1).min(size) - (at - half).max(0)).max(0));
+            let count = inside(x, image.width) * inside(y, image.height);
+            let (mut xx, mut xy, mut yy) = (0_i64, 0_i64, 0_i64);
+            for (dx, dy) in dx.iter().zip(&dy) {
+                let (dx, dy) = (i64::from(*dx), i64::from(*dy));
+                xx += dx * dx;
+                xy += dx * dy;
+                yy += dy * dy;
+            }
+            let [xx, xy, yy] = [xx, xy, yy].map(|sum| sum as f64 * (SCHARR * SCHARR));
+            Matrix2::new(xx, xy, xy, yy) / count.max(1.0)
+        };
+        Ok(points.iter().map(matrix).collect())
+    }
+
+    fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
+        let image = self.image(slot)?;
+        let range = |axis: usize, size: i32| {
+            let values = points.iter().map(|p| p[axis]);
+            let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            let bound = |v: f64| v.clamp(0.0, f64::from(size)) as i32;
+            (bound((low - margin).floor()), bound((high + margin).ceil() + 1.0))
+        };
+        let ((left, right), (top, bottom)) = (range(0, image.width), range(1, image.height));
+        if left >= right || top >= bottom {
+            return Ok(None);
+        }
+        let (width, height) = ((right - left) as usize, (bottom - top) as usize);
+        let rows = (top..bottom).flat_map(|y| image.row(left, y, width)).map(|v| f32::from(*v));
+        let values = smoothed(rows.collect(), width, smoothing);
+        Ok(Some(Patch { left: left as u32, top: top as u32, width, height, values }))
+    }
+
+    fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+        let mut window = std::mem::take(&mut self.window);
+        let side = window_px.clamp(3, self.max_window as u32) as usize;
+        window.resize(side);
+        let (from, to) = (self.pyramid(from).levels(), self.pyramid(to).levels());
+        let count = from.len().min(to.len()).min(levels.max(1) as usize);
+        let found = probes.iter().map(|probe| window.follow(&from[..count], &to[..count], side, probe)).collect();
+        self.window = window;
+        Ok(found)
+    }
+}
+
+/// The pixel at or before a position, and the weights of it and its three neighbours to the right and below.
+struct Corner {
+    x: i32,
+    y: i32,
+    weights: [i32; 4],
+}
+
+impl Corner {
+    /// `None` for a window that lies outside the image as a whole.
+    fn at(x: f32, y: f32, side: usize, level: &Level) -> Option<Self> {
+        let (left, top) = (x.floor(), y.floor());
+        let side = side as f32;
+        if !(left >= -side && left < level.width as f32 && top >= -side && top < level.height as f32) {
+            return None;
+        }
+        let (a, b) = (x - left, y - top);
+        let one = (1 << WEIGHT_BITS) as f32;
+        let weight = |share: f32| (share * one).round_ties_even() as i32;
+        let (w00, w01, w10) = (weight((1.0 - a) * (1.0 - b)), weight(a * (1.0 - b)), weight((1.0 - a) * b));
+        Some(Self { x: left as i32, y: top as i32, weights: [w00, w01, w10, (1 << WEIGHT_BITS) - w00 - w01 - w10] })
+    }
+
+    /// Grey values of the window, times 32 and rounded, less what is in `less`.
+    ///
+    /// All numbers on the way are whole and below 2^24, so single precision is exact.
+    fn grey(&self, level: &Level, side: usize, rows: &mut [Vec<f32>; 2], less: Option<&[f32]>, out: &mut [f32]) {
+        let [w00, w01, w10, w11] = self.weights.map(|w| w as f32);
+        let [upper, lower] = rows;
+        let convert = |y: i32, out: &mut Vec<f32>| {
+            out.iter_mut().zip(level.row(self.x, y, side + 1)).for_each(|(out, v)| *out = f32::from(*v));
+        };
+        convert(self.y, upper);
+        for (k, out) in out.chunks_exact_mut(side).enumerate() {
+            convert(self.y + k as i32 + 1, lower);
+            let above = upper[..side].iter().zip(&upper[1..=side]);
+            let below = lower[..side].iter().zip(&lower[1..=side]);
+            for (out, ((a, b), (c, d))) in out.iter_mut().zip(above.zip(below)) {
+                let sum = a * w00 + b * w01 + c * w10 + d * w11;
+                // To the nearest whole number, halves up: above 2^23 there is no room for fractions.
+                *out = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
+            }
+            if let Some(less) = less {
+                out.iter_mut().zip(&less[k * side..]).for_each(|(out, less)| *out -= less);
+            }
+            std::mem::swap(upper, lower);
+        }
+    }
+
+    /// Derivatives of the window from those on a square one larger.
+    fn derivative(&self, raw: &[i16], side: usize, out: &mut [f32]) {
+        let [w00, w01, w10, w11] = self.weights;
+        let rows = raw.chunks_exact(side + 1);
+        for (out, (upper, lower)) in out.chunks_exact_mut(side).zip(rows.clone().zip(rows.skip(1))) {
+            let pairs = upper.iter().zip(&upper[1..]).zip(lower.iter().zip(&lower[1..]));
+            for (out, ((a, b), (c, d))) in out.iter_mut().zip(pairs) {
+                let [a, b, c, d] = [a, b, c, d].map(|v| i32::from(*v));
+                *out = ((a * w00 + b * w01 + c * w10 + d * w11 + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS) as f32;
+            }
+        }
+    }
+}
+
+/// The sum of products of two lists.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut lanes = [0.0_f32; LANES];
+    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        lanes.iter_mut().zip(a).zip(b).for_each(|((lane, a), b)| *lane += a * b);
+    }
+    lanes.iter().sum::<f32>() + rest
+}
+
+impl Window {
+    fn resize(&mut self, side: usize) {
+        let (area, larger) = (side * side, (side + 1) * (side + 1));
+        self.grey.resize(area, 0.0);
+        self.difference.resize(area, 0.0);
+        self.rows.iter_mut().for_each(|row| row.resize(side + 1, 0.0));
+        self.dx.resize(area, 0.0);
+        self.dy.resize(area, 0.0);
+        self.raw_dx.resize(larger, 0);
+        self.raw_dy.resize(larger, 0);
+        self.scratch.resize(side + 3, [0; 2]);
+    }
+
+    /// Finds one point again, from the smallest level to the frame itself.
+    fn follow(&mut self, from: &[Level], to: &[Level], side: usize, probe: &Probe) -> Found {
+        let half = (side - 1) as f32 * 0.5;
+        let single = |p: &Point2<f64>| (p.x as f32, p.y as f32);
+        let (start, mut next) = (single(&probe.position), single(&probe.guess));
+        if ![start.0, start.1, next.0, next.1].into_iter().all(f32::is_finite) {
+            return Found::Lost;
+        }
+        let scale = |level: usize| 1.0 / (1_u32 << level) as f32;
+        let top = scale(from.len().saturating_sub(1));
+        next = (next.0 * top, next.1 * top);
+        for (k, (first, second)) in from.iter().zip(to).enumerate().rev() {
+            if k + 1 < from.len() {
+                next = (next.0 * 2.0, next.1 * 2.0);
+            }
+            let (x, y) = (start.0 * scale(k) - half, start.1 * scale(k) - half);
+            match self.search(first, second, side, (x, y), next) {
+                Some(found) => next = found,
+                None if k == 0 => return Found::Lost,
+                None => {}
+            }
+        }
+        let Some(corner) = to.first().and_then(|level| Corner::at(next.0 - half, next.1 - half, side, level)) else {
+            return Found::Lost;
+        };
+        corner.grey(&to[0], side, &mut self.rows, Some(&self.grey), &mut self.difference);
+        let sum: f64 = self.difference.iter().map(|d| f64::from(d.abs())).sum();
+        let difference = sum / f64::from(1 << GREY_BITS) / (side * side) as f64;
+        Found::At { position: Point2::new(f64::from(next.0), f64::from(next.1)), difference }
+    }
+
+    /// The search at one level; `None` where the window says nothing or leaves the image.
+    fn search(
+        &mut self,
+        first: &Level,
+        second: &Level,
+        side: usize,
+        (x, y): (f32, f32),
+        guess: (f32, f32),
+    ) -> Option<(f32, f32)> {
+        let half = (side - 1) as f32 * 0.5;
+        let corner = Corner::at(x, y, side, first)?;
+        corner.grey(first, side, &mut self.rows, None, &mut self.grey);
+        first.derivatives(corner.x, corner.y, side + 1, &mut self.raw_dx, &mut self.raw_dy, &mut self.scratch);
+        corner.derivative(&self.raw_dx, side, &mut self.dx);
+        corner.derivative(&self.raw_dy, side, &mut self.dy);
+        let (dx, dy) = (&self.dx, &self.dy);
+        let (xx, xy, yy) = (dot(dx, dx) * SCALE, dot(dx, dy) * SCALE, dot(dy, dy) * SCALE);
+        let determinant = xx * yy - xy * xy;
+        let spread = ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt();
+        let eigenvalue = (yy + xx - spread) / (2 * side * side) as f32;
+        if eigenvalue < MIN_EIGENVALUE || determinant < f32::EPSILON {
+            return None;
+        }
+        let inverse = 1.0 / determinant;
+        let (mut x, mut y) = (guess.0 - half, guess.1 - half);
+        let mut last = (0.0, 0.0);
+        for iteration in 0..MAX_ITERATIONS {
+            let corner = Corner::at(x, y, side, second)?;
+            corner.grey(second, side, &mut self.rows, Some(&self.grey), &mut self.difference);
+            let (b1, b2) = (dot(&self.dx, &self.difference) * SCALE, dot(&self.dy, &self.difference) * SCALE);
+            let step = ((xy * b2 - yy * b1) * inverse, (xy * b1 - xx * b2) * inverse);
+            (x, y) = (x + step.0, y + step.1);
+            if step.0 * step.0 + step.1 * step.1 <= STEP_PX * STEP_PX {
+                break;
+            }
+            if iteration > 0 && (step.0 + last.0).abs() < SWING_PX && (step.1 + last.1).abs() < SWING_PX {
+                (x, y) = (x - step.0 * 0.5, y - step.1 * 0.5);
+                break;
+            }
+            last = step;
+        }
+        Some((x + half, y + half))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{GrayImage, Luma};
+
+    use super::{super::Klt, *};
+
+    /// A smooth pattern, moved and a little enlarged from frame to frame.
+    fn frame(number: u32) -> Frame {
+        let (shift, scale) = (f64::from(number - 1), 1.0 + 0.004 * f64::from(number - 1));
+        let image = GrayImage::from_fn(233, 187, |x, y| {
+            let (x, y) = ((f64::from(x) - 1.7 * shift) / scale, (f64::from(y) + 0.9 * shift) / scale);
+            let value = 120.0 + 50.0 * (0.31 * x).sin() * (0.27 * y).cos() + 40.0 * (0.11 * x + 0.19 * y).sin();
+            Luma([(value + 6.0 * (1.3 * x - 0.9 * y).sin()) as u8])
+        });
+        Frame::new(number, image)
+    }
+
+    /// Points all over the image and beyond its border.
+    fn points() -> Vec<Point2<f64>> {
+        let grid = |from: i32, to: i32| (from..to).step_by(7).map(|v| f64::from(v) + 0.31);
+        grid(-12, 200).flat_map(|y| grid(-12, 245).map(move |x| Point2::new(x, y))).collect()
+    }
+
+    fn probes() -> Vec<Probe> {
+        points().into_iter().map(|p| Probe { position: p, guess: p }).collect()
+    }
+
+    #[test]
+    fn points_are_found_where_opencv_finds_them() {
+        for window in [9, 15] {
+            let (mut ours, mut theirs) = (PortableKlt::new(4, window), Klt::new(4, window));
+            let mut distances = Vec::new();
+            ours.advance(&frame(1)).unwrap();
+            theirs.advance(&frame(1)).unwrap();
+            for number in 2..5 {
+                ours.advance(&frame(number)).unwrap();
+                theirs.advance(&frame(number)).unwrap();
+                for (from, to) in
+                    [(Slot::Previous, Slot::Current), (Slot::Current, Slot::Previous), (Slot::Neutral, Slot::Current)]
+                {
+                    let a = ours.find(from, to, window, 4, &probes()).unwrap();
+                    let b = theirs.find(from, to, window, 4, &probes()).unwrap();
+                    for (a, b) in a.into_iter().zip(b) {
+                        match (a, b) {
+                            (Found::At { position: a, .. }, Found::At { position: b, .. }) => distances.push((a - b).norm()),
+                            (a, b) => assert_eq!(a, b),
+                        }
+                    }
+                }
+            }
+            distances.sort_by(f64::total_cmp);
+            assert!(distances.len() > 5000);
+            let (middle, most) = (distances[distances.len() / 2], distances[distances.len() * 95 / 100]);
+            assert!(middle < 1e-4 && most < 1e-2, "window {window}: median {middle}, 95 % {most}");
+        }
+    }
+
+    #[test]
+    fn gradients_and_patches_are_those_of_opencv() {
+        let (mut ours, mut theirs) = (PortableKlt::new(3, 11), Klt::new(3, 11));
+        ours.advance(&frame(1)).unwrap();
+        theirs.advance(&frame(1)).unwrap();
+        let inside: Vec<_> = points().into_iter().filter(|p| p.x > 0.0 && p.y > 0.0 && p.x < 232.0 && p.y < 186.0).collect();
+        let a = ours.gradients(Slot::Neutral, 11, &inside).unwrap();
+        let b = theirs.gradients(Slot::Neutral, 11, &inside).unwrap();
+        assert!(a.iter().zip(&b).all(|(a, b)| (a - b).norm() <= 1e-9 * b.norm()));
+        for smoothing in [0.0, 0.3, 1.1] {
+            let corners = [Point2::new(20.5, 30.0), Point2::new(300.0, 90.0)];
+            let a = ours.patch(Slot::Current, &corners, 12.0, smoothing).unwrap().unwrap();
+            let b = theirs.patch(Slot::Current, &corners, 12.0, smoothing).unwrap().unwrap();
+            assert_eq!((a.left, a.top, a.width, a.height), (b.left, b.top, b.width, b.height));
+            assert!(a.values.iter().zip(&b.values).all(|(a, b)| (a - b).abs() < 1e-3), "{smoothing}");
+        }
+        let outside = [Point2::new(-90.0, 20.0), Point2::new(-60.0, 40.0)];
+        assert!(ours.patch(Slot::Current, &outside, 12.0, 0.3).unwrap().is_none());
+    }
+
+    #[test]
+    fn what_cannot_be_found_is_lost() {
+        let mut tracker = PortableKlt::new(4, 9);
+        assert!(tracker.patch(Slot::Neutral, &[], 1.0, 0.0).is_err(), "no frame yet");
+        tracker.advance(&Frame::new(1, GrayImage::from_pixel(80, 60, Luma([90])))).unwrap();
+        let far = Point2::new(500.0, 20.0);
+        let nowhere = Point2::new(f64::NAN, 0.0);
+        let probes = [Point2::new(40.0, 30.0), far, nowhere].map(|p| Probe { position: p, guess: p });
+        assert_eq!(tracker.find(Slot::Current, Slot::Current, 9, 4, &probes).unwrap(), [Found::Lost; 3]);
+    }
+}
