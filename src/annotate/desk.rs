@@ -409,7 +409,7 @@ fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32), RequestE
 }
 
 fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
-    fs::read(path).ok().map(|bytes| blake3::hash(&bytes))
+    crate::input::read(path).ok().map(|bytes| blake3::hash(&bytes))
 }
 
 /// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.

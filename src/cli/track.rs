@@ -6,10 +6,12 @@ use grimace::{
     dataset::{FrameSource, list_frames},
     output,
     overlay::png_bytes,
-    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, id_of, overlay_path, overlay_pictures, track_one},
+    pipeline::{
+        PipelineOptions, SequenceFailure, SequenceSource, correct_track, id_of, overlay_path, overlay_pictures, track_one,
+    },
     report::Stage,
     sequence::read_first_frame,
-    track::write_track,
+    track::{corrections_path, write_track},
 };
 
 use super::{
@@ -88,10 +90,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         !stop.load(std::sync::atomic::Ordering::Relaxed)
     });
     bar.finish_and_clear();
-    let (track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
+    let (mut track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
         Stage::Fit => about(args.correspondences.as_ref().unwrap_or(&args.sequence))(&reason),
         _ => about(&args.sequence)(&reason),
     })?;
+    // Hand work on an earlier track of this name is kept: it stands apart from the track.
+    correct_track(&source, &args.output, &mut track.frames, &mut info, &bench).map_err(|f| about(&args.output)(&f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
         overlay_pictures(
@@ -121,6 +125,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if let Some(expected) = s.expected_error_px {
             println!("expected error of the median node in the last frame: {expected:.2} px; verdict: {}", s.verdict.name());
+        }
+        for misfit in info.corrections.iter().flat_map(|c| &c.not_applied) {
+            println!("  {} does not fit any more and is kept: {misfit}", corrections_path(&args.output).display());
         }
         for reason in &s.reasons {
             println!("  {reason}");

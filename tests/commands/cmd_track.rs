@@ -84,6 +84,21 @@ fn tracks_are_not_written_over_without_force() {
     assert_eq!(work.read("S001_005.csv"), "mine");
 }
 
+#[test]
+fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
+    let work = work();
+    work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv")).exit(0);
+    let file = "frame,node,x,y\n3,31,90.5,140.25\n";
+    work.write("corrections/S001_005.csv", file);
+    work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv --force")).exit(0);
+    assert!(work.read("tracks/S001_005.csv").contains("\n3,31,90.5,140.25,corrected"));
+    assert_eq!(work.read("corrections/S001_005.csv"), file);
+    // The track of a part knows no frame 99: said, and kept.
+    work.write("corrections/S001_005.csv", format!("{file}99,31,1,1\n"));
+    let ran = work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv --force")).exit(0);
+    ran.prints(&["corrections/S001_005.csv does not fit any more and is kept: frame 99, node 31"]);
+}
+
 /// Tracks the sequence of `work` with its frames written anew by `encode` into a folder and a track of this name.
 fn track_as(work: &Work, name: &str, extension: &str, encode: impl Fn(&[u8]) -> Vec<u8>) {
     for number in 1..=6 {

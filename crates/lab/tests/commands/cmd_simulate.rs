@@ -133,6 +133,25 @@ fn forcing_leaves_no_frames_of_the_earlier_run() {
     assert!(files(&again) == files(&fresh), "files of the earlier run are left");
 }
 
+/// A dataset is read by folders: what is not of the simulation would be taken for a part of it, and is nobody's to remove but the user's.
+#[test]
+fn forcing_removes_nothing_that_is_not_of_a_simulation() {
+    let folder = tempfile::tempdir().unwrap();
+    let mine = folder.path().join("manifest.csv");
+    fs::write(&mine, "subject,sequence\n").unwrap();
+    small(folder.path()).arg("--force").assert().code(1).stderr(contains("manifest.csv is not of a simulation"));
+    assert_eq!(fs::read(&mine).unwrap(), b"subject,sequence\n");
+    fs::remove_file(&mine).unwrap();
+    small(folder.path()).arg("--force").assert().success();
+    let frame = folder.path().join("S001/005/S001_005_00000003.png");
+    fs::write(&frame, "edited").unwrap();
+    fs::write(folder.path().join("S001/005/S001_005_notes.txt"), "mine").unwrap();
+    let short = ["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "2", "--size", "96x80"];
+    simulate(folder.path()).args(short).arg("--force").assert().code(1).stderr(contains("S001_005_00000003.png"));
+    assert_eq!(fs::read(&frame).unwrap(), b"edited");
+    assert!(folder.path().join("S001/005/S001_005_notes.txt").exists());
+}
+
 #[test]
 fn bad_options_are_named_with_their_range() {
     let folder = tempfile::tempdir().unwrap();
