@@ -45,7 +45,7 @@ pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
-pub use found::{FoundMarksError, found_marks};
+pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use recognition::{
