@@ -289,7 +289,8 @@ impl Desk {
     /// Sequences on the page that have no mark.
     pub(super) fn unmarked(&self) -> Vec<SequenceId> {
         let items = self.lock();
-        let without = |k: &&usize| items[**k].marks == 0 && self.read_marks(&items[**k].entry).is_ok_and(|marks| marks.is_empty());
+        let without =
+            |k: &&usize| items[**k].marks == 0 && self.read_marks(&items[**k].entry).is_ok_and(|marks| marks.is_empty());
         self.worklist.iter().filter(without).map(|&k| items[k].entry.id.clone()).collect()
     }
 

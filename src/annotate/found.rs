@@ -54,7 +54,8 @@ impl Desk {
         for (id, marks) in found {
             match marks {
                 Ok(marks) => {
-                    self.save_found(&id, &marks).map_err(|error| AnnotateError::Accept { id: id.clone(), reason: error.to_string() })?;
+                    self.save_found(&id, &marks)
+                        .map_err(|error| AnnotateError::Accept { id: id.clone(), reason: error.to_string() })?;
                     outcome.accepted.push(id);
                 }
                 Err(reason) => outcome.left.push((id, reason)),

@@ -123,12 +123,6 @@ pub enum AnnotateError {
         /// Why.
         reason: String,
     },
-    /// Pictures have no tracks.
-    #[error("{}: a picture has no track to correct; give a dataset", path.display())]
-    NoTracksOfPicture {
-        /// The picture.
-        path: PathBuf,
-    },
     /// The port cannot be had.
     #[error("cannot listen on {address}: {source}; choose another port with --port, or leave it out for any that is free")]
     Listen {

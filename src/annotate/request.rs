@@ -59,9 +59,7 @@ impl IntoResponse for RequestError {
         let (status, body) = match self {
             Self::NotFound(reason) => (StatusCode::NOT_FOUND, json!({ "error": reason })),
             Self::Refused(reason) => (StatusCode::UNPROCESSABLE_ENTITY, json!({ "error": reason })),
-            Self::Conflict(current) => {
-                (StatusCode::CONFLICT, json!({ "error": CHANGED_ELSEWHERE, "current": current }))
-            }
+            Self::Conflict(current) => (StatusCode::CONFLICT, json!({ "error": CHANGED_ELSEWHERE, "current": current })),
             Self::Consent(reason) => (StatusCode::PRECONDITION_REQUIRED, json!({ "error": reason, "consent": true })),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, json!({ "error": reason })),
         };

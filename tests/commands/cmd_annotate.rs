@@ -474,7 +474,11 @@ fn a_found_face_is_proposed_with_its_expected_errors_and_accepted_by_a_limit() {
     // Nothing is as sure as that: all is left to look at.
     let server = Server::start(&work, "faces --accept 0.001");
     assert_eq!(server.lines[0], "0 sequences accepted with the marks that were found");
-    assert!(server.lines[1].contains("to look at: A_found: half of the points are expected to be more than"), "{:?}", server.lines);
+    assert!(
+        server.lines[1].contains("to look at: A_found: half of the points are expected to be more than"),
+        "{:?}",
+        server.lines
+    );
     drop(server);
     let server = Server::start(&work, "faces --accept 5 --all");
     assert_eq!(server.lines[0], "1 sequence accepted with the marks that were found");
