@@ -4,6 +4,7 @@ mod clone;
 mod confidence;
 mod fit;
 mod groups;
+mod locate;
 mod recognition;
 mod scale;
 mod synthesis;
@@ -56,6 +57,8 @@ enum Experiment {
     Synthesis(synthesis::Args),
     /// Whether the nearest representative, made of other people, has the right emotion.
     Recognition(recognition::Args),
+    /// How right found points are, on photographs with hand-set points.
+    Locate(locate::Args),
     /// Size and power of the test between groups, on simulated people.
     Groups(groups::Args),
     /// Time and memory of the statistics by the number of models.
@@ -71,6 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Confidence(args) => confidence::run(args),
         Experiment::Synthesis(args) => synthesis::run(args),
         Experiment::Recognition(args) => recognition::run(args),
+        Experiment::Locate(args) => locate::run(args),
         Experiment::Groups(args) => groups::run(args),
         Experiment::Scale(args) => scale::run(args),
     }

@@ -16,6 +16,7 @@ mod confidence;
 mod figure;
 mod fit;
 mod groups;
+mod locate;
 mod marks;
 mod people;
 mod recognition;
@@ -53,6 +54,7 @@ pub use confidence::{
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, IntervalTrial, evaluate_groups, wilson};
+pub use locate::{GROSS, LocatedPerson, evaluate_locate, locate_calibration, locate_failures, locate_table};
 pub use marks::{
     MarkChoice, MarkableNode, SELECTION_SIZES, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks,
     suggested_marks, suggested_table,

@@ -281,6 +281,26 @@ fn help_has_an_example() {
     }
 }
 
+#[test]
+fn found_points_are_compared_with_points_set_by_hand() {
+    let work = Work::new();
+    work.grimace("evaluate locate nowhere -o out").failure().code(1).stderr(contains("nowhere"));
+    let faces = crate::common::root().join("../shared/data/faces");
+    if !faces.is_dir() {
+        eprintln!("SKIPPED: ../shared/data/faces is not there; found points were not compared");
+        return;
+    }
+    let faces = faces.display();
+    work.grimace(&format!("evaluate locate {faces} -o out --only L022,nobody"))
+        .failure()
+        .code(1)
+        .stderr(contains("has nobody called nobody"));
+    let said = work.stdout(&format!("evaluate locate {faces} -o out --only L022,L045 --force"));
+    assert!(said.contains("2 faces: 0 missed, 0 grossly wrong"), "{said}");
+    let errors = work.read("out/errors.csv");
+    assert!(errors.lines().any(|line| line.starts_with("all,eye corner,2,")), "{errors}");
+}
+
 /// Plain KLT and the fit on the real sequences, against the figures that independent prototypes gave.
 #[test]
 fn real_sequences_give_the_figures_of_the_prototypes() {
