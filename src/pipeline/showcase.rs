@@ -106,7 +106,7 @@ pub(super) fn films(representatives: &[Representative], bench: &Workbench) -> Re
 fn film(representative: &Representative, target: &Target, bench: &Workbench) -> Result<Film, CloneError> {
     let motion = SourceMotion::from_model(&representative.label.emotion, &representative.model, bench)?;
     let options = CloneOptions::default();
-    let (left, top, width, height) = crop(target);
+    let (left, top, width, height) = target.surroundings();
     let mut strip = RgbImage::new(0, 0);
     for k in 0..FRAMES {
         let place = (motion.frame_count() - 1) as f64 * k as f64 / (FRAMES - 1) as f64;
@@ -124,20 +124,4 @@ fn film(representative: &Representative, target: &Target, bench: &Workbench) -> 
         .encode_image(&strip)
         .map_err(|e| CloneError::Encode { what: "a film of the report", reason: e.to_string() })?;
     Ok(Film { jpeg, frames: FRAMES, width: strip.width() / FRAMES as u32, height: HEIGHT })
-}
-
-/// The face with some room around it: left, top, width, height.
-fn crop(target: &Target) -> (u32, u32, u32, u32) {
-    let unit = target.warp().eye_distance();
-    let nodes = target.fitted.model.nodes();
-    let (mut low, mut high) = (nodes[0], nodes[0]);
-    for p in nodes {
-        low = low.inf(p);
-        high = high.sup(p);
-    }
-    let (width, height) = target.picture.dimensions();
-    let clip = |p: f64, side: u32| p.clamp(0.0, f64::from(side)) as u32;
-    let low = Point2::new(clip(low.x - 0.45 * unit, width), clip(low.y - 0.4 * unit, height));
-    let high = Point2::new(clip(high.x + 0.45 * unit, width), clip(high.y + 0.7 * unit, height));
-    (low.x, low.y, (high.x - low.x).max(1), (high.y - low.y).max(1))
 }
