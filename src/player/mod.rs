@@ -26,8 +26,8 @@ const TEMPLATE: &str = include_str!("assets/player.html");
 pub const STYLE: &str = include_str!("assets/player.css");
 const PAGE_STYLE: &str = include_str!("assets/page.css");
 const PAGE_SCRIPT: &str = include_str!("assets/page.js");
-/// The player's script, in parts that build on each other, for any page that holds one.
-pub const SCRIPTS: [&str; 6] = [
+/// The player's script, in parts that build on each other.
+const SCRIPTS: [&str; 6] = [
     include_str!("assets/motion.js"),
     include_str!("assets/rig.js"),
     include_str!("assets/gl.js"),
@@ -69,10 +69,15 @@ pub fn page(title: &str, motions: &[Shown], faces: &[PlayerFace], face: &Face) -
             page => Value::from(Serde(View { title, version: env!("CARGO_PKG_VERSION") })),
             payload => Value::from_safe_string(script_json(&data)),
             style => Value::from_safe_string(format!("{STYLE}{PAGE_STYLE}")),
-            script => Value::from_safe_string(format!("{}{PAGE_SCRIPT}", SCRIPTS.concat())),
+            script => Value::from_safe_string(format!("{}{PAGE_SCRIPT}", script())),
         })
     };
     render().map_err(|e| PlayerError::Page(e.to_string()))
+}
+
+/// The player's script, for any page that holds one: it defines `GrimacePlayer` and nothing else.
+pub fn script() -> String {
+    format!("const GrimacePlayer = (() => {{\n{}\nreturn {{ mount: mountPlayer, Shelf, FacePlayer }};\n}})();\n", SCRIPTS.concat())
 }
 
 /// JSON that is safe inside a script element: `<` occurs inside strings only, where JSON allows the escape.
