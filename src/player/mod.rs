@@ -77,7 +77,10 @@ pub fn page(title: &str, motions: &[Shown], faces: &[PlayerFace], face: &Face) -
 
 /// The player's script, for any page that holds one: it defines `GrimacePlayer` and nothing else.
 pub fn script() -> String {
-    format!("const GrimacePlayer = (() => {{\n{}\nreturn {{ mount: mountPlayer, Shelf, FacePlayer }};\n}})();\n", SCRIPTS.concat())
+    format!(
+        "const GrimacePlayer = (() => {{\n{}\nreturn {{ mount: mountPlayer, Shelf, FacePlayer }};\n}})();\n",
+        SCRIPTS.concat()
+    )
 }
 
 /// JSON that is safe inside a script element: `<` occurs inside strings only, where JSON allows the escape.

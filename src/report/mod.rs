@@ -17,6 +17,7 @@ use minijinja::{
 };
 
 use crate::{
+    player,
     statistics::{
         Representative,
         bootstrap::DispersionInterval,
@@ -31,11 +32,12 @@ pub use failure::{Failure, Stage};
 const TEMPLATE: &str = include_str!("assets/report.html");
 const STYLE: &str = include_str!("assets/report.css");
 /// The parts of the page's script, in the order they build on each other.
-const SCRIPTS: [&str; 5] = [
+const SCRIPTS: [&str; 6] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
     include_str!("assets/charts.js"),
     include_str!("assets/groups.js"),
+    include_str!("assets/quality.js"),
     include_str!("assets/page.js"),
 ];
 
@@ -52,19 +54,6 @@ pub struct ApexFap {
     pub is_angle: bool,
     /// The value, in its unit.
     pub value: i32,
-}
-
-/// A representative on a face, moving: the frames side by side in one JPEG, neutral first.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Film {
-    /// The JPEG file.
-    pub jpeg: Vec<u8>,
-    /// Frames in it.
-    pub frames: usize,
-    /// Width of a frame, px.
-    pub width: u32,
-    /// Height of a frame, px.
-    pub height: u32,
 }
 
 /// Everything the report shows.
@@ -88,10 +77,14 @@ pub struct ReportData<'a> {
     pub fapus: Fapus,
     /// FAP values at the apex of every representative (same order).
     pub apex_faps: Vec<Vec<ApexFap>>,
-    /// Every representative on one face (same order); empty for none.
-    pub films: Vec<Film>,
+    /// The data of a player of every representative (same order) on one face, as [`crate::player::payload`] makes it; `None` for none.
+    pub player: Option<serde_json::Value>,
     /// Whose face that is.
     pub face: String,
+    /// Stems of the files of every representative (same order), for links; empty for none.
+    pub stems: Vec<String>,
+    /// Whether tracks and models lie beside the report, so that it may lead to them.
+    pub tracked_here: bool,
     /// Groups beside each other; `None` when nothing was grouped.
     pub groups: Option<GroupsData<'a>>,
 }
@@ -123,7 +116,7 @@ pub fn render_html(data: &ReportData<'_>) -> Result<String, minijinja::Error> {
     environment.get_template("report.html")?.render(context! {
         report => Value::from(Serde(view::View::new(data))),
         payload => Value::from_safe_string(payload::json(data)),
-        style => Value::from_safe_string(STYLE.to_owned()),
-        script => Value::from_safe_string(SCRIPTS.join("\n")),
+        style => Value::from_safe_string(format!("{STYLE}{}", player::STYLE)),
+        script => Value::from_safe_string(format!("{}{}", player::script(), SCRIPTS.join("\n"))),
     })
 }

@@ -5,6 +5,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
+use base64::{Engine, prelude::BASE64_STANDARD};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Map, Value, json};
 
@@ -15,6 +16,7 @@ use super::{
 };
 use crate::{
     statistics::Representative,
+    track::Verdict,
     units::{NodeId, SequenceId},
     wireframe::{Tables, Wireframe},
 };
@@ -57,7 +59,8 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
         "faps": faps,
         "representatives": representatives,
         "pairs": data.groups.as_ref().map(|groups| super::groups::payload(groups, data)),
-        "tracks": data.tracks.iter().map(|t| track(t, &index)).collect::<Vec<_>>(),
+        "tracks": data.tracks.iter().map(|t| track(t, &index, data.tracked_here)).collect::<Vec<_>>(),
+        "player": data.player,
     });
     // `<` occurs inside strings only, where JSON allows the escape.
     value.to_string().replace('<', "\\u003c")
@@ -198,8 +201,9 @@ fn trimming(r: &Representative) -> (Value, Value) {
 }
 
 /// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn,
-/// expected error px.
-fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
+/// expected error px, whether to look again, why, percent of lost nodes frame by frame, expected error px frame by frame, pictures of the
+/// neutral and the apex frame, stem of its files.
+fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
     let reasons = t.summary.recovered.iter().filter(|&(_, &n)| n > 0);
     json!([
         index.ids.get(&t.id),
@@ -211,6 +215,12 @@ fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
         reasons.flat_map(|(reason, &n)| [index.reasons.get(reason.as_str()).copied().unwrap_or(0), n]).collect::<Vec<_>>(),
         t.summary.worst_nodes.iter().flat_map(|&(node, n)| [usize::from(node.0), n]).collect::<Vec<_>>(),
         t.summary.expected_error_px.map_or(Value::Null, |px| rounded(px, 3)),
+        t.summary.verdict == Verdict::LookAgain,
+        t.summary.reasons,
+        t.course.iter().map(|f| rounded(100.0 * f.lost, 1)).collect::<Vec<_>>(),
+        t.course.iter().map(|f| f.expected_error_px.map_or(Value::Null, |px| rounded(px, 2))).collect::<Vec<_>>(),
+        t.pictures.as_ref().map(|pictures| pictures.each_ref().map(|p| BASE64_STANDARD.encode(p))),
+        has_files.then(|| t.id.to_string()),
     ])
 }
 

@@ -70,7 +70,11 @@ impl Warp {
             (b - a).perp(&(c - a))
         };
         let least = |(k, t): (usize, &[u32; 3])| {
-            if self.is_flat[k] { f64::NEG_INFINITY } else { folds::least_area(area(&self.mesh.vertices, t), area(&self.source, t)) }
+            if self.is_flat[k] {
+                f64::NEG_INFINITY
+            } else {
+                folds::least_area(area(&self.mesh.vertices, t), area(&self.source, t))
+            }
         };
         let openings = self.mesh.openings.iter().zip(&layout::OPENINGS).map(|(mesh, nodes)| RigOpening {
             opening: mesh.opening,
