@@ -30,15 +30,18 @@ use crate::{
 pub use failure::{Failure, Stage};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
+/// The words of the field, explained on the page.
+const GLOSSARY: &str = include_str!("../../docs/glossary.md");
 const STYLE: &str = include_str!("assets/report.css");
 /// The parts of the page's script, in the order they build on each other.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 7] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
     include_str!("assets/charts.js"),
     include_str!("assets/groups.js"),
     include_str!("assets/quality.js"),
     include_str!("assets/page.js"),
+    include_str!("assets/glossary.js"),
 ];
 
 /// One FAP of a representative's apex frame.

@@ -61,6 +61,7 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
         "pairs": data.groups.as_ref().map(|groups| super::groups::payload(groups, data)),
         "tracks": data.tracks.iter().map(|t| track(t, &index, data.tracked_here)).collect::<Vec<_>>(),
         "player": data.player,
+        "glossary": glossary(super::GLOSSARY),
     });
     // `<` occurs inside strings only, where JSON allows the escape.
     value.to_string().replace('<', "\\u003c")
@@ -81,6 +82,15 @@ impl<'a> Index<'a> {
             reasons: number(tracks.iter().flat_map(|t| t.summary.recovered.keys().map(String::as_str)).collect()),
         }
     }
+}
+
+/// Word and meaning of every row of the glossary; rows that explain several words count for each.
+fn glossary(markdown: &str) -> Vec<[&str; 2]> {
+    let rows = markdown.lines().filter_map(|line| line.strip_prefix("| ")?.strip_suffix(" |")?.split_once(" | "));
+    let rows = rows.filter(|(words, _)| !words.starts_with("---") && *words != "word");
+    rows.flat_map(|(words, meaning)| words.split([',', '(', ')']).map(move |word| [word.trim(), meaning]))
+        .filter(|[word, _]| !word.is_empty())
+        .collect()
 }
 
 /// Triangles and contours over live nodes (by their place in the list of live nodes), and a fixed shade per triangle.
@@ -238,6 +248,14 @@ mod tests {
             let (a, b) = (w.live_nodes()[pair[0]], w.live_nodes()[pair[1]]);
             assert!(w.edges().contains(&(a.min(b), a.max(b))), "{a} {b}");
         }
+    }
+
+    #[test]
+    fn the_glossary_has_every_word_with_its_meaning() {
+        let words =
+            glossary("# Words\n\n| word | means |\n| --- | --- |\n| action unit (AU) | a muscle |\n| mark, point | a place |\n");
+        assert_eq!(words, [["action unit", "a muscle"], ["AU", "a muscle"], ["mark", "a place"], ["point", "a place"]]);
+        assert!(glossary(crate::report::GLOSSARY).iter().any(|[word, _]| *word == "FAP"));
     }
 
     #[test]
