@@ -116,10 +116,11 @@ pub fn render_html(data: &ReportData<'_>) -> Result<String, minijinja::Error> {
     environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
     // The name ends in `.html`: minijinja escapes every value that is not marked safe.
     environment.add_template("report.html", TEMPLATE)?;
+    let player = data.player.as_ref().map(|_| player::script()).unwrap_or_default();
     environment.get_template("report.html")?.render(context! {
         report => Value::from(Serde(view::View::new(data))),
         payload => Value::from_safe_string(payload::json(data)),
         style => Value::from_safe_string(format!("{STYLE}{}", player::STYLE)),
-        script => Value::from_safe_string(format!("{}{}", player::script(), SCRIPTS.join("\n"))),
+        script => Value::from_safe_string(format!("{player}{}", SCRIPTS.join("\n"))),
     })
 }

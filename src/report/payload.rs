@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     statistics::Representative,
-    track::Verdict,
+    track::{FrameQuality, Verdict},
     units::{NodeId, SequenceId},
     wireframe::{Tables, Wireframe},
 };
@@ -227,11 +227,27 @@ fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
         t.summary.expected_error_px.map_or(Value::Null, |px| rounded(px, 3)),
         t.summary.verdict == Verdict::LookAgain,
         t.summary.reasons,
-        t.course.iter().map(|f| rounded(100.0 * f.lost, 1)).collect::<Vec<_>>(),
-        t.course.iter().map(|f| f.expected_error_px.map_or(Value::Null, |px| rounded(px, 2))).collect::<Vec<_>>(),
+        steps(&t.course)
+            .map(|frames| rounded(100.0 * worst(frames.iter().map(|f| f.lost)).unwrap_or(0.0), 0))
+            .collect::<Vec<_>>(),
+        steps(&t.course)
+            .map(|frames| worst(frames.iter().filter_map(|f| f.expected_error_px)).map_or(Value::Null, |px| rounded(px, 2)))
+            .collect::<Vec<_>>(),
         t.pictures.as_ref().map(|pictures| pictures.each_ref().map(|p| BASE64_STANDARD.encode(p))),
         has_files.then(|| t.id.to_string()),
     ])
+}
+
+/// Most steps of the course of a track that the report draws.
+const MOST_STEPS: usize = 40;
+
+/// Frames in as many steps as are drawn: each one by itself where there are few.
+fn steps(course: &[FrameQuality]) -> impl Iterator<Item = &[FrameQuality]> {
+    course.chunks(course.len().div_ceil(MOST_STEPS).max(1))
+}
+
+fn worst(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.reduce(f64::max)
 }
 
 #[cfg(test)]
