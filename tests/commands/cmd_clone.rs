@@ -38,6 +38,7 @@ fn a_track_on_a_photograph_gives_frames_track_fap_overlay_sheet_and_films() {
         "clone.fap",
         "clone.gif",
         "clone.json",
+        "frames.b3",
         "frames/target_00000001.png",
         "frames/target_00000002.png",
         "frames/target_00000003.png",
