@@ -12,6 +12,7 @@ mod found;
 mod groups;
 mod landmarks;
 mod ledger;
+mod method;
 mod model_file;
 mod parts;
 mod pictures;
@@ -45,6 +46,7 @@ pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub use found::{FoundMarksError, found_marks};
+pub use method::{KP_TRACK_FORCE, Method};
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use recognition::{

@@ -326,8 +326,14 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
     let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let json = |value: serde_json::Result<serde_json::Value>| value.map(word).unwrap_or_default();
     let tracking = [
+        ("Method", super::Method::name_of(o).to_owned()),
         ("Shape prior", json(serde_json::to_value(&o.fit.prior))),
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
+        ("Forces on tracked nodes", json(serde_json::to_value(o.track.forces))),
+        (
+            "Inner lips searched within their lip, eyes rigid, re-deformed",
+            format!("{}, {}, {}", o.track.lip_probes, o.track.rigid_eyes, o.track.deform),
+        ),
         ("KLT window (over eye distance)", o.track.window.to_string()),
         ("KLT pyramid levels", o.track.levels.to_string()),
         ("Forward-backward limit (over eye distance)", o.track.forward_backward.to_string()),

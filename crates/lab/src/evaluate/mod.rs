@@ -75,7 +75,7 @@ pub use synthetic::{Spread, SyntheticPeople};
 pub use table::{Cell, Table};
 pub use tracking::{
     Failed, Start, TrackingCase, TrackingOptions, TrackingResult, dataset_cases, evaluate_tracking, hard_simulation,
-    simulated_cases,
+    simulated_cases, truth_case,
 };
 pub use variant::{PLAIN_LEVELS, PLAIN_WINDOW_PX, TrackerVariant, VariantKind, standard_variants};
 
