@@ -120,7 +120,7 @@ fn prior(text: &str) -> Result<PriorKind, String> {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
-    /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --forces same, --track-force 20, --forward-backward 0,
+    /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --forces same, --forward-backward 0,
     /// --align-gain 0, --lip-probes off, --rigid-eyes off and --weight sequence, as far as the command has them; each can be set
     /// otherwise beside it
     #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
@@ -172,9 +172,8 @@ pub struct TrackArgs {
     forces: Option<Forces>,
     /// Force per pixel on a tracked node, over the stiffness of a spring: on every node with --forces same; with --forces measured on a
     /// node whose window has gradients, in grey levels per pixel, as large as its mismatch, in grey levels, more on clearer windows
-    /// [default: 150; kp: 20]
-    #[arg(long, value_parser = positive, value_name = "GAIN")]
-    track_force: Option<f64>,
+    #[arg(long, default_value_t = TrackOptions::default().force, value_parser = positive, value_name = "GAIN")]
+    track_force: f64,
     /// Weight of the mismatch of two windows against their gradients, in measured forces; 0 trusts every match alike
     #[arg(long, default_value_t = TrackOptions::default().mismatch, value_parser = not_negative, value_name = "WEIGHT")]
     mismatch: f64,
@@ -213,7 +212,7 @@ impl TrackArgs {
             levels: self.levels,
             forward_backward: self.forward_backward.unwrap_or(of.forward_backward),
             extreme: self.extreme,
-            force: self.track_force.unwrap_or(of.force),
+            force: self.track_force,
             mismatch: self.mismatch,
             forces: self.forces.unwrap_or(of.forces),
             lip_probes: self.lip_probes.unwrap_or(of.lip_probes),
@@ -288,10 +287,10 @@ pub struct AnalysisArgs {
     /// Most people of a group that a test uses; of larger groups as many are drawn by the seed
     #[arg(long, default_value_t = CompareOptions::default().people, value_parser = count(5, 2000), value_name = "COUNT")]
     test_people: usize,
-    /// Replicates of the bootstrap of every dispersion, where there are groups; 0 for none
+    /// Draws of people for the 95 % interval of every dispersion, where there are groups; 0 for none
     #[arg(long, default_value_t = GroupOptions::default().bootstrap, value_parser = count(0, 1_000_000), value_name = "COUNT")]
     bootstrap: usize,
-    /// Seed of permutations, draws and bootstrap
+    /// Seed of permutations and draws
     #[arg(long, default_value_t = CompareOptions::default().seed)]
     seed: u64,
     /// Write all normalized models into one Parquet file, models.parquet, too

@@ -21,10 +21,6 @@ pub enum Method {
     Kp,
 }
 
-/// Gain of the force on every tracked node, over the stiffness of a spring. \[KP\] leave both open; this is the gain of the fit, whose
-/// springs \[KP\] take for the tracker too.
-pub const KP_TRACK_FORCE: f64 = crate::fit::FIT_FORCE;
-
 impl Method {
     /// Options of the fit: in \[KP\] similarity and springs, without a shape prior.
     pub fn fit(self) -> FitOptions {
@@ -34,14 +30,13 @@ impl Method {
         }
     }
 
-    /// Options of the tracker: in \[KP\] KLT forward only, the same force at every node, no alignment, no knowledge of lips and eyes.
+    /// Options of the tracker: in \[KP\] KLT forward only, one force for all nodes, no alignment, no knowledge of lips and eyes.
     pub fn track(self) -> TrackOptions {
         let ours = TrackOptions::default();
         match self {
             Self::Default => ours,
             Self::Kp => TrackOptions {
                 forward_backward: 0.0,
-                force: KP_TRACK_FORCE,
                 forces: Forces::Same,
                 lip_probes: false,
                 rigid_eyes: false,

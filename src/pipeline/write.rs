@@ -6,13 +6,18 @@ use serde::Serialize;
 
 use super::{
     Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, ReportFace, SCHEMA_VERSION, Workbench,
-    amplitudes::write_amplitudes, groups::write_groups, model_file::write_model, recognition::write_recognition, showcase::films,
+    amplitudes::write_amplitudes,
+    groups::write_groups,
+    model_file::write_model,
+    recognition::write_recognition,
+    showcase::films,
     units::units_json,
+    variation::{shown_bands, write_variations},
 };
 use crate::{
     fap::{self, FapCatalog, FapNumber, Motion},
     output::{self, OutputError, nine_digits, write_records},
-    report::{ApexFap, GroupsData, ReportData, render_html},
+    report::{ApexFap, GroupsData, ReportData, VariationData, render_html},
     statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
@@ -95,6 +100,9 @@ pub fn write_analysis(
     for (name, hash) in write_amplitudes(out, &analysis.amplitudes, bench)? {
         wrote(name, hash);
     }
+    for (name, hash) in write_variations(out, &analysis.variations, bench)? {
+        wrote(&name, hash);
+    }
     if let Some(recognition) = &analysis.recognition {
         wrote("recognition.csv", write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?);
     }
@@ -109,7 +117,7 @@ pub(super) fn class_files(stem: &str) -> [String; 3] {
 }
 
 /// Names of the tables and the report.
-pub(super) const TABLES: [&str; 14] = [
+pub(super) const TABLES: [&str; 17] = [
     "statistics.csv",
     "trimming.csv",
     "failures.csv",
@@ -123,6 +131,9 @@ pub(super) const TABLES: [&str; 14] = [
     "amplitudes.csv",
     "amplitude_comparisons.csv",
     "recognition.csv",
+    "variation.csv",
+    "variation_scores.csv",
+    "bands.csv",
     "units.json",
 ];
 
@@ -311,6 +322,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
             ReportFace::Simulated => "a simulated person".to_owned(),
             ReportFace::Photograph { image, .. } => image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         },
+        variations: analysis.classes.iter().map(|class| variation_data(analysis, class)).collect(),
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
             options: &bench.options.groups,
@@ -318,6 +330,13 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         }),
     })?;
     Ok(html)
+}
+
+/// What the report shows of how the people of a whole emotion differ.
+fn variation_data<'a>(analysis: &'a Analysis, class: &AnalyzedClass) -> Option<VariationData<'a>> {
+    let label = &class.representative.label;
+    let of = analysis.variations.iter().find(|v| label.group.is_empty() && v.emotion == label.emotion)?;
+    Some(VariationData { variation: of.outcome.as_ref().ok(), bands: shown_bands(of) })
 }
 
 /// The options as a reader of the report wants them; those of fit and tracker only when the sequences were tracked with them.

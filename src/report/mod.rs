@@ -8,6 +8,7 @@ mod failure;
 mod groups;
 mod numbers;
 mod payload;
+mod variation;
 mod view;
 
 use minijinja::{
@@ -27,15 +28,17 @@ use crate::{
 };
 
 pub use failure::{Failure, Stage};
+pub use variation::{BandCurve, VariationData};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
 const STYLE: &str = include_str!("assets/report.css");
 /// The parts of the page's script, in the order they build on each other.
-const SCRIPTS: [&str; 5] = [
+const SCRIPTS: [&str; 6] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
     include_str!("assets/charts.js"),
     include_str!("assets/groups.js"),
+    include_str!("assets/variation.js"),
     include_str!("assets/page.js"),
 ];
 
@@ -92,6 +95,8 @@ pub struct ReportData<'a> {
     pub films: Vec<Film>,
     /// Whose face that is.
     pub face: String,
+    /// How the people of every representative differ (same order); `None` where nothing is shown, empty for none at all.
+    pub variations: Vec<Option<VariationData<'a>>>,
     /// Groups beside each other; `None` when nothing was grouped.
     pub groups: Option<GroupsData<'a>>,
 }

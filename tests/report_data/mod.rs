@@ -88,6 +88,7 @@ impl Fixture {
             films: Vec::new(),
             face: String::new(),
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
+            variations: Vec::new(),
             groups: None,
         }
     }
