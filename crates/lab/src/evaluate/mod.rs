@@ -14,6 +14,7 @@ mod clone_cross;
 mod clone_quality;
 mod confidence;
 mod figure;
+mod figures;
 mod fit;
 mod groups;
 mod marks;
@@ -51,6 +52,9 @@ pub use confidence::{
     expected_of_samples, fit_confidence, verdict_table,
 };
 pub use figure::{LineChart, Series};
+pub use figures::{
+    KpFigures, PUBLISHED_DISPERSIONS, Plate, PlateContent, ScalingRow, ZlFigures, scaling_rows, scaling_table, zl_plates,
+};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, IntervalTrial, evaluate_groups, wilson};
 pub use marks::{
