@@ -118,6 +118,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("high", MEDIANS),
             ("effect", "standard deviations"),
             ("p", PROBABILITY),
+            ("p_t", PROBABILITY),
             ("p_holm", PROBABILITY),
             ("p_equivalence", PROBABILITY),
         ],
