@@ -9,7 +9,7 @@ use crate::{
     report::BandCurve,
     statistics::{
         SequenceModel,
-        variation::{Band, Variation, band_weights},
+        variation::{Band, MOST_SEQUENCES, Variation, band_weights},
     },
     wireframe::Fapus,
 };
@@ -38,7 +38,8 @@ pub struct EmotionVariation {
     pub stem: String,
     /// Mean, components and scores, or why there are none.
     pub outcome: Result<Variation, String>,
-    /// Bands of every curve by frame, with the value of the representative; empty for a single sequence.
+    /// Bands of every curve by frame, with the value of the representative; empty for a single sequence, and for more than components
+    /// are taken of.
     pub bands: BTreeMap<Curve, Vec<(f64, Band)>>,
 }
 
@@ -59,7 +60,11 @@ pub(super) fn variations(
             emotion: emotion.clone(),
             stem: class.stem.clone(),
             outcome: Variation::new(models, &bench.wireframe).map_err(|why| why.to_string()),
-            bands: if models.len() > 1 { bands(models, class, fapus, bench) } else { BTreeMap::new() },
+            bands: if (2..=MOST_SEQUENCES).contains(&models.len()) {
+                bands(models, class, fapus, bench)
+            } else {
+                BTreeMap::new()
+            },
         })
     };
     emotions.iter().filter_map(of).collect()

@@ -21,8 +21,8 @@ pub const MOST_COMPONENTS: usize = 10;
 /// Fewest people: two differ in one direction only.
 pub const LEAST_PEOPLE: usize = 3;
 
-/// Sequences above which there are no components: the matrix of all of them would be too large.
-pub const MOST_SEQUENCES: usize = 20_000;
+/// Sequences above which there are no components: the products of all of them take too long.
+pub const MOST_SEQUENCES: usize = 2048;
 
 /// Share of all variance under which a component is rounding.
 const LEAST_SHARE: f64 = 1e-9;
