@@ -99,6 +99,7 @@ pub mod output;
 pub mod overlay;
 pub mod pipeline;
 pub mod plausible;
+pub mod player;
 pub mod render;
 pub mod report;
 pub mod robust;

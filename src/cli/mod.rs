@@ -20,6 +20,7 @@ mod init;
 mod lab;
 mod learn;
 mod locate;
+mod play;
 pub mod print;
 mod prior;
 pub mod progress;
@@ -70,6 +71,8 @@ enum Command {
     Recognize(recognize::Args),
     /// Put an expression on a new face: a textured animation from one photograph.
     Clone(clone::Args),
+    /// A page that plays motions on faces: scrub, compare, exaggerate, single FAPs.
+    Play(play::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
@@ -149,6 +152,7 @@ pub fn main() -> ExitCode {
         Command::Analyze(args) => analyze::run(&args),
         Command::Recognize(args) => recognize::run(&args),
         Command::Clone(args) => clone::run(&args),
+        Command::Play(args) => play::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
         Command::Locate(args) => locate::run(&args),

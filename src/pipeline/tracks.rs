@@ -131,7 +131,7 @@ fn load(
         SequenceFailure { reason, ..failure }
     })?;
     let summary = summarize(&frames, &bench.wireframe, &bench.tables);
-    let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
+    let quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
 }
 

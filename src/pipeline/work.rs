@@ -17,6 +17,7 @@ use super::{
     model_file::write_model,
     overlay_pictures,
     sequence::{MACHINE, RunTrack, normalized, overlay_path, track_or_reuse, track_recorded},
+    showcase::thumbnails,
 };
 use crate::{
     dataset::{CorrespondenceSource, FrameSource, LandmarkSelection, SequenceEntry},
@@ -263,7 +264,9 @@ fn process(
     let RunTrack { frames, info, reused, hashes } =
         track_or_reuse(&labels, hash.as_deref(), &out.join(&csv_name), bench, make, correct)
             .map_err(|failure| name_marks(failure, item.entry))?;
-    if let (Some(folder), Source::Images(source)) = (overlay, source) {
+    if let (Some(folder), Source::Images(source)) = (overlay, source)
+        && bench.options.shows(&source.metadata)
+    {
         let last = frames.len() - 1;
         overlay_pictures(
             source,
@@ -281,7 +284,11 @@ fn process(
     let hashes = [(csv_name, hashes.csv), (json_name, hashes.json), (model_name, model_hash.to_hex().to_string())];
     let outputs = BTreeMap::from(hashes);
     ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary: info.summary };
+    let mut quality = TrackQuality::new(id.clone(), item.emotion.clone(), info.summary, &frames, &bench.wireframe);
+    quality.pictures = match source {
+        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(source, &frames, bench),
+        _ => None,
+    };
     let model = SequenceModel { id: id.clone(), model };
     let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality) };
     let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");

@@ -18,6 +18,7 @@ use minijinja::{
 };
 
 use crate::{
+    player,
     statistics::{
         Representative,
         bootstrap::DispersionInterval,
@@ -31,15 +32,19 @@ pub use failure::{Failure, Stage};
 pub use variation::{BandCurve, VariationData};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
+/// The words of the field, explained on the page.
+const GLOSSARY: &str = include_str!("../../docs/glossary.md");
 const STYLE: &str = include_str!("assets/report.css");
 /// The parts of the page's script, in the order they build on each other.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 8] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
     include_str!("assets/charts.js"),
     include_str!("assets/groups.js"),
     include_str!("assets/variation.js"),
+    include_str!("assets/quality.js"),
     include_str!("assets/page.js"),
+    include_str!("assets/glossary.js"),
 ];
 
 /// One FAP of a representative's apex frame.
@@ -55,19 +60,6 @@ pub struct ApexFap {
     pub is_angle: bool,
     /// The value, in its unit.
     pub value: i32,
-}
-
-/// A representative on a face, moving: the frames side by side in one JPEG, neutral first.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Film {
-    /// The JPEG file.
-    pub jpeg: Vec<u8>,
-    /// Frames in it.
-    pub frames: usize,
-    /// Width of a frame, px.
-    pub width: u32,
-    /// Height of a frame, px.
-    pub height: u32,
 }
 
 /// Everything the report shows.
@@ -91,12 +83,16 @@ pub struct ReportData<'a> {
     pub fapus: Fapus,
     /// FAP values at the apex of every representative (same order).
     pub apex_faps: Vec<Vec<ApexFap>>,
-    /// Every representative on one face (same order); empty for none.
-    pub films: Vec<Film>,
+    /// The data of a player of every representative (same order) on one face, as [`crate::player::payload`] makes it; `None` for none.
+    pub player: Option<serde_json::Value>,
     /// Whose face that is.
     pub face: String,
     /// How the people of every representative differ (same order); `None` where nothing is shown, empty for none at all.
     pub variations: Vec<Option<VariationData<'a>>>,
+    /// Stems of the files of every representative (same order), for links; empty for none.
+    pub stems: Vec<String>,
+    /// Whether tracks and models lie beside the report, so that it may lead to them.
+    pub tracked_here: bool,
     /// Groups beside each other; `None` when nothing was grouped.
     pub groups: Option<GroupsData<'a>>,
 }
@@ -125,10 +121,11 @@ pub fn render_html(data: &ReportData<'_>) -> Result<String, minijinja::Error> {
     environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
     // The name ends in `.html`: minijinja escapes every value that is not marked safe.
     environment.add_template("report.html", TEMPLATE)?;
+    let player = data.player.as_ref().map(|_| player::script()).unwrap_or_default();
     environment.get_template("report.html")?.render(context! {
         report => Value::from(Serde(view::View::new(data))),
         payload => Value::from_safe_string(payload::json(data)),
-        style => Value::from_safe_string(STYLE.to_owned()),
-        script => Value::from_safe_string(SCRIPTS.join("\n")),
+        style => Value::from_safe_string(format!("{STYLE}{}", player::STYLE)),
+        script => Value::from_safe_string(format!("{player}{}", SCRIPTS.join("\n"))),
     })
 }

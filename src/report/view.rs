@@ -2,11 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use base64::{Engine, prelude::BASE64_STANDARD};
 use serde::Serialize;
 
 use super::{
-    Failure, Film, ReportData,
+    Failure, ReportData,
     groups::GroupsView,
     numbers::{MISSING, fixed, fixed_or_dash, ratio},
     payload::MOST_DOTS,
@@ -26,6 +25,16 @@ const TOP_FAPS: usize = 20;
 const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
     [("anger", 11.13), ("disgust", 9.80), ("fear", 11.39), ("happiness", 10.89), ("sadness", 13.46), ("surprise", 13.57)];
 
+/// Tables beside every report, and what they hold.
+const FILES: [(&str, &str); 6] = [
+    ("statistics.csv", "dispersion of every emotion and group"),
+    ("trimming.csv", "what was trimmed, and why"),
+    ("verdicts.csv", "every sequence: good, or look again"),
+    ("failures.csv", "sequences that failed, with the reason"),
+    ("amplitudes.csv", "how strongly everybody makes each expression"),
+    ("units.json", "units of all columns"),
+];
+
 /// The report's text.
 #[derive(Serialize)]
 pub(super) struct View<'a> {
@@ -42,22 +51,11 @@ pub(super) struct View<'a> {
     track_count: String,
     fapus: Vec<(String, String)>,
     small_class: usize,
-    films: Vec<FilmView>,
+    has_player: bool,
+    files: Vec<[&'static str; 2]>,
+    stems_known: bool,
     face: &'a str,
     groups: Option<GroupsView>,
-}
-
-/// A representative on the report's face.
-#[derive(Serialize)]
-struct FilmView {
-    emotion: String,
-    group: String,
-    label: String,
-    /// The strip of frames as a data URL.
-    strip: String,
-    frames: usize,
-    width: u32,
-    height: u32,
 }
 
 /// A sequence that a person should look at again.
@@ -139,6 +137,8 @@ struct Card {
     /// Shares of the components that are shown, percent.
     components: Vec<String>,
     has_bands: bool,
+    /// Stem of its files, as a part of a link.
+    stem: Option<String>,
 }
 
 impl<'a> View<'a> {
@@ -172,24 +172,11 @@ impl<'a> View<'a> {
             track_count: count(data.tracks.len(), "sequence", "sequences"),
             fapus: fapus.collect(),
             small_class: SMALL_CLASS,
-            films: data.films.iter().zip(data.representatives).map(|(film, r)| FilmView::new(film, &r.label)).collect(),
+            has_player: data.player.is_some(),
+            stems_known: !data.stems.is_empty(),
+            files: FILES.map(|(name, what)| [name, what]).to_vec(),
             face: &data.face,
             groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data)),
-        }
-    }
-}
-
-impl FilmView {
-    fn new(film: &Film, label: &ClassLabel) -> Self {
-        let group = group_text(label);
-        Self {
-            label: if group.is_empty() { label.emotion.clone() } else { format!("{}, {group}", label.emotion) },
-            emotion: label.emotion.clone(),
-            group,
-            strip: format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(&film.jpeg)),
-            frames: film.frames,
-            width: film.width,
-            height: film.height,
         }
     }
 }
@@ -280,9 +267,16 @@ impl Card {
                 .and_then(|v| v.variation)
                 .map_or_else(Vec::new, |v| v.components.iter().take(3).map(|c| fixed(c.share * 100.0, 1)).collect()),
             has_bands: variation.is_some_and(|v| !v.bands.is_empty()),
+            stem: data.stems.get(index).map(|stem| url_part(stem)),
             has_faps: data.apex_faps.get(index).is_some_and(|f| !f.is_empty()),
         }
     }
+}
+
+/// A text as a part of a link.
+fn url_part(text: &str) -> String {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.~".contains(&b);
+    text.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
 }
 
 /// A class's group as `column = value, ...`; empty when not grouped.
@@ -297,6 +291,12 @@ fn pairs_text(group: &BTreeMap<String, String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn links_hold_no_marks_of_their_own() {
+        assert_eq!(url_part("anger_sex-f.x"), "anger_sex-f.x");
+        assert_eq!(url_part("a b#ü"), "a%20b%23%C3%BC");
+    }
 
     #[test]
     fn groups_read_as_pairs() {
