@@ -17,7 +17,7 @@ use grimace::{
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
+    shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
 };
 
 /// Track one sequence.
@@ -53,6 +53,8 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
     #[command(flatten)]
+    method: MethodArgs,
+    #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
     track: TrackArgs,
@@ -66,7 +68,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(json != args.output, "{}: a track is a .csv; the .json is written beside it", args.output.display());
     args.general.check_free(&args.output)?;
     args.general.check_free(&json)?;
-    let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
+    let options = PipelineOptions {
+        fit: args.fit.options_of(args.method.method),
+        track: args.track.options_of(args.method.method),
+        ..PipelineOptions::default()
+    };
     let bench = args.general.workbench(options)?;
     let frames = list_frames(&args.sequence, args.first_frame, args.last_frame)?;
     let marks = marks_or_found(args.correspondences.as_deref(), &bench, || Ok(read_first_frame(&frames)?))?;

@@ -2,6 +2,7 @@
 
 mod clone;
 mod confidence;
+mod figures;
 mod fit;
 mod groups;
 mod locate;
@@ -49,6 +50,8 @@ enum Experiment {
     Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
     Fit(fit::Args),
+    /// Every figure and table of both papers, in one folder.
+    Figures(figures::Args),
     /// Error of the tracker over the frames, with and without deformation, beside plain KLT.
     Tracking(tracking::Args),
     /// The tracker's expected errors against true ones; fits the model anew from simulated people.
@@ -70,6 +73,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
         Experiment::Clone(args) => clone::run(args),
         Experiment::Fit(args) => fit::run(args),
+        Experiment::Figures(args) => figures::run(args),
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Confidence(args) => confidence::run(args),
         Experiment::Synthesis(args) => synthesis::run(args),
