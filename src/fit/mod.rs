@@ -28,6 +28,7 @@ pub use crate::correspondence::{
     validate_correspondences, write_correspondences,
 };
 pub use error::{FitError, FitWarning};
+pub(crate) use prior::mirror_nodes;
 pub use prior::{
     DEFAULT_MODES, Explanation, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces, PRIOR_SCHEMA,
     PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
@@ -224,6 +225,26 @@ impl Fitter {
             Point2::from(places.sum::<Vector2<f64>>())
         };
         Ok(Some((0..count).map(place).collect()))
+    }
+
+    /// The wireframe pulled to its marks from nodes that were placed already (px, y down), with the placement of the frontal wireframe.
+    ///
+    /// # Errors
+    /// [`FitError`] when the marks place no wireframe.
+    pub fn fit_placed(
+        &self,
+        wireframe: &Wireframe,
+        placed: &[Point2<f64>],
+        marks: &[Correspondence],
+    ) -> Result<FittedWireframe, FitError> {
+        let face: Vec<_> = marks.iter().map(|m| flip(wireframe.frontal()[m.node.index()])).collect();
+        let seen: Vec<_> = marks.iter().map(|m| m.position).collect();
+        let image_from_face = Similarity::fit(&face, &seen, None)?;
+        let targets: Vec<_> = marks.iter().map(|m| self.target(m, image_from_face.scale * EYE_DISTANCE)).collect();
+        let nodes = self.springs.deform(wireframe, placed, &targets)?;
+        let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
+        let model = FrameExpressionModel::new(nodes);
+        Ok(FittedWireframe { model, image_from_face, correspondences: marks.to_vec(), residuals, warnings: Vec::new() })
     }
 
     /// What a mark does to the springs, on a face with an eye distance of so many px.

@@ -2,17 +2,23 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
+use nalgebra::Point2;
+
 use super::{
     MADE_BY, SequenceFailure, Stage, Workbench,
     sequence::{Labels, file_name},
 };
 use crate::{
     dataset::{CorrespondenceSource, LandmarkSequence, LandmarksError, SequenceEntry, read_landmarks_with},
-    fit::{Correspondence, MarkKind, read_correspondences},
+    fit::{Correspondence, FittedWireframe, MarkKind, read_correspondences},
+    normalize::PoseMode,
     sequence::ImageSize,
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
     units::SequenceId,
 };
+
+/// Yaw or pitch of the neutral frame, degrees, from which its wireframe is placed by a head in three dimensions.
+const TURNED: f64 = 8.0;
 
 /// Frames and record of a sequence that was read.
 type Read = (Vec<TrackedFrame>, TrackInfo);
@@ -74,6 +80,7 @@ impl LandmarkSource {
             &options.fit,
             options.track.force,
             options.landmarks.least_confidence,
+            options.normalize.pose,
             &bench.wireframe_blake3,
         );
         part(&serde_json::to_vec(&depends).unwrap_or_default());
@@ -121,8 +128,7 @@ impl LandmarkSource {
             read.sequence(self.first_frame, self.last_frame).map_err(SequenceFailure::at(Stage::Dataset))?;
         let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
-        let marks = self.marks.clone().unwrap_or_else(|| plan.marks(neutral, &bench.tables));
-        let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
+        let (marks, fitted) = fit_landmarks(bench, neutral, self.marks.clone())?;
         let frames = plan.track(&bench.wireframe, &fitted, &sequence).map_err(SequenceFailure::at(Stage::Track))?;
         let info = TrackInfo {
             schema_version: TRACK_SCHEMA,
@@ -145,4 +151,31 @@ impl LandmarkSource {
         };
         Ok((frames, info))
     }
+}
+
+/// The wireframe fitted to the neutral frame of a sequence of landmarks, and its marks: those given, or else the landmarks.
+///
+/// # Errors
+/// [`SequenceFailure`] with the stage.
+pub fn fit_landmarks(
+    bench: &Workbench,
+    neutral: &[Point2<f64>],
+    given: Option<Vec<Correspondence>>,
+) -> Result<(Vec<Correspondence>, FittedWireframe), SequenceFailure> {
+    let Some(marks) = given else {
+        let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
+        let marks = plan.marks(neutral, &bench.tables);
+        // Points of a turned head's outline fold a frontal wireframe: a head in three dimensions says where it lies.
+        if bench.options.normalize.pose == PoseMode::Full
+            && let Some(placed) = bench.head_fitter().place(&marks)
+            && placed.turn > TURNED
+            && let Ok(fitted) = bench.fitter.fit_placed(&bench.wireframe, &placed.nodes, &marks)
+        {
+            return Ok((marks, fitted));
+        }
+        let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
+        return Ok((marks, fitted));
+    };
+    let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
+    Ok((marks, fitted))
 }

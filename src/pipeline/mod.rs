@@ -11,6 +11,7 @@ mod found;
 mod groups;
 mod landmarks;
 mod ledger;
+mod measured;
 mod model_file;
 mod parts;
 mod pictures;
@@ -27,12 +28,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection},
+    features::{FeatureMeter, FrameFeatures, Measured},
     fit::{FitOptions, Fitter, SpringError},
-    normalize::{NormalizeOptions, Normalizer},
+    model::DynamicExpressionModel,
+    normalize::{NormalizeOptions, Normalizer, PoseMode},
     output::MADE_BY,
+    pose::{HeadFit, HeadFitter, PoseError},
     report::{Failure, Stage},
     statistics::{StatisticsOptions, compare::GroupOptions},
-    track::{LandmarkPlan, TrackOptions, TrackPlan},
+    track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame, track_model},
+    units::Px,
     wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
@@ -41,6 +46,7 @@ pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub use found::{FoundMarksError, found_marks};
+pub use landmarks::fit_landmarks;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use run::{Event, RunError, RunSummary, run};
@@ -141,6 +147,10 @@ pub struct Workbench {
     plan: TrackPlan,
     /// Made when the first sequence is driven by landmarks.
     landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
+    /// Made when the first pose is asked for.
+    head: OnceLock<HeadFitter>,
+    /// Made when the first features are asked for.
+    meter: OnceLock<Result<FeatureMeter, String>>,
     /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
     wireframe_blake3: Option<String>,
 }
@@ -167,7 +177,16 @@ impl Workbench {
         let face = Face::new(wireframe);
         let fitter = Fitter::new(&face.wireframe, options.fit.clone());
         let plan = TrackPlan::new(&face.wireframe, &face.tables);
-        let bench = Self { face, options, fitter, plan, landmark_plan: OnceLock::new(), wireframe_blake3 };
+        let bench = Self {
+            face,
+            options,
+            fitter,
+            plan,
+            landmark_plan: OnceLock::new(),
+            head: OnceLock::new(),
+            meter: OnceLock::new(),
+            wireframe_blake3,
+        };
         bench.normalizer()?;
         Ok(bench)
     }
@@ -189,6 +208,55 @@ impl Workbench {
     pub fn landmark_plan(&self) -> Result<&LandmarkPlan, SpringError> {
         let make = || LandmarkPlan::new(&self.wireframe, &self.tables, self.options.track.force);
         self.landmark_plan.get_or_init(make).as_ref().map_err(Clone::clone)
+    }
+
+    /// Fits heads to tracks.
+    pub fn head_fitter(&self) -> &HeadFitter {
+        self.head.get_or_init(|| HeadFitter::new(&self.wireframe, &self.tables))
+    }
+
+    /// Head, poses and expressions of a track.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn fit_head(&self, track: &[TrackedFrame]) -> Result<HeadFit, PoseError> {
+        self.head_fitter().fit(&self.tables, track)
+    }
+
+    /// The model of a track that is normalized: without the head's turns where the options say so, as it is where not.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn head_free_model(&self, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
+        match self.options.normalize.pose {
+            PoseMode::Full => self.frontal_model(&self.fit_head(track)?, track),
+            PoseMode::Roll => Ok(track_model(track)?),
+        }
+    }
+
+    /// The model of a track without the head's turns.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn frontal_model(&self, fit: &HeadFit, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
+        self.head_fitter().frontal((&self.wireframe, &self.tables), fit, track)
+    }
+
+    /// Pose, FAPs and action units of every frame of a track whose model without the head's motion is given.
+    ///
+    /// # Errors
+    /// A sentence when the track has no features.
+    pub fn features(
+        &self,
+        track: &[TrackedFrame],
+        fit: &HeadFit,
+        model: &DynamicExpressionModel<Px>,
+    ) -> Result<Vec<FrameFeatures>, String> {
+        let normalizer = self.normalizer().map_err(|e| e.to_string())?;
+        let make = || FeatureMeter::new(self.head_fitter().model(), &self.wireframe, &normalizer).map_err(|e| e.to_string());
+        let meter = self.meter.get_or_init(make).as_ref().map_err(Clone::clone)?;
+        let model = normalizer.normalize_every_frame(model).map_err(|e| e.to_string())?;
+        meter.measure(Measured { track, fit, model: &model }, &normalizer, &self.tables).map_err(|e| e.to_string())
     }
 
     /// Normalizes tracked models.

@@ -15,17 +15,15 @@ use super::{
 use crate::{
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
-    model::DynamicExpressionModel,
     output,
     overlay::draw_overlay,
-    plausible::FaceSize,
     sequence::{SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
         Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, parse_track, summarize, track_csv,
-        track_model, track_sequence, track_units, write_track,
+        track_sequence, track_units, write_track,
     },
-    units::{FaceUnit, SequenceId},
+    units::SequenceId,
 };
 
 /// A sequence that cannot be processed, and where it failed.
@@ -285,22 +283,6 @@ fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<
         track.hashes.json = written.map_err(SequenceFailure::at(Stage::Write))?.to_hex().to_string();
     }
     Ok(track)
-}
-
-/// The normalized model of tracked frames.
-pub(super) fn normalized(
-    frames: &[TrackedFrame],
-    bench: &Workbench,
-) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
-    let model = track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
-    let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
-    let model = normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))?;
-    // One such model would end the statistics of all.
-    FaceSize::CANONICAL.check_model(&model).map_err(|e| {
-        let reason = format!("of the frames of the normalized model, {e}");
-        SequenceFailure { stage: Stage::Normalize, reason, fatal: false }
-    })?;
-    Ok(model)
 }
 
 /// Pictures of the wireframe on the wanted frames of a track, with the frame's number.

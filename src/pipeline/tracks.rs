@@ -7,7 +7,7 @@ use std::{
 
 use rayon::prelude::*;
 
-use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, sequence::normalized};
+use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, measured::normalized};
 use crate::{
     dataset::Dataset,
     statistics::SequenceModel,
@@ -106,11 +106,13 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
             });
         }
     };
-    let model = normalized(&frames, bench).map_err(|failure| {
+    let normalized = normalized(&frames, bench).map_err(|failure| {
         let reason = format!("{}: {}", path.display(), failure.reason);
         SequenceFailure { reason, ..failure }
     })?;
-    let summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    let mut summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    normalized.judge(&mut summary, &frames);
+    let model = normalized.model;
     let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
 }

@@ -14,9 +14,10 @@ use super::{
     found::found_marks,
     landmarks::LandmarkSource,
     ledger::Ledger,
+    measured::{measured_files, normalized, write_measured},
     model_file::write_model,
     overlay_pictures,
-    sequence::{MACHINE, RunTrack, normalized, overlay_path, track_or_reuse, track_recorded},
+    sequence::{MACHINE, RunTrack, overlay_path, track_or_reuse, track_recorded},
 };
 use crate::{
     dataset::{CorrespondenceSource, FrameSource, LandmarkSelection, SequenceEntry},
@@ -50,7 +51,12 @@ pub(super) struct Worked<'a> {
 }
 
 /// Names of the files of a sequence.
-pub(super) fn sequence_files(id: &SequenceId) -> [String; 3] {
+pub(super) fn sequence_files(id: &SequenceId) -> Vec<String> {
+    let [csv, json, model] = track_and_model(id);
+    [csv, json, model].into_iter().chain(measured_files(id)).collect()
+}
+
+fn track_and_model(id: &SequenceId) -> [String; 3] {
     [format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]
 }
 
@@ -233,7 +239,7 @@ fn process(
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }
     let id = &item.id;
-    let [csv_name, json_name, model_name] = sequence_files(id);
+    let [csv_name, json_name, model_name] = track_and_model(id);
     let tick = |_| {
         event(Event::Frame);
         !halt()
@@ -276,12 +282,16 @@ fn process(
             },
         )?;
     }
-    let model = normalized(&frames, bench)?;
+    let normalized = normalized(&frames, bench)?;
+    let mut summary = info.summary.clone();
+    normalized.judge(&mut summary, &frames);
+    let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);
+    outputs.extend(write_measured(&normalized, &frames, &info, out, bench)?);
+    let model = normalized.model;
     let model_hash = write_model(&out.join(&model_name), &model).map_err(SequenceFailure::at(Stage::Write))?;
-    let hashes = [(csv_name, hashes.csv), (json_name, hashes.json), (model_name, model_hash.to_hex().to_string())];
-    let outputs = BTreeMap::from(hashes);
+    outputs.insert(model_name, model_hash.to_hex().to_string());
     ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary: info.summary };
+    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary };
     let model = SequenceModel { id: id.clone(), model };
     let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality) };
     let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");

@@ -23,6 +23,7 @@ fn every_output_is_there_with_its_header_and_shape() {
         ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv", "verdicts.csv"].map(str::to_owned).into();
     for id in SEQUENCES {
         expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
+        expected.extend([format!("features/{id}.csv"), format!("features/{id}.json"), format!("fap/tracks/{id}.fap")]);
     }
     for emotion in ["happiness", "surprise"] {
         expected.extend([

@@ -4,6 +4,7 @@ mod clone;
 mod confidence;
 mod fit;
 mod groups;
+mod pose;
 mod recognition;
 mod scale;
 mod synthesis;
@@ -54,6 +55,8 @@ enum Experiment {
     Confidence(confidence::Args),
     /// Fitness, surface error and time of the dense synthesis, every solver beside the genetic algorithm.
     Synthesis(synthesis::Args),
+    /// How much of a turning head is left in the models, and how right its pose is.
+    Pose(pose::Args),
     /// Whether the nearest representative, made of other people, has the right emotion.
     Recognition(recognition::Args),
     /// Size and power of the test between groups, on simulated people.
@@ -70,6 +73,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Confidence(args) => confidence::run(args),
         Experiment::Synthesis(args) => synthesis::run(args),
+        Experiment::Pose(args) => pose::run(args),
         Experiment::Recognition(args) => recognition::run(args),
         Experiment::Groups(args) => groups::run(args),
         Experiment::Scale(args) => scale::run(args),

@@ -17,6 +17,7 @@ mod fit;
 mod groups;
 mod marks;
 mod people;
+mod pose;
 mod recognition;
 mod records;
 mod scale;
@@ -58,6 +59,7 @@ pub use marks::{
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
+pub use pose::{PoseStudyOptions, PoseTrial, TurnCase, evaluate_pose, motion_lost, pose_table, pose_trials_table};
 pub use recognition::{
     LabelledSequence, Recognition, RecognitionError, RecognitionSummary, RecognizedSequence, evaluate_recognition,
 };
@@ -152,6 +154,12 @@ pub enum EvaluateError {
     /// A bank or options that make no synthesis.
     #[error(transparent)]
     Synthesis(#[from] SynthesisError),
+    /// A sequence of a study that must not fail.
+    #[error("a sequence of the study failed at {reason}")]
+    Sequences {
+        /// Stage and reason.
+        reason: String,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

@@ -1,0 +1,351 @@
+//! How much of a turning head is left in the normalized models, and how right its pose is.
+//!
+//! Heads of a dense face model show an expression, once still and once turning, seen by a camera in perspective as 68 landmarks. Both
+//! go the way of every sequence given as landmarks. *Motion lost to the head* is the mean distance of the nodes of the two normalized
+//! apex models over the mean motion of the still one.
+
+use std::path::Path;
+
+use nalgebra::{Point2, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+use super::{Cell, EvaluateError, Table};
+use grimace::{
+    dataset::{LandmarkFrame, LandmarkSequence},
+    model::DynamicExpressionModel,
+    normalize::{FRAMES_PER_MODEL, PoseMode},
+    pipeline::{SequenceFailure, Workbench, fit_landmarks},
+    pose::HeadPose,
+    report::Stage,
+    synthesis::read_dense_faces,
+    track::TrackedFrame,
+    units::FaceUnit,
+};
+
+/// Distance of the pupils in the pictures, px.
+const ES_PX: f64 = 110.0;
+/// Distance of the camera, px at the size of the head.
+const CAMERA_PX: f64 = 1200.0;
+/// Middle of the pictures, px.
+const MIDDLE: Point2<f64> = Point2::new(320.0, 240.0);
+
+/// Expressions: shapes (both sides where there are two) and their strengths.
+const EXPRESSIONS: [(&str, &[(&str, f64)]); 4] = [
+    ("happiness", &[("mouthSmile", 0.9), ("cheekSquint", 0.7), ("eyeSquint", 0.4), ("jawOpen", 0.15)]),
+    ("surprise", &[("browInnerUp", 0.7), ("browOuterUp", 0.9), ("eyeWide", 0.7), ("jawOpen", 0.7)]),
+    ("anger", &[("browDown", 0.9), ("eyeSquint", 0.5), ("mouthPress", 0.6), ("noseSneer", 0.3), ("mouthFrown", 0.2)]),
+    ("disgust", &[("noseSneer", 0.9), ("mouthUpperUp", 0.6), ("browDown", 0.5), ("cheekSquint", 0.5), ("mouthShrugLower", 0.3)]),
+];
+
+/// How a head turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurnCase {
+    /// Name of the group of cases.
+    pub group: &'static str,
+    /// Yaw at the apex, degrees.
+    pub yaw: f64,
+    /// Pitch at the apex, degrees.
+    pub pitch: f64,
+    /// Turned in the neutral frame already.
+    pub throughout: bool,
+}
+
+const fn case(group: &'static str, yaw: f64, pitch: f64, throughout: bool) -> TurnCase {
+    TurnCase { group, yaw, pitch, throughout }
+}
+
+/// The cases of the study, with the goals of their groups.
+const CASES: [TurnCase; 9] = [
+    case("still", 0.0, 0.0, false),
+    case("turning 10", 10.0, 0.0, false),
+    case("turning 10", 0.0, 10.0, false),
+    case("turning 10", 0.0, -10.0, false),
+    case("turning 20/15", 20.0, 0.0, false),
+    case("turning 20/15", 0.0, -15.0, false),
+    case("turning 20/15", 0.0, 15.0, false),
+    case("turned throughout 20/15", 20.0, 0.0, true),
+    case("turned throughout 20/15", 0.0, 15.0, true),
+];
+
+/// Options of the study.
+#[derive(Clone, Copy, Debug)]
+pub struct PoseStudyOptions {
+    /// Number of heads.
+    pub heads: usize,
+    /// First identity mode of the heads; 15 leaves out what the shipped head was learned from.
+    pub first_mode: usize,
+    /// Standard deviation of the weights of the modes.
+    pub spread: f64,
+    /// Frames of a sequence.
+    pub frames: usize,
+    /// Standard deviation of the landmarks' error, px.
+    pub noise_px: f64,
+    /// Seed of heads and noise.
+    pub seed: u64,
+}
+
+impl Default for PoseStudyOptions {
+    fn default() -> Self {
+        Self { heads: 5, first_mode: 0, spread: 0.6, frames: 9, noise_px: 0.0, seed: 1 }
+    }
+}
+
+/// The result of one sequence.
+#[derive(Clone, Debug)]
+pub struct PoseTrial {
+    /// How the head turned.
+    pub case: TurnCase,
+    /// Which head.
+    pub head: usize,
+    /// Which expression.
+    pub expression: &'static str,
+    /// Motion lost to the head, with the pose taken out and with roll alone.
+    pub lost: [f64; 2],
+    /// Largest error of yaw, pitch and roll over the frames, relative to the neutral frame and absolute, degrees.
+    pub relative_error: f64,
+    /// The absolute one: mean over the frames of the larger of yaw's and pitch's error.
+    pub pose_error: f64,
+    /// Of a still head: what taking the pose out changes, over the motion.
+    pub changed: f64,
+}
+
+/// Landmarks of a face model.
+struct Faces {
+    neutral: Vec<Vector3<f64>>,
+    identity: Vec<Vec<Vector3<f64>>>,
+    names: Vec<String>,
+    shapes: Vec<Vec<Vector3<f64>>>,
+}
+
+impl Faces {
+    fn read(folder: &Path) -> Result<Self, EvaluateError> {
+        let dense = read_dense_faces(folder, usize::MAX).map_err(|e| EvaluateError::Synthesis(e.into()))?;
+        let pick = |all: &[[f32; 3]]| -> Vec<Vector3<f64>> {
+            let at = |&v: &u32| Vector3::from(all.get(v as usize).copied().unwrap_or_default().map(f64::from));
+            dense.landmarks.iter().map(at).collect()
+        };
+        Ok(Self {
+            neutral: pick(&dense.neutral),
+            identity: dense.identity.iter().map(|mode| pick(mode)).collect(),
+            names: dense.expressions.iter().map(|(name, _)| name.clone()).collect(),
+            shapes: dense.expressions.iter().map(|(_, shape)| pick(shape)).collect(),
+        })
+    }
+
+    fn expression(&self, recipe: &[(&str, f64)]) -> Vec<Vector3<f64>> {
+        let mut sum = vec![Vector3::zeros(); self.neutral.len()];
+        for (stem, strength) in recipe {
+            for (name, shape) in self.names.iter().zip(&self.shapes) {
+                if name == stem || name.strip_suffix("_L") == Some(stem) || name.strip_suffix("_R") == Some(stem) {
+                    sum.iter_mut().zip(shape).for_each(|(s, d)| *s += d * *strength);
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// One sequence of landmarks with the true yaw and pitch of every frame.
+struct Filmed {
+    sequence: LandmarkSequence,
+    truth: Vec<[f64; 2]>,
+}
+
+fn film(
+    head: &[Vector3<f64>],
+    apex: &[Vector3<f64>],
+    case: &TurnCase,
+    options: &PoseStudyOptions,
+    random: &mut ChaCha8Rng,
+) -> Filmed {
+    let middle = head.iter().sum::<Vector3<f64>>() / head.len().max(1) as f64;
+    let eye = |from: usize| head[from..from + 6].iter().sum::<Vector3<f64>>() / 6.0;
+    let scale = ES_PX / (eye(42) - eye(36)).norm();
+    let (mut frames, mut truth) = (Vec::new(), Vec::new());
+    for m in 0..options.frames {
+        let t = m as f64 / (options.frames - 1) as f64;
+        let share = t * t * (3.0 - 2.0 * t);
+        let turn = if case.throughout { 1.0 } else { share };
+        let rotation = HeadPose::rotation_of(case.yaw * turn, case.pitch * turn, 0.0);
+        let seen = |(x, d): (&Vector3<f64>, &Vector3<f64>)| {
+            let y = rotation * (x + d * share - middle) * scale;
+            let near = CAMERA_PX / (CAMERA_PX - y.z);
+            let mut noise = || {
+                let z: f64 = StandardNormal.sample(random);
+                z * options.noise_px
+            };
+            Point2::new(MIDDLE.x + y.x * near + noise(), MIDDLE.y - y.y * near + noise())
+        };
+        let points = head.iter().zip(apex).map(seen).collect();
+        frames.push(LandmarkFrame { number: m as u32 + 1, points: Some(points) });
+        truth.push([case.yaw * turn, case.pitch * turn]);
+    }
+    Filmed { sequence: LandmarkSequence { frames }, truth }
+}
+
+fn failed(failure: &SequenceFailure) -> EvaluateError {
+    EvaluateError::Sequences { reason: format!("{}: {}", failure.stage, failure.reason) }
+}
+
+fn tracked(filmed: &Filmed, bench: &Workbench) -> Result<Vec<TrackedFrame>, SequenceFailure> {
+    let neutral = filmed.sequence.frames[0].points.as_deref().unwrap_or_default();
+    let (_, fitted) = fit_landmarks(bench, neutral, None)?;
+    let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
+    plan.track(&bench.wireframe, &fitted, &filmed.sequence).map_err(SequenceFailure::at(Stage::Track))
+}
+
+fn normalized(track: &[TrackedFrame], bench: &Workbench) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
+    let model = bench.head_free_model(track).map_err(SequenceFailure::at(Stage::Normalize))?;
+    let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
+    normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))
+}
+
+/// Mean distance of the apex nodes of two models over the mean motion of the first.
+pub fn motion_lost(still: &DynamicExpressionModel<FaceUnit>, other: &DynamicExpressionModel<FaceUnit>, bench: &Workbench) -> f64 {
+    let apex = FRAMES_PER_MODEL - 1;
+    let (a, b) = (still.neutral_offsets(apex), other.neutral_offsets(apex));
+    let live = bench.wireframe.live_nodes();
+    let distance: f64 = live.iter().map(|n| (a[n.index()] - b[n.index()]).norm()).sum();
+    let motion: f64 = live.iter().map(|n| a[n.index()].norm()).sum();
+    distance / motion
+}
+
+/// Makes the study; `full` and `roll` are workbenches that differ in the pose mode only.
+///
+/// # Errors
+/// [`EvaluateError`] when the face model does not read, or a sequence that must not fail fails.
+pub fn evaluate_pose(
+    folder: &Path,
+    full: &Workbench,
+    roll: &Workbench,
+    options: &PoseStudyOptions,
+    tick: impl Fn() -> bool + Sync,
+) -> Result<Vec<PoseTrial>, EvaluateError> {
+    debug_assert!(full.options.normalize.pose == PoseMode::Full && roll.options.normalize.pose == PoseMode::Roll);
+    let faces = Faces::read(folder)?;
+    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    let heads: Vec<Vec<Vector3<f64>>> = (0..options.heads)
+        .map(|_| {
+            let mut head = faces.neutral.clone();
+            for mode in faces.identity.iter().skip(options.first_mode) {
+                let z: f64 = StandardNormal.sample(&mut random);
+                head.iter_mut().zip(mode).for_each(|(x, d)| *x += d * (z * options.spread));
+            }
+            head
+        })
+        .collect();
+    let work: Vec<(usize, usize)> = (0..heads.len()).flat_map(|h| (0..EXPRESSIONS.len()).map(move |e| (h, e))).collect();
+    let one = |&(h, e): &(usize, usize)| -> Result<Vec<PoseTrial>, EvaluateError> {
+        let (name, recipe) = EXPRESSIONS[e];
+        let apex = faces.expression(recipe);
+        let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+        random.set_stream(1 + (h * EXPRESSIONS.len() + e) as u64);
+        let mut trials = Vec::new();
+        let mut still: Option<[DynamicExpressionModel<FaceUnit>; 2]> = None;
+        for case in CASES {
+            if !tick() {
+                return Err(EvaluateError::Interrupted);
+            }
+            let filmed = film(&heads[h], &apex, &case, options, &mut random);
+            let track = tracked(&filmed, full).map_err(|f| failed(&f))?;
+            let fit = full.fit_head(&track).map_err(|e| failed(&SequenceFailure::at(Stage::Normalize)(e)))?;
+            let models = [normalized(&track, full).map_err(|f| failed(&f))?, normalized(&track, roll).map_err(|f| failed(&f))?];
+            let changed = motion_lost(&models[1], &models[0], full);
+            let reference = still.get_or_insert_with(|| models.clone());
+            let lost = [0, 1].map(|k| motion_lost(&reference[k], &models[k], full));
+            let found: Vec<[f64; 3]> = fit.poses.iter().map(HeadPose::degrees).collect();
+            let error =
+                |m: usize, zero: [f64; 2]| (0..2).map(|k| (found[m][k] - filmed.truth[m][k] - zero[k]).abs()).fold(0.0, f64::max);
+            let zero = [found[0][0] - filmed.truth[0][0], found[0][1] - filmed.truth[0][1]];
+            let frames = filmed.truth.len();
+            trials.push(PoseTrial {
+                case,
+                head: h,
+                expression: name,
+                lost,
+                relative_error: (0..frames).map(|m| error(m, zero)).fold(0.0, f64::max),
+                pose_error: (0..frames).map(|m| error(m, [0.0; 2])).sum::<f64>() / frames as f64,
+                changed,
+            });
+        }
+        Ok(trials)
+    };
+    let trials = work.par_iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    Ok(trials.into_iter().flatten().collect())
+}
+
+/// A row for each group of cases.
+pub fn pose_table(trials: &[PoseTrial]) -> Table {
+    let mut table = Table::new([
+        "case",
+        "sequences",
+        "motion lost",
+        "worst",
+        "motion lost, roll only",
+        "pose error (degrees)",
+        "worst pose error",
+        "turn error",
+        "worst turn error",
+    ]);
+    let mut groups: Vec<&str> = Vec::new();
+    trials.iter().for_each(|t| {
+        if !groups.contains(&t.case.group) {
+            groups.push(t.case.group)
+        }
+    });
+    for group in groups {
+        let of: Vec<&PoseTrial> = trials.iter().filter(|t| t.case.group == group).collect();
+        let mean = |f: &dyn Fn(&PoseTrial) -> f64| of.iter().map(|t| f(t)).sum::<f64>() / of.len() as f64;
+        let worst = |f: &dyn Fn(&PoseTrial) -> f64| of.iter().map(|t| f(t)).fold(0.0, f64::max);
+        // A still head is compared with itself without the pose taken out.
+        let lost = |t: &PoseTrial| if group == "still" { t.changed } else { t.lost[0] };
+        table.rows.push(vec![
+            Cell::text(group),
+            Cell::Count(of.len()),
+            Cell::Number(mean(&lost), 3),
+            Cell::Number(worst(&lost), 3),
+            Cell::Number(mean(&|t| t.lost[1]), 3),
+            Cell::Number(mean(&|t| t.pose_error), 2),
+            Cell::Number(worst(&|t| t.pose_error), 2),
+            Cell::Number(mean(&|t| t.relative_error), 2),
+            Cell::Number(worst(&|t| t.relative_error), 2),
+        ]);
+    }
+    table
+}
+
+/// A row for each sequence.
+pub fn pose_trials_table(trials: &[PoseTrial]) -> Table {
+    let mut table = Table::new([
+        "head",
+        "expression",
+        "case",
+        "yaw",
+        "pitch",
+        "throughout",
+        "motion_lost",
+        "motion_lost_roll_only",
+        "pose_error_degrees",
+        "turn_error_degrees",
+        "changed_against_roll_only",
+    ]);
+    for t in trials {
+        table.rows.push(vec![
+            Cell::Count(t.head),
+            Cell::text(t.expression),
+            Cell::text(t.case.group),
+            Cell::Number(t.case.yaw, 0),
+            Cell::Number(t.case.pitch, 0),
+            Cell::text(t.case.throughout.to_string()),
+            Cell::Number(t.lost[0], 4),
+            Cell::Number(t.lost[1], 4),
+            Cell::Number(t.pose_error, 3),
+            Cell::Number(t.relative_error, 3),
+            Cell::Number(t.changed, 4),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,80 @@
+//! `grimace features`.
+
+use std::path::PathBuf;
+
+use grimace::{
+    features::write_features,
+    normalize::NormalizeOptions,
+    normalize::PoseMode,
+    output::count,
+    pipeline::{PipelineOptions, Workbench, id_of, track_files},
+    track::{read_track, read_track_info},
+};
+use rayon::prelude::*;
+
+use super::{
+    Outcome,
+    shared::{GeneralArgs, set_threads},
+};
+
+/// A row for every frame of tracks.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace features results/tracks -o features
+
+Writes SUBJECT_SEQUENCE.csv for every track: pose of the head in degrees, action units AU.._r (0 to 5) with presence _c and expected error \
+_e, openings of eyes and mouth, FAPs; and beside it a .json with the units. `run` writes the same into OUT/features.")]
+pub struct Args {
+    /// Track files, or folders of them
+    #[arg(required = true, value_name = "TRACK")]
+    tracks: Vec<PathBuf>,
+    /// Folder for the tables
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Threads; 0 for one per processor
+    #[arg(short = 'j', long, default_value_t = 0)]
+    threads: usize,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    set_threads(args.threads)?;
+    let normalize = NormalizeOptions { pose: PoseMode::Full, ..NormalizeOptions::default() };
+    let bench = args.general.workbench(PipelineOptions { normalize, ..PipelineOptions::default() })?;
+    let files = track_files(&args.tracks)?;
+    anyhow::ensure!(!files.is_empty(), "no track files among what was given; a track is a .csv as `grimace run` writes it");
+    let results: Vec<anyhow::Result<()>> = files.par_iter().map(|path| one(path, args, &bench)).collect();
+    let mut failed = 0;
+    for (path, result) in files.iter().zip(&results) {
+        if let Err(error) = result {
+            failed += 1;
+            eprintln!("failed: {}: {}", path.display(), super::chain(error));
+        }
+    }
+    if !args.general.quiet {
+        println!("{} written to {}", count(files.len() - failed, "table", "tables"), args.output.display());
+    }
+    Ok(if failed == files.len() {
+        Outcome::Failed
+    } else if failed > 0 {
+        Outcome::SomeFailed
+    } else {
+        Outcome::Done
+    })
+}
+
+fn one(path: &std::path::Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
+    let track = read_track(path)?;
+    let info = read_track_info(path)?;
+    let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
+    let target = args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")));
+    args.general.check_free(&target)?;
+    let fit = bench.fit_head(&track)?;
+    let model = bench.frontal_model(&fit, &track)?;
+    let features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
+    write_features(&target, &features, info.and_then(|info| info.fps))?;
+    Ok(())
+}

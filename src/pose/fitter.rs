@@ -1,0 +1,63 @@
+//! Everything that pose needs of a wireframe, computed once.
+
+use super::{HeadFit, HeadModel, PlacedHead, PoseError, fit::place_head, fit_head, frontalized};
+use crate::{
+    fit::{Correspondence, Springs},
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    track::TrackedFrame,
+    units::Px,
+    wireframe::{Tables, Wireframe},
+};
+
+/// Fits heads to tracks and takes their motion out.
+#[derive(Clone, Debug)]
+pub struct HeadFitter {
+    model: HeadModel,
+    springs: Springs,
+}
+
+impl HeadFitter {
+    /// A fitter for a wireframe with the head model that comes with the program.
+    pub fn new(wireframe: &Wireframe, tables: &Tables) -> Self {
+        Self::with_model(HeadModel::shipped(wireframe, tables), wireframe)
+    }
+
+    /// A fitter with a head model over the wireframe's nodes.
+    pub fn with_model(model: HeadModel, wireframe: &Wireframe) -> Self {
+        Self { model, springs: Springs::new(wireframe) }
+    }
+
+    /// The head model.
+    pub fn model(&self) -> &HeadModel {
+        &self.model
+    }
+
+    /// The head that explains the marks best: a place for the wireframe of a head that is turned already.
+    ///
+    /// `None` when the marks determine no head.
+    pub fn place(&self, marks: &[Correspondence]) -> Option<PlacedHead> {
+        place_head(&self.model, marks)
+    }
+
+    /// Head, poses and expressions of tracked frames, the neutral one first.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn fit(&self, tables: &Tables, track: &[TrackedFrame]) -> Result<HeadFit, PoseError> {
+        fit_head(&self.model, tables, track)
+    }
+
+    /// The track as the head would show it looking into the camera all the time, px.
+    ///
+    /// # Errors
+    /// [`PoseError`] when the springs have no equilibrium or the frames make no model.
+    pub fn frontal(
+        &self,
+        (wireframe, tables): (&Wireframe, &Tables),
+        fit: &HeadFit,
+        track: &[TrackedFrame],
+    ) -> Result<DynamicExpressionModel<Px>, PoseError> {
+        let frames = frontalized(&self.model, fit, track, (wireframe, tables), &self.springs)?;
+        Ok(DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())?)
+    }
+}
