@@ -8,7 +8,7 @@ use grimace::{
     normalize::PoseMode,
     output::count,
     pipeline::{PipelineOptions, Workbench, id_of, track_files},
-    track::{read_track, read_track_info},
+    track::{TrackInfo, read_track, read_track_info},
 };
 use rayon::prelude::*;
 
@@ -72,7 +72,8 @@ fn one(path: &std::path::Path, args: &Args, bench: &Workbench) -> anyhow::Result
     let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
     let target = args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")));
     args.general.check_free(&target)?;
-    let fit = bench.fit_head(&track)?;
+    let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
+    let fit = bench.fit_head(&track, &marks)?;
     let model = bench.frontal_model(&fit, &track)?;
     let features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
     write_features(&target, &features, info.and_then(|info| info.fps))?;

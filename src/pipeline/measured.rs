@@ -2,6 +2,8 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use nalgebra::Point2;
+
 use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::write_fap,
@@ -11,7 +13,7 @@ use crate::{
     plausible::FaceSize,
     pose::{HeadFit, PoseError},
     track::{TrackInfo, TrackSummary, TrackedFrame, Verdict, track_model},
-    units::{FaceUnit, Px, SequenceId},
+    units::{FaceUnit, NodeId, Px, SequenceId},
 };
 
 /// A normalized sequence.
@@ -36,16 +38,22 @@ impl Normalized {
     }
 }
 
-/// The normalized model of tracked frames.
-pub(super) fn normalized(frames: &[TrackedFrame], bench: &Workbench) -> Result<Normalized, SequenceFailure> {
+/// The normalized model of tracked frames with the marks of the neutral one.
+pub(super) fn normalized(
+    frames: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+    bench: &Workbench,
+) -> Result<Normalized, SequenceFailure> {
     let failed = |error: PoseError| SequenceFailure::at(Stage::Normalize)(error);
     let (fit, head_free) = match bench.options.normalize.pose {
         PoseMode::Full => {
-            let fit = bench.fit_head(frames).map_err(failed)?;
+            let fit = bench.fit_head(frames, marks).map_err(failed)?;
             let free = bench.frontal_model(&fit, frames).map_err(failed)?;
             (Some(fit), free)
         }
-        PoseMode::Roll => (bench.fit_head(frames).ok(), track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?),
+        PoseMode::Roll => {
+            (bench.fit_head(frames, marks).ok(), track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?)
+        }
     };
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
     let model = normalizer.normalize(&head_free).map_err(SequenceFailure::at(Stage::Normalize))?;

@@ -24,6 +24,7 @@ mod write;
 
 use std::{ops::Deref, path::Path, sync::OnceLock};
 
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -31,13 +32,13 @@ use crate::{
     features::{FeatureMeter, FrameFeatures, Measured},
     fit::{FitOptions, Fitter, SpringError},
     model::DynamicExpressionModel,
-    normalize::{NormalizeOptions, Normalizer, PoseMode},
+    normalize::{NormalizeOptions, Normalizer},
     output::MADE_BY,
     pose::{HeadFit, HeadFitter, PoseError},
     report::{Failure, Stage},
     statistics::{StatisticsOptions, compare::GroupOptions},
-    track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame, track_model},
-    units::Px,
+    track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame},
+    units::{NodeId, Px},
     wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
@@ -215,23 +216,12 @@ impl Workbench {
         self.head.get_or_init(|| HeadFitter::new(&self.wireframe, &self.tables))
     }
 
-    /// Head, poses and expressions of a track.
+    /// Head, poses and expressions of a track, with the marks of its neutral frame as far as they are known.
     ///
     /// # Errors
     /// [`PoseError`].
-    pub fn fit_head(&self, track: &[TrackedFrame]) -> Result<HeadFit, PoseError> {
-        self.head_fitter().fit(&self.tables, track)
-    }
-
-    /// The model of a track that is normalized: without the head's turns where the options say so, as it is where not.
-    ///
-    /// # Errors
-    /// [`PoseError`].
-    pub fn head_free_model(&self, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
-        match self.options.normalize.pose {
-            PoseMode::Full => self.frontal_model(&self.fit_head(track)?, track),
-            PoseMode::Roll => Ok(track_model(track)?),
-        }
+    pub fn fit_head(&self, track: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)]) -> Result<HeadFit, PoseError> {
+        self.head_fitter().fit(&self.tables, track, marks)
     }
 
     /// The model of a track without the head's turns.

@@ -11,7 +11,7 @@ use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, measured:
 use crate::{
     dataset::Dataset,
     statistics::SequenceModel,
-    track::{TrackQuality, read_track, read_track_info, summarize},
+    track::{TrackInfo, TrackQuality, read_track, read_track_info, summarize},
     units::SequenceId,
 };
 
@@ -92,6 +92,7 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
         return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
+    let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
         (None, Some(info)) => (info.emotion, info.metadata),
@@ -106,7 +107,7 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
             });
         }
     };
-    let normalized = normalized(&frames, bench).map_err(|failure| {
+    let normalized = normalized(&frames, &marks, bench).map_err(|failure| {
         let reason = format!("{}: {}", path.display(), failure.reason);
         SequenceFailure { reason, ..failure }
     })?;

@@ -282,7 +282,7 @@ fn process(
             },
         )?;
     }
-    let normalized = normalized(&frames, bench)?;
+    let normalized = normalized(&frames, &info.mark_places(), bench)?;
     let mut summary = info.summary.clone();
     normalized.judge(&mut summary, &frames);
     let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);

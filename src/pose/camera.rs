@@ -2,16 +2,13 @@
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 
-/// Distance of the camera from the head, in eye distances: about 0.9 m.
+/// Distance of the camera from the head that is most probable before anything is seen, in eye distances: about 0.9 m.
 pub const CAMERA_DISTANCE: f64 = 14.0;
 
 /// Eye distance ES0 of the model, model units.
 pub const HEAD_ES: f64 = 0.613;
 
-/// Distance of the camera, model units.
-const DISTANCE: f64 = CAMERA_DISTANCE * HEAD_ES;
-
-/// Least distance of a point from the camera, share of [`DISTANCE`]: nothing of a head comes nearer.
+/// Least distance of a point from the camera, share of the head's distance: nothing of a head comes nearer.
 const NEAREST: f64 = 0.3;
 
 /// Where a head is and how it is turned.
@@ -23,14 +20,11 @@ pub struct HeadPose {
     pub scale: f64,
     /// Where the middle of the head is seen, px.
     pub position: Point2<f64>,
+    /// Distance of the camera from the middle of the head, model units.
+    pub distance: f64,
 }
 
 impl HeadPose {
-    /// A head that looks into the camera.
-    pub fn frontal(scale: f64, position: Point2<f64>) -> Self {
-        Self { rotation: Rotation3::identity(), scale, position }
-    }
-
     /// Yaw, pitch and roll, degrees.
     pub fn degrees(&self) -> [f64; 3] {
         // R = Rz Ry Rx: the angles of Tait and Bryan, as nalgebra has them (roll about x, pitch about y, yaw about z).
@@ -49,13 +43,13 @@ impl HeadPose {
     }
 
     /// Magnification of a depth.
-    fn magnification(depth: f64) -> f64 {
-        DISTANCE / (DISTANCE - depth).max(NEAREST * DISTANCE)
+    fn magnification(&self, depth: f64) -> f64 {
+        self.distance / (self.distance - depth).max(NEAREST * self.distance)
     }
 
     /// Image place of a point in camera axes, px.
     pub(super) fn image_of(&self, turned: &Vector3<f64>) -> Point2<f64> {
-        let m = self.scale * Self::magnification(turned.z);
+        let m = self.scale * self.magnification(turned.z);
         self.position + Vector2::new(turned.x * m, -turned.y * m)
     }
 
@@ -66,15 +60,15 @@ impl HeadPose {
 
     /// The point at an image place and at a depth in camera axes; face axes, from the middle of the head.
     pub(super) fn back(&self, seen: &Point2<f64>, depth: f64) -> Point3<f64> {
-        let m = self.scale * Self::magnification(depth);
+        let m = self.scale * self.magnification(depth);
         let from = (seen - self.position) / m;
         Point3::from(self.rotation.inverse() * Vector3::new(from.x, -from.y, depth))
     }
 
     /// How the image place of a point in camera axes changes with that point.
     pub(super) fn slope(&self, turned: &Vector3<f64>) -> Matrix2x3<f64> {
-        let w = Self::magnification(turned.z);
-        let (s, depth) = (self.scale * w, self.scale * w * w / DISTANCE);
+        let w = self.magnification(turned.z);
+        let (s, depth) = (self.scale * w, self.scale * w * w / self.distance);
         Matrix2x3::new(s, 0.0, turned.x * depth, 0.0, -s, -turned.y * depth)
     }
 
@@ -87,7 +81,7 @@ impl HeadPose {
     pub(super) fn moved(&self, turn: Vector3<f64>, log_scale: f64, shift: Vector2<f64>) -> Self {
         let mut rotation = Rotation3::new(turn) * self.rotation;
         rotation.renormalize();
-        Self { rotation, scale: self.scale * log_scale.exp(), position: self.position + shift }
+        Self { rotation, scale: self.scale * log_scale.exp(), position: self.position + shift, ..*self }
     }
 }
 
@@ -98,7 +92,12 @@ mod tests {
     use super::*;
 
     fn pose(yaw: f64, pitch: f64, roll: f64) -> HeadPose {
-        HeadPose { rotation: HeadPose::rotation_of(yaw, pitch, roll), scale: 100.0, position: Point2::new(320.0, 240.0) }
+        HeadPose {
+            rotation: HeadPose::rotation_of(yaw, pitch, roll),
+            scale: 100.0,
+            position: Point2::new(320.0, 240.0),
+            distance: CAMERA_DISTANCE * HEAD_ES,
+        }
     }
 
     #[test]

@@ -8,9 +8,9 @@
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Vector2, Vector3};
 
 use super::{
-    HeadModel, HeadPose,
+    CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
     frontal::visibility,
-    solve::{Seen, Solved, robust, shape_with, solve},
+    solve::{Seen, Solved, cost, robust, shape_with, solve},
 };
 use crate::{
     fit::{Correspondence, SpringError},
@@ -18,6 +18,7 @@ use crate::{
     model::ModelError,
     normalize::stable_nodes,
     track::{LossReason, NodeState, TrackedFrame},
+    units::NodeId,
     wireframe::Tables,
 };
 
@@ -32,6 +33,10 @@ const OWN_FITTED: f64 = 0.04;
 const HEAD_FRAMES: usize = 9;
 /// Turns of frames and head.
 const TURNS: usize = 3;
+/// Distances of the camera that are tried, eye distances; they differ by a factor of 1.6.
+const DISTANCES: [f64; 4] = [5.5, 8.75, CAMERA_DISTANCE, 22.4];
+/// Standard deviation of the logarithm of the distance.
+const LOG_DISTANCE_DEVIATION: f64 = 0.6;
 /// Fewest nodes seen that give a pose.
 const FEWEST_SEEN: usize = 6;
 /// Median distance, model units, beyond which marks are not those of a head.
@@ -88,6 +93,8 @@ pub struct HeadFit {
     pub shapes: Vec<Vec<Vector3<f64>>>,
     /// Median distance between seen and explained nodes in every frame, px.
     pub residuals: Vec<f64>,
+    /// From every node to where its mark would be, px, frame by frame.
+    pub(super) mark_shifts: Vec<Vec<Vector2<f64>>>,
 }
 
 /// What is seen of one frame.
@@ -96,57 +103,175 @@ struct Frame {
     seen: Vec<Seen>,
 }
 
-/// Fits a head to tracked frames, the neutral one first.
+/// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
+/// and not the nodes say where the head is.
+///
+/// The distance of the camera is that of [`DISTANCES`] which explains the frames best.
 ///
 /// # Errors
 /// [`PoseError`] for another wireframe, too few tracked nodes, or nodes that no head explains.
-pub fn fit_head(model: &HeadModel, tables: &Tables, track: &[TrackedFrame]) -> Result<HeadFit, PoseError> {
-    let frames = track.iter().map(|frame| observe(model, frame)).collect::<Result<Vec<_>, _>>()?;
-    let Some((first, rest)) = frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
-    let own = own_deviations(model, &track[0]);
-    let start = rough_pose(model, tables, &track[0])?;
-    let none = |number| PoseError::NoHead { frame: number };
+pub fn fit_head(
+    model: &HeadModel,
+    tables: &Tables,
+    track: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+) -> Result<HeadFit, PoseError> {
+    let Some(neutral) = track.first() else { return Err(PoseError::NoHead { frame: 0 }) };
+    let shifts = mark_shifts(model, tables, track, marks);
+    let mut frames = Vec::with_capacity(track.len());
+    for (frame, shifts) in track.iter().zip(&shifts) {
+        frames.push(observe(model, frame, shifts)?);
+    }
+    let own = own_deviations(model, neutral);
+    let start = rough_pose(model, tables, neutral)?;
+    let sequence = Sequence { model, frames: &frames, own: &own, start };
+    let mut best: Option<(f64, Found)> = None;
+    let mut failure = None;
+    for distance in distances() {
+        match sequence.head_at(distance * HEAD_ES) {
+            Ok(found) => {
+                let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
+                let cost = found.cost + 0.5 * unlikely * unlikely;
+                if std::env::var("GR_VERBOSE").is_ok() {
+                    eprintln!("distance {distance} cost {cost:.2}");
+                }
+                if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                    best = Some((cost, found));
+                }
+            }
+            Err(error) => failure = failure.or(Some(error)),
+        }
+    }
+    match (best, failure) {
+        (Some((_, found)), _) => sequence.every_frame(found, shifts),
+        (None, error) => Err(error.unwrap_or(PoseError::NoHead { frame: neutral.number })),
+    }
+}
 
-    // A first head from the neutral frame: the person's own offsets count as noise.
-    let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(own[s.node]), ..*s };
-    let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
-    let zero = DVector::zeros(model.identity.len());
-    let found =
-        solve(&model.mean, &model.identity, &seen, Solved { pose: start, coefficients: zero }).ok_or(none(first.number))?;
-    let mut head = Head { coefficients: found.coefficients, own: vec![Vector3::zeros(); model.node_count()] };
-    let mut neutral_pose = found.pose;
-    let chosen = spread(rest.len(), HEAD_FRAMES);
-    for _ in 0..TURNS {
+fn distances() -> Vec<f64> {
+    std::env::var("GR_DIST").ok().map_or(DISTANCES.to_vec(), |v| v.split(',').map(|x| x.parse().unwrap()).collect())
+}
+
+/// What is known of a sequence before its head is.
+struct Sequence<'a> {
+    model: &'a HeadModel,
+    frames: &'a [Frame],
+    own: &'a [f64],
+    start: HeadPose,
+}
+
+/// A head, its pose in the neutral frame, and what it leaves unexplained: minus the logarithm of its probability, up to a constant.
+struct Found {
+    shape: Vec<Vector3<f64>>,
+    neutral_pose: HeadPose,
+    cost: f64,
+}
+
+impl Sequence<'_> {
+    /// The head that explains the frames best with the camera at a distance, model units.
+    fn head_at(&self, distance: f64) -> Result<Found, PoseError> {
+        let Self { model, frames, own, .. } = *self;
+        let none = |number| PoseError::NoHead { frame: number };
+        let Some((first, rest)) = frames.split_first() else { return Err(none(0)) };
+        // A first head from the neutral frame: the person's own offsets count as noise.
+        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(own[s.node]), ..*s };
+        let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
+        let start = Solved { pose: HeadPose { distance, ..self.start }, coefficients: DVector::zeros(model.identity.len()) };
+        let found = solve(&model.mean, &model.identity, &seen, start).ok_or(none(first.number))?;
+        let mut head = Head { coefficients: found.coefficients, own: vec![Vector3::zeros(); model.node_count()] };
+        let mut neutral_pose = found.pose;
+        let chosen = spread(rest.len(), HEAD_FRAMES);
+        let nothing = vec![Vector3::zeros(); model.node_count()];
+        for _ in 0..TURNS {
+            let shape = head.shape(model);
+            let mut views = vec![View { seen: &first.seen, pose: neutral_pose, offsets: None }];
+            let mut before = no_expression(model, neutral_pose);
+            for &k in &chosen {
+                before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
+                let offsets = shape_with(&nothing, &model.expression, &before.coefficients);
+                views.push(View { seen: &rest[k].seen, pose: before.pose, offsets: Some(offsets) });
+            }
+            head.improve(model, &views, own);
+            let shape = head.shape(model);
+            let start = Solved { pose: neutral_pose, coefficients: DVector::zeros(0) };
+            neutral_pose = solve(&shape, &[], &first.seen, start).ok_or(none(first.number))?.pose;
+        }
         let shape = head.shape(model);
-        let mut views = vec![View { seen: &first.seen, pose: neutral_pose, offsets: None }];
-        let mut before = Solved { pose: neutral_pose, coefficients: DVector::zeros(model.expression.len()) };
+        let own_share = |(offset, own): (&Vector3<f64>, &f64)| offset.norm_squared() / (own * own);
+        let mut cost = 0.5 * (head.coefficients.norm_squared() + head.own.iter().zip(own).map(own_share).sum::<f64>());
+        cost += unexplained(&shape, &neutral_pose, &first.seen);
+        let mut before = no_expression(model, neutral_pose);
         for &k in &chosen {
             before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
-            let offsets = shape_with(&vec![Vector3::zeros(); model.node_count()], &model.expression, &before.coefficients);
-            views.push(View { seen: &rest[k].seen, pose: before.pose, offsets: Some(offsets) });
+            let now = shape_with(&shape, &model.expression, &before.coefficients);
+            cost += 0.5 * before.coefficients.norm_squared() + unexplained(&now, &before.pose, &rest[k].seen);
         }
-        head.improve(model, &views, &own);
-        let shape = head.shape(model);
-        let start = Solved { pose: neutral_pose, coefficients: DVector::zeros(0) };
-        neutral_pose = solve(&shape, &[], &first.seen, start).ok_or(none(first.number))?.pose;
+        Ok(Found { shape, neutral_pose, cost })
     }
 
-    let neutral = head.shape(model);
-    let mut fit = HeadFit {
-        residuals: vec![residual(&neutral, &neutral_pose, &first.seen)],
-        poses: vec![neutral_pose],
-        shapes: vec![neutral.clone()],
-        neutral,
-    };
-    let mut before = Solved { pose: neutral_pose, coefficients: DVector::zeros(model.expression.len()) };
-    for frame in rest {
-        before = solve_frame(model, &fit.neutral, frame, before).ok_or(none(frame.number))?;
-        let shape = shape_with(&fit.neutral, &model.expression, &before.coefficients);
-        fit.residuals.push(residual(&shape, &before.pose, &frame.seen));
-        fit.poses.push(before.pose);
-        fit.shapes.push(shape);
+    /// Pose and expression of every frame.
+    fn every_frame(&self, head: Found, mark_shifts: Vec<Vec<Vector2<f64>>>) -> Result<HeadFit, PoseError> {
+        let Found { shape: neutral, neutral_pose, .. } = head;
+        let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
+        let mut fit = HeadFit {
+            residuals: vec![residual(&neutral, &neutral_pose, &first.seen)],
+            poses: vec![neutral_pose],
+            shapes: vec![neutral.clone()],
+            neutral,
+            mark_shifts,
+        };
+        let mut before = no_expression(self.model, neutral_pose);
+        for frame in rest {
+            let none = PoseError::NoHead { frame: frame.number };
+            before = solve_frame(self.model, &fit.neutral, frame, before).ok_or(none)?;
+            let shape = shape_with(&fit.neutral, &self.model.expression, &before.coefficients);
+            fit.residuals.push(residual(&shape, &before.pose, &frame.seen));
+            fit.poses.push(before.pose);
+            fit.shapes.push(shape);
+        }
+        Ok(fit)
     }
-    Ok(fit)
+}
+
+fn no_expression(model: &HeadModel, pose: HeadPose) -> Solved {
+    Solved { pose, coefficients: DVector::zeros(model.expression.len()) }
+}
+
+/// What a shape in a pose leaves unexplained.
+fn unexplained(shape: &[Vector3<f64>], pose: &HeadPose, seen: &[Seen]) -> f64 {
+    let one = |s: &Seen| cost((s.at - pose.image_of(&pose.turned(&shape[s.node]))).norm() / (s.deviation * pose.scale));
+    seen.iter().map(one).sum()
+}
+
+/// How far every node's mark lies from its node, px, in every frame: as in the neutral one, turned and sized with the face.
+///
+/// A node that was fitted need not lie where its mark is, and moves as the mark would. Nodes without a mark, and those that were
+/// corrected by hand, have no shift.
+fn mark_shifts(
+    model: &HeadModel,
+    tables: &Tables,
+    track: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+) -> Vec<Vec<Vector2<f64>>> {
+    let count = model.node_count();
+    let Some(neutral) = track.first() else { return Vec::new() };
+    let mut shifts = vec![Vector2::zeros(); count];
+    for (node, at) in marks.iter().filter(|(node, _)| node.index() < count.min(neutral.nodes.len())) {
+        let fitted = &neutral.nodes[node.index()];
+        if fitted.state != NodeState::Corrected {
+            shifts[node.index()] = at - fitted.position;
+        }
+    }
+    let stable = stable_nodes(tables, count);
+    let turned = |frame: &TrackedFrame| {
+        let pick = |frame: &TrackedFrame| -> Vec<Point2<f64>> {
+            stable.iter().filter_map(|&k| frame.nodes.get(k).map(|n| n.position)).collect()
+        };
+        let moved = Similarity::fit(&pick(neutral), &pick(frame), None).unwrap_or_else(|_| Similarity::identity());
+        let origin = moved.apply(&Point2::origin());
+        shifts.iter().map(|&shift| moved.apply(&Point2::from(shift)) - origin).collect()
+    };
+    track.iter().map(turned).collect()
 }
 
 /// A head placed on marks.
@@ -196,7 +321,7 @@ fn spread(of: usize, count: usize) -> Vec<usize> {
     if of <= count { (0..of).collect() } else { (1..=count).map(|k| k * of / count - 1).collect() }
 }
 
-fn observe(model: &HeadModel, frame: &TrackedFrame) -> Result<Frame, PoseError> {
+fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2<f64>]) -> Result<Frame, PoseError> {
     if frame.nodes.len() != model.node_count() {
         let (found, expected) = (frame.nodes.len(), model.node_count());
         return Err(PoseError::NodeCount { frame: frame.number, found, expected });
@@ -213,7 +338,7 @@ fn observe(model: &HeadModel, frame: &TrackedFrame) -> Result<Frame, PoseError> 
             _ => TRACKED,
         };
         if !iris(k) {
-            seen.push(Seen { node: k, at: tracked.position, deviation });
+            seen.push(Seen { node: k, at: tracked.position + shifts[k], deviation });
         }
     }
     if seen.len() < FEWEST_SEEN {
@@ -251,6 +376,7 @@ fn pose_of(placed: &Similarity) -> HeadPose {
         rotation: HeadPose::rotation_of(0.0, 0.0, -placed.angle.to_degrees()),
         scale: placed.scale,
         position: placed.apply(&Point2::origin()),
+        distance: CAMERA_DISTANCE * HEAD_ES,
     }
 }
 

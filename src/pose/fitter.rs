@@ -1,11 +1,13 @@
 //! Everything that pose needs of a wireframe, computed once.
 
+use nalgebra::Point2;
+
 use super::{HeadFit, HeadModel, PlacedHead, PoseError, fit::place_head, fit_head, frontalized};
 use crate::{
     fit::{Correspondence, Springs},
     model::{DynamicExpressionModel, FrameExpressionModel},
     track::TrackedFrame,
-    units::Px,
+    units::{NodeId, Px},
     wireframe::{Tables, Wireframe},
 };
 
@@ -39,12 +41,12 @@ impl HeadFitter {
         place_head(&self.model, marks)
     }
 
-    /// Head, poses and expressions of tracked frames, the neutral one first.
+    /// Head, poses and expressions of tracked frames, the neutral one first, with the marks on it.
     ///
     /// # Errors
     /// [`PoseError`].
-    pub fn fit(&self, tables: &Tables, track: &[TrackedFrame]) -> Result<HeadFit, PoseError> {
-        fit_head(&self.model, tables, track)
+    pub fn fit(&self, tables: &Tables, track: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)]) -> Result<HeadFit, PoseError> {
+        fit_head(&self.model, tables, track, marks)
     }
 
     /// The track as the head would show it looking into the camera all the time, px.

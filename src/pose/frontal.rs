@@ -89,6 +89,8 @@ pub fn frontalized(
     let stable = stable_nodes(tables, wireframe.node_count());
     let front = HeadPose { rotation: untrusted_turn(neutral_pose), ..*neutral_pose };
     let mut neutral: Vec<Point2<f64>> = Vec::new();
+    // Marks and not nodes are followed, and what they moved moves the nodes: see `mark_shifts`.
+    let mut from_mark: Vec<Vector2<f64>> = Vec::new();
     let mut out = Vec::with_capacity(track.len());
     for (m, frame) in track.iter().enumerate() {
         let (pose, shape) = (&fit.poses[m], &fit.shapes[m]);
@@ -96,15 +98,19 @@ pub fn frontalized(
         let turned_share = turn * turn / (turn * turn + SMALL_TURN * SMALL_TURN);
         // Without a turn of the head a similarity takes the frame onto the neutral one.
         let still = still_similarity(&stable, &track[0], frame);
-        let mut nodes: Vec<Point2<f64>> = (0..shape.len())
-            .map(|k| {
-                let seen = frame.nodes[k].position;
-                let turned = front.project(&pose.back(&seen, pose.turned(&shape[k]).z));
-                let at_rest = still.apply(&seen);
-                let unturned = front.project(&neutral_pose.back(&at_rest, neutral_pose.turned(&shape[k]).z));
-                unturned + (turned - unturned) * turned_share
-            })
-            .collect();
+        let carried = |k: usize, seen: Point2<f64>| {
+            let turned = front.project(&pose.back(&seen, pose.turned(&shape[k]).z));
+            let at_rest = still.apply(&seen);
+            let unturned = front.project(&neutral_pose.back(&at_rest, neutral_pose.turned(&shape[k]).z));
+            unturned + (turned - unturned) * turned_share
+        };
+        let marked: Vec<Point2<f64>> =
+            (0..shape.len()).map(|k| carried(k, frame.nodes[k].position + fit.mark_shifts[m][k])).collect();
+        if m == 0 {
+            let node = |k: usize| carried(k, frame.nodes[k].position) - marked[k];
+            from_mark = (0..shape.len()).map(node).collect();
+        }
+        let mut nodes: Vec<Point2<f64>> = marked.iter().zip(&from_mark).map(|(at, shift)| at + shift).collect();
         if m == 0 {
             wireframe.place_followers(&mut nodes);
             neutral.clone_from(&nodes);

@@ -52,6 +52,11 @@ pub(super) fn robust(ratio: f64) -> f64 {
     1.0 / (1.0 + (ratio / OUTLIER).powi(2))
 }
 
+/// What a residual of `ratio` standard deviations costs, where half its square is the cost of a small one (Cauchy).
+pub(super) fn cost(ratio: f64) -> f64 {
+    0.5 * OUTLIER * OUTLIER * (ratio / OUTLIER).powi(2).ln_1p()
+}
+
 /// Pose and coefficients that explain what is seen best; the coefficients have standard normal priors, the pose has none.
 pub(super) fn solve(base: &[Vector3<f64>], directions: &[Vec<Vector3<f64>>], seen: &[Seen], start: Solved) -> Option<Solved> {
     let mut solved = start;

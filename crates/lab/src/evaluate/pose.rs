@@ -18,17 +18,15 @@ use grimace::{
     model::DynamicExpressionModel,
     normalize::{FRAMES_PER_MODEL, PoseMode},
     pipeline::{SequenceFailure, Workbench, fit_landmarks},
-    pose::HeadPose,
+    pose::{HeadPose, PoseError},
     report::Stage,
     synthesis::read_dense_faces,
-    track::TrackedFrame,
-    units::FaceUnit,
+    track::{TrackedFrame, track_model},
+    units::{FaceUnit, NodeId, Px},
 };
 
 /// Distance of the pupils in the pictures, px.
 const ES_PX: f64 = 110.0;
-/// Distance of the camera, px at the size of the head.
-const CAMERA_PX: f64 = 1200.0;
 /// Middle of the pictures, px.
 const MIDDLE: Point2<f64> = Point2::new(320.0, 240.0);
 
@@ -71,7 +69,7 @@ const CASES: [TurnCase; 9] = [
 ];
 
 /// Options of the study.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PoseStudyOptions {
     /// Number of heads.
     pub heads: usize,
@@ -83,13 +81,15 @@ pub struct PoseStudyOptions {
     pub frames: usize,
     /// Standard deviation of the landmarks' error, px.
     pub noise_px: f64,
+    /// Distances of the camera, px at the size of the head: its focal length where eyes are 110 px apart.
+    pub cameras: Vec<f64>,
     /// Seed of heads and noise.
     pub seed: u64,
 }
 
 impl Default for PoseStudyOptions {
     fn default() -> Self {
-        Self { heads: 5, first_mode: 0, spread: 0.6, frames: 9, noise_px: 0.0, seed: 1 }
+        Self { heads: 5, first_mode: 0, spread: 0.6, frames: 9, noise_px: 0.0, cameras: vec![1200.0], seed: 1 }
     }
 }
 
@@ -98,6 +98,8 @@ impl Default for PoseStudyOptions {
 pub struct PoseTrial {
     /// How the head turned.
     pub case: TurnCase,
+    /// Distance of the camera, px.
+    pub camera: f64,
     /// Which head.
     pub head: usize,
     /// Which expression.
@@ -157,7 +159,7 @@ struct Filmed {
 fn film(
     head: &[Vector3<f64>],
     apex: &[Vector3<f64>],
-    case: &TurnCase,
+    (case, camera): (&TurnCase, f64),
     options: &PoseStudyOptions,
     random: &mut ChaCha8Rng,
 ) -> Filmed {
@@ -172,7 +174,7 @@ fn film(
         let rotation = HeadPose::rotation_of(case.yaw * turn, case.pitch * turn, 0.0);
         let seen = |(x, d): (&Vector3<f64>, &Vector3<f64>)| {
             let y = rotation * (x + d * share - middle) * scale;
-            let near = CAMERA_PX / (CAMERA_PX - y.z);
+            let near = camera / (camera - y.z);
             let mut noise = || {
                 let z: f64 = StandardNormal.sample(random);
                 z * options.noise_px
@@ -190,17 +192,23 @@ fn failed(failure: &SequenceFailure) -> EvaluateError {
     EvaluateError::Sequences { reason: format!("{}: {}", failure.stage, failure.reason) }
 }
 
-fn tracked(filmed: &Filmed, bench: &Workbench) -> Result<Vec<TrackedFrame>, SequenceFailure> {
+/// A track from landmarks with the places of its marks.
+type Tracked = (Vec<TrackedFrame>, Vec<(NodeId, Point2<f64>)>);
+
+fn tracked(filmed: &Filmed, bench: &Workbench) -> Result<Tracked, SequenceFailure> {
     let neutral = filmed.sequence.frames[0].points.as_deref().unwrap_or_default();
-    let (_, fitted) = fit_landmarks(bench, neutral, None)?;
+    let (marks, fitted) = fit_landmarks(bench, neutral, None)?;
     let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
-    plan.track(&bench.wireframe, &fitted, &filmed.sequence).map_err(SequenceFailure::at(Stage::Track))
+    let track = plan.track(&bench.wireframe, &fitted, &filmed.sequence).map_err(SequenceFailure::at(Stage::Track))?;
+    Ok((track, marks.iter().map(|m| (m.node, m.position)).collect()))
 }
 
-fn normalized(track: &[TrackedFrame], bench: &Workbench) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
-    let model = bench.head_free_model(track).map_err(SequenceFailure::at(Stage::Normalize))?;
+fn normalized(
+    model: &DynamicExpressionModel<Px>,
+    bench: &Workbench,
+) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
-    normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))
+    normalizer.normalize(model).map_err(SequenceFailure::at(Stage::Normalize))
 }
 
 /// Mean distance of the apex nodes of two models over the mean motion of the first.
@@ -237,22 +245,26 @@ pub fn evaluate_pose(
             head
         })
         .collect();
-    let work: Vec<(usize, usize)> = (0..heads.len()).flat_map(|h| (0..EXPRESSIONS.len()).map(move |e| (h, e))).collect();
-    let one = |&(h, e): &(usize, usize)| -> Result<Vec<PoseTrial>, EvaluateError> {
-        let (name, recipe) = EXPRESSIONS[e];
+    let count = heads.len() * EXPRESSIONS.len();
+    let work: Vec<(f64, usize)> = options.cameras.iter().flat_map(|&camera| (0..count).map(move |k| (camera, k))).collect();
+    let one = |&(camera, k): &(f64, usize)| -> Result<Vec<PoseTrial>, EvaluateError> {
+        let (h, (name, recipe)) = (k / EXPRESSIONS.len(), EXPRESSIONS[k % EXPRESSIONS.len()]);
         let apex = faces.expression(recipe);
         let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-        random.set_stream(1 + (h * EXPRESSIONS.len() + e) as u64);
+        random.set_stream(1 + k as u64);
         let mut trials = Vec::new();
         let mut still: Option<[DynamicExpressionModel<FaceUnit>; 2]> = None;
         for case in CASES {
             if !tick() {
                 return Err(EvaluateError::Interrupted);
             }
-            let filmed = film(&heads[h], &apex, &case, options, &mut random);
-            let track = tracked(&filmed, full).map_err(|f| failed(&f))?;
-            let fit = full.fit_head(&track).map_err(|e| failed(&SequenceFailure::at(Stage::Normalize)(e)))?;
-            let models = [normalized(&track, full).map_err(|f| failed(&f))?, normalized(&track, roll).map_err(|f| failed(&f))?];
+            let filmed = film(&heads[h], &apex, (&case, camera), options, &mut random);
+            let (track, marks) = tracked(&filmed, full).map_err(|f| failed(&f))?;
+            let pose_failed = |e: PoseError| failed(&SequenceFailure::at(Stage::Normalize)(e));
+            let fit = full.fit_head(&track, &marks).map_err(pose_failed)?;
+            let frontal = full.frontal_model(&fit, &track).map_err(pose_failed)?;
+            let plain = track_model(&track).map_err(|e| failed(&SequenceFailure::at(Stage::Normalize)(e)))?;
+            let models = [normalized(&frontal, full).map_err(|f| failed(&f))?, normalized(&plain, roll).map_err(|f| failed(&f))?];
             let changed = motion_lost(&models[1], &models[0], full);
             let reference = still.get_or_insert_with(|| models.clone());
             let lost = [0, 1].map(|k| motion_lost(&reference[k], &models[k], full));
@@ -263,6 +275,7 @@ pub fn evaluate_pose(
             let frames = filmed.truth.len();
             trials.push(PoseTrial {
                 case,
+                camera,
                 head: h,
                 expression: name,
                 lost,
@@ -280,6 +293,7 @@ pub fn evaluate_pose(
 /// A row for each group of cases.
 pub fn pose_table(trials: &[PoseTrial]) -> Table {
     let mut table = Table::new([
+        "camera (px)",
         "case",
         "sequences",
         "motion lost",
@@ -290,19 +304,20 @@ pub fn pose_table(trials: &[PoseTrial]) -> Table {
         "turn error",
         "worst turn error",
     ]);
-    let mut groups: Vec<&str> = Vec::new();
-    trials.iter().for_each(|t| {
-        if !groups.contains(&t.case.group) {
-            groups.push(t.case.group)
+    let mut groups: Vec<(f64, &str)> = Vec::new();
+    for t in trials {
+        if !groups.contains(&(t.camera, t.case.group)) {
+            groups.push((t.camera, t.case.group));
         }
-    });
-    for group in groups {
-        let of: Vec<&PoseTrial> = trials.iter().filter(|t| t.case.group == group).collect();
+    }
+    for (camera, group) in groups {
+        let of: Vec<&PoseTrial> = trials.iter().filter(|t| t.camera == camera && t.case.group == group).collect();
         let mean = |f: &dyn Fn(&PoseTrial) -> f64| of.iter().map(|t| f(t)).sum::<f64>() / of.len() as f64;
         let worst = |f: &dyn Fn(&PoseTrial) -> f64| of.iter().map(|t| f(t)).fold(0.0, f64::max);
         // A still head is compared with itself without the pose taken out.
         let lost = |t: &PoseTrial| if group == "still" { t.changed } else { t.lost[0] };
         table.rows.push(vec![
+            Cell::Number(camera, 0),
             Cell::text(group),
             Cell::Count(of.len()),
             Cell::Number(mean(&lost), 3),
@@ -320,6 +335,7 @@ pub fn pose_table(trials: &[PoseTrial]) -> Table {
 /// A row for each sequence.
 pub fn pose_trials_table(trials: &[PoseTrial]) -> Table {
     let mut table = Table::new([
+        "camera_px",
         "head",
         "expression",
         "case",
@@ -334,6 +350,7 @@ pub fn pose_trials_table(trials: &[PoseTrial]) -> Table {
     ]);
     for t in trials {
         table.rows.push(vec![
+            Cell::Number(t.camera, 0),
             Cell::Count(t.head),
             Cell::text(t.expression),
             Cell::text(t.case.group),

@@ -38,6 +38,9 @@ pub struct Args {
     /// Frames per sequence
     #[arg(long, default_value_t = 9, value_name = "N", value_parser = grimace::cli::shared::count(2, 10_000))]
     frames: usize,
+    /// Distances of the camera at 110 px between the pupils, px; several separated by commas
+    #[arg(long, default_value = "1200", value_name = "PX", value_delimiter = ',', value_parser = grimace::cli::shared::positive)]
+    camera: Vec<f64>,
     /// Standard deviation of the landmarks' error, px
     #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = grimace::cli::shared::not_negative)]
     noise: f64,
@@ -60,10 +63,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         spread: args.spread,
         frames: args.frames,
         noise_px: args.noise,
+        cameras: args.camera.clone(),
         seed: args.common.seed,
     };
     let stop = stop_flag()?;
-    let bar = bar(args.common.quiet, "fitting heads", args.heads * 4 * 9);
+    let bar = bar(args.common.quiet, "fitting heads", args.camera.len() * args.heads * 4 * 9);
     let trials = evaluate_pose(&args.folder, &full, &roll, &options, || {
         bar.inc(1);
         !stop.load(Ordering::SeqCst)
@@ -78,6 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let written = json!({
         "heads": args.heads, "first_mode": args.first_mode, "spread": args.spread, "frames": args.frames, "noise_px": args.noise,
+        "camera_px": args.camera,
     });
     folder.finish("pose", Some(&args.folder), options.seed, written, json!({ "sequences": trials.len() }))?;
     Ok(Outcome::Done)
