@@ -227,26 +227,6 @@ impl Fitter {
         Ok(Some((0..count).map(place).collect()))
     }
 
-    /// The wireframe pulled to its marks from nodes that were placed already (px, y down), with the placement of the frontal wireframe.
-    ///
-    /// # Errors
-    /// [`FitError`] when the marks place no wireframe.
-    pub fn fit_placed(
-        &self,
-        wireframe: &Wireframe,
-        placed: &[Point2<f64>],
-        marks: &[Correspondence],
-    ) -> Result<FittedWireframe, FitError> {
-        let face: Vec<_> = marks.iter().map(|m| flip(wireframe.frontal()[m.node.index()])).collect();
-        let seen: Vec<_> = marks.iter().map(|m| m.position).collect();
-        let image_from_face = Similarity::fit(&face, &seen, None)?;
-        let targets: Vec<_> = marks.iter().map(|m| self.target(m, image_from_face.scale * EYE_DISTANCE)).collect();
-        let nodes = self.springs.deform(wireframe, placed, &targets)?;
-        let residuals = marks.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect();
-        let model = FrameExpressionModel::new(nodes);
-        Ok(FittedWireframe { model, image_from_face, correspondences: marks.to_vec(), residuals, warnings: Vec::new() })
-    }
-
     /// What a mark does to the springs, on a face with an eye distance of so many px.
     fn target(&self, mark: &Correspondence, eye_distance: f64) -> Target {
         let share = mark.expected_error.map_or(1.0, |error| {

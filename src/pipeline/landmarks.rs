@@ -11,14 +11,10 @@ use super::{
 use crate::{
     dataset::{CorrespondenceSource, LandmarkSequence, LandmarksError, SequenceEntry, read_landmarks_with},
     fit::{Correspondence, FittedWireframe, MarkKind, read_correspondences},
-    normalize::PoseMode,
     sequence::ImageSize,
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
     units::SequenceId,
 };
-
-/// Yaw or pitch of the neutral frame, degrees, from which its wireframe is placed by a head in three dimensions.
-const TURNED: f64 = 8.0;
 
 /// Frames and record of a sequence that was read.
 type Read = (Vec<TrackedFrame>, TrackInfo);
@@ -80,7 +76,6 @@ impl LandmarkSource {
             &options.fit,
             options.track.force,
             options.landmarks.least_confidence,
-            options.normalize.pose,
             &bench.wireframe_blake3,
         );
         part(&serde_json::to_vec(&depends).unwrap_or_default());
@@ -162,20 +157,8 @@ pub fn fit_landmarks(
     neutral: &[Point2<f64>],
     given: Option<Vec<Correspondence>>,
 ) -> Result<(Vec<Correspondence>, FittedWireframe), SequenceFailure> {
-    let Some(marks) = given else {
-        let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
-        let marks = plan.marks(neutral, &bench.tables);
-        // Points of a turned head's outline fold a frontal wireframe: a head in three dimensions says where it lies.
-        if bench.options.normalize.pose == PoseMode::Full
-            && let Some(placed) = bench.head_fitter().place(&marks)
-            && placed.turn > TURNED
-            && let Ok(fitted) = bench.fitter.fit_placed(&bench.wireframe, &placed.nodes, &marks)
-        {
-            return Ok((marks, fitted));
-        }
-        let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
-        return Ok((marks, fitted));
-    };
+    let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
+    let marks = given.unwrap_or_else(|| plan.marks(neutral, &bench.tables));
     let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
     Ok((marks, fitted))
 }

@@ -13,7 +13,7 @@ use super::{
     solve::{Seen, Solved, cost, robust, shape_with, solve},
 };
 use crate::{
-    fit::{Correspondence, SpringError},
+    fit::SpringError,
     geometry::{Similarity, SimilarityError},
     model::ModelError,
     normalize::stable_nodes,
@@ -33,14 +33,12 @@ const OWN_FITTED: f64 = 0.04;
 const HEAD_FRAMES: usize = 9;
 /// Turns of frames and head.
 const TURNS: usize = 3;
-/// Distances of the camera that are tried, eye distances; they differ by a factor of 1.6.
-const DISTANCES: [f64; 4] = [5.5, 8.75, CAMERA_DISTANCE, 22.4];
+/// Distances of the camera that are tried, eye distances; each 1.4 times the one before.
+const DISTANCES: [f64; 5] = [5.5, 7.8, 11.0, 15.5, 22.0];
 /// Standard deviation of the logarithm of the distance.
 const LOG_DISTANCE_DEVIATION: f64 = 0.6;
 /// Fewest nodes seen that give a pose.
 const FEWEST_SEEN: usize = 6;
-/// Median distance, model units, beyond which marks are not those of a head.
-const NO_HEAD: f64 = 0.05;
 /// Visibility below which a node does not serve.
 const HIDDEN: f64 = 0.05;
 
@@ -122,19 +120,21 @@ pub fn fit_head(
     for (frame, shifts) in track.iter().zip(&shifts) {
         frames.push(observe(model, frame, shifts)?);
     }
+    // A node that no later frame sees says only where the fit expects it from the front.
+    let is_followed: Vec<bool> =
+        (0..model.node_count()).map(|k| frames[1..].iter().any(|f| f.seen.iter().any(|s| s.node == k))).collect();
+    let is_marked = |k: usize| matches!(neutral.nodes[k].state, NodeState::Marked | NodeState::Corrected);
+    frames[0].seen.retain(|s| is_marked(s.node) || is_followed[s.node]);
     let own = own_deviations(model, neutral);
     let start = rough_pose(model, tables, neutral)?;
     let sequence = Sequence { model, frames: &frames, own: &own, start };
     let mut best: Option<(f64, Found)> = None;
     let mut failure = None;
-    for distance in distances() {
+    for distance in DISTANCES {
         match sequence.head_at(distance * HEAD_ES) {
             Ok(found) => {
                 let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
                 let cost = found.cost + 0.5 * unlikely * unlikely;
-                if std::env::var("GR_VERBOSE").is_ok() {
-                    eprintln!("distance {distance} cost {cost:.2}");
-                }
                 if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                     best = Some((cost, found));
                 }
@@ -146,10 +146,6 @@ pub fn fit_head(
         (Some((_, found)), _) => sequence.every_frame(found, shifts),
         (None, error) => Err(error.unwrap_or(PoseError::NoHead { frame: neutral.number })),
     }
-}
-
-fn distances() -> Vec<f64> {
-    std::env::var("GR_DIST").ok().map_or(DISTANCES.to_vec(), |v| v.split(',').map(|x| x.parse().unwrap()).collect())
 }
 
 /// What is known of a sequence before its head is.
@@ -272,34 +268,6 @@ fn mark_shifts(
         shifts.iter().map(|&shift| moved.apply(&Point2::from(shift)) - origin).collect()
     };
     track.iter().map(turned).collect()
-}
-
-/// A head placed on marks.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PlacedHead {
-    /// Where its nodes are seen, px.
-    pub nodes: Vec<Point2<f64>>,
-    /// The larger of its yaw and pitch, without sign, degrees.
-    pub turn: f64,
-}
-
-/// The head that explains marks best; `None` where none does.
-pub(super) fn place_head(model: &HeadModel, marks: &[Correspondence]) -> Option<PlacedHead> {
-    let known = |m: &&Correspondence| m.node.index() < model.node_count();
-    let face: Vec<Point2<f64>> = marks.iter().filter(known).map(|m| frontal(model, m.node.index())).collect();
-    let at: Vec<Point2<f64>> = marks.iter().filter(known).map(|m| m.position).collect();
-    let start = pose_of(&Similarity::fit(&face, &at, None).ok()?);
-    let deviation = TRACKED.hypot(OWN_MARKED);
-    let seen: Vec<Seen> = marks.iter().filter(known).map(|m| Seen { node: m.node.index(), at: m.position, deviation }).collect();
-    let zero = DVector::zeros(model.identity.len());
-    let found = solve(&model.mean, &model.identity, &seen, Solved { pose: start, coefficients: zero })?;
-    let shape = shape_with(&model.mean, &model.identity, &found.coefficients);
-    if residual(&shape, &found.pose, &seen) > NO_HEAD * found.pose.scale {
-        return None;
-    }
-    let nodes = shape.iter().map(|x| found.pose.image_of(&found.pose.turned(x))).collect();
-    let [yaw, pitch, _] = found.pose.degrees();
-    Some(PlacedHead { nodes, turn: yaw.abs().max(pitch.abs()) })
 }
 
 fn solve_frame(model: &HeadModel, shape: &[Vector3<f64>], frame: &Frame, before: Solved) -> Option<Solved> {

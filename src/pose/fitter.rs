@@ -2,9 +2,9 @@
 
 use nalgebra::Point2;
 
-use super::{HeadFit, HeadModel, PlacedHead, PoseError, fit::place_head, fit_head, frontalized};
+use super::{HeadFit, HeadModel, PoseError, fit_head, frontalized};
 use crate::{
-    fit::{Correspondence, Springs},
+    fit::Springs,
     model::{DynamicExpressionModel, FrameExpressionModel},
     track::TrackedFrame,
     units::{NodeId, Px},
@@ -32,13 +32,6 @@ impl HeadFitter {
     /// The head model.
     pub fn model(&self) -> &HeadModel {
         &self.model
-    }
-
-    /// The head that explains the marks best: a place for the wireframe of a head that is turned already.
-    ///
-    /// `None` when the marks determine no head.
-    pub fn place(&self, marks: &[Correspondence]) -> Option<PlacedHead> {
-        place_head(&self.model, marks)
     }
 
     /// Head, poses and expressions of tracked frames, the neutral one first, with the marks on it.
