@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use grimace::{
-    features::write_features,
+    features::{ColumnNames, write_features},
     normalize::NormalizeOptions,
     normalize::PoseMode,
     output::count,
@@ -22,6 +22,7 @@ use super::{
 #[command(after_help = "\
 Example:
   grimace features results/tracks -o features
+  grimace features results/tracks -o openface --names openface
 
 Writes SUBJECT_SEQUENCE.csv for every track: pose of the head in degrees, action units AU.._r (0 to 5) with presence _c and expected error \
 _e, openings of eyes and mouth, FAPs; and beside it a .json with the units. `run` writes the same into OUT/features.")]
@@ -32,11 +33,22 @@ pub struct Args {
     /// Folder for the tables
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    /// Names of the columns: `openface` for those that readers of OpenFace's files expect
+    #[arg(long, value_enum, default_value_t = Names::Grimace)]
+    names: Names,
     /// Threads; 0 for one per processor
     #[arg(short = 'j', long, default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
     general: GeneralArgs,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Names {
+    /// Everything, in degrees and face units
+    Grimace,
+    /// x_0 ..., pose_Rx in radians, AU01_r ...: read unchanged by py-feat and openFaceR
+    Openface,
 }
 
 /// Runs the command.
@@ -76,6 +88,10 @@ fn one(path: &std::path::Path, args: &Args, bench: &Workbench) -> anyhow::Result
     let fit = bench.fit_head(&track, &marks)?;
     let model = bench.frontal_model(&fit, &track)?;
     let features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
-    write_features(&target, &features, info.and_then(|info| info.fps))?;
+    let names = match args.names {
+        Names::Grimace => ColumnNames::Grimace,
+        Names::Openface => ColumnNames::OpenFace,
+    };
+    write_features(&target, &features, info.and_then(|info| info.fps), names)?;
     Ok(())
 }

@@ -30,8 +30,11 @@ const fn unit(number: u8, name: &'static str, shapes: &'static [&'static str]) -
     ActionUnit { number, name, shapes }
 }
 
+/// Lips part: the one action unit without shapes of its own.
+pub const LIPS_PART: u8 = 25;
+
 /// The action units measured, ascending.
-pub const ACTION_UNITS: [ActionUnit; 20] = [
+pub const ACTION_UNITS: [ActionUnit; 21] = [
     unit(1, "inner brow raiser", &["browInnerUp"]),
     unit(2, "outer brow raiser", &["browOuterUp"]),
     unit(4, "brow lowerer", &["browDown"]),
@@ -50,6 +53,8 @@ pub const ACTION_UNITS: [ActionUnit; 20] = [
     unit(22, "lip funneler", &["mouthFunnel"]),
     unit(23, "lip tightener", &["mouthPress"]),
     unit(24, "lip presser", &["mouthRollUpper", "mouthRollLower"]),
+    // Whatever parts them: measured on the lips themselves.
+    unit(LIPS_PART, "lips part", &[]),
     unit(26, "jaw drop", &["jawOpen"]),
     unit(45, "blink", &["eyeBlink"]),
 ];
@@ -126,6 +131,13 @@ impl ActionUnits {
         }
         members.truncate(ACTION_UNITS.len());
         Ok(Self { shapes, members })
+    }
+
+    /// How far a jaw half dropped parts two nodes that lie above each other, face units.
+    pub fn gap_of_jaw(&self, [above, below]: [usize; 2]) -> f64 {
+        let jaw = ACTION_UNITS.iter().zip(&self.members).filter(|(unit, _)| unit.shapes.contains(&"jawOpen"));
+        let gap = |&i: &usize| self.shapes[i][above].y - self.shapes[i][below].y;
+        0.5 * jaw.flat_map(|(_, members)| members).map(gap).sum::<f64>()
     }
 
     /// Intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{FrameFeatures, action_units::ACTION_UNITS};
+use super::{FrameFeatures, action_units::ACTION_UNITS, openface};
 use crate::{
     fap::FapCatalog,
     output::{self, OutputError, nine_digits, write_records},
@@ -96,16 +96,36 @@ pub struct FeatureHashes {
     pub json: blake3::Hash,
 }
 
+/// How the columns are named.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ColumnNames {
+    /// Everything measured, degrees and face units: [`features_units`].
+    #[default]
+    Grimace,
+    /// What readers of `OpenFace`'s files expect: landmarks, pose in radians, action units.
+    OpenFace,
+}
+
 /// Writes `STEM.csv` and beside it `STEM.json` with the units.
 ///
 /// # Errors
 /// [`OutputError`] when a file cannot be written.
-pub fn write_features(path: &Path, features: &[FrameFeatures], fps: Option<f64>) -> Result<FeatureHashes, OutputError> {
-    let (header, rows) = features_csv(features, fps);
+pub fn write_features(
+    path: &Path,
+    features: &[FrameFeatures],
+    fps: Option<f64>,
+    names: ColumnNames,
+) -> Result<FeatureHashes, OutputError> {
+    let ((header, rows), units) = match names {
+        ColumnNames::Grimace => (features_csv(features, fps), features_units()),
+        ColumnNames::OpenFace => {
+            (openface::table(features, fps), openface::ABOUT.iter().map(|&(k, v)| (k.to_owned(), v.to_owned())).collect())
+        }
+    };
     let csv = write_records(path, header, rows)?;
-    let names: BTreeMap<String, &str> = ACTION_UNITS.iter().map(|u| (format!("AU{:02}", u.number), u.name)).collect();
+    let units_of_faces: BTreeMap<String, &str> = ACTION_UNITS.iter().map(|u| (format!("AU{:02}", u.number), u.name)).collect();
     let about =
-        serde_json::json!({ "schema_version": 1, "made_by": output::MADE_BY, "units": features_units(), "action_units": names });
+        serde_json::json!({ "schema_version": 1, "made_by": output::MADE_BY, "units": units, "action_units": units_of_faces });
     let json = output::write_hashed(&path.with_extension("json"), |writer| output::json_into(writer, &about))?;
     Ok(FeatureHashes { csv, json })
 }

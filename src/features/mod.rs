@@ -5,10 +5,12 @@
 
 mod action_units;
 mod file;
+mod openface;
 
 use nalgebra::{Point2, Vector2};
 
 use crate::{
+    dataset::LANDMARK_COUNT,
     fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence},
     model::{DynamicExpressionModel, ModelError},
     normalize::{NormalizeError, Normalizer},
@@ -18,8 +20,8 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-pub use action_units::{ActionUnit, ActionUnits, Intensity};
-pub use file::{features_csv, features_units, write_features};
+pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
+pub use file::{ColumnNames, FeatureHashes, features_csv, features_units, write_features};
 
 /// Largest yaw or pitch, degrees, up to which a frame's values can be trusted.
 pub const TRUSTED_TURN: f64 = 25.0;
@@ -44,6 +46,8 @@ pub struct FrameFeatures {
     pub pose: [f64; 3],
     /// Middle of the head, px.
     pub position: Point2<f64>,
+    /// The 68 landmarks as the nodes show them, px; `None` where no node stands for one.
+    pub landmarks: Vec<Option<Point2<f64>>>,
     /// Eye distance of the head at this size, px.
     pub eye_distance: f64,
     /// FAPs that a frontal view measures and those of the head, in the units of the standard.
@@ -88,6 +92,8 @@ pub struct Measured<'a> {
 #[derive(Clone, Debug)]
 pub struct FeatureMeter {
     units: ActionUnits,
+    /// Gap of the inner lips, face units, that is the full intensity of lips that part.
+    lips_full: f64,
     live: Vec<NodeId>,
     irises: [Vec<NodeId>; 2],
 }
@@ -99,7 +105,8 @@ impl FeatureMeter {
     /// [`FeaturesError`] when the head model does not normalize.
     pub fn new(head: &HeadModel, wireframe: &Wireframe, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
         let units = ActionUnits::new(head, wireframe, normalizer)?;
-        Ok(Self { units, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
+        let lips_full = units.gap_of_jaw(LIPS).max(1.0);
+        Ok(Self { units, lips_full, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
     }
 
     /// The values of all frames.
@@ -158,6 +165,7 @@ impl FeatureMeter {
                 reason: None,
                 pose: angles,
                 position: pose.position,
+                landmarks: landmarks(fit, m, frame, tables),
                 eye_distance: pose.scale * HEAD_ES,
                 faps: FapNumber::all().filter_map(|fap| Some((fap, faps.frames[m].value(fap)?))).collect(),
                 action_units: self.units.intensities(&offsets, &deviations),
@@ -165,6 +173,12 @@ impl FeatureMeter {
                 mouth_opening: gap(nodes, LIPS) / canonical.fapus.mns,
                 iris,
             };
+            let errors = LIPS.map(|k| deviations.iter().find(|(n, _)| n.index() == k).map_or(f64::INFINITY, |(_, e)| *e));
+            let parted = gap(nodes, LIPS) - gap(rest, LIPS);
+            row.action_units.iter_mut().filter(|unit| unit.number == LIPS_PART).for_each(|unit| {
+                unit.value = (FULL * parted / self.lips_full).clamp(0.0, FULL);
+                unit.expected_error = (FULL * errors[0].hypot(errors[1]) / self.lips_full).min(FULL);
+            });
             row.faps.extend(head_faps(angles));
             row.faps.sort_by_key(|(fap, _)| *fap);
             row.reason = reason(&row);
@@ -172,6 +186,22 @@ impl FeatureMeter {
         }
         Ok(features)
     }
+}
+
+/// The landmarks of a frame from its nodes: where their marks would be.
+fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> Vec<Option<Point2<f64>>> {
+    let mut points = vec![None; LANDMARK_COUNT];
+    for row in tables.landmarks.iter().filter(|row| !row.nodes.is_empty()) {
+        let place = |(node, weight): &(NodeId, f64)| {
+            let k = node.index();
+            Some((frame.nodes.get(k)?.position.coords + fit.mark_shift(m, k)) * *weight)
+        };
+        let sum: Option<Vector2<f64>> = row.nodes.iter().map(place).sum();
+        if let Some(point) = points.get_mut(usize::from(row.landmark)) {
+            *point = sum.map(Point2::from);
+        }
+    }
+    points
 }
 
 /// The FAPs of a track as a file.

@@ -7,7 +7,7 @@ use nalgebra::Point2;
 use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::write_fap,
-    features::{fap_sequence, turn_warning, write_features},
+    features::{ColumnNames, fap_sequence, turn_warning, write_features},
     model::DynamicExpressionModel,
     normalize::PoseMode,
     plausible::FaceSize,
@@ -83,7 +83,8 @@ pub(super) fn write_measured(
     let features = bench.features(frames, fit, &normalized.head_free);
     let features = features.map_err(|reason| SequenceFailure { stage: Stage::Normalize, reason, fatal: false })?;
     let [csv, json, fap] = measured_files(id);
-    let hashes = write_features(&out.join(&csv), &features, info.fps).map_err(SequenceFailure::at(Stage::Write))?;
+    let hashes =
+        write_features(&out.join(&csv), &features, info.fps, ColumnNames::Grimace).map_err(SequenceFailure::at(Stage::Write))?;
     let faps = fap_sequence(&features, &id.to_string(), info.fps.unwrap_or(f64::from(bench.options.fap.fps)));
     let fap_hash = write_fap(&out.join(&fap), &faps).map_err(SequenceFailure::at(Stage::Write))?;
     let hex = |hash: blake3::Hash| hash.to_hex().to_string();

@@ -16,7 +16,8 @@ use crate::{
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
     output,
-    overlay::draw_overlay,
+    overlay::{draw_axes, draw_overlay},
+    pose::HeadPose,
     sequence::{SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
@@ -285,13 +286,13 @@ fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<
     Ok(track)
 }
 
-/// Pictures of the wireframe on the wanted frames of a track, with the frame's number.
+/// Pictures of the wireframe on the wanted frames of a track, with the frame's number, and the head's axes where its poses are given.
 ///
 /// # Errors
 /// [`SequenceFailure`] when frames do not read.
 pub fn overlay_pictures(
     source: &SequenceSource,
-    frames: &[TrackedFrame],
+    (frames, poses): (&[TrackedFrame], &[HeadPose]),
     bench: &Workbench,
     wanted: impl Fn(usize) -> bool,
     mut each: impl FnMut(u32, RgbImage) -> Result<(), SequenceFailure>,
@@ -304,7 +305,10 @@ pub fn overlay_pictures(
         }
         let frame = frame.map_err(SequenceFailure::at(Stage::Track))?;
         let marks = if index == 0 { marks.as_slice() } else { &[] };
-        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks);
+        let mut picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks);
+        if let Some(pose) = poses.get(index) {
+            draw_axes(&mut picture, frame.size().width, pose);
+        }
         each(tracked.number, picture)?;
     }
     Ok(())

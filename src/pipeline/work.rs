@@ -269,11 +269,12 @@ fn process(
     let RunTrack { frames, info, reused, hashes } =
         track_or_reuse(&labels, hash.as_deref(), &out.join(&csv_name), bench, make, correct)
             .map_err(|failure| name_marks(failure, item.entry))?;
+    let normalized = normalized(&frames, &info.mark_places(), bench)?;
     if let (Some(folder), Source::Images(source)) = (overlay, source) {
         let last = frames.len() - 1;
         overlay_pictures(
             source,
-            &frames,
+            (&frames, normalized.fit.as_ref().map_or(&[], |fit| &fit.poses)),
             bench,
             |index| index == 0 || index == last,
             |number, picture| {
@@ -282,7 +283,6 @@ fn process(
             },
         )?;
     }
-    let normalized = normalized(&frames, &info.mark_places(), bench)?;
     let mut summary = info.summary.clone();
     normalized.judge(&mut summary, &frames);
     let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);

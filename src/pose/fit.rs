@@ -95,6 +95,13 @@ pub struct HeadFit {
     pub(super) mark_shifts: Vec<Vec<Vector2<f64>>>,
 }
 
+impl HeadFit {
+    /// From a node to where its mark would be, px, in the frame of an index; zero for nodes without a mark.
+    pub fn mark_shift(&self, frame: usize, node: usize) -> Vector2<f64> {
+        self.mark_shifts.get(frame).and_then(|shifts| shifts.get(node)).copied().unwrap_or_else(Vector2::zeros)
+    }
+}
+
 /// What is seen of one frame.
 struct Frame {
     number: u32,

@@ -1,5 +1,6 @@
 //! `grimace evaluate`: the experiments.
 
+mod action_units;
 mod clone;
 mod confidence;
 mod fit;
@@ -45,6 +46,8 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Experiment {
+    /// Intensities of action units against the strengths that made the faces.
+    ActionUnits(action_units::Args),
     /// Accuracy of clones: a sequence on its own neutral frame, and simulated people on each other.
     Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
@@ -68,6 +71,7 @@ enum Experiment {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
+        Experiment::ActionUnits(args) => action_units::run(args),
         Experiment::Clone(args) => clone::run(args),
         Experiment::Fit(args) => fit::run(args),
         Experiment::Tracking(args) => tracking::run(args),

@@ -9,10 +9,12 @@ use std::path::Path;
 use nalgebra::{Point2, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use super::{Cell, EvaluateError, Table};
+use super::{
+    Cell, EvaluateError, Table,
+    heads::{Camera, Faces},
+};
 use grimace::{
     dataset::{LandmarkFrame, LandmarkSequence},
     model::DynamicExpressionModel,
@@ -20,15 +22,9 @@ use grimace::{
     pipeline::{SequenceFailure, Workbench, fit_landmarks},
     pose::{HeadPose, PoseError},
     report::Stage,
-    synthesis::read_dense_faces,
     track::{TrackedFrame, track_model},
     units::{FaceUnit, NodeId, Px},
 };
-
-/// Distance of the pupils in the pictures, px.
-const ES_PX: f64 = 110.0;
-/// Middle of the pictures, px.
-const MIDDLE: Point2<f64> = Point2::new(320.0, 240.0);
 
 /// Expressions: shapes (both sides where there are two) and their strengths.
 const EXPRESSIONS: [(&str, &[(&str, f64)]); 4] = [
@@ -51,7 +47,7 @@ pub struct TurnCase {
     pub throughout: bool,
 }
 
-const fn case(group: &'static str, yaw: f64, pitch: f64, throughout: bool) -> TurnCase {
+pub(super) const fn case(group: &'static str, yaw: f64, pitch: f64, throughout: bool) -> TurnCase {
     TurnCase { group, yaw, pitch, throughout }
 }
 
@@ -67,6 +63,9 @@ const CASES: [TurnCase; 9] = [
     case("turned throughout 20/15", 20.0, 0.0, true),
     case("turned throughout 20/15", 0.0, 15.0, true),
 ];
+
+/// Number of sequences of each head.
+pub const LANDMARK_SEQUENCES: usize = CASES.len() * EXPRESSIONS.len();
 
 /// Options of the study.
 #[derive(Clone, Debug)]
@@ -112,42 +111,8 @@ pub struct PoseTrial {
     pub pose_error: f64,
     /// Of a still head: what taking the pose out changes, over the motion.
     pub changed: f64,
-}
-
-/// Landmarks of a face model.
-struct Faces {
-    neutral: Vec<Vector3<f64>>,
-    identity: Vec<Vec<Vector3<f64>>>,
-    names: Vec<String>,
-    shapes: Vec<Vec<Vector3<f64>>>,
-}
-
-impl Faces {
-    fn read(folder: &Path) -> Result<Self, EvaluateError> {
-        let dense = read_dense_faces(folder, usize::MAX).map_err(|e| EvaluateError::Synthesis(e.into()))?;
-        let pick = |all: &[[f32; 3]]| -> Vec<Vector3<f64>> {
-            let at = |&v: &u32| Vector3::from(all.get(v as usize).copied().unwrap_or_default().map(f64::from));
-            dense.landmarks.iter().map(at).collect()
-        };
-        Ok(Self {
-            neutral: pick(&dense.neutral),
-            identity: dense.identity.iter().map(|mode| pick(mode)).collect(),
-            names: dense.expressions.iter().map(|(name, _)| name.clone()).collect(),
-            shapes: dense.expressions.iter().map(|(_, shape)| pick(shape)).collect(),
-        })
-    }
-
-    fn expression(&self, recipe: &[(&str, f64)]) -> Vec<Vector3<f64>> {
-        let mut sum = vec![Vector3::zeros(); self.neutral.len()];
-        for (stem, strength) in recipe {
-            for (name, shape) in self.names.iter().zip(&self.shapes) {
-                if name == stem || name.strip_suffix("_L") == Some(stem) || name.strip_suffix("_R") == Some(stem) {
-                    sum.iter_mut().zip(shape).for_each(|(s, d)| *s += d * *strength);
-                }
-            }
-        }
-        sum
-    }
+    /// Through images: mean error of the displacements of all live nodes in the last frame, percent of the eye distance.
+    pub tracking_percent: Option<f64>,
 }
 
 /// One sequence of landmarks with the true yaw and pitch of every frame.
@@ -156,50 +121,32 @@ struct Filmed {
     truth: Vec<[f64; 2]>,
 }
 
-fn film(
-    head: &[Vector3<f64>],
-    apex: &[Vector3<f64>],
-    (case, camera): (&TurnCase, f64),
-    options: &PoseStudyOptions,
-    random: &mut ChaCha8Rng,
-) -> Filmed {
-    let middle = head.iter().sum::<Vector3<f64>>() / head.len().max(1) as f64;
-    let eye = |from: usize| head[from..from + 6].iter().sum::<Vector3<f64>>() / 6.0;
-    let scale = ES_PX / (eye(42) - eye(36)).norm();
-    let (mut frames, mut truth) = (Vec::new(), Vec::new());
-    for m in 0..options.frames {
-        let t = m as f64 / (options.frames - 1) as f64;
+fn film(head: &[Vector3<f64>], apex: &[Vector3<f64>], case: &TurnCase, camera: &mut Camera<'_>, frames: usize) -> Filmed {
+    let (mut seen, mut truth) = (Vec::new(), Vec::new());
+    for m in 0..frames {
+        let t = m as f64 / (frames - 1) as f64;
         let share = t * t * (3.0 - 2.0 * t);
         let turn = if case.throughout { 1.0 } else { share };
-        let rotation = HeadPose::rotation_of(case.yaw * turn, case.pitch * turn, 0.0);
-        let seen = |(x, d): (&Vector3<f64>, &Vector3<f64>)| {
-            let y = rotation * (x + d * share - middle) * scale;
-            let near = camera / (camera - y.z);
-            let mut noise = || {
-                let z: f64 = StandardNormal.sample(random);
-                z * options.noise_px
-            };
-            Point2::new(MIDDLE.x + y.x * near + noise(), MIDDLE.y - y.y * near + noise())
-        };
-        let points = head.iter().zip(apex).map(seen).collect();
-        frames.push(LandmarkFrame { number: m as u32 + 1, points: Some(points) });
+        let shape: Vec<Vector3<f64>> = head.iter().zip(apex).map(|(x, d)| x + d * share).collect();
+        let points = camera.see(head, &shape, [case.yaw * turn, case.pitch * turn, 0.0]);
+        seen.push(LandmarkFrame { number: m as u32 + 1, points: Some(points) });
         truth.push([case.yaw * turn, case.pitch * turn]);
     }
-    Filmed { sequence: LandmarkSequence { frames }, truth }
+    Filmed { sequence: LandmarkSequence { frames: seen }, truth }
 }
 
-fn failed(failure: &SequenceFailure) -> EvaluateError {
+pub(super) fn failed(failure: &SequenceFailure) -> EvaluateError {
     EvaluateError::Sequences { reason: format!("{}: {}", failure.stage, failure.reason) }
 }
 
 /// A track from landmarks with the places of its marks.
-type Tracked = (Vec<TrackedFrame>, Vec<(NodeId, Point2<f64>)>);
+pub(super) type Tracked = (Vec<TrackedFrame>, Vec<(NodeId, Point2<f64>)>);
 
-fn tracked(filmed: &Filmed, bench: &Workbench) -> Result<Tracked, SequenceFailure> {
-    let neutral = filmed.sequence.frames[0].points.as_deref().unwrap_or_default();
+pub(super) fn tracked(landmarks: &LandmarkSequence, bench: &Workbench) -> Result<Tracked, SequenceFailure> {
+    let neutral = landmarks.frames[0].points.as_deref().unwrap_or_default();
     let (marks, fitted) = fit_landmarks(bench, neutral, None)?;
     let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
-    let track = plan.track(&bench.wireframe, &fitted, &filmed.sequence).map_err(SequenceFailure::at(Stage::Track))?;
+    let track = plan.track(&bench.wireframe, &fitted, landmarks).map_err(SequenceFailure::at(Stage::Track))?;
     Ok((track, marks.iter().map(|m| (m.node, m.position)).collect()))
 }
 
@@ -221,6 +168,53 @@ pub fn motion_lost(still: &DynamicExpressionModel<FaceUnit>, other: &DynamicExpr
     distance / motion
 }
 
+/// Normalized models of the still head, with the pose taken out and with roll alone.
+pub(super) type Still = Option<[DynamicExpressionModel<FaceUnit>; 2]>;
+
+/// What a trial was made of.
+pub(super) struct SeenCase<'a> {
+    pub case: TurnCase,
+    pub camera: f64,
+    pub head: usize,
+    pub expression: &'static str,
+    /// True yaw and pitch of every frame, degrees.
+    pub truth: &'a [[f64; 2]],
+}
+
+/// Compares a track with that of the still head, which comes first.
+pub(super) fn judge(
+    seen: &SeenCase<'_>,
+    (track, marks): (&[TrackedFrame], &[(NodeId, Point2<f64>)]),
+    full: &Workbench,
+    roll: &Workbench,
+    still: &mut Still,
+) -> Result<PoseTrial, EvaluateError> {
+    let pose_failed = |e: PoseError| failed(&SequenceFailure::at(Stage::Normalize)(e));
+    let fit = full.fit_head(track, marks).map_err(pose_failed)?;
+    let frontal = full.frontal_model(&fit, track).map_err(pose_failed)?;
+    let plain = track_model(track).map_err(|e| failed(&SequenceFailure::at(Stage::Normalize)(e)))?;
+    let models = [normalized(&frontal, full).map_err(|f| failed(&f))?, normalized(&plain, roll).map_err(|f| failed(&f))?];
+    let changed = motion_lost(&models[1], &models[0], full);
+    let reference = still.get_or_insert_with(|| models.clone());
+    let lost = [0, 1].map(|k| motion_lost(&reference[k], &models[k], full));
+    let found: Vec<[f64; 3]> = fit.poses.iter().map(HeadPose::degrees).collect();
+    let off = |m: usize, k: usize| found[m][k] - seen.truth[m][k];
+    let error = |m: usize, zero: [f64; 2]| (0..2).map(|k| (off(m, k) - zero[k]).abs()).fold(0.0, f64::max);
+    let zero = [off(0, 0), off(0, 1)];
+    let frames = seen.truth.len();
+    Ok(PoseTrial {
+        case: seen.case,
+        camera: seen.camera,
+        head: seen.head,
+        expression: seen.expression,
+        lost,
+        relative_error: (0..frames).map(|m| error(m, zero)).fold(0.0, f64::max),
+        pose_error: (0..frames).map(|m| error(m, [0.0; 2])).sum::<f64>() / frames as f64,
+        changed,
+        tracking_percent: None,
+    })
+}
+
 /// Makes the study; `full` and `roll` are workbenches that differ in the pose mode only.
 ///
 /// # Errors
@@ -235,16 +229,7 @@ pub fn evaluate_pose(
     debug_assert!(full.options.normalize.pose == PoseMode::Full && roll.options.normalize.pose == PoseMode::Roll);
     let faces = Faces::read(folder)?;
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-    let heads: Vec<Vec<Vector3<f64>>> = (0..options.heads)
-        .map(|_| {
-            let mut head = faces.neutral.clone();
-            for mode in faces.identity.iter().skip(options.first_mode) {
-                let z: f64 = StandardNormal.sample(&mut random);
-                head.iter_mut().zip(mode).for_each(|(x, d)| *x += d * (z * options.spread));
-            }
-            head
-        })
-        .collect();
+    let heads = faces.heads(options.heads, options.first_mode, options.spread, &mut random);
     let count = heads.len() * EXPRESSIONS.len();
     let work: Vec<(f64, usize)> = options.cameras.iter().flat_map(|&camera| (0..count).map(move |k| (camera, k))).collect();
     let one = |&(camera, k): &(f64, usize)| -> Result<Vec<PoseTrial>, EvaluateError> {
@@ -258,31 +243,11 @@ pub fn evaluate_pose(
             if !tick() {
                 return Err(EvaluateError::Interrupted);
             }
-            let filmed = film(&heads[h], &apex, (&case, camera), options, &mut random);
-            let (track, marks) = tracked(&filmed, full).map_err(|f| failed(&f))?;
-            let pose_failed = |e: PoseError| failed(&SequenceFailure::at(Stage::Normalize)(e));
-            let fit = full.fit_head(&track, &marks).map_err(pose_failed)?;
-            let frontal = full.frontal_model(&fit, &track).map_err(pose_failed)?;
-            let plain = track_model(&track).map_err(|e| failed(&SequenceFailure::at(Stage::Normalize)(e)))?;
-            let models = [normalized(&frontal, full).map_err(|f| failed(&f))?, normalized(&plain, roll).map_err(|f| failed(&f))?];
-            let changed = motion_lost(&models[1], &models[0], full);
-            let reference = still.get_or_insert_with(|| models.clone());
-            let lost = [0, 1].map(|k| motion_lost(&reference[k], &models[k], full));
-            let found: Vec<[f64; 3]> = fit.poses.iter().map(HeadPose::degrees).collect();
-            let error =
-                |m: usize, zero: [f64; 2]| (0..2).map(|k| (found[m][k] - filmed.truth[m][k] - zero[k]).abs()).fold(0.0, f64::max);
-            let zero = [found[0][0] - filmed.truth[0][0], found[0][1] - filmed.truth[0][1]];
-            let frames = filmed.truth.len();
-            trials.push(PoseTrial {
-                case,
-                camera,
-                head: h,
-                expression: name,
-                lost,
-                relative_error: (0..frames).map(|m| error(m, zero)).fold(0.0, f64::max),
-                pose_error: (0..frames).map(|m| error(m, [0.0; 2])).sum::<f64>() / frames as f64,
-                changed,
-            });
+            let mut camera = Camera { distance: camera, noise_px: options.noise_px, random: &mut random };
+            let filmed = film(&heads[h], &apex, &case, &mut camera, options.frames);
+            let (track, marks) = tracked(&filmed.sequence, full).map_err(|f| failed(&f))?;
+            let seen = SeenCase { case, camera: camera.distance, head: h, expression: name, truth: &filmed.truth };
+            trials.push(judge(&seen, (&track, &marks), full, roll, &mut still)?);
         }
         Ok(trials)
     };
@@ -303,6 +268,7 @@ pub fn pose_table(trials: &[PoseTrial]) -> Table {
         "worst pose error",
         "turn error",
         "worst turn error",
+        "tracking error (% ES)",
     ]);
     let mut groups: Vec<(f64, &str)> = Vec::new();
     for t in trials {
@@ -327,6 +293,7 @@ pub fn pose_table(trials: &[PoseTrial]) -> Table {
             Cell::Number(worst(&|t| t.pose_error), 2),
             Cell::Number(mean(&|t| t.relative_error), 2),
             Cell::Number(worst(&|t| t.relative_error), 2),
+            Cell::maybe(of[0].tracking_percent.map(|_| mean(&|t| t.tracking_percent.unwrap_or(f64::NAN))), 2),
         ]);
     }
     table
@@ -347,6 +314,7 @@ pub fn pose_trials_table(trials: &[PoseTrial]) -> Table {
         "pose_error_degrees",
         "turn_error_degrees",
         "changed_against_roll_only",
+        "tracking_error_percent_es",
     ]);
     for t in trials {
         table.rows.push(vec![
@@ -362,6 +330,7 @@ pub fn pose_trials_table(trials: &[PoseTrial]) -> Table {
             Cell::Number(t.pose_error, 3),
             Cell::Number(t.relative_error, 3),
             Cell::Number(t.changed, 4),
+            Cell::maybe(t.tracking_percent, 3),
         ]);
     }
     table

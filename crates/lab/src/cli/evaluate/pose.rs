@@ -7,7 +7,9 @@ use grimace::{
     normalize::PoseMode,
     pipeline::{PipelineOptions, Workbench},
 };
-use grimace_lab::evaluate::{PoseStudyOptions, evaluate_pose, pose_table, pose_trials_table};
+use grimace_lab::evaluate::{
+    IMAGE_SEQUENCES, LANDMARK_SEQUENCES, PoseStudyOptions, evaluate_pose, evaluate_pose_images, pose_table, pose_trials_table,
+};
 use serde_json::json;
 
 use super::{CommonArgs, bar};
@@ -18,14 +20,18 @@ use grimace::cli::{Outcome, shared::stop_flag};
 #[command(after_help = "\
 Example:
   grimace evaluate pose ict -o pose
+  grimace evaluate pose --images -o pose-images
 
 Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show four expressions, still and turning, seen in \
 perspective as 68 landmarks, 110 px between the pupils. Motion lost: mean distance of the nodes of the normalized apex models of the turning \
 and of the still head over the mean motion of the still one. Turn error: error of the angles relative to the neutral frame.")]
 pub struct Args {
     /// Folder of the face model
-    #[arg(value_name = "MODEL")]
-    folder: PathBuf,
+    #[arg(value_name = "MODEL", required_unless_present = "images")]
+    folder: Option<PathBuf>,
+    /// Through images instead of landmarks: simulated people, rendered, marked at seven nodes and tracked
+    #[arg(long, conflicts_with_all = ["folder", "camera", "noise", "first_mode", "spread"])]
+    images: bool,
     /// Number of heads
     #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::cli::shared::count(1, 10_000))]
     heads: usize,
@@ -67,11 +73,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         seed: args.common.seed,
     };
     let stop = stop_flag()?;
-    let bar = bar(args.common.quiet, "fitting heads", args.camera.len() * args.heads * 4 * 9);
-    let trials = evaluate_pose(&args.folder, &full, &roll, &options, || {
+    let sequences = if args.images { args.heads * IMAGE_SEQUENCES } else { args.camera.len() * args.heads * LANDMARK_SEQUENCES };
+    let bar = bar(args.common.quiet, "fitting heads", sequences);
+    let tick = || {
         bar.inc(1);
         !stop.load(Ordering::SeqCst)
-    })?;
+    };
+    let trials = match &args.folder {
+        Some(model) => evaluate_pose(model, &full, &roll, &options, tick)?,
+        None => evaluate_pose_images(&full, &roll, &options, tick)?,
+    };
     bar.finish_and_clear();
     let table = pose_table(&trials);
     folder.table("pose.csv", &table)?;
@@ -84,6 +95,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "heads": args.heads, "first_mode": args.first_mode, "spread": args.spread, "frames": args.frames, "noise_px": args.noise,
         "camera_px": args.camera,
     });
-    folder.finish("pose", Some(&args.folder), options.seed, written, json!({ "sequences": trials.len() }))?;
+    folder.finish("pose", args.folder.as_deref(), options.seed, written, json!({ "sequences": trials.len() }))?;
     Ok(Outcome::Done)
 }
