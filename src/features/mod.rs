@@ -4,6 +4,7 @@
 //! canonical face; so people of other sizes and proportions have comparable values.
 
 mod action_units;
+mod course;
 mod file;
 mod openface;
 
@@ -21,6 +22,7 @@ use crate::{
 };
 
 pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
+pub use course::{COURSE_POINTS, Course};
 pub use file::{ColumnNames, FeatureHashes, features_csv, features_units, write_features};
 
 /// Largest yaw or pitch, degrees, up to which a frame's values can be trusted.

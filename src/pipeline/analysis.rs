@@ -36,6 +36,8 @@ pub struct AnalyzedModel {
     pub metadata: BTreeMap<String, String>,
     /// How well it was tracked, where known.
     pub quality: Option<TrackQuality>,
+    /// Pose and action units over time, where known.
+    pub course: Option<Course>,
 }
 
 /// Why no statistics came out.
@@ -109,6 +111,8 @@ pub struct Analysis {
     pub comparisons: Option<Comparisons>,
     /// How well each sequence was tracked, by id.
     pub tracks: Vec<TrackQuality>,
+    /// Pose and action units over time of the sequences of which they are known.
+    pub courses: BTreeMap<SequenceId, Course>,
     /// What failed before.
     pub failures: Vec<Failure>,
     /// Warnings that a person should read.
@@ -142,6 +146,7 @@ pub(super) fn analyze_with(
     let options = &bench.options;
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
+    let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let grouped = labelled(models);
     let emotions = by_emotion(group_models(&grouped, &options.by)?);
     let part = |(emotion, groups): &(String, Vec<(ClassLabel, Vec<&SequenceModel>)>)| {
@@ -162,7 +167,7 @@ pub(super) fn analyze_with(
     let mut warnings: Vec<String> = look_again(&tracks).into_iter().chain(warnings(&classes)).collect();
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(Comparisons::warnings));
-    Ok(Analysis { classes, comparisons, tracks, failures, warnings, tracked_here: false })
+    Ok(Analysis { classes, comparisons, tracks, courses, failures, warnings, tracked_here: false })
 }
 
 /// Sequences named in the warning to look at some again.

@@ -43,6 +43,7 @@ pub fn load_columnar(file: &ColumnarModels) -> Result<Vec<AnalyzedModel>, Column
         emotion: file.emotions[row].clone(),
         metadata: file.metadata.iter().map(|(name, values)| (name.clone(), values[row].clone())).collect(),
         quality: None,
+        course: None,
     });
     Ok(analyzed.collect())
 }

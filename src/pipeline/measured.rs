@@ -7,7 +7,7 @@ use nalgebra::Point2;
 use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::write_fap,
-    features::{ColumnNames, fap_sequence, turn_warning, write_features},
+    features::{ColumnNames, FrameFeatures, fap_sequence, turn_warning, write_features},
     model::DynamicExpressionModel,
     normalize::PoseMode,
     plausible::FaceSize,
@@ -70,22 +70,29 @@ pub(super) fn measured_files(id: &SequenceId) -> [String; 3] {
     [format!("features/{id}.csv"), format!("features/{id}.json"), format!("fap/tracks/{id}.fap")]
 }
 
-/// Writes the features of a sequence and its FAPs, the head's among them; the BLAKE3 of every file by its name.
-pub(super) fn write_measured(
+/// Pose, FAPs and action units of every frame; `None` where no head was found.
+pub(super) fn measure(
     normalized: &Normalized,
     frames: &[TrackedFrame],
+    bench: &Workbench,
+) -> Result<Option<Vec<FrameFeatures>>, SequenceFailure> {
+    let Some(fit) = &normalized.fit else { return Ok(None) };
+    let features = bench.features(frames, fit, &normalized.head_free);
+    features.map(Some).map_err(|reason| SequenceFailure { stage: Stage::Normalize, reason, fatal: false })
+}
+
+/// Writes the features of a sequence and its FAPs, the head's among them; the BLAKE3 of every file by its name.
+pub(super) fn write_measured(
+    features: &[FrameFeatures],
     info: &TrackInfo,
     out: &Path,
     bench: &Workbench,
 ) -> Result<BTreeMap<String, String>, SequenceFailure> {
-    let Some(fit) = &normalized.fit else { return Ok(BTreeMap::new()) };
     let id = &info.id;
-    let features = bench.features(frames, fit, &normalized.head_free);
-    let features = features.map_err(|reason| SequenceFailure { stage: Stage::Normalize, reason, fatal: false })?;
     let [csv, json, fap] = measured_files(id);
-    let hashes =
-        write_features(&out.join(&csv), &features, info.fps, ColumnNames::Grimace).map_err(SequenceFailure::at(Stage::Write))?;
-    let faps = fap_sequence(&features, &id.to_string(), info.fps.unwrap_or(f64::from(bench.options.fap.fps)));
+    let hashes = write_features(&out.join(&csv), features, info.fps, ColumnNames::Grimace);
+    let hashes = hashes.map_err(SequenceFailure::at(Stage::Write))?;
+    let faps = fap_sequence(features, &id.to_string(), info.fps.unwrap_or(f64::from(bench.options.fap.fps)));
     let fap_hash = write_fap(&out.join(&fap), &faps).map_err(SequenceFailure::at(Stage::Write))?;
     let hex = |hash: blake3::Hash| hash.to_hex().to_string();
     Ok(BTreeMap::from([(csv, hex(hashes.csv)), (json, hex(hashes.json)), (fap, hex(fap_hash))]))

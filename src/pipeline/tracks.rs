@@ -7,9 +7,13 @@ use std::{
 
 use rayon::prelude::*;
 
-use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, measured::normalized};
+use super::{
+    AnalyzedModel, Failure, SequenceFailure, Stage, Workbench,
+    measured::{measure, normalized},
+};
 use crate::{
     dataset::Dataset,
+    features::Course,
     statistics::SequenceModel,
     track::{TrackInfo, TrackQuality, read_track, read_track_info, summarize},
     units::SequenceId,
@@ -113,9 +117,10 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
     })?;
     let mut summary = summarize(&frames, &bench.wireframe, &bench.tables);
     normalized.judge(&mut summary, &frames);
+    let course = measure(&normalized, &frames, bench)?.as_deref().and_then(Course::of);
     let model = normalized.model;
     let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
-    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
+    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality), course })
 }
 
 #[cfg(test)]

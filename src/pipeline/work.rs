@@ -14,13 +14,14 @@ use super::{
     found::found_marks,
     landmarks::LandmarkSource,
     ledger::Ledger,
-    measured::{measured_files, normalized, write_measured},
+    measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
     overlay_pictures,
     sequence::{MACHINE, RunTrack, overlay_path, track_or_reuse, track_recorded},
 };
 use crate::{
     dataset::{CorrespondenceSource, FrameSource, LandmarkSelection, SequenceEntry},
+    features::Course,
     fit::Correspondence,
     output,
     overlay::png_bytes,
@@ -286,14 +287,18 @@ fn process(
     let mut summary = info.summary.clone();
     normalized.judge(&mut summary, &frames);
     let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);
-    outputs.extend(write_measured(&normalized, &frames, &info, out, bench)?);
+    let features = measure(&normalized, &frames, bench)?;
+    if let Some(features) = &features {
+        outputs.extend(write_measured(features, &info, out, bench)?);
+    }
     let model = normalized.model;
     let model_hash = write_model(&out.join(&model_name), &model).map_err(SequenceFailure::at(Stage::Write))?;
     outputs.insert(model_name, model_hash.to_hex().to_string());
     ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
     let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary };
     let model = SequenceModel { id: id.clone(), model };
-    let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality) };
+    let course = features.as_deref().and_then(Course::of);
+    let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality), course };
     let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");
     let notes = info.corrections.iter().flat_map(|c| &c.not_applied).map(misfit).collect();
     Ok(Done { model, reused, outputs, corrections_blake3: info.corrections.map(|c| c.blake3), notes })

@@ -33,10 +33,10 @@ const OWN_FITTED: f64 = 0.04;
 const HEAD_FRAMES: usize = 9;
 /// Turns of frames and head.
 const TURNS: usize = 3;
-/// Distances of the camera that are tried, eye distances; each 1.4 times the one before.
-const DISTANCES: [f64; 5] = [5.5, 7.8, 11.0, 15.5, 22.0];
+/// Distances of the camera that are tried, eye distances: each 1.4 times the one before, and one so far that nothing is magnified.
+const DISTANCES: [f64; 6] = [5.5, 7.8, 11.0, 15.5, 22.0, 44.0];
 /// Standard deviation of the logarithm of the distance.
-const LOG_DISTANCE_DEVIATION: f64 = 0.6;
+const LOG_DISTANCE_DEVIATION: f64 = 1.0;
 /// Fewest nodes seen that give a pose.
 const FEWEST_SEEN: usize = 6;
 /// Visibility below which a node does not serve.

@@ -4,11 +4,14 @@
 //! so). Text and tables are rendered here; the figures are drawn by the page's script from the embedded data. The bytes depend
 //! on the input alone: no clock, no random names, lengths rounded to 0.01 face units.
 
+mod courses;
 mod failure;
 mod groups;
 mod numbers;
 mod payload;
 mod view;
+
+use std::collections::BTreeMap;
 
 use minijinja::{
     Environment, UndefinedBehavior, context,
@@ -17,15 +20,18 @@ use minijinja::{
 };
 
 use crate::{
+    features::Course,
     statistics::{
         Representative,
         bootstrap::DispersionInterval,
         compare::{Comparisons, GroupOptions},
     },
     track::TrackQuality,
+    units::SequenceId,
     wireframe::{Fapus, Tables, Wireframe},
 };
 
+pub use courses::mean_course_svg;
 pub use failure::{Failure, Stage};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
@@ -78,6 +84,8 @@ pub struct ReportData<'a> {
     pub representatives: &'a [Representative],
     /// One row per tracked sequence, sorted by id.
     pub tracks: &'a [TrackQuality],
+    /// Pose and action units over time of the sequences of which they are known.
+    pub courses: &'a BTreeMap<SequenceId, Course>,
     /// What failed.
     pub failures: &'a [Failure],
     /// Topology and canonical neutral.

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::{
     Failure, Film, ReportData,
+    courses::{self, CoursesView},
     groups::GroupsView,
     numbers::{MISSING, fixed, fixed_or_dash, ratio},
     payload::MOST_DOTS,
@@ -45,6 +46,7 @@ pub(super) struct View<'a> {
     films: Vec<FilmView>,
     face: &'a str,
     groups: Option<GroupsView>,
+    courses: Option<CoursesView>,
 }
 
 /// A representative on the report's face.
@@ -172,6 +174,7 @@ impl<'a> View<'a> {
             films: data.films.iter().zip(data.representatives).map(|(film, r)| FilmView::new(film, &r.label)).collect(),
             face: &data.face,
             groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data)),
+            courses: courses::view(data),
         }
     }
 }
