@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use grimace::{
-    features::{ColumnNames, write_features},
+    features::{ActionUnit, ColumnNames, write_features},
     normalize::NormalizeOptions,
     normalize::PoseMode,
     output::count,
@@ -36,6 +36,9 @@ pub struct Args {
     /// Names of the columns: `openface` for those that readers of OpenFace's files expect
     #[arg(long, value_enum, default_value_t = Names::Grimace)]
     names: Names,
+    /// Action units to write, such as AU04,AU12; all of them where none is named
+    #[arg(long, value_name = "AU", value_delimiter = ',')]
+    units: Vec<ActionUnit>,
     /// Threads; 0 for one per processor
     #[arg(short = 'j', long, default_value_t = 0)]
     threads: usize,
@@ -87,7 +90,9 @@ fn one(path: &std::path::Path, args: &Args, bench: &Workbench) -> anyhow::Result
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let fit = bench.fit_head(&track, &marks)?;
     let model = bench.frontal_model(&fit, &track)?;
-    let features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
+    let mut features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
+    let wanted = |number: u8| args.units.is_empty() || args.units.iter().any(|unit| unit.number == number);
+    features.iter_mut().for_each(|row| row.action_units.retain(|unit| wanted(unit.number)));
     let names = match args.names {
         Names::Grimace => ColumnNames::Grimace,
         Names::Openface => ColumnNames::OpenFace,

@@ -11,6 +11,7 @@ use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::Normalizer,
     pose::HeadModel,
+    text::excerpt,
     units::NodeId,
     wireframe::Wireframe,
 };
@@ -58,6 +59,31 @@ pub const ACTION_UNITS: [ActionUnit; 21] = [
     unit(26, "jaw drop", &["jawOpen"]),
     unit(45, "blink", &["eyeBlink"]),
 ];
+
+/// A name that is no action unit of the list.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{}` is no action unit that is measured; known are {}", excerpt(name), known())]
+pub struct UnknownActionUnit {
+    /// What was given.
+    pub name: String,
+}
+
+fn known() -> String {
+    ACTION_UNITS.iter().map(|unit| format!("AU{:02}", unit.number)).collect::<Vec<_>>().join(" ")
+}
+
+impl std::str::FromStr for ActionUnit {
+    type Err = UnknownActionUnit;
+
+    /// `AU12`, `au12` or `12`.
+    fn from_str(name: &str) -> Result<Self, UnknownActionUnit> {
+        let text = name.trim();
+        let digits = text.strip_prefix("AU").or_else(|| text.strip_prefix("au")).unwrap_or(text);
+        let number: Option<u8> = digits.parse().ok();
+        let found = ACTION_UNITS.iter().find(|unit| Some(unit.number) == number);
+        found.copied().ok_or_else(|| UnknownActionUnit { name: name.to_owned() })
+    }
+}
 
 /// Shapes that are no action unit of the list but explain their part.
 const OTHERS: [&str; 7] = ["jawLeft", "jawRight", "jawForward", "mouthLeft", "mouthRight", "cheekPuff", "mouthShrugUpper"];
@@ -197,6 +223,17 @@ fn non_negative(normal: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
 mod tests {
     use super::*;
     use crate::{normalize::NormalizeOptions, wireframe::Tables};
+
+    #[test]
+    fn action_units_are_named_by_their_numbers() {
+        for name in ["AU04", "AU4", "au4", " 4 "] {
+            assert_eq!(name.parse::<ActionUnit>().unwrap().name, "brow lowerer");
+        }
+        for name in ["AU3", "smile", "AU", "-4", "AU400"] {
+            let error = name.parse::<ActionUnit>().unwrap_err().to_string();
+            assert!(error.starts_with(&format!("`{name}` is no action unit")) && error.contains("AU45"), "{error}");
+        }
+    }
 
     #[test]
     fn the_non_negative_minimum_has_no_negative_part() {

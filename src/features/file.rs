@@ -56,8 +56,9 @@ pub fn features_csv(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String
         "iris_right_y",
     ];
     let mut header: Vec<String> = fixed.into_iter().map(str::to_owned).collect();
+    let units = features.first().map(|f| f.action_units.as_slice()).unwrap_or_default();
     for suffix in ["r", "c", "e"] {
-        header.extend(ACTION_UNITS.iter().map(|unit| format!("AU{:02}_{suffix}", unit.number)));
+        header.extend(units.iter().map(|unit| format!("AU{:02}_{suffix}", unit.number)));
     }
     let faps: Vec<_> = features.first().map(|f| f.faps.iter().map(|(fap, _)| *fap).collect()).unwrap_or_default();
     header.extend(faps.iter().map(|&fap| format!("FAP{:02}_{}", fap.get(), catalog.row(fap).name)));

@@ -21,7 +21,7 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
+pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART, UnknownActionUnit};
 pub use course::{COURSE_POINTS, Course};
 pub use file::{ColumnNames, FeatureHashes, features_csv, features_units, write_features};
 

@@ -70,6 +70,10 @@ fn a_run_writes_pose_action_units_and_faps_of_every_frame() {
     work.grimace("features out/tracks -o again").exit(0);
     assert_eq!(work.read("again/A_1.csv"), work.read("out/features/A_1.csv"));
     work.grimace("features out/tracks -o again").exit(1).says(&["A_1.csv", "--force"]);
+    work.grimace("features out/tracks -o two --units AU12,4").exit(0);
+    let header = work.header("two/A_1.csv");
+    assert!(header.contains("AU12_r") && header.contains("AU04_e") && !header.contains("AU01_r"), "{header}");
+    work.grimace("features out/tracks -o none --units AU12,AU3").exit(2).says(&["`AU3` is no action unit", "AU45"]);
 }
 
 #[test]
