@@ -1,7 +1,7 @@
 //! `grimace clone`.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
 };
@@ -36,8 +36,9 @@ Examples:
   grimace clone --source results/representatives/*.csv --target anna.jpg --correspondences anna.csv -o anna --sheet
 
 OUT gets frames/ (PNG), track/ (the target's own dynamic model, for `analyze`), clone.fap, overlay.png (the wireframe on the apex frame), \
-sheet.png (side by side) and clone.json (what it was made from). Several sources or targets give a folder TARGET_SOURCE each; one that \
-fails costs only itself.")]
+sheet.png (side by side) and clone.json (what it was made from). Several sources or targets give a folder TARGET_SOURCE each, \
+with the source's extension where two sources have one name (TARGET_sadness-csv, TARGET_sadness-fap); one that fails costs only \
+itself.")]
 pub struct Args {
     /// What moves: a track, a representative or normalized model (.csv), or a FAP file (.fap); several for a batch
     #[arg(short, long, required = true, num_args = 1.., value_name = "S")]
@@ -161,6 +162,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let bar = frame_bar(args.general.quiet, None);
     let mut sheet = Sheet::new(480);
     let mut done = 0;
+    let mut folders = BTreeSet::new();
     for (k, target_path) in args.target.iter().enumerate() {
         let marks_path = args.correspondences.get(k).map(PathBuf::as_path);
         let job = Job { args, bench: &bench, options: &options, target_path, marks_path, stop: &stop, bar: &bar };
@@ -177,7 +179,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             let folder = if pairs == 1 {
                 args.output.clone()
             } else {
-                args.output.join(format!("{}_{}", target.name, source.motion.name))
+                args.output.join(clone_folder(&target.name, source, &sources, &mut folders))
             };
             match job.clone(&target, source, &folder) {
                 Ok(apex) => {
@@ -207,6 +209,22 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         (0, _) => Outcome::Failed,
         _ => Outcome::SomeFailed,
     })
+}
+
+/// Folder of one clone of a batch, different from all before: two sources of one name have their extensions added, and what is the
+/// same even then a number.
+fn clone_folder(target: &str, source: &Source, sources: &[Source], taken: &mut BTreeSet<String>) -> String {
+    let twins = sources.iter().filter(|other| other.motion.name == source.motion.name).count();
+    let extension = source.path.extension().filter(|_| twins > 1).map(|e| format!("-{}", e.to_string_lossy()));
+    let name = format!("{target}_{}{}", source.motion.name, extension.unwrap_or_default());
+    let mut unique = name.clone();
+    for number in 2.. {
+        if taken.insert(unique.clone()) {
+            break;
+        }
+        unique = format!("{name}~{number}");
+    }
+    unique
 }
 
 /// Reads all sources; in a batch, those that do not read are named and left out.

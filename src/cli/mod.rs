@@ -25,6 +25,7 @@ mod locate;
 pub mod print;
 mod prior;
 pub mod progress;
+mod recognize;
 mod run;
 pub mod shared;
 mod synthesize;
@@ -67,6 +68,8 @@ enum Command {
     Track(track::Args),
     /// Statistics, FAP files and report from tracks already there.
     Analyze(analyze::Args),
+    /// Label sequences by the expressions of people seen before.
+    Recognize(recognize::Args),
     /// Put an expression on a new face: a textured animation from one photograph.
     Clone(clone::Args),
     /// Read, validate and convert .fap files.
@@ -149,6 +152,7 @@ pub fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),
+        Command::Recognize(args) => recognize::run(&args),
         Command::Clone(args) => clone::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),

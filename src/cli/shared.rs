@@ -18,7 +18,8 @@ use grimace::{
     pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
-        MedianKind, StatisticsOptions,
+        MedianKind, StatisticsOptions, TrimLevel, Weighting,
+        amplitude::AmplitudeOptions,
         compare::{CompareOptions, GroupOptions},
     },
     track::{AlignOptions, TrackOptions},
@@ -92,6 +93,10 @@ fn share(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
 }
 
+fn power(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.5..=0.99).contains(&v), "a number from 0.5 to 0.99")
+}
+
 fn landmark_marks(text: &str) -> Result<LandmarkSelection, String> {
     text.parse()
 }
@@ -147,7 +152,8 @@ pub struct TrackArgs {
     /// A displacement is extreme beyond this many robust standard deviations from its neighbours'
     #[arg(long, default_value_t = TrackOptions::default().extreme, value_parser = positive, value_name = "FACTOR")]
     extreme: f64,
-    /// Force on a tracked node per pixel, over the stiffness of a spring
+    /// Force per pixel on a node that was tracked, over the stiffness of a spring, where the gradients of its window are as strong as
+    /// its mismatch: nodes with clearer windows pull harder, others less
     #[arg(long, default_value_t = TrackOptions::default().force, value_parser = positive, value_name = "GAIN")]
     track_force: f64,
     /// Gain of the alignment with the neutral frame; 0 leaves it out
@@ -185,6 +191,12 @@ pub struct ModelArgs {
     /// Share of models trimmed per displacement field
     #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
     alpha: f64,
+    /// What is trimmed: displacement fields, each in its own order (frame), or whole models
+    #[arg(long, default_value = "frame", value_parser = words::<TrimLevel>(&["frame", "model"]))]
+    trim: TrimLevel,
+    /// What has the same weight: every person, however many sequences they have, or every sequence
+    #[arg(long, default_value = "person", value_parser = words::<Weighting>(&["person", "sequence"]))]
+    weight: Weighting,
     /// Which generalized median becomes the representative; the gap between the two is always reported
     #[arg(long, default_value = "greedy", value_parser = words::<MedianKind>(&["greedy", "exact"]))]
     median: MedianKind,
@@ -196,7 +208,7 @@ impl ModelArgs {
     }
 
     pub fn statistics(&self) -> StatisticsOptions {
-        StatisticsOptions { alpha: self.alpha, median: self.median }
+        StatisticsOptions { alpha: self.alpha, median: self.median, weighting: self.weight, trim: self.trim }
     }
 }
 
@@ -209,6 +221,15 @@ pub struct AnalysisArgs {
     /// Columns of the manifest to group by, besides the emotion
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
+    /// Columns of the manifest, such as age or site: people exchange their labels in tests with people of the same value only
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN", requires = "by")]
+    strata: Vec<String>,
+    /// Amplitudes that differ by less than this count as equivalent, in times the median motion
+    #[arg(long, default_value_t = AmplitudeOptions::default().equivalence, value_parser = positive, value_name = "AMPLITUDE")]
+    equivalence: f64,
+    /// Power, 0.5 to 0.99, for which the number of people that a study would take is given
+    #[arg(long, default_value_t = AmplitudeOptions::default().power, value_parser = power, value_name = "SHARE")]
+    power: f64,
     /// Permutations of the test between two groups
     #[arg(long, default_value_t = CompareOptions::default().permutations, value_parser = count(99, 10_000_000), value_name = "COUNT")]
     permutations: usize,
@@ -247,6 +268,8 @@ impl AnalysisArgs {
             options.report_face = ReportFace::photograph(image, marks);
         }
         options.columnar = self.columnar;
+        options.strata.clone_from(&self.strata);
+        options.groups.amplitude = AmplitudeOptions { equivalence: self.equivalence, power: self.power };
         options.groups.bootstrap = self.bootstrap;
         options.groups.compare = CompareOptions {
             permutations: self.permutations,

@@ -2,11 +2,12 @@
 //!
 //! | column | type | content |
 //! | --- | --- | --- |
-//! | `subject`, `sequence`, `emotion` | text | as in the manifest |
-//! | further columns of the manifest | text | as in the manifest; empty where missing |
+//! | `subject`, `sequence`, `emotion` | text | as in the manifest, emotions in lower case |
+//! | `id` | text | `SUBJECT_SEQUENCE`, the same name as in every table; written, and not needed when read |
+//! | further columns of the manifest | text | as in the manifest; empty where missing; a null counts as empty |
 //! | `x_M_K`, `y_M_K` | double | node K in frame M (from 0), face units |
 //!
-//! All digits, no compression, rows sorted by sequence id, [`GROUP_ROWS`] rows a group: a column of a million models is read without
+//! The file's own metadata say the unit, the program and the version of this schema. All digits, no compression, rows sorted by sequence id, [`GROUP_ROWS`] rows a group: a column of a million models is read without
 //! reading the others. Files that other programs wrote over this one may have columns in another order, nullable types or Snappy
 //! compression.
 
@@ -24,6 +25,12 @@ pub const GROUP_ROWS: usize = 8192;
 
 /// Columns that name a row.
 const NAMES: [&str; 3] = ["subject", "sequence", "emotion"];
+
+/// The column of `SUBJECT_SEQUENCE`.
+const ID: &str = "id";
+
+/// Version of the columns.
+const SCHEMA_VERSION: &str = "1";
 
 /// A columnar file that cannot be read or written.
 #[derive(Debug, thiserror::Error)]

@@ -18,7 +18,7 @@ use parquet::{
 };
 
 use super::{
-    ColumnarError, NAMES, coordinate,
+    ColumnarError, ID, NAMES, coordinate,
     lengths::{PageLengths, check_footer},
 };
 use crate::{
@@ -207,13 +207,21 @@ impl ColumnarModels {
             columns,
         };
         let [subjects, sequences, emotions] = NAMES.map(|name| match texts.remove(name) {
-            Some(place) => file.texts(place, name),
+            Some(place) => file.texts(place, name, false),
             None => Err(missing(name, "text")),
         });
-        file.ids = subjects?.into_iter().zip(sequences?).map(|(subject, sequence)| SequenceId { subject, sequence }).collect();
-        file.emotions = emotions?;
-        for (name, place) in texts {
-            let values = file.texts(place, &name)?;
+        let id = |(subject, sequence): (String, String)| SequenceId {
+            subject: subject.trim().to_owned(),
+            sequence: sequence.trim().to_owned(),
+        };
+        file.ids = subjects?.into_iter().zip(sequences?).map(id).collect();
+        // As a manifest's.
+        file.emotions = emotions?.iter().map(|emotion| emotion.trim().to_lowercase()).collect();
+        if let Some(row) = file.emotions.iter().position(String::is_empty) {
+            return Err(ColumnarError::Missing { path: path.to_owned(), row: row + 1, column: NAMES[2].to_owned() });
+        }
+        for (name, place) in texts.into_iter().filter(|(name, _)| name != ID) {
+            let values = file.texts(place, &name, true)?;
             file.metadata.insert(name, values);
         }
         if file.ids.is_empty() {
@@ -242,15 +250,20 @@ impl ColumnarModels {
         (self.row_count() * (self.frames * self.nodes * 16 * 2 + 512)) as u64
     }
 
-    /// All values of a column.
+    /// All values of a column, which must be there in every row.
     fn values<T: DataType>(&self, place: usize, name: &str) -> Result<Vec<T::T>, ColumnarError> {
+        self.values_or::<T>(place, name, None)
+    }
+
+    /// All values of a column, nulls as `null` where that is given.
+    fn values_or<T: DataType>(&self, place: usize, name: &str, null: Option<&T::T>) -> Result<Vec<T::T>, ColumnarError> {
         let damaged = |reason| ColumnarError::Parquet { path: self.path.clone(), reason: format!("column `{name}`: {reason}") };
         let rows = self.reader.metadata().file_metadata().num_rows() as usize;
         let mut values: Vec<T::T> = Vec::new();
         for group in 0..self.reader.num_row_groups() {
             self.check_pages(group, place).map_err(damaged)?;
             let before = values.len();
-            let read = caught(|| self.group_values::<T>(group, place, &mut values)).map_err(damaged)?;
+            let read = caught(|| self.group_values::<T>(group, place, null, &mut values)).map_err(damaged)?;
             if let Some(missing) = read.map_err(|e| damaged(e.to_string()))? {
                 return Err(ColumnarError::Missing {
                     path: self.path.clone(),
@@ -262,11 +275,12 @@ impl ColumnarModels {
         if values.len() == rows { Ok(values) } else { Err(damaged(format!("{} of {rows} rows", values.len()))) }
     }
 
-    /// Adds a row group's values of a column; gives the row of the group, from 0, that has none.
+    /// Adds a row group's values of a column, nulls as `null` where that is given; gives the row of the group, from 0, that has none.
     fn group_values<T: DataType>(
         &self,
         group: usize,
         place: usize,
+        null: Option<&T::T>,
         values: &mut Vec<T::T>,
     ) -> Result<Option<usize>, ParquetError> {
         let group = self.reader.get_row_group(group)?;
@@ -280,6 +294,12 @@ impl ColumnarModels {
             levels.clear();
             let (records, _, _) = column.read_records(count - read, Some(&mut levels), None, values)?;
             (read, last) = (read + records, records);
+            if let (Some(null), true) = (null, values.len() != before + read) {
+                // The values that are there stand together at the end; each goes to its row.
+                let mut there = values.split_off(before + read - records).into_iter();
+                let value = |level: &i16| if *level == 0 { Some(null.clone()) } else { there.next() };
+                values.extend(levels.iter().filter_map(value));
+            }
             if values.len() != before + read {
                 let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
                 return Ok(Some(read - records + null));
@@ -318,8 +338,10 @@ impl ColumnarModels {
         Ok(())
     }
 
-    fn texts(&self, place: usize, name: &str) -> Result<Vec<String>, ColumnarError> {
-        let values = self.values::<ByteArrayType>(place, name)?;
+    /// All values of a column of text; nulls are empty texts where `may_be_null`.
+    fn texts(&self, place: usize, name: &str, may_be_null: bool) -> Result<Vec<String>, ColumnarError> {
+        let empty = ByteArray::from("");
+        let values = self.values_or::<ByteArrayType>(place, name, may_be_null.then_some(&empty))?;
         // A text that many rows share stands in the file once.
         let bytes: u64 = values.iter().map(|text: &ByteArray| text.len() as u64).sum();
         if bytes > self.shared.length.saturating_mul(MOST_TEXT) {

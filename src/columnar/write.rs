@@ -6,13 +6,14 @@ use parquet::{
     basic::{LogicalType, Repetition, Type as PhysicalType},
     data_type::{ByteArray, ByteArrayType, DoubleType},
     file::{
+        metadata::KeyValue,
         properties::{EnabledStatistics, WriterProperties},
         writer::SerializedFileWriter,
     },
     schema::types::{ColumnPath, Type, TypePtr},
 };
 
-use super::{ColumnarError, GROUP_ROWS, NAMES, coordinate};
+use super::{ColumnarError, GROUP_ROWS, ID, NAMES, SCHEMA_VERSION, coordinate};
 use crate::{
     model::DynamicExpressionModel,
     output::{OutputError, PendingFile},
@@ -58,10 +59,10 @@ impl ColumnarWriter {
         let pending = PendingFile::create(path).map_err(unwritable)?;
         let error = |e: parquet::errors::ParquetError| ColumnarError::Parquet { path: path.to_owned(), reason: e.to_string() };
         let mut fields: Vec<TypePtr> = Vec::new();
-        let names = NAMES.iter().map(|&name| name.to_owned());
+        let names = NAMES.iter().chain([&ID]).map(|&name| name.to_owned());
         // A column of the user's that is called like one of ours keeps its content under another name.
         let further = metadata.iter().map(|name| {
-            let taken = NAMES.contains(&name.as_str()) || super::read::parse_coordinate(name).is_some();
+            let taken = NAMES.contains(&name.as_str()) || name == ID || super::read::parse_coordinate(name).is_some();
             if taken { format!("by_{name}") } else { name.clone() }
         });
         for name in names.chain(further) {
@@ -73,6 +74,7 @@ impl ColumnarWriter {
         let texts = fields.len();
         let mut properties = WriterProperties::builder()
             .set_created_by(crate::output::MADE_BY.to_owned())
+            .set_key_value_metadata(Some(notes()))
             .set_statistics_enabled(EnabledStatistics::None)
             .set_offset_index_disabled(true)
             .set_max_row_group_row_count(Some(GROUP_ROWS));
@@ -123,7 +125,8 @@ impl ColumnarWriter {
                     0 => row.id.subject.clone(),
                     1 => row.id.sequence.clone(),
                     2 => row.emotion.clone(),
-                    further => row.metadata.get(further - NAMES.len()).cloned().unwrap_or_default(),
+                    3 => row.id.to_string(),
+                    further => row.metadata.get(further - NAMES.len() - 1).cloned().unwrap_or_default(),
                 };
                 let values: Vec<ByteArray> = rows.iter().map(|row| ByteArray::from(text(row).into_bytes())).collect();
                 column.typed::<ByteArrayType>().write_batch(&values, None, None).map_err(error)?;
@@ -149,6 +152,17 @@ impl ColumnarWriter {
         let pending = self.writer.into_inner().map_err(|e| ColumnarError::Parquet { path, reason: e.to_string() })?;
         pending.persist().map_err(unwritable)
     }
+}
+
+/// What a reader must know of the columns.
+fn notes() -> Vec<KeyValue> {
+    let note = |key: &str, value: &str| KeyValue::new(key.to_owned(), value.to_owned());
+    vec![
+        note("grimace.made_by", crate::output::MADE_BY),
+        note("grimace.schema_version", SCHEMA_VERSION),
+        note("grimace.unit", <FaceUnit as crate::units::Unit>::NAME),
+        note("grimace.columns", "x_M_K, y_M_K: node K in frame M from 0, x to the subject's left, y up"),
+    ]
 }
 
 fn unwritable(error: OutputError) -> ColumnarError {

@@ -8,18 +8,22 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    Failure, Workbench,
-    classes::{class, unique_stem, warnings},
+    AmplitudeResults, Failure, RecognitionResults, Workbench,
+    classes::{class, spelling_warnings, unique_stem, warnings},
     parts::EmotionPart,
+    recognition::recognize_left_out,
 };
 use crate::{
     clone::CloneError,
     fap::{Clamped, ConvertError, FapSequence, FapWriteError},
     model::ModelError,
-    output::OutputError,
+    output::{OutputError, listed},
     statistics::{
-        ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError, bootstrap::DispersionInterval,
-        compare::Comparisons, group_models,
+        ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError,
+        bootstrap::DispersionInterval,
+        check_columns,
+        compare::{Comparisons, Strata},
+        group_models, spelling_key,
     },
     track::{TrackQuality, Verdict},
     wireframe::FapusError,
@@ -117,6 +121,10 @@ pub struct Analysis {
     pub failures: Vec<Failure>,
     /// Warnings that a person should read.
     pub warnings: Vec<String>,
+    /// How strongly everybody makes each emotion; empty where models are read node by node.
+    pub amplitudes: AmplitudeResults,
+    /// What every sequence is recognized as with its person left out; `None` where that is not possible.
+    pub recognition: Option<RecognitionResults>,
     /// Whether the sequences were tracked with the options at hand, so that the report may state them.
     pub tracked_here: bool,
 }
@@ -148,10 +156,14 @@ pub(super) fn analyze_with(
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let grouped = labelled(models);
+    let spelled = spelling_warnings(&grouped, &options.by);
+    check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
+    let strata = strata_of(&grouped, &options.strata);
+    let strata = strata.as_ref();
     let emotions = by_emotion(group_models(&grouped, &options.by)?);
     let part = |(emotion, groups): &(String, Vec<(ClassLabel, Vec<&SequenceModel>)>)| {
-        let known = parts_of.and_then(|out| EmotionPart::read(out, emotion, groups, bench));
-        known.map_or_else(|| EmotionPart::compute(emotion, groups, bench), Ok)
+        let known = parts_of.and_then(|out| EmotionPart::read(out, emotion, groups, bench, strata));
+        known.map_or_else(|| EmotionPart::compute(emotion, groups, bench, strata), Ok)
     };
     let parts = emotions.par_iter().map(part).collect::<Result<Vec<_>, AnalysisError>>()?;
     let fapus = bench.normalizer()?.canonical().fapus;
@@ -164,10 +176,38 @@ pub(super) fn analyze_with(
         }
         comparisons.push(part.comparisons);
     }
-    let mut warnings: Vec<String> = look_again(&tracks).into_iter().chain(warnings(&classes)).collect();
+    let mut warnings: Vec<String> = look_again(&tracks).into_iter().chain(warnings(&classes, &options.statistics)).collect();
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
-    warnings.extend(comparisons.iter().flat_map(Comparisons::warnings));
-    Ok(Analysis { classes, comparisons, tracks, courses, failures, warnings, tracked_here: false })
+    warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
+    warnings.extend(spelled);
+    let amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
+    warnings.extend(amplitudes.warnings());
+    let recognition = recognize_left_out(&grouped, bench);
+    // One emotion alone is nothing to recognize, and nobody expects it.
+    let several = emotions.len() > 1;
+    warnings.extend(recognition.as_ref().err().filter(|_| several).map(|why| format!("no recognition.csv: {why}")));
+    let findings = amplitudes.findings(options.groups.compare.significance, &options.groups.amplitude);
+    if !findings.is_empty() {
+        warnings.push(format!("by amplitude: {}", listed(&findings, 6)));
+    }
+    Ok(Analysis {
+        classes,
+        comparisons,
+        tracks,
+        courses,
+        failures,
+        warnings,
+        tracked_here: false,
+        amplitudes,
+        recognition: recognition.ok(),
+    })
+}
+
+/// The strata of all people, where columns are named.
+pub(super) fn strata_of(models: &[LabelledModel], columns: &[String]) -> Option<Strata> {
+    let values =
+        |m: &LabelledModel| columns.iter().map(|c| m.metadata.get(c).map_or_else(String::new, |v| spelling_key(v))).collect();
+    (!columns.is_empty()).then(|| Strata::new(columns, models.iter().map(|m| (m.model.id.subject.as_str(), values(m)))))
 }
 
 /// Sequences named in the warning to look at some again.

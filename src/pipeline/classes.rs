@@ -1,12 +1,15 @@
 //! Classes as results: their FAPs, the names of their files, and what a person should know before using them.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::{AnalysisError, AnalyzedClass, FapOptions, Workbench};
 use crate::{
     fap::{Clamped, FapCatalog, FapSequence},
     output::listed,
-    statistics::{ClassLabel, Representative, bootstrap::DispersionInterval, scale::MANY_MODELS},
+    statistics::{
+        ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, near_twins,
+        scale::MANY_MODELS, spelling_key, trimming::trimmed_count,
+    },
     wireframe::Fapus,
 };
 
@@ -54,7 +57,7 @@ const NOTABLE_CLAMP: f64 = 20.0;
 const MOST_NAMED: usize = 12;
 
 /// What a person should know before using the results: at most one line of each kind.
-pub(super) fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
+pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -> Vec<String> {
     let mut warnings = Vec::new();
     let counted = |few: &dyn Fn(usize) -> bool| -> Vec<String> {
         let chosen = classes.iter().map(|c| (&c.stem, c.representative.sequences.len())).filter(|&(_, n)| few(n));
@@ -69,6 +72,33 @@ pub(super) fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
     if !small.is_empty() {
         let list = listed(&small, MOST_NAMED);
         warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {list}"));
+    }
+    let alpha = options.alpha;
+    let untrimmed = counted(&|n| n > 1 && alpha > 0.0 && trimmed_count(alpha, n) == 0);
+    if !untrimmed.is_empty() {
+        let list = listed(&untrimmed, MOST_NAMED);
+        let least = (1.0 / alpha).ceil();
+        warnings.push(format!("alpha {alpha} trims nothing of fewer than {least} sequences: {list}"));
+    }
+    let weighted: Vec<String> = classes
+        .iter()
+        .filter(|c| c.representative.weighted)
+        .map(|c| format!("{} ({} of {})", c.stem, c.representative.sequences.len(), c.subjects))
+        .collect();
+    if !weighted.is_empty() {
+        let list = listed(&weighted, MOST_NAMED);
+        warnings.push(format!(
+            "people have different numbers of sequences, and each person counts as one (--weight sequence counts sequences): {list}"
+        ));
+    }
+    let repeated: Vec<String> = classes
+        .iter()
+        .filter(|c| options.weighting == Weighting::Sequence && c.subjects < c.representative.sequences.len())
+        .map(|c| format!("{} ({} of {})", c.stem, c.representative.sequences.len(), c.subjects))
+        .collect();
+    if !repeated.is_empty() {
+        let list = listed(&repeated, MOST_NAMED);
+        warnings.push(format!("people with several sequences weigh more than others (--weight person counts people): {list}"));
     }
     let many: Vec<String> = classes
         .iter()
@@ -93,6 +123,29 @@ pub(super) fn warnings(classes: &[AnalyzedClass]) -> Vec<String> {
         warnings.push(format!(
             "values outside the standard's range were clamped, see `clamped` in representatives/*.json: FAP {list}"
         ));
+    }
+    warnings
+}
+
+/// Labels that may be misspelt, and people who may be one.
+pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<String> {
+    let mut twins: Vec<String> = Vec::new();
+    let emotions: BTreeSet<&str> = models.iter().map(|m| m.emotion.as_str()).collect();
+    twins.extend(near_twins(emotions).into_iter().map(|(a, b)| format!("emotion {a} and {b}")));
+    for column in by {
+        let values: BTreeSet<&str> = models.iter().filter_map(|m| m.metadata.get(column)).map(String::as_str).collect();
+        twins.extend(near_twins(values).into_iter().map(|(a, b)| format!("{column} {a} and {b}")));
+    }
+    let subjects: BTreeSet<&str> = models.iter().map(|m| m.model.id.subject.as_str()).collect();
+    let mut spelled: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    subjects.into_iter().for_each(|subject| spelled.entry(spelling_key(subject)).or_default().push(subject));
+    let people: Vec<String> = spelled.into_values().filter(|s| s.len() > 1).map(|s| s.join(" and ")).collect();
+    let mut warnings = Vec::new();
+    if !twins.is_empty() {
+        warnings.push(format!("kept apart, though one may be misspelt: {}", listed(&twins, MOST_NAMED)));
+    }
+    if !people.is_empty() {
+        warnings.push(format!("counted as different people, though spelled almost alike: {}", listed(&people, MOST_NAMED)));
     }
     warnings
 }

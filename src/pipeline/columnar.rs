@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{
-    Analysis, AnalysisError, AnalyzedModel, Workbench,
+    AmplitudeResults, Analysis, AnalysisError, AnalyzedModel, Workbench,
     classes::{class, unique_stem, warnings},
 };
 use crate::{
@@ -76,6 +76,16 @@ pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -
         let representative = representative_of_many(label, ids, neutral, &models, &bench.wireframe, statistics, memory)?;
         classes.push(class(representative, stem, subjects, None, &fapus, bench)?);
     }
-    let warnings = warnings(&classes);
-    Ok(Analysis { classes, comparisons: None, tracks: Vec::new(), failures: Vec::new(), warnings, tracked_here: false })
+    let warnings = warnings(&classes, &bench.options.statistics);
+    Ok(Analysis {
+        classes,
+        comparisons: None,
+        tracks: Vec::new(),
+        courses: BTreeMap::new(),
+        failures: Vec::new(),
+        warnings,
+        tracked_here: false,
+        amplitudes: AmplitudeResults::default(),
+        recognition: None,
+    })
 }

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 
 use super::{
     AnalysisError, AnalyzedModel, Event, Failure, RunError, RunJson, Workbench,
-    analysis::{by_emotion, labelled},
+    analysis::{by_emotion, labelled, strata_of},
     folder::{RUN_JSON, new_record, open},
     ledger::Ledger,
     parts::{EmotionPart, part_name},
@@ -93,9 +93,11 @@ pub fn run_emotion(
     let grouped = labelled(models);
     // A column that is empty in this emotion need not be so in the others, where the run will say so.
     let groups = group_models_unchecked(&grouped, &bench.options.by).map_err(AnalysisError::from)?;
+    let strata = strata_of(&grouped, &bench.options.strata);
+    let strata = strata.as_ref();
     for (emotion, groups) in by_emotion(groups) {
         ledger.claim(&[part_name(&emotion)])?;
-        let hash = EmotionPart::compute(&emotion, &groups, bench)?.write(out, &emotion, &groups, bench)?;
+        let hash = EmotionPart::compute(&emotion, &groups, bench, strata)?.write(out, &emotion, &groups, bench, strata)?;
         ledger.wrote([(&part_name(&emotion), &hash.to_hex().to_string())])?;
     }
     Ok(failures)

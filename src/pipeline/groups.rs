@@ -6,32 +6,38 @@ use super::AnalyzedClass;
 use crate::{
     output::{OutputError, nine_digits, write_records},
     statistics::{
-        bootstrap::DispersionInterval,
-        compare::{Comparisons, group_values},
+        bootstrap::{DispersionInterval, no_interval},
+        compare::{Comparisons, OmnibusComparison, group_values},
     },
     wireframe::Wireframe,
 };
 
-/// Writes `intervals.csv`, `comparisons.csv` and `comparison_nodes.csv` into `out`; returns their names and BLAKE3.
+/// Columns of `intervals.csv` before those of the groups.
+const INTERVAL_COLUMNS: [&str; 9] =
+    ["emotion", "subjects", "sequences", "dispersion", "low", "high", "level", "replicates", "method"];
+
+/// Writes `intervals.csv`, `comparisons.csv`, `group_tests.csv` and `comparison_nodes.csv` into `out`; returns their names and BLAKE3.
 pub(super) fn write_groups(
     out: &Path,
     classes: &[AnalyzedClass],
     comparisons: &Comparisons,
     wireframe: &Wireframe,
     by: &[String],
-) -> Result<[(&'static str, blake3::Hash); 3], OutputError> {
+) -> Result<[(&'static str, blake3::Hash); 4], OutputError> {
     let group_names = || by.iter().map(|name| format!("group_{name}"));
     let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
 
-    let header: Vec<String> = ["emotion", "subjects", "sequences", "dispersion", "low", "high", "level", "replicates", "method"]
+    let header: Vec<String> = INTERVAL_COLUMNS
         .map(str::to_owned)
         .into_iter()
         .chain(group_names())
+        .chain(["no_interval".to_owned()])
+        .chain(by.iter().filter(|name| !INTERVAL_COLUMNS.contains(&name.as_str())).cloned())
         .collect();
     let rows = classes.iter().map(|class| {
         let r = &class.representative;
         let interval = class.interval.as_ref();
-        let method = interval.map_or("", |i: &DispersionInterval| if i.retrimmed { "basic" } else { "basic, median held" });
+        let method = interval.map_or("", |_: &DispersionInterval| "bootstrap");
         let mut row = vec![
             r.label.emotion.clone(),
             class.subjects.to_string(),
@@ -43,7 +49,10 @@ pub(super) fn write_groups(
             interval.map(|i| i.replicates.to_string()).unwrap_or_default(),
             method.to_owned(),
         ];
-        row.extend(by.iter().map(|column| r.label.group.get(column).cloned().unwrap_or_default()));
+        let value = |column: &String| r.label.group.get(column).cloned().unwrap_or_default();
+        row.extend(by.iter().map(value));
+        row.push(if interval.is_some() { String::new() } else { no_interval(class.subjects).unwrap_or_default() });
+        row.extend(by.iter().filter(|name| !INTERVAL_COLUMNS.contains(&name.as_str())).map(value));
         row
     });
     let intervals = write_records(&out.join("intervals.csv"), &header, rows)?;
@@ -62,6 +71,10 @@ pub(super) fn write_groups(
             "used_a",
             "used_b",
             "not_tested",
+            "least_p_holm",
+            "p_max_node",
+            "p_either",
+            "p_either_holm",
         ])
         .map(str::to_owned)
         .collect();
@@ -73,16 +86,21 @@ pub(super) fn write_groups(
                 row.extend([t.energy, t.effect, t.effect_by_chance, t.p, t.p_adjusted, t.least_p].map(nine_digits));
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.people_used.map(|n| n.to_string()));
-                row.push(String::new());
+                row.extend([String::new(), nine_digits(t.least_p_adjusted)]);
+                let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
+                row.extend([max_node, t.p_either, t.p_either_adjusted].map(nine_digits));
             }
             Err(why) => {
                 row.extend(std::iter::repeat_n(String::new(), 10));
                 row.push(why.to_string());
+                row.extend(std::iter::repeat_n(String::new(), 4));
             }
         }
         row
     });
     let pairs = write_records(&out.join("comparisons.csv"), &header, rows)?;
+
+    let omnibus = write_omnibus(&out.join("group_tests.csv"), &comparisons.omnibus)?;
 
     let header = ["emotion", "group_a", "group_b", "node", "energy", "p"].map(str::to_owned);
     let rows = comparisons.pairs.iter().filter_map(|pair| Some((pair, pair.outcome.as_ref().ok()?))).flat_map(|(pair, t)| {
@@ -94,5 +112,43 @@ pub(super) fn write_groups(
         })
     });
     let nodes = write_records(&out.join("comparison_nodes.csv"), &header, rows)?;
-    Ok([("intervals.csv", intervals), ("comparisons.csv", pairs), ("comparison_nodes.csv", nodes)])
+    Ok([("intervals.csv", intervals), ("comparisons.csv", pairs), ("group_tests.csv", omnibus), ("comparison_nodes.csv", nodes)])
+}
+
+/// Writes `group_tests.csv`: all groups of an emotion at once, a row per emotion; values of groups are joined by `; `.
+fn write_omnibus(path: &Path, comparisons: &[OmnibusComparison]) -> Result<blake3::Hash, OutputError> {
+    let header = [
+        "emotion",
+        "groups",
+        "subjects",
+        "location_f",
+        "location_share",
+        "location_p",
+        "location_p_holm",
+        "scatters",
+        "scatter_f",
+        "scatter_p",
+        "scatter_p_holm",
+        "permutations",
+        "not_tested",
+    ];
+    let joined = |texts: Vec<String>| texts.join("; ");
+    let rows = comparisons.iter().map(|c| {
+        let mut row = vec![c.emotion.clone(), joined(c.groups.iter().map(group_values).collect())];
+        match &c.outcome {
+            Ok(t) => {
+                row.push(joined(t.people.iter().map(ToString::to_string).collect()));
+                row.extend([t.location_f, t.location_share, t.location_p, t.location_p_adjusted].map(nine_digits));
+                row.push(joined(t.scatters.iter().copied().map(nine_digits).collect()));
+                row.extend([t.scatter_f, t.scatter_p, t.scatter_p_adjusted].map(nine_digits));
+                row.extend([t.permutations.to_string(), String::new()]);
+            }
+            Err(why) => {
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 3));
+                row.push(why.clone());
+            }
+        }
+        row
+    });
+    write_records(path, header, rows)
 }

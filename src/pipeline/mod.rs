@@ -1,5 +1,6 @@
 //! The main job, stage by stage: dataset -> tracks -> normalized models -> representatives, FAP files, report.
 
+mod amplitudes;
 mod analysis;
 mod classes;
 mod columnar;
@@ -15,10 +16,12 @@ mod measured;
 mod model_file;
 mod parts;
 mod pictures;
+mod recognition;
 mod run;
 mod sequence;
 mod showcase;
 mod tracks;
+mod units;
 mod work;
 mod write;
 
@@ -42,6 +45,7 @@ use crate::{
     wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
+pub use amplitudes::{AmplitudeResults, SequenceAmplitudes};
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
@@ -50,10 +54,13 @@ pub use found::{FoundMarksError, found_marks};
 pub use landmarks::fit_landmarks;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
+pub use recognition::{
+    NONE_LEVEL, NONE_OF_THESE, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition,
+};
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
-pub use tracks::{id_of, load_tracks, track_files, tracks_folder};
+pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use write::write_analysis;
 
 /// Frames between two key frames of a FAP file: 5 key frames give 25 frames.
@@ -77,6 +84,9 @@ pub struct PipelineOptions {
     pub fap: FapOptions,
     /// Manifest columns to group by, besides the emotion; empty for none.
     pub by: Vec<String>,
+    /// Manifest columns within whose values people exchange their labels in tests between groups; empty for none.
+    #[serde(default)]
+    pub strata: Vec<String>,
     /// Which landmarks serve as correspondences where a sequence has no marks of its own.
     pub marks: LandmarkSelection,
     /// On whom the report shows the representatives moving.

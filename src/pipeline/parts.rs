@@ -17,7 +17,7 @@ use crate::{
     statistics::{
         self, ClassLabel, Representative, SequenceModel,
         bootstrap::{DispersionInterval, dispersion_interval},
-        compare::{Comparisons, compare_groups, stream_of},
+        compare::{Comparisons, Strata, compare_groups, stream_of},
     },
 };
 
@@ -50,21 +50,29 @@ impl EmotionPart {
     ///
     /// # Errors
     /// [`AnalysisError`] when the options are out of range.
-    pub fn compute(emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Result<Self, AnalysisError> {
+    pub fn compute(
+        emotion: &str,
+        groups: &Groups<'_>,
+        bench: &Workbench,
+        strata: Option<&Strata>,
+    ) -> Result<Self, AnalysisError> {
         let options = &bench.options;
         let live = bench.wireframe.live_nodes();
         let replicates = if options.by.is_empty() { 0 } else { options.groups.bootstrap };
         let class = |(label, models): &(ClassLabel, Vec<&SequenceModel>)| {
             let representative = statistics::representative(label.clone(), models, &bench.wireframe, &options.statistics)?;
-            let (alpha, seed) = (options.statistics.alpha, options.groups.compare.seed);
+            let seed = options.groups.compare.seed;
             let stream = stream_of(&[(emotion, &label.group)]);
-            let interval = dispersion_interval(&representative, models, live, alpha, replicates, seed, stream);
+            let interval = dispersion_interval(&representative, models, live, replicates, seed, stream);
             let subjects = models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
             Ok(ClassPart { representative, subjects, interval })
         };
         let classes = groups.par_iter().map(class).collect::<Result<Vec<_>, AnalysisError>>()?;
-        let comparisons =
-            if options.by.is_empty() { Comparisons::default() } else { compare_groups(emotion, groups, live, &options.groups) };
+        let comparisons = if options.by.is_empty() {
+            Comparisons::default()
+        } else {
+            compare_groups(emotion, groups, live, &options.groups, strata)
+        };
         Ok(Self { inputs_blake3: String::new(), classes, comparisons })
     }
 
@@ -78,16 +86,17 @@ impl EmotionPart {
         emotion: &str,
         groups: &Groups<'_>,
         bench: &Workbench,
+        strata: Option<&Strata>,
     ) -> Result<blake3::Hash, OutputError> {
-        self.inputs_blake3 = inputs_blake3(groups, bench);
+        self.inputs_blake3 = inputs_blake3(groups, bench, strata);
         write_hashed(&part_path(out, emotion), |writer| json_into(writer, &self))
     }
 
     /// The part that was written of exactly these models and options, if it is there.
-    pub fn read(out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench) -> Option<Self> {
+    pub fn read(out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench, strata: Option<&Strata>) -> Option<Self> {
         let bytes = crate::input::read(&part_path(out, emotion)).ok()?;
         let part: Self = serde_json::from_slice(&bytes).ok()?;
-        (part.inputs_blake3 == inputs_blake3(groups, bench)).then_some(part)
+        (part.inputs_blake3 == inputs_blake3(groups, bench, strata)).then_some(part)
     }
 }
 
@@ -100,7 +109,7 @@ fn part_path(out: &Path, emotion: &str) -> PathBuf {
     out.join(part_name(emotion))
 }
 
-fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench) -> String {
+fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench, strata: Option<&Strata>) -> String {
     let mut hasher = blake3::Hasher::new();
     let mut part = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -108,12 +117,15 @@ fn inputs_blake3(groups: &Groups<'_>, bench: &Workbench) -> String {
     };
     let options = &bench.options;
     part(MADE_BY.as_bytes());
-    let chosen = (&options.normalize, &options.statistics, &options.groups, &options.by, &bench.wireframe_blake3);
+    let chosen =
+        (&options.normalize, &options.statistics, &options.groups, &options.by, &options.strata, &bench.wireframe_blake3);
     part(&serde_json::to_vec(&chosen).unwrap_or_default());
     for (label, models) in groups {
         part(&serde_json::to_vec(label).unwrap_or_default());
         for model in models {
             part(model.id.subject.as_bytes());
+            let of_person = strata.map(|strata| strata.values(&model.id.subject)).unwrap_or_default();
+            of_person.iter().for_each(|value| part(value.as_bytes()));
             part(model.id.sequence.as_bytes());
             let positions = model.model.frames().iter().flat_map(crate::model::FrameExpressionModel::nodes);
             let bytes: Vec<u8> = positions.flat_map(|p| [p.x.to_le_bytes(), p.y.to_le_bytes()]).flatten().collect();

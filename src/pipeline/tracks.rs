@@ -1,7 +1,7 @@
 //! Tracks already there as input of the statistics.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -56,7 +56,21 @@ pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
 /// Reads and normalizes tracks. Emotion and metadata come from the dataset where given and known there, else from the `.json` beside
 /// the track. Whatever fails costs that track only.
 pub fn load_tracks(files: &[PathBuf], dataset: Option<&Dataset>, bench: &Workbench) -> (Vec<AnalyzedModel>, Vec<Failure>) {
-    let loaded: Vec<_> = files.par_iter().map(|path| (path, load(path, dataset, bench))).collect();
+    load_all(files, dataset, bench, false)
+}
+
+/// [`load_tracks`] for tracks that may have no emotion, which is empty then.
+pub fn load_unlabelled_tracks(files: &[PathBuf], bench: &Workbench) -> (Vec<AnalyzedModel>, Vec<Failure>) {
+    load_all(files, None, bench, true)
+}
+
+fn load_all(
+    files: &[PathBuf],
+    dataset: Option<&Dataset>,
+    bench: &Workbench,
+    may_be_unlabelled: bool,
+) -> (Vec<AnalyzedModel>, Vec<Failure>) {
+    let loaded: Vec<_> = files.par_iter().map(|path| (path, load(path, dataset, bench, may_be_unlabelled))).collect();
     let (mut models, mut failures): (Vec<AnalyzedModel>, Vec<Failure>) = (Vec::new(), Vec::new());
     let mut seen = BTreeSet::new();
     for (path, result) in loaded {
@@ -87,7 +101,12 @@ pub fn id_of(path: &Path) -> SequenceId {
     }
 }
 
-fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<AnalyzedModel, SequenceFailure> {
+fn load(
+    path: &Path,
+    dataset: Option<&Dataset>,
+    bench: &Workbench,
+    may_be_unlabelled: bool,
+) -> Result<AnalyzedModel, SequenceFailure> {
     let frames = read_track(path).map_err(SequenceFailure::at(Stage::Dataset))?;
     let info = read_track_info(path).map_err(SequenceFailure::at(Stage::Dataset))?;
     let id = info.as_ref().map_or_else(|| id_of(path), |i| i.id.clone());
@@ -99,7 +118,8 @@ fn load(path: &Path, dataset: Option<&Dataset>, bench: &Workbench) -> Result<Ana
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
-        (None, Some(info)) => (info.emotion, info.metadata),
+        (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
+        (None, None) if may_be_unlabelled => (String::new(), BTreeMap::new()),
         (None, None) => {
             return Err(SequenceFailure {
                 stage: Stage::Dataset,

@@ -5,14 +5,15 @@ use std::{collections::BTreeMap, path::Path};
 use serde::Serialize;
 
 use super::{
-    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, ReportFace, SCHEMA_VERSION, Workbench, groups::write_groups,
-    model_file::write_model, showcase::films,
+    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, ReportFace, SCHEMA_VERSION, Workbench,
+    amplitudes::write_amplitudes, groups::write_groups, model_file::write_model, recognition::write_recognition, showcase::films,
+    units::units_json,
 };
 use crate::{
     fap::{self, FapCatalog, FapNumber, Motion},
     output::{self, OutputError, nine_digits, write_records},
     report::{ApexFap, GroupsData, ReportData, mean_course_svg, render_html},
-    statistics::{self, MedianSums, Representative},
+    statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
 };
@@ -35,6 +36,10 @@ struct RepresentativeJson<'a> {
     sums: MedianSums,
     dispersion: Option<f64>,
     dispersion_untrimmed: Option<f64>,
+    dispersions: Dispersions,
+    subjects: usize,
+    weighting: Weighting,
+    trim: statistics::TrimLevel,
     distances: BTreeMap<String, Option<f64>>,
     node_dispersion: &'a [f64],
     /// Values that the standard's ranges changed in the FAP file.
@@ -56,8 +61,8 @@ struct Trimmed {
     distance: f64,
 }
 
-/// Writes `representatives/`, `fap/`, `statistics.csv`, `trimming.csv`, `failures.csv`, `verdicts.csv` and `report.html`; returns the BLAKE3 of every
-/// file by its path relative to `out`.
+/// Writes `representatives/`, `fap/`, the tables, `units.json` and `report.html`; returns the BLAKE3 of every file by its path relative
+/// to `out`.
 ///
 /// # Errors
 /// [`AnalysisError`] when a file cannot be written.
@@ -90,6 +95,14 @@ pub fn write_analysis(
             wrote(name, hash);
         }
     }
+    for (name, hash) in write_amplitudes(out, &analysis.amplitudes, bench)? {
+        wrote(name, hash);
+    }
+    if let Some(recognition) = &analysis.recognition {
+        wrote("recognition.csv", write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?);
+    }
+    let units = output::write_hashed(&out.join("units.json"), |writer| output::json_into(writer, &units_json()))?;
+    wrote("units.json", units);
     Ok(files)
 }
 
@@ -100,7 +113,7 @@ pub(super) fn class_files(stem: &str) -> [String; 4] {
 }
 
 /// Names of the tables and the report.
-pub(super) const TABLES: [&str; 9] = [
+pub(super) const TABLES: [&str; 14] = [
     "statistics.csv",
     "trimming.csv",
     "failures.csv",
@@ -110,6 +123,11 @@ pub(super) const TABLES: [&str; 9] = [
     "intervals.csv",
     "comparisons.csv",
     "comparison_nodes.csv",
+    "group_tests.csv",
+    "amplitudes.csv",
+    "amplitude_comparisons.csv",
+    "recognition.csv",
+    "units.json",
 ];
 
 fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> RepresentativeJson<'a> {
@@ -129,6 +147,10 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
         sums: r.sums,
         dispersion: r.dispersion,
         dispersion_untrimmed: r.dispersion_untrimmed,
+        dispersions: r.dispersions,
+        subjects: class.subjects,
+        weighting: bench.options.statistics.weighting,
+        trim: bench.options.statistics.trim,
         distances: r.sequences.iter().zip(&r.distances).map(|(id, d)| (id.to_string(), *d)).collect(),
         node_dispersion: &r.node_dispersion,
         clamped: class
@@ -167,6 +189,12 @@ fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Resu
         "sum_of_distances_exact",
         "lower_bound",
         "certificate_gap",
+        "subjects",
+        "dispersion_literal",
+        "dispersion_literal_untrimmed",
+        "dispersion_field",
+        "dispersion_field_untrimmed",
+        "weighting",
     ];
     let by = &bench.options.by;
     let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
@@ -182,6 +210,16 @@ fn write_statistics(path: &Path, analysis: &Analysis, bench: &Workbench) -> Resu
             nine_digits(r.sums.exact),
             nine_digits(r.sums.lower_bound),
             nine_digits(r.sums.certificate_gap),
+            class.subjects.to_string(),
+            optional(r.dispersions.literal),
+            optional(r.dispersions.literal_untrimmed),
+            optional(r.dispersions.field),
+            optional(r.dispersions.field_untrimmed),
+            match bench.options.statistics.weighting {
+                Weighting::Person => "person",
+                Weighting::Sequence => "sequence",
+            }
+            .to_owned(),
         ];
         row.extend(group_values(class, by));
         row
@@ -199,12 +237,14 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
                 row.id.to_string(),
                 nine_digits(row.distance),
                 row.dropped.to_string(),
+                row.id.to_string(),
+                row.id.subject.clone(),
             ];
             fields.extend(group_values(class, by));
             fields
         })
     });
-    write_table(path, &["emotion", "frame", "sequence", "distance", "dropped"], by, rows)
+    write_table(path, &["emotion", "frame", "sequence", "distance", "dropped", "id", "subject"], by, rows)
 }
 
 /// Writes `failures.csv`; the header stands there even without failures.
@@ -212,8 +252,11 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
 /// # Errors
 /// [`OutputError`].
 pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<blake3::Hash, OutputError> {
-    let rows = failures.iter().map(|f| vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone()]);
-    write_table(path, &["subject", "sequence", "stage", "reason"], &[], rows)
+    let rows = failures.iter().map(|f| {
+        let id = SequenceId { subject: f.subject.clone(), sequence: f.sequence.clone() }.to_string();
+        vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone(), id]
+    });
+    write_table(path, &["subject", "sequence", "stage", "reason", "id"], &[], rows)
 }
 
 /// Writes `verdicts.csv`: a row for every tracked sequence.
@@ -225,9 +268,18 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
         let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
         let SequenceId { subject, sequence } = t.id.clone();
         let verdict = s.verdict.name().to_owned();
-        vec![subject, sequence, t.emotion.clone(), verdict, number(expected), number(percent), s.reasons.join("; ")]
+        vec![
+            subject,
+            sequence,
+            t.emotion.clone(),
+            verdict,
+            number(expected),
+            number(percent),
+            s.reasons.join("; "),
+            t.id.to_string(),
+        ]
     });
-    let header = ["subject", "sequence", "emotion", "verdict", "expected_error_px", "expected_error_percent_es", "reasons"];
+    let header = ["subject", "sequence", "emotion", "verdict", "expected_error_px", "expected_error_percent_es", "reasons", "id"];
     write_table(path, &header, &[], rows)
 }
 
@@ -300,9 +352,12 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
         ("Size normalization", json(serde_json::to_value(o.normalize.size))),
         ("Trimming alpha", o.statistics.alpha.to_string()),
+        ("Trimmed", format!("at {} level", json(serde_json::to_value(o.statistics.trim)))),
         ("Generalized median", json(serde_json::to_value(o.statistics.median))),
+        ("Equal weight for every", json(serde_json::to_value(o.statistics.weighting))),
         ("FAP frames between key frames", o.fap.between.to_string()),
         ("FAP frame rate (Hz)", o.fap.fps.to_string()),
+        ("Labels exchanged within", if o.strata.is_empty() { "all people".to_owned() } else { o.strata.join(", ") }),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
     ];
     let rows =

@@ -44,7 +44,6 @@ pub(super) struct GroupsView {
     /// Notes under the tables, in the words of the template.
     notes: Vec<&'static str>,
     small_group: usize,
-    max_retrimmed: usize,
 }
 
 #[derive(Serialize)]
@@ -56,7 +55,6 @@ struct GroupRow {
     dispersion: String,
     interval: String,
     small: bool,
-    held: bool,
 }
 
 #[derive(Serialize)]
@@ -111,11 +109,10 @@ impl GroupsView {
                     |i| format!("{} to {}", fixed(i.low, 2), fixed(i.high, 2)),
                 ),
                 small: people < SMALL_GROUP,
-                held: interval.is_some_and(|i| !i.retrimmed),
             })
             .collect();
         let tests_made = tested.len();
-        let differs = |t: &Tested| t.p_adjusted <= significance;
+        let differs = |t: &Tested| t.p_adjusted <= significance || t.p_either_adjusted <= significance;
         let place = |t: &Tested| places(t, data, significance);
         let tests = tested.iter().map(|(_, c, t)| TestRow {
             emotion: c.emotion.clone(),
@@ -129,8 +126,8 @@ impl GroupsView {
             p_holm: p_text(t.p_adjusted, 0.0),
             verdict: if differs(t) { "differ" } else { "not shown to differ" },
             differs: differs(t),
-            hopeless: t.least_p > significance,
-            least_p: p_text(t.least_p, 0.0),
+            hopeless: t.least_p_adjusted > significance,
+            least_p: p_text(t.least_p_adjusted, 0.0),
             place: if differs(t) { place(t) } else { String::new() },
         });
         let tests: Vec<TestRow> = tests.collect();
@@ -163,7 +160,6 @@ impl GroupsView {
             ("drawn", tested.iter().any(|(_, c, t)| t.people_used != c.people)),
             ("unknown", comparisons.unknown_left_out),
             ("small", rows.iter().any(|row| row.small)),
-            ("held", rows.iter().any(|row| row.held)),
         ];
         let notes = notes.into_iter().filter(|(_, holds)| *holds).map(|(note, _)| note).collect();
         Self {
@@ -180,7 +176,6 @@ impl GroupsView {
             significance_percent: format!("{}", significance * 100.0),
             small_group: SMALL_GROUP,
             notes,
-            max_retrimmed: crate::statistics::bootstrap::MAX_RETRIMMED,
             rows,
             tests,
         }

@@ -1,10 +1,72 @@
 //! Dispersion of models around their generalized median [KP, eq. (8)].
 //!
-//! After trimming a model counts over the displacement fields it was kept in: its distance is the mean of `d_f` over these.
+//! After trimming a model counts over the displacement fields it was kept in: its distance is the mean of `d_f` over these. As models
+//! are then averaged over different fields, this may rise when the farthest are dropped. Two forms beside it do not share that:
+//! [KP]'s eq. (8) to the letter, all N'' models over all fields around the median of what was kept, and the mean over the fields of
+//! each field's own median of `d_f` over the models kept in it ([`Dispersions`]).
+
+use serde::{Deserialize, Serialize};
 
 use super::distance::{DisplacementFields, vector_distance};
 
 pub use crate::robust::median;
+
+/// The dispersion in forms that can be compared before and after trimming, face units; `None` for a single model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Dispersions {
+    /// [KP, eq. (8)] to the letter: the median over all models of d over all fields to the median of what was kept.
+    pub literal: Option<f64>,
+    /// The same around the median of all models.
+    pub literal_untrimmed: Option<f64>,
+    /// The mean over the fields of the median of `d_f` over the models kept in the field.
+    pub field: Option<f64>,
+    /// The same over all models, around the median of all models.
+    pub field_untrimmed: Option<f64>,
+}
+
+/// The median of values with weights: half of the weight lies on either side; without weights that of [`median`].
+///
+/// Where exactly half of the weight lies at or below a value, it is the mean of this value and the next larger one.
+pub fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
+    /// Share of the weight by which rounding may miss a half.
+    const ROUNDING: f64 = 1e-12;
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = values.iter().map(|v| v.1).sum::<f64>() / 2.0;
+    let mut below = 0.0;
+    for (place, &(value, weight)) in values.iter().enumerate() {
+        below += weight;
+        if below >= half * (1.0 - ROUNDING) {
+            let next = values.get(place + 1).filter(|_| below <= half * (1.0 + ROUNDING));
+            return Some(next.map_or(value, |next| f64::midpoint(value, next.0)));
+        }
+    }
+    None
+}
+
+/// The median of the values that are there, each with its weight.
+pub(super) fn median_of(values: impl IntoIterator<Item = Option<f64>>, weights: Option<&[f64]>) -> Option<f64> {
+    let known = values.into_iter().enumerate().filter_map(|(i, value)| Some((i, value?)));
+    match weights {
+        None => median(&mut known.map(|(_, value)| value).collect::<Vec<_>>()),
+        Some(weights) => weighted_median(known.map(|(i, value)| (value, weights[i])).collect()),
+    }
+}
+
+/// The mean over the fields of the median over the models kept in the field of `d_f` to `center`.
+pub(super) fn field_dispersion(
+    models: &[DisplacementFields],
+    kept: &[Vec<usize>],
+    center: &DisplacementFields,
+    weights: Option<&[f64]>,
+) -> Option<f64> {
+    let of_field = |(m, kept): (usize, &Vec<usize>)| {
+        let mut distances = vec![None; models.len()];
+        kept.iter().for_each(|&i| distances[i] = Some(models[i].frame_distance(center, m)));
+        median_of(distances, weights)
+    };
+    let medians: Option<Vec<f64>> = kept.iter().enumerate().map(of_field).collect();
+    medians.filter(|medians| !medians.is_empty()).map(|medians| medians.iter().sum::<f64>() / medians.len() as f64)
+}
 
 /// Which of the models are kept in which displacement fields.
 #[derive(Clone, Debug)]
@@ -35,14 +97,20 @@ impl KeptFields {
     }
 
     /// Dispersion of every live node: the median over the models of the mean of `d_v` to `center` over the fields kept.
-    pub fn node_dispersion(&self, models: &[DisplacementFields], center: &DisplacementFields) -> Vec<f64> {
+    ///
+    /// `weights` are the models', where they differ.
+    pub fn node_dispersion(
+        &self,
+        models: &[DisplacementFields],
+        center: &DisplacementFields,
+        weights: Option<&[f64]>,
+    ) -> Vec<f64> {
         let at_node = |k: usize| {
             let of_model = |(model, fields): (&DisplacementFields, &Vec<usize>)| {
                 let sum: f64 = fields.iter().map(|&m| vector_distance(model.vector(m, k), center.vector(m, k))).sum();
                 (!fields.is_empty()).then(|| sum / fields.len() as f64)
             };
-            let mut means: Vec<f64> = models.iter().zip(&self.fields).filter_map(of_model).collect();
-            median(&mut means).unwrap_or(0.0)
+            median_of(models.iter().zip(&self.fields).map(of_model), weights).unwrap_or(0.0)
         };
         (0..center.node_count()).map(at_node).collect()
     }
@@ -63,6 +131,27 @@ mod tests {
     }
 
     #[test]
+    fn half_of_the_weight_lies_on_either_side() {
+        assert_eq!(weighted_median(vec![]), None);
+        assert_eq!(weighted_median(vec![(9.0, 1.0), (1.0, 1.0), (4.0, 1.0), (5.0, 1.0)]), Some(4.5));
+        // 0.3 + 0.3 + 0.4 at 1, 2, 3: the half is passed at 2. Three times a third at 7 against 1 at 2 and 1 at 1: the middle is 2.
+        assert_eq!(weighted_median(vec![(3.0, 0.4), (1.0, 0.3), (2.0, 0.3)]), Some(2.0));
+        let third = 1.0 / 3.0;
+        assert_eq!(weighted_median(vec![(7.0, third), (7.0, third), (7.0, third), (1.0, 1.0), (2.0, 1.0)]), Some(2.0));
+    }
+
+    #[test]
+    fn the_form_by_field_takes_each_field_s_own_median() {
+        // Distances by model and field: 1 and 3, 5 and 7, 9 and 0. Medians of all: 5 and 3, mean 4; with model 2 dropped from field 0
+        // and model 1 from field 1: of 1, 5 and of 3, 0: 3 and 1.5, mean 2.25.
+        let model = |a: f64, b: f64| DisplacementFields::from_vectors(1, &[Vector2::new(a, 0.0), Vector2::new(0.0, b)]);
+        let models = [model(1.0, 3.0), model(5.0, 7.0), model(9.0, 0.0)];
+        let center = model(0.0, 0.0);
+        assert_eq!(field_dispersion(&models, &[vec![0, 1, 2], vec![0, 1, 2]], &center, None), Some(4.0));
+        assert_eq!(field_dispersion(&models, &[vec![0, 1], vec![0, 2]], &center, None), Some(2.25));
+    }
+
+    #[test]
     fn models_count_over_the_fields_they_were_kept_in() {
         // One node, two fields, centre at rest. Distances by field: 1 and 3, 5 and 7, 9 and 0.
         let model = |a: f64, b: f64| DisplacementFields::from_vectors(1, &[Vector2::new(a, 0.0), Vector2::new(0.0, b)]);
@@ -70,11 +159,13 @@ mod tests {
         let center = model(0.0, 0.0);
         let all = KeptFields::by_model(&[vec![0, 1, 2], vec![0, 1, 2]], 3);
         assert_eq!(all.distances(&models, &center), [Some(2.0), Some(6.0), Some(4.5)]);
-        assert_eq!(all.node_dispersion(&models, &center), [4.5]);
+        assert_eq!(all.node_dispersion(&models, &center, None), [4.5]);
+        // Model 1, at 6, has more than half of the weight.
+        assert_eq!(all.node_dispersion(&models, &center, Some(&[1.0, 3.0, 1.0])), [6.0]);
         // Model 2 is dropped from field 0, model 1 from both.
         let trimmed = KeptFields::by_model(&[vec![0], vec![0, 2]], 3);
         assert_eq!(trimmed.distances(&models, &center), [Some(2.0), None, Some(0.0)]);
         // Median of 2 and 0.
-        assert_eq!(trimmed.node_dispersion(&models, &center), [1.0]);
+        assert_eq!(trimmed.node_dispersion(&models, &center, None), [1.0]);
     }
 }

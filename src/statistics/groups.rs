@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{ClassLabel, SequenceModel};
+use super::{ClassLabel, SequenceModel, common_spellings, spelling_key};
 
 /// The emotion labels of the project in the order of every table; other labels follow alphabetically.
 pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadness", "surprise", "contempt", "neutral"];
@@ -61,7 +61,8 @@ pub const MAX_CLASSES: usize = 1000;
 /// Splits models into classes: one for every emotion and, with columns in `by`, one for every emotion and combination of the
 /// columns' values that occurs.
 ///
-/// A missing or blank value is the group [`UNKNOWN_GROUP`]. Emotions are in the order of [`EMOTIONS`], then alphabetical; within
+/// A missing or blank value is the group [`UNKNOWN_GROUP`]; values that differ in case or blanks only are one group
+/// ([`common_spellings`]). Emotions are in the order of [`EMOTIONS`], then alphabetical; within
 /// an emotion the whole of it comes first, then its groups, alphabetically by the values in the order of `by`. A class's models
 /// keep the order of `models`.
 ///
@@ -83,6 +84,13 @@ pub fn group_models_unchecked<'a>(
     models: &'a [LabelledModel],
     by: &[String],
 ) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
+    let spellings: BTreeMap<&str, BTreeMap<String, String>> = by
+        .iter()
+        .map(|column| {
+            let values = models.iter().filter_map(|m| m.metadata.get(column)).map(String::as_str);
+            (column.as_str(), common_spellings(values))
+        })
+        .collect();
     // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
     let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&SequenceModel>> = BTreeMap::new();
     for labelled in models {
@@ -92,7 +100,10 @@ pub fn group_models_unchecked<'a>(
             let value = match column.as_str() {
                 "subject" => &id.subject,
                 "sequence" => &id.sequence,
-                _ => labelled.metadata.get(column).map_or("", |value| value.trim()),
+                _ => labelled.metadata.get(column).map_or("", |value| {
+                    let common = spellings.get(column.as_str()).and_then(|known| known.get(&spelling_key(value)));
+                    common.map_or(value.trim(), String::as_str)
+                }),
             };
             if value.is_empty() { UNKNOWN_GROUP } else { value }
         };
@@ -193,6 +204,12 @@ mod tests {
         let both = classes(&sample(), &["sex", "age"]);
         // Label values are in column order (age, sex); the classes are in the order of the columns asked for.
         assert_eq!(both[..4], ["anger/: cef", "anger/old+f: e", "anger/old+m: f", "anger/unknown+m: c"]);
+    }
+
+    #[test]
+    fn spellings_of_one_value_are_one_group() {
+        let models = ["FEMALE", "female", " female", "Male"].map(|sex| labelled(&sex.to_lowercase(), "anger", &[("sex", sex)]));
+        assert_eq!(classes(&models, &["sex"])[1..], ["anger/Male: male", "anger/female: femalefemale female"]);
     }
 
     #[test]

@@ -6,16 +6,20 @@
 //! Letters as in \[KP\]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
 //! order in which models are given nor on the number of threads.
 
+pub mod amplitude;
 pub mod bootstrap;
 pub mod compare;
 pub mod dispersion;
 pub mod distance;
 mod groups;
 pub mod median;
+pub mod recognize;
 mod representative;
 pub mod scale;
+mod spelling;
 mod sum;
 pub mod trimming;
+mod weights;
 
 use std::collections::BTreeMap;
 
@@ -25,10 +29,14 @@ use crate::{
     model::DynamicExpressionModel,
     units::{FaceUnit, NodeId, SequenceId},
 };
+use dispersion::Dispersions;
 use median::Ending;
 
 pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models, group_models_unchecked};
 pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, representative};
+pub use spelling::{common_spellings, near_twins, spelling_key};
+pub use trimming::TrimLevel;
+pub use weights::{Weighting, sequence_weights};
 
 /// A normalized model and the sequence it was made from.
 #[derive(Clone, Debug)]
@@ -66,6 +74,12 @@ pub struct StatisticsOptions {
     pub alpha: f64,
     /// Which median is the representative.
     pub median: MedianKind,
+    /// What has the same weight.
+    #[serde(default)]
+    pub weighting: Weighting,
+    /// What is trimmed.
+    #[serde(default)]
+    pub trim: TrimLevel,
 }
 
 impl StatisticsOptions {
@@ -75,7 +89,12 @@ impl StatisticsOptions {
 
 impl Default for StatisticsOptions {
     fn default() -> Self {
-        Self { alpha: Self::DEFAULT_ALPHA, median: MedianKind::Greedy }
+        Self {
+            alpha: Self::DEFAULT_ALPHA,
+            median: MedianKind::Greedy,
+            weighting: Weighting::default(),
+            trim: TrimLevel::default(),
+        }
     }
 }
 
@@ -145,6 +164,10 @@ pub struct Representative {
     pub dispersion: Option<f64>,
     /// Dispersion before trimming, around the median of all models; `None` for a single model.
     pub dispersion_untrimmed: Option<f64>,
+    /// Other forms of the dispersion, comparable before and after trimming.
+    pub dispersions: Dispersions,
+    /// Whether people have different numbers of sequences and each person counts as one all the same.
+    pub weighted: bool,
     /// Distance of every model (in the order of `sequences`) to the representative over the fields it was kept in; `None` when
     /// it was trimmed from every field.
     pub distances: Vec<Option<f64>>,
@@ -169,6 +192,16 @@ pub enum StatisticsError {
     AlphaOutOfRange {
         /// The value.
         alpha: f64,
+    },
+    /// Whole models trimmed of too many.
+    #[error(
+        "whole models are trimmed of {limit} sequences at most, and there are {found}; trim at frame level, or nothing (alpha 0)"
+    )]
+    ModelTrimmingOfMany {
+        /// Models.
+        found: usize,
+        /// Most models.
+        limit: usize,
     },
     /// Two models of one sequence.
     #[error("two models of sequence {id}; every sequence counts once, so remove or rename one")]

@@ -8,11 +8,12 @@ use rayon::prelude::*;
 use super::{
     ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
     TrimmingRow,
-    dispersion::{KeptFields, median},
+    dispersion::{Dispersions, KeptFields, field_dispersion, median, median_of},
     distance::DisplacementFields,
     median::{ExactOptions, GreedyOptions, Median, Slots, exact_median, greedy_median},
     scale::{DEFAULT_MEMORY, MANY_MODELS, representative_of_many},
     trimming::{Trimming, sums_of_distances, trim_outliers},
+    weights::sequence_weights,
 };
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -36,7 +37,9 @@ pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 /// median displacement vectors field by field, and moves followers with their leaders. Both medians are computed whichever is
 /// chosen, so that the gap is always known; where rounding makes the greedy vector of a slot better than the exact one, it is
 /// the exact one too. Both dispersions are around medians of the chosen kind. More than [`MANY_MODELS`] models go another way
-/// ([`super::scale`]): trimming from bounds, and the exact median whatever the options say.
+/// ([`super::scale`]): trimming from bounds, and the exact median whatever the options say. Where people have different numbers of
+/// sequences, each person weighs the same in d_tf, trimming, median and dispersion, unless [`StatisticsOptions::weighting`] says
+/// otherwise; sums of distances are then weighted sums.
 ///
 /// # Errors
 /// [`StatisticsError`] for no models, alpha outside 0 <= alpha < 0.5, two models of one sequence, models whose shape or neutral
@@ -62,11 +65,13 @@ pub fn representative<M: Borrow<SequenceModel>>(
     }
 
     let everything: Vec<Vec<usize>> = vec![(0..models.len()).collect(); fields[0].field_count()];
-    let row_sums = sums_of_distances(&fields, &everything);
-    let trimming = trim_outliers(&row_sums, options.alpha);
+    let weights = sequence_weights(models.iter().map(|m| &m.id), options.weighting);
+    let weights = weights.as_deref();
+    let row_sums = sums_of_distances(&fields, &everything, weights);
+    let trimming = trim_outliers(&row_sums, weights, options.alpha, options.trim);
 
-    let slots = Slots::new(&fields, &trimming.kept);
-    let kept_sums = if trimming.is_empty() { row_sums.clone() } else { sums_of_distances(&fields, &trimming.kept) };
+    let slots = Slots::new(&fields, &trimming.kept, weights);
+    let kept_sums = if trimming.is_empty() { row_sums.clone() } else { sums_of_distances(&fields, &trimming.kept, weights) };
     let greedy = greedy_median(&slots, &set_median(&fields, &trimming.kept, &kept_sums), &GreedyOptions::default());
     let mut exact = exact_median(&slots, &ExactOptions::default());
     exact.improve_with(&greedy);
@@ -78,14 +83,19 @@ pub fn representative<M: Borrow<SequenceModel>>(
     let center_untrimmed = if trimming.is_empty() {
         center.clone()
     } else {
-        let vectors = untrimmed_median(&fields, &everything, &row_sums, options.median);
+        let vectors = untrimmed_median(&fields, &everything, &row_sums, weights, options.median);
         DisplacementFields::from_vectors(live.len(), &vectors)
     };
 
     let kept = KeptFields::by_model(&trimming.kept, models.len());
     let distances = kept.distances(&fields, &center);
     let distances_untrimmed: Vec<f64> = fields.iter().map(|model| model.distance(&center_untrimmed)).collect();
-    let dispersion_of = |mut distances: Vec<f64>| if models.len() > 1 { median(&mut distances) } else { None };
+    let several = models.len() > 1;
+    let dispersion_of = |distances: &[Option<f64>]| if several { median_of(distances.iter().copied(), weights) } else { None };
+    let over_all =
+        |center: &DisplacementFields| -> Vec<Option<f64>> { fields.iter().map(|m| Some(m.distance(center))).collect() };
+    let by_field = |kept: &[Vec<usize>], center| field_dispersion(&fields, kept, center, weights).filter(|_| several);
+    let dispersion_untrimmed = dispersion_of(&over_all(&center_untrimmed));
     Ok(Representative {
         model: model_from_displacements(neutral, &center, wireframe)?,
         trimming: trimming_rows(&models, &trimming),
@@ -98,9 +108,16 @@ pub fn representative<M: Borrow<SequenceModel>>(
             exact_steps: exact.iterations,
             exact_ending: exact.ending,
         },
-        dispersion: dispersion_of(distances.iter().flatten().copied().collect()),
-        dispersion_untrimmed: dispersion_of(distances_untrimmed.clone()),
-        node_dispersion: at_all_nodes(&kept.node_dispersion(&fields, &center), wireframe),
+        dispersion: dispersion_of(&distances),
+        dispersion_untrimmed,
+        dispersions: Dispersions {
+            literal: dispersion_of(&over_all(&center)),
+            literal_untrimmed: dispersion_untrimmed,
+            field: by_field(&trimming.kept, &center),
+            field_untrimmed: by_field(&everything, &center_untrimmed),
+        },
+        weighted: weights.is_some(),
+        node_dispersion: at_all_nodes(&kept.node_dispersion(&fields, &center, weights), wireframe),
         sequences: models.iter().map(|m| m.id.clone()).collect(),
         label,
         distances,
@@ -182,9 +199,10 @@ fn untrimmed_median(
     fields: &[DisplacementFields],
     everything: &[Vec<usize>],
     row_sums: &[Vec<f64>],
+    weights: Option<&[f64]>,
     kind: MedianKind,
 ) -> Vec<Vector2<f64>> {
-    let slots = Slots::new(fields, everything);
+    let slots = Slots::new(fields, everything, weights);
     match kind {
         MedianKind::Greedy => greedy_median(&slots, &set_median(fields, everything, row_sums), &GreedyOptions::default()).vectors,
         MedianKind::Exact => exact_median(&slots, &ExactOptions::default()).vectors,

@@ -1,15 +1,29 @@
 //! Rejection of outlying displacement fields [KP, section 4.3 and eq. (6)].
 //!
 //! Trimming is at frame level, as \[KP\] uses it: each of the N' - 1 displacement fields has its own order of the N'' models and
-//! loses its own floor(alpha N''). A model may thus stay in one field and be dropped from another.
+//! loses its own floor(alpha N''). A model may thus stay in one field and be dropped from another. [`TrimLevel::Model`] drops whole
+//! models instead, by `d_t`, the mean of `d_tf` over the fields. With weights (one person, one weight) the models that are farthest
+//! are dropped while their weight is at most alpha of all.
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::distance::DisplacementFields;
 
 /// Models per block of the pairwise distances: two blocks of one field stay in the cache, and the order of summation depends on
 /// nothing but this number.
 const BLOCK: usize = 32;
+
+/// What is trimmed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TrimLevel {
+    /// Displacement fields, each in its own order: the frame level of [KP].
+    #[default]
+    Frame,
+    /// Whole models.
+    Model,
+}
 
 /// What is left of every displacement field, and why.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,13 +45,26 @@ impl Trimming {
 /// Drops from every displacement field the floor(alpha N'') models with the largest `d_tf`.
 ///
 /// Implements [KP, section 4.3]. Of two models at exactly the same distance the later one in `models` is dropped first; the
-/// caller sorts by sequence id, so the larger id goes. `row_sums` are those of [`sums_of_distances`] over all models.
-pub fn trim_outliers(row_sums: &[Vec<f64>], alpha: f64) -> Trimming {
-    let distances: Vec<Vec<f64>> = row_sums
-        .iter()
-        .map(|sums| sums.iter().map(|sum| if sums.len() > 1 { sum / (sums.len() - 1) as f64 } else { 0.0 }).collect())
-        .collect();
-    let kept = distances.iter().map(|d: &Vec<f64>| keep(d, trimmed_count(alpha, d.len()))).collect();
+/// caller sorts by sequence id, so the larger id goes. `row_sums` are those of [`sums_of_distances`] over all models, with the same
+/// `weights`.
+pub fn trim_outliers(row_sums: &[Vec<f64>], weights: Option<&[f64]>, alpha: f64, level: TrimLevel) -> Trimming {
+    let total = weights.map_or(0.0, |weights| weights.iter().sum());
+    let others = |i: usize, n: usize| weights.map_or((n - 1) as f64, |weights| total - weights[i]);
+    let mean = |(i, sum): (usize, &f64), n: usize| if n > 1 { sum / others(i, n) } else { 0.0 };
+    let distances: Vec<Vec<f64>> =
+        row_sums.iter().map(|sums| sums.iter().enumerate().map(|s| mean(s, sums.len())).collect()).collect();
+    let keep = |d: &[f64]| match weights {
+        None => keep(d, trimmed_count(alpha, d.len())),
+        Some(weights) => keep_weighted(d, weights, alpha * total),
+    };
+    let kept = match level {
+        TrimLevel::Frame => distances.iter().map(|d| keep(d)).collect(),
+        TrimLevel::Model => {
+            let models = distances.first().map_or(0, Vec::len);
+            let of_model = |i: usize| distances.iter().map(|d| d[i]).sum::<f64>() / distances.len() as f64;
+            vec![keep(&(0..models).map(of_model).collect::<Vec<_>>()); distances.len()]
+        }
+    };
     Trimming { distances, kept }
 }
 
@@ -59,20 +86,38 @@ fn keep(distances: &[f64], dropped: usize) -> Vec<usize> {
     order
 }
 
-/// For every field m and every model of `members[m]`: the sum of its distances `d_f` to the other members, in that order.
+/// What stays when the farthest are dropped while their weight is at most `limit`; never all.
+fn keep_weighted(distances: &[f64], weights: &[f64], limit: f64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..distances.len()).collect();
+    order.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
+    let mut dropped = 0.0;
+    while let Some(&last) = order.last().filter(|_| order.len() > 1) {
+        dropped += weights[last];
+        if dropped > limit * (1.0 + 1e-12) {
+            break;
+        }
+        order.pop();
+    }
+    order.sort_unstable();
+    order
+}
+
+/// For every field m and every model of `members[m]`: the sum of its distances `d_f` to the other members, each times that one's weight,
+/// in that order.
 ///
 /// O(sum of squares of the member counts times N). Each pair is computed once, in parallel over pairs of blocks, and the sums of a
 /// model's blocks are added in block order: the bits do not depend on the thread count. Equal models get equal sums.
 ///
 /// # Panics
 /// If a member is not in `models`, or the models differ in shape (a programmer's error).
-pub fn sums_of_distances(models: &[DisplacementFields], members: &[Vec<usize>]) -> Vec<Vec<f64>> {
+pub fn sums_of_distances(models: &[DisplacementFields], members: &[Vec<usize>], weights: Option<&[f64]>) -> Vec<Vec<f64>> {
     let mut pairs = Vec::new();
     for (m, members) in members.iter().enumerate() {
         let blocks = members.len().div_ceil(BLOCK);
         pairs.extend((0..blocks).flat_map(|row| (row..blocks).map(move |column| (m, row, column))));
     }
-    let partial: Vec<_> = pairs.par_iter().map(|&(m, row, column)| block_sums(models, &members[m], m, row, column)).collect();
+    let partial: Vec<_> =
+        pairs.par_iter().map(|&(m, row, column)| block_sums(models, &members[m], weights, m, row, column)).collect();
     let mut sums: Vec<Vec<f64>> = members.iter().map(|members| vec![0.0; members.len()]).collect();
     let add = |sums: &mut [f64], block: usize, partial: &[f64]| {
         sums[block * BLOCK..].iter_mut().zip(partial).for_each(|(sum, partial)| *sum += partial);
@@ -91,6 +136,7 @@ pub fn sums_of_distances(models: &[DisplacementFields], members: &[Vec<usize>]) 
 fn block_sums(
     models: &[DisplacementFields],
     members: &[usize],
+    weights: Option<&[f64]>,
     m: usize,
     row: usize,
     column: usize,
@@ -101,9 +147,10 @@ fn block_sums(
         let first = if row == column { r + 1 } else { 0 };
         for (c, &b) in block(column).iter().enumerate().skip(first) {
             let distance = models[a].frame_distance(&models[b], m);
-            to_row[r] += distance;
+            let (weight_a, weight_b) = weights.map_or((1.0, 1.0), |weights| (weights[a], weights[b]));
+            to_row[r] += weight_b * distance;
             let mirrored = if row == column { &mut to_row } else { &mut to_column };
-            mirrored[c] += distance;
+            mirrored[c] += weight_a * distance;
         }
     }
     (to_row, to_column)
@@ -125,7 +172,7 @@ mod tests {
     }
 
     fn trim(models: &[DisplacementFields], alpha: f64) -> Trimming {
-        trim_outliers(&sums_of_distances(models, &all(models)), alpha)
+        trim_outliers(&sums_of_distances(models, &all(models), None), None, alpha, TrimLevel::Frame)
     }
 
     #[test]
@@ -148,6 +195,33 @@ mod tests {
     }
 
     #[test]
+    fn whole_models_are_dropped_by_their_mean_distance() {
+        // Two fields; d_tf: field 0 of 0, 1, 2, 9: 4, 10/3, 10/3, 8; field 1 of 20, 0, 1, 2: 19, 23/3, 7, 7. By field 3 and 0 go; by
+        // model 0 with (4 + 19) / 2 against (8 + 7) / 2.
+        let model = |a: f64, b: f64| DisplacementFields::from_vectors(1, &[Vector2::new(a, 0.0), Vector2::new(b, 0.0)]);
+        let models = [model(0.0, 20.0), model(1.0, 0.0), model(2.0, 1.0), model(9.0, 2.0)];
+        let sums = sums_of_distances(&models, &all(&models), None);
+        assert_eq!(trim_outliers(&sums, None, 0.25, TrimLevel::Frame).kept, [[0, 1, 2], [1, 2, 3]]);
+        assert_eq!(trim_outliers(&sums, None, 0.25, TrimLevel::Model).kept, [[1, 2, 3], [1, 2, 3]]);
+    }
+
+    #[test]
+    fn many_sequences_of_one_person_are_trimmed_by_their_weight() {
+        // Person a at 10 with three sequences, b to e at 0 with one each; 5 people, of whom alpha 0.4 are two: by sequences two of a's
+        // go, by people all three, and one of the four others.
+        let people = models(&[10.0, 10.0, 10.0, 0.0, 0.0, 0.0, 0.0]);
+        let third = 1.0 / 3.0;
+        let weights = [third, third, third, 1.0, 1.0, 1.0, 1.0];
+        let sums = sums_of_distances(&people, &all(&people), Some(&weights));
+        // From a to the four others, 40, over a weight of 5 - 1/3; from b to a's one person, 10, over 4.
+        let trimming = trim_outliers(&sums, Some(&weights), 0.4, TrimLevel::Frame);
+        approx::assert_relative_eq!(trimming.distances[0][0], 40.0 / (5.0 - third), max_relative = 1e-12);
+        approx::assert_relative_eq!(trimming.distances[0][3], 2.5, max_relative = 1e-12);
+        assert_eq!(trimming.kept, [[3, 4, 5]]);
+        assert_eq!(trim(&people, 0.4).kept, [[0, 3, 4, 5, 6]]);
+    }
+
+    #[test]
     fn a_single_model_is_kept_at_distance_zero() {
         let trimming = trim(&models(&[7.0]), 0.49);
         assert_eq!((trimming.distances.clone(), trimming.kept.clone()), (vec![vec![0.0]], vec![vec![0]]));
@@ -167,11 +241,11 @@ mod tests {
     fn blocks_cover_every_pair_once() {
         // 0, 1, ..., 99 on a line, more than three blocks: the sum for i is i (i + 1) / 2 + (99 - i)(100 - i) / 2, exact in doubles.
         let line = models(&(0..100).map(f64::from).collect::<Vec<_>>());
-        let sums = sums_of_distances(&line, &all(&line));
+        let sums = sums_of_distances(&line, &all(&line), None);
         let expected: Vec<f64> = (0..100).map(|i| f64::from(i * (i + 1) / 2 + (99 - i) * (100 - i) / 2)).collect();
         assert_eq!(sums, [expected]);
         // Only the members count: 3, 50 and 90 are 47 + 87, 47 + 40 and 87 + 40 apart.
-        assert_eq!(sums_of_distances(&line, &[vec![3, 50, 90]]), [[134.0, 87.0, 127.0]]);
+        assert_eq!(sums_of_distances(&line, &[vec![3, 50, 90]], None), [[134.0, 87.0, 127.0]]);
     }
 
     proptest! {
@@ -191,7 +265,7 @@ mod tests {
         fn equal_models_have_equal_sums(values in vectors(70 * 5), copy in 0..69usize) {
             let mut models: Vec<_> = values.chunks(5).map(|v| DisplacementFields::from_vectors(5, v)).collect();
             models[69] = models[copy].clone();
-            let sums = sums_of_distances(&models, &all(&models));
+            let sums = sums_of_distances(&models, &all(&models), None);
             prop_assert_eq!(sums[0][69], sums[0][copy]);
         }
     }

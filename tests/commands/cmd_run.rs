@@ -19,8 +19,19 @@ fn every_output_is_there_with_its_header_and_shape() {
     let ran = work.grimace("run faces -o out").exit(0);
     ran.prints(&["6 sequences: 6 tracked, 0 unchanged, 0 failed", "3 sequences  out/fap/happiness.fap"]);
     let names: BTreeSet<String> = work.files("out").into_keys().collect();
-    let mut expected: BTreeSet<String> =
-        ["failures.csv", "report.html", "run.json", "statistics.csv", "trimming.csv", "verdicts.csv"].map(str::to_owned).into();
+    let mut expected: BTreeSet<String> = [
+        "amplitudes.csv",
+        "failures.csv",
+        "recognition.csv",
+        "report.html",
+        "run.json",
+        "statistics.csv",
+        "trimming.csv",
+        "units.json",
+        "verdicts.csv",
+    ]
+    .map(str::to_owned)
+    .into();
     for id in SEQUENCES {
         expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
         expected.extend([format!("features/{id}.csv"), format!("features/{id}.json"), format!("fap/tracks/{id}.fap")]);
@@ -66,12 +77,12 @@ fn every_output_is_there_with_its_header_and_shape() {
     let emotions: Vec<_> = statistics.iter().map(|r| (r["emotion"].as_str(), r["sequences"].as_str())).collect();
     assert_eq!(emotions, [("happiness", "3"), ("surprise", "3")]);
     assert!(statistics.iter().all(|r| r["gap"].parse::<f64>().unwrap() <= 1e-3));
-    assert_eq!(work.header("out/trimming.csv"), "emotion,frame,sequence,distance,dropped");
+    assert_eq!(work.header("out/trimming.csv"), "emotion,frame,sequence,distance,dropped,id,subject");
     // 2 emotions, 4 displacement fields, 3 sequences; floor(0.1 * 3) = 0 are dropped.
     let trimming = work.rows("out/trimming.csv");
     assert_eq!(trimming.len(), 2 * 4 * 3);
     assert!(trimming.iter().all(|r| r["dropped"] == "false"));
-    assert_eq!(work.read("out/failures.csv"), "subject,sequence,stage,reason\n");
+    assert_eq!(work.read("out/failures.csv"), "subject,sequence,stage,reason,id\n");
     let verdicts = work.rows("out/verdicts.csv");
     assert_eq!(verdicts.len(), SEQUENCES.len());
     assert!(verdicts.iter().all(|r| (r["verdict"] == "good") == r["reasons"].is_empty()));

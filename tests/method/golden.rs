@@ -60,7 +60,7 @@ fn model(bench: &Workbench, units: &[(u16, f64)], subject: u32) -> SequenceModel
 
 /// The files made now.
 fn made() -> Files {
-    let statistics = StatisticsOptions { alpha: 0.2, median: MedianKind::Exact };
+    let statistics = StatisticsOptions { alpha: 0.2, median: MedianKind::Exact, ..StatisticsOptions::default() };
     let bench = Workbench::new(None, PipelineOptions { statistics, ..PipelineOptions::default() }).unwrap();
     let models = EMOTIONS.iter().flat_map(|(emotion, units)| {
         let bench = &bench;

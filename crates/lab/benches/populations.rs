@@ -32,7 +32,7 @@ fn bench(criterion: &mut Criterion) {
             b.iter(|| trim_certified(black_box(fields), count as usize / 10, DEFAULT_MEMORY).expect("in memory"));
         });
         group.bench_function(BenchmarkId::new("streamed median", count), |b| {
-            b.iter(|| streamed_median(black_box(fields), None, DEFAULT_MEMORY).expect("in memory"));
+            b.iter(|| streamed_median(black_box(fields), None, None, DEFAULT_MEMORY).expect("in memory"));
         });
         group.bench_function(BenchmarkId::new("representative of many", count), |b| {
             b.iter(|| {

@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::{CompareOptions, Comparison, adjust, compare};
+use super::{CompareOptions, Comparison, OmnibusComparison, Strata, Tested, adjust, adjust_omnibus, compare, omnibus};
 use crate::{
-    output::listed,
-    statistics::{ClassLabel, SequenceModel, UNKNOWN_GROUP},
+    output::{count, listed, nine_digits},
+    statistics::{ClassLabel, SequenceModel, UNKNOWN_GROUP, amplitude::AmplitudeOptions},
     units::NodeId,
 };
 
@@ -24,11 +24,14 @@ pub struct GroupOptions {
     pub compare: CompareOptions,
     /// Replicates of the bootstrap of every dispersion; 0 for none. Without groups there is no bootstrap.
     pub bootstrap: usize,
+    /// Comparisons of amplitudes.
+    #[serde(default)]
+    pub amplitude: AmplitudeOptions,
 }
 
 impl Default for GroupOptions {
     fn default() -> Self {
-        Self { compare: CompareOptions::default(), bootstrap: BOOTSTRAP_REPLICATES }
+        Self { compare: CompareOptions::default(), bootstrap: BOOTSTRAP_REPLICATES, amplitude: AmplitudeOptions::default() }
     }
 }
 
@@ -41,10 +44,13 @@ pub struct Comparisons {
     pub too_many: Vec<(String, usize)>,
     /// Whether people without a value were left out.
     pub unknown_left_out: bool,
+    /// All groups of each emotion at once; corrected for their number.
+    #[serde(default)]
+    pub omnibus: Vec<OmnibusComparison>,
 }
 
 /// Whether a class is of people whose value is known in every column.
-fn is_known(label: &ClassLabel) -> bool {
+pub(crate) fn is_known(label: &ClassLabel) -> bool {
     !label.group.is_empty() && label.group.values().all(|value| value != UNKNOWN_GROUP)
 }
 
@@ -63,6 +69,7 @@ pub(crate) fn compare_groups(
     groups: &[(ClassLabel, Vec<&SequenceModel>)],
     live: &[NodeId],
     options: &GroupOptions,
+    strata: Option<&Strata>,
 ) -> Comparisons {
     let mut all = Comparisons::default();
     let grouped = groups.iter().filter(|(label, _)| !label.group.is_empty());
@@ -71,6 +78,15 @@ pub(crate) fn compare_groups(
     if known.len() > MAX_COMPARED_GROUPS {
         all.too_many.push((emotion.to_owned(), known.len()));
         return all;
+    }
+    if known.len() > 1 {
+        let labels: Vec<(&str, &BTreeMap<String, String>)> = known.iter().map(|(label, _)| (emotion, &label.group)).collect();
+        let members: Vec<Vec<&SequenceModel>> = known.iter().map(|(_, models)| models.clone()).collect();
+        all.omnibus.push(OmnibusComparison {
+            emotion: emotion.to_owned(),
+            groups: known.iter().map(|(label, _)| label.group.clone()).collect(),
+            outcome: omnibus(&members, live, &options.compare, strata, stream_of(&labels)),
+        });
     }
     let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
     for (i, (a, of_a)) in known.iter().enumerate() {
@@ -81,7 +97,7 @@ pub(crate) fn compare_groups(
                 groups: [a.group.clone(), b.group.clone()],
                 people: [people(of_a), people(of_b)],
                 sequences: [of_a.len(), of_b.len()],
-                outcome: compare(of_a, of_b, live, &options.compare, stream),
+                outcome: compare(of_a, of_b, live, &options.compare, strata, stream),
             });
         }
     }
@@ -94,10 +110,12 @@ impl Comparisons {
         let mut all = Self::default();
         for part in parts {
             all.pairs.extend(part.pairs);
+            all.omnibus.extend(part.omnibus);
             all.too_many.extend(part.too_many);
             all.unknown_left_out |= part.unknown_left_out;
         }
         adjust(&mut all.pairs);
+        adjust_omnibus(&mut all.omnibus);
         all
     }
 
@@ -107,8 +125,9 @@ impl Comparisons {
     }
 
     /// What a person should know, at most one line of each kind.
-    pub(crate) fn warnings(&self) -> Vec<String> {
+    pub(crate) fn warnings(&self, significance: f64) -> Vec<String> {
         let mut warnings = Vec::new();
+        warnings.extend(self.hopeless(significance));
         let untested: Vec<String> = self
             .pairs
             .iter()
@@ -129,6 +148,34 @@ impl Comparisons {
             warnings.push(format!("people without a value are the group `{UNKNOWN_GROUP}`, which is compared with nobody"));
         }
         warnings
+    }
+}
+
+impl Comparisons {
+    /// The warning that tests cannot find anything, and what would help.
+    fn hopeless(&self, significance: f64) -> Option<String> {
+        let tested: Vec<&Tested> = self.pairs.iter().filter_map(|pair| pair.outcome.as_ref().ok()).collect();
+        let hopeless: Vec<&&Tested> = tested.iter().filter(|t| t.least_p_adjusted > significance).collect();
+        let first = hopeless.first()?;
+        let tests = tested.len();
+        let drawn = hopeless.iter().filter(|t| !t.exhaustive).count();
+        let mut helps = Vec::new();
+        if drawn > 0 {
+            // One of drawn + 1 times the number of tests is at most the significance.
+            helps.push(format!("--permutations {} or more", (tests as f64 / significance).ceil() as usize));
+        }
+        if drawn < hopeless.len() {
+            helps.push("more people in groups whose splits are all tried".to_owned());
+        }
+        helps.push("fewer groups to compare".to_owned());
+        Some(format!(
+            "{} of {} cannot reject at {significance} after Holm's correction for their number, whatever the data (least p {}, corrected {}); what would help: {}",
+            hopeless.len(),
+            count(tests, "test", "tests"),
+            nine_digits(first.least_p),
+            nine_digits(first.least_p_adjusted),
+            helps.join(", ")
+        ))
     }
 }
 

@@ -17,6 +17,12 @@
 //! the distance of two people is the mean over their sequences. All splits are tried where there are no more than the permutations
 //! asked for; otherwise that many are drawn, and p = (1 + those at least as large) / (1 + drawn), which never rejects too often.
 //!
+//! **Designs.** With [`Strata`] people exchange labels within their stratum only. People who are in both groups cannot be tested here: E
+//! hardly sees a change that is small beside how much people differ; their amplitudes are compared in pairs ([`super::amplitude`]).
+//!
+//! **Verdict.** Two groups differ by E as a whole, or by the node that stands out most; [`Tested::p_either`] is the chance of either,
+//! corrected for there being two ways.
+//!
 //! **Many tests.** Holm's step-down over all pairs compared in one analysis ([`holm`]); over the nodes of one pair the
 //! distribution of the largest standardized `E_k` (Westfall & Young's single step), so that naming a node wrongly has the stated
 //! chance for the pair as a whole.
@@ -25,8 +31,10 @@
 
 mod groups;
 mod holm;
+mod omnibus;
 mod pairs;
 mod permutation;
+mod strata;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -36,10 +44,12 @@ use super::{SequenceModel, distance::DisplacementFields};
 use crate::units::NodeId;
 
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
-pub(crate) use groups::{compare_groups, stream_of};
+pub(crate) use groups::{compare_groups, is_known, stream_of};
 pub use holm::holm;
+pub use omnibus::{Omnibus, OmnibusComparison, adjust_omnibus, omnibus};
 use pairs::PairDistances;
-use permutation::{Permuted, permute};
+use permutation::{Design, Permuted, permute};
+pub use strata::{Strata, StrataError};
 
 /// How groups are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,6 +90,9 @@ pub enum NotTested {
         /// How many there are.
         count: usize,
     },
+    /// People cannot be permuted within strata.
+    #[error(transparent)]
+    Strata(#[from] StrataError),
 }
 
 /// People in both groups that are named.
@@ -102,6 +115,9 @@ pub struct Tested {
     pub p_adjusted: f64,
     /// The smallest p that groups of this size can reach.
     pub least_p: f64,
+    /// [`Tested::least_p`] after Holm over all pairs of the analysis, each at its own least: above the significance this pair cannot
+    /// be found to differ whatever the data; 1 until [`adjust`] was called.
+    pub least_p_adjusted: f64,
     /// Splits tried.
     pub permutations: usize,
     /// Whether these are all splits there are.
@@ -110,6 +126,11 @@ pub struct Tested {
     pub node_energy: Vec<f64>,
     /// p of every live node, corrected for the number of nodes.
     pub node_p: Vec<f64>,
+    /// Chance that E is as large, or one node stands out as much, without a difference: twice the smaller of [`Tested::p`] and the
+    /// smallest of [`Tested::node_p`], 1 at most.
+    pub p_either: f64,
+    /// [`Tested::p_either`] after Holm over all pairs of the analysis; 1 until [`adjust`] was called.
+    pub p_either_adjusted: f64,
 }
 
 /// Two groups of one emotion, compared.
@@ -145,12 +166,13 @@ fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
 /// numbers the comparison, so that each has its own random numbers.
 ///
 /// # Errors
-/// [`NotTested`] for a group of one, or people in both groups.
+/// [`NotTested`] for a group of one, people in both groups beside others, or strata that allow no test.
 pub fn compare(
     a: &[&SequenceModel],
     b: &[&SequenceModel],
     live: &[NodeId],
     options: &CompareOptions,
+    strata: Option<&Strata>,
     stream: u32,
 ) -> Result<Tested, NotTested> {
     let (a, b) = (by_subject(a), by_subject(b));
@@ -170,7 +192,18 @@ pub fn compare(
         chosen.iter().map(|&i| fields(all[i])).collect()
     };
     let people: Vec<Vec<DisplacementFields>> = of(&a, &chosen[0]).into_iter().chain(of(&b, &chosen[1])).collect();
-    Ok(test(&people, chosen[0].len(), options, stream))
+    let design = match strata {
+        None => Design::Free,
+        Some(strata) => {
+            let names = |people: &People<'_>, chosen: &[usize]| {
+                let all: Vec<String> = people.keys().map(|s| (*s).to_owned()).collect();
+                chosen.iter().map(|&i| all[i].clone()).collect::<Vec<_>>()
+            };
+            let subjects = [names(&a, &chosen[0]), names(&b, &chosen[1])].concat();
+            Design::Strata(strata.blocks(&subjects.iter().map(String::as_str).collect::<Vec<_>>(), chosen[0].len())?)
+        }
+    };
+    Ok(test_design(&people, chosen[0].len(), options, &design, stream))
 }
 
 /// The test for people of whom the first `first` are group A, each with the displacement fields of their sequences.
@@ -178,6 +211,17 @@ pub fn compare(
 /// # Panics
 /// If a group has fewer than [`LEAST_PEOPLE`] or somebody has no sequence (a programmer's error).
 pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareOptions, stream: u32) -> Tested {
+    test_design(people, first, options, &Design::Free, stream)
+}
+
+/// [`test`], with people exchanged as the design says.
+fn test_design(
+    people: &[Vec<DisplacementFields>],
+    first: usize,
+    options: &CompareOptions,
+    design: &Design,
+    stream: u32,
+) -> Tested {
     let sizes = [first, people.len() - first];
     assert!(sizes.iter().all(|&n| n >= LEAST_PEOPLE) && people.iter().all(|p| !p.is_empty()), "groups of two or more");
     let distances = PairDistances::new(people);
@@ -185,9 +229,12 @@ pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareO
     let energy = distances.energy(&observed);
     let total = mean(&energy.nodes);
     let Permuted { at_least, effects, least_p, node_p, permutations, exhaustive } =
-        permute(&distances, first, &energy, options, stream);
+        permute(&distances, first, &energy, options, design, stream);
     let p = if exhaustive { at_least as f64 / permutations as f64 } else { (1 + at_least) as f64 / (1 + permutations) as f64 };
+    let least_node_p = node_p.iter().copied().fold(1.0, f64::min);
     Tested {
+        p_either: (2.0 * p.min(least_node_p)).min(1.0),
+        p_either_adjusted: 1.0,
         people_used: sizes,
         energy: total,
         effect: energy.effect(),
@@ -195,6 +242,7 @@ pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareO
         p,
         p_adjusted: 1.0,
         least_p,
+        least_p_adjusted: 1.0,
         permutations,
         exhaustive,
         node_energy: energy.nodes,
@@ -219,7 +267,11 @@ pub fn adjust(comparisons: &mut [Comparison]) {
     let tested = comparisons.iter_mut().filter_map(|c| c.outcome.as_mut().ok());
     let mut tested: Vec<&mut Tested> = tested.collect();
     let adjusted = holm(&tested.iter().map(|t| t.p).collect::<Vec<_>>());
+    let either = holm(&tested.iter().map(|t| t.p_either).collect::<Vec<_>>());
+    tested.iter_mut().zip(either).for_each(|(t, p)| t.p_either_adjusted = p);
+    let least = holm(&tested.iter().map(|t| t.least_p).collect::<Vec<_>>());
     tested.iter_mut().zip(adjusted).for_each(|(t, p)| t.p_adjusted = p);
+    tested.iter_mut().zip(least).for_each(|(t, p)| t.least_p_adjusted = p);
 }
 
 #[cfg(test)]

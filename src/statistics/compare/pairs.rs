@@ -65,6 +65,18 @@ impl PairDistances {
         self.nodes
     }
 
+    /// Distances of all people: means over the nodes.
+    pub fn matrix(&self) -> Vec<Vec<f64>> {
+        let distance = |i: usize, j: usize| {
+            if i == j {
+                return 0.0;
+            }
+            let start = self.place(i.min(j), i.max(j)) * self.nodes;
+            mean(&self.pairs[start..start + self.nodes])
+        };
+        (0..self.people).map(|i| (0..self.people).map(|j| distance(i, j)).collect()).collect()
+    }
+
     /// Place of the pair (i, j), i < j, among the pairs.
     fn place(&self, i: usize, j: usize) -> usize {
         i * self.people - i * (i + 1) / 2 + (j - i - 1)

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::{
     CompareOptions, mean,
     pairs::{Energy, PairDistances},
+    strata::Block,
 };
 
 /// Splits per unit of work; every unit has its own random stream.
@@ -14,6 +15,41 @@ const CHUNK: usize = 64;
 
 /// Relative difference of two energies that is rounding: sums of the same distances in another order.
 const ROUNDING: f64 = 1e-10;
+
+/// How people may exchange their labels.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Design {
+    /// Everybody with everybody.
+    Free,
+    /// Within strata.
+    Strata(Vec<Block>),
+}
+
+impl Design {
+    /// The first group of a random split of `people`, ascending.
+    fn split(&self, people: usize, size: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
+        let mut chosen = match self {
+            Self::Free => return subset(people, size, random),
+            Self::Strata(blocks) => {
+                let of_block = |(places, first): &Block| {
+                    subset(places.len(), *first, random).into_iter().map(|k| places[k]).collect::<Vec<_>>()
+                };
+                blocks.iter().flat_map(of_block).collect::<Vec<usize>>()
+            }
+        };
+        chosen.sort_unstable();
+        chosen
+    }
+
+    /// Splits there are, about.
+    fn splits(&self) -> f64 {
+        let choose = |n: usize, k: usize| (0..k.min(n - k)).fold(1.0, |c, i| c * (n - i) as f64 / (i + 1) as f64);
+        match self {
+            Self::Free => f64::INFINITY,
+            Self::Strata(blocks) => blocks.iter().map(|(places, first)| choose(places.len(), *first)).product(),
+        }
+    }
+}
 
 /// What the splits gave.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +69,7 @@ pub(super) struct Permuted {
 }
 
 /// Random numbers of one use: comparison, purpose (0 and 1 draws of people, 2 splits), unit of work.
-fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
+pub(super) fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream((u64::from(stream) << 32) | (purpose << 24) | (unit & 0x00ff_ffff));
     random
@@ -89,12 +125,13 @@ pub(super) fn permute(
     first: usize,
     observed: &Energy,
     options: &CompareOptions,
+    design: &Design,
     stream: u32,
 ) -> Permuted {
     let (n, wanted) = (distances.people(), options.permutations.max(1));
     // The smaller group is the cheaper one to sum over; E is the same from both sides.
-    let size = first.min(n - first);
-    let all = subset_count(n, size, wanted);
+    let size = if *design == Design::Free { first.min(n - first) } else { first };
+    let all = if *design == Design::Free { subset_count(n, size, wanted) } else { None };
     let energies: Vec<(f64, Energy)> = match all {
         Some(count) => {
             let mut splits = Vec::with_capacity(count);
@@ -112,7 +149,7 @@ pub(super) fn permute(
             .flat_map_iter(|unit| {
                 let mut random = generator(options.seed, stream, 2, unit as u64);
                 let count = CHUNK.min(wanted - unit * CHUNK);
-                (0..count).map(move |_| distances.energy(&subset(n, size, &mut random))).map(|e| (e.effect(), e))
+                (0..count).map(move |_| distances.energy(&design.split(n, size, &mut random))).map(|e| (e.effect(), e))
             })
             .collect(),
     };
@@ -124,7 +161,11 @@ pub(super) fn permute(
     let node_p = node_p(distances.nodes(), observed, &energies, exhaustive);
     // Two groups of one size: every split is there twice, as itself and as its complement.
     let twins = if 2 * size == n { 2.0 } else { 1.0 };
-    let least_p = if exhaustive { (twins / permutations as f64).min(1.0) } else { 1.0 / (1 + permutations) as f64 };
+    let least_p = if exhaustive {
+        (twins / permutations as f64).min(1.0)
+    } else {
+        (1.0 / (1 + permutations) as f64).max(1.0 / design.splits())
+    };
     Permuted {
         at_least,
         effects: energies.into_iter().map(|(effect, _)| effect).collect(),

@@ -79,7 +79,7 @@ fn groups_that_can_not_be_tested_say_why() {
     let b2 = model("b", "2", 1.0);
     let live = [NodeId(0)];
     let options = CompareOptions::default();
-    let error = |x: &[&SequenceModel], y: &[&SequenceModel]| compare(x, y, &live, &options, 0).unwrap_err();
+    let error = |x: &[&SequenceModel], y: &[&SequenceModel]| compare(x, y, &live, &options, None, 0).unwrap_err();
     assert_eq!(error(&[&a, &b], &[&c]), NotTested::TooFewPeople { people: 1 });
     assert_eq!(error(&[&a], &[&b, &b2]).to_string(), "a group of 1 cannot be tested");
     assert_eq!(error(&[&a, &b], &[&b2, &c]).to_string(), "b is in both groups; a test needs different people");
@@ -90,8 +90,27 @@ fn large_groups_are_tested_on_a_draw_that_the_seed_decides() {
     let models: Vec<SequenceModel> = (0..60).map(|i| model(&format!("s{i:02}"), "1", f64::from(i % 7))).collect();
     let (a, b): (Vec<_>, Vec<_>) = models.iter().partition(|m| m.id.subject.as_str() < "s40");
     let options = CompareOptions { people: 10, permutations: 199, ..CompareOptions::default() };
-    let tested = compare(&a, &b, &[NodeId(0)], &options, 0).unwrap();
+    let tested = compare(&a, &b, &[NodeId(0)], &options, None, 0).unwrap();
     assert_eq!(tested.people_used, [10, 10]);
-    assert_eq!(compare(&a, &b, &[NodeId(0)], &options, 0).unwrap(), tested);
-    assert_ne!(compare(&a, &b, &[NodeId(0)], &CompareOptions { seed: 2, ..options }, 0).unwrap(), tested);
+    assert_eq!(compare(&a, &b, &[NodeId(0)], &options, None, 0).unwrap(), tested);
+    assert_ne!(compare(&a, &b, &[NodeId(0)], &CompareOptions { seed: 2, ..options }, None, 0).unwrap(), tested);
+}
+
+#[test]
+fn people_are_exchanged_within_strata_only() {
+    // Two sites 50 apart; group A is mostly at the first. Freely exchanged the groups differ, within the sites they do not.
+    let models: Vec<SequenceModel> =
+        (0..24).map(|i| model(&format!("s{i:02}"), "1", f64::from(i % 5) + if i < 12 { 0.0 } else { 50.0 })).collect();
+    let in_a = |m: &&SequenceModel| m.id.subject.as_str() < "s10" || m.id.subject.as_str() >= "s22";
+    let (a, b): (Vec<_>, Vec<_>) = models.iter().partition(in_a);
+    let site = |m: &SequenceModel| vec![if m.id.subject.as_str() < "s12" { "x" } else { "y" }.to_owned()];
+    let strata = Strata::new(&["site".to_owned()], models.iter().map(|m| (m.id.subject.as_str(), site(m))));
+    let options = CompareOptions { permutations: 999, ..CompareOptions::default() };
+    let free = compare(&a, &b, &[NodeId(0)], &options, None, 0).unwrap();
+    let within = compare(&a, &b, &[NodeId(0)], &options, Some(&strata), 0).unwrap();
+    assert!(free.p <= 0.01 && within.p > 0.1, "{} {}", free.p, within.p);
+    let group = |m: &SequenceModel| vec![m.id.sequence.clone() + if in_a(&m) { "a" } else { "b" }];
+    let same = Strata::new(&["group".to_owned()], models.iter().map(|m| (m.id.subject.as_str(), group(m))));
+    let why = compare(&a, &b, &[NodeId(0)], &options, Some(&same), 0).unwrap_err();
+    assert!(why.to_string().contains("groups and strata coincide"));
 }

@@ -147,7 +147,7 @@ mod tests {
 
     fn slots(values: &[Vector2<f64>], nodes: usize, fields: usize) -> Slots {
         let models: Vec<_> = values.chunks(nodes * fields).map(|v| DisplacementFields::from_vectors(nodes, v)).collect();
-        Slots::new(&models, &vec![(0..models.len()).collect(); fields])
+        Slots::new(&models, &vec![(0..models.len()).collect(); fields], None)
     }
 
     /// The search as \[KP\] words it: look at every slot before every replacement.

@@ -64,14 +64,16 @@ pub struct Slots {
     node_count: usize,
     /// By field: node 0's points, then node 1's, and so on, each as many as the field has members.
     fields: Vec<Vec<Vector2<f64>>>,
+    /// By field the weights of its members, where they differ.
+    weights: Option<Vec<Vec<f64>>>,
 }
 
 impl Slots {
-    /// The slots of the given models, of which `members[m]` count in field m.
+    /// The slots of the given models, of which `members[m]` count in field m, each with its model's weight.
     ///
     /// # Panics
     /// If a field has no member, a member is not in `models`, shapes differ, or a vector is not finite (programmer's errors).
-    pub fn new(models: &[DisplacementFields], members: &[Vec<usize>]) -> Self {
+    pub fn new(models: &[DisplacementFields], members: &[Vec<usize>], weights: Option<&[f64]>) -> Self {
         let node_count = models[0].node_count();
         let gather = |(m, members): (usize, &Vec<usize>)| {
             assert!(!members.is_empty(), "field {m} has no member");
@@ -79,7 +81,8 @@ impl Slots {
         };
         let fields: Vec<_> = members.iter().enumerate().map(gather).collect();
         assert!(fields.iter().flatten().all(|v| PointSet::new(std::slice::from_ref(v)).is_ok()), "a vector is not finite");
-        Self { node_count, fields }
+        let of_members = |weights: &[f64]| members.iter().map(|members| members.iter().map(|&i| weights[i]).collect()).collect();
+        Self { node_count, fields, weights: weights.map(of_members) }
     }
 
     /// Number of slots, (N' - 1) N.
@@ -105,7 +108,8 @@ impl Slots {
         let field = &self.fields[slot / self.node_count];
         let count = field.len() / self.node_count;
         let k = slot % self.node_count;
-        PointSet::unweighted(&field[k * count..(k + 1) * count])
+        let weights = self.weights.as_ref().map(|weights| weights[slot / self.node_count].as_slice());
+        PointSet::known(&field[k * count..(k + 1) * count], weights)
     }
 
     /// Sum of distances [KP, eq. (7)] from sums by slot: their sum over (N' - 1) N, in the models' unit.

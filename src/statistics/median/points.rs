@@ -115,9 +115,10 @@ impl<'a> PointSet<'a> {
         Self::checked(points, Some(weights))
     }
 
-    /// A set of points that are known to be at least one and finite.
-    pub(in crate::statistics) fn unweighted(points: &'a [Vector2<f64>]) -> Self {
-        Self { points, weights: None, total_weight: points.len() as f64 }
+    /// A set of points that are known to be at least one and finite, with weights that are one for each, finite and positive.
+    pub(in crate::statistics) fn known(points: &'a [Vector2<f64>], weights: Option<&'a [f64]>) -> Self {
+        let total_weight = weights.map_or(points.len() as f64, |weights| CompensatedSum::of(weights.iter().copied()));
+        Self { points, weights, total_weight }
     }
 
     /// Other points with the same weights, one for each of these.

@@ -23,7 +23,7 @@ fn label() -> ClassLabel {
 }
 
 fn options(alpha: f64, median: MedianKind) -> StatisticsOptions {
-    StatisticsOptions { alpha, median }
+    StatisticsOptions { alpha, median, ..StatisticsOptions::default() }
 }
 
 /// A model of the small wireframe from its displacement vectors in slot order.

@@ -16,12 +16,13 @@ use rayon::prelude::*;
 
 use super::{
     ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, StatisticsError, StatisticsOptions, TrimmingRow,
-    dispersion::median,
+    dispersion::{Dispersions, median_of},
     distance::{DisplacementFields, length},
     median::{Ending, ExactOptions, GeometricMedian, PointSet, geometric_median},
     representative::{at_all_nodes, model_from_displacements},
     sum::CompensatedSum,
-    trimming::trimmed_count,
+    trimming::{TrimLevel, trimmed_count},
+    weights::sequence_weights,
 };
 use crate::{units::SequenceId, wireframe::Wireframe};
 
@@ -34,7 +35,7 @@ pub const MANY_MODELS: usize = 2048;
 pub const DEFAULT_MEMORY: u64 = 1 << 31;
 
 /// Bytes per model and slot of a node that is worked on: its vectors, the copies that the median takes, sums of distances.
-const BYTES_PER_SLOT: u64 = 72;
+const BYTES_PER_SLOT: u64 = 80;
 
 /// Most nodes worked on at once.
 const MOST_NODES_AT_ONCE: usize = 16;
@@ -110,19 +111,24 @@ pub struct StreamedMedian {
     pub ending: Ending,
     /// Distance of every model over the fields it is kept in; `None` where that is no field.
     pub distances: Vec<Option<f64>>,
+    /// Distance of every model over all fields.
+    pub distances_all: Vec<f64>,
+    /// The mean over the fields of the median of `d_f` over the models kept.
+    pub field_dispersion: Option<f64>,
     /// Per live node the median over the models of the mean of `d_v` over the fields kept.
     pub node_dispersion: Vec<f64>,
 }
 
 /// The exact median in one pass over the nodes.
 ///
-/// `kept[m]` are the models kept in field m, ascending; `None` keeps all.
+/// `kept[m]` are the models kept in field m, ascending; `None` keeps all. `weights` are the models', where they differ.
 ///
 /// # Errors
 /// [`SourceError`].
 pub fn streamed_median<S: SlotSource + ?Sized>(
     source: &S,
     kept: Option<&[Vec<usize>]>,
+    weights: Option<&[f64]>,
     memory: u64,
 ) -> Result<StreamedMedian, SourceError> {
     let (models, nodes, fields) = (source.model_count(), source.node_count(), source.field_count());
@@ -142,7 +148,11 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
     let mut vectors = vec![Vector2::zeros(); nodes * fields];
     let (mut sums, mut bounds) = (vec![0.0; nodes * fields], vec![0.0; nodes * fields]);
     let (mut steps, mut ending) = (0, Ending::Converged);
-    let mut totals = vec![0.0; models];
+    // By field and model, the sums over the nodes of d_v.
+    let mut totals = vec![vec![0.0; models]; fields];
+    let member_weights: Option<Vec<Vec<f64>>> = kept
+        .zip(weights)
+        .map(|(kept, weights)| kept.iter().map(|members| members.iter().map(|&i| weights[i]).collect()).collect());
     let mut node_dispersion = Vec::with_capacity(nodes);
     let mut start = 0;
     while start < nodes {
@@ -152,11 +162,11 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
         let solve = |&(k, m): &(usize, usize)| {
             let points = &read[k][m];
             match &is_kept {
-                None => geometric_median(&PointSet::unweighted(points), &options),
+                None => geometric_median(&PointSet::known(points, weights), &options),
                 Some(flags) => {
                     let members: Vec<Vector2<f64>> =
                         points.iter().zip(&flags[m]).filter(|(_, kept)| **kept).map(|(p, _)| *p).collect();
-                    geometric_median(&PointSet::unweighted(&members), &options)
+                    geometric_median(&PointSet::known(&members, member_weights.as_ref().map(|w| w[m].as_slice())), &options)
                 }
             }
         };
@@ -167,51 +177,65 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
             steps += found.iterations;
             ending = ending.max(found.ending);
         }
-        // Per node the sum of d_v over the fields kept, of every model.
-        let of_node = |k: usize| -> Vec<f64> {
-            let mut distances = vec![0.0; models];
-            for m in 0..fields {
+        // Per node and field d_v of every model.
+        let of_node = |k: usize| -> Vec<Vec<f64>> {
+            let of_field = |m: usize| {
                 let center = medians[k * fields + m].point;
-                for (i, (distance, p)) in distances.iter_mut().zip(&read[k][m]).enumerate() {
-                    if is_kept.as_ref().is_none_or(|flags| flags[m][i]) {
-                        *distance += length(p.x - center.x, p.y - center.y);
-                    }
-                }
-            }
-            distances
+                read[k][m].iter().map(|p| length(p.x - center.x, p.y - center.y)).collect()
+            };
+            (0..fields).map(of_field).collect()
         };
-        let per_node: Vec<(Vec<f64>, f64)> = (0..read.len())
+        let per_node: Vec<(Vec<Vec<f64>>, f64)> = (0..read.len())
             .into_par_iter()
             .map(|k| {
                 let distances = of_node(k);
-                let means = distances.iter().zip(&fields_of).filter(|(_, n)| **n > 0).map(|(d, &n)| d / f64::from(n));
-                let scatter = median(&mut means.collect::<Vec<_>>()).unwrap_or(0.0);
+                let means = (0..models).map(|i| mean_of_kept(&distances, is_kept.as_deref(), fields_of[i], i));
+                let scatter = median_of(means, weights).unwrap_or(0.0);
                 (distances, scatter)
             })
             .collect();
         for (distances, scatter) in per_node {
-            totals.iter_mut().zip(&distances).for_each(|(total, d)| *total += d);
+            for (totals, distances) in totals.iter_mut().zip(&distances) {
+                totals.iter_mut().zip(distances).for_each(|(total, d)| *total += d);
+            }
             node_dispersion.push(scatter);
         }
         start = end;
     }
     let total = |values: &[f64]| CompensatedSum::of(values.iter().copied()) / (nodes * fields) as f64;
-    let distance = |(total, &n): (&f64, &u8)| (n > 0).then(|| total / (f64::from(n) * nodes as f64));
+    totals.iter_mut().flatten().for_each(|total| *total /= nodes as f64);
+    let distance = |i: usize| mean_of_kept(&totals, is_kept.as_deref(), fields_of[i], i);
+    let of_field = |m: usize| {
+        let is_in = |i: usize| is_kept.as_ref().is_none_or(|flags| flags[m][i]);
+        median_of((0..models).map(|i| is_in(i).then(|| totals[m][i])), weights)
+    };
+    let by_field: Option<Vec<f64>> = (0..fields).map(of_field).collect();
     Ok(StreamedMedian {
         sum: total(&sums),
         lower_bound: total(&bounds),
         steps,
         ending,
-        distances: totals.iter().zip(&fields_of).map(distance).collect(),
+        distances: (0..models).map(distance).collect(),
+        distances_all: (0..models).map(|i| totals.iter().map(|field| field[i]).sum::<f64>() / fields as f64).collect(),
+        field_dispersion: by_field.map(|medians| medians.iter().sum::<f64>() / fields as f64),
         node_dispersion,
         vectors,
     })
 }
 
+/// The mean of a model's distances over the `count` fields that it is kept in; `None` where that is no field.
+fn mean_of_kept(distances: &[Vec<f64>], is_kept: Option<&[Vec<bool>]>, count: u8, model: usize) -> Option<f64> {
+    let of_field = |(m, field): (usize, &Vec<f64>)| {
+        if is_kept.is_none_or(|flags| flags[m][model]) { field[model] } else { 0.0 }
+    };
+    (count > 0).then(|| distances.iter().enumerate().map(of_field).sum::<f64>() / f64::from(count))
+}
+
 /// The representative of a class of very many models: certified trimming, the exact median, dispersions.
 ///
 /// `ids` are the models' sequences in the order of `source`, ascending and different; `neutral` is the neutral frame they share, all
-/// nodes. The median is exact whatever the options say ([`Representative::median`]); where alpha trims nothing no `d_tf` is computed,
+/// nodes. One person has one weight in medians and dispersions as for fewer models; d_tf and trimming count every sequence alike.
+/// The median is exact whatever the options say ([`Representative::median`]); where alpha trims nothing no `d_tf` is computed,
 /// and the trace is empty.
 ///
 /// # Errors
@@ -232,16 +256,20 @@ pub fn representative_of_many<S: SlotSource + ?Sized>(
         return Err(StatisticsError::Empty { emotion: label.emotion });
     }
     let dropped = trimmed_count(options.alpha, source.model_count());
+    if dropped > 0 && options.trim == TrimLevel::Model {
+        return Err(StatisticsError::ModelTrimmingOfMany { found: source.model_count(), limit: MANY_MODELS });
+    }
+    let weights = sequence_weights(&ids, options.weighting);
+    let weights = weights.as_deref();
     let trimming = if dropped > 0 { Some(trim_certified(source, dropped, memory)?) } else { None };
     let kept = trimming.as_ref().map(|t| t.kept.as_slice());
-    let trimmed = streamed_median(source, kept, memory)?;
+    let trimmed = streamed_median(source, kept, weights, memory)?;
     let untrimmed = match &trimming {
-        Some(_) => streamed_median(source, None, memory)?,
+        Some(_) => streamed_median(source, None, weights, memory)?,
         None => trimmed.clone(),
     };
     let dispersion_of = |distances: &[Option<f64>]| {
-        let mut known: Vec<f64> = distances.iter().flatten().copied().collect();
-        if ids.len() > 1 { median(&mut known) } else { None }
+        if ids.len() > 1 { median_of(distances.iter().copied(), weights) } else { None }
     };
     let gap = if trimmed.sum == trimmed.lower_bound { 0.0 } else { (trimmed.sum - trimmed.lower_bound) / trimmed.sum };
     let center = DisplacementFields::from_vectors(wireframe.live_nodes().len(), &trimmed.vectors);
@@ -261,6 +289,13 @@ pub fn representative_of_many<S: SlotSource + ?Sized>(
         search: MedianSearch { exact_steps: trimmed.steps, exact_ending: trimmed.ending, ..MedianSearch::default() },
         dispersion: dispersion_of(&trimmed.distances),
         dispersion_untrimmed: dispersion_of(&untrimmed.distances),
+        dispersions: Dispersions {
+            literal: dispersion_of(&trimmed.distances_all.iter().copied().map(Some).collect::<Vec<_>>()),
+            literal_untrimmed: dispersion_of(&untrimmed.distances),
+            field: trimmed.field_dispersion.filter(|_| ids.len() > 1),
+            field_untrimmed: untrimmed.field_dispersion.filter(|_| ids.len() > 1),
+        },
+        weighted: weights.is_some(),
         node_dispersion: at_all_nodes(&trimmed.node_dispersion, wireframe),
         distances: trimmed.distances,
         distances_untrimmed: untrimmed.distances.into_iter().map(Option::unwrap_or_default).collect(),

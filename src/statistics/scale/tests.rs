@@ -27,7 +27,7 @@ fn models(count: usize, nodes: usize, fields: usize, seed: u64) -> Vec<Displacem
 
 fn direct(models: &[DisplacementFields], alpha: f64) -> super::super::trimming::Trimming {
     let everything: Vec<Vec<usize>> = vec![(0..models.len()).collect(); models[0].field_count()];
-    trim_outliers(&sums_of_distances(models, &everything), alpha)
+    trim_outliers(&sums_of_distances(models, &everything, None), None, alpha, TrimLevel::Frame)
 }
 
 #[test]
@@ -62,9 +62,9 @@ fn equal_models_are_dropped_in_the_order_of_their_ids() {
 fn the_streamed_median_is_the_exact_one_whatever_the_memory() {
     let models = models(60, 9, 2, 3);
     let kept = direct(&models, 0.2).kept;
-    let slots = Slots::new(&models, &kept);
+    let slots = Slots::new(&models, &kept, None);
     let expected = exact_median(&slots, &ExactOptions::default());
-    let found = streamed_median(models.as_slice(), Some(&kept), DEFAULT_MEMORY).unwrap();
+    let found = streamed_median(models.as_slice(), Some(&kept), None, DEFAULT_MEMORY).unwrap();
     assert_eq!(found.vectors, expected.vectors);
     assert_eq!(found.sum, slots.total(&expected.sums));
     let center = DisplacementFields::from_vectors(9, &expected.vectors);
@@ -72,10 +72,10 @@ fn the_streamed_median_is_the_exact_one_whatever_the_memory() {
     for (f, e) in found.distances.iter().zip(by_model.distances(&models, &center)) {
         approx::assert_relative_eq!(f.unwrap_or(-1.0), e.unwrap_or(-1.0), max_relative = 1e-12);
     }
-    for (f, e) in found.node_dispersion.iter().zip(by_model.node_dispersion(&models, &center)) {
+    for (f, e) in found.node_dispersion.iter().zip(by_model.node_dispersion(&models, &center, None)) {
         approx::assert_relative_eq!(*f, e, max_relative = 1e-12);
     }
-    let small = streamed_median(models.as_slice(), Some(&kept), 1).unwrap();
+    let small = streamed_median(models.as_slice(), Some(&kept), None, 1).unwrap();
     assert_eq!((small.vectors, small.distances), (found.vectors, found.distances));
 }
 
@@ -103,6 +103,10 @@ fn the_representative_of_many_is_that_of_few() {
     assert_eq!(dropped(&many), dropped(&few));
     for (a, b) in [(many.dispersion, few.dispersion), (many.dispersion_untrimmed, few.dispersion_untrimmed)] {
         approx::assert_relative_eq!(a.unwrap(), b.unwrap(), max_relative = 1e-9);
+    }
+    let forms = |d: &Dispersions| [d.literal, d.literal_untrimmed, d.field, d.field_untrimmed].map(Option::unwrap);
+    for (a, b) in forms(&many.dispersions).into_iter().zip(forms(&few.dispersions)) {
+        approx::assert_relative_eq!(a, b, max_relative = 1e-9);
     }
     approx::assert_relative_eq!(many.sums.exact, few.sums.exact, max_relative = 1e-9);
     let certificate = many.certificate.unwrap();

@@ -4,12 +4,12 @@ use std::{collections::BTreeMap, time::Instant};
 
 use rayon::prelude::*;
 
-use super::{Cell, SyntheticPeople, Table};
+use super::{Cell, Spread, SyntheticPeople, Table};
 use grimace::{
     model::ModelError,
     statistics::{
         ClassLabel, SequenceModel, StatisticsError, StatisticsOptions,
-        bootstrap::dispersion_interval,
+        bootstrap::dispersion_replicates,
         compare::{CompareOptions, test},
         representative,
     },
@@ -28,8 +28,12 @@ pub struct GroupStudyOptions {
     pub differences: Vec<f64>,
     /// Permutations of each test.
     pub permutations: usize,
-    /// Classes of people whose interval is tried, of as many people as the first group; 0 for none.
+    /// Classes of people whose interval is tried, of each size and population; 0 for none.
     pub intervals: usize,
+    /// People of these classes.
+    pub interval_people: Vec<usize>,
+    /// Populations that they are drawn from.
+    pub populations: Vec<Spread>,
     /// Replicates of each interval.
     pub replicates: usize,
     /// People whose dispersion stands for the truth.
@@ -53,15 +57,32 @@ pub struct GroupTrial {
     pub mean_effect: f64,
 }
 
+/// Intervals of classes of one size from one population.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IntervalTrial {
+    /// The population.
+    pub population: Spread,
+    /// People of each class.
+    pub people: usize,
+    /// Classes.
+    pub tried: usize,
+    /// Intervals that hold the truth: ours, that around the dispersion of people left out, and that around the class's own.
+    pub covered: [usize; 3],
+    /// Mean width of ours, face units.
+    pub width: f64,
+    /// Mean of the classes' dispersions, face units.
+    pub mean_dispersion: f64,
+    /// The dispersion of [`GroupStudyOptions::truth`] people, face units.
+    pub truth: f64,
+}
+
 /// Outcome of the study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupStudy {
     /// By difference.
     pub trials: Vec<GroupTrial>,
-    /// Intervals that hold the truth, and intervals tried.
-    pub covered: Option<(usize, usize)>,
-    /// The dispersion that stands for the truth, face units.
-    pub true_dispersion: Option<f64>,
+    /// By population, then by number of people.
+    pub intervals: Vec<IntervalTrial>,
     /// Time of one test of 10,000 permutations of the first pair, seconds.
     pub seconds_per_10000: f64,
 }
@@ -127,14 +148,22 @@ pub fn evaluate_groups(options: &GroupStudyOptions, tick: impl Fn() + Sync) -> R
     let started = Instant::now();
     let _ = test(&pair(0, 0, 0.0), first, &compare(10_000), 0);
     let seconds_per_10000 = started.elapsed().as_secs_f64();
-    let (covered, true_dispersion) = if options.intervals > 0 { coverage(&people, options, tick)? } else { (None, None) };
-    Ok(GroupStudy { trials, covered, true_dispersion, seconds_per_10000 })
+    let mut intervals = Vec::new();
+    if options.intervals > 0 {
+        for &population in &options.populations {
+            intervals.extend(coverage(&people.clone().with_spread(population), population, options, &tick)?);
+        }
+    }
+    Ok(GroupStudy { trials, intervals, seconds_per_10000 })
 }
 
-type Coverage = (Option<(usize, usize)>, Option<f64>);
-
 /// How many intervals hold the dispersion of a very large class.
-fn coverage(people: &SyntheticPeople, options: &GroupStudyOptions, tick: impl Fn() + Sync) -> Result<Coverage, GroupStudyError> {
+fn coverage(
+    people: &SyntheticPeople,
+    population: Spread,
+    options: &GroupStudyOptions,
+    tick: &(impl Fn() + Sync),
+) -> Result<Vec<IntervalTrial>, GroupStudyError> {
     let statistics = StatisticsOptions::default();
     let label = || ClassLabel { emotion: "happiness".to_owned(), group: BTreeMap::new() };
     let class = |base: u64, count: usize| -> Result<Vec<SequenceModel>, GroupStudyError> {
@@ -147,17 +176,28 @@ fn coverage(people: &SyntheticPeople, options: &GroupStudyOptions, tick: impl Fn
     let far = u64::MAX / 2;
     let truth = representative(label(), &class(far, options.truth)?, people.wireframe(), &statistics)?.dispersion.unwrap_or(0.0);
     let live = people.wireframe().live_nodes();
-    let mut covered = 0;
-    for number in 0..options.intervals {
-        let models = class(far + (number as u64 + 1) * PEOPLE_PER_PAIR, options.people[0])?;
-        let of_class = representative(label(), &models, people.wireframe(), &statistics)?;
-        let models: Vec<&SequenceModel> = models.iter().collect();
-        let (alpha, replicates) = (statistics.alpha, options.replicates);
-        let interval = dispersion_interval(&of_class, &models, live, alpha, replicates, options.seed, number as u32);
-        covered += usize::from(interval.is_some_and(|i| (i.low..=i.high).contains(&truth)));
-        tick();
+    let mut trials = Vec::new();
+    for &count in &options.interval_people {
+        let mut trial =
+            IntervalTrial { population, people: count, tried: 0, covered: [0; 3], width: 0.0, mean_dispersion: 0.0, truth };
+        for number in 0..options.intervals {
+            let models = class(far + (number as u64 + 1) * PEOPLE_PER_PAIR, count)?;
+            let of_class = representative(label(), &models, people.wireframe(), &statistics)?;
+            let models: Vec<&SequenceModel> = models.iter().collect();
+            let made = dispersion_replicates(&of_class, &models, live, options.replicates, options.seed, number as u32);
+            tick();
+            let Some(made) = made else { continue };
+            let ours = made.interval();
+            trial.tried += 1;
+            for (covered, i) in trial.covered.iter_mut().zip([ours, made.around_left_out(), made.around_own()]) {
+                *covered += usize::from((i.low..=i.high).contains(&truth));
+            }
+            trial.width += (ours.high - ours.low) / options.intervals as f64;
+            trial.mean_dispersion += made.dispersion / options.intervals as f64;
+        }
+        trials.push(trial);
     }
-    Ok((Some((covered, options.intervals)), Some(truth)))
+    Ok(trials)
 }
 
 impl GroupStudy {
@@ -184,6 +224,43 @@ impl GroupStudy {
                 Cell::Number(100.0 * high, 1),
                 Cell::Number(100.0 * t.wrong_nodes as f64 / t.pairs.max(1) as f64, 1),
                 Cell::Number(100.0 * t.mean_effect, 2),
+            ]);
+        }
+        table
+    }
+}
+
+impl GroupStudy {
+    /// A row per population and number of people: share of the intervals that hold the truth, with its 95 % interval.
+    pub fn interval_table(&self) -> Table {
+        let mut table = Table::new([
+            "population",
+            "people",
+            "intervals",
+            "covered_percent",
+            "low_percent",
+            "high_percent",
+            "covered_left_out_percent",
+            "covered_own_percent",
+            "mean_width",
+            "mean_dispersion",
+            "true_dispersion",
+        ]);
+        for t in &self.intervals {
+            let (low, high) = wilson(t.covered[0], t.tried);
+            let percent = |count: usize| Cell::Number(100.0 * count as f64 / t.tried.max(1) as f64, 1);
+            table.rows.push(vec![
+                Cell::Text(t.population.name().to_owned()),
+                Cell::Count(t.people),
+                Cell::Count(t.tried),
+                percent(t.covered[0]),
+                Cell::Number(100.0 * low, 1),
+                Cell::Number(100.0 * high, 1),
+                percent(t.covered[1]),
+                percent(t.covered[2]),
+                Cell::Number(t.width, 3),
+                Cell::Number(t.mean_dispersion, 3),
+                Cell::Number(t.truth, 3),
             ]);
         }
         table
@@ -223,6 +300,8 @@ mod tests {
             differences: vec![0.0, 1.0],
             permutations: 199,
             intervals: 0,
+            interval_people: Vec::new(),
+            populations: Vec::new(),
             replicates: 0,
             truth: 0,
             seed: 3,

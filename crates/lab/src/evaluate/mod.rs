@@ -9,6 +9,7 @@
 //! data alone, never from the number of threads.
 
 mod action_units;
+mod calibration;
 mod clone;
 mod clone_cross;
 mod clone_quality;
@@ -45,6 +46,7 @@ use grimace::{
 };
 
 pub use action_units::{ActionUnitOptions, ActionUnitTrial, action_unit_table, evaluate_action_units, judged_mean};
+pub use calibration::{Calibration, CalibrationClass, evaluate_discriminants};
 pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
 pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
 pub use clone_quality::{Likeness, likeness};
@@ -55,7 +57,7 @@ pub use confidence::{
 };
 pub use figure::{LineChart, Series};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
-pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, evaluate_groups, wilson};
+pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, IntervalTrial, evaluate_groups, wilson};
 pub use marks::{
     MarkChoice, MarkableNode, SELECTION_SIZES, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks,
     suggested_marks, suggested_table,
@@ -78,7 +80,7 @@ pub use synthesis::{
     CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart,
     evaluate_crossovers, evaluate_solvers, history_chart, solver_table, time_solvers, time_table,
 };
-pub use synthetic::SyntheticPeople;
+pub use synthetic::{Spread, SyntheticPeople};
 pub use table::{Cell, Table};
 pub use tracking::{
     Failed, Start, TrackingCase, TrackingOptions, TrackingResult, dataset_cases, evaluate_tracking, hard_simulation,

@@ -130,7 +130,7 @@ pub fn evaluate_scale(
             let class = file.class((0..file.row_count()).collect(), live);
             let (ids, neutral) = (class.ids(), class.neutral()?);
             let label = ClassLabel { emotion: "happiness".to_owned(), group: BTreeMap::new() };
-            let statistics = StatisticsOptions { alpha, median: MedianKind::Exact };
+            let statistics = StatisticsOptions { alpha, median: MedianKind::Exact, ..StatisticsOptions::default() };
             let source: &ColumnarClassRef<'_> = &class;
             let r = representative_of_many(label, ids, neutral, source, people.wireframe(), &statistics, options.memory)?;
             let row = ScaleRow {

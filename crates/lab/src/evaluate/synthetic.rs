@@ -4,9 +4,10 @@
 //! error of its own. That is how the tests between groups and the statistics of very many models are tried: the truth is known.
 
 use nalgebra::{Point2, Vector2};
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
+use rand_distr::{Distribution, StandardNormal, StudentT};
+use serde::{Deserialize, Serialize};
 
 use grimace::{
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -29,6 +30,45 @@ const ASYMMETRY_SD: f64 = 0.15;
 /// Standard deviation of every coordinate of every node in every frame, face units.
 const NOISE_SD: f64 = 4.0;
 
+/// How the people of a population differ from each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Spread {
+    /// Strength lognormal, errors normal.
+    #[default]
+    Smile,
+    /// Logarithms of strength and pace, and errors, by Student's t with 3 degrees of freedom.
+    HeavyTails,
+    /// One in eight makes the opposite expression.
+    Mixture,
+    /// Half of the people smile half as strong, the other half one and a half times.
+    Clusters,
+}
+
+impl Spread {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Smile, Self::HeavyTails, Self::Mixture, Self::Clusters];
+
+    /// Name in tables and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Smile => "smile",
+            Self::HeavyTails => "heavy-tails",
+            Self::Mixture => "mixture",
+            Self::Clusters => "clusters",
+        }
+    }
+}
+
+/// Degrees of freedom of heavy tails.
+const TAIL_FREEDOM: f64 = 3.0;
+/// Share of people who make the opposite expression, in a mixture.
+const OPPOSITE_SHARE: f64 = 0.125;
+/// Strength of the two clusters.
+const CLUSTER_STRENGTHS: [f64; 2] = [0.5, 1.5];
+/// Largest magnitude of the logarithm of a strength or pace: a factor of 20.
+const MOST_LOGARITHM: f64 = 3.0;
+
 /// People who smile.
 #[derive(Clone, Debug)]
 pub struct SyntheticPeople {
@@ -36,6 +76,13 @@ pub struct SyntheticPeople {
     neutral: Vec<Point2<f64>>,
     apex: Vec<Vector2<f64>>,
     seed: u64,
+    spread: Spread,
+}
+
+/// A number from 0 to 1 for a person, all alike.
+fn uniform(person: u64) -> f64 {
+    let mut random = ChaCha8Rng::seed_from_u64(person);
+    random.random()
 }
 
 impl SyntheticPeople {
@@ -54,7 +101,14 @@ impl SyntheticPeople {
                 unit.offsets.iter().for_each(|(node, offset)| apex[node.index()] += offset.xy() * intensity * scale);
             }
         }
-        Ok(Self { wireframe, neutral, apex, seed })
+        Ok(Self { wireframe, neutral, apex, seed, spread: Spread::Smile })
+    }
+
+    /// The same people, differing from each other in another way.
+    #[must_use]
+    pub fn with_spread(mut self, spread: Spread) -> Self {
+        self.spread = spread;
+        self
     }
 
     /// The wireframe of the models.
@@ -66,9 +120,22 @@ impl SyntheticPeople {
     pub fn frames(&self, person: u64, strength: f64) -> Vec<Vec<Point2<f64>>> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(person);
-        let mut gauss = || -> f64 { StandardNormal.sample(&mut random) };
-        let strength = strength * (STRENGTH_SD * gauss()).exp();
-        let pace = (PACE_SD * gauss()).exp();
+        let tails = (self.spread == Spread::HeavyTails).then(|| StudentT::new(TAIL_FREEDOM).ok()).flatten();
+        let mut gauss = || -> f64 {
+            match tails {
+                Some(tails) => tails.sample(&mut random),
+                None => StandardNormal.sample(&mut random),
+            }
+        };
+        let exp = |logarithm: f64| logarithm.clamp(-MOST_LOGARITHM, MOST_LOGARITHM).exp();
+        let kind = match self.spread {
+            Spread::Smile | Spread::HeavyTails => 1.0,
+            Spread::Mixture if uniform(person) < OPPOSITE_SHARE => -1.0,
+            Spread::Mixture => 1.0,
+            Spread::Clusters => CLUSTER_STRENGTHS[usize::from(uniform(person) < 0.5)],
+        };
+        let strength = kind * strength * exp(STRENGTH_SD * gauss());
+        let pace = exp(PACE_SD * gauss());
         let asymmetry = ASYMMETRY_SD * gauss();
         let mut frames = vec![self.neutral.clone()];
         for m in 1..FRAMES_PER_MODEL {

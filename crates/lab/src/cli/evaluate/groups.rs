@@ -1,17 +1,20 @@
 //! `grimace evaluate groups`.
 
-use grimace_lab::evaluate::{GroupStudyOptions, evaluate_groups};
+use grimace::{
+    cli::{Outcome, shared::words},
+    statistics::bootstrap::LEAST_PEOPLE,
+};
+use grimace_lab::evaluate::{GroupStudyOptions, Spread, evaluate_groups};
 use serde_json::json;
-
-use grimace::cli::Outcome;
 
 use super::{CommonArgs, bar};
 
 /// Size and power of the test between groups, and coverage of the intervals, on simulated people.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Example:
+Examples:
   grimace evaluate groups -o study --people 50,50 --pairs 1000 --differences 0,10,20,30
+  grimace evaluate groups -o coverage --pairs 1 --differences 0 --intervals 200 --interval-people 10,20,50 --populations smile,heavy-tails
 
 Two groups are drawn again and again from people whose smiles differ in strength, pace, symmetry and error; the second group smiles by so \
 many percent stronger. At a difference of 0 a test at 5 % must reject 5 % of the pairs.")]
@@ -28,9 +31,15 @@ pub struct Args {
     /// Permutations of each test
     #[arg(long, default_value_t = 999, value_parser = clap::value_parser!(u32).range(99..=1_000_000))]
     permutations: u32,
-    /// Classes of as many people as group A whose bootstrap interval is tried; 0 for none
+    /// Classes of people, of each size and population, whose dispersion's interval is tried; 0 for none
     #[arg(long, default_value_t = 0)]
     intervals: usize,
+    /// People of these classes, 8 or more; by default as many as group A
+    #[arg(long, value_delimiter = ',', value_name = "COUNT")]
+    interval_people: Vec<usize>,
+    /// Populations that they are drawn from: how people differ in strength, pace and error
+    #[arg(long, default_value = "smile", value_delimiter = ',', value_parser = words::<Spread>(&["smile", "heavy-tails", "mixture", "clusters"]))]
+    populations: Vec<Spread>,
     /// Replicates of each interval
     #[arg(long, default_value_t = 500)]
     replicates: usize,
@@ -49,6 +58,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.differences.iter().all(|d| d.is_finite() && (-90.0..=1000.0).contains(d)),
         "--differences: percentages from -90 to 1000"
     );
+    let interval_people = if args.interval_people.is_empty() { vec![a] } else { args.interval_people.clone() };
+    anyhow::ensure!(
+        args.intervals == 0 || interval_people.iter().all(|&n| (LEAST_PEOPLE..=2000).contains(&n)),
+        "--interval-people: from {LEAST_PEOPLE} to 2000 people; a class of fewer gets no interval"
+    );
+    anyhow::ensure!(args.intervals == 0 || args.replicates >= 2, "--replicates: an interval takes 2 replicates or more");
     let mut folder = args.common.start()?;
     let options = GroupStudyOptions {
         people: [a, b],
@@ -56,11 +71,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         differences: args.differences.iter().map(|d| d / 100.0).collect(),
         permutations: args.permutations as usize,
         intervals: args.intervals,
+        interval_people: interval_people.clone(),
+        populations: args.populations.clone(),
         replicates: args.replicates,
         truth: TRUTH,
         seed: args.common.seed,
     };
-    let bar = bar(args.common.quiet, "testing", options.pairs * options.differences.len() + options.intervals);
+    let intervals = options.intervals * options.interval_people.len() * options.populations.len();
+    let bar = bar(args.common.quiet, "testing", options.pairs * options.differences.len() + intervals);
     let study = evaluate_groups(&options, || bar.inc(1))?;
     bar.finish_and_clear();
     let table = study.table();
@@ -68,12 +86,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder.print("Rejections at 5 %, with their 95 % interval", &table);
     if !args.common.quiet {
         println!("one test of 10000 permutations of {a} and {b} people: {:.2} s", study.seconds_per_10000);
-        if let (Some((covered, tried)), Some(truth)) = (study.covered, study.true_dispersion) {
-            let share = 100.0 * covered as f64 / tried as f64;
-            println!(
-                "95 % intervals that hold the dispersion of {TRUTH} people, {truth:.3}: {covered} of {tried} ({share:.1} %)"
-            );
-        }
+    }
+    if !study.intervals.is_empty() {
+        let table = study.interval_table();
+        folder.table("intervals.csv", &table)?;
+        folder.print(&format!("95 % intervals that hold the dispersion of {TRUTH} people, face units"), &table);
     }
     let options = json!({
         "people": args.people,
@@ -81,16 +98,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "differences_percent": args.differences,
         "permutations": args.permutations,
         "intervals": args.intervals,
+        "interval_people": interval_people,
+        "populations": args.populations,
         "replicates": args.replicates,
     });
-    let covered = study.covered.map(|(covered, tried)| json!({ "covered": covered, "tried": tried }));
     // No times here: the same options give the same file.
-    folder.finish(
-        "groups",
-        None,
-        args.common.seed,
-        options,
-        json!({ "intervals": covered, "true_dispersion": study.true_dispersion }),
-    )?;
+    folder.finish("groups", None, args.common.seed, options, json!({ "people_of_truth": TRUTH }))?;
     Ok(Outcome::Done)
 }

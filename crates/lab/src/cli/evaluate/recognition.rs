@@ -5,23 +5,25 @@ use std::path::PathBuf;
 use grimace::{
     dataset::Dataset,
     output::write_bytes,
-    pipeline::{PipelineOptions, Workbench, load_tracks, track_files},
+    pipeline::{NONE_LEVEL, PipelineOptions, Workbench, load_tracks, track_files},
 };
-use grimace_lab::evaluate::{LabelledSequence, evaluate_recognition};
+use grimace_lab::evaluate::{LabelledSequence, evaluate_discriminants, evaluate_recognition};
 use serde_json::json;
 
 use grimace::cli::{Outcome, shared::ModelArgs};
 
 use super::{CommonArgs, bar};
 
-/// Do the representatives mean anything? Every sequence goes to the nearest representative, made of other people.
+/// Do the representatives mean anything? Every sequence is recognized by other people's, in two ways.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace evaluate recognition results/tracks -o recognition
 
-One subject is left out at a time; the representatives of every label are made of all others. Writes confusion.csv, confusion.svg, \
-recognition.csv (a row per sequence) and evaluation.json.")]
+One subject is left out at a time. First every sequence goes to the nearest representative, made of all others: confusion.csv, \
+confusion.svg, recognition.csv (a row per sequence). Then it is recognized by the discriminants of `run` and `recognize`, made of all \
+others: confusion_discriminants.csv and .svg, recognition_discriminants.csv, calibration.csv and .svg (whether probabilities hold). \
+evaluation.json has both accuracies.")]
 pub struct Args {
     /// Track files, or folders of them
     #[arg(required = true)]
@@ -93,6 +95,38 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             100.0 * summary.guessing
         );
     }
+    let discriminants = match evaluate_discriminants(&labelled, &bench.wireframe, NONE_LEVEL, || {}) {
+        Ok(calibration) => {
+            let summary = calibration.recognition.summary(args.common.seed);
+            let confusion = calibration.recognition.confusion_table();
+            folder.table("confusion_discriminants.csv", &confusion)?;
+            folder.table("recognition_discriminants.csv", &calibration.recognition.sequence_table())?;
+            folder.table("calibration.csv", &calibration.table())?;
+            for (name, svg) in
+                [("confusion_discriminants.svg", calibration.recognition.confusion_svg()), ("calibration.svg", calibration.svg())]
+            {
+                write_bytes(&folder.path.join(name), svg.as_bytes())?;
+                folder.files.push(name.to_owned());
+            }
+            folder.print("Confusion of the discriminants", &confusion);
+            folder.print("Do their probabilities hold?", &calibration.table());
+            if !args.common.quiet {
+                println!(
+                    "discriminants: {} judged; recognized {:.1} % (95 % interval {:.1} to {:.1}); none of these: {}",
+                    summary.judged,
+                    100.0 * summary.accuracy,
+                    100.0 * summary.accuracy_interval[0],
+                    100.0 * summary.accuracy_interval[1],
+                    calibration.none
+                );
+            }
+            json!(summary)
+        }
+        Err(why) => {
+            eprintln!("no discriminants: {why}");
+            json!(why.to_string())
+        }
+    };
     let options = json!({
         "label": args.label,
         "resample": normalize.resample,
@@ -101,6 +135,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "median": statistics.median,
         "tracks": files.len(),
     });
-    folder.finish("recognition", args.dataset.as_deref(), args.common.seed, options, json!(summary))?;
+    folder.finish(
+        "recognition",
+        args.dataset.as_deref(),
+        args.common.seed,
+        options,
+        json!({ "nearest": summary, "discriminants": discriminants }),
+    )?;
     Ok(if failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }

@@ -1,0 +1,123 @@
+//! `grimace recognize`.
+
+use std::{fs, path::PathBuf};
+
+use anyhow::Context;
+
+use super::{
+    Outcome,
+    shared::{GeneralArgs, not_negative, set_threads},
+};
+use crate::{
+    dataset::Dataset,
+    output::write_records,
+    pipeline::{
+        NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, load_tracks, recognition_header, recognition_record,
+        track_files, tracks_folder, write_recognition,
+    },
+    statistics::recognize::Recognizer,
+};
+
+/// Label sequences by the expressions of people seen before.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace recognize --with results new-people/tracks/*.csv -o recognition.csv
+
+Columns: subject, sequence, emotion (where the track's .json names one), recognized, probability, p_LABEL for every label, distance \
+(squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label), id. A sequence \
+that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.")]
+pub struct Args {
+    /// Tracks to label: files, or folders of them
+    #[arg(required = true, value_name = "TRACK")]
+    tracks: Vec<PathBuf>,
+    /// Results of `run`, or a folder of labelled tracks, to learn from
+    #[arg(long, value_name = "OUT")]
+    with: PathBuf,
+    /// Dataset or manifest that says the emotions of the tracks to learn from, where no .json beside them does
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    /// Table to write; without it, it is printed
+    #[arg(short, long, value_name = "FILE.csv")]
+    output: Option<PathBuf>,
+    /// Typicality, 0 to 1, under which a sequence is none of the labels; 0 never says so
+    #[arg(long, default_value_t = NONE_LEVEL, value_parser = not_negative, value_name = "SHARE")]
+    none: f64,
+    /// Threads; 0 for one per processor
+    #[arg(short = 'j', long, default_value_t = 0)]
+    threads: usize,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    set_threads(args.threads)?;
+    if let Some(path) = &args.output {
+        args.general.check_free(path)?;
+    }
+    let mut options = PipelineOptions::default();
+    // Sequences are normalized as those that are learned from.
+    if let Ok(text) = fs::read(args.with.join("run.json")) {
+        let run: serde_json::Value =
+            serde_json::from_slice(&text).with_context(|| format!("{}/run.json", args.with.display()))?;
+        if let Ok(normalize) = serde_json::from_value(run["options"]["normalize"].clone()) {
+            options.normalize = normalize;
+        }
+    }
+    let bench = args.general.workbench(options)?;
+    let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
+    let known_files = track_files(std::slice::from_ref(&args.with))?;
+    anyhow::ensure!(
+        !known_files.is_empty(),
+        "{} has no tracks to learn from; give results of `run`, or a folder of tracks",
+        tracks_folder(&args.with).display()
+    );
+    let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
+    let files = track_files(&args.tracks)?;
+    anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
+    let (unseen, failures) = crate::pipeline::load_unlabelled_tracks(&files, &bench);
+    for failure in known_failures.iter().chain(&failures) {
+        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
+    }
+    let labelled: Vec<_> = known.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
+    let recognizer = Recognizer::new(&labelled, bench.wireframe.live_nodes(), || {})
+        .with_context(|| format!("cannot learn from {}", args.with.display()))?;
+    let subjects: std::collections::BTreeSet<&str> = known.iter().map(|m| m.model.id.subject.as_str()).collect();
+    let seen = unseen.iter().filter(|m| subjects.contains(m.model.id.subject.as_str())).count();
+    if seen > 0 {
+        eprintln!(
+            "note: {seen} of the sequences are of people that were learned from; recognition.csv of `run` leaves people out"
+        );
+    }
+    let row = |m: &crate::pipeline::AnalyzedModel| -> anyhow::Result<RecognizedRow> {
+        Ok(RecognizedRow { id: m.model.id.clone(), emotion: m.emotion.clone(), recognized: recognizer.recognize(&m.model)? })
+    };
+    let rows = unseen.iter().map(row).collect::<anyhow::Result<Vec<_>>>()?;
+    let results = RecognitionResults { labels: recognizer.labels.clone(), rows };
+    match &args.output {
+        Some(path) => {
+            write_recognition(path, &results, args.none)?;
+            if !args.general.quiet {
+                println!("{} sequences recognized, in {}", results.rows.len(), path.display());
+            }
+        }
+        None => print_table(&results, args.none)?,
+    }
+    Ok(match (results.rows.is_empty(), failures.is_empty() && known_failures.is_empty()) {
+        (true, _) => Outcome::Failed,
+        (false, true) => Outcome::Done,
+        (false, false) => Outcome::SomeFailed,
+    })
+}
+
+/// Prints the table as CSV.
+fn print_table(results: &RecognitionResults, level: f64) -> anyhow::Result<()> {
+    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let path = folder.path().join("recognition.csv");
+    let records = results.rows.iter().map(|row| recognition_record(row, level));
+    write_records(&path, recognition_header(&results.labels), records)?;
+    let text = fs::read_to_string(&path).context("cannot read the table back")?;
+    text.lines().for_each(|line| println!("{line}"));
+    Ok(())
+}

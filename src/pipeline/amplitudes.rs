@@ -1,0 +1,211 @@
+//! Amplitudes of all sequences, groups compared by them, and their files.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+use super::{Workbench, analysis::EmotionGroups};
+use crate::{
+    output::{OutputError, listed, nine_digits, write_records},
+    statistics::{
+        LabelledModel, SequenceModel,
+        amplitude::{
+            AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, PersonValue, adjust_amplitudes, amplitudes,
+            compare_amplitudes,
+        },
+        compare::{MAX_COMPARED_GROUPS, Strata, group_values, is_known, stream_of},
+    },
+    units::SequenceId,
+};
+
+/// Amplitudes of one sequence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SequenceAmplitudes {
+    /// The sequence.
+    pub id: SequenceId,
+    /// Its emotion.
+    pub emotion: String,
+    /// Further columns of the manifest.
+    pub metadata: BTreeMap<String, String>,
+    /// By region in the order of [`AmplitudeRegion::ALL`]; `None` where there is none.
+    pub values: [Option<f64>; 4],
+}
+
+/// Amplitudes of an analysis.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AmplitudeResults {
+    /// By sequence.
+    pub sequences: Vec<SequenceAmplitudes>,
+    /// Why an emotion and region have no amplitudes.
+    pub missing: BTreeMap<(String, AmplitudeRegion), String>,
+    /// All pairs of groups, by emotion and region; corrected for their number.
+    pub comparisons: Vec<AmplitudeComparison>,
+}
+
+/// Most groups of an emotion whose amplitudes are compared.
+const MOST_GROUPS: usize = MAX_COMPARED_GROUPS;
+
+impl AmplitudeResults {
+    /// Amplitudes of all emotions.
+    pub(super) fn new(
+        emotions: &EmotionGroups<'_>,
+        models: &[LabelledModel],
+        strata: Option<&Strata>,
+        bench: &Workbench,
+    ) -> Self {
+        let metadata: BTreeMap<&SequenceId, &BTreeMap<String, String>> =
+            models.iter().map(|m| (&m.model.id, &m.metadata)).collect();
+        let mut all = Self::default();
+        for (emotion, groups) in emotions {
+            let Some((_, whole)) = groups.iter().find(|(label, _)| label.group.is_empty()) else { continue };
+            let found = amplitudes(whole, &bench.wireframe, &bench.tables);
+            all.missing.extend(found.missing.into_iter().map(|(region, why)| ((emotion.clone(), region), why)));
+            let of_id: BTreeMap<&SequenceId, [Option<f64>; 4]> =
+                whole.iter().map(|m| &m.id).zip(found.values.iter().copied()).collect();
+            for (id, values) in &of_id {
+                let metadata = metadata.get(id).map_or_else(BTreeMap::new, |m| (*m).clone());
+                all.sequences.push(SequenceAmplitudes { id: (*id).clone(), emotion: emotion.clone(), metadata, values: *values });
+            }
+            let known: Vec<_> = groups.iter().filter(|(label, _)| is_known(label)).collect();
+            if known.len() > MOST_GROUPS {
+                continue;
+            }
+            for (r, region) in AmplitudeRegion::ALL.into_iter().enumerate() {
+                if all.missing.contains_key(&(emotion.clone(), region)) {
+                    continue;
+                }
+                let people = |models: &[&SequenceModel]| people_of(models, &of_id, r);
+                for (i, (a, of_a)) in known.iter().enumerate() {
+                    for (b, of_b) in &known[i + 1..] {
+                        let stream = stream_of(&[(emotion, &a.group), (region.name(), &b.group)]);
+                        let (options, compare) = (&bench.options.groups.amplitude, &bench.options.groups.compare);
+                        let (of_a, of_b) = (people(of_a), people(of_b));
+                        all.comparisons.push(AmplitudeComparison {
+                            emotion: emotion.clone(),
+                            region: region.name(),
+                            groups: [a.group.clone(), b.group.clone()],
+                            outcome: compare_amplitudes(
+                                &of_a,
+                                &of_b,
+                                strata,
+                                options,
+                                compare.permutations,
+                                compare.seed,
+                                stream,
+                            ),
+                        });
+                    }
+                }
+            }
+        }
+        adjust_amplitudes(&mut all.comparisons);
+        all
+    }
+
+    /// What a person should know.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let mut whys: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        for ((emotion, region), why) in &self.missing {
+            let what =
+                if *region == AmplitudeRegion::Face { emotion.clone() } else { format!("{emotion} of the {}", region.name()) };
+            whys.entry(if why.contains("one person") { "there is one person only" } else { "the median hardly moves there" })
+                .or_default()
+                .push(what);
+        }
+        whys.into_iter().map(|(why, of)| format!("no amplitudes, as {why}: {}", listed(&of, 8))).collect()
+    }
+
+    /// Differences of amplitudes in words, as many as are significant.
+    pub fn findings(&self, significance: f64, options: &AmplitudeOptions) -> Vec<String> {
+        let is_found = |c: &&AmplitudeComparison| c.outcome.as_ref().is_ok_and(|t| t.p_adjusted <= significance);
+        self.comparisons.iter().filter(is_found).map(|c| c.words(significance, options)).collect()
+    }
+}
+
+/// The mean amplitude of each person's sequences.
+fn people_of(models: &[&SequenceModel], of_id: &BTreeMap<&SequenceId, [Option<f64>; 4]>, region: usize) -> Vec<PersonValue> {
+    let mut sums: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
+    for model in models {
+        if let Some(value) = of_id.get(&model.id).and_then(|values| values[region]) {
+            let sum = sums.entry(&model.id.subject).or_default();
+            *sum = (sum.0 + value, sum.1 + 1);
+        }
+    }
+    sums.into_iter().map(|(subject, (sum, n))| PersonValue { subject: subject.to_owned(), value: sum / n as f64 }).collect()
+}
+
+/// Columns of `amplitudes.csv` around the manifest's.
+const BEFORE: [&str; 3] = ["subject", "sequence", "emotion"];
+const AFTER: [&str; 4] = ["region", "amplitude", "id", "no_amplitude"];
+
+/// Writes `amplitudes.csv` and, where there are groups, `amplitude_comparisons.csv`; returns their names and BLAKE3.
+pub(super) fn write_amplitudes(
+    out: &Path,
+    results: &AmplitudeResults,
+    bench: &Workbench,
+) -> Result<Vec<(&'static str, blake3::Hash)>, OutputError> {
+    let columns: BTreeSet<&String> = results.sequences.iter().flat_map(|s| s.metadata.keys()).collect();
+    // A column of the manifest that is called like one of ours keeps its content under another name.
+    let named = |name: &&String| if AFTER.contains(&name.as_str()) { format!("by_{name}") } else { (*name).clone() };
+    let header = BEFORE.map(str::to_owned).into_iter().chain(columns.iter().map(named)).chain(AFTER.map(str::to_owned));
+    let rows = results.sequences.iter().flat_map(|s| {
+        let columns = &columns;
+        AmplitudeRegion::ALL.into_iter().zip(s.values).map(move |(region, value)| {
+            let mut row = vec![s.id.subject.clone(), s.id.sequence.clone(), s.emotion.clone()];
+            row.extend(columns.iter().map(|column| s.metadata.get(*column).cloned().unwrap_or_default()));
+            let why = results.missing.get(&(s.emotion.clone(), region)).cloned().unwrap_or_default();
+            row.extend([region.name().to_owned(), value.map(nine_digits).unwrap_or_default(), s.id.to_string(), why]);
+            row
+        })
+    });
+    let mut files = vec![("amplitudes.csv", write_records(&out.join("amplitudes.csv"), header, rows)?)];
+    if bench.options.by.is_empty() {
+        return Ok(files);
+    }
+    let header = [
+        "emotion",
+        "region",
+        "group_a",
+        "group_b",
+        "subjects_a",
+        "subjects_b",
+        "paired",
+        "mean_a",
+        "mean_b",
+        "sd_a",
+        "sd_b",
+        "difference",
+        "low",
+        "high",
+        "effect",
+        "p",
+        "p_holm",
+        "p_equivalence",
+        "people_for_power",
+        "words",
+        "not_tested",
+    ];
+    let rows = results.comparisons.iter().map(|c| {
+        let mut row = vec![c.emotion.clone(), c.region.to_owned(), group_values(&c.groups[0]), group_values(&c.groups[1])];
+        let words = c.words(bench.options.groups.compare.significance, &bench.options.groups.amplitude);
+        match &c.outcome {
+            Ok(t) => {
+                row.extend(t.people.map(|n| n.to_string()));
+                row.push(t.paired.to_string());
+                row.extend(t.means.iter().chain(&t.deviations).copied().map(nine_digits));
+                row.extend(
+                    [t.difference, t.interval[0], t.interval[1], t.effect, t.p, t.p_adjusted, t.p_equivalence].map(nine_digits),
+                );
+                row.extend([t.people_for_power.map(|n| n.to_string()).unwrap_or_default(), words, String::new()]);
+            }
+            Err(why) => {
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 6));
+                row.extend([words, why.clone()]);
+            }
+        }
+        row
+    });
+    files.push(("amplitude_comparisons.csv", write_records(&out.join("amplitude_comparisons.csv"), header, rows)?));
+    Ok(files)
+}

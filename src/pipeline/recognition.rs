@@ -1,0 +1,91 @@
+//! `recognition.csv`: what every sequence is recognized as when its person is left out.
+
+use std::path::Path;
+
+use super::Workbench;
+use crate::{
+    output::{OutputError, nine_digits, write_records},
+    statistics::{
+        LabelledModel, SequenceModel,
+        recognize::{Recognized, Recognizer},
+    },
+    units::SequenceId,
+};
+
+/// Typicality under which a sequence is none of the labels.
+pub const NONE_LEVEL: f64 = 0.02;
+
+/// Sequences above which none is recognized: the time grows with the cube of their number.
+const MOST_SEQUENCES: usize = 2048;
+
+/// Word for a sequence that is none of the labels.
+pub const NONE_OF_THESE: &str = "none of these";
+
+/// One sequence recognized.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecognizedRow {
+    /// The sequence.
+    pub id: SequenceId,
+    /// Its own label, where known.
+    pub emotion: String,
+    /// What it was recognized as.
+    pub recognized: Recognized,
+}
+
+/// All sequences recognized.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecognitionResults {
+    /// Labels in the order of the probabilities.
+    pub labels: Vec<String>,
+    /// By sequence.
+    pub rows: Vec<RecognizedRow>,
+}
+
+/// Recognizes every model with its person left out.
+///
+/// # Errors
+/// The reason why that is not possible, in words.
+pub(super) fn recognize_left_out(models: &[LabelledModel], bench: &Workbench) -> Result<RecognitionResults, String> {
+    if models.len() > MOST_SEQUENCES {
+        return Err(format!(
+            "{} sequences are more than the {MOST_SEQUENCES} that are recognized with people left out",
+            models.len()
+        ));
+    }
+    let mut sorted: Vec<&LabelledModel> = models.iter().collect();
+    sorted.sort_by(|a, b| a.model.id.cmp(&b.model.id));
+    let labelled: Vec<(&SequenceModel, &str)> = sorted.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
+    let recognizer = Recognizer::new(&labelled, bench.wireframe.live_nodes(), || {}).map_err(|why| why.to_string())?;
+    let rows = sorted.iter().zip(&recognizer.left_out).map(|(m, recognized)| RecognizedRow {
+        id: m.model.id.clone(),
+        emotion: m.emotion.clone(),
+        recognized: recognized.clone(),
+    });
+    Ok(RecognitionResults { rows: rows.collect(), labels: recognizer.labels.clone() })
+}
+
+/// Writes `subject,sequence,emotion,recognized,probability`, the probability of every label as `p_LABEL`, `distance,typicality,id`.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_recognition(path: &Path, results: &RecognitionResults, level: f64) -> Result<blake3::Hash, OutputError> {
+    write_records(path, recognition_header(&results.labels), results.rows.iter().map(|row| recognition_record(row, level)))
+}
+
+/// Header of a table of recognized sequences.
+pub fn recognition_header(labels: &[String]) -> Vec<String> {
+    let before = ["subject", "sequence", "emotion", "recognized", "probability"].map(str::to_owned);
+    let of_labels = labels.iter().map(|label| format!("p_{label}"));
+    before.into_iter().chain(of_labels).chain(["distance", "typicality", "id"].map(str::to_owned)).collect()
+}
+
+/// A row of it.
+pub fn recognition_record(row: &RecognizedRow, level: f64) -> Vec<String> {
+    let r = &row.recognized;
+    let named = if r.is_none(level) { NONE_OF_THESE.to_owned() } else { r.label.clone() };
+    let mut record =
+        vec![row.id.subject.clone(), row.id.sequence.clone(), row.emotion.clone(), named, nine_digits(r.probability)];
+    record.extend(r.probabilities.iter().copied().map(nine_digits));
+    record.extend([nine_digits(r.distance), nine_digits(r.typicality), row.id.to_string()]);
+    record
+}

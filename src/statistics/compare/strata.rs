@@ -1,0 +1,135 @@
+//! Strata: people are exchanged only with people of their own stratum, such as one age or one site.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// The stratum of every person.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Strata {
+    columns: String,
+    /// By subject the stratum, or the values of a subject who has several or none.
+    of: BTreeMap<String, Vec<String>>,
+}
+
+/// Why people cannot be permuted within strata.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+pub enum StrataError {
+    /// People without a value.
+    #[error(
+        "{people} of the people have no value in `{columns}`, {first} among them; permutation within strata needs one of everybody"
+    )]
+    Missing {
+        /// How many.
+        people: usize,
+        /// The first of them.
+        first: String,
+        /// The columns.
+        columns: String,
+    },
+    /// Somebody with several values.
+    #[error("{subject} has several values in `{columns}` ({values}); a person belongs to one stratum")]
+    Several {
+        /// Who.
+        subject: String,
+        /// Their values.
+        values: String,
+        /// The columns.
+        columns: String,
+    },
+    /// No stratum has people of different groups.
+    #[error(
+        "no stratum of `{columns}` has people of different groups: groups and strata coincide, and nothing can be told apart from the strata"
+    )]
+    Coincide {
+        /// The columns.
+        columns: String,
+    },
+}
+
+/// Places of the people of one stratum, and how many of them are in the first group.
+pub(crate) type Block = (Vec<usize>, usize);
+
+impl Strata {
+    /// Strata by the values, joined, of some columns: a row per sequence of subject and values, empty ones missing.
+    pub fn new<'a>(columns: &[String], rows: impl IntoIterator<Item = (&'a str, Vec<String>)>) -> Self {
+        let mut of: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for (subject, values) in rows {
+            let known = of.entry(subject.to_owned()).or_default();
+            let value = values.join(" + ");
+            if values.iter().all(|v| !v.is_empty()) && !known.contains(&value) {
+                known.push(value);
+            }
+        }
+        Self { columns: columns.join(", "), of }
+    }
+
+    /// The values of a person: one, unless they have none or several.
+    pub fn values(&self, subject: &str) -> &[String] {
+        self.of.get(subject).map_or(&[], Vec::as_slice)
+    }
+
+    /// The columns, joined.
+    pub fn columns(&self) -> &str {
+        &self.columns
+    }
+
+    /// The stratum of everybody.
+    ///
+    /// # Errors
+    /// [`StrataError`] for people with no stratum or several.
+    pub fn of<'a>(&'a self, subjects: &[&str]) -> Result<Vec<&'a str>, StrataError> {
+        let values = |subject: &&str| self.of.get(*subject).map_or(&[][..], Vec::as_slice);
+        let columns = self.columns.clone();
+        if let Some(first) = subjects.iter().find(|s| values(s).is_empty()) {
+            let people = subjects.iter().filter(|s| values(s).is_empty()).count();
+            return Err(StrataError::Missing { people, first: (*first).to_owned(), columns });
+        }
+        if let Some(subject) = subjects.iter().find(|s| values(s).len() > 1) {
+            let values = values(subject).join(", ");
+            return Err(StrataError::Several { subject: (*subject).to_owned(), values, columns });
+        }
+        Ok(subjects.iter().map(|s| values(s)[0].as_str()).collect())
+    }
+
+    /// The people of every stratum, of whom the first `first` are the first group.
+    ///
+    /// # Errors
+    /// [`StrataError`].
+    pub(crate) fn blocks(&self, subjects: &[&str], first: usize) -> Result<Vec<Block>, StrataError> {
+        let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
+        for (place, stratum) in self.of(subjects)?.into_iter().enumerate() {
+            let block = blocks.entry(stratum).or_default();
+            block.0.push(place);
+            block.1 += usize::from(place < first);
+        }
+        let blocks: Vec<Block> = blocks.into_values().collect();
+        if blocks.iter().all(|(places, in_first)| *in_first == 0 || *in_first == places.len()) {
+            return Err(StrataError::Coincide { columns: self.columns.clone() });
+        }
+        Ok(blocks)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn strata(rows: &[(&str, &str)]) -> Strata {
+        Strata::new(&["site".to_owned()], rows.iter().map(|&(s, v)| (s, vec![v.to_owned()])))
+    }
+
+    #[test]
+    fn people_are_sorted_into_their_strata() {
+        let strata = strata(&[("a", "x"), ("b", "y"), ("c", "x"), ("d", "y"), ("a", "x")]);
+        assert_eq!(strata.blocks(&["a", "b", "c", "d"], 2).unwrap(), [(vec![0, 2], 1), (vec![1, 3], 1)]);
+    }
+
+    #[test]
+    fn strata_that_serve_for_nothing_say_why() {
+        let why = |rows: &[(&str, &str)]| strata(rows).blocks(&["a", "b"], 1).unwrap_err().to_string();
+        assert!(why(&[("a", "x"), ("b", "")]).starts_with("1 of the people have no value in `site`, b among them"));
+        assert!(why(&[("a", "x"), ("b", "x"), ("b", "y")]).starts_with("b has several values in `site` (x, y)"));
+        assert!(why(&[("a", "x"), ("b", "y")]).contains("groups and strata coincide"));
+    }
+}

@@ -1,0 +1,320 @@
+//! Which expression a sequence shows: shrinkage discriminants on displacement vectors, with calibrated probabilities and "none of these".
+//!
+//! A sequence is its displacement vectors [KP, eq. (2)], all fields and live nodes. [`lda`] gives the distances to the labels; their
+//! probabilities are calibrated by one number, the temperature t of `exp(-distance / (2 t))`, that makes sequences of left-out people
+//! likeliest. A sequence is typical to the degree to which left-out sequences were as far from the nearest label as it is; below a
+//! level it is none of the labels.
+
+mod lda;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::{EMOTIONS, SequenceModel, distance::DisplacementFields};
+use crate::units::NodeId;
+
+pub use lda::DiscriminantError;
+use lda::Discriminants;
+
+/// Folds of people that are left out together where there are more people, for up to [`FEW_SEQUENCES`] sequences and for more.
+const MOST_FOLDS: [usize; 2] = [50, 10];
+
+/// Sequences up to which a fold costs little.
+const FEW_SEQUENCES: usize = 500;
+
+/// What a sequence is recognized as.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recognized {
+    /// The most probable label.
+    pub label: String,
+    /// Its probability.
+    pub probability: f64,
+    /// Probabilities by label, in the order of [`Recognizer::labels`]; 0 for a label without sequences of others.
+    pub probabilities: Vec<f64>,
+    /// Squared distance to the most probable label's mean, in within-label standard deviations.
+    pub distance: f64,
+    /// Share of left-out sequences that are as far from their nearest label, or farther.
+    pub typicality: f64,
+}
+
+impl Recognized {
+    /// Whether it is none of the labels: less typical than `level`.
+    pub fn is_none(&self, level: f64) -> bool {
+        self.typicality < level
+    }
+}
+
+/// Why nothing can be recognized.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RecognizeError {
+    /// Nothing to tell apart.
+    #[error("{found} label{}; recognition needs sequences of at least two", if *found == 1 { "" } else { "s" })]
+    TooFewLabels {
+        /// Labels.
+        found: usize,
+    },
+    /// Nobody to leave out.
+    #[error("{found} {}; people are left out in turn, so at least three are needed", if *found == 1 { "person" } else { "people" })]
+    TooFewPeople {
+        /// People.
+        found: usize,
+    },
+    /// Models of another shape.
+    #[error("{id}: {found} displacement vectors where the others have {expected}; normalize all sequences with the same options")]
+    Shape {
+        /// The sequence.
+        id: String,
+        /// Its vectors.
+        found: usize,
+        /// The others'.
+        expected: usize,
+    },
+    /// No discriminants.
+    #[error(transparent)]
+    Discriminants(#[from] DiscriminantError),
+}
+
+/// A recognizer made of labelled sequences.
+#[derive(Clone, Debug)]
+pub struct Recognizer {
+    /// Labels in the order of the project's emotions, then by alphabet.
+    pub labels: Vec<String>,
+    /// Nodes that count.
+    live: Vec<NodeId>,
+    discriminants: Discriminants,
+    size: usize,
+    temperature: f64,
+    /// Distances of left-out sequences to their nearest label, ascending.
+    nearest: Vec<f64>,
+    /// What the sequences are recognized as when their people are left out, in the order given.
+    pub left_out: Vec<Recognized>,
+}
+
+/// Distances of a left-out sequence.
+#[derive(Clone)]
+struct LeftOut {
+    subject: usize,
+    label: usize,
+    distances: Vec<Option<f64>>,
+}
+
+impl LeftOut {
+    fn nearest(&self) -> f64 {
+        self.distances.iter().flatten().copied().fold(f64::INFINITY, f64::min)
+    }
+}
+
+fn vector(model: &SequenceModel, live: &[NodeId]) -> DVector<f64> {
+    let fields = DisplacementFields::of_model(&model.model, live);
+    let slots = (0..fields.field_count()).flat_map(|m| (0..fields.node_count()).map(move |k| (m, k)));
+    DVector::from_vec(slots.flat_map(|(m, k)| [fields.vector(m, k).x, fields.vector(m, k).y]).collect())
+}
+
+fn rows(data: &[DVector<f64>], chosen: &[usize]) -> DMatrix<f64> {
+    DMatrix::from_fn(chosen.len(), data[0].len(), |i, j| data[chosen[i]][j])
+}
+
+impl Recognizer {
+    /// A recognizer of models with a label each; `tick` is called, from many threads, for every fold of people left out.
+    ///
+    /// # Errors
+    /// [`RecognizeError`] for fewer than two labels or three people, and sequences that do not scatter or differ in shape.
+    pub fn new(models: &[(&SequenceModel, &str)], live: &[NodeId], tick: impl Fn() + Sync) -> Result<Self, RecognizeError> {
+        let rank = |label: &str| EMOTIONS.iter().position(|&e| e == label).unwrap_or(EMOTIONS.len());
+        let found: BTreeSet<(usize, &str)> = models.iter().map(|(_, label)| (rank(label), *label)).collect();
+        let labels: Vec<String> = found.into_iter().map(|(_, label)| label.to_owned()).collect();
+        if labels.len() < 2 {
+            return Err(RecognizeError::TooFewLabels { found: labels.len() });
+        }
+        let people: BTreeSet<&str> = models.iter().map(|(m, _)| m.id.subject.as_str()).collect();
+        if people.len() < 3 {
+            return Err(RecognizeError::TooFewPeople { found: people.len() });
+        }
+        let place: BTreeMap<&str, usize> = people.into_iter().enumerate().map(|(k, s)| (s, k)).collect();
+        let data: Vec<DVector<f64>> = models.par_iter().map(|(m, _)| vector(m, live)).collect();
+        let size = data[0].len();
+        if let Some((k, odd)) = data.iter().enumerate().find(|(_, v)| v.len() != size) {
+            let id = models[k].0.id.to_string();
+            return Err(RecognizeError::Shape { id, found: odd.len() / 2, expected: size / 2 });
+        }
+        let label_of: Vec<usize> = models.iter().map(|(_, label)| labels.iter().position(|l| l == label).unwrap_or(0)).collect();
+        let subject_of: Vec<usize> = models.iter().map(|(m, _)| place[m.id.subject.as_str()]).collect();
+        let folds = place.len().min(MOST_FOLDS[usize::from(data.len() > FEW_SEQUENCES)]);
+        let fold = |f: usize| -> Result<Vec<(usize, LeftOut)>, RecognizeError> {
+            let (own, others): (Vec<usize>, Vec<usize>) = (0..data.len()).partition(|&i| subject_of[i] % folds == f);
+            let of_others: Vec<usize> = others.iter().map(|&i| label_of[i]).collect();
+            let discriminants = Discriminants::new(&rows(&data, &others), &of_others, labels.len())?;
+            tick();
+            let left_out = |i: usize| {
+                let distances = discriminants.distances(&data[i]);
+                (i, LeftOut { subject: subject_of[i], label: label_of[i], distances })
+            };
+            Ok(own.into_iter().map(left_out).collect())
+        };
+        let mut all = (0..folds).into_par_iter().map(fold).collect::<Result<Vec<_>, _>>()?.concat();
+        all.sort_by_key(|(i, _)| *i);
+        let all: Vec<LeftOut> = all.into_iter().map(|(_, left_out)| left_out).collect();
+        // Nobody's own sequences serve for the temperature and the typical distances that they are judged by.
+        let of_person: Vec<(f64, Vec<f64>)> = (0..place.len())
+            .into_par_iter()
+            .map(|person| {
+                let others: Vec<&LeftOut> = all.iter().filter(|l| l.subject != person).collect();
+                (temperature(&others), sorted_nearest(&others))
+            })
+            .collect();
+        let left_out = all.iter().map(|l| {
+            let (temperature, nearest) = &of_person[l.subject];
+            recognized(&labels, &l.distances, *temperature, nearest)
+        });
+        let left_out = left_out.collect();
+        let everybody: Vec<&LeftOut> = all.iter().collect();
+        let chosen: Vec<usize> = (0..data.len()).collect();
+        Ok(Self {
+            discriminants: Discriminants::new(&rows(&data, &chosen), &label_of, labels.len())?,
+            temperature: temperature(&everybody),
+            nearest: sorted_nearest(&everybody),
+            labels,
+            live: live.to_vec(),
+            size,
+            left_out,
+        })
+    }
+
+    /// What a sequence of somebody else shows.
+    ///
+    /// # Errors
+    /// [`RecognizeError::Shape`].
+    pub fn recognize(&self, model: &SequenceModel) -> Result<Recognized, RecognizeError> {
+        let data = vector(model, &self.live);
+        if data.len() != self.size {
+            return Err(RecognizeError::Shape { id: model.id.to_string(), found: data.len() / 2, expected: self.size / 2 });
+        }
+        Ok(recognized(&self.labels, &self.discriminants.distances(&data), self.temperature, &self.nearest))
+    }
+}
+
+fn sorted_nearest(of: &[&LeftOut]) -> Vec<f64> {
+    let mut nearest: Vec<f64> = of.iter().map(|l| l.nearest()).collect();
+    nearest.sort_by(f64::total_cmp);
+    nearest
+}
+
+/// Probabilities of labels at some distances.
+fn probabilities(distances: &[Option<f64>], temperature: f64) -> Vec<f64> {
+    let least = distances.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+    let weights: Vec<f64> = distances.iter().map(|d| d.map_or(0.0, |d| (-(d - least) / (2.0 * temperature)).exp())).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.into_iter().map(|w| w / sum).collect()
+}
+
+fn recognized(labels: &[String], distances: &[Option<f64>], temperature: f64, nearest: &[f64]) -> Recognized {
+    let probabilities = probabilities(distances, temperature);
+    // Of two equally near ones the first.
+    let at = (0..distances.len())
+        .filter(|&k| distances[k].is_some())
+        .min_by(|&a, &b| distances[a].unwrap_or(f64::INFINITY).total_cmp(&distances[b].unwrap_or(f64::INFINITY)));
+    let at = at.unwrap_or(0);
+    let distance = distances[at].unwrap_or(0.0);
+    let farther = nearest.len() - nearest.partition_point(|&d| d < distance);
+    Recognized {
+        label: labels[at].clone(),
+        probability: probabilities[at],
+        distance,
+        typicality: (1 + farther) as f64 / (1 + nearest.len()) as f64,
+        probabilities,
+    }
+}
+
+/// The temperature at which the labels of left-out sequences are likeliest, by golden section on its logarithm.
+fn temperature(of: &[&LeftOut]) -> f64 {
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    const STEPS: usize = 60;
+    /// Where one label is as likely as this at least, so that a single mistake is no infinite loss.
+    const FLOOR: f64 = 1e-12;
+    let loss = |logarithm: f64| -> f64 {
+        let of_one =
+            |l: &&LeftOut| l.distances[l.label].map(|_| -probabilities(&l.distances, logarithm.exp())[l.label].max(FLOOR).ln());
+        of.iter().filter_map(of_one).sum()
+    };
+    // From a tenth to ten thousand: sure beyond doubt to hardly more than guessing.
+    let (mut low, mut high) = (0.1f64.ln(), 1e4f64.ln());
+    for _ in 0..STEPS {
+        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+        if loss(a) <= loss(b) { high = b } else { low = a }
+    }
+    f64::midpoint(low, high).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point2, Vector2};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+    use crate::{
+        model::{DynamicExpressionModel, FrameExpressionModel},
+        units::SequenceId,
+    };
+
+    const NODES: u16 = 6;
+
+    /// People with a sequence per label, whose nodes move along the label's direction and by chance.
+    fn people(count: usize, noise: f64, seed: u64) -> Vec<(SequenceModel, &'static str)> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut gauss = || -> f64 { StandardNormal.sample(&mut random) };
+        let mut all = Vec::new();
+        for person in 0..count {
+            for (label, direction) in [("fear", Vector2::new(1.0, 0.0)), ("anger", Vector2::new(0.0, 1.0))] {
+                let still = vec![Point2::origin(); usize::from(NODES)];
+                let moved = (0..NODES).map(|_| Point2::origin() + direction + Vector2::new(gauss(), gauss()) * noise).collect();
+                let model = DynamicExpressionModel::new(vec![FrameExpressionModel::new(still), FrameExpressionModel::new(moved)]);
+                let id = SequenceId { subject: format!("p{person:02}"), sequence: label.to_owned() };
+                all.push((SequenceModel { id, model: model.unwrap() }, label));
+            }
+        }
+        all
+    }
+
+    fn recognizer(people: &[(SequenceModel, &'static str)]) -> Result<Recognizer, RecognizeError> {
+        let live: Vec<NodeId> = (0..NODES).map(NodeId).collect();
+        Recognizer::new(&people.iter().map(|(m, label)| (m, *label)).collect::<Vec<_>>(), &live, || {})
+    }
+
+    #[test]
+    fn strangers_are_recognized_and_probabilities_hold() {
+        let recognizer = recognizer(&people(60, 1.6, 1)).unwrap();
+        assert_eq!(recognizer.labels, ["anger", "fear"]);
+        let strangers = people(200, 1.6, 2);
+        let found: Vec<Recognized> = strangers.iter().map(|(m, _)| recognizer.recognize(m).unwrap()).collect();
+        let right = found.iter().zip(&strangers).filter(|(f, (_, label))| f.label == *label).count() as f64 / 400.0;
+        let claimed = found.iter().map(|f| f.probability).sum::<f64>() / 400.0;
+        // Means differ by sqrt(12) / 1.6 = 2.2 standard deviations: 86 % are right at best. 0.06 is three standard errors.
+        assert!(right > 0.78 && (claimed - right).abs() < 0.06, "{right} {claimed}");
+        assert!(found.iter().all(|f| (f.probabilities.iter().sum::<f64>() - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn what_nobody_showed_is_none_of_the_labels() {
+        let recognizer = recognizer(&people(60, 0.5, 3)).unwrap();
+        let mut odd = people(1, 0.0, 4).remove(0).0;
+        let still = odd.model.neutral().clone();
+        let moved = (0..NODES).map(|k| Point2::new(if k % 2 == 0 { 8.0 } else { -8.0 }, -8.0)).collect();
+        odd.model = DynamicExpressionModel::new(vec![still, FrameExpressionModel::new(moved)]).unwrap();
+        assert!(recognizer.recognize(&odd).unwrap().is_none(0.02));
+        let usual = people(20, 0.5, 5);
+        let none = usual.iter().filter(|(m, _)| recognizer.recognize(m).unwrap().is_none(0.02)).count();
+        assert!(none <= 4, "{none}");
+    }
+
+    #[test]
+    fn too_few_labels_or_people_say_so() {
+        let two = recognizer(&people(2, 1.0, 1)).unwrap_err();
+        assert!(two.to_string().starts_with("2 people; people are left out in turn"), "{two}");
+        let one: Vec<_> = people(4, 1.0, 1).into_iter().filter(|(_, label)| *label == "fear").collect();
+        assert!(recognizer(&one).unwrap_err().to_string().starts_with("1 label; recognition"));
+    }
+}

@@ -1,0 +1,57 @@
+//! Labels that are spelled in several ways.
+//!
+//! `FEMALE` and ` female` are one group: values are compared without regard to case and blanks, and shown as most people spell them.
+//! `happines` beside `happiness` may be a slip: such near twins are kept apart and named.
+
+use std::collections::BTreeMap;
+
+/// Fewest letters of words that are looked at as near twins.
+const LEAST_LETTERS: usize = 5;
+
+/// Text by which values are compared: lower case, blanks at the ends removed and others single.
+pub fn spelling_key(value: &str) -> String {
+    value.split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
+}
+
+/// The most frequent spelling of every value, of equally frequent ones the first by alphabet, by [`spelling_key`].
+pub fn common_spellings<'a>(values: impl IntoIterator<Item = &'a str>) -> BTreeMap<String, String> {
+    let mut counts: BTreeMap<String, BTreeMap<&str, usize>> = BTreeMap::new();
+    for value in values {
+        *counts.entry(spelling_key(value)).or_default().entry(value.trim()).or_default() += 1;
+    }
+    let common = |spellings: BTreeMap<&str, usize>| {
+        let best = spellings.into_iter().max_by(|a, b| a.1.cmp(&b.1).then(b.0.cmp(a.0)));
+        best.map_or_else(String::new, |(spelling, _)| spelling.to_owned())
+    };
+    counts.into_iter().map(|(key, spellings)| (key, common(spellings))).collect()
+}
+
+/// Pairs of different words of letters that one slip turns into each other: a letter more, less, other, or two exchanged.
+pub fn near_twins<'a>(values: impl IntoIterator<Item = &'a str>) -> Vec<(String, String)> {
+    let is_word = |value: &String| value.chars().count() >= LEAST_LETTERS && value.chars().all(char::is_alphabetic);
+    let words: Vec<String> = common_spellings(values).into_keys().filter(is_word).collect();
+    let mut twins = Vec::new();
+    for (i, a) in words.iter().enumerate() {
+        let near = words[i + 1..].iter().filter(|b| strsim::damerau_levenshtein(a, b) == 1);
+        twins.extend(near.map(|b| (a.clone(), b.clone())));
+    }
+    twins
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_most_frequent_spelling_stands_for_all() {
+        let spellings = common_spellings(["FEMALE", "female ", "female", "Male", "East  Asian", "east asian"]);
+        let expected = [("east asian", "East  Asian"), ("female", "female"), ("male", "Male")];
+        assert_eq!(spellings, expected.map(|(k, v)| (k.to_owned(), v.to_owned())).into());
+    }
+
+    #[test]
+    fn slips_are_named_and_short_or_numbered_values_are_not() {
+        let twins = near_twins(["happiness", "happines", "cohort-A", "cohort-B", "fear", "feat", "anger", "Anger", "angre"]);
+        assert_eq!(twins, [("anger".to_owned(), "angre".to_owned()), ("happines".to_owned(), "happiness".to_owned())]);
+    }
+}
