@@ -16,6 +16,7 @@ use super::{
 use crate::{
     clone::CloneError,
     fap::{Clamped, ConvertError, FapSequence, FapWriteError},
+    features::Course,
     model::ModelError,
     output::{OutputError, listed},
     statistics::{
@@ -26,6 +27,7 @@ use crate::{
         group_models, spelling_key,
     },
     track::{TrackQuality, Verdict},
+    units::SequenceId,
     wireframe::FapusError,
 };
 
