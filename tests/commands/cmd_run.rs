@@ -41,6 +41,7 @@ fn every_output_is_there_with_its_header_and_shape() {
             format!("representatives/{emotion}.csv"),
             format!("representatives/{emotion}.json"),
             format!("fap/{emotion}.fap"),
+            format!("features/{emotion}.svg"),
         ]);
     }
     assert_eq!(names, expected);
