@@ -307,8 +307,7 @@ fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2<f64>]) -> 
         let k = node.index();
         let tracked = &frame.nodes[k];
         let deviation = match tracked.state {
-            NodeState::Follows => continue,
-            NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) => continue,
+            NodeState::Follows | NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) => continue,
             NodeState::Recovered(_) => RECOVERED,
             _ => TRACKED,
         };

@@ -1,4 +1,4 @@
-//! Reading a dense face model: the folder of a bank in NumPy arrays, with the modes of identity.
+//! Reading a dense face model: the folder of a bank in `NumPy` arrays, with the modes of identity.
 
 use std::path::Path;
 
