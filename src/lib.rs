@@ -100,6 +100,7 @@ pub mod output;
 pub mod overlay;
 pub mod pipeline;
 pub mod plausible;
+pub mod player;
 pub mod pose;
 pub mod render;
 pub mod report;

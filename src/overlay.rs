@@ -119,6 +119,48 @@ pub fn draw_axes(picture: &mut RgbImage, width: u32, pose: &HeadPose) {
     }
 }
 
+/// A small picture of the face with the wireframe on it: cut around the nodes, `height` px high.
+pub fn thumbnail(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode], height: u32) -> RgbImage {
+    let positions = || nodes.iter().map(|n| n.position);
+    let (mut low, mut high) = (Point2::new(f64::INFINITY, f64::INFINITY), Point2::new(f64::NEG_INFINITY, f64::NEG_INFINITY));
+    positions().for_each(|p| (low, high) = (low.inf(&p), high.sup(&p)));
+    let margin = 0.08 * (high.y - low.y).max(1.0);
+    let clip = |v: f64, most: u32| if v.is_finite() { v.clamp(0.0, f64::from(most)) as u32 } else { 0 };
+    let (left, top) = (clip(low.x - margin, picture.width()), clip(low.y - margin, picture.height()));
+    let (right, bottom) = (clip(high.x + margin, picture.width()), clip(high.y + margin, picture.height()));
+    let (width, rows) = (right.saturating_sub(left).max(1), bottom.saturating_sub(top).max(1));
+    let scale = f64::from(height) / f64::from(rows);
+    let columns = ((f64::from(width) * scale).round() as u32).clamp(1, 2 * height);
+    let cut = image::imageops::crop_imm(picture, left, top, width, rows).to_image();
+    let small = image::imageops::resize(&cut, columns, height, FilterType::Triangle);
+    let Some(mut canvas) = Pixmap::new(columns, height) else { return small };
+    for (pixel, rgb) in canvas.data_mut().chunks_exact_mut(4).zip(small.pixels()) {
+        pixel.copy_from_slice(&[rgb.0[0], rgb.0[1], rgb.0[2], 255]);
+    }
+    let at = |p: &Point2<f64>| (((p.x + 0.5 - f64::from(left)) * scale) as f32, ((p.y + 0.5 - f64::from(top)) * scale) as f32);
+    let mut springs = PathBuilder::new();
+    for (a, b) in wireframe.edges() {
+        if let (Some(a), Some(b)) = (nodes.get(a.index()), nodes.get(b.index())) {
+            let ((ax, ay), (bx, by)) = (at(&a.position), at(&b.position));
+            springs.move_to(ax, ay);
+            springs.line_to(bx, by);
+        }
+    }
+    if let Some(path) = springs.finish() {
+        stroke(&mut canvas, &path, [120, 230, 180, 190], 0.8);
+    }
+    for &id in wireframe.live_nodes() {
+        if let Some(node) = nodes.get(id.index())
+            && matches!(node.state, NodeState::Recovered(_))
+        {
+            let (x, y) = at(&node.position);
+            dot(&mut canvas, x, y, 1.8, colour(node.state));
+        }
+    }
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    RgbImage::from_raw(columns, height, rgb).unwrap_or(small)
+}
+
 /// Draws points that were found on a picture: position and expected error, px, and the eye distance of their face, px. Dots are green where
 /// the expected error is small against the eye distance (up to 2 %), yellow to 5 %, red beyond; small pictures are enlarged.
 pub fn draw_points(gray: &image::GrayImage, points: &[(Point2<f64>, f64, f64)]) -> RgbImage {

@@ -12,11 +12,12 @@ use grimace::{
         CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, Details, Ease, Film, Rescale, Sheet, SourceMotion, Target, Teeth,
         Timing, clone_expression, encode_png, read_marks, write_clone,
     },
-    dataset::list_frames,
+    dataset::{PUBLISH_COLUMN, list_frames, may_publish},
     output::{MADE_BY, write_atomic},
     pipeline::{PipelineOptions, Workbench, file_blake3, found_marks},
     render::Labelled,
     sequence::{read_colour, read_colour_frames, read_frame},
+    track::read_track_info,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -233,6 +234,16 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     for path in &args.source {
         let read = || -> anyhow::Result<Source> {
             let motion = SourceMotion::read(path, bench)?;
+            if args.look.source_frames.is_some()
+                && let Some(info) = read_track_info(path)?
+            {
+                anyhow::ensure!(
+                    may_publish(&info.metadata),
+                    "{}: the column `{PUBLISH_COLUMN}` of its manifest says that pictures of this person may not be shown; \
+                     leave --source-frames out: the motion alone shows nobody",
+                    path.display()
+                );
+            }
             let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion)).transpose()?;
             Ok(Source { path, motion, pictures })
         };

@@ -97,7 +97,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         .par_iter()
         .enumerate()
         .map(|(k, picture)| {
-            let faces = locate(&locator, picture, &options, args.overlay.as_deref().map(|folder| (folder, k)));
+            let faces = locate(
+                &locator,
+                picture,
+                &options,
+                args.overlay.as_deref().filter(|_| picture.may_publish).map(|folder| (folder, k)),
+            );
             bar.inc(1);
             faces.map_err(|e| format!("{e:#}"))
         })

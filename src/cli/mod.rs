@@ -22,6 +22,7 @@ mod lab;
 mod learn;
 mod learn_head;
 mod locate;
+mod play;
 pub mod print;
 mod prior;
 pub mod progress;
@@ -72,6 +73,8 @@ enum Command {
     Recognize(recognize::Args),
     /// Put an expression on a new face: a textured animation from one photograph.
     Clone(clone::Args),
+    /// A page that plays motions on faces: scrub, compare, exaggerate, single FAPs.
+    Play(play::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
     /// A row for every frame of tracks: pose, FAPs, action units.
@@ -154,6 +157,7 @@ pub fn main() -> ExitCode {
         Command::Analyze(args) => analyze::run(&args),
         Command::Recognize(args) => recognize::run(&args),
         Command::Clone(args) => clone::run(&args),
+        Command::Play(args) => play::run(&args),
         Command::Fap(args) => fap::run(args),
         Command::Prior(args) => prior::run(&args),
         Command::Locate(args) => locate::run(&args),

@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Folder for pictures of the wireframe on the neutral and apex frame of every sequence
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", conflicts_with = "no_faces")]
     overlay: Option<PathBuf>,
     /// Threads; 0 for one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]

@@ -254,6 +254,9 @@ pub struct AnalysisArgs {
     /// Marked points on that photograph: node,x,y, or 68 landmarks as point,x,y
     #[arg(long, requires = "report_face", value_name = "C.csv")]
     report_marks: Option<PathBuf>,
+    /// Wireframes only: no picture of a person in the report or beside it
+    #[arg(long, conflicts_with = "report_face")]
+    no_faces: bool,
     /// Frame rate of the FAP files
     #[arg(long, default_value_t = FapOptions::default().fps, value_parser = clap::value_parser!(u32).range(1..=1000))]
     fps: u32,
@@ -268,6 +271,7 @@ impl AnalysisArgs {
             options.report_face = ReportFace::photograph(image, marks);
         }
         options.columnar = self.columnar;
+        options.no_faces = self.no_faces;
         options.strata.clone_from(&self.strata);
         options.groups.amplitude = AmplitudeOptions { equivalence: self.equivalence, power: self.power };
         options.groups.bootstrap = self.bootstrap;

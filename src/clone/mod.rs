@@ -40,7 +40,7 @@ pub use marks::read_marks;
 pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, Film, encode_png, write_clone};
 pub use picture::{Sheet, animated_gif, animated_png, at_height};
 pub use render::{Clone, CloneFrame, CloneOptions, clone_expression};
-pub use source::{LID_PAIRS, SourceKind, SourceMotion};
+pub use source::{LID_PAIRS, SourceKind, SourceMotion, lid_gaps};
 pub use target::{Rescale, Target};
 pub use timing::{Ease, Moment, Timing};
 

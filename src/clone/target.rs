@@ -122,6 +122,27 @@ impl Target {
         &self.warp
     }
 
+    /// Distance of its lids at each pair of [`LID_PAIRS`], px.
+    pub fn lid_gaps(&self) -> [f64; LID_PAIRS.len()] {
+        self.lid_gaps
+    }
+
+    /// The face with some room around it, in the photograph: left, top, width, height, px.
+    pub fn surroundings(&self) -> (u32, u32, u32, u32) {
+        let unit = self.warp.eye_distance();
+        let nodes = self.fitted.model.nodes();
+        let (mut low, mut high) = (nodes[0], nodes[0]);
+        for p in nodes {
+            low = low.inf(p);
+            high = high.sup(p);
+        }
+        let (width, height) = self.picture.dimensions();
+        let clip = |p: f64, side: u32| p.clamp(0.0, f64::from(side)) as u32;
+        let low = Point2::new(clip(low.x - 0.45 * unit, width), clip(low.y - 0.4 * unit, height));
+        let high = Point2::new(clip(high.x + 0.45 * unit, width), clip(high.y + 0.7 * unit, height));
+        (low.x, low.y, (high.x - low.x).max(1), (high.y - low.y).max(1))
+    }
+
     /// Where the target's nodes are asked to be at a moment of a source's motion, px.
     ///
     /// Every neutral offset is scaled, along the face's x and y, by target over source FAPU of its node's region times `emphasis`,

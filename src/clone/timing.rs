@@ -72,11 +72,7 @@ impl Timing {
     pub fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
         let steps = (source.frame_count() - 1) as f64;
         let fps = self.fps.or(source.fps).unwrap_or(DEFAULT_FPS);
-        let own = match source.kind {
-            SourceKind::Model => MODEL_SECONDS,
-            _ => steps / source.fps.unwrap_or(DEFAULT_FPS),
-        };
-        let count = (self.duration.unwrap_or(own) * fps).round().max(1.0) + 1.0;
+        let count = (self.duration.unwrap_or(source.seconds()) * fps).round().max(1.0) + 1.0;
         if !(count <= MAX_FRAMES as f64) {
             return Err(CloneError::TooManyFrames { frames: count, most: MAX_FRAMES });
         }
@@ -91,6 +87,14 @@ impl Timing {
 }
 
 impl SourceMotion {
+    /// Seconds from the first to the last frame: its own, or 1 for a representative, which has no time of its own.
+    pub fn seconds(&self) -> f64 {
+        match self.kind {
+            SourceKind::Model => MODEL_SECONDS,
+            _ => (self.frame_count() - 1) as f64 / self.fps.unwrap_or(DEFAULT_FPS),
+        }
+    }
+
     /// The motion at a place between frames: a cubic through the frames that does not overshoot (Fritsch and Carlson) for every
     /// coordinate.
     pub fn at(&self, place: f64) -> Moment {

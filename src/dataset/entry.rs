@@ -41,6 +41,17 @@ pub struct SequenceEntry {
     pub metadata: BTreeMap<String, String>,
 }
 
+/// The column of a manifest that says whether people agreed to be shown.
+pub const PUBLISH_COLUMN: &str = "publish";
+
+/// Whether pictures of a sequence with these further columns may be shown to others. Its numbers count in any case. Without the column, or
+/// with an empty field, they may; anything but `yes` (or `true`, `1`) forbids it, so that a misspelled `no` does.
+pub fn may_publish(metadata: &BTreeMap<String, String>) -> bool {
+    let field =
+        metadata.iter().find(|(name, _)| name.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)).map_or("", |(_, value)| value.trim());
+    field.is_empty() || ["yes", "true", "1"].iter().any(|yes| field.eq_ignore_ascii_case(yes))
+}
+
 /// Where the correspondences of a sequence come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CorrespondenceSource {
@@ -158,6 +169,22 @@ impl SequenceEntry {
             "sequence" => Some(&self.id.sequence),
             "emotion" => Some(&self.emotion),
             _ => self.metadata.get(name).map(String::as_str),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_yes_and_nothing_let_a_face_be_shown() {
+        let with = |value: &str| BTreeMap::from([("Publish".to_owned(), value.to_owned())]);
+        assert!(may_publish(&BTreeMap::new()));
+        for (value, shown) in
+            [("", true), (" Yes ", true), ("1", true), ("no", false), ("No", false), ("n", false), ("nope", false)]
+        {
+            assert_eq!(may_publish(&with(value)), shown, "{value:?}");
         }
     }
 }

@@ -25,13 +25,13 @@ mod units;
 mod work;
 mod write;
 
-use std::{ops::Deref, path::Path, sync::OnceLock};
+use std::{collections::BTreeMap, ops::Deref, path::Path, sync::OnceLock};
 
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    dataset::{LEAST_CONFIDENCE, LandmarkSelection},
+    dataset::{LEAST_CONFIDENCE, LandmarkSelection, may_publish},
     features::{FeatureMeter, FrameFeatures, Measured},
     fit::{FitOptions, Fitter, SpringError},
     model::DynamicExpressionModel,
@@ -92,6 +92,9 @@ pub struct PipelineOptions {
     /// On whom the report shows the representatives moving.
     #[serde(default)]
     pub report_face: ReportFace,
+    /// Wireframes only: no picture of a face in the report and beside it.
+    #[serde(default)]
+    pub no_faces: bool,
     /// Sequences given as landmarks.
     #[serde(default)]
     pub landmarks: LandmarkOptions,
@@ -101,6 +104,14 @@ pub struct PipelineOptions {
     /// Write `models.parquet`.
     #[serde(default)]
     pub columnar: bool,
+}
+
+impl PipelineOptions {
+    /// Whether pictures of a sequence with these further columns may be shown: not when no face is to be, nor when its column `publish`
+    /// does not allow it.
+    pub fn shows(&self, metadata: &BTreeMap<String, String>) -> bool {
+        !self.no_faces && may_publish(metadata)
+    }
 }
 
 /// Options for sequences given as landmarks.

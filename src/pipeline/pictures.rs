@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::{
-    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME},
+    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, may_publish},
     sequence::{Frame, SequenceError, read_first_frame, read_frame},
 };
 
@@ -12,6 +12,8 @@ use crate::{
 pub struct PictureSource {
     /// What the picture is called in the table of points.
     pub name: String,
+    /// Whether it may be shown to others: a dataset's column `publish` may forbid it.
+    pub may_publish: bool,
     frames: Frames,
 }
 
@@ -91,7 +93,7 @@ pub fn pictures_of(path: &Path) -> Result<(Vec<PictureSource>, Vec<String>), Bat
 }
 
 fn file(path: &Path) -> PictureSource {
-    PictureSource { name: path.display().to_string(), frames: Frames::File(path.to_owned()) }
+    PictureSource { name: path.display().to_string(), may_publish: true, frames: Frames::File(path.to_owned()) }
 }
 
 fn neutral_frames(dataset: &Dataset) -> (Vec<PictureSource>, Vec<String>) {
@@ -101,7 +103,7 @@ fn neutral_frames(dataset: &Dataset) -> (Vec<PictureSource>, Vec<String>) {
         match entry.frames() {
             Ok(source) => {
                 let name = source.files().first().map_or(&*entry.frames_path, |f| *f).display().to_string();
-                pictures.push(PictureSource { name, frames: Frames::First(source) });
+                pictures.push(PictureSource { name, may_publish: may_publish(&entry.metadata), frames: Frames::First(source) });
             }
             Err(error) => failures.push(format!("{}: {error}", entry.id)),
         }

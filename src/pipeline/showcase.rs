@@ -6,17 +6,19 @@ use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{Workbench, file_blake3};
+use super::{SequenceSource, Workbench, file_blake3};
 use crate::{
-    clone::{CloneError, CloneOptions, SourceMotion, Target, at_height, read_marks},
+    clone::{CloneError, SourceMotion, Target, read_marks},
     dataset::LandmarkSelection,
     fit::FittedWireframe,
     geometry::Similarity,
     model::FrameExpressionModel,
-    report::Film,
-    sequence::read_colour,
+    overlay::thumbnail,
+    player::{PlayerError, PlayerFace, Shown, payload},
+    sequence::{read_colour, read_colour_frames},
     statistics::Representative,
-    warp::{MouthInside, NODE_COUNT},
+    track::TrackedFrame,
+    warp::NODE_COUNT,
 };
 
 /// On whom the report shows the representatives.
@@ -45,12 +47,13 @@ impl ReportFace {
     }
 }
 
-/// Frames of a film.
-const FRAMES: usize = 9;
-/// Height of a film, px.
-const HEIGHT: u32 = 236;
-/// Quality of its JPEG, 1 to 100.
-const QUALITY: u8 = 84;
+/// Height of the face in the report, px.
+const HEIGHT: u32 = 480;
+/// Height of a thumbnail, px.
+const THUMBNAIL_HEIGHT: u32 = 150;
+/// Largest thumbnail, bytes, and the qualities of its JPEG that are tried, best first.
+const MOST_BYTES: usize = 6000;
+const THUMBNAIL_QUALITIES: [u8; 5] = [82, 70, 55, 35, 15];
 /// A simulated person, neutral, and all nodes of the wireframe in the picture, px. Made by the simulation (`crates/lab`), whose test
 /// `the_face_of_the_report_is_what_the_simulation_makes` compares them with it and makes them anew.
 const SIMULATED_PICTURE: &[u8] = include_bytes!("assets/simulated_face.png");
@@ -91,53 +94,55 @@ fn simulated_face() -> Result<(RgbImage, Vec<Point2<f64>>), String> {
     Ok((picture, nodes))
 }
 
-/// A film of each representative on the face of the report; none for a wireframe that the warp does not know.
+/// The player of all representatives on the face of the report; `None` for a wireframe that the warp does not know, and where no face is to
+/// be shown.
 ///
 /// # Errors
 /// [`CloneError`] for a face that does not serve.
-pub(super) fn films(representatives: &[Representative], bench: &Workbench) -> Result<Vec<Film>, CloneError> {
-    if bench.wireframe.node_count() != NODE_COUNT || representatives.is_empty() {
-        return Ok(Vec::new());
+pub(super) fn player(representatives: &[Representative], bench: &Workbench) -> Result<Option<serde_json::Value>, CloneError> {
+    let options = &bench.options;
+    if bench.wireframe.node_count() != NODE_COUNT || representatives.is_empty() || options.no_faces {
+        return Ok(None);
     }
     let target = showcase_target(bench)?;
-    representatives.iter().map(|r| film(r, &target, bench)).collect()
+    let label = |r: &Representative| {
+        let group: Vec<String> = r.label.group.iter().map(|(column, value)| format!("{column} {value}")).collect();
+        [vec![r.label.emotion.clone()], group].concat().join(", ")
+    };
+    let labels: Vec<String> = representatives.iter().map(label).collect();
+    let motions = representatives
+        .iter()
+        .map(|r| SourceMotion::from_model(&r.label.emotion, &r.model, bench))
+        .collect::<Result<Vec<_>, _>>()?;
+    let shown: Vec<Shown> = labels.iter().zip(&motions).map(|(label, motion)| Shown { label: label.as_str(), motion }).collect();
+    let face = face_name(bench);
+    payload(&shown, &[PlayerFace { label: &face, target: &target, height: HEIGHT }], bench).map(Some).map_err(|e| match e {
+        PlayerError::Clone(error) => error,
+        other => CloneError::Showcase(other.to_string()),
+    })
 }
 
-fn film(representative: &Representative, target: &Target, bench: &Workbench) -> Result<Film, CloneError> {
-    let motion = SourceMotion::from_model(&representative.label.emotion, &representative.model, bench)?;
-    let options = CloneOptions::default();
-    let (left, top, width, height) = crop(target);
-    let mut strip = RgbImage::new(0, 0);
-    for k in 0..FRAMES {
-        let place = (motion.frame_count() - 1) as f64 * k as f64 / (FRAMES - 1) as f64;
-        let nodes = target.nodes_at(&motion, &motion.at(place), options.rescale, options.emphasis, false, bench);
-        let deformation = target.warp().deform(&nodes)?;
-        let picture = target.warp().render(target.texture(), &deformation, &MouthInside::Teeth);
-        let face = at_height(&image::imageops::crop_imm(&picture, left, top, width, height).to_image(), HEIGHT);
-        if k == 0 {
-            strip = RgbImage::new(face.width() * FRAMES as u32, HEIGHT);
-        }
-        image::imageops::replace(&mut strip, &face, i64::from(face.width()) * k as i64, 0);
+/// What the face of the report is called.
+pub(super) fn face_name(bench: &Workbench) -> String {
+    match &bench.options.report_face {
+        ReportFace::Simulated => "a simulated person".to_owned(),
+        ReportFace::Photograph { image, .. } => image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     }
-    let mut jpeg = Vec::new();
-    JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
-        .encode_image(&strip)
-        .map_err(|e| CloneError::Encode { what: "a film of the report", reason: e.to_string() })?;
-    Ok(Film { jpeg, frames: FRAMES, width: strip.width() / FRAMES as u32, height: HEIGHT })
 }
 
-/// The face with some room around it: left, top, width, height.
-fn crop(target: &Target) -> (u32, u32, u32, u32) {
-    let unit = target.warp().eye_distance();
-    let nodes = target.fitted.model.nodes();
-    let (mut low, mut high) = (nodes[0], nodes[0]);
-    for p in nodes {
-        low = low.inf(p);
-        high = high.sup(p);
-    }
-    let (width, height) = target.picture.dimensions();
-    let clip = |p: f64, side: u32| p.clamp(0.0, f64::from(side)) as u32;
-    let low = Point2::new(clip(low.x - 0.45 * unit, width), clip(low.y - 0.4 * unit, height));
-    let high = Point2::new(clip(high.x + 0.45 * unit, width), clip(high.y + 0.7 * unit, height));
-    (low.x, low.y, (high.x - low.x).max(1), (high.y - low.y).max(1))
+/// JPEG files of the wireframe on the neutral and on the apex frame, [`MOST_BYTES`] each at most; `None` when a frame does not read, which
+/// costs the report these pictures and nothing else.
+pub(super) fn thumbnails(source: &SequenceSource, frames: &[TrackedFrame], bench: &Workbench) -> Option<[Vec<u8>; 2]> {
+    let (first, last) = (frames.first()?, frames.last()?);
+    let pictures = read_colour_frames(&source.frames, &[first.number, last.number]).ok()?;
+    let small = |frame: &TrackedFrame| {
+        let (_, picture) = pictures.iter().find(|(number, _)| *number == frame.number)?;
+        let thumbnail = thumbnail(picture, &bench.wireframe, &frame.nodes, THUMBNAIL_HEIGHT);
+        THUMBNAIL_QUALITIES.iter().find_map(|&quality| {
+            let mut jpeg = Vec::new();
+            JpegEncoder::new_with_quality(&mut jpeg, quality).encode_image(&thumbnail).ok()?;
+            (jpeg.len() <= MOST_BYTES).then_some(jpeg)
+        })
+    };
+    Some([small(first)?, small(last)?])
 }

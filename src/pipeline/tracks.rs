@@ -139,7 +139,7 @@ fn load(
     normalized.judge(&mut summary, &frames);
     let course = measure(&normalized, &frames, bench)?.as_deref().and_then(Course::of);
     let model = normalized.model;
-    let quality = TrackQuality { id: id.clone(), emotion: emotion.clone(), summary };
+    let quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality), course })
 }
 

@@ -18,6 +18,7 @@ use super::{
     model_file::write_model,
     overlay_pictures,
     sequence::{MACHINE, RunTrack, overlay_path, track_or_reuse, track_recorded},
+    showcase::thumbnails,
 };
 use crate::{
     dataset::{CorrespondenceSource, FrameSource, LandmarkSelection, SequenceEntry},
@@ -271,7 +272,9 @@ fn process(
         track_or_reuse(&labels, hash.as_deref(), &out.join(&csv_name), bench, make, correct)
             .map_err(|failure| name_marks(failure, item.entry))?;
     let normalized = normalized(&frames, &info.mark_places(), bench)?;
-    if let (Some(folder), Source::Images(source)) = (overlay, source) {
+    if let (Some(folder), Source::Images(source)) = (overlay, source)
+        && bench.options.shows(&source.metadata)
+    {
         let last = frames.len() - 1;
         overlay_pictures(
             source,
@@ -295,7 +298,11 @@ fn process(
     let model_hash = write_model(&out.join(&model_name), &model).map_err(SequenceFailure::at(Stage::Write))?;
     outputs.insert(model_name, model_hash.to_hex().to_string());
     ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
-    let quality = TrackQuality { id: id.clone(), emotion: item.emotion.clone(), summary };
+    let mut quality = TrackQuality::new(id.clone(), item.emotion.clone(), summary, &frames, &bench.wireframe);
+    quality.pictures = match source {
+        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(source, &frames, bench),
+        _ => None,
+    };
     let model = SequenceModel { id: id.clone(), model };
     let course = features.as_deref().and_then(Course::of);
     let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality), course };

@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::Path};
 use serde::Serialize;
 
 use super::{
-    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, ReportFace, SCHEMA_VERSION, Workbench,
-    amplitudes::write_amplitudes, groups::write_groups, model_file::write_model, recognition::write_recognition, showcase::films,
+    Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, SCHEMA_VERSION, Workbench,
+    amplitudes::write_amplitudes, groups::write_groups, model_file::write_model, recognition::write_recognition, showcase,
     units::units_json,
 };
 use crate::{
@@ -311,11 +311,10 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         tables: &bench.tables,
         fapus: bench.normalizer()?.canonical().fapus,
         apex_faps: analysis.classes.iter().map(apex).collect(),
-        films: films(&representatives, bench)?,
-        face: match &bench.options.report_face {
-            ReportFace::Simulated => "a simulated person".to_owned(),
-            ReportFace::Photograph { image, .. } => image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        },
+        player: showcase::player(&representatives, bench)?,
+        face: showcase::face_name(bench),
+        stems: analysis.classes.iter().map(|c| c.stem.clone()).collect(),
+        tracked_here: analysis.tracked_here,
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
             options: &bench.options.groups,

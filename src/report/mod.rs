@@ -21,6 +21,7 @@ use minijinja::{
 
 use crate::{
     features::Course,
+    player,
     statistics::{
         Representative,
         bootstrap::DispersionInterval,
@@ -35,14 +36,18 @@ pub use courses::mean_course_svg;
 pub use failure::{Failure, Stage};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
+/// The words of the field, explained on the page.
+const GLOSSARY: &str = include_str!("../../docs/glossary.md");
 const STYLE: &str = include_str!("assets/report.css");
 /// The parts of the page's script, in the order they build on each other.
-const SCRIPTS: [&str; 5] = [
+const SCRIPTS: [&str; 7] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
     include_str!("assets/charts.js"),
     include_str!("assets/groups.js"),
+    include_str!("assets/quality.js"),
     include_str!("assets/page.js"),
+    include_str!("assets/glossary.js"),
 ];
 
 /// One FAP of a representative's apex frame.
@@ -58,19 +63,6 @@ pub struct ApexFap {
     pub is_angle: bool,
     /// The value, in its unit.
     pub value: i32,
-}
-
-/// A representative on a face, moving: the frames side by side in one JPEG, neutral first.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Film {
-    /// The JPEG file.
-    pub jpeg: Vec<u8>,
-    /// Frames in it.
-    pub frames: usize,
-    /// Width of a frame, px.
-    pub width: u32,
-    /// Height of a frame, px.
-    pub height: u32,
 }
 
 /// Everything the report shows.
@@ -96,10 +88,14 @@ pub struct ReportData<'a> {
     pub fapus: Fapus,
     /// FAP values at the apex of every representative (same order).
     pub apex_faps: Vec<Vec<ApexFap>>,
-    /// Every representative on one face (same order); empty for none.
-    pub films: Vec<Film>,
+    /// The data of a player of every representative (same order) on one face, as [`crate::player::payload`] makes it; `None` for none.
+    pub player: Option<serde_json::Value>,
     /// Whose face that is.
     pub face: String,
+    /// Stems of the files of every representative (same order), for links; empty for none.
+    pub stems: Vec<String>,
+    /// Whether tracks and models lie beside the report, so that it may lead to them.
+    pub tracked_here: bool,
     /// Groups beside each other; `None` when nothing was grouped.
     pub groups: Option<GroupsData<'a>>,
 }
@@ -128,10 +124,11 @@ pub fn render_html(data: &ReportData<'_>) -> Result<String, minijinja::Error> {
     environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
     // The name ends in `.html`: minijinja escapes every value that is not marked safe.
     environment.add_template("report.html", TEMPLATE)?;
+    let player = data.player.as_ref().map(|_| player::script()).unwrap_or_default();
     environment.get_template("report.html")?.render(context! {
         report => Value::from(Serde(view::View::new(data))),
         payload => Value::from_safe_string(payload::json(data)),
-        style => Value::from_safe_string(STYLE.to_owned()),
-        script => Value::from_safe_string(SCRIPTS.join("\n")),
+        style => Value::from_safe_string(format!("{STYLE}{}", player::STYLE)),
+        script => Value::from_safe_string(format!("{player}{}", SCRIPTS.join("\n"))),
     })
 }

@@ -5,6 +5,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
+use base64::{Engine, prelude::BASE64_STANDARD};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Map, Value, json};
 
@@ -15,6 +16,7 @@ use super::{
 };
 use crate::{
     statistics::Representative,
+    track::{FrameQuality, Verdict},
     units::{NodeId, SequenceId},
     wireframe::{Tables, Wireframe},
 };
@@ -57,7 +59,9 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
         "faps": faps,
         "representatives": representatives,
         "pairs": data.groups.as_ref().map(|groups| super::groups::payload(groups, data)),
-        "tracks": data.tracks.iter().map(|t| track(t, &index)).collect::<Vec<_>>(),
+        "tracks": data.tracks.iter().map(|t| track(t, &index, data.tracked_here)).collect::<Vec<_>>(),
+        "player": data.player,
+        "glossary": glossary(super::GLOSSARY),
     });
     // `<` occurs inside strings only, where JSON allows the escape.
     value.to_string().replace('<', "\\u003c")
@@ -78,6 +82,15 @@ impl<'a> Index<'a> {
             reasons: number(tracks.iter().flat_map(|t| t.summary.recovered.keys().map(String::as_str)).collect()),
         }
     }
+}
+
+/// Word and meaning of every row of the glossary; rows that explain several words count for each.
+fn glossary(markdown: &str) -> Vec<[&str; 2]> {
+    let rows = markdown.lines().filter_map(|line| line.strip_prefix("| ")?.strip_suffix(" |")?.split_once(" | "));
+    let rows = rows.filter(|(words, _)| !words.starts_with("---") && *words != "word");
+    rows.flat_map(|(words, meaning)| words.split([',', '(', ')']).map(move |word| [word.trim(), meaning]))
+        .filter(|[word, _]| !word.is_empty())
+        .collect()
 }
 
 /// Triangles and contours over live nodes (by their place in the list of live nodes), and a fixed shade per triangle.
@@ -198,8 +211,9 @@ fn trimming(r: &Representative) -> (Value, Value) {
 }
 
 /// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn,
-/// expected error px.
-fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
+/// expected error px, whether to look again, why, percent of lost nodes frame by frame, expected error px frame by frame, pictures of the
+/// neutral and the apex frame, stem of its files.
+fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
     let reasons = t.summary.recovered.iter().filter(|&(_, &n)| n > 0);
     json!([
         index.ids.get(&t.id),
@@ -211,7 +225,29 @@ fn track(t: &TrackQuality, index: &Index<'_>) -> Value {
         reasons.flat_map(|(reason, &n)| [index.reasons.get(reason.as_str()).copied().unwrap_or(0), n]).collect::<Vec<_>>(),
         t.summary.worst_nodes.iter().flat_map(|&(node, n)| [usize::from(node.0), n]).collect::<Vec<_>>(),
         t.summary.expected_error_px.map_or(Value::Null, |px| rounded(px, 3)),
+        t.summary.verdict == Verdict::LookAgain,
+        t.summary.reasons,
+        steps(&t.course)
+            .map(|frames| rounded(100.0 * worst(frames.iter().map(|f| f.lost)).unwrap_or(0.0), 0))
+            .collect::<Vec<_>>(),
+        steps(&t.course)
+            .map(|frames| worst(frames.iter().filter_map(|f| f.expected_error_px)).map_or(Value::Null, |px| rounded(px, 2)))
+            .collect::<Vec<_>>(),
+        t.pictures.as_ref().map(|pictures| pictures.each_ref().map(|p| BASE64_STANDARD.encode(p))),
+        has_files.then(|| t.id.to_string()),
     ])
+}
+
+/// Most steps of the course of a track that the report draws.
+const MOST_STEPS: usize = 40;
+
+/// Frames in as many steps as are drawn: each one by itself where there are few.
+fn steps(course: &[FrameQuality]) -> impl Iterator<Item = &[FrameQuality]> {
+    course.chunks(course.len().div_ceil(MOST_STEPS).max(1))
+}
+
+fn worst(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.reduce(f64::max)
 }
 
 #[cfg(test)]
@@ -228,6 +264,14 @@ mod tests {
             let (a, b) = (w.live_nodes()[pair[0]], w.live_nodes()[pair[1]]);
             assert!(w.edges().contains(&(a.min(b), a.max(b))), "{a} {b}");
         }
+    }
+
+    #[test]
+    fn the_glossary_has_every_word_with_its_meaning() {
+        let words =
+            glossary("# Words\n\n| word | means |\n| --- | --- |\n| action unit (AU) | a muscle |\n| mark, point | a place |\n");
+        assert_eq!(words, [["action unit", "a muscle"], ["AU", "a muscle"], ["mark", "a place"], ["point", "a place"]]);
+        assert!(glossary(crate::report::GLOSSARY).iter().any(|[word, _]| *word == "FAP"));
     }
 
     #[test]

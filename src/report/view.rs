@@ -2,11 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use base64::{Engine, prelude::BASE64_STANDARD};
 use serde::Serialize;
 
 use super::{
-    Failure, Film, ReportData,
+    Failure, ReportData,
     courses::{self, CoursesView},
     groups::GroupsView,
     numbers::{MISSING, fixed, fixed_or_dash, ratio},
@@ -27,6 +26,16 @@ const TOP_FAPS: usize = 20;
 const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
     [("anger", 11.13), ("disgust", 9.80), ("fear", 11.39), ("happiness", 10.89), ("sadness", 13.46), ("surprise", 13.57)];
 
+/// Tables beside every report, and what they hold.
+const FILES: [(&str, &str); 6] = [
+    ("statistics.csv", "dispersion of every emotion and group"),
+    ("trimming.csv", "what was trimmed, and why"),
+    ("verdicts.csv", "every sequence: good, or look again"),
+    ("failures.csv", "sequences that failed, with the reason"),
+    ("amplitudes.csv", "how strongly everybody makes each expression"),
+    ("units.json", "units of all columns"),
+];
+
 /// The report's text.
 #[derive(Serialize)]
 pub(super) struct View<'a> {
@@ -43,23 +52,12 @@ pub(super) struct View<'a> {
     track_count: String,
     fapus: Vec<(String, String)>,
     small_class: usize,
-    films: Vec<FilmView>,
+    has_player: bool,
+    files: Vec<[&'static str; 2]>,
+    stems_known: bool,
     face: &'a str,
     groups: Option<GroupsView>,
     courses: Option<CoursesView>,
-}
-
-/// A representative on the report's face.
-#[derive(Serialize)]
-struct FilmView {
-    emotion: String,
-    group: String,
-    label: String,
-    /// The strip of frames as a data URL.
-    strip: String,
-    frames: usize,
-    width: u32,
-    height: u32,
 }
 
 /// A sequence that a person should look at again.
@@ -138,6 +136,8 @@ struct Card {
     dropped_per_field: String,
     has_faps: bool,
     fap_rows: usize,
+    /// Stem of its files, as a part of a link.
+    stem: Option<String>,
 }
 
 impl<'a> View<'a> {
@@ -171,25 +171,12 @@ impl<'a> View<'a> {
             track_count: count(data.tracks.len(), "sequence", "sequences"),
             fapus: fapus.collect(),
             small_class: SMALL_CLASS,
-            films: data.films.iter().zip(data.representatives).map(|(film, r)| FilmView::new(film, &r.label)).collect(),
+            has_player: data.player.is_some(),
+            stems_known: !data.stems.is_empty(),
+            files: FILES.map(|(name, what)| [name, what]).to_vec(),
             face: &data.face,
             groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data)),
             courses: courses::view(data),
-        }
-    }
-}
-
-impl FilmView {
-    fn new(film: &Film, label: &ClassLabel) -> Self {
-        let group = group_text(label);
-        Self {
-            label: if group.is_empty() { label.emotion.clone() } else { format!("{}, {group}", label.emotion) },
-            emotion: label.emotion.clone(),
-            group,
-            strip: format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(&film.jpeg)),
-            frames: film.frames,
-            width: film.width,
-            height: film.height,
         }
     }
 }
@@ -275,9 +262,16 @@ impl Card {
                 .apex_faps
                 .get(index)
                 .map_or(0, |f| f.iter().filter(|f| f.value != 0 && !f.is_angle).count().min(TOP_FAPS)),
+            stem: data.stems.get(index).map(|stem| url_part(stem)),
             has_faps: data.apex_faps.get(index).is_some_and(|f| !f.is_empty()),
         }
     }
+}
+
+/// A text as a part of a link.
+fn url_part(text: &str) -> String {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.~".contains(&b);
+    text.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
 }
 
 /// A class's group as `column = value, ...`; empty when not grouped.
@@ -292,6 +286,12 @@ fn pairs_text(group: &BTreeMap<String, String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn links_hold_no_marks_of_their_own() {
+        assert_eq!(url_part("anger_sex-f.x"), "anger_sex-f.x");
+        assert_eq!(url_part("a b#ü"), "a%20b%23%C3%BC");
+    }
 
     #[test]
     fn groups_read_as_pairs() {

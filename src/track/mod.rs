@@ -41,7 +41,7 @@ pub use file::{
 };
 pub use klt::Klt;
 pub use landmarks::LandmarkPlan;
-pub use quality::{TrackQuality, TrackSummary, Verdict, summarize};
+pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, course, summarize};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};
 pub use step::TrackPlan;

@@ -84,6 +84,40 @@ pub struct TrackQuality {
     pub emotion: String,
     /// The summary.
     pub summary: TrackSummary,
+    /// Every frame after the neutral one; empty where the frames are not at hand.
+    #[serde(default)]
+    pub course: Vec<FrameQuality>,
+    /// JPEG files of the wireframe on the neutral and on the apex frame, small; `None` where there are no pictures, or none may be shown.
+    #[serde(skip)]
+    pub pictures: Option<[Vec<u8>; 2]>,
+}
+
+impl TrackQuality {
+    /// The quality of a track, without pictures.
+    pub fn new(id: SequenceId, emotion: String, summary: TrackSummary, frames: &[TrackedFrame], wireframe: &Wireframe) -> Self {
+        Self { id, emotion, summary, course: course(frames, wireframe), pictures: None }
+    }
+}
+
+/// How well one frame was tracked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameQuality {
+    /// Share of the live nodes that were lost, 0 to 1.
+    pub lost: f64,
+    /// Median expected error of the live nodes, px; `None` where it is not known.
+    pub expected_error_px: Option<f64>,
+}
+
+/// The quality of every frame after the neutral one.
+pub fn course(frames: &[TrackedFrame], wireframe: &Wireframe) -> Vec<FrameQuality> {
+    let live = wireframe.live_nodes();
+    let frame = |frame: &TrackedFrame| {
+        let nodes: Vec<_> = live.iter().filter_map(|id| frame.nodes.get(id.index())).collect();
+        let lost = nodes.iter().filter(|n| matches!(n.state, NodeState::Recovered(_))).count();
+        let mut errors: Vec<f64> = nodes.iter().filter_map(|n| n.expected_error).collect();
+        FrameQuality { lost: lost as f64 / nodes.len().max(1) as f64, expected_error_px: median(&mut errors) }
+    };
+    frames.iter().skip(1).map(frame).collect()
 }
 
 /// Summarizes the frames of a track.

@@ -50,7 +50,7 @@ impl Warp {
         };
         let skin = self.mesh.skin.iter().enumerate().filter(|(k, _)| !self.is_flat[*k]);
         skin.filter_map(move |(k, t)| {
-            let least = (LEAST_AREA * area(&self.mesh.vertices, t)).min(0.5 * area(&self.source, t));
+            let least = least_area(area(&self.mesh.vertices, t), area(&self.source, t));
             (area(vertices, t) < least).then_some(k)
         })
     }
@@ -74,6 +74,11 @@ impl Warp {
             wanted[node(d)] += (mean - offsets[d]) * UNFOLD_STEP;
         }
     }
+}
+
+/// The least area of a triangle of these areas in the reference and on the photograph; a smaller one is folded.
+pub fn least_area(in_reference: f64, on_photograph: f64) -> f64 {
+    (LEAST_AREA * in_reference).min(0.5 * on_photograph)
 }
 
 /// The six driving nodes nearest to each, in the reference.

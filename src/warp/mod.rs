@@ -45,6 +45,7 @@ mod mouth;
 mod openings;
 mod raster;
 mod render;
+mod rig;
 mod sample;
 
 use nalgebra::{Point2, Vector2};
@@ -60,6 +61,7 @@ pub use audit::Audit;
 pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;
 pub use render::MouthInside;
+pub use rig::{Rig, RigOpening, teeth_picture};
 pub use sample::{Texture, resample};
 
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the

@@ -14,13 +14,13 @@ use nalgebra::{Point2, Vector2};
 use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, openings::smooth_step};
 
 /// The mean picture of the upper teeth.
-const TEETH: &[u8] = include_bytes!("../../candide/teeth.png");
+pub const TEETH: &[u8] = include_bytes!("../../candide/teeth.png");
 /// Its scale: pixels for each eye distance.
-const TEETH_SCALE: f64 = 220.0;
+pub const TEETH_SCALE: f64 = 220.0;
 /// Where in it the midline meets the edge of the incisors, px.
-const TEETH_ORIGIN: (f64, f64) = (110.17, 44.5);
+pub const TEETH_ORIGIN: (f64, f64) = (110.17, 44.5);
 /// Its level of a tooth as bright as the brightest of the mouth it is from.
-const TEETH_WHITE: f32 = 200.0;
+pub const TEETH_WHITE: f32 = 200.0;
 
 /// How far the upper incisors reach below the closed lips, over the eye distance (2 mm of a mean 63 mm between the pupils).
 const UPPER_BELOW_LIPS: f64 = 0.032;
@@ -115,8 +115,6 @@ impl<'a> Interior<'a> {
             line
         };
         let chin = deformation.nodes[10] - warp.nodes[10] - moved;
-        let inwards = warp.nodes[40] - warp.nodes[8];
-        let lips = [8_usize, 85, 86].map(|n| texture.sample(warp.nodes[n] + inwards * 0.4));
         Interior {
             origin,
             across,
@@ -126,7 +124,7 @@ impl<'a> Interior<'a> {
             lower: edge(&opening.lower),
             jaw: (chin.dot(&down) / unit).max(0.0),
             gap: gap_px / unit,
-            lip: std::array::from_fn(|c| (lips[0][c] + lips[1][c] + lips[2][c]) / 3.0),
+            lip: lip_colour(warp, texture),
             enamel: enamel(warp, texture),
             teeth: match arches {
                 Arches::Shown => teeth(),
@@ -270,9 +268,16 @@ fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)> {
     Some(([sum[0], sum[1], sum[2]], sum[3] / 255.0))
 }
 
+/// Colour of the lower lip.
+pub fn lip_colour(warp: &Warp, texture: &Texture) -> [f32; 3] {
+    let inwards = warp.nodes[40] - warp.nodes[8];
+    let lips = [8_usize, 85, 86].map(|n| texture.sample(warp.nodes[n] + inwards * 0.4));
+    std::array::from_fn(|c| (lips[0][c] + lips[1][c] + lips[2][c]) / 3.0)
+}
+
 /// Colour of teeth in the light of the photograph: as bright as the white of its eyes (the second brightest of four places, which a
 /// highlight does not reach), but not darker than the skin of the cheeks lets expect.
-fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
+pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
     let luma = |p: Point2<f64>| {
         let c = texture.sample(p);
         0.3 * c[0] + 0.59 * c[1] + 0.11 * c[2]

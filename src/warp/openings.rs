@@ -143,15 +143,7 @@ fn lashes(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Poi
         return;
     }
     let unit = warp.frame.eye_distance;
-    let down = warp.frame.down.into_inner();
-    // As dark as the lashes of the open eye: the darkest of what lies along its upper lid.
-    let mut colours: Vec<[f32; 3]> = opening
-        .upper
-        .iter()
-        .flat_map(|&v| [-0.02, 0.0, 0.02].map(|d| texture.sample(warp.source[v as usize] + down * (d * unit))))
-        .collect();
-    colours.sort_by(|a, b| a.iter().sum::<f32>().total_cmp(&b.iter().sum::<f32>()));
-    let dark = colours[colours.len() / 6];
+    let dark = lash_colour(warp, opening, texture);
     let line: Vec<Point2<f64>> = opening
         .upper
         .iter()
@@ -184,6 +176,19 @@ fn lashes(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Poi
             }
         }
     }
+}
+
+/// As dark as the lashes of the open eye: the darkest of what lies along its upper lid.
+pub fn lash_colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f32; 3] {
+    let unit = warp.frame.eye_distance;
+    let down = warp.frame.down.into_inner();
+    let mut colours: Vec<[f32; 3]> = opening
+        .upper
+        .iter()
+        .flat_map(|&v| [-0.02, 0.0, 0.02].map(|d| texture.sample(warp.source[v as usize] + down * (d * unit))))
+        .collect();
+    colours.sort_by(|a, b| a.iter().sum::<f32>().total_cmp(&b.iter().sum::<f32>()));
+    colours[colours.len() / 6]
 }
 
 /// 0 below `from`, 1 above `to`, smooth between.

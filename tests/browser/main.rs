@@ -9,4 +9,5 @@ mod report_data;
 
 mod annotate;
 mod driver;
+mod player;
 mod report;

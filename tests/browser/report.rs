@@ -150,6 +150,34 @@ fn the_tracking_table_sorts_filters_and_stays_fast() {
 }
 
 #[test]
+fn quality_cards_come_worst_first_and_filter_and_sections_fold() {
+    let browser = Browser::start();
+    browser.size(1280, 720);
+    // 9 + 4 + 1 + 24 + 12 + 30 = 80 sequences.
+    open(&browser, "quality", &Fixture::new("Quality", [9, 4, 1, 24, 12, 30], &[]));
+    let cards = || browser.run("return document.querySelectorAll('.qc').length").as_u64().unwrap();
+    assert_eq!(cards(), 24);
+    let again = browser.run("return [...document.querySelectorAll('.qc')].map(c => c.classList.contains('again'))");
+    let again: Vec<bool> = again.as_array().unwrap().iter().map(|v| v.as_bool().unwrap()).collect();
+    assert!(again[0] && again.is_sorted_by(|a, b| a >= b), "those to look at again come first: {again:?}");
+    browser.run("document.querySelector('#quality-more').click()");
+    assert_eq!(cards(), 80);
+    let filter =
+        "const f = document.querySelector('#quality-filter'); f.value = 's001 anger'; f.dispatchEvent(new Event('input'))";
+    browser.run(filter);
+    assert_eq!(cards(), 1);
+    assert_eq!(browser.text("return document.querySelector('.qc-files a').getAttribute('href')"), "tracks/S001_anger.csv");
+    // Folded, everything fits; a link opens what it leads to.
+    browser.run("document.querySelector('#fold-all').click()");
+    let height = || browser.run("return document.documentElement.scrollHeight").as_u64().unwrap();
+    assert!(height() < 8000, "{}", height());
+    browser.run("location.hash = '#r3'");
+    wait(&browser, "!document.querySelector('#r3').classList.contains('folded')");
+    assert!(height() > 1000);
+    browser.no_errors();
+}
+
+#[test]
 fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
     let browser = Browser::start();
     browser.size(1280, 720);

@@ -7,7 +7,7 @@ use grimace::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     report::{ApexFap, Failure, ReportData, Stage},
     statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions},
-    track::{TrackQuality, TrackSummary, Verdict},
+    track::{FrameQuality, TrackQuality, TrackSummary, Verdict},
     units::{FaceUnit, NodeId, SequenceId},
     wireframe::{Fapus, Tables, Wireframe},
 };
@@ -96,8 +96,10 @@ impl Fixture {
             wireframe: &self.wireframe,
             tables: &self.tables,
             fapus: self.fapus,
-            films: Vec::new(),
+            player: None,
             face: String::new(),
+            stems: Vec::new(),
+            tracked_here: true,
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
             groups: None,
         }
@@ -167,6 +169,13 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
             },
             worst_nodes: (0..worst).map(|k| (pick(rng), (frames - 1).saturating_sub(2 * k).max(1))).collect(),
         },
+        course: (1..frames)
+            .map(|k| {
+                let part = k as f64 / (frames - 1) as f64;
+                FrameQuality { lost: loss * part * 2.0, expected_error_px: Some((1.2 + 20.0 * loss) * part) }
+            })
+            .collect(),
+        pictures: None,
     }
 }
 

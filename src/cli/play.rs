@@ -1,0 +1,131 @@
+//! `grimace play`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use grimace::{
+    clone::{SourceMotion, Target, read_marks},
+    dataset::LandmarkSelection,
+    output,
+    pipeline::{PipelineOptions, Workbench, found_marks, showcase_target},
+    player::{PlayerFace, Shown, page},
+    sequence::{read_colour, read_frame},
+};
+
+use super::{
+    Outcome,
+    shared::{FitArgs, GeneralArgs},
+};
+
+/// Heights of the picture of a face in the page, px.
+const HEIGHT: u32 = 640;
+
+/// A page that plays motions on faces.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  grimace play results/representatives/*.csv -o player.html
+  grimace play results/representatives/anger.csv smile.fap results/tracks/S005_001.csv --portrait anna.jpg -c anna.csv -o anna.html
+  grimace play results/fap/*.fap --portrait anna.jpg ben.png -o both.html
+
+The page is one file that needs nothing else and sends nothing anywhere. It plays every motion on every face, two of them side by side \
+if asked, stronger or weaker, slower or faster; it draws the FAPs over time, moves the face by single FAPs, and saves frames as PNG. \
+It holds the portraits that are given: who has the page has the pictures.")]
+pub struct Args {
+    /// What moves: representatives or normalized models (.csv), tracks (.csv), FAP files (.fap)
+    #[arg(required = true, value_name = "MOTION")]
+    motions: Vec<PathBuf>,
+    /// Neutral photographs, frontal, to play on; a face that ships with the program if none is given
+    #[arg(long, num_args = 1.., value_name = "PORTRAIT")]
+    portrait: Vec<PathBuf>,
+    /// Marked points on each portrait, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the portraits if none is given
+    #[arg(short, long, num_args = 1.., requires = "portrait", value_name = "C.csv")]
+    correspondences: Vec<PathBuf>,
+    /// The page
+    #[arg(short, long, value_name = "PLAYER.html")]
+    output: PathBuf,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(
+        args.correspondences.is_empty() || args.correspondences.len() == args.portrait.len(),
+        "{} portraits and {} files of correspondences: give one for each portrait, in the same order, or none to have marks found",
+        args.portrait.len(),
+        args.correspondences.len()
+    );
+    args.general.check_free(&args.output)?;
+    let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
+    let motions = args.motions.iter().map(|path| SourceMotion::read(path, &bench)).collect::<Result<Vec<_>, _>>()?;
+    for (path, motion) in args.motions.iter().zip(&motions) {
+        if !motion.not_shown.is_empty() {
+            let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            eprintln!("warning: {}: FAP {faps} cannot be shown on a photograph from the front and is left out", path.display());
+        }
+    }
+    let labels = labels(&args.motions, &motions);
+    let targets = targets(args, &bench)?;
+    let faces: Vec<PlayerFace> =
+        targets.iter().map(|(label, target)| PlayerFace { label: label.as_str(), target, height: HEIGHT }).collect();
+    let shown: Vec<Shown> = labels.iter().zip(&motions).map(|(label, motion)| Shown { label: label.as_str(), motion }).collect();
+    let title = match labels.as_slice() {
+        [only] => only.clone(),
+        [first, .., last] => format!("{first} to {last}"),
+        [] => String::new(),
+    };
+    let html = page(&title, &shown, &faces, &bench)?;
+    output::write_bytes(&args.output, html.as_bytes())?;
+    if !args.general.quiet {
+        let count = output::count;
+        println!(
+            "{} on {}: {} ({:.1} MB)",
+            count(motions.len(), "motion", "motions"),
+            count(faces.len(), "face", "faces"),
+            args.output.display(),
+            html.len() as f64 / 1e6
+        );
+    }
+    Ok(Outcome::Done)
+}
+
+/// What the motions are called: their names, those that are there twice with the extension, and with a number if need be.
+fn labels(paths: &[PathBuf], motions: &[SourceMotion]) -> Vec<String> {
+    let mut labels: Vec<String> = Vec::with_capacity(motions.len());
+    for (path, motion) in paths.iter().zip(motions) {
+        let twins = motions.iter().filter(|other| other.name == motion.name).count();
+        let extension = path.extension().filter(|_| twins > 1).map(|e| format!(".{}", e.to_string_lossy()));
+        let name = format!("{}{}", motion.name.replace('_', " "), extension.unwrap_or_default());
+        let label = (2..).map(|k| format!("{name} ({k})")).find(|l| !labels.contains(l)).filter(|_| labels.contains(&name));
+        labels.push(label.unwrap_or(name));
+    }
+    labels
+}
+
+/// The faces and what they are called.
+fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target)>> {
+    if args.portrait.is_empty() {
+        return Ok(vec![("a simulated person".to_owned(), showcase_target(bench)?)]);
+    }
+    let portrait = |(k, path): (usize, &PathBuf)| -> anyhow::Result<(String, Target)> {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok((name.clone(), target(&name, path, args.correspondences.get(k).map(PathBuf::as_path), bench)?))
+    };
+    args.portrait.iter().enumerate().map(portrait).collect()
+}
+
+fn target(name: &str, path: &Path, marks: Option<&Path>, bench: &Workbench) -> anyhow::Result<Target> {
+    let picture = read_colour(path)?;
+    let found = || -> anyhow::Result<_> { Ok(found_marks(&read_frame(path)?, bench)?) };
+    let points = match marks {
+        Some(marks) => read_marks(marks, &LandmarkSelection::Auto, bench)?,
+        None => found().with_context(|| path.display().to_string())?,
+    };
+    Target::new(name, picture, &points, bench.fitter(), bench).with_context(|| match marks {
+        Some(marks) => format!("{} with {}", path.display(), marks.display()),
+        None => format!("{} with marks that were found", path.display()),
+    })
+}

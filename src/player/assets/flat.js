@@ -1,0 +1,97 @@
+// Drawing on a canvas, triangle by triangle, where there is no WebGL: the same order, a simpler mouth.
+
+class FlatStage {
+  constructor(canvas, teeth) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.teeth = teeth;
+  }
+  /** The part of the picture in a triangle, drawn into another. */
+  triangle(image, [a, b, c], [p, q, r]) {
+    const { context } = this;
+    const area = (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1]);
+    if (Math.abs(area) < 1e-3) return;
+    const solve = (axis) => {
+      const [u, v] = [b[axis] - a[axis], c[axis] - a[axis]];
+      const x = (u * (r[1] - p[1]) - v * (q[1] - p[1])) / area, y = (v * (q[0] - p[0]) - u * (r[0] - p[0])) / area;
+      return [x, y, a[axis] - x * p[0] - y * p[1]];
+    };
+    const [[m11, m12, dx], [m21, m22, dy]] = [solve(0), solve(1)];
+    // A little larger than it is, so that no seam shows between neighbours.
+    const middle = [(a[0] + b[0] + c[0]) / 3, (a[1] + b[1] + c[1]) / 3];
+    const grown = [a, b, c].map(([x, y]) => {
+      const far = Math.max(Math.hypot(x - middle[0], y - middle[1]), 1e-6);
+      return [x + (0.7 * (x - middle[0])) / far + 0.5, y + (0.7 * (y - middle[1])) / far + 0.5];
+    });
+    context.save();
+    context.beginPath();
+    grown.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
+    context.closePath();
+    context.clip();
+    context.transform(m11, m21, m12, m22, dx, dy);
+    context.drawImage(image, 0, 0);
+    context.restore();
+  }
+  outline(points) {
+    this.context.beginPath();
+    points.forEach(([x, y], k) => (k ? this.context.lineTo(x + 0.5, y + 0.5) : this.context.moveTo(x + 0.5, y + 0.5)));
+    this.context.closePath();
+  }
+  draw(rig) {
+    const { canvas, context } = this;
+    if (canvas.width !== rig.width || canvas.height !== rig.height) {
+      canvas.width = rig.width;
+      canvas.height = rig.height;
+    }
+    context.drawImage(rig.image, 0, 0);
+    const { vertices, moved, skin } = rig;
+    const point = (list, v) => [list[2 * v], list[2 * v + 1]];
+    const loose = (triangles, at) => {
+      for (let k = 0; k < triangles.length; k += 3) {
+        const corners = triangles.slice(k, k + 3);
+        this.triangle(rig.image, corners.map((v) => at.get(v)), corners.map((v) => point(vertices, v)));
+      }
+    };
+    for (const opening of rig.openings.slice(1)) loose(opening.triangles, rig.eyeball(opening));
+    this.mouth(rig, loose);
+    for (let k = 0; k < skin.length; k += 3) {
+      const corners = [skin[k], skin[k + 1], skin[k + 2]];
+      if (corners.some((v) => Math.abs(moved[2 * v] - vertices[2 * v]) + Math.abs(moved[2 * v + 1] - vertices[2 * v + 1]) > 0.03)) {
+        this.triangle(rig.image, corners.map((v) => point(moved, v)), corners.map((v) => point(vertices, v)));
+      }
+    }
+    for (const opening of rig.openings.slice(1)) {
+      const { line, shut, width } = rig.lashLine(opening);
+      if (shut > 0) {
+        context.strokeStyle = `rgba(${opening.lashes.map(Math.round).join()},${0.8 * shut})`;
+        context.lineWidth = 1.4 * width;
+        context.beginPath();
+        line.forEach(([x, y], k) => (k ? context.lineTo(x + 0.5, y + 0.5) : context.moveTo(x + 0.5, y + 0.5)));
+        context.stroke();
+      }
+    }
+  }
+  mouth(rig, loose) {
+    const { context, teeth } = this;
+    const m = rig.mouth();
+    if (!(m.gap > 1e-4)) return;
+    const { upper, lower, triangles } = m.opening;
+    const at = (v) => [rig.moved[2 * v], rig.moved[2 * v + 1]];
+    context.save();
+    this.outline([...upper.map(at), ...lower.slice(1, -1).reverse().map(at)]);
+    const dark = rig.lip.map((c) => Math.round(c * 0.22));
+    context.fillStyle = `rgb(${dark.join()})`;
+    context.fill();
+    if (rig.closed) {
+      context.clip();
+      const origin = [0, 1].map((axis) => (rig.nodes[2 * 87 + axis] + rig.nodes[2 * 40 + axis]) / 2 + m.skull[axis]);
+      const size = rig.unit / teeth.scale, [dx, dy] = rig.down;
+      // The axes of the mouth: across, then down.
+      context.transform(dy * size, -dx * size, dx * size, dy * size, origin[0] + 0.032 * rig.unit * dx, origin[1] + 0.032 * rig.unit * dy);
+      context.filter = `brightness(${((rig.enamel[1] / teeth.white) * 0.86).toFixed(2)})`;
+      context.drawImage(teeth.image, -teeth.origin[0], -teeth.origin[1]);
+    }
+    context.restore();
+    if (!rig.closed) loose(triangles, rig.ownMouth(m.skull));
+  }
+}

@@ -1,0 +1,270 @@
+// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, the lashes.
+
+const SKIN_VERTEX = `
+attribute vec2 at; attribute vec2 from; attribute float cover; uniform vec2 size; varying vec2 uv; varying float c;
+void main() { c = cover; uv = (from + 0.5) / size; vec2 p = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, 0.0, 1.0); }`;
+const SKIN_FRAGMENT = `
+precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
+void main() { gl_FragColor = vec4(texture2D(picture, uv).rgb, c); }`;
+// `place` is in eye distances from where the closed lips meet, `lips` the heights of both lips there.
+const MOUTH_VERTEX = `
+attribute vec2 at; attribute vec2 place; attribute vec2 lips; attribute vec2 above; attribute vec2 below; uniform vec2 size;
+varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
+void main() {
+  p = place; l = lips; ua = (above + 0.5) / size; ub = (below + 0.5) / size;
+  vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0);
+}`;
+const MOUTH_FRAGMENT = `
+precision highp float;
+varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
+uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform vec3 enamel; uniform vec2 ends; uniform vec2 teethSize;
+uniform vec2 teethOrigin; uniform float teethScale; uniform float white; uniform float gap; uniform float jaw; uniform float floorY;
+uniform float shown;
+vec3 tinted(vec3 warm, float light) {
+  float luma = max(dot(lip, vec3(0.3, 0.59, 0.11)), 60.0 / 255.0);
+  return (0.4 * lip + 0.6 * vec3(1.45, 0.86, 0.84) * luma) * warm * light;
+}
+vec3 row(vec2 d, float brightness, float side, float fromCorner, vec3 under) {
+  vec2 at = (teethOrigin + d * teethScale + 0.5) / teethSize;
+  if (at.x < 0.0 || at.y < 0.0 || at.x > 1.0 || at.y > 1.0) return under;
+  vec4 tooth = texture2D(teeth, at);
+  float cover = tooth.a * smoothstep(0.0, 0.035, fromCorner);
+  return mix(under, tooth.rgb * 255.0 / white * enamel * brightness * side, cover);
+}
+void main() {
+  float x = p.x, y = p.y, upper = l.x, lower = l.y;
+  float belowUpper = y - upper, aboveLower = lower - y;
+  float fromCorner = min(x - ends.x, ends.y - x);
+  float open = smoothstep(0.02, 0.40, gap), side = smoothstep(0.0, 0.20, fromCorner);
+  float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
+  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), 0.12 + (0.14 + 0.16 * depth) * open * side);
+  float across = x / max(0.42 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
+  if (within > 0.0) {
+    float height = 0.50 * gap * sqrt(within), top = floorY - height;
+    float cover = smoothstep(-0.012, 0.022, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
+    float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.10 * exp(-(x / 0.022) * (x / 0.022)) * tip;
+    float light = (0.40 + 0.42 * tip) * (0.60 + 0.40 * open) * groove * (0.7 + 0.3 * within);
+    colour = mix(colour, tinted(vec3(1.0, 0.84, 0.83), light), cover);
+  }
+  if (shown > 0.5) {
+    float lit = 0.25 + 0.75 * smoothstep(0.0, 0.16, fromCorner);
+    float lowerY = y - max(0.012 + 0.88 * jaw, floorY - 0.022);
+    float part = smoothstep(0.02, 0.08, jaw);
+    if (part > 0.0) {
+      float light = (0.62 + 0.16 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
+      colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, lit, fromCorner, colour), part);
+    }
+    float upperY = y - 0.032;
+    float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
+    colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * lit), gum);
+    float light = 0.72 + 0.28 * smoothstep(0.0, 0.06, belowUpper);
+    colour = mix(colour, row(vec2(x, upperY), light, lit, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
+  }
+  float shadow = (0.62 + 0.38 * smoothstep(0.0, 0.05, belowUpper)) * (0.80 + 0.20 * smoothstep(0.0, 0.025, aboveLower));
+  float width = max(min(0.022, 0.35 * max(lower - upper, 0.0)), 1e-6);
+  float round = max(1.0 - smoothstep(0.0, width, belowUpper), 1.0 - smoothstep(0.0, 1.2 * width, aboveLower));
+  // A gap as narrow as a line is lip, not cavity.
+  round = max(round, 1.0 - smoothstep(0.004, 0.03, lower - upper));
+  vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
+  gl_FragColor = vec4(mix(colour * shadow, near * vec3(0.74, 0.60, 0.60), 0.8 * round), 1.0);
+}`;
+const LASH_VERTEX = `
+attribute vec2 at; attribute vec2 place; uniform vec2 size; varying vec2 p;
+void main() { p = place; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
+const LASH_FRAGMENT = `
+precision mediump float; varying vec2 p; uniform vec3 colour; uniform float shut;
+void main() { float a = clamp(p.x, 0.0, 1.0);
+  gl_FragColor = vec4(colour, shut * sqrt(4.0 * a * (1.0 - a)) * (1.0 - smoothstep(0.3, 1.0, abs(p.y)))); }`;
+
+class GlStage {
+  /** Throws where there is no WebGL. */
+  constructor(canvas, teeth) {
+    this.canvas = canvas;
+    this.gl = canvas.getContext("webgl", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
+    if (!this.gl) throw new Error("no WebGL");
+    this.teeth = teeth;
+    this.setUp();
+    canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.setUp();
+      this.onrestored?.();
+    });
+  }
+  setUp() {
+    const { gl } = this;
+    this.skin = this.program(SKIN_VERTEX, SKIN_FRAGMENT);
+    this.mouth = this.program(MOUTH_VERTEX, MOUTH_FRAGMENT);
+    this.lash = this.program(LASH_VERTEX, LASH_FRAGMENT);
+    this.pictures = new Map();
+    this.around = null;
+    this.buffers = new Map();
+    this.teethTexture = this.texture(this.teeth.image);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+  }
+  program(vertex, fragment) {
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program) ?? "no shaders");
+    const places = new Map();
+    return { program, at: (name) => {
+      if (!places.has(name)) places.set(name, [gl.getAttribLocation(program, name), gl.getUniformLocation(program, name)]);
+      return places.get(name);
+    } };
+  }
+  texture(image) {
+    const { gl } = this;
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, image);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.LINEAR);
+    return texture;
+  }
+  /** Fills a named buffer; `fixed` ones only once. */
+  buffer(name, make, target = this.gl.ARRAY_BUFFER, fixed = false) {
+    const { gl, buffers } = this;
+    const known = buffers.get(name);
+    const buffer = known ?? gl.createBuffer();
+    buffers.set(name, buffer);
+    gl.bindBuffer(target, buffer);
+    if (!known || !fixed) gl.bufferData(target, make(), fixed ? gl.STATIC_DRAW : gl.DYNAMIC_DRAW);
+  }
+  attribute(program, name, width = 2) {
+    const { gl } = this;
+    const [place] = program.at(name);
+    gl.enableVertexAttribArray(place);
+    gl.vertexAttribPointer(place, width, gl.FLOAT, false, 0, 0);
+  }
+  uniform(program, name, ...values) {
+    this.gl[`uniform${values.length}f`](program.at(name)[1], ...values);
+  }
+  use(program, rig) {
+    const { gl } = this;
+    for (let k = 0; k < 5; k++) gl.disableVertexAttribArray(k);
+    gl.useProgram(program.program);
+    this.uniform(program, "size", rig.width, rig.height);
+    if (program === this.skin) gl.vertexAttrib1f(program.at("cover")[0], 1);
+  }
+  /** Textured triangles given corner by corner: `corners` is a list of [x, y, from x, from y], with `cover` [..., cover]. */
+  loose(rig, corners, cover = false) {
+    const { gl } = this;
+    this.use(this.skin, rig);
+    if (cover) {
+      this.buffer("loose cover", () => Float32Array.from(corners, (c) => c[4]));
+      this.attribute(this.skin, "cover", 1);
+    }
+    this.buffer("loose at", () => Float32Array.from(corners.flatMap((c) => [c[0], c[1]])));
+    this.attribute(this.skin, "at");
+    this.buffer("loose from", () => Float32Array.from(corners.flatMap((c) => [c[2], c[3]])));
+    this.attribute(this.skin, "from");
+    gl.drawArrays(gl.TRIANGLES, 0, corners.length);
+  }
+  draw(rig) {
+    const { gl, canvas } = this;
+    if (gl.isContextLost()) return;
+    if (canvas.width !== rig.width || canvas.height !== rig.height) {
+      canvas.width = rig.width;
+      canvas.height = rig.height;
+      this.around = null;
+    }
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    if (!this.pictures.has(rig)) this.pictures.set(rig, this.texture(rig.image));
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.pictures.get(rig));
+    // The skin covers everything that moves: what is around it stays from frame to frame.
+    if (this.around !== rig) {
+      const [w, h] = [rig.width - 0.5, rig.height - 0.5], corner = (x, y) => [x, y, x, y];
+      this.loose(rig, [corner(-0.5, -0.5), corner(w, -0.5), corner(-0.5, h), corner(-0.5, h), corner(w, -0.5), corner(w, h)]);
+      this.around = rig;
+    }
+    const source = (v) => [rig.vertices[2 * v], rig.vertices[2 * v + 1]];
+    for (const opening of rig.openings.slice(1)) {
+      const at = rig.eyeball(opening);
+      this.loose(rig, opening.triangles.map((v) => [...at.get(v), ...source(v)]));
+    }
+    this.drawMouth(rig, source);
+    this.use(this.skin, rig);
+    this.buffer("skin at", () => rig.moved);
+    this.attribute(this.skin, "at");
+    this.buffer(`skin from ${rig.index}`, () => rig.vertices, gl.ARRAY_BUFFER, true);
+    this.attribute(this.skin, "from");
+    this.buffer(`skin ${rig.index}`, () => rig.skin, gl.ELEMENT_ARRAY_BUFFER, true);
+    gl.drawElements(gl.TRIANGLES, rig.skin.length, gl.UNSIGNED_SHORT, 0);
+    // The edges of lids and lips run out softly.
+    gl.enable(gl.BLEND);
+    for (const opening of rig.openings) {
+      if (rig.gap(opening, rig.moved) > 0.5) this.loose(rig, edgeStrips(rig, opening, 1.2), true);
+    }
+    for (const opening of rig.openings.slice(1)) this.drawLashes(rig, opening);
+    gl.disable(gl.BLEND);
+  }
+  drawMouth(rig, source) {
+    const { gl, mouth } = this;
+    const m = rig.mouth();
+    if (!(m.gap > 1e-4)) return;
+    const { upper, lower, triangles } = m.opening;
+    const column = new Map();
+    upper.forEach((v, k) => column.set(v, [k, 0]));
+    lower.slice(1, -1).forEach((v, k) => column.set(v, [k + 1, 1]));
+    const rows = triangles.map((v) => ({ v, column: column.get(v) }));
+    this.use(mouth, rig);
+    const fill = (name, value) => {
+      this.buffer(`mouth ${name}`, () => Float32Array.from(rows.flatMap(value)));
+      this.attribute(mouth, name);
+    };
+    fill("at", ({ v }) => [rig.moved[2 * v], rig.moved[2 * v + 1]]);
+    fill("place", ({ column: [k, below] }) => (below ? m.lower[k] : m.upper[k]));
+    fill("lips", ({ column: [k] }) => [m.upper[k][1], m.lower[k][1]]);
+    fill("above", ({ column: [k] }) => source(upper[k]));
+    fill("below", ({ column: [k] }) => source(lower[k]));
+    const level = (colour) => colour.map((c) => c / 255);
+    this.uniform(mouth, "lip", ...level(rig.lip));
+    this.uniform(mouth, "enamel", ...level(rig.enamel));
+    this.uniform(mouth, "ends", ...m.ends);
+    this.uniform(mouth, "teethSize", this.teeth.image.naturalWidth, this.teeth.image.naturalHeight);
+    this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
+    for (const [name, value] of [["teethScale", this.teeth.scale], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["floorY", m.floor], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
+    gl.activeTexture(gl.TEXTURE1);
+    gl.bindTexture(gl.TEXTURE_2D, this.teethTexture);
+    gl.uniform1i(mouth.at("teeth")[1], 1);
+    gl.uniform1i(mouth.at("picture")[1], 0);
+    gl.drawArrays(gl.TRIANGLES, 0, rows.length);
+    gl.activeTexture(gl.TEXTURE0);
+    if (!rig.closed) {
+      const at = rig.ownMouth(m.skull);
+      this.loose(rig, triangles.map((v) => [...at.get(v), ...source(v)]));
+    }
+  }
+  drawLashes(rig, opening) {
+    const { gl, lash } = this;
+    const { line, shut, width } = rig.lashLine(opening);
+    if (!(shut > 0)) return;
+    const [from, to] = [line[0], line[line.length - 1]];
+    const across = [to[0] - from[0], to[1] - from[1]], size = Math.max(across[0] ** 2 + across[1] ** 2, 1e-9);
+    const at = [], place = [];
+    for (const [x, y] of line) {
+      const along = clamp(((x - from[0]) * across[0] + (y - from[1]) * across[1]) / size, 0, 1);
+      const local = width * (0.35 + 2.6 * along * (1 - along));
+      for (const sign of [-1, 1]) {
+        at.push(x + sign * local * rig.down[0], y + sign * local * rig.down[1]);
+        place.push(along, sign);
+      }
+    }
+    this.use(lash, rig);
+    this.buffer("lash at", () => Float32Array.from(at));
+    this.attribute(lash, "at");
+    this.buffer("lash place", () => Float32Array.from(place));
+    this.attribute(lash, "place");
+    this.uniform(lash, "colour", ...opening.lashes.map((c) => c / 255));
+    this.uniform(lash, "shut", shut);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, at.length / 2);
+  }
+}

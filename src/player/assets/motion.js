@@ -1,0 +1,91 @@
+// Motions: neutral offsets of all nodes over time. Positions of faces are pixels, y down; offsets of motions point up.
+
+const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+const wholes = (text) => new Uint16Array(bytesOf(text));
+const singles = (text) => new Float32Array(bytesOf(text));
+const scaled = ({ scale, values }) => Float32Array.from(new Int16Array(bytesOf(values)), (v) => v * scale);
+const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
+/** 0 below `from`, 1 above `to`, smooth between. */
+const smoothStep = (from, to, value) => {
+  const t = clamp((value - from) / (to - from), 0, 1);
+  return t * t * (3 - 2 * t);
+};
+
+/** Monotone cubic between the second and the third of four values, as `clone` has it. */
+function cubic(a, b, c, d, t) {
+  const slope = (before, after) => (before * after <= 0 ? 0 : (2 * before * after) / (before + after));
+  const m = slope(b - a, c - b), n = slope(c - b, d - c);
+  const t2 = t * t, t3 = t2 * t;
+  return b * (2 * t3 - 3 * t2 + 1) + m * (t3 - 2 * t2 + t) + c * (3 * t2 - 2 * t3) + n * (t3 - t2);
+}
+
+class Motion {
+  constructor(entry) {
+    Object.assign(this, { name: entry.name, label: entry.label, kind: entry.kind, seconds: entry.seconds });
+    Object.assign(this, { frames: entry.frames, fapus: entry.fapus, lids: entry.lids });
+    this.offsets = scaled(entry.offsets);
+    this.width = this.offsets.length / this.frames;
+    this.faps = entry.faps.map(([number, values]) => ({ number, values: scaled(values) }));
+  }
+  get last() {
+    return this.frames - 1;
+  }
+  /** Offsets at a place between frames, 0 to `last`, into `out`. */
+  at(place, out) {
+    const { offsets, width, last } = this;
+    place = clamp(place, 0, last);
+    const i = Math.min(Math.floor(place), Math.max(last - 1, 0)), t = place - i;
+    const row = (k) => clamp(k, 0, last) * width;
+    const [a, b, c, d] = [row(i - 1), row(i), row(i + 1), row(i + 2)];
+    for (let n = 0; n < width; n++) {
+      out[n] = t === 0 ? offsets[b + n] : cubic(offsets[a + n], offsets[b + n], offsets[c + n], offsets[d + n], t);
+    }
+    return out;
+  }
+  /** Value of a FAP's curve at a place. */
+  value(values, place) {
+    const at = (k) => values[clamp(k, 0, this.last)];
+    const i = Math.min(Math.floor(place), Math.max(this.last - 1, 0));
+    return cubic(at(i - 1), at(i), at(i + 1), at(i + 2), place - i);
+  }
+  /** Where it is, in words. */
+  placeText(place) {
+    if (this.kind === "model") return `${Math.round((100 * place) / Math.max(this.last, 1))} % of the way to the apex`;
+    const seconds = (this.seconds * place) / Math.max(this.last, 1);
+    return `frame ${Math.round(place) + 1} of ${this.frames}, ${seconds.toFixed(2)} s`;
+  }
+}
+
+/** How time passes: from a clock (s) to the share of the way, 0 to 1, and whether it is over. */
+class Course {
+  constructor(seconds, repeat, natural) {
+    this.way = Math.max(seconds, 0.04);
+    this.repeat = repeat;
+    this.natural = natural;
+    this.before = natural ? 0.35 : 0;
+    this.hold = repeat === "once" ? 0 : natural ? 0.9 : 0.4;
+    this.back = repeat === "back" ? this.way * (natural ? 1.4 : 1) : 0;
+    this.whole = this.before + this.way + this.hold + this.back;
+  }
+  ease(t) {
+    return this.natural ? t * t * (3 - 2 * t) : t;
+  }
+  share(clock) {
+    if (this.repeat === "once" && clock >= this.before + this.way) return { share: 1, over: true };
+    const t = (clock % this.whole) - this.before;
+    if (t <= 0) return { share: 0, over: false };
+    if (t < this.way) return { share: this.ease(t / this.way), over: false };
+    if (t < this.way + this.hold || this.back === 0) return { share: 1, over: false };
+    return { share: this.ease(1 - (t - this.way - this.hold) / this.back), over: false };
+  }
+  /** The clock at which a share is reached on the way there. */
+  clock(share) {
+    let low = 0, high = 1;
+    for (let k = 0; k < 30; k++) {
+      const middle = (low + high) / 2;
+      if (this.ease(middle) < share) low = middle;
+      else high = middle;
+    }
+    return share <= 0 ? 0 : this.before + this.way * high;
+  }
+}

@@ -1,0 +1,283 @@
+// A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
+
+const LID_LIMIT = 2, LIP_ROUND = 0.97, BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
+const MAX_GAZE = 0.12, SHUT = 1e-4, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
+
+/** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
+class Rig {
+  constructor(entry, shared) {
+    Object.assign(this, entry);
+    for (const name of ["given", "nodes", "vertices", "leastAreas"]) this[name] = singles(entry[name]);
+    this.skin = wholes(entry.skin);
+    this.weights = scaled(entry.weights);
+    this.shared = shared;
+    this.count = this.vertices.length / 2;
+    this.sparse();
+    this.moved = Float32Array.from(this.vertices);
+    this.offsets = new Float32Array(2 * entry.drivers.length);
+    this.wanted = Float32Array.from(this.nodes);
+    this.scales = new Map();
+  }
+  level(p, k) {
+    return p[2 * k] * this.down[0] + p[2 * k + 1] * this.down[1];
+  }
+  shift(p, k, along) {
+    p[2 * k] += this.down[0] * along;
+    p[2 * k + 1] += this.down[1] * along;
+  }
+  /** The weights that count, vertex by vertex: far from a node its share is smaller than what rounding takes away. */
+  sparse() {
+    const n = this.drivers.length, [starts, places, shares] = [[0], [], []];
+    for (let v = 0; v < this.count; v++) {
+      for (let d = 0; d < n; d++) {
+        const w = this.weights[v * n + d];
+        if (Math.abs(w) >= LEAST_WEIGHT) {
+          places.push(2 * d);
+          shares.push(w);
+        }
+      }
+      starts.push(places.length);
+    }
+    Object.assign(this, { starts: Uint32Array.from(starts), places: Uint16Array.from(places), shares: Float32Array.from(shares) });
+  }
+  /** Factors of all nodes' offsets, x and y in turn, from a source of these FAPUs to this face. */
+  scaleFrom(source) {
+    let scale = this.scales.get(source);
+    if (!scale) {
+      const { nodeFapus, lidPairs } = this.shared;
+      const ratio = (k) => this.fapus[k] / source.fapus[k];
+      scale = Float32Array.from(nodeFapus, ratio);
+      lidPairs.forEach(([above, below], pair) => {
+        for (const node of [above, below]) {
+          const irisd = ratio(nodeFapus[2 * node + 1]), own = this.lids[pair], other = source.lids[pair];
+          scale[2 * node + 1] = own > 0 && other > 0 ? clamp(own / other, irisd / LID_LIMIT, irisd * LID_LIMIT) : irisd;
+        }
+      });
+      this.scales.set(source, scale);
+    }
+    return scale;
+  }
+  /** Moves the face: a list of offsets with what they are from and how strong, added up. */
+  move(parts) {
+    const { given, nodes, wanted, roll } = this;
+    const [cos, sin] = [Math.cos(roll), Math.sin(roll)];
+    const at = Float32Array.from(given);
+    for (const { offsets, source, gain } of parts) {
+      const scale = this.scaleFrom(source);
+      for (let k = 0; k < at.length; k += 2) {
+        const x = offsets[k] * scale[k] * gain, y = offsets[k + 1] * scale[k + 1] * gain;
+        at[k] += cos * x - sin * y;
+        at[k + 1] -= sin * x + cos * y;
+      }
+    }
+    this.roundLowerLip(at);
+    for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
+    this.keepBrows(wanted);
+    this.separate(wanted);
+    this.solve(wanted);
+    for (let round = 0; round < UNFOLD_ROUNDS && this.unfold(wanted); round++) {
+      this.separate(wanted);
+      this.solve(wanted);
+    }
+    return this.moved;
+  }
+  roundLowerLip(at) {
+    const { given } = this;
+    const moved = (n) => this.level(at, n) - this.level(given, n);
+    const corners = (moved(88) + moved(89)) / 2;
+    const middle = moved(40) - corners, beside = (moved(83) + moved(84)) / 2 - corners;
+    const apart = (a, b) => Math.hypot(given[2 * a] - given[2 * b], given[2 * a + 1] - given[2 * b + 1]);
+    const width = apart(88, 89), place = width > 0 ? Math.min(apart(83, 84) / width, 1) : 0.5;
+    const least = Math.min(1 - place * place, LIP_ROUND);
+    let share;
+    if (middle > 0 && beside < least * middle) share = least;
+    else if (beside > 0 && beside > LIP_ROUND * middle) share = LIP_ROUND;
+    else return;
+    const round = (middle + 2 * share * beside) / (1 + 2 * share * share);
+    this.shift(at, 40, round - middle);
+    for (const n of [83, 84]) this.shift(at, n, share * round - beside);
+  }
+  keepBrows(wanted) {
+    for (const [upper, lower] of BROWS) {
+      const was = this.level(this.nodes, lower) - this.level(this.nodes, upper);
+      const is = this.level(wanted, lower) - this.level(wanted, upper);
+      if (was > 0) this.shift(wanted, lower, clamp(is, BROW_THICKNESS[0] * was, BROW_THICKNESS[1] * was) - is);
+    }
+  }
+  separate(wanted) {
+    for (const { upperNodes, lowerNodes } of this.openings) {
+      for (let k = 1; k < 4; k++) {
+        const missing = this.level(wanted, upperNodes[k]) - this.level(wanted, lowerNodes[k]);
+        if (missing > 0) {
+          this.shift(wanted, upperNodes[k], -missing / 2);
+          this.shift(wanted, lowerNodes[k], missing / 2);
+        }
+      }
+    }
+  }
+  solve(wanted) {
+    const { drivers, offsets, starts, places, shares, vertices, moved, nodes, count } = this;
+    const n = drivers.length;
+    for (let d = 0; d < n; d++) {
+      const node = drivers[d][0];
+      offsets[2 * d] = wanted[2 * node] - nodes[2 * node];
+      offsets[2 * d + 1] = wanted[2 * node + 1] - nodes[2 * node + 1];
+    }
+    for (let v = 0, k = 0; v < count; v++) {
+      let x = 0, y = 0;
+      for (const end = starts[v + 1]; k < end; k++) {
+        x += shares[k] * offsets[places[k]];
+        y += shares[k] * offsets[places[k] + 1];
+      }
+      moved[2 * v] = vertices[2 * v] + x;
+      moved[2 * v + 1] = vertices[2 * v + 1] + y;
+    }
+    // Weights are rounded; the nodes are not.
+    for (const [node, v] of drivers) {
+      moved[2 * v] = vertices[2 * v] + wanted[2 * node] - nodes[2 * node];
+      moved[2 * v + 1] = vertices[2 * v + 1] + wanted[2 * node + 1] - nodes[2 * node + 1];
+    }
+    for (const opening of this.openings) this.meet(opening, wanted);
+  }
+  /** Where the edges of an opening would pass through each other they meet. */
+  meet({ upper, lower, eyeball, stops, upperNodes, lowerNodes }, wanted) {
+    const { moved } = this;
+    const shut = upperNodes.map((a, k) => this.level(wanted, lowerNodes[k]) - this.level(wanted, a) <= SHUT * this.unit);
+    upper.forEach((a, k) => {
+      const b = lower[k];
+      const found = stops.findIndex((stop) => stop >= k), next = found < 0 ? 4 : found;
+      const between = shut[next] && (stops[next] === k || shut[Math.max(next - 1, 0)]);
+      if (a !== b && (between || this.level(moved, b) < this.level(moved, a))) {
+        for (const axis of [0, 1]) {
+          const middle = (moved[2 * a + axis] + moved[2 * b + axis]) / 2;
+          moved[2 * a + axis] = middle;
+          moved[2 * b + axis] = middle;
+        }
+      }
+    });
+    for (const [k, share, v] of eyeball) {
+      for (const axis of [0, 1]) {
+        const from = moved[2 * upper[k] + axis], to = moved[2 * lower[k] + axis];
+        moved[2 * v + axis] = from + (to - from) * share;
+      }
+    }
+  }
+  /** Draws nodes at folded skin towards their neighbours; whether there was any. */
+  unfold(wanted) {
+    const { skin, leastAreas, moved, weights, drivers, neighbours, offsets } = this;
+    const n = drivers.length;
+    let atFold = null;
+    for (let k = 0, t = 0; k < skin.length; k += 3, t++) {
+      const [a, b, c] = [2 * skin[k], 2 * skin[k + 1], 2 * skin[k + 2]];
+      const area = (moved[b] - moved[a]) * (moved[c + 1] - moved[a + 1]) - (moved[b + 1] - moved[a + 1]) * (moved[c] - moved[a]);
+      if (area >= leastAreas[t]) continue;
+      atFold ??= new Uint8Array(n);
+      for (let corner = 0; corner < 3; corner++) {
+        const row = skin[k + corner] * n;
+        for (let d = 0; d < n; d++) if (Math.abs(weights[row + d]) > 0.2) atFold[d] = 1;
+      }
+    }
+    if (!atFold) return false;
+    for (let d = 0; d < n; d++) {
+      if (!atFold[d]) continue;
+      for (const axis of [0, 1]) {
+        let sum = 0;
+        for (const other of neighbours[d]) sum += offsets[2 * other + axis];
+        wanted[2 * drivers[d][0] + axis] += (sum / Math.max(neighbours[d].length, 1) - offsets[2 * d + axis]) * UNFOLD_STEP;
+      }
+    }
+    return true;
+  }
+  /** Largest distance of the edges of an opening at these positions, px. */
+  gap({ upper, lower }, positions) {
+    return upper.reduce((most, a, k) => Math.max(most, this.level(positions, lower[k]) - this.level(positions, a)), 0);
+  }
+  /** Where the vertices of an eye's opening lie behind the lids: with its corners and the gaze. */
+  eyeball(opening) {
+    const { nodes, wanted, vertices, moved } = this;
+    const { upper, lower, upperNodes, iris } = opening;
+    const point = (list, k) => [list[2 * k], list[2 * k + 1]];
+    const [p, q, r, s] = [point(nodes, upperNodes[0]), point(nodes, upperNodes[4]), point(wanted, upperNodes[0]), point(wanted, upperNodes[4])];
+    const [px, py] = [q[0] - p[0], q[1] - p[1]], [rx, ry] = [s[0] - r[0], s[1] - r[1]];
+    const size = px * px + py * py;
+    const [re, im] = [(rx * px + ry * py) / size, (ry * px - rx * py) / size];
+    const apply = ([x, y]) => [r[0] + re * (x - p[0]) - im * (y - p[1]), r[1] + im * (x - p[0]) + re * (y - p[1])];
+    const middle = (list) => iris.reduce((m, k) => [m[0] + list[2 * k] / iris.length, m[1] + list[2 * k + 1] / iris.length], [0, 0]);
+    const rest = apply(middle(nodes)), there = middle(wanted);
+    let gaze = [there[0] - rest[0], there[1] - rest[1]];
+    const far = Math.hypot(...gaze) / (MAX_GAZE * this.unit);
+    if (far > 1) gaze = gaze.map((v) => v / far);
+    const at = new Map();
+    const stays = (v) => apply(point(vertices, v)).map((x, axis) => x + gaze[axis]);
+    const high = ([x, y]) => x * this.down[0] + y * this.down[1];
+    for (const [, , v] of opening.eyeball) at.set(v, stays(v));
+    for (const [edge, sign] of [[upper, -1], [lower, 1]]) {
+      for (const v of edge) {
+        const still = stays(v), goes = point(moved, v);
+        at.set(v, sign * (high(goes) - high(still)) > 0 ? goes : still);
+      }
+    }
+    return at;
+  }
+  /** The numbers that the inside of the mouth is drawn from, in eye distances from where the closed lips meet on the skull. */
+  mouth() {
+    const opening = this.openings[0], { nodes, moved, unit, down } = this;
+    const vertex = new Map(this.drivers);
+    const shifted = (n) => (vertex.has(n) ? [moved[2 * vertex.get(n)] - nodes[2 * n], moved[2 * vertex.get(n) + 1] - nodes[2 * n + 1]] : [0, 0]);
+    const skull = shifted(6), chin = shifted(10);
+    const origin = [0, 1].map((axis) => (nodes[2 * 87 + axis] + nodes[2 * 40 + axis]) / 2 + skull[axis]);
+    const across = [down[1], -down[0]];
+    const place = (v) => {
+      const [x, y] = [moved[2 * v] - origin[0], moved[2 * v + 1] - origin[1]];
+      return [(x * across[0] + y * across[1]) / unit, (x * down[0] + y * down[1]) / unit];
+    };
+    const upper = opening.upper.map(place), lower = opening.lower.map(place);
+    const jaw = Math.max(((chin[0] - skull[0]) * down[0] + (chin[1] - skull[1]) * down[1]) / unit, 0);
+    const floor = lineAt([...lower].sort((a, b) => a[0] - b[0]), 0);
+    const ends = [upper[0][0], upper[upper.length - 1][0]].sort((a, b) => a - b);
+    return { opening, upper, lower, jaw, floor, ends, skull, gap: this.gap(opening, moved) / unit };
+  }
+  /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, and the edge goes with the lip. */
+  ownMouth(skull) {
+    const { vertices, moved } = this, { upper, lower } = this.openings[0];
+    const at = new Map(), below = new Set(lower.slice(1, -1));
+    for (const v of [...upper, ...lower]) {
+      const stays = [vertices[2 * v] + skull[0], vertices[2 * v + 1] + skull[1]], lip = [moved[2 * v], moved[2 * v + 1]];
+      const high = ([x, y]) => x * this.down[0] + y * this.down[1];
+      const inwards = below.has(v) ? high(lip) < high(stays) : high(lip) > high(stays);
+      at.set(v, inwards ? stays : lip);
+    }
+    return at;
+  }
+  /** The line of the lashes of an eye whose lids come near each other: points, how shut (0 to 1), half its width. */
+  lashLine(opening) {
+    const shut = 1 - this.gap(opening, this.moved) / Math.max(0.35 * this.gap(opening, this.vertices), 1e-9);
+    const { moved } = this;
+    const line = opening.upper.map((a, k) => [0, 1].map((axis) => (moved[2 * a + axis] + moved[2 * opening.lower[k] + axis]) / 2));
+    return { line, shut: clamp(shut, 0, 1), width: Math.max(0.024 * this.unit, 0.6) };
+  }
+}
+
+/** Strips along both edges of an opening, from the edge a little inwards: triangles as [x, y, from x, from y, cover]. */
+function edgeStrips(rig, { upper, lower }, width) {
+  const corners = [], [dx, dy] = rig.down;
+  for (const [edge, sign] of [[upper, 1], [lower, -1]]) {
+    const side = (k, inner) => {
+      const v = 2 * edge[k], by = inner * sign * width;
+      return [rig.moved[v] + dx * by, rig.moved[v + 1] + dy * by, rig.vertices[v], rig.vertices[v + 1], 1 - inner];
+    };
+    for (let k = 1; k < edge.length; k++) {
+      corners.push(side(k - 1, 0), side(k, 0), side(k - 1, 1), side(k - 1, 1), side(k, 0), side(k, 1));
+    }
+  }
+  return corners;
+}
+
+/** Height of a line of points at x; where it ends, that of its end. */
+function lineAt(line, x) {
+  for (let k = 1; k < line.length; k++) {
+    const [a, b] = [line[k - 1], line[k]];
+    if (x <= b[0]) return a[1] + ((b[1] - a[1]) * clamp(x - a[0], 0, b[0] - a[0])) / Math.max(b[0] - a[0], 1e-9);
+  }
+  return line[line.length - 1][1];
+}

@@ -1,0 +1,89 @@
+//! The player: motions on faces, on one self-contained page.
+//!
+//! A page holds motions ([`SourceMotion`]: representatives, tracks, FAP files) and faces ([`Target`]) and moves the one by the other
+//! while it is looked at: the nodes as `clone` places them, the mesh of [`crate::warp`] with its weights, drawn by WebGL, or triangle by
+//! triangle on a canvas. What the page holds is numbers and pictures ([`payload`]); its scripts (`assets/`) are those of the report,
+//! too.
+
+mod names;
+mod pack;
+mod payload;
+
+use minijinja::{
+    Environment, UndefinedBehavior, context,
+    syntax::SyntaxConfig,
+    value::{Serde, Value},
+};
+use serde::Serialize;
+
+pub use names::fap_in_words;
+pub use payload::{Face as PlayerFace, PlayerError, payload};
+
+use crate::{clone::SourceMotion, wireframe::Face};
+
+const TEMPLATE: &str = include_str!("assets/player.html");
+/// Style sheet of the player itself, for any page that holds one.
+pub const STYLE: &str = include_str!("assets/player.css");
+const PAGE_STYLE: &str = include_str!("assets/page.css");
+const PAGE_SCRIPT: &str = include_str!("assets/page.js");
+/// The player's script, in parts that build on each other.
+const SCRIPTS: [&str; 6] = [
+    include_str!("assets/motion.js"),
+    include_str!("assets/rig.js"),
+    include_str!("assets/gl.js"),
+    include_str!("assets/flat.js"),
+    include_str!("assets/curves.js"),
+    include_str!("assets/player.js"),
+];
+
+/// A motion and what people call it.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown<'a> {
+    /// Its label, such as `happiness, sex = f`.
+    pub label: &'a str,
+    /// The motion.
+    pub motion: &'a SourceMotion,
+}
+
+#[derive(Serialize)]
+struct View<'a> {
+    title: &'a str,
+    version: &'static str,
+}
+
+/// The page.
+///
+/// Every text is escaped; the data is embedded as JSON in which `<` is written `\u003c`. The same input gives the same bytes.
+///
+/// # Errors
+/// [`PlayerError`] for a motion without FAPs to show or a picture that cannot be encoded.
+pub fn page(title: &str, motions: &[Shown], faces: &[PlayerFace], face: &Face) -> Result<String, PlayerError> {
+    let data = payload(motions, faces, face)?;
+    let render = || -> Result<String, minijinja::Error> {
+        let mut environment = Environment::new();
+        environment.set_undefined_behavior(UndefinedBehavior::Strict);
+        environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
+        // The name ends in `.html`: minijinja escapes every value that is not marked safe.
+        environment.add_template("player.html", TEMPLATE)?;
+        environment.get_template("player.html")?.render(context! {
+            page => Value::from(Serde(View { title, version: env!("CARGO_PKG_VERSION") })),
+            payload => Value::from_safe_string(script_json(&data)),
+            style => Value::from_safe_string(format!("{STYLE}{PAGE_STYLE}")),
+            script => Value::from_safe_string(format!("{}{PAGE_SCRIPT}", script())),
+        })
+    };
+    render().map_err(|e| PlayerError::Page(e.to_string()))
+}
+
+/// The player's script, for any page that holds one: it defines `GrimacePlayer` and nothing else.
+pub fn script() -> String {
+    format!(
+        "const GrimacePlayer = (() => {{\n{}\nreturn {{ mount: mountPlayer, Shelf, FacePlayer }};\n}})();\n",
+        SCRIPTS.concat()
+    )
+}
+
+/// JSON that is safe inside a script element: `<` occurs inside strings only, where JSON allows the escape.
+pub fn script_json(value: &serde_json::Value) -> String {
+    value.to_string().replace('<', "\\u003c")
+}

@@ -1,0 +1,247 @@
+//! What a page with a player holds: motions, faces, FAPs.
+
+use image::{RgbImage, codecs::jpeg::JpegEncoder};
+use nalgebra::Point2;
+use serde_json::{Value, json};
+
+use super::{
+    Shown,
+    names::{fap_in_words, part_of},
+    pack,
+};
+use crate::{
+    clone::{CloneError, LID_PAIRS, SourceKind, SourceMotion, Target, at_height},
+    fap::{FapCatalog, FapFrame, FapNumber, FapRow, FapSequence, Motion},
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    normalize::{NormalizeOptions, Normalizer},
+    units::{FaceUnit, NodeId},
+    warp::{Opening, RigOpening, teeth_picture},
+    wireframe::{Face as Wire, Fapu, Fapus},
+};
+
+/// Quality of the JPEG of a face, 1 to 100.
+const QUALITY: u8 = 88;
+/// Largest slider of a FAP, either way: one FAPU for lengths, and for angles (1e-5 rad) about 23 degrees.
+const MOST_LENGTH: i32 = 1024;
+const MOST_ANGLE: i32 = 40_000;
+
+/// Why there is no player.
+#[derive(Debug, thiserror::Error)]
+pub enum PlayerError {
+    /// A motion or a face.
+    #[error(transparent)]
+    Clone(#[from] CloneError),
+    /// A motion has no FAPs.
+    #[error("{name}: {reason}")]
+    Faps {
+        /// The motion.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+    /// A picture cannot be encoded.
+    #[error("cannot encode the picture of {name}: {reason}")]
+    Picture {
+        /// The face.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+    /// The page does not render (a programmer's error).
+    #[error("cannot make the page: {0}")]
+    Page(String),
+}
+
+/// A face to play on.
+#[derive(Clone, Copy, Debug)]
+pub struct Face<'a> {
+    /// What people call it.
+    pub label: &'a str,
+    /// The photograph and the wireframe on it.
+    pub target: &'a Target,
+    /// Height of the picture in the page, px; a smaller face is not enlarged.
+    pub height: u32,
+}
+
+/// The data of a player.
+///
+/// # Errors
+/// [`PlayerError`] for a motion that has no FAPs, or a picture that cannot be encoded.
+pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, PlayerError> {
+    let normalizer = Normalizer::new(&wire.wireframe, &wire.tables, NormalizeOptions::default())
+        .map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
+    let canonical = normalizer.canonical();
+    let motions = motions.iter().map(|m| motion(m, &canonical.neutral, &canonical.fapus, wire)).collect::<Result<Vec<_>, _>>()?;
+    let (teeth, scale, origin, white) = teeth_picture();
+    Ok(json!({
+        "motions": motions,
+        "faces": faces.iter().map(face).collect::<Result<Vec<_>, _>>()?,
+        "faps": faps(wire)?,
+        // FAPUs along x and y of every node, as places in the list of lengths.
+        "nodeFapus": (0..wire.wireframe.node_count())
+            .map(|n| wire.tables.node_fapus(NodeId(n as u16)))
+            .flat_map(|(x, y)| [x, y].map(place_of))
+            .collect::<Vec<_>>(),
+        "canonical": { "fapus": lengths(&canonical.fapus), "lids": crate::clone::lid_gaps(canonical.neutral.nodes()) },
+        "lidPairs": LID_PAIRS,
+        "teeth": { "picture": pack::data_url("image/png", teeth), "scale": scale, "origin": [origin.0, origin.1], "white": white },
+    }))
+}
+
+fn place_of(fapu: Fapu) -> usize {
+    Fapu::LENGTHS.iter().position(|&f| f == fapu).unwrap_or(1)
+}
+
+fn lengths(fapus: &Fapus) -> Vec<f64> {
+    Fapu::LENGTHS.iter().map(|&f| fapus.length(f).unwrap_or(fapus.es)).collect()
+}
+
+/// A motion: offsets of all nodes, its time, and its FAPs.
+fn motion(shown: &Shown, neutral: &FrameExpressionModel<FaceUnit>, canonical: &Fapus, wire: &Wire) -> Result<Value, PlayerError> {
+    let motion = shown.motion;
+    let flat: Vec<f64> = motion.offsets.iter().flatten().flat_map(|o| [o.x, o.y]).collect();
+    Ok(json!({
+        "name": motion.name,
+        "label": shown.label,
+        "kind": match motion.kind { SourceKind::Track => "track", SourceKind::Model => "model", SourceKind::Fap => "fap" },
+        "frames": motion.frame_count(),
+        "seconds": motion.seconds(),
+        "fapus": lengths(&motion.fapus),
+        "lids": motion.lid_gaps,
+        "offsets": pack::scaled(&flat),
+        "faps": curves(motion, neutral, canonical, wire)?,
+    }))
+}
+
+/// The FAPs that move: number, and its value in every frame.
+fn curves(
+    motion: &SourceMotion,
+    neutral: &FrameExpressionModel<FaceUnit>,
+    canonical: &Fapus,
+    wire: &Wire,
+) -> Result<Vec<(u8, Value)>, PlayerError> {
+    let failed = |reason: String| PlayerError::Faps { name: motion.name.clone(), reason };
+    let ratio = |fapu: Fapu| match (canonical.length(fapu), motion.fapus.length(fapu)) {
+        (Some(to), Some(from)) => to / from,
+        _ => canonical.es / motion.fapus.es,
+    };
+    let scales: Vec<(f64, f64)> = (0..neutral.node_count())
+        .map(|n| {
+            let (x, y) = wire.tables.node_fapus(NodeId(n as u16));
+            (ratio(x), ratio(y))
+        })
+        .collect();
+    let frame = |offsets: &Vec<nalgebra::Vector2<f64>>| {
+        let moved = neutral.nodes().iter().zip(offsets).zip(&scales);
+        FrameExpressionModel::new(moved.map(|((p, o), s)| Point2::new(p.x + o.x * s.0, p.y + o.y * s.1)).collect())
+    };
+    let mut frames: Vec<FrameExpressionModel<FaceUnit>> = motion.offsets.iter().map(frame).collect();
+    if frames.len() == 1 {
+        frames.push(frames[0].clone());
+    }
+    let model = DynamicExpressionModel::new(frames).map_err(|e| failed(e.to_string()))?;
+    let (sequence, _) = FapSequence::from_model(&model, canonical, FapCatalog::mpeg4(), &motion.name, 25, 0)
+        .map_err(|e| failed(e.to_string()))?;
+    let values = |fap: FapNumber| sequence.frames.iter().take(motion.frame_count()).map(move |f| f.value(fap).unwrap_or(0.0));
+    let moving = FapNumber::low_level().filter(|&fap| values(fap).any(|v| v != 0.0));
+    Ok(moving.map(|fap| (fap.get(), pack::scaled(&values(fap).collect::<Vec<_>>()))).collect())
+}
+
+/// The FAPs that show from the front: their words, their range on a slider, and the offsets of all nodes at one unit, face units.
+fn faps(wire: &Wire) -> Result<Vec<Value>, PlayerError> {
+    let shows = |row: &&FapRow| {
+        row.fapu.is_some()
+            && row.motion.and_then(Motion::frontal_axis).is_some()
+            && !row.nodes.is_empty()
+            && row.frontal.is_measured()
+    };
+    FapCatalog::mpeg4().rows().iter().filter(shows).map(|row| fap(row, wire)).collect()
+}
+
+fn fap(row: &FapRow, wire: &Wire) -> Result<Value, PlayerError> {
+    let is_angle = row.motion.is_some_and(Motion::is_angle);
+    let most = if is_angle { MOST_ANGLE } else { MOST_LENGTH };
+    let (least, greatest) = row.range.unwrap_or((-most, most));
+    let mut frame = FapFrame::default();
+    // The springs are linear: any value tells the share of one unit.
+    let probe = if is_angle { 10_000.0 } else { 100.0 };
+    frame.set_value(row.number, Some(probe));
+    let sequence = FapSequence { version: "2.1".to_owned(), name: row.name.clone(), fps: 25.0, frames: vec![frame] };
+    let motion = SourceMotion::from_fap(&row.name, &sequence, wire)?;
+    let offsets = motion.offsets.last().into_iter().flatten();
+    let flat: Vec<f64> = offsets.flat_map(|o| [o.x / probe, o.y / probe]).collect();
+    Ok(json!({
+        "number": row.number.get(),
+        "name": row.name,
+        "words": fap_in_words(&row.name),
+        "part": part_of(row.number.get()),
+        "unit": row.unit_name(),
+        "nodes": row.nodes,
+        "range": [least.max(-most), greatest.min(most)],
+        "step": if is_angle { 400 } else { 8 },
+        "offsets": pack::scaled(&flat),
+    }))
+}
+
+/// A face: its picture, cropped, and everything that moves it, in pixels of that picture.
+fn face(face: &Face) -> Result<Value, PlayerError> {
+    let target = face.target;
+    let (left, top, width, height) = target.surroundings();
+    let crop = image::imageops::crop_imm(&target.picture, left, top, width, height).to_image();
+    let picture = at_height(&crop, face.height.min(height));
+    let scale = f64::from(picture.height()) / f64::from(height.max(1));
+    // Pixel centres are whole numbers before and after.
+    let place = |p: &Point2<f64>| {
+        let shift = |v: f64, origin: u32| (v - f64::from(origin) + 0.5) * scale - 0.5;
+        [shift(p.x, left), shift(p.y, top)]
+    };
+    let places = |points: &[Point2<f64>]| pack::single(points.iter().flat_map(place));
+    let rig = target.warp().rig(target.texture());
+    let least = rig.least_areas.iter().map(|a| if a.is_finite() { a * scale * scale } else { -1e30 });
+    Ok(json!({
+        "label": face.label,
+        "picture": pack::data_url("image/jpeg", &jpeg(face.label, &picture)?),
+        "width": picture.width(),
+        "height": picture.height(),
+        "given": places(&rig.given),
+        "nodes": places(&rig.nodes),
+        "vertices": places(&rig.vertices),
+        "skin": pack::whole(rig.skin.iter().flatten().copied()),
+        "leastAreas": pack::single(least),
+        "drivers": rig.drivers,
+        "weights": pack::scaled(&rig.weights),
+        "neighbours": rig.neighbours,
+        "openings": rig.openings.iter().map(opening).collect::<Vec<_>>(),
+        "closed": rig.closed,
+        "unit": rig.eye_distance * scale,
+        "down": [rig.down.x, rig.down.y],
+        "roll": target.roll,
+        "fapus": lengths(&target.fapus.scaled(scale)),
+        "lids": target.lid_gaps().map(|gap| gap * scale),
+        "lip": rig.lip,
+        "enamel": rig.enamel,
+    }))
+}
+
+fn opening(opening: &RigOpening) -> Value {
+    json!({
+        "kind": match opening.opening { Opening::Mouth => "mouth", Opening::LeftEye => "left eye", Opening::RightEye => "right eye" },
+        "upper": opening.upper,
+        "lower": opening.lower,
+        "eyeball": opening.eyeball,
+        "stops": opening.stops,
+        "triangles": opening.triangles.iter().flatten().collect::<Vec<_>>(),
+        "upperNodes": opening.upper_nodes,
+        "lowerNodes": opening.lower_nodes,
+        "iris": opening.iris,
+        "lashes": opening.lashes,
+    })
+}
+
+fn jpeg(name: &str, picture: &RgbImage) -> Result<Vec<u8>, PlayerError> {
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, QUALITY)
+        .encode_image(picture)
+        .map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
+    Ok(bytes)
+}

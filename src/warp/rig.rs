@@ -1,0 +1,114 @@
+//! A prepared face as plain numbers, for a renderer elsewhere: the page of [`crate::player`].
+
+use nalgebra::{Point2, Vector2};
+
+use super::{Opening, Texture, Warp, folds, layout, mouth, openings};
+
+/// What it takes to move a face: the mesh on its photograph, how each vertex follows the nodes, and what lies behind lips and lids.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    /// Nodes as given, px.
+    pub given: Vec<Point2<f64>>,
+    /// Nodes of the texture: as given, but lips that are as good as closed are closed.
+    pub nodes: Vec<Point2<f64>>,
+    /// Vertices on the photograph, px.
+    pub vertices: Vec<Point2<f64>>,
+    /// Triangles of the skin.
+    pub skin: Vec<[u32; 3]>,
+    /// Least area that each of them may have, twice, px²; a smaller one counts as folded. Negative for those that cannot fold.
+    pub least_areas: Vec<f64>,
+    /// Driving nodes and their vertices.
+    pub drivers: Vec<(u16, u32)>,
+    /// Weights of every vertex over the driving nodes, row by row.
+    pub weights: Vec<f64>,
+    /// Driving nodes near each driving node, as places in `drivers`.
+    pub neighbours: Vec<Vec<usize>>,
+    /// Mouth, left eye, right eye.
+    pub openings: Vec<RigOpening>,
+    /// Whether the photograph shows a closed mouth.
+    pub closed: bool,
+    /// Distance between the middles of the eyes, px.
+    pub eye_distance: f64,
+    /// Direction from forehead to chin, of length 1.
+    pub down: Vector2<f64>,
+    /// Colour of the lips, levels.
+    pub lip: [f32; 3],
+    /// Colour of teeth in the light of the photograph, levels.
+    pub enamel: [f32; 3],
+}
+
+/// An opening of the face.
+#[derive(Clone, Debug)]
+pub struct RigOpening {
+    /// Which one.
+    pub opening: Opening,
+    /// Vertices of its upper edge.
+    pub upper: Vec<u32>,
+    /// Vertices of its lower edge, as many.
+    pub lower: Vec<u32>,
+    /// Vertices on the eyeball: place along the edges, share of the way from the upper to the lower one, vertex.
+    pub eyeball: Vec<(usize, f64, u32)>,
+    /// Where along the edges the five nodes are.
+    pub stops: [usize; 5],
+    /// Triangles inside.
+    pub triangles: Vec<[u32; 3]>,
+    /// The five nodes of the upper edge.
+    pub upper_nodes: [u16; 5],
+    /// The five nodes of the lower edge.
+    pub lower_nodes: [u16; 5],
+    /// Nodes of the iris; none in a mouth.
+    pub iris: &'static [u16],
+    /// Colour of the lashes, levels.
+    pub lashes: [f32; 3],
+}
+
+impl Warp {
+    /// The face as plain numbers; colours are taken from its photograph.
+    pub fn rig(&self, texture: &Texture) -> Rig {
+        let area = |points: &[Point2<f64>], t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| points[v as usize]);
+            (b - a).perp(&(c - a))
+        };
+        let least = |(k, t): (usize, &[u32; 3])| {
+            if self.is_flat[k] {
+                f64::NEG_INFINITY
+            } else {
+                folds::least_area(area(&self.mesh.vertices, t), area(&self.source, t))
+            }
+        };
+        let openings = self.mesh.openings.iter().zip(&layout::OPENINGS).map(|(mesh, nodes)| RigOpening {
+            opening: mesh.opening,
+            upper: mesh.upper.clone(),
+            lower: mesh.lower.clone(),
+            eyeball: mesh.eyeball.clone(),
+            stops: mesh.stops,
+            triangles: mesh.triangles.clone(),
+            upper_nodes: nodes.upper,
+            lower_nodes: nodes.lower,
+            iris: nodes.iris,
+            lashes: openings::lash_colour(self, mesh, texture),
+        });
+        Rig {
+            given: self.given.clone(),
+            nodes: self.nodes.clone(),
+            vertices: self.source.clone(),
+            skin: self.mesh.skin.clone(),
+            least_areas: self.mesh.skin.iter().enumerate().map(least).collect(),
+            drivers: self.mesh.drivers.iter().map(|&(n, v)| (n.0, v)).collect(),
+            weights: (0..self.mesh.vertices.len()).flat_map(|v| self.weights.of(v).iter().copied()).collect(),
+            neighbours: self.neighbours.clone(),
+            openings: openings.collect(),
+            closed: self.closed,
+            eye_distance: self.frame.eye_distance,
+            down: self.frame.down.into_inner(),
+            lip: mouth::lip_colour(self, texture),
+            enamel: mouth::enamel(self, texture),
+        }
+    }
+}
+
+/// The mean picture of the upper teeth, a PNG with transparency, and where it belongs: pixels for each eye distance, the place of the
+/// midline at the edge of the incisors (px), and its level of a tooth as bright as the brightest.
+pub fn teeth_picture() -> (&'static [u8], f64, (f64, f64), f32) {
+    (mouth::TEETH, mouth::TEETH_SCALE, mouth::TEETH_ORIGIN, mouth::TEETH_WHITE)
+}

@@ -1,0 +1,102 @@
+//! The page of `play` in Chromium: it plays, goes through time, exaggerates, compares, and a slider of a FAP moves its node; with WebGL and
+//! without.
+
+use std::{process::Command, thread::sleep, time::Duration};
+
+use crate::common::grimace;
+use crate::driver::{Browser, END, HOME, keep, wait};
+
+/// A page of two FAP files, a smile and an open jaw, on the shipped face.
+fn page(browser: &Browser) -> String {
+    let folder = browser.folder.path();
+    for (name, fap, value) in [("jaw", 3, 400), ("smile", 59, 300)] {
+        let mask = (1..=68).map(|k| if k == fap { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+        let frames: String = (0..3).map(|k| format!("{mask}\n{k} {}\n", k * value / 2)).collect();
+        std::fs::write(folder.join(format!("{name}.fap")), format!("2.1 {name} 25 3\n{frames}")).unwrap();
+    }
+    let run =
+        Command::new(grimace()).current_dir(folder).args(["play", "jaw.fap", "smile.fap", "-o", "player.html"]).output().unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    keep("player.html", &std::fs::read(folder.join("player.html")).unwrap());
+    format!("file://{}", folder.join("player.html").display())
+}
+
+/// The vertex of a node, px of the picture, y down.
+fn node(browser: &Browser, node: u16) -> (f64, f64) {
+    let place = browser.run(&format!(
+        "const r = P.views[0].rig; const v = new Map(r.drivers).get({node}); return [r.moved[2 * v], r.moved[2 * v + 1]]"
+    ));
+    (place[0].as_f64().unwrap(), place[1].as_f64().unwrap())
+}
+
+fn ready(browser: &Browser, url: &str) {
+    browser.go(url);
+    wait(browser, "!!document.getElementById('player').player");
+    browser.run("window.P = document.getElementById('player').player");
+}
+
+#[test]
+fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
+    let browser = Browser::start();
+    let url = page(&browser);
+    // First as the browser has it, then on a plain canvas.
+    for url in [url.clone(), format!("{url}#canvas")] {
+        browser.go("about:blank");
+        browser.size(1280, 900);
+        ready(&browser, &url);
+        let share = || browser.run("return P.share").as_f64().unwrap();
+        // It opens at the apex; Home and End lead to neutral and back.
+        assert_eq!(share(), 1.0);
+        let open = node(&browser, 10);
+        browser.press(&HOME.to_string());
+        let closed = node(&browser, 10);
+        assert!(share() == 0.0 && open.1 > closed.1 + 2.0, "the chin goes down: {closed:?} to {open:?}");
+        // Playing moves it, and pausing stops it.
+        browser.press(" ");
+        wait(&browser, "P.share > 0");
+        assert_eq!(browser.text("return document.querySelector('.gp-play').getAttribute('aria-pressed')"), "true");
+        browser.press(" ");
+        let stopped = share();
+        sleep(Duration::from_millis(150));
+        assert_eq!(share(), stopped);
+        // Twice as strong goes about twice as far.
+        browser.press(&END.to_string());
+        browser.run("P.setGain(2)");
+        let far = node(&browser, 10).1 - closed.1;
+        let ratio = far / (open.1 - closed.1);
+        assert!((1.6..=2.05).contains(&ratio), "{ratio}");
+        // The slider of FAP 31 raises the left inner brow, and no other corner of the face.
+        browser.run("P.setGain(0)");
+        let (brow, mouth) = (node(&browser, 17), node(&browser, 64));
+        let set = |value: &str| {
+            browser.run(&format!(
+                "const s = document.querySelector('[data-fap=\"31\"]'); s.value = {value}; s.dispatchEvent(new Event('input', {{bubbles: true}}))"
+            ));
+        };
+        set("200");
+        assert!(node(&browser, 17).1 < brow.1 - 1.0, "{brow:?} to {:?}", node(&browser, 17));
+        assert!((node(&browser, 64).1 - mouth.1).abs() < 0.5);
+        browser.run("document.querySelector('.gp-reset').click()");
+        assert_eq!(node(&browser, 17), brow);
+        // Two side by side, in step, and a picture of both.
+        browser.run("P.setCompare(true); P.setGain(1)");
+        assert_eq!(browser.run("return P.seen.length").as_u64(), Some(2));
+        assert!(browser.text("const a = P.save(); return a.download").starts_with("jaw_a_simulated_person_smile"));
+        browser.screenshot("player", false);
+        browser.size(390, 844);
+        assert_eq!(browser.run("return document.documentElement.scrollWidth").as_u64(), Some(390));
+        browser.screenshot("player-phone", true);
+        browser.no_errors();
+    }
+}
+
+#[test]
+fn with_reduced_motion_it_plays_once() {
+    let browser = Browser::start();
+    let url = page(&browser);
+    browser.media("", "prefers-reduced-motion", "reduce");
+    ready(&browser, &url);
+    browser.run("P.play()");
+    wait(&browser, "!P.playing");
+    assert_eq!(browser.run("return P.share").as_f64(), Some(1.0));
+}

@@ -1,0 +1,65 @@
+//! Who did not agree to be shown is counted, and not shown.
+
+use crate::common::Work;
+use serde_json::Value;
+
+/// The data of a report, parsed.
+fn data(html: &str) -> Value {
+    let start = html.find(r#"id="data">"#).unwrap() + r#"id="data">"#.len();
+    let length = html[start..].find("</script>").unwrap();
+    serde_json::from_str(&html[start..start + length]).unwrap()
+}
+
+/// S001 and S002 smile; S001 does not want to be shown.
+fn work() -> Work {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    let manifest = work.read("faces/manifest.csv");
+    let line = |line: &str| match line {
+        _ if line.starts_with("subject") => format!("{line},publish\n"),
+        _ if line.starts_with("S001") => format!("{line},no\n"),
+        _ => format!("{line},\n"),
+    };
+    work.write("faces/manifest.csv", manifest.lines().map(line).collect::<String>());
+    work
+}
+
+#[test]
+fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
+    let work = work();
+    work.grimace("run faces -o out --overlay pictures -q").exit(0);
+    let report = data(&work.read("out/report.html"));
+    let pictures = |row: usize| report["tracks"][row][13].clone();
+    assert_eq!((&report["ids"][0][0], pictures(0)), (&Value::from("S001"), Value::Null));
+    for picture in pictures(1).as_array().unwrap() {
+        let base64 = picture.as_str().unwrap();
+        // JPEG, 6 kB at most: four letters are three bytes.
+        assert!(base64.starts_with("/9j/") && base64.len() <= 8000, "{}", base64.len());
+    }
+    assert!(!report["player"].is_null());
+    let overlays: Vec<String> = work.files("pictures").into_keys().collect();
+    assert_eq!(overlays.len(), 2);
+    assert!(overlays.iter().all(|name| name.starts_with("S002_005")), "{overlays:?}");
+    let rows = work.rows("out/statistics.csv");
+    assert_eq!(rows[0]["sequences"], "2");
+
+    // Wireframes only: no picture at all, and the same numbers.
+    work.grimace("run faces -o plain --no-faces -q").exit(0);
+    let html = work.read("plain/report.html");
+    let plain = data(&html);
+    assert!(plain["tracks"].as_array().unwrap().iter().all(|row| row[13].is_null()) && plain["player"].is_null());
+    assert!(!html.contains("/9j/"), "a JPEG");
+    assert_eq!(work.read("plain/statistics.csv"), work.read("out/statistics.csv"));
+    work.grimace("run faces -o x --no-faces --overlay y").exit(2).says(&["--no-faces", "--overlay"]);
+}
+
+#[test]
+fn a_clone_does_not_show_the_pictures_of_who_does_not_want_it() {
+    let work = work();
+    work.grimace("run faces -o out -q").exit(0);
+    let clone = |more: &str| {
+        let target = "--target faces/S002/005/S002_005_00000001.png --correspondences faces/S002/005/correspondences.csv";
+        work.grimace(&format!("clone --source out/tracks/S001_005.csv {target} -o clone {more} -q"))
+    };
+    clone("--source-frames faces/S001/005").exit(1).says(&["`publish`", "may not be shown"]);
+    clone("").exit(0);
+}

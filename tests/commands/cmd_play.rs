@@ -1,0 +1,64 @@
+//! `grimace play` as a user runs it.
+
+use crate::common::Work;
+
+/// The embedded data of a page, parsed.
+fn data(html: &str) -> serde_json::Value {
+    let start = html.find(r#"type="application/json">"#).unwrap() + r#"type="application/json">"#.len();
+    let length = html[start..].find("</script>").unwrap();
+    serde_json::from_str(&html[start..start + length]).unwrap()
+}
+
+/// A FAP file that opens the jaw in three frames.
+fn jaw() -> String {
+    let mask = |set: &[usize]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    let frames: String = [0, 200, 400].iter().enumerate().map(|(k, v)| format!("{}\n{k} {v}\n", mask(&[3]))).collect();
+    format!("2.1 jaw 25 3\n{frames}")
+}
+
+#[test]
+fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("track faces/S001/005 -c faces/S001/005/correspondences.csv -o S001_005.csv --emotion happiness -q").exit(0);
+    work.write("jaw.fap", jaw());
+    work.grimace("play S001_005.csv jaw.fap -o page.html").exit(0).prints(&["2 motions on 1 face: page.html"]);
+    let html = work.read("page.html");
+    let page = data(&html);
+    let motion = |k: usize| page["motions"][k].clone();
+    assert_eq!((motion(0)["label"].as_str(), motion(0)["kind"].as_str()), (Some("S001 005"), Some("track")));
+    assert_eq!((motion(1)["frames"].as_u64(), motion(1)["kind"].as_str()), (Some(3), Some("fap")));
+    // 2 steps at 25 frames a second.
+    assert_eq!(motion(1)["seconds"].as_f64(), Some(0.08));
+    assert!(motion(1)["faps"].as_array().unwrap().iter().any(|f| f[0] == 3), "the jaw is among its FAPs");
+    assert!(page["faps"].as_array().unwrap().iter().any(|f| f["words"] == "open jaw"));
+    // Nothing is fetched: the only addresses are names of the standards and data.
+    assert!(!html.contains("src=\"http") && !html.contains("href=\"http") && !html.contains("@import"));
+    // The same input gives the same bytes, and nothing is written over.
+    work.grimace("play S001_005.csv jaw.fap -o again.html -q").exit(0).prints(&[]);
+    assert_eq!(html, work.read("again.html"));
+    work.grimace("play jaw.fap -o page.html").exit(1).says(&["page.html is there already; --force writes over it"]);
+
+    let portraits = "faces/S001/005/S001_005_00000001.png faces/S002/005/S002_005_00000001.png";
+    let marks = "faces/S001/005/correspondences.csv faces/S002/005/correspondences.csv";
+    work.grimace(&format!("play jaw.fap --portrait {portraits} -c {marks} -o both.html"))
+        .exit(0)
+        .prints(&["1 motion on 2 faces"]);
+    let both = data(&work.read("both.html"));
+    assert_eq!(both["faces"][1]["label"], "S002_005_00000001");
+    work.grimace(&format!("play jaw.fap --portrait {portraits} -c faces/S001/005/correspondences.csv -o c.html"))
+        .exit(1)
+        .says(&["2 portraits and 1 files of correspondences"]);
+}
+
+#[test]
+fn what_does_not_play_is_said() {
+    let work = Work::new();
+    work.write("notes.txt", "x").write("bad.fap", "no fap");
+    work.grimace("play notes.txt -o a.html")
+        .exit(1)
+        .says(&["notes.txt: is neither a track or model (.csv) nor a FAP file (.fap)"]);
+    work.grimace("play bad.fap -o a.html").exit(1).says(&["bad.fap"]);
+    work.grimace("play missing.csv -o a.html").exit(1).says(&["missing.csv"]);
+    work.grimace("play -o a.html").exit(2);
+    work.grimace("play --help").exit(0).prints(&["Examples:", "grimace play results/representatives"]);
+}
