@@ -235,8 +235,9 @@ pub struct ModelArgs {
     #[arg(long, default_value = "fapu", value_parser = words::<SizeMode>(&["fapu", "uniform"]))]
     size: SizeMode,
     /// Motion of the head that is taken out: yaw, pitch and roll by a three-dimensional head, or roll alone (Krinidis and Pitas)
-    #[arg(long, default_value = "full", value_parser = words::<PoseMode>(&["full", "roll"]))]
-    pose: PoseMode,
+    /// [default: full, with --method kp roll]
+    #[arg(long, value_parser = words::<PoseMode>(&["full", "roll"]))]
+    pose: Option<PoseMode>,
     /// Share of models trimmed per displacement field
     #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
     alpha: f64,
@@ -252,8 +253,8 @@ pub struct ModelArgs {
 }
 
 impl ModelArgs {
-    pub fn normalize(&self) -> NormalizeOptions {
-        NormalizeOptions { resample: self.resample, size: self.size, pose: self.pose }
+    pub fn normalize_of(&self, method: Method) -> NormalizeOptions {
+        NormalizeOptions { resample: self.resample, size: self.size, pose: self.pose.unwrap_or(method.normalize().pose) }
     }
 
     pub fn statistics(&self) -> StatisticsOptions {
@@ -319,7 +320,7 @@ pub struct AnalysisArgs {
 
 impl AnalysisArgs {
     pub fn fill(&self, options: &mut PipelineOptions, method: Method) {
-        options.normalize = self.models.normalize();
+        options.normalize = self.models.normalize_of(method);
         options.statistics = self.models.statistics_of(method);
         options.by.clone_from(&self.by);
         if let (Some(image), Some(marks)) = (&self.report_face, &self.report_marks) {
