@@ -1,10 +1,11 @@
 //! Pictures of a wireframe on its frame: what a person looks at to judge a fit or a track.
 
 use image::{RgbImage, imageops::FilterType};
-use nalgebra::Point2;
+use nalgebra::{Point2, Point3};
 use tiny_skia::{Color, FillRule, LineCap, Paint, Path as SkiaPath, PathBuilder, Pixmap, Stroke, Transform};
 
 use crate::{
+    pose::HeadPose,
     sequence::Frame,
     track::{LossReason, NodeState, TrackedNode},
     wireframe::Wireframe,
@@ -82,6 +83,40 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     }
     let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default()
+}
+
+/// Length of the axes of a head, model units: a little more than the eye distance.
+const AXIS: f64 = 0.75;
+/// Their colours: to the subject's left, up, out of the face.
+const AXIS_COLOURS: [[u8; 3]; 3] = [[213, 94, 0], [86, 180, 233], [240, 228, 66]];
+
+/// Draws the axes of a head on a picture of [`draw_overlay`], from the middle of the head: orange to the subject's left, blue up, yellow
+/// out of the face. `width` is that of the frame, px.
+pub fn draw_axes(picture: &mut RgbImage, width: u32, pose: &HeadPose) {
+    let scale = f64::from(picture.width()) / f64::from(width.max(1));
+    let Some(mut canvas) = Pixmap::new(picture.width(), picture.height()) else { return };
+    for (pixel, rgb) in canvas.data_mut().chunks_exact_mut(4).zip(picture.pixels()) {
+        pixel.copy_from_slice(&[rgb[0], rgb[1], rgb[2], 255]);
+    }
+    let at = |p: Point2<f64>| (((p.x + 0.5) * scale) as f32, ((p.y + 0.5) * scale) as f32);
+    let thick = (0.012 * pose.scale * scale).max(1.5) as f32;
+    let (x, y) = at(pose.project(&Point3::origin()));
+    let ends = [Point3::new(AXIS, 0.0, 0.0), Point3::new(0.0, AXIS, 0.0), Point3::new(0.0, 0.0, AXIS)];
+    for (end, [r, g, b]) in ends.into_iter().zip(AXIS_COLOURS) {
+        let (to_x, to_y) = at(pose.project(&end));
+        let mut line = PathBuilder::new();
+        line.move_to(x, y);
+        line.line_to(to_x, to_y);
+        if let Some(line) = line.finish() {
+            stroke(&mut canvas, &line, [10, 20, 30, 220], thick * 1.8);
+            stroke(&mut canvas, &line, [r, g, b, 255], thick);
+        }
+        dot(&mut canvas, to_x, to_y, thick * 1.9, [10, 20, 30]);
+        dot(&mut canvas, to_x, to_y, thick * 1.4, [r, g, b]);
+    }
+    for (rgb, pixel) in picture.pixels_mut().zip(canvas.data().chunks_exact(4)) {
+        rgb.0 = [pixel[0], pixel[1], pixel[2]];
+    }
 }
 
 /// A small picture of the face with the wireframe on it: cut around the nodes, `height` px high.

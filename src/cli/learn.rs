@@ -30,6 +30,8 @@ pub struct Args {
 enum What {
     /// Learn to find faces and their points, from photographs with hand-set points.
     Locator(LocatorArgs),
+    /// A three-dimensional head on Candide-3's nodes from a dense face model.
+    Head(super::learn_head::Args),
 }
 
 /// Learn to find faces and their points, from photographs with hand-set points.
@@ -75,6 +77,7 @@ struct LocatorArgs {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.what {
         What::Locator(args) => locator(args),
+        What::Head(args) => super::learn_head::run(args),
     }
 }
 

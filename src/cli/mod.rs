@@ -15,10 +15,12 @@ mod annotate;
 pub mod bank;
 mod clone;
 mod fap;
+mod features;
 mod fit;
 mod init;
 mod lab;
 mod learn;
+mod learn_head;
 mod locate;
 mod play;
 pub mod print;
@@ -75,6 +77,8 @@ enum Command {
     Play(play::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
+    /// A row for every frame of tracks: pose, FAPs, action units.
+    Features(features::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
     /// Find faces and their points.
@@ -147,6 +151,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(&args),
         Command::Init(args) => init::run(&args),
         Command::Annotate(args) => annotate::run(&args),
+        Command::Features(args) => features::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),

@@ -12,6 +12,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use grimace::{
     dataset::LandmarkSelection,
     fit::{Correspondence, FitOptions, LoadedPrior, PriorKind, read_correspondences},
+    normalize::PoseMode,
     normalize::{NormalizeOptions, Resample, SizeMode},
     output::target_of,
     pipeline::{FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
@@ -53,7 +54,7 @@ pub fn alpha(text: &str) -> Result<f64, String> {
 }
 
 /// A whole number within bounds.
-fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
+pub fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
     move |text| match text.parse::<usize>() {
         Ok(value) if (least..=most).contains(&value) => Ok(value),
         _ => Err(format!("expected a whole number from {least} to {most}")),
@@ -233,6 +234,10 @@ pub struct ModelArgs {
     /// Sizes made equal by the FAPUs of each facial region, or by the eye separation alone
     #[arg(long, default_value = "fapu", value_parser = words::<SizeMode>(&["fapu", "uniform"]))]
     size: SizeMode,
+    /// Motion of the head that is taken out: yaw, pitch and roll by a three-dimensional head, or roll alone (Krinidis and Pitas)
+    /// [default: full, with --method kp roll]
+    #[arg(long, value_parser = words::<PoseMode>(&["full", "roll"]))]
+    pose: Option<PoseMode>,
     /// Share of models trimmed per displacement field
     #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
     alpha: f64,
@@ -248,8 +253,8 @@ pub struct ModelArgs {
 }
 
 impl ModelArgs {
-    pub fn normalize(&self) -> NormalizeOptions {
-        NormalizeOptions { resample: self.resample, size: self.size }
+    pub fn normalize_of(&self, method: Method) -> NormalizeOptions {
+        NormalizeOptions { resample: self.resample, size: self.size, pose: self.pose.unwrap_or(method.normalize().pose) }
     }
 
     pub fn statistics(&self) -> StatisticsOptions {
@@ -315,7 +320,7 @@ pub struct AnalysisArgs {
 
 impl AnalysisArgs {
     pub fn fill(&self, options: &mut PipelineOptions, method: Method) {
-        options.normalize = self.models.normalize();
+        options.normalize = self.models.normalize_of(method);
         options.statistics = self.models.statistics_of(method);
         options.by.clone_from(&self.by);
         if let (Some(image), Some(marks)) = (&self.report_face, &self.report_marks) {

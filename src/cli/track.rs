@@ -104,9 +104,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     correct_track(&source, &args.output, &mut track.frames, &mut info, &bench).map_err(|f| about(&args.output)(&f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
+        let fit = bench.fit_head(&track.frames, &info.mark_places()).ok();
         overlay_pictures(
             &source,
-            &track.frames,
+            (&track.frames, fit.as_ref().map_or(&[], |fit| &fit.poses)),
             &bench,
             |_| true,
             |number, picture| {

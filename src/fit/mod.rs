@@ -28,6 +28,7 @@ pub use crate::correspondence::{
     validate_correspondences, write_correspondences,
 };
 pub use error::{FitError, FitWarning};
+pub(crate) use prior::mirror_nodes;
 pub use prior::{
     DEFAULT_MODES, Explanation, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces, PRIOR_SCHEMA,
     PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,

@@ -1,5 +1,7 @@
 //! Pure functions on points.
 
 mod similarity;
+mod warp;
 
 pub use similarity::{Similarity, SimilarityError};
+pub use warp::SplineWarp;

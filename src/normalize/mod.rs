@@ -37,6 +37,17 @@ pub enum SizeMode {
     Uniform,
 }
 
+/// Which motion of the head is taken out of a track.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PoseMode {
+    /// Yaw, pitch and roll, place and size, by a three-dimensional head.
+    #[default]
+    Full,
+    /// Roll about the line of sight, place and size, as Krinidis and Pitas do.
+    Roll,
+}
+
 /// Options of the normalization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NormalizeOptions {
@@ -44,11 +55,14 @@ pub struct NormalizeOptions {
     pub resample: Resample,
     /// How sizes are made equal.
     pub size: SizeMode,
+    /// Which motion of the head is taken out.
+    #[serde(default)]
+    pub pose: PoseMode,
 }
 
 impl Default for NormalizeOptions {
     fn default() -> Self {
-        Self { resample: Resample::Nearest, size: SizeMode::Fapu }
+        Self { resample: Resample::Nearest, size: SizeMode::Fapu, pose: PoseMode::Full }
     }
 }
 

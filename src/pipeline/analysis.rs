@@ -17,6 +17,7 @@ use super::{
 use crate::{
     clone::CloneError,
     fap::{Clamped, ConvertError, FapSequence, FapWriteError},
+    features::Course,
     model::ModelError,
     output::{OutputError, listed},
     statistics::{
@@ -27,6 +28,7 @@ use crate::{
         group_models, spelling_key,
     },
     track::{TrackQuality, Verdict},
+    units::SequenceId,
     wireframe::FapusError,
 };
 
@@ -41,6 +43,8 @@ pub struct AnalyzedModel {
     pub metadata: BTreeMap<String, String>,
     /// How well it was tracked, where known.
     pub quality: Option<TrackQuality>,
+    /// Pose and action units over time, where known.
+    pub course: Option<Course>,
 }
 
 /// Why no statistics came out.
@@ -114,6 +118,8 @@ pub struct Analysis {
     pub comparisons: Option<Comparisons>,
     /// How well each sequence was tracked, by id.
     pub tracks: Vec<TrackQuality>,
+    /// Pose and action units over time of the sequences of which they are known.
+    pub courses: BTreeMap<SequenceId, Course>,
     /// What failed before.
     pub failures: Vec<Failure>,
     /// Warnings that a person should read.
@@ -153,6 +159,7 @@ pub(super) fn analyze_with(
     let options = &bench.options;
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
+    let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let grouped = labelled(models);
     let spelled = spelling_warnings(&grouped, &options.by);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
@@ -193,6 +200,7 @@ pub(super) fn analyze_with(
         classes,
         comparisons,
         tracks,
+        courses,
         failures,
         warnings,
         tracked_here: false,

@@ -43,6 +43,7 @@ pub fn load_columnar(file: &ColumnarModels) -> Result<Vec<AnalyzedModel>, Column
         emotion: file.emotions[row].clone(),
         metadata: file.metadata.iter().map(|(name, values)| (name.clone(), values[row].clone())).collect(),
         quality: None,
+        course: None,
     });
     Ok(analyzed.collect())
 }
@@ -80,6 +81,7 @@ pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -
         classes,
         comparisons: None,
         tracks: Vec::new(),
+        courses: BTreeMap::new(),
         failures: Vec::new(),
         warnings,
         tracked_here: false,

@@ -2,13 +2,15 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
+use nalgebra::Point2;
+
 use super::{
     MADE_BY, SequenceFailure, Stage, Workbench,
     sequence::{Labels, file_name},
 };
 use crate::{
     dataset::{CorrespondenceSource, LandmarkSequence, LandmarksError, SequenceEntry, read_landmarks_with},
-    fit::{Correspondence, MarkKind, read_correspondences},
+    fit::{Correspondence, FittedWireframe, MarkKind, read_correspondences},
     sequence::ImageSize,
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
     units::SequenceId,
@@ -121,8 +123,7 @@ impl LandmarkSource {
             read.sequence(self.first_frame, self.last_frame).map_err(SequenceFailure::at(Stage::Dataset))?;
         let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
-        let marks = self.marks.clone().unwrap_or_else(|| plan.marks(neutral, &bench.tables));
-        let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
+        let (marks, fitted) = fit_landmarks(bench, neutral, self.marks.clone())?;
         let frames = plan.track(&bench.wireframe, &fitted, &sequence).map_err(SequenceFailure::at(Stage::Track))?;
         let info = TrackInfo {
             schema_version: TRACK_SCHEMA,
@@ -145,4 +146,19 @@ impl LandmarkSource {
         };
         Ok((frames, info))
     }
+}
+
+/// The wireframe fitted to the neutral frame of a sequence of landmarks, and its marks: those given, or else the landmarks.
+///
+/// # Errors
+/// [`SequenceFailure`] with the stage.
+pub fn fit_landmarks(
+    bench: &Workbench,
+    neutral: &[Point2<f64>],
+    given: Option<Vec<Correspondence>>,
+) -> Result<(Vec<Correspondence>, FittedWireframe), SequenceFailure> {
+    let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
+    let marks = given.unwrap_or_else(|| plan.marks(neutral, &bench.tables));
+    let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
+    Ok((marks, fitted))
 }

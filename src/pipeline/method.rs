@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::PipelineOptions;
 use crate::{
     fit::{FitOptions, PriorKind},
-    normalize::NormalizeOptions,
+    normalize::{NormalizeOptions, PoseMode},
     statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting},
     track::{AlignOptions, Forces, TrackOptions},
 };
@@ -46,9 +46,12 @@ impl Method {
         }
     }
 
-    /// Options of the normalization: the same in both.
+    /// Options of the normalization: in \[KP\] the head's roll alone is taken out.
     pub fn normalize(self) -> NormalizeOptions {
-        NormalizeOptions::default()
+        match self {
+            Self::Default => NormalizeOptions::default(),
+            Self::Kp => NormalizeOptions { pose: PoseMode::Roll, ..NormalizeOptions::default() },
+        }
     }
 
     /// Options of the statistics: in \[KP\] every sequence counts, also several of one person.

@@ -12,6 +12,7 @@ mod found;
 mod groups;
 mod landmarks;
 mod ledger;
+mod measured;
 mod method;
 mod model_file;
 mod parts;
@@ -28,16 +29,21 @@ mod write;
 
 use std::{collections::BTreeMap, ops::Deref, path::Path, sync::OnceLock};
 
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection, may_publish},
+    features::{FeatureMeter, FrameFeatures, Measured},
     fit::{FitOptions, Fitter, SpringError},
+    model::DynamicExpressionModel,
     normalize::{NormalizeOptions, Normalizer},
     output::MADE_BY,
+    pose::{HeadFit, HeadFitter, PoseError},
     report::{Failure, Stage},
     statistics::{StatisticsOptions, compare::GroupOptions},
-    track::{LandmarkPlan, TrackOptions, TrackPlan},
+    track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame},
+    units::{NodeId, Px},
     wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
@@ -48,6 +54,7 @@ pub use corrected::correct_track;
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
 pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
+pub use landmarks::fit_landmarks;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
@@ -167,6 +174,10 @@ pub struct Workbench {
     plan: TrackPlan,
     /// Made when the first sequence is driven by landmarks.
     landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
+    /// Made when the first pose is asked for.
+    head: OnceLock<HeadFitter>,
+    /// Made when the first features are asked for.
+    meter: OnceLock<Result<FeatureMeter, String>>,
     /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
     wireframe_blake3: Option<String>,
 }
@@ -193,7 +204,16 @@ impl Workbench {
         let face = Face::new(wireframe);
         let fitter = Fitter::new(&face.wireframe, options.fit.clone());
         let plan = TrackPlan::new(&face.wireframe, &face.tables);
-        let bench = Self { face, options, fitter, plan, landmark_plan: OnceLock::new(), wireframe_blake3 };
+        let bench = Self {
+            face,
+            options,
+            fitter,
+            plan,
+            landmark_plan: OnceLock::new(),
+            head: OnceLock::new(),
+            meter: OnceLock::new(),
+            wireframe_blake3,
+        };
         bench.normalizer()?;
         Ok(bench)
     }
@@ -215,6 +235,44 @@ impl Workbench {
     pub fn landmark_plan(&self) -> Result<&LandmarkPlan, SpringError> {
         let make = || LandmarkPlan::new(&self.wireframe, &self.tables, self.options.track.force);
         self.landmark_plan.get_or_init(make).as_ref().map_err(Clone::clone)
+    }
+
+    /// Fits heads to tracks.
+    pub fn head_fitter(&self) -> &HeadFitter {
+        self.head.get_or_init(|| HeadFitter::new(&self.wireframe, &self.tables))
+    }
+
+    /// Head, poses and expressions of a track, with the marks of its neutral frame as far as they are known.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn fit_head(&self, track: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)]) -> Result<HeadFit, PoseError> {
+        self.head_fitter().fit(&self.tables, track, marks)
+    }
+
+    /// The model of a track without the head's turns.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn frontal_model(&self, fit: &HeadFit, track: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, PoseError> {
+        self.head_fitter().frontal((&self.wireframe, &self.tables), fit, track)
+    }
+
+    /// Pose, FAPs and action units of every frame of a track whose model without the head's motion is given.
+    ///
+    /// # Errors
+    /// A sentence when the track has no features.
+    pub fn features(
+        &self,
+        track: &[TrackedFrame],
+        fit: &HeadFit,
+        model: &DynamicExpressionModel<Px>,
+    ) -> Result<Vec<FrameFeatures>, String> {
+        let normalizer = self.normalizer().map_err(|e| e.to_string())?;
+        let make = || FeatureMeter::new(self.head_fitter().model(), &self.wireframe, &normalizer).map_err(|e| e.to_string());
+        let meter = self.meter.get_or_init(make).as_ref().map_err(Clone::clone)?;
+        let model = normalizer.normalize_every_frame(model).map_err(|e| e.to_string())?;
+        meter.measure(Measured { track, fit, model: &model }, &normalizer, &self.tables).map_err(|e| e.to_string())
     }
 
     /// Normalizes tracked models.

@@ -15,17 +15,16 @@ use super::{
 use crate::{
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
-    model::DynamicExpressionModel,
     output,
-    overlay::draw_overlay,
-    plausible::FaceSize,
+    overlay::{draw_axes, draw_overlay},
+    pose::HeadPose,
     sequence::{SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
         Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, parse_track, summarize, track_csv,
-        track_model, track_sequence, track_units, write_track,
+        track_sequence, track_units, write_track,
     },
-    units::{FaceUnit, SequenceId},
+    units::SequenceId,
 };
 
 /// A sequence that cannot be processed, and where it failed.
@@ -287,29 +286,13 @@ fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<
     Ok(track)
 }
 
-/// The normalized model of tracked frames.
-pub(super) fn normalized(
-    frames: &[TrackedFrame],
-    bench: &Workbench,
-) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
-    let model = track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?;
-    let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
-    let model = normalizer.normalize(&model).map_err(SequenceFailure::at(Stage::Normalize))?;
-    // One such model would end the statistics of all.
-    FaceSize::CANONICAL.check_model(&model).map_err(|e| {
-        let reason = format!("of the frames of the normalized model, {e}");
-        SequenceFailure { stage: Stage::Normalize, reason, fatal: false }
-    })?;
-    Ok(model)
-}
-
-/// Pictures of the wireframe on the wanted frames of a track, with the frame's number.
+/// Pictures of the wireframe on the wanted frames of a track, with the frame's number, and the head's axes where its poses are given.
 ///
 /// # Errors
 /// [`SequenceFailure`] when frames do not read.
 pub fn overlay_pictures(
     source: &SequenceSource,
-    frames: &[TrackedFrame],
+    (frames, poses): (&[TrackedFrame], &[HeadPose]),
     bench: &Workbench,
     wanted: impl Fn(usize) -> bool,
     mut each: impl FnMut(u32, RgbImage) -> Result<(), SequenceFailure>,
@@ -322,7 +305,10 @@ pub fn overlay_pictures(
         }
         let frame = frame.map_err(SequenceFailure::at(Stage::Track))?;
         let marks = if index == 0 { marks.as_slice() } else { &[] };
-        let picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks);
+        let mut picture = draw_overlay(&frame, &bench.wireframe, &tracked.nodes, marks);
+        if let Some(pose) = poses.get(index) {
+            draw_axes(&mut picture, frame.size().width, pose);
+        }
         each(tracked.number, picture)?;
     }
     Ok(())

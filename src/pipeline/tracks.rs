@@ -7,11 +7,15 @@ use std::{
 
 use rayon::prelude::*;
 
-use super::{AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, sequence::normalized};
+use super::{
+    AnalyzedModel, Failure, SequenceFailure, Stage, Workbench,
+    measured::{measure, normalized},
+};
 use crate::{
     dataset::Dataset,
+    features::Course,
     statistics::SequenceModel,
-    track::{TrackQuality, read_track, read_track_info, summarize},
+    track::{TrackInfo, TrackQuality, read_track, read_track_info, summarize},
     units::SequenceId,
 };
 
@@ -111,6 +115,7 @@ fn load(
         return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
+    let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
         (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
@@ -126,13 +131,16 @@ fn load(
             });
         }
     };
-    let model = normalized(&frames, bench).map_err(|failure| {
+    let normalized = normalized(&frames, &marks, bench).map_err(|failure| {
         let reason = format!("{}: {}", path.display(), failure.reason);
         SequenceFailure { reason, ..failure }
     })?;
-    let summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    let mut summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    normalized.judge(&mut summary, &frames);
+    let course = measure(&normalized, &frames, bench)?.as_deref().and_then(Course::of);
+    let model = normalized.model;
     let quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
-    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality) })
+    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality), course })
 }
 
 #[cfg(test)]

@@ -14,13 +14,15 @@ use super::{
     found::found_marks,
     landmarks::LandmarkSource,
     ledger::Ledger,
+    measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
     overlay_pictures,
-    sequence::{MACHINE, RunTrack, normalized, overlay_path, track_or_reuse, track_recorded},
+    sequence::{MACHINE, RunTrack, overlay_path, track_or_reuse, track_recorded},
     showcase::thumbnails,
 };
 use crate::{
     dataset::{CorrespondenceSource, FrameSource, LandmarkSelection, SequenceEntry},
+    features::Course,
     fit::Correspondence,
     output,
     overlay::png_bytes,
@@ -51,7 +53,12 @@ pub(super) struct Worked<'a> {
 }
 
 /// Names of the files of a sequence.
-pub(super) fn sequence_files(id: &SequenceId) -> [String; 3] {
+pub(super) fn sequence_files(id: &SequenceId) -> Vec<String> {
+    let [csv, json, model] = track_and_model(id);
+    [csv, json, model].into_iter().chain(measured_files(id)).collect()
+}
+
+fn track_and_model(id: &SequenceId) -> [String; 3] {
     [format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]
 }
 
@@ -234,7 +241,7 @@ fn process(
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }
     let id = &item.id;
-    let [csv_name, json_name, model_name] = sequence_files(id);
+    let [csv_name, json_name, model_name] = track_and_model(id);
     let tick = |_| {
         event(Event::Frame);
         !halt()
@@ -264,13 +271,14 @@ fn process(
     let RunTrack { frames, info, reused, hashes } =
         track_or_reuse(&labels, hash.as_deref(), &out.join(&csv_name), bench, make, correct)
             .map_err(|failure| name_marks(failure, item.entry))?;
+    let normalized = normalized(&frames, &info.mark_places(), bench)?;
     if let (Some(folder), Source::Images(source)) = (overlay, source)
         && bench.options.shows(&source.metadata)
     {
         let last = frames.len() - 1;
         overlay_pictures(
             source,
-            &frames,
+            (&frames, normalized.fit.as_ref().map_or(&[], |fit| &fit.poses)),
             bench,
             |index| index == 0 || index == last,
             |number, picture| {
@@ -279,18 +287,25 @@ fn process(
             },
         )?;
     }
-    let model = normalized(&frames, bench)?;
+    let mut summary = info.summary.clone();
+    normalized.judge(&mut summary, &frames);
+    let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);
+    let features = measure(&normalized, &frames, bench)?;
+    if let Some(features) = &features {
+        outputs.extend(write_measured(features, &info, out, bench)?);
+    }
+    let model = normalized.model;
     let model_hash = write_model(&out.join(&model_name), &model).map_err(SequenceFailure::at(Stage::Write))?;
-    let hashes = [(csv_name, hashes.csv), (json_name, hashes.json), (model_name, model_hash.to_hex().to_string())];
-    let outputs = BTreeMap::from(hashes);
+    outputs.insert(model_name, model_hash.to_hex().to_string());
     ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
-    let mut quality = TrackQuality::new(id.clone(), item.emotion.clone(), info.summary, &frames, &bench.wireframe);
+    let mut quality = TrackQuality::new(id.clone(), item.emotion.clone(), summary, &frames, &bench.wireframe);
     quality.pictures = match source {
         Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(source, &frames, bench),
         _ => None,
     };
     let model = SequenceModel { id: id.clone(), model };
-    let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality) };
+    let course = features.as_deref().and_then(Course::of);
+    let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality), course };
     let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");
     let notes = info.corrections.iter().flat_map(|c| &c.not_applied).map(misfit).collect();
     Ok(Done { model, reused, outputs, corrections_blake3: info.corrections.map(|c| c.blake3), notes })

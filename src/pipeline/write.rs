@@ -17,7 +17,7 @@ use super::{
 use crate::{
     fap::{self, FapCatalog, FapNumber, Motion},
     output::{self, OutputError, nine_digits, write_records},
-    report::{ApexFap, GroupsData, ReportData, VariationData, render_html},
+    report::{ApexFap, GroupsData, ReportData, VariationData, mean_course_svg, render_html},
     statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
@@ -80,11 +80,14 @@ pub fn write_analysis(
     let mut files = BTreeMap::new();
     let mut wrote = |name: &str, hash: blake3::Hash| files.insert(name.to_owned(), hash.to_hex().to_string());
     for class in &analysis.classes {
-        let [csv, json, fap] = class_files(&class.stem);
+        let [csv, json, fap, picture] = class_files(&class.stem);
         wrote(&csv, write_model(&out.join(&csv), &class.representative.model)?);
         let value = representative_json(class, bench);
         wrote(&json, output::write_hashed(&out.join(&json), |writer| output::json_into(writer, &value))?);
         wrote(&fap, fap::write_fap(&out.join(&fap), &class.fap)?);
+        if let Some(svg) = mean_course_svg(&class.representative, &analysis.courses) {
+            wrote(&picture, output::write_hashed(&out.join(&picture), |writer| writer.write_all(svg.as_bytes()))?);
+        }
     }
     wrote("statistics.csv", write_statistics(&out.join("statistics.csv"), analysis, bench)?);
     wrote("trimming.csv", write_trimming(&out.join("trimming.csv"), analysis, bench)?);
@@ -112,8 +115,9 @@ pub fn write_analysis(
 }
 
 /// Names of what [`write_analysis`] writes beside the tables of [`TABLES`].
-pub(super) fn class_files(stem: &str) -> [String; 3] {
-    [format!("representatives/{stem}.csv"), format!("representatives/{stem}.json"), format!("fap/{stem}.fap")]
+pub(super) fn class_files(stem: &str) -> [String; 4] {
+    let (model, about) = (format!("representatives/{stem}.csv"), format!("representatives/{stem}.json"));
+    [model, about, format!("fap/{stem}.fap"), format!("features/{stem}.svg")]
 }
 
 /// Names of the tables and the report.
@@ -312,6 +316,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         options: option_rows(bench, analysis.tracked_here),
         representatives: &representatives,
         tracks: &analysis.tracks,
+        courses: &analysis.courses,
         failures: &analysis.failures,
         wireframe: &bench.wireframe,
         tables: &bench.tables,

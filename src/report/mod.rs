@@ -4,12 +4,15 @@
 //! so). Text and tables are rendered here; the figures are drawn by the page's script from the embedded data. The bytes depend
 //! on the input alone: no clock, no random names, lengths rounded to 0.01 face units.
 
+mod courses;
 mod failure;
 mod groups;
 mod numbers;
 mod payload;
 mod variation;
 mod view;
+
+use std::collections::BTreeMap;
 
 use minijinja::{
     Environment, UndefinedBehavior, context,
@@ -18,6 +21,7 @@ use minijinja::{
 };
 
 use crate::{
+    features::Course,
     player,
     statistics::{
         Representative,
@@ -25,9 +29,11 @@ use crate::{
         compare::{Comparisons, GroupOptions},
     },
     track::TrackQuality,
+    units::SequenceId,
     wireframe::{Fapus, Tables, Wireframe},
 };
 
+pub use courses::mean_course_svg;
 pub use failure::{Failure, Stage};
 pub use variation::{BandCurve, VariationData};
 
@@ -73,6 +79,8 @@ pub struct ReportData<'a> {
     pub representatives: &'a [Representative],
     /// One row per tracked sequence, sorted by id.
     pub tracks: &'a [TrackQuality],
+    /// Pose and action units over time of the sequences of which they are known.
+    pub courses: &'a BTreeMap<SequenceId, Course>,
     /// What failed.
     pub failures: &'a [Failure],
     /// Topology and canonical neutral.

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::{
     Failure, ReportData,
+    courses::{self, CoursesView},
     groups::GroupsView,
     numbers::{MISSING, fixed, fixed_or_dash, ratio},
     payload::MOST_DOTS,
@@ -56,6 +57,7 @@ pub(super) struct View<'a> {
     stems_known: bool,
     face: &'a str,
     groups: Option<GroupsView>,
+    courses: Option<CoursesView>,
 }
 
 /// A sequence that a person should look at again.
@@ -177,6 +179,7 @@ impl<'a> View<'a> {
             files: FILES.map(|(name, what)| [name, what]).to_vec(),
             face: &data.face,
             groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data)),
+            courses: courses::view(data),
         }
     }
 }

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use nalgebra::{DMatrix, MatrixXx3, Point3, RowVector3, Vector3};
+use nalgebra::Vector3;
 
 use super::{BankError, FeaturePointVertex};
 use crate::{
+    geometry::SplineWarp,
     input::CsvFile,
     mesh::TriangleMesh,
     output::{OutputError, write_csv},
@@ -126,7 +127,7 @@ pub fn place_feature_points(mesh: &TriangleMesh, landmarks: &[u32]) -> Result<Ve
             target.push(position(landmarks[usize::from(row.landmark)]));
         }
     }
-    let warp = Warp::new(&source, &target).ok_or_else(|| BankError::Number {
+    let warp = SplineWarp::new(&source, &target).ok_or_else(|| BankError::Number {
         what: "the landmarks' place",
         found: "on a line or a point".to_owned(),
         expected: "a face".to_owned(),
@@ -158,44 +159,6 @@ fn nearest(mesh: &TriangleMesh, place: &Vector3<f64>, reach: f64) -> Option<u32>
     let all = mesh.positions().iter().map(distance).enumerate();
     let (vertex, found) = all.min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))?;
     (found <= reach).then_some(vertex as u32)
-}
-
-/// The biharmonic spline in space, with an affine part.
-struct Warp {
-    centres: Vec<Vector3<f64>>,
-    weights: MatrixXx3<f64>,
-}
-
-impl Warp {
-    fn new(source: &[Vector3<f64>], target: &[Vector3<f64>]) -> Option<Self> {
-        let n = source.len();
-        let mut matrix = DMatrix::zeros(n + 4, n + 4);
-        let mut right = MatrixXx3::zeros(n + 4);
-        for (row, p) in source.iter().enumerate() {
-            for (column, q) in source.iter().enumerate() {
-                matrix[(row, column)] = (p - q).norm();
-            }
-            for (k, value) in [1.0, p.x, p.y, p.z].into_iter().enumerate() {
-                matrix[(row, n + k)] = value;
-                matrix[(n + k, row)] = value;
-            }
-            right.set_row(row, &target[row].transpose());
-        }
-        let weights = matrix.lu().solve(&right)?;
-        weights.iter().all(|w| w.is_finite()).then(|| Self { centres: source.to_vec(), weights })
-    }
-
-    fn apply(&self, point: &Point3<f64>) -> Vector3<f64> {
-        let n = self.centres.len();
-        let mut sum = RowVector3::zeros();
-        for (k, centre) in self.centres.iter().enumerate() {
-            sum += self.weights.row(k) * (point.coords - centre).norm();
-        }
-        for (k, value) in [1.0, point.x, point.y, point.z].into_iter().enumerate() {
-            sum += self.weights.row(n + k) * value;
-        }
-        sum.transpose()
-    }
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ pub mod arkit;
 mod bank;
 mod build;
 mod crossover;
+mod dense;
 mod embedded;
 mod error;
 mod export;
@@ -36,6 +37,7 @@ pub use animate::{BOUND_STARTS, FrameAnswer, SMOOTHING_FRAMES, SynthesisOptions,
 pub use bank::{Bank, BankHead, BankInfo, Composition, FeaturePointVertex};
 pub use build::{BuildOptions, BuildSummary, MAX_SUBDIVIDE, build_bank};
 pub use crossover::Crossover;
+pub use dense::read_dense_faces;
 pub use embedded::{candide_bank, candide_expressions, candide_shapes, candide_study};
 pub use error::{BankError, SynthesisError};
 pub use export::{Animation, compare_with_truth, write_bank_picture, write_png};

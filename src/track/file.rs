@@ -16,7 +16,7 @@ use crate::{
     output::{self, OutputError, nine_digits},
     sequence::ImageSize,
     text::excerpt,
-    units::SequenceId,
+    units::{NodeId, SequenceId},
 };
 
 /// Version of the track's JSON schema.
@@ -64,6 +64,13 @@ pub struct TrackInfo {
     /// Corrections by hand that it was made with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<TrackCorrections>,
+}
+
+impl TrackInfo {
+    /// Nodes with a mark, and where it is, px.
+    pub fn mark_places(&self) -> Vec<(NodeId, Point2<f64>)> {
+        self.marks.iter().map(|&(node, x, y, _)| (NodeId(node), Point2::new(x, y))).collect()
+    }
 }
 
 /// The units of a track file's columns.

@@ -37,6 +37,7 @@ fn every_output_is_there_with_its_header_and_shape() {
     .into();
     for id in SEQUENCES {
         expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
+        expected.extend([format!("features/{id}.csv"), format!("features/{id}.json"), format!("fap/tracks/{id}.fap")]);
     }
     for emotion in ["happiness", "surprise"] {
         // Three people differ in two directions.
@@ -46,6 +47,7 @@ fn every_output_is_there_with_its_header_and_shape() {
             format!("representatives/{emotion}.csv"),
             format!("representatives/{emotion}.json"),
             format!("fap/{emotion}.fap"),
+            format!("features/{emotion}.svg"),
         ]);
     }
     assert_eq!(names, expected);

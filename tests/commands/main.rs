@@ -11,6 +11,7 @@ mod cmd_bank;
 mod cmd_clone;
 mod cmd_consent;
 mod cmd_fap;
+mod cmd_features;
 mod cmd_fit;
 mod cmd_lab;
 mod cmd_locate;

@@ -69,6 +69,7 @@ fn made() -> Files {
             emotion: (*emotion).to_owned(),
             metadata: BTreeMap::new(),
             quality: None,
+            course: None,
         })
     });
     let analysis = analyze(models.collect(), Vec::new(), &bench).unwrap();

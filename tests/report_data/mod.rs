@@ -34,6 +34,7 @@ pub struct Fixture {
     pub title: String,
     pub representatives: Vec<Representative>,
     pub tracks: Vec<TrackQuality>,
+    pub courses: BTreeMap<SequenceId, grimace::features::Course>,
     pub failures: Vec<Failure>,
     pub wireframe: Wireframe,
     pub tables: Tables,
@@ -64,7 +65,16 @@ impl Fixture {
         }
         tracks.sort_by(|a, b| a.id.cmp(&b.id));
         let failures = Vec::new();
-        Self { title: title.into(), representatives, tracks, failures, fapus: model_units.scaled(scale), wireframe, tables }
+        Self {
+            title: title.into(),
+            representatives,
+            tracks,
+            courses: BTreeMap::new(),
+            failures,
+            fapus: model_units.scaled(scale),
+            wireframe,
+            tables,
+        }
     }
 
     pub fn fail(mut self, subject: &str, sequence: &str, stage: Stage, reason: &str) -> Self {
@@ -81,6 +91,7 @@ impl Fixture {
             options: options.map(|(label, value)| (label.to_owned(), value.to_owned())).into(),
             representatives: &self.representatives,
             tracks: &self.tracks,
+            courses: &self.courses,
             failures: &self.failures,
             wireframe: &self.wireframe,
             tables: &self.tables,

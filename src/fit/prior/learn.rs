@@ -275,7 +275,7 @@ fn mirrored(shape: &[Point2<f64>], mirror: &[usize]) -> Vec<Point2<f64>> {
 
 /// The node on the other side for every node, itself on the midline. Where two lie at one place (the inner lips), the one whose
 /// neighbours are the mirror images of the node's own.
-fn mirror_nodes(wireframe: &Wireframe) -> Result<Vec<usize>, LearnError> {
+pub(crate) fn mirror_nodes(wireframe: &Wireframe) -> Result<Vec<usize>, LearnError> {
     let vertices = wireframe.vertices();
     let live = wireframe.live_nodes();
     let mut neighbours = vec![BTreeSet::new(); vertices.len()];

@@ -25,6 +25,7 @@ use crate::{
 
 pub use faces::{FacesError, NeutralFace, NeutralFaces, read_neutral_faces};
 pub use file::{FaceSource, PRIOR_SCHEMA, PriorFile, PriorFileError, PriorOrigin, read_prior, write_prior};
+pub(crate) use learn::mirror_nodes;
 pub use learn::{DEFAULT_MODES, LearnError, MINIMUM_FACES, learn_prior};
 
 /// Standard deviation of Candide's shape units among people; PITFALLS of the field put it near 0.3.

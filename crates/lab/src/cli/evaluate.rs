@@ -1,11 +1,13 @@
 //! `grimace evaluate`: the experiments.
 
+mod action_units;
 mod clone;
 mod confidence;
 mod figures;
 mod fit;
 mod groups;
 mod locate;
+mod pose;
 mod recognition;
 mod scale;
 mod synthesis;
@@ -46,6 +48,8 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Experiment {
+    /// Intensities of action units against the strengths that made the faces.
+    ActionUnits(action_units::Args),
     /// Accuracy of clones: a sequence on its own neutral frame, and simulated people on each other.
     Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
@@ -58,6 +62,8 @@ enum Experiment {
     Confidence(confidence::Args),
     /// Fitness, surface error and time of the dense synthesis, every solver beside the genetic algorithm.
     Synthesis(synthesis::Args),
+    /// How much of a turning head is left in the models, and how right its pose is.
+    Pose(pose::Args),
     /// Whether the nearest representative, made of other people, has the right emotion.
     Recognition(recognition::Args),
     /// How right found points are, on photographs with hand-set points.
@@ -71,12 +77,14 @@ enum Experiment {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
+        Experiment::ActionUnits(args) => action_units::run(args),
         Experiment::Clone(args) => clone::run(args),
         Experiment::Fit(args) => fit::run(args),
         Experiment::Figures(args) => figures::run(args),
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Confidence(args) => confidence::run(args),
         Experiment::Synthesis(args) => synthesis::run(args),
+        Experiment::Pose(args) => pose::run(args),
         Experiment::Recognition(args) => recognition::run(args),
         Experiment::Locate(args) => locate::run(args),
         Experiment::Groups(args) => groups::run(args),

@@ -15,7 +15,7 @@ use grimace::{
     wireframe::{Tables, Wireframe},
 };
 use grimace_lab::simulate::{
-    CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMotion, PortraitSource, SimulateOptions,
+    CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMotion, PortraitSource, SimulateOptions, TurnCourse,
     faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -73,6 +73,10 @@ pub struct Args {
     /// Largest pitch of the head, in degrees.
     #[arg(long, default_value_t = 0.0, value_name = "DEG")]
     pitch: f64,
+    /// When the head has its yaw and pitch: any angles within them, frontal in the neutral frame and all of them at the apex, or all of
+    /// them throughout.
+    #[arg(long, value_enum, default_value_t = Turn::Free)]
+    turn: Turn,
     /// Largest shift of the head, in pixels.
     #[arg(long, default_value_t = 6.0, value_name = "PX")]
     shift: f64,
@@ -233,6 +237,24 @@ fn parse_size(text: &str) -> Result<(u32, u32), String> {
     Ok((width.trim().parse().map_err(|_| error())?, height.trim().parse().map_err(|_| error())?))
 }
 
+/// When the head has its yaw and pitch.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Turn {
+    Free,
+    During,
+    Throughout,
+}
+
+impl From<Turn> for TurnCourse {
+    fn from(turn: Turn) -> Self {
+        match turn {
+            Turn::Free => Self::Free,
+            Turn::During => Self::During,
+            Turn::Throughout => Self::Throughout,
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: Args) -> anyhow::Result<Outcome> {
     let options = SimulateOptions {
@@ -246,6 +268,7 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
         roll_degrees: args.roll,
         yaw_degrees: args.yaw,
         pitch_degrees: args.pitch,
+        turn: args.turn.into(),
         shift_px: args.shift,
         scale_change: args.scale_change,
         blink: args.blink,

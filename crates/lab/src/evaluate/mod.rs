@@ -8,6 +8,7 @@
 //! Results are [`Table`]s, written as CSV and as Markdown, and [`LineChart`]s, written as SVG. They follow from options, seed and
 //! data alone, never from the number of threads.
 
+mod action_units;
 mod calibration;
 mod clone;
 mod clone_cross;
@@ -17,9 +18,12 @@ mod figure;
 mod figures;
 mod fit;
 mod groups;
+mod heads;
 mod locate;
 mod marks;
 mod people;
+mod pose;
+mod pose_images;
 mod recognition;
 mod records;
 mod scale;
@@ -43,6 +47,7 @@ use grimace::{
     synthesis::SynthesisError,
 };
 
+pub use action_units::{ActionUnitOptions, ActionUnitTrial, action_unit_table, evaluate_action_units, judged_mean};
 pub use calibration::{Calibration, CalibrationClass, evaluate_discriminants};
 pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
 pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
@@ -66,6 +71,10 @@ pub use marks::{
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
+pub use pose::{
+    LANDMARK_SEQUENCES, PoseStudyOptions, PoseTrial, TurnCase, evaluate_pose, motion_lost, pose_table, pose_trials_table,
+};
+pub use pose_images::{IMAGE_SEQUENCES, evaluate_pose_images};
 pub use recognition::{
     LabelledSequence, Recognition, RecognitionError, RecognitionSummary, RecognizedSequence, evaluate_recognition,
 };
@@ -160,6 +169,12 @@ pub enum EvaluateError {
     /// A bank or options that make no synthesis.
     #[error(transparent)]
     Synthesis(#[from] SynthesisError),
+    /// A sequence of a study that must not fail.
+    #[error("a sequence of the study failed at {reason}")]
+    Sequences {
+        /// Stage and reason.
+        reason: String,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

@@ -47,7 +47,7 @@ pub use files::MARKED_NODES;
 pub use grimace::wireframe::Emotion;
 pub use motion::{Course, HeadPose};
 pub use neutral::{UnitScope, neutral_nodes, performed_nodes};
-pub use options::{DatasetLayout, FrameFormat, SimulateError, SimulateOptions};
+pub use options::{DatasetLayout, FrameFormat, SimulateError, SimulateOptions, TurnCourse};
 pub use photograph::{AnimatedPortrait, MAX_FAP_MOTIONS, PortraitMotion, simulate_photographs};
 pub use portrait::{Portrait, PortraitError, PortraitMarks, PortraitSource, portrait_fitter};
 pub use sequence::{SimulatedFrame, SimulatedFrames, SimulatedSequence, render_frame, simulate_sequence};

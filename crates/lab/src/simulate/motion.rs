@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Point2, Point3, Rotation3, Vector2};
 use rand::RngExt;
 
 use super::{
-    Emotion, SimulateOptions,
+    Emotion, SimulateOptions, TurnCourse,
     random::{Purpose, generator},
 };
 use grimace::geometry::Similarity;
@@ -95,7 +95,14 @@ impl Course {
         let mut end = |scale: f64| {
             [within(roll), within(yaw), within(pitch), within(options.shift_px), within(options.shift_px), 1.0 + within(scale)]
         };
-        let ends = [end(options.scale_change), end(options.scale_change)];
+        let mut ends = [end(options.scale_change), end(options.scale_change)];
+        if options.turn != TurnCourse::Free {
+            // The seeded angles at the end say to which side; their size is the limit.
+            let sides = [yaw.copysign(ends[1][1]), pitch.copysign(ends[1][2])];
+            let start = if options.turn == TurnCourse::During { [0.0, 0.0] } else { sides };
+            ends[0][1..3].copy_from_slice(&start);
+            ends[1][1..3].copy_from_slice(&sides);
+        }
         let middle = Point2::new(f64::from(options.width - 1) / 2.0, f64::from(options.height - 1) / 2.0);
         let onset = random.random_range(0.85..=1.2);
         Self { ends, onset, middle, px_per_unit: px_per_unit(options), frames: options.frames }

@@ -49,6 +49,27 @@ impl DatasetLayout {
     }
 }
 
+/// When a head has the yaw and pitch that are asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TurnCourse {
+    /// From one seeded angle within the limits to another.
+    #[default]
+    Free,
+    /// Frontal in the neutral frame, at the limits (seeded signs) at the apex.
+    During,
+    /// At the limits (seeded signs) in every frame.
+    Throughout,
+}
+
+impl TurnCourse {
+    // Serde hands over a reference.
+    #[allow(clippy::trivially_copy_pass_by_ref)]
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// What to simulate.
 ///
 /// | option | default | range |
@@ -60,7 +81,9 @@ impl DatasetLayout {
 /// | `seed` | 1 | |
 /// | `noise_sigma` | 1.5 grey levels | 0 to 64 |
 /// | `roll_degrees` | 4 | 0 to 30 |
-/// | `yaw_degrees`, `pitch_degrees` | 0 | 0 to 15 |
+/// | `yaw_degrees` | 0 | 0 to 30 |
+/// | `pitch_degrees` | 0 | 0 to 15 |
+/// | `turn` | free | [`TurnCourse`] |
 /// | `shift_px` | 6 | 0 to 200 |
 /// | `scale_change` | 0.02 | 0 to 0.2 |
 /// | `blink` | 0 | 0 to 1 |
@@ -89,6 +112,9 @@ pub struct SimulateOptions {
     pub yaw_degrees: f64,
     /// Largest pitch, degrees.
     pub pitch_degrees: f64,
+    /// When the head has its yaw and pitch.
+    #[serde(skip_serializing_if = "TurnCourse::is_default")]
+    pub turn: TurnCourse,
     /// Largest shift of the head from the middle of the picture, pixels, in x and in y.
     pub shift_px: f64,
     /// Largest relative change of scale.
@@ -123,6 +149,7 @@ impl Default for SimulateOptions {
             roll_degrees: 4.0,
             yaw_degrees: 0.0,
             pitch_degrees: 0.0,
+            turn: TurnCourse::default(),
             shift_px: 6.0,
             scale_change: 0.02,
             blink: 0.0,
@@ -224,7 +251,7 @@ impl SimulateOptions {
         let numbers = [
             ("noise", self.noise_sigma, 64.0, "0 to 64 grey levels"),
             ("roll", self.roll_degrees, 30.0, "0 to 30 degrees"),
-            ("yaw", self.yaw_degrees, 15.0, "0 to 15 degrees"),
+            ("yaw", self.yaw_degrees, 30.0, "0 to 30 degrees"),
             ("pitch", self.pitch_degrees, 15.0, "0 to 15 degrees"),
             ("shift", self.shift_px, 200.0, "0 to 200 pixels"),
             ("scale-change", self.scale_change, 0.2, "0 to 0.2"),

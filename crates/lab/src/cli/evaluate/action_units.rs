@@ -1,0 +1,78 @@
+//! `grimace evaluate action-units`.
+
+use std::{path::PathBuf, sync::atomic::Ordering};
+
+use grimace::pipeline::{PipelineOptions, Workbench};
+use grimace_lab::evaluate::{ActionUnitOptions, action_unit_table, evaluate_action_units, judged_mean};
+use serde_json::json;
+
+use super::{CommonArgs, bar};
+use grimace::cli::{Outcome, shared::stop_flag};
+
+/// How right the intensities of action units are.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace evaluate action-units ict -o action-units
+
+Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show action units in bursts, several at once, while they \
+turn, seen in perspective as 68 landmarks, 110 px between the pupils. The table has the correlation over time of measured and true intensity, \
+the mean error on the scale of 0 to 5, and the share of frames within the expected error (half is right).")]
+pub struct Args {
+    /// Folder of the face model
+    #[arg(value_name = "MODEL")]
+    folder: PathBuf,
+    /// Number of heads
+    #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::cli::shared::count(1, 10_000))]
+    heads: usize,
+    /// First identity mode that the heads are made of; 15 leaves out those that the head model was learned from
+    #[arg(long, default_value_t = 15, value_name = "MODE")]
+    first_mode: usize,
+    /// Frames per head
+    #[arg(long, default_value_t = 120, value_name = "N", value_parser = grimace::cli::shared::count(10, 100_000))]
+    frames: usize,
+    /// Standard deviation of the landmarks' error, px
+    #[arg(long, default_value_t = 0.4, value_name = "PX", value_parser = grimace::cli::shared::not_negative)]
+    noise: f64,
+    /// Largest yaw and pitch, degrees
+    #[arg(long, default_value_t = 10.0, value_name = "DEGREES", value_parser = grimace::cli::shared::not_negative)]
+    turn: f64,
+    /// Distance of the camera at 110 px between the pupils, px
+    #[arg(long, default_value_t = 1200.0, value_name = "PX", value_parser = grimace::cli::shared::positive)]
+    camera: f64,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut folder = args.common.start()?;
+    let bench = Workbench::new(None, PipelineOptions::default())?;
+    let options = ActionUnitOptions {
+        heads: args.heads,
+        first_mode: args.first_mode,
+        frames: args.frames,
+        noise_px: args.noise,
+        turn: args.turn,
+        camera: args.camera,
+        seed: args.common.seed,
+    };
+    let stop = stop_flag()?;
+    let bar = bar(args.common.quiet, "measuring heads", args.heads);
+    let trials = evaluate_action_units(&args.folder, &bench, &options, || {
+        bar.inc(1);
+        !stop.load(Ordering::SeqCst)
+    })?;
+    bar.finish_and_clear();
+    let table = action_unit_table(&trials);
+    folder.table("action_units.csv", &table)?;
+    let mean = judged_mean(&trials);
+    folder
+        .print(&format!("Action units against the strengths that made the faces; {mean:.3} on the mean of those judged"), &table);
+    let written = json!({
+        "heads": args.heads, "first_mode": args.first_mode, "frames": args.frames, "noise_px": args.noise, "turn_degrees": args.turn,
+        "camera_px": args.camera,
+    });
+    folder.finish("action-units", Some(&args.folder), options.seed, written, json!({ "mean_correlation": mean }))?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,102 @@
+//! `grimace features`.
+
+use std::path::PathBuf;
+
+use grimace::{
+    features::{ActionUnit, ColumnNames, write_features},
+    normalize::NormalizeOptions,
+    normalize::PoseMode,
+    output::count,
+    pipeline::{PipelineOptions, Workbench, id_of, track_files},
+    track::{TrackInfo, read_track, read_track_info},
+};
+use rayon::prelude::*;
+
+use super::{
+    Outcome,
+    shared::{GeneralArgs, set_threads},
+};
+
+/// A row for every frame of tracks.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace features results/tracks -o features
+  grimace features results/tracks -o openface --names openface
+
+Writes SUBJECT_SEQUENCE.csv for every track: pose of the head in degrees, action units AU.._r (0 to 5) with presence _c and expected error \
+_e, openings of eyes and mouth, FAPs; and beside it a .json with the units. `run` writes the same into OUT/features.")]
+pub struct Args {
+    /// Track files, or folders of them
+    #[arg(required = true, value_name = "TRACK")]
+    tracks: Vec<PathBuf>,
+    /// Folder for the tables
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Names of the columns: `openface` for those that readers of OpenFace's files expect
+    #[arg(long, value_enum, default_value_t = Names::Grimace)]
+    names: Names,
+    /// Action units to write, such as AU04,AU12; all of them where none is named
+    #[arg(long, value_name = "AU", value_delimiter = ',')]
+    units: Vec<ActionUnit>,
+    /// Threads; 0 for one per processor
+    #[arg(short = 'j', long, default_value_t = 0)]
+    threads: usize,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Names {
+    /// Everything, in degrees and face units
+    Grimace,
+    /// x_0 ..., pose_Rx in radians, AU01_r ...: read unchanged by py-feat and openFaceR
+    Openface,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    set_threads(args.threads)?;
+    let normalize = NormalizeOptions { pose: PoseMode::Full, ..NormalizeOptions::default() };
+    let bench = args.general.workbench(PipelineOptions { normalize, ..PipelineOptions::default() })?;
+    let files = track_files(&args.tracks)?;
+    anyhow::ensure!(!files.is_empty(), "no track files among what was given; a track is a .csv as `grimace run` writes it");
+    let results: Vec<anyhow::Result<()>> = files.par_iter().map(|path| one(path, args, &bench)).collect();
+    let mut failed = 0;
+    for (path, result) in files.iter().zip(&results) {
+        if let Err(error) = result {
+            failed += 1;
+            eprintln!("failed: {}: {}", path.display(), super::chain(error));
+        }
+    }
+    if !args.general.quiet {
+        println!("{} written to {}", count(files.len() - failed, "table", "tables"), args.output.display());
+    }
+    Ok(if failed == files.len() {
+        Outcome::Failed
+    } else if failed > 0 {
+        Outcome::SomeFailed
+    } else {
+        Outcome::Done
+    })
+}
+
+fn one(path: &std::path::Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
+    let track = read_track(path)?;
+    let info = read_track_info(path)?;
+    let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
+    let target = args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")));
+    args.general.check_free(&target)?;
+    let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
+    let fit = bench.fit_head(&track, &marks)?;
+    let model = bench.frontal_model(&fit, &track)?;
+    let mut features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
+    let wanted = |number: u8| args.units.is_empty() || args.units.iter().any(|unit| unit.number == number);
+    features.iter_mut().for_each(|row| row.action_units.retain(|unit| wanted(unit.number)));
+    let names = match args.names {
+        Names::Grimace => ColumnNames::Grimace,
+        Names::Openface => ColumnNames::OpenFace,
+    };
+    write_features(&target, &features, info.and_then(|info| info.fps), names)?;
+    Ok(())
+}

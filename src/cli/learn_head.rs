@@ -1,0 +1,65 @@
+//! `grimace learn head`.
+
+use std::path::{Path, PathBuf};
+
+use grimace::{
+    output::MADE_BY,
+    pose::{HeadOrigin, IDENTITY_MODES, learn_head, write_head},
+    synthesis::read_dense_faces,
+    wireframe::{Tables, Wireframe},
+};
+
+use super::Outcome;
+
+/// A three-dimensional head on Candide-3's nodes from a dense face model.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace learn head ict -o candide/head_model.json --credit \"Whose model this is, and the licence\"
+
+MODEL is a folder with neutral_vertices.npy (V x 3), triangles.npy or quads.npy, identity_deltas.npy (modes x V x 3, one standard deviation \
+each), expression_deltas.npy and a manifest.json that names the expressions and the vertices of the 68 landmarks. The file that ships with \
+the program, candide/head_model.json, is made by this command and compiled in.")]
+pub struct Args {
+    /// Folder of the face model
+    #[arg(value_name = "MODEL")]
+    folder: PathBuf,
+    /// The head model, JSON
+    #[arg(short, long, value_name = "HEAD.json")]
+    output: PathBuf,
+    /// Identity modes to learn from, counted from the first
+    #[arg(long, default_value_t = IDENTITY_MODES)]
+    modes: usize,
+    /// Whom to credit for the model, and its licence; written into the file
+    #[arg(long, default_value = "", value_name = "TEXT")]
+    credit: String,
+    /// Write over results that are there
+    #[arg(long)]
+    force: bool,
+    /// No summary
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(args.force || !args.output.exists(), "{} is there already; --force writes over it", args.output.display());
+    let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+    let (head, blake3) = learn_head(&read_dense_faces(&args.folder, args.modes)?, args.modes, &wireframe, &tables)?;
+    let command = format!("grimace learn head {} --modes {} -o {}", file_name(&args.folder), args.modes, file_name(&args.output));
+    let origin =
+        HeadOrigin { made_by: MADE_BY.to_owned(), command, identity_modes: args.modes, blake3, credit: args.credit.clone() };
+    write_head(&args.output, &head, &origin)?;
+    if !args.quiet {
+        println!("{} nodes, {} identity modes, {} expressions", head.mean.len(), head.identity.len(), head.expressions.len());
+        if args.credit.is_empty() {
+            println!("note: no --credit; say whose model this is before you pass the file on");
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+/// Name of a file or folder, without the folders above it.
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

@@ -1,0 +1,269 @@
+//! Intensities of action units, by a small generative model.
+//!
+//! The neutral offsets of the nodes are a non-negative sum of expression shapes, each named after the action unit it stands for, and
+//! noise whose standard deviation at every node is the node's expected error. Left and right are unknowns of their own; an action unit is
+//! the mean of its sides. Shapes that are no action unit of the list (sideways jaw, puffed cheeks) explain their part and are not reported.
+
+use nalgebra::{DMatrix, DVector, Point2, Vector2};
+
+use super::FeaturesError;
+use crate::{
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    normalize::Normalizer,
+    pose::HeadModel,
+    text::excerpt,
+    units::NodeId,
+    wireframe::Wireframe,
+};
+
+/// An action unit of FACS and the shapes that stand for it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ActionUnit {
+    /// Number in FACS.
+    pub number: u8,
+    /// Its name.
+    pub name: &'static str,
+    /// Stems of the shapes; with sides they end in `_L` and `_R`.
+    pub shapes: &'static [&'static str],
+}
+
+const fn unit(number: u8, name: &'static str, shapes: &'static [&'static str]) -> ActionUnit {
+    ActionUnit { number, name, shapes }
+}
+
+/// Lips part: the one action unit without shapes of its own.
+pub const LIPS_PART: u8 = 25;
+
+/// The action units measured, ascending.
+pub const ACTION_UNITS: [ActionUnit; 21] = [
+    unit(1, "inner brow raiser", &["browInnerUp"]),
+    unit(2, "outer brow raiser", &["browOuterUp"]),
+    unit(4, "brow lowerer", &["browDown"]),
+    unit(5, "upper lid raiser", &["eyeWide"]),
+    unit(6, "cheek raiser", &["cheekSquint"]),
+    unit(7, "lid tightener", &["eyeSquint"]),
+    unit(9, "nose wrinkler", &["noseSneer"]),
+    unit(10, "upper lip raiser", &["mouthUpperUp"]),
+    unit(12, "lip corner puller", &["mouthSmile"]),
+    unit(14, "dimpler", &["mouthDimple"]),
+    unit(15, "lip corner depressor", &["mouthFrown"]),
+    unit(16, "lower lip depressor", &["mouthLowerDown"]),
+    unit(17, "chin raiser", &["mouthShrugLower"]),
+    unit(18, "lip puckerer", &["mouthPucker"]),
+    unit(20, "lip stretcher", &["mouthStretch"]),
+    unit(22, "lip funneler", &["mouthFunnel"]),
+    unit(23, "lip tightener", &["mouthPress"]),
+    unit(24, "lip presser", &["mouthRollUpper", "mouthRollLower"]),
+    // Whatever parts them: measured on the lips themselves.
+    unit(LIPS_PART, "lips part", &[]),
+    unit(26, "jaw drop", &["jawOpen"]),
+    unit(45, "blink", &["eyeBlink"]),
+];
+
+/// A name that is no action unit of the list.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{}` is no action unit that is measured; known are {}", excerpt(name), known())]
+pub struct UnknownActionUnit {
+    /// What was given.
+    pub name: String,
+}
+
+fn known() -> String {
+    ACTION_UNITS.iter().map(|unit| format!("AU{:02}", unit.number)).collect::<Vec<_>>().join(" ")
+}
+
+impl std::str::FromStr for ActionUnit {
+    type Err = UnknownActionUnit;
+
+    /// `AU12`, `au12` or `12`.
+    fn from_str(name: &str) -> Result<Self, UnknownActionUnit> {
+        let text = name.trim();
+        let digits = text.strip_prefix("AU").or_else(|| text.strip_prefix("au")).unwrap_or(text);
+        let number: Option<u8> = digits.parse().ok();
+        let found = ACTION_UNITS.iter().find(|unit| Some(unit.number) == number);
+        found.copied().ok_or_else(|| UnknownActionUnit { name: name.to_owned() })
+    }
+}
+
+/// Shapes that are no action unit of the list but explain their part.
+const OTHERS: [&str; 7] = ["jawLeft", "jawRight", "jawForward", "mouthLeft", "mouthRight", "cheekPuff", "mouthShrugUpper"];
+
+/// Intensity of a shape at full strength, on the scale of 0 to 5.
+pub const FULL: f64 = 5.0;
+/// Standard deviation of a shape's strength before anything is seen.
+const STRENGTH: f64 = 0.7;
+/// Turns of the non-negative solution.
+const TURNS: usize = 300;
+/// Median of the distance of a normal number from its mean.
+const MEDIAN: f64 = 0.6745;
+/// Intensity, 0 to 5, from which an action unit counts as present, where it also exceeds twice its expected error.
+const PRESENT: f64 = 1.0;
+
+/// The intensity of one action unit in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intensity {
+    /// Number in FACS.
+    pub number: u8,
+    /// 0 to 5.
+    pub value: f64,
+    /// Expected error of the value: half of such values are further off.
+    pub expected_error: f64,
+}
+
+impl Intensity {
+    /// Whether the action unit is there.
+    pub fn is_present(&self) -> bool {
+        self.value >= PRESENT && self.value > 2.0 * self.expected_error
+    }
+}
+
+/// The shapes over the nodes of the canonical face.
+#[derive(Clone, Debug)]
+pub struct ActionUnits {
+    /// Offsets of every node, face units, of each unknown.
+    shapes: Vec<Vec<Vector2<f64>>>,
+    /// Unknowns of each action unit.
+    members: Vec<Vec<usize>>,
+}
+
+impl ActionUnits {
+    /// The shapes of a head model, made canonical as tracks are.
+    ///
+    /// # Errors
+    /// [`FeaturesError`] when the head does not normalize.
+    pub fn new(head: &HeadModel, wireframe: &Wireframe, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
+        const PX: f64 = 100.0;
+        let (mut shapes, mut members) = (Vec::new(), Vec::new());
+        let listed = ACTION_UNITS.iter().map(|u| u.shapes).chain(OTHERS.iter().map(std::slice::from_ref));
+        for stems in listed {
+            let mut unknowns = Vec::new();
+            for shape in &head.shapes {
+                let stem = shape.name.strip_suffix("_L").or_else(|| shape.name.strip_suffix("_R")).unwrap_or(&shape.name);
+                if !stems.contains(&stem) {
+                    continue;
+                }
+                let frame = |share: f64| {
+                    let place = |k: usize| {
+                        let at = head.mean[k] + shape.offsets[k] * share;
+                        Point2::new(at.x * PX, -at.y * PX)
+                    };
+                    FrameExpressionModel::new((0..wireframe.node_count()).map(place).collect())
+                };
+                let model = normalizer.normalize_every_frame(&DynamicExpressionModel::new(vec![frame(0.0), frame(1.0)])?)?;
+                unknowns.push(shapes.len());
+                shapes.push(model.neutral_offsets(1));
+            }
+            members.push(unknowns);
+        }
+        members.truncate(ACTION_UNITS.len());
+        Ok(Self { shapes, members })
+    }
+
+    /// How far a jaw half dropped parts two nodes that lie above each other, face units.
+    pub fn gap_of_jaw(&self, [above, below]: [usize; 2]) -> f64 {
+        let jaw = ACTION_UNITS.iter().zip(&self.members).filter(|(unit, _)| unit.shapes.contains(&"jawOpen"));
+        let gap = |&i: &usize| self.shapes[i][above].y - self.shapes[i][below].y;
+        0.5 * jaw.flat_map(|(_, members)| members).map(gap).sum::<f64>()
+    }
+
+    /// Intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
+    pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
+        let count = self.shapes.len();
+        let mut normal = DMatrix::<f64>::identity(count, count) / (STRENGTH * STRENGTH);
+        let mut right = DVector::<f64>::zeros(count);
+        for &(node, expected) in nodes {
+            let k = node.index();
+            let weight = (expected / MEDIAN).powi(-2);
+            for i in 0..count {
+                let along = self.shapes[i][k] * weight;
+                right[i] += along.dot(&offsets[k]);
+                for j in 0..=i {
+                    normal[(i, j)] += along.dot(&self.shapes[j][k]);
+                }
+            }
+        }
+        normal.fill_upper_triangle_with_lower_triangle();
+        let strengths = non_negative(&normal, &right);
+        let covariance = normal.cholesky().map(|factor| factor.inverse());
+        let one = |(unit, members): (&ActionUnit, &Vec<usize>)| {
+            let n = members.len().max(1) as f64;
+            let strength = members.iter().map(|&i| strengths[i]).sum::<f64>() / n;
+            let variance = covariance.as_ref().map_or(f64::INFINITY, |c| {
+                members.iter().flat_map(|&i| members.iter().map(move |&j| c[(i, j)])).sum::<f64>() / (n * n)
+            });
+            Intensity {
+                number: unit.number,
+                value: (FULL * strength).min(FULL),
+                expected_error: (FULL * MEDIAN * variance.max(0.0).sqrt()).min(FULL),
+            }
+        };
+        ACTION_UNITS.iter().zip(&self.members).map(one).collect()
+    }
+}
+
+/// The non-negative minimum of `x' N x / 2 - r' x`, by descent along one unknown after the other.
+fn non_negative(normal: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
+    let mut x = DVector::<f64>::zeros(right.len());
+    for _ in 0..TURNS {
+        let mut largest: f64 = 0.0;
+        for i in 0..x.len() {
+            let slope = right[i] - normal.column(i).dot(&x);
+            let to = (x[i] + slope / normal[(i, i)]).max(0.0);
+            largest = largest.max((to - x[i]).abs());
+            x[i] = to;
+        }
+        if largest < 1e-7 {
+            break;
+        }
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{normalize::NormalizeOptions, wireframe::Tables};
+
+    #[test]
+    fn action_units_are_named_by_their_numbers() {
+        for name in ["AU04", "AU4", "au4", " 4 "] {
+            assert_eq!(name.parse::<ActionUnit>().unwrap().name, "brow lowerer");
+        }
+        for name in ["AU3", "smile", "AU", "-4", "AU400"] {
+            let error = name.parse::<ActionUnit>().unwrap_err().to_string();
+            assert!(error.starts_with(&format!("`{name}` is no action unit")) && error.contains("AU45"), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_non_negative_minimum_has_no_negative_part() {
+        // x1 wants -1 and x2 wants 2: x1 rests at 0.
+        let x = non_negative(&DMatrix::identity(2, 2), &DVector::from_vec(vec![-1.0, 2.0]));
+        assert_eq!(x.as_slice(), [0.0, 2.0]);
+    }
+
+    #[test]
+    fn a_mixture_of_shapes_is_taken_apart() {
+        let (w, tables) = (Wireframe::candide3(), Tables::candide3());
+        let normalizer = Normalizer::new(&w, &tables, NormalizeOptions::default()).unwrap();
+        let units = ActionUnits::new(&HeadModel::shipped(&w, &tables), &w, &normalizer).unwrap();
+        let strength = |number: u8| match number {
+            12 => 0.6,
+            1 => 0.4,
+            26 => 0.3,
+            _ => 0.0,
+        };
+        let mut offsets = vec![Vector2::zeros(); w.node_count()];
+        for (unit, members) in ACTION_UNITS.iter().zip(&units.members) {
+            for &i in members {
+                offsets.iter_mut().zip(&units.shapes[i]).for_each(|(o, s)| *o += s * strength(unit.number));
+            }
+        }
+        let nodes: Vec<(NodeId, f64)> = w.live_nodes().iter().map(|&n| (n, 2.0)).collect();
+        for found in units.intensities(&offsets, &nodes) {
+            let expected = FULL * strength(found.number);
+            assert!((found.value - expected).abs() < 0.4, "AU {}: {} for {expected}", found.number, found.value);
+            assert!(found.expected_error > 0.0);
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! Feature files: CSV with a row a frame, and a JSON that says the units.
+
+use std::{collections::BTreeMap, path::Path};
+
+use super::{FrameFeatures, action_units::ACTION_UNITS, openface};
+use crate::{
+    fap::FapCatalog,
+    output::{self, OutputError, nine_digits, write_records},
+};
+
+/// The units of the columns.
+pub fn features_units() -> BTreeMap<String, String> {
+    [
+        ("frame", "number of the frame"),
+        ("timestamp", "s from the first row; empty where the frame rate is not known"),
+        ("confidence", "share of the nodes that were seen, 0 to 1"),
+        ("success", "1, or 0 where `reason` says why the row is not to be used"),
+        (
+            "pose_yaw, pose_pitch, pose_roll",
+            "degrees; positive: to the subject's left, down, towards the subject's right shoulder",
+        ),
+        ("pose_x, pose_y", "px, middle of the head"),
+        ("eye_distance", "px at the size of the head, as if it looked into the camera"),
+        ("eye_opening_*", "over the opening in the neutral frame"),
+        ("mouth_opening", "distance of the inner lips over MNS0"),
+        ("iris_*", "offset from neutral over IRISD0, x to the subject's left, y up; empty where irises were not tracked"),
+        ("AU.._r, AU.._c, AU.._e", "intensity 0 to 5, presence 0 or 1, expected error of the intensity (half are further off)"),
+        ("FAP.._NAME", "FAP units of the standard; 48 to 50 in 1e-5 rad"),
+    ]
+    .into_iter()
+    .map(|(k, v)| (k.to_owned(), v.to_owned()))
+    .collect()
+}
+
+/// Header and rows of a feature file.
+pub fn features_csv(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String>, Vec<Vec<String>>) {
+    let catalog = FapCatalog::mpeg4();
+    let fixed = [
+        "frame",
+        "timestamp",
+        "confidence",
+        "success",
+        "reason",
+        "pose_yaw",
+        "pose_pitch",
+        "pose_roll",
+        "pose_x",
+        "pose_y",
+        "eye_distance",
+        "eye_opening_left",
+        "eye_opening_right",
+        "mouth_opening",
+        "iris_left_x",
+        "iris_left_y",
+        "iris_right_x",
+        "iris_right_y",
+    ];
+    let mut header: Vec<String> = fixed.into_iter().map(str::to_owned).collect();
+    let units = features.first().map(|f| f.action_units.as_slice()).unwrap_or_default();
+    for suffix in ["r", "c", "e"] {
+        header.extend(units.iter().map(|unit| format!("AU{:02}_{suffix}", unit.number)));
+    }
+    let faps: Vec<_> = features.first().map(|f| f.faps.iter().map(|(fap, _)| *fap).collect()).unwrap_or_default();
+    header.extend(faps.iter().map(|&fap| format!("FAP{:02}_{}", fap.get(), catalog.row(fap).name)));
+    let first = features.first().map_or(0, |f| f.frame);
+    let rows = features.iter().map(|f| {
+        let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
+        let mut row = vec![
+            f.frame.to_string(),
+            fps.filter(|fps| *fps > 0.0).map(|fps| number(f64::from(f.frame.saturating_sub(first)) / fps)).unwrap_or_default(),
+            number(f.confidence),
+            u8::from(f.reason.is_none()).to_string(),
+            f.reason.clone().unwrap_or_default(),
+        ];
+        row.extend(f.pose.map(number));
+        row.extend([f.position.x, f.position.y, f.eye_distance, f.eye_opening[0], f.eye_opening[1], f.mouth_opening].map(number));
+        match f.iris {
+            Some([left, right]) => row.extend([left.x, left.y, right.x, right.y].map(number)),
+            None => row.extend([const { String::new() }; 4]),
+        }
+        row.extend(f.action_units.iter().map(|unit| number(unit.value)));
+        row.extend(f.action_units.iter().map(|unit| u8::from(unit.is_present()).to_string()));
+        row.extend(f.action_units.iter().map(|unit| number(unit.expected_error)));
+        row.extend(f.faps.iter().map(|(_, value)| number(*value)));
+        row
+    });
+    let rows = rows.collect();
+    (header, rows)
+}
+
+/// BLAKE3 of the two files of features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FeatureHashes {
+    /// The table.
+    pub csv: blake3::Hash,
+    /// What tells its units.
+    pub json: blake3::Hash,
+}
+
+/// How the columns are named.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ColumnNames {
+    /// Everything measured, degrees and face units: [`features_units`].
+    #[default]
+    Grimace,
+    /// What readers of `OpenFace`'s files expect: landmarks, pose in radians, action units.
+    OpenFace,
+}
+
+/// Writes `STEM.csv` and beside it `STEM.json` with the units.
+///
+/// # Errors
+/// [`OutputError`] when a file cannot be written.
+pub fn write_features(
+    path: &Path,
+    features: &[FrameFeatures],
+    fps: Option<f64>,
+    names: ColumnNames,
+) -> Result<FeatureHashes, OutputError> {
+    let ((header, rows), units) = match names {
+        ColumnNames::Grimace => (features_csv(features, fps), features_units()),
+        ColumnNames::OpenFace => {
+            (openface::table(features, fps), openface::ABOUT.iter().map(|&(k, v)| (k.to_owned(), v.to_owned())).collect())
+        }
+    };
+    let csv = write_records(path, header, rows)?;
+    let units_of_faces: BTreeMap<String, &str> = ACTION_UNITS.iter().map(|u| (format!("AU{:02}", u.number), u.name)).collect();
+    let about =
+        serde_json::json!({ "schema_version": 1, "made_by": output::MADE_BY, "units": units, "action_units": units_of_faces });
+    let json = output::write_hashed(&path.with_extension("json"), |writer| output::json_into(writer, &about))?;
+    Ok(FeatureHashes { csv, json })
+}

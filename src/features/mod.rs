@@ -1,0 +1,278 @@
+//! A row for every frame of a track: the head's pose, FAPs, action units, openings of eyes and mouth.
+//!
+//! Everything but the pose is measured on the track without the head's motion, against the neutral frame, in the proportions of the
+//! canonical face; so people of other sizes and proportions have comparable values.
+
+mod action_units;
+mod course;
+mod file;
+mod openface;
+
+use nalgebra::{Point2, Vector2};
+
+use crate::{
+    dataset::LANDMARK_COUNT,
+    fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence},
+    model::{DynamicExpressionModel, ModelError},
+    normalize::{NormalizeError, Normalizer},
+    pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
+    track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
+    units::{FaceUnit, NodeId},
+    wireframe::{Tables, Wireframe},
+};
+
+pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART, UnknownActionUnit};
+pub use course::{COURSE_POINTS, Course};
+pub use file::{ColumnNames, FeatureHashes, features_csv, features_units, write_features};
+
+/// Largest yaw or pitch, degrees, up to which a frame's values can be trusted.
+pub const TRUSTED_TURN: f64 = 25.0;
+/// Yaw or pitch, degrees, beyond which nothing is measured: half of the face is hidden.
+pub const MEASURED_TURN: f64 = 40.0;
+/// Expected error of a node of a track that tells none, share of the eye distance.
+const NODE_ERROR: f64 = 0.01;
+/// Upper and lower lid of the left and the right eye, inner upper and lower lip.
+const LIDS: [[usize; 2]; 2] = [[21, 22], [54, 55]];
+const LIPS: [usize; 2] = [87, 40];
+
+/// The values of one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameFeatures {
+    /// Frame number.
+    pub frame: u32,
+    /// Share of the nodes that were seen, not recovered, 0 to 1.
+    pub confidence: f64,
+    /// Why the frame is not to be used; `None` for a good one.
+    pub reason: Option<String>,
+    /// Yaw, pitch, roll, degrees.
+    pub pose: [f64; 3],
+    /// Middle of the head, px.
+    pub position: Point2<f64>,
+    /// The 68 landmarks as the nodes show them, px; `None` where no node stands for one.
+    pub landmarks: Vec<Option<Point2<f64>>>,
+    /// Eye distance of the head at this size, px.
+    pub eye_distance: f64,
+    /// FAPs that a frontal view measures and those of the head, in the units of the standard.
+    pub faps: Vec<(FapNumber, f64)>,
+    /// Action units.
+    pub action_units: Vec<Intensity>,
+    /// Opening of the left and of the right eye over that of the neutral frame.
+    pub eye_opening: [f64; 2],
+    /// Distance of the inner lips over MNS0.
+    pub mouth_opening: f64,
+    /// Offset of the left and of the right iris from neutral, x to the subject's left and y up, over IRISD0; `None` where irises were not
+    /// tracked.
+    pub iris: Option<[Vector2<f64>; 2]>,
+}
+
+/// Why features cannot be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum FeaturesError {
+    /// The track does not normalize.
+    #[error(transparent)]
+    Normalize(#[from] NormalizeError),
+    /// The frames do not make a model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// No FAPs.
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
+}
+
+/// The track that is measured.
+#[derive(Clone, Copy)]
+pub struct Measured<'a> {
+    /// The tracked frames.
+    pub track: &'a [TrackedFrame],
+    /// Head and poses.
+    pub fit: &'a HeadFit,
+    /// All frames without the head's motion, face units.
+    pub model: &'a DynamicExpressionModel<FaceUnit>,
+}
+
+/// Measures features of a face; holds what does not change from track to track.
+#[derive(Clone, Debug)]
+pub struct FeatureMeter {
+    units: ActionUnits,
+    /// Gap of the inner lips, face units, that is the full intensity of lips that part.
+    lips_full: f64,
+    live: Vec<NodeId>,
+    irises: [Vec<NodeId>; 2],
+}
+
+impl FeatureMeter {
+    /// A meter for a wireframe.
+    ///
+    /// # Errors
+    /// [`FeaturesError`] when the head model does not normalize.
+    pub fn new(head: &HeadModel, wireframe: &Wireframe, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
+        let units = ActionUnits::new(head, wireframe, normalizer)?;
+        let lips_full = units.gap_of_jaw(LIPS).max(1.0);
+        Ok(Self { units, lips_full, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
+    }
+
+    /// The values of all frames.
+    ///
+    /// # Errors
+    /// [`FeaturesError`] when the model has no FAPs.
+    pub fn measure(
+        &self,
+        measured: Measured<'_>,
+        normalizer: &Normalizer<'_>,
+        tables: &Tables,
+    ) -> Result<Vec<FrameFeatures>, FeaturesError> {
+        let Measured { track, fit, model } = measured;
+        let canonical = normalizer.canonical();
+        let catalog = FapCatalog::mpeg4();
+        let (faps, _) = FapSequence::from_model(model, &canonical.fapus, catalog, "track", 1, 0)?;
+        let neutral: Vec<Point2<f64>> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
+        let es = eye_distance_px(tables, &neutral).unwrap_or(1.0);
+        let face_units_per_px = canonical.fapus.es / es;
+        let mut features = Vec::with_capacity(track.len());
+        for (m, frame) in track.iter().enumerate() {
+            let pose = &fit.poses[m];
+            let angles = pose.degrees();
+            let nodes = model.frames()[m].nodes();
+            let offsets = model.neutral_offsets(m);
+            let gap = |nodes: &[Point2<f64>], [above, below]: [usize; 2]| nodes[above].y - nodes[below].y;
+            let rest = model.neutral().nodes();
+            let opening = |lids: [usize; 2]| gap(nodes, lids) / gap(rest, lids);
+            let deviations: Vec<(NodeId, f64)> = self
+                .live
+                .iter()
+                .filter_map(|&node| {
+                    let tracked = &frame.nodes[node.index()];
+                    let expected = match tracked.state {
+                        NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) | NodeState::Follows => return None,
+                        _ => tracked.expected_error.map_or(NODE_ERROR * canonical.fapus.es, |e| e * face_units_per_px),
+                    };
+                    let iris = self.irises.iter().flatten().any(|n| *n == node);
+                    (!iris).then_some((node, expected.max(1.0)))
+                })
+                .collect();
+            let tracked_irises = self
+                .irises
+                .iter()
+                .flatten()
+                .all(|n| matches!(frame.nodes[n.index()].state, NodeState::Tracked | NodeState::Corrected));
+            let iris = tracked_irises.then(|| {
+                [0, 1].map(|side| {
+                    let nodes = &self.irises[side];
+                    nodes.iter().map(|n| offsets[n.index()]).sum::<Vector2<f64>>() / (nodes.len() as f64 * canonical.fapus.irisd)
+                })
+            });
+            let mut row = FrameFeatures {
+                frame: frame.number,
+                confidence: seen_share(frame, &self.live),
+                reason: None,
+                pose: angles,
+                position: pose.position,
+                landmarks: landmarks(fit, m, frame, tables),
+                eye_distance: pose.scale * HEAD_ES,
+                faps: FapNumber::all().filter_map(|fap| Some((fap, faps.frames[m].value(fap)?))).collect(),
+                action_units: self.units.intensities(&offsets, &deviations),
+                eye_opening: LIDS.map(opening),
+                mouth_opening: gap(nodes, LIPS) / canonical.fapus.mns,
+                iris,
+            };
+            let errors = LIPS.map(|k| deviations.iter().find(|(n, _)| n.index() == k).map_or(f64::INFINITY, |(_, e)| *e));
+            let parted = gap(nodes, LIPS) - gap(rest, LIPS);
+            row.action_units.iter_mut().filter(|unit| unit.number == LIPS_PART).for_each(|unit| {
+                unit.value = (FULL * parted / self.lips_full).clamp(0.0, FULL);
+                unit.expected_error = (FULL * errors[0].hypot(errors[1]) / self.lips_full).min(FULL);
+            });
+            row.faps.extend(head_faps(angles));
+            row.faps.sort_by_key(|(fap, _)| *fap);
+            row.reason = reason(&row);
+            features.push(row);
+        }
+        Ok(features)
+    }
+}
+
+/// The landmarks of a frame from its nodes: where their marks would be.
+fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> Vec<Option<Point2<f64>>> {
+    let mut points = vec![None; LANDMARK_COUNT];
+    for row in tables.landmarks.iter().filter(|row| !row.nodes.is_empty()) {
+        let place = |(node, weight): &(NodeId, f64)| {
+            let k = node.index();
+            Some((frame.nodes.get(k)?.position.coords + fit.mark_shift(m, k)) * *weight)
+        };
+        let sum: Option<Vector2<f64>> = row.nodes.iter().map(place).sum();
+        if let Some(point) = points.get_mut(usize::from(row.landmark)) {
+            *point = sum.map(Point2::from);
+        }
+    }
+    points
+}
+
+/// The FAPs of a track as a file.
+pub fn fap_sequence(features: &[FrameFeatures], name: &str, fps: f64) -> FapSequence {
+    let frame = |row: &FrameFeatures| {
+        let mut frame = FapFrame::default();
+        row.faps.iter().for_each(|&(fap, value)| frame.set_value(fap, Some(value)));
+        frame
+    };
+    let mut sequence = FapSequence {
+        version: "2.1".to_owned(),
+        name: crate::fap::name_token(name),
+        // Files of the strict subset have whole frame rates.
+        fps: fps.round().clamp(1.0, 1000.0),
+        frames: features.iter().map(frame).collect(),
+    };
+    sequence.round();
+    sequence
+}
+
+/// Why a person should look at a track again for its head's turns; `None` where they can be trusted.
+pub fn turn_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
+    let turn = |(pose, frame): (&HeadPose, &TrackedFrame)| {
+        let [yaw, pitch, _] = pose.degrees();
+        (yaw.abs().max(pitch.abs()), frame.number)
+    };
+    let (largest, frame) = fit.poses.iter().zip(track).map(turn).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (largest > TRUSTED_TURN).then(|| {
+        format!("the head is turned by {largest:.0} degrees in frame {frame}; models are right up to about {TRUSTED_TURN:.0}")
+    })
+}
+
+/// FAPs 48 to 50 of yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.
+pub fn head_faps([yaw, pitch, roll]: [f64; 3]) -> Vec<(FapNumber, f64)> {
+    let units = |degrees: f64| degrees.to_radians() / 1e-5;
+    let values = [(48, units(pitch)), (49, units(yaw)), (50, units(roll))];
+    values.into_iter().filter_map(|(number, value)| Some((FapNumber::try_from(number).ok()?, value))).collect()
+}
+
+fn seen_share(frame: &TrackedFrame, live: &[NodeId]) -> f64 {
+    let counted = |n: &&NodeId| frame.nodes[n.index()].state != NodeState::Recovered(LossReason::NoLandmark);
+    let all = live.iter().filter(counted).count();
+    let seen = live.iter().filter(counted).filter(|n| !matches!(frame.nodes[n.index()].state, NodeState::Recovered(_))).count();
+    if all == 0 { 0.0 } else { seen as f64 / all as f64 }
+}
+
+fn reason(row: &FrameFeatures) -> Option<String> {
+    let [yaw, pitch, _] = row.pose;
+    let turn = yaw.abs().max(pitch.abs());
+    if turn > MEASURED_TURN {
+        Some(format!("the head is turned by {turn:.0} degrees; beyond {MEASURED_TURN:.0} half of the face is hidden"))
+    } else if row.confidence <= 0.0 {
+        Some("the frame was lost".to_owned())
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_head_faps_are_hundred_thousandths_of_a_radian() {
+        let faps = head_faps([10.0, -5.0, 2.0]);
+        let value = |number: u8| faps.iter().find(|(fap, _)| fap.get() == number).unwrap().1;
+        // 10 degrees are 0.1745329 rad.
+        assert!((value(49) - 17453.29).abs() < 0.01);
+        assert!((value(48) + 8726.65).abs() < 0.01);
+        assert!((value(50) - 3490.66).abs() < 0.01);
+    }
+}

@@ -1,0 +1,99 @@
+//! What a track says of its head and its expression: the normalized model, features, FAPs.
+
+use std::{collections::BTreeMap, path::Path};
+
+use nalgebra::Point2;
+
+use super::{SequenceFailure, Stage, Workbench};
+use crate::{
+    fap::write_fap,
+    features::{ColumnNames, FrameFeatures, fap_sequence, turn_warning, write_features},
+    model::DynamicExpressionModel,
+    normalize::PoseMode,
+    plausible::FaceSize,
+    pose::{HeadFit, PoseError},
+    track::{TrackInfo, TrackSummary, TrackedFrame, Verdict, track_model},
+    units::{FaceUnit, NodeId, Px, SequenceId},
+};
+
+/// A normalized sequence.
+pub(super) struct Normalized {
+    /// The normalized model.
+    pub model: DynamicExpressionModel<FaceUnit>,
+    /// All frames without the head's motion, px.
+    pub head_free: DynamicExpressionModel<Px>,
+    /// Head and poses; `None` where the pose is not taken out and none was found.
+    pub fit: Option<HeadFit>,
+}
+
+impl Normalized {
+    /// Enters what the head's pose says of a track into its summary.
+    pub fn judge(&self, summary: &mut TrackSummary, frames: &[TrackedFrame]) {
+        if let Some(warning) = self.fit.as_ref().and_then(|fit| turn_warning(fit, frames))
+            && !summary.reasons.contains(&warning)
+        {
+            summary.verdict = Verdict::LookAgain;
+            summary.reasons.push(warning);
+        }
+    }
+}
+
+/// The normalized model of tracked frames with the marks of the neutral one.
+pub(super) fn normalized(
+    frames: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+    bench: &Workbench,
+) -> Result<Normalized, SequenceFailure> {
+    let failed = |error: PoseError| SequenceFailure::at(Stage::Normalize)(error);
+    let (fit, head_free) = match bench.options.normalize.pose {
+        PoseMode::Full => {
+            let fit = bench.fit_head(frames, marks).map_err(failed)?;
+            let free = bench.frontal_model(&fit, frames).map_err(failed)?;
+            (Some(fit), free)
+        }
+        PoseMode::Roll => {
+            (bench.fit_head(frames, marks).ok(), track_model(frames).map_err(SequenceFailure::at(Stage::Normalize))?)
+        }
+    };
+    let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
+    let model = normalizer.normalize(&head_free).map_err(SequenceFailure::at(Stage::Normalize))?;
+    // One such model would end the statistics of all.
+    FaceSize::CANONICAL.check_model(&model).map_err(|e| {
+        let reason = format!("of the frames of the normalized model, {e}");
+        SequenceFailure { stage: Stage::Normalize, reason, fatal: false }
+    })?;
+    Ok(Normalized { model, head_free, fit })
+}
+
+/// Names of the files of [`write_measured`].
+pub(super) fn measured_files(id: &SequenceId) -> [String; 3] {
+    [format!("features/{id}.csv"), format!("features/{id}.json"), format!("fap/tracks/{id}.fap")]
+}
+
+/// Pose, FAPs and action units of every frame; `None` where no head was found.
+pub(super) fn measure(
+    normalized: &Normalized,
+    frames: &[TrackedFrame],
+    bench: &Workbench,
+) -> Result<Option<Vec<FrameFeatures>>, SequenceFailure> {
+    let Some(fit) = &normalized.fit else { return Ok(None) };
+    let features = bench.features(frames, fit, &normalized.head_free);
+    features.map(Some).map_err(|reason| SequenceFailure { stage: Stage::Normalize, reason, fatal: false })
+}
+
+/// Writes the features of a sequence and its FAPs, the head's among them; the BLAKE3 of every file by its name.
+pub(super) fn write_measured(
+    features: &[FrameFeatures],
+    info: &TrackInfo,
+    out: &Path,
+    bench: &Workbench,
+) -> Result<BTreeMap<String, String>, SequenceFailure> {
+    let id = &info.id;
+    let [csv, json, fap] = measured_files(id);
+    let hashes = write_features(&out.join(&csv), features, info.fps, ColumnNames::Grimace);
+    let hashes = hashes.map_err(SequenceFailure::at(Stage::Write))?;
+    let faps = fap_sequence(features, &id.to_string(), info.fps.unwrap_or(f64::from(bench.options.fap.fps)));
+    let fap_hash = write_fap(&out.join(&fap), &faps).map_err(SequenceFailure::at(Stage::Write))?;
+    let hex = |hash: blake3::Hash| hash.to_hex().to_string();
+    Ok(BTreeMap::from([(csv, hex(hashes.csv)), (json, hex(hashes.json)), (fap, hex(fap_hash))]))
+}

@@ -1,0 +1,140 @@
+//! The camera: from face space to the image and back.
+
+use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
+
+/// Distance of the camera from the head that is most probable before anything is seen, in eye distances: about 0.9 m.
+pub const CAMERA_DISTANCE: f64 = 14.0;
+
+/// Eye distance ES0 of the model, model units.
+pub const HEAD_ES: f64 = 0.613;
+
+/// Least distance of a point from the camera, share of the head's distance: nothing of a head comes nearer.
+const NEAREST: f64 = 0.3;
+
+/// Where a head is and how it is turned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadPose {
+    /// Camera axes from face axes.
+    pub rotation: Rotation3<f64>,
+    /// Image pixels of a model unit at the middle of the head.
+    pub scale: f64,
+    /// Where the middle of the head is seen, px.
+    pub position: Point2<f64>,
+    /// Distance of the camera from the middle of the head, model units.
+    pub distance: f64,
+}
+
+impl HeadPose {
+    /// Yaw, pitch and roll, degrees.
+    pub fn degrees(&self) -> [f64; 3] {
+        // R = Rz Ry Rx: the angles of Tait and Bryan, as nalgebra has them (roll about x, pitch about y, yaw about z).
+        let (about_x, about_y, about_z) = self.rotation.euler_angles();
+        [about_y.to_degrees(), about_x.to_degrees(), about_z.to_degrees()]
+    }
+
+    /// The rotation of yaw, pitch and roll in degrees.
+    pub fn rotation_of(yaw: f64, pitch: f64, roll: f64) -> Rotation3<f64> {
+        Rotation3::from_euler_angles(pitch.to_radians(), yaw.to_radians(), roll.to_radians())
+    }
+
+    /// A point, model units from the middle of the head in camera axes.
+    pub(super) fn turned(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation * point
+    }
+
+    /// Magnification of a depth.
+    fn magnification(&self, depth: f64) -> f64 {
+        self.distance / (self.distance - depth).max(NEAREST * self.distance)
+    }
+
+    /// Image place of a point in camera axes, px.
+    pub(super) fn image_of(&self, turned: &Vector3<f64>) -> Point2<f64> {
+        let m = self.scale * self.magnification(turned.z);
+        self.position + Vector2::new(turned.x * m, -turned.y * m)
+    }
+
+    /// Image place of a point (model units from the middle of the head, face axes), px.
+    pub fn project(&self, point: &Point3<f64>) -> Point2<f64> {
+        self.image_of(&self.turned(&point.coords))
+    }
+
+    /// The point at an image place and at a depth in camera axes; face axes, from the middle of the head.
+    pub(super) fn back(&self, seen: &Point2<f64>, depth: f64) -> Point3<f64> {
+        let m = self.scale * self.magnification(depth);
+        let from = (seen - self.position) / m;
+        Point3::from(self.rotation.inverse() * Vector3::new(from.x, -from.y, depth))
+    }
+
+    /// How the image place of a point in camera axes changes with that point.
+    pub(super) fn slope(&self, turned: &Vector3<f64>) -> Matrix2x3<f64> {
+        let w = self.magnification(turned.z);
+        let (s, depth) = (self.scale * w, self.scale * w * w / self.distance);
+        Matrix2x3::new(s, 0.0, turned.x * depth, 0.0, -s, -turned.y * depth)
+    }
+
+    /// How a point in camera axes changes with a small rotation vector in camera axes.
+    pub(super) fn rotation_slope(turned: &Vector3<f64>) -> Matrix3<f64> {
+        -turned.cross_matrix()
+    }
+
+    /// The pose changed by a small rotation vector (camera axes, radians), a change of the logarithm of the size, and a shift in px.
+    pub(super) fn moved(&self, turn: Vector3<f64>, log_scale: f64, shift: Vector2<f64>) -> Self {
+        let mut rotation = Rotation3::new(turn) * self.rotation;
+        rotation.renormalize();
+        Self { rotation, scale: self.scale * log_scale.exp(), position: self.position + shift, ..*self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    fn pose(yaw: f64, pitch: f64, roll: f64) -> HeadPose {
+        HeadPose {
+            rotation: HeadPose::rotation_of(yaw, pitch, roll),
+            scale: 100.0,
+            position: Point2::new(320.0, 240.0),
+            distance: CAMERA_DISTANCE * HEAD_ES,
+        }
+    }
+
+    #[test]
+    fn positive_angles_turn_left_look_down_and_tilt_right() {
+        // The tip of the nose, one unit in front.
+        let nose = Point3::new(0.0, 0.0, 1.0);
+        assert!(pose(20.0, 0.0, 0.0).project(&nose).x > 320.0);
+        assert!(pose(0.0, 20.0, 0.0).project(&nose).y > 240.0);
+        // The top of the head goes to the left of the image: towards the subject's right shoulder.
+        assert!(pose(0.0, 0.0, 20.0).project(&Point3::new(0.0, 1.0, 0.0)).x < 320.0);
+        let [yaw, pitch, roll] = pose(12.0, -7.0, 3.0).degrees();
+        assert_relative_eq!(yaw, 12.0, epsilon = 1e-9);
+        assert_relative_eq!(pitch, -7.0, epsilon = 1e-9);
+        assert_relative_eq!(roll, 3.0, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn near_points_are_magnified_and_places_go_back_to_their_points() {
+        // At depth z the magnification is D / (D - z), D = 14 x 0.613 = 8.582.
+        let seen = pose(0.0, 0.0, 0.0).project(&Point3::new(0.5, 0.0, 0.3));
+        assert_relative_eq!(seen.x, 320.0 + 50.0 * 8.582 / (8.582 - 0.3), epsilon = 1e-9);
+        let (p, x) = (pose(14.0, 9.0, -4.0), Point3::new(0.2, -0.6, 0.1));
+        let depth = p.turned(&x.coords).z;
+        assert_relative_eq!(p.back(&p.project(&x), depth), x, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn slopes_are_those_of_differences() {
+        let (p, x) = (pose(14.0, 9.0, -4.0), Point3::new(0.2, -0.6, 0.1));
+        let turned = p.turned(&x.coords);
+        let h = 1e-6;
+        for k in 0..3 {
+            let mut turn = Vector3::zeros();
+            turn[k] = h;
+            let by_turn = (p.moved(turn, 0.0, Vector2::zeros()).project(&x) - p.project(&x)) / h;
+            let expected = p.slope(&turned) * HeadPose::rotation_slope(&turned).column(k);
+            assert_relative_eq!(by_turn, expected.into_owned(), epsilon = 1e-3);
+        }
+    }
+}

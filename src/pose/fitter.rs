@@ -1,0 +1,58 @@
+//! Everything that pose needs of a wireframe, computed once.
+
+use nalgebra::Point2;
+
+use super::{HeadFit, HeadModel, PoseError, fit_head, frontalized};
+use crate::{
+    fit::Springs,
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    track::TrackedFrame,
+    units::{NodeId, Px},
+    wireframe::{Tables, Wireframe},
+};
+
+/// Fits heads to tracks and takes their motion out.
+#[derive(Clone, Debug)]
+pub struct HeadFitter {
+    model: HeadModel,
+    springs: Springs,
+}
+
+impl HeadFitter {
+    /// A fitter for a wireframe with the head model that comes with the program.
+    pub fn new(wireframe: &Wireframe, tables: &Tables) -> Self {
+        Self::with_model(HeadModel::shipped(wireframe, tables), wireframe)
+    }
+
+    /// A fitter with a head model over the wireframe's nodes.
+    pub fn with_model(model: HeadModel, wireframe: &Wireframe) -> Self {
+        Self { model, springs: Springs::new(wireframe) }
+    }
+
+    /// The head model.
+    pub fn model(&self) -> &HeadModel {
+        &self.model
+    }
+
+    /// Head, poses and expressions of tracked frames, the neutral one first, with the marks on it.
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn fit(&self, tables: &Tables, track: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)]) -> Result<HeadFit, PoseError> {
+        fit_head(&self.model, tables, track, marks)
+    }
+
+    /// The track as the head would show it looking into the camera all the time, px.
+    ///
+    /// # Errors
+    /// [`PoseError`] when the springs have no equilibrium or the frames make no model.
+    pub fn frontal(
+        &self,
+        (wireframe, tables): (&Wireframe, &Tables),
+        fit: &HeadFit,
+        track: &[TrackedFrame],
+    ) -> Result<DynamicExpressionModel<Px>, PoseError> {
+        let frames = frontalized(&self.model, fit, track, (wireframe, tables), &self.springs)?;
+        Ok(DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())?)
+    }
+}

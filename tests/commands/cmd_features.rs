@@ -1,0 +1,133 @@
+//! `grimace features` and the features of a run: what a user types, and what comes out.
+
+use grimace::{
+    pose::{HEAD_ES, HeadModel, HeadPose},
+    wireframe::{Tables, Wireframe},
+};
+use nalgebra::{Point2, Point3, Vector3};
+
+use crate::common::Work;
+
+/// Landmarks of the mean head in three frames, 100 px between the pupils: neutral, then half and whole of a turn (yaw, degrees) and a smile.
+fn turning(yaw: f64, smile: f64) -> String {
+    let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+    let head = HeadModel::shipped(&wireframe, &tables);
+    let mut text: String = std::iter::once("frame".to_owned()).chain((0..68).map(|k| format!(",x{k},y{k}"))).collect();
+    for frame in 1..=3 {
+        let share = f64::from(frame - 1) / 2.0;
+        let pose = HeadPose {
+            rotation: HeadPose::rotation_of(yaw * share, 0.0, 0.0),
+            scale: 100.0 / HEAD_ES,
+            position: Point2::new(320.0, 240.0),
+            distance: 11.0 * HEAD_ES,
+        };
+        let mut shape = head.mean.clone();
+        for named in head.shapes.iter().filter(|shape| shape.name.starts_with("mouthSmile")) {
+            shape.iter_mut().zip(&named.offsets).for_each(|(x, d)| *x += d * (smile * share));
+        }
+        text += &format!("\n{frame}");
+        for row in &tables.landmarks {
+            let place: Vector3<f64> = row.nodes.iter().map(|(n, w)| shape[n.index()] * *w).sum();
+            let seen = pose.project(&Point3::from(place));
+            text += &format!(",{:.4},{:.4}", seen.x, seen.y);
+        }
+    }
+    text + "\n"
+}
+
+fn dataset(work: &Work, rows: &[(&str, f64, f64)]) {
+    let mut manifest = "subject,sequence,emotion,frames,fps\n".to_owned();
+    for (subject, yaw, smile) in rows {
+        work.write(&format!("heads/{subject}.csv"), turning(*yaw, *smile));
+        manifest += &format!("{subject},1,happiness,{subject}.csv,25\n");
+    }
+    work.write("heads/manifest.csv", manifest);
+}
+
+fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> f64 {
+    row[column].parse().unwrap_or_else(|_| panic!("{column} is `{}`", row[column]))
+}
+
+#[test]
+fn a_run_writes_pose_action_units_and_faps_of_every_frame() {
+    let work = Work::new();
+    dataset(&work, &[("A", 12.0, 0.8)]);
+    work.grimace("run heads -o out").exit(0);
+    let rows = work.rows("out/features/A_1.csv");
+    assert_eq!(rows.len(), 3);
+    assert!(number(&rows[0], "pose_yaw").abs() < 1.0 && (number(&rows[2], "pose_yaw") - 12.0).abs() < 1.0, "{:?}", rows[2]);
+    // FAP 49 is the yaw in 1e-5 rad, 12 degrees are 0.2094 rad.
+    assert!((number(&rows[2], "FAP49_head_yaw") - 20944.0).abs() < 1800.0);
+    // A smile of 0.8 is an intensity of 4 of 5; nobody raised a brow.
+    assert!((number(&rows[2], "AU12_r") - 4.0).abs() < 0.8 && number(&rows[2], "AU01_r") < 0.8, "{:?}", rows[2]);
+    assert_eq!((rows[2]["AU12_c"].as_str(), rows[0]["AU12_c"].as_str(), rows[2]["success"].as_str()), ("1", "0", "1"));
+    assert_eq!(rows[2]["timestamp"], "0.08");
+    let json: serde_json::Value = serde_json::from_str(&work.read("out/features/A_1.json")).unwrap();
+    assert!(json["units"]["pose_yaw, pose_pitch, pose_roll"].as_str().unwrap().contains("degrees"));
+    assert_eq!(json["action_units"]["AU12"], "lip corner puller");
+    work.grimace("fap check out/fap/tracks/A_1.fap").exit(0);
+    // The same from the tracks alone.
+    work.grimace("features out/tracks -o again").exit(0);
+    assert_eq!(work.read("again/A_1.csv"), work.read("out/features/A_1.csv"));
+    work.grimace("features out/tracks -o again").exit(1).says(&["A_1.csv", "--force"]);
+    work.grimace("features out/tracks -o two --units AU12,4").exit(0);
+    let header = work.header("two/A_1.csv");
+    assert!(header.contains("AU12_r") && header.contains("AU04_e") && !header.contains("AU01_r"), "{header}");
+    work.grimace("features out/tracks -o none --units AU12,AU3").exit(2).says(&["`AU3` is no action unit", "AU45"]);
+}
+
+#[test]
+fn openface_s_names_are_read_back_as_landmarks() {
+    let work = Work::new();
+    dataset(&work, &[("A", 8.0, 0.8)]);
+    work.grimace("run heads -o out").exit(0);
+    work.grimace("features out/tracks -o openface --names openface").exit(0);
+    let rows = work.rows("openface/A_1.csv");
+    // 8 degrees to the subject's left are -0.14 rad there.
+    assert!((number(&rows[2], "pose_Ry") + 8.0_f64.to_radians()).abs() < 0.02, "{}", rows[2]["pose_Ry"]);
+    for column in ["face_id", "AU45_r", "AU45_c", "x_67", "y_67"] {
+        assert!(rows[0].contains_key(column), "{column}");
+    }
+    // Landmarks of nodes that stand for them come back where they were.
+    let given = work.rows("heads/A.csv");
+    for landmark in [30, 36, 39, 45, 48, 54] {
+        let off = number(&rows[0], &format!("x_{landmark}")) - number(&given[0], &format!("x{landmark}"));
+        assert!(off.abs() < 0.01, "landmark {landmark}: {off} px");
+    }
+    work.write("back/manifest.csv", "subject,sequence,emotion,frames\nA,1,happiness,A.csv\n");
+    work.write("back/A.csv", work.read("openface/A_1.csv"));
+    work.grimace("run back -o returned").exit(0);
+    let apex = |name: &str| {
+        let row = work.rows(name).into_iter().find(|r| r["frame"] == "4" && r["node"] == "31").unwrap();
+        number(&row, "x")
+    };
+    let (there, back) = (apex("out/models/A_1.csv"), apex("returned/models/A_1.csv"));
+    assert!((there - back).abs() < 5.0, "{there} {back}");
+}
+
+#[test]
+fn a_head_that_is_turned_too_far_is_said_and_not_measured_silently() {
+    let work = Work::new();
+    dataset(&work, &[("near", 10.0, 0.5), ("far", 46.0, 0.5)]);
+    work.grimace("run heads -o out").exit(0);
+    let last = &work.rows("out/features/far_1.csv")[2];
+    assert_eq!(last["success"], "0");
+    assert!(last["reason"].contains("the head is turned by"), "{}", last["reason"]);
+    let verdicts = work.rows("out/verdicts.csv");
+    let of = |subject: &str| verdicts.iter().find(|r| r["subject"] == subject).unwrap().clone();
+    assert_eq!(of("far")["verdict"], "look again");
+    assert!(of("far")["reasons"].contains("turned by"), "{}", of("far")["reasons"]);
+    assert!(!of("near")["reasons"].contains("turned by"), "{}", of("near")["reasons"]);
+}
+
+#[test]
+fn what_is_no_track_or_no_face_is_refused_by_name() {
+    let work = Work::new();
+    work.write("x.csv", "frame,node,x\n1,0,3\n");
+    work.grimace("features x.csv -o out").exit(1).says(&["x.csv:1: no column `y`"]);
+    work.grimace("features nothing -o out").exit(1).says(&["nothing"]);
+    // A table of OpenFace without its landmarks.
+    work.write("heads/manifest.csv", "subject,sequence,emotion,frames\nA,1,anger,A.csv\n");
+    work.write("heads/A.csv", "frame,confidence,success,AU12_r\n1,0.9,1,0.5\n2,0.9,1,2.5\n");
+    work.grimace("run heads -o out").exit(1).says(&["A.csv"]);
+}
