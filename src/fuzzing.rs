@@ -166,9 +166,10 @@ impl Target {
         })?;
         // A folder each, since some readers look beside their file.
         let folder = folder.join(self.name);
-        fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
         let path = folder.join(self.file);
-        fs::write(&path, bytes).map_err(|e| e.to_string())?;
+        fs::write(&path, bytes)
+            .or_else(|_| fs::create_dir_all(&folder).and_then(|()| fs::write(&path, bytes)))
+            .map_err(|e| e.to_string())?;
         (self.read)(&path)
     }
 }

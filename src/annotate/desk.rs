@@ -16,18 +16,20 @@ use nalgebra::Point2;
 
 use super::{
     AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, RequestError,
-    frames::{FrameList, FrameShelf, Picture},
+    found::propose_from_face,
+    frames::{FrameList, FrameShelf, Picture, picture_frames},
     manifest_edit::{manifest_text, relative, set_fields},
     messages::{Fit, List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved, ToFit, hundredth},
     proposals::{propose_from_cascades, propose_from_landmarks},
 };
 use crate::{
-    dataset::{Dataset, MANIFEST_NAME, SequenceEntry},
+    dataset::{Dataset, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, SequenceEntry},
     fit::{Correspondence, FitError, read_correspondences, validate_correspondences, write_correspondences},
     output::{remove_durably, write_durable},
     pipeline::Workbench,
     sequence::{ImageSize, read_first_frame},
     track::eye_distance_px,
+    units::SequenceId,
 };
 
 struct Item {
@@ -44,6 +46,8 @@ pub struct Desk {
     pub bench: Workbench,
     root: PathBuf,
     manifest: Mutex<Option<PathBuf>>,
+    /// The dataset is one picture: no manifest says anything of it.
+    is_picture: bool,
     /// BLAKE3 of the manifest that `items` is read from.
     manifest_read: Mutex<Option<blake3::Hash>>,
     items: Mutex<Vec<Item>>,
@@ -58,9 +62,14 @@ pub struct Desk {
 impl Desk {
     /// Opens a dataset.
     pub fn open(path: &Path, options: &AnnotateOptions, bench: Workbench) -> Result<Self, AnnotateError> {
-        let manifest = if path.is_file() { path.to_owned() } else { path.join(MANIFEST_NAME) };
+        let is_picture = is_picture(path);
+        let manifest = if path.is_file() && !is_picture { path.to_owned() } else { path.join(MANIFEST_NAME) };
         let manifest_read = manifest_blake3(&manifest);
-        let dataset = Dataset::open(path)?;
+        let dataset = if is_picture {
+            Dataset { sequences: vec![picture_entry(path)], ..Dataset::default() }
+        } else {
+            Dataset::open(path)?
+        };
         let failures: Vec<String> = dataset.failures.iter().map(|f| f.error.to_string()).collect();
         let count_marks = |entry: &SequenceEntry| {
             let file = entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path);
@@ -82,6 +91,7 @@ impl Desk {
         Ok(Self {
             bench,
             root,
+            is_picture,
             manifest_read: Mutex::new(manifest_read),
             manifest: Mutex::new(Some(manifest).filter(|m| m.is_file())),
             items: Mutex::new(items),
@@ -212,6 +222,9 @@ impl Desk {
         if let Some(missing) = [request.neutral, request.apex].into_iter().find(|&n| !known(n)) {
             return Err(RequestError::Refused(format!("there is no frame {missing}")));
         }
+        if self.is_picture {
+            return Err(RequestError::Refused("this is one picture: it has no neutral and no apex frame".to_owned()));
+        }
         if request.neutral >= request.apex {
             let (neutral, apex) = (request.neutral, request.apex);
             return Err(RequestError::Refused(format!("the neutral frame ({neutral}) must come before the apex frame ({apex})")));
@@ -250,13 +263,18 @@ impl Desk {
     /// Proposed marks for the neutral frame.
     pub fn proposed(&self, id: &str) -> Result<Proposed, RequestError> {
         let entry = find(&mut self.lock(), id)?.entry.clone();
-        let frames = entry.frames().map_err(RequestError::refused)?;
+        let frames = frames_of(&entry)?;
         let note = match propose_from_landmarks(&entry, frames.neutral_number(), &self.bench.tables) {
             Ok(Some(found)) => return Ok(Proposed::of(&found)),
             Ok(None) => None,
             Err(note) => Some(note),
         };
         let frame = read_first_frame(&frames).map_err(RequestError::refused)?;
+        match propose_from_face(&frame) {
+            Ok(Some((found, doubt))) => return Ok(Proposed { note: doubt.or(note), ..Proposed::of(&found) }),
+            Ok(None) => {}
+            Err(reason) => return Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(reason)) }),
+        }
         let load = || Mutex::new(Cascades::load(self.cascade_folder.as_deref(), &self.bench.tables));
         match propose_from_cascades(self.cascades.get_or_init(load), &frame) {
             Ok(Some(found)) => Ok(Proposed { note, ..Proposed::of(&found) }),
@@ -266,6 +284,34 @@ impl Desk {
             }
             Err(reason) => Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(reason)) }),
         }
+    }
+
+    /// Sequences on the page that have no mark.
+    pub(super) fn unmarked(&self) -> Vec<SequenceId> {
+        let items = self.lock();
+        let without =
+            |k: &&usize| items[**k].marks == 0 && self.read_marks(&items[**k].entry).is_ok_and(|marks| marks.is_empty());
+        self.worklist.iter().filter(without).map(|&k| items[k].entry.id.clone()).collect()
+    }
+
+    /// The frames of a sequence from the neutral one on.
+    pub(super) fn neutral_frames(&self, id: &SequenceId) -> Result<FrameSource, RequestError> {
+        let entry = find(&mut self.lock(), &id.to_string())?.entry.clone();
+        frames_of(&entry)
+    }
+
+    /// Saves marks of a sequence that has none.
+    pub(super) fn save_found(&self, id: &SequenceId, marks: &[Correspondence]) -> Result<(), RequestError> {
+        let mut items = self.lock();
+        let id = id.to_string();
+        self.refresh(&mut items, &id)?;
+        let item = find(&mut items, &id)?;
+        if !self.read_marks(&item.entry).map_err(RequestError::Refused)?.is_empty() {
+            return Ok(());
+        }
+        self.write_marks(&mut item.entry, marks)?;
+        item.marks = marks.len();
+        self.refresh(&mut items, &id)
     }
 
     /// Fits the wireframe to marks that need not be saved.
@@ -299,6 +345,9 @@ impl Desk {
 
     /// Reads the manifest again where its content has changed, by whomever, and takes from it what it says of the sequences now.
     fn refresh(&self, items: &mut [Item], id: &str) -> Result<(), RequestError> {
+        if self.is_picture {
+            return Ok(());
+        }
         let path = self.manifest().unwrap_or_else(|| self.root.join(MANIFEST_NAME));
         let found = manifest_blake3(&path);
         let mut read = self.manifest_read.lock().unwrap_or_else(PoisonError::into_inner);
@@ -387,6 +436,36 @@ impl Desk {
     }
 }
 
+/// Whether a dataset is one picture.
+fn is_picture(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    path.is_file() && IMAGE_EXTENSIONS.contains(&extension.as_str())
+}
+
+/// One picture as a sequence of one frame, its marks beside it as a `.csv` of its name.
+fn picture_entry(path: &Path) -> SequenceEntry {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().replace('_', "-");
+    SequenceEntry {
+        id: SequenceId { subject: name, sequence: "picture".to_owned() },
+        emotion: String::new(),
+        frames_path: path.to_owned(),
+        first_frame: None,
+        last_frame: None,
+        correspondences_path: None,
+        default_correspondences_path: path.with_extension("csv"),
+        landmarks_paths: Vec::new(),
+        fps: None,
+        metadata: BTreeMap::new(),
+    }
+}
+
+fn frames_of(entry: &SequenceEntry) -> Result<FrameSource, RequestError> {
+    if is_picture(&entry.frames_path) {
+        return Ok(picture_frames(&entry.frames_path));
+    }
+    entry.frames().map_err(RequestError::refused)
+}
+
 fn no_sequence(id: &str) -> RequestError {
     RequestError::NotFound(format!("there is no sequence {id}"))
 }
@@ -409,7 +488,7 @@ fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32), RequestE
 }
 
 fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
-    fs::read(path).ok().map(|bytes| blake3::hash(&bytes))
+    crate::input::read(path).ok().map(|bytes| blake3::hash(&bytes))
 }
 
 /// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.

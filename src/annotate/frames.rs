@@ -9,7 +9,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 use super::RequestError;
 use crate::{
-    dataset::{FrameSource, list_frames},
+    dataset::{FrameFile, FrameSource, IMAGE_EXTENSIONS, list_frames},
     sequence::{Frame, ImageSize, SequenceReader, read_frame},
 };
 
@@ -46,12 +46,12 @@ struct VideoFrame {
 }
 
 impl FrameShelf {
-    /// The frames of a folder or video.
+    /// The frames of a folder, a video or a picture.
     ///
     /// # Errors
     /// [`RequestError::Refused`] when there are none, or the first one does not decode.
     pub fn list(&self, path: &Path) -> Result<FrameList, RequestError> {
-        match list_frames(path, None, None).map_err(RequestError::refused)? {
+        match frames_at(path)? {
             FrameSource::Images(files) => {
                 let first = files.first().ok_or_else(|| RequestError::Refused("no frames".to_owned()))?;
                 let size = read_frame(&first.path).map_err(RequestError::refused)?.size();
@@ -71,7 +71,7 @@ impl FrameShelf {
     /// [`RequestError`] when there is no such frame or it does not decode.
     pub fn picture(&self, path: &Path, number: u32) -> Result<Picture, RequestError> {
         let missing = || RequestError::NotFound(format!("there is no frame {number}"));
-        match list_frames(path, None, None).map_err(RequestError::refused)? {
+        match frames_at(path)? {
             FrameSource::Images(files) => {
                 let file = files.iter().find(|f| f.number == number).ok_or_else(missing)?;
                 image_file(&file.path)
@@ -98,6 +98,20 @@ impl FrameShelf {
         *shelf = Some((path.to_owned(), Arc::clone(&frames)));
         Ok(frames)
     }
+}
+
+/// One picture as the frames of a sequence.
+pub fn picture_frames(path: &Path) -> FrameSource {
+    FrameSource::Images(vec![FrameFile { number: 1, path: path.to_owned() }])
+}
+
+/// The frames of a folder, a video or a picture.
+fn frames_at(path: &Path) -> Result<FrameSource, RequestError> {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    if path.is_file() && IMAGE_EXTENSIONS.contains(&extension.as_str()) {
+        return Ok(picture_frames(path));
+    }
+    list_frames(path, None, None).map_err(RequestError::refused)
 }
 
 /// An image file as it is where browsers show it right, decoded to grey where they do not.

@@ -9,6 +9,7 @@
 //! [`crate::fit`] and [`crate::track`] and, for the manifest, by `manifest_edit`.
 
 mod desk;
+mod found;
 mod frames;
 mod manifest_edit;
 mod messages;
@@ -31,8 +32,9 @@ use std::{
     time::Duration,
 };
 
-use crate::{dataset::DatasetError, pipeline::Workbench};
+use crate::{dataset::DatasetError, pipeline::Workbench, units::SequenceId};
 
+pub use found::Accepted;
 pub use proposals::{CASCADE_FOLDERS, CascadeError, Cascades, ProposalSource, ProposedMarks, propose_from_cascades};
 use request::RequestError;
 use security::Guard;
@@ -49,7 +51,8 @@ const STOP_INTERVAL: Duration = Duration::from_millis(100);
 /// What to serve, and where.
 #[derive(Clone, Debug)]
 pub struct AnnotateOptions {
-    /// The dataset: a folder with `manifest.csv`, a manifest, or a folder in the layout of Cohn-Kanade. With tracks it is where their frames
+    /// The dataset: a folder with `manifest.csv`, a manifest, a folder in the layout of Cohn-Kanade, or one picture, whose marks are saved
+    /// beside it as a `.csv` of its name. With tracks it is where their frames
     /// are, and may be left out where it is beside them under the name that `run.json` has.
     pub dataset: Option<PathBuf>,
     /// Output folder of a run, or a folder of tracks, to correct instead of marking.
@@ -111,6 +114,14 @@ pub enum AnnotateError {
         path: PathBuf,
         /// Why.
         source: io::Error,
+    },
+    /// Found marks that cannot be saved.
+    #[error("{id}: the marks that were found cannot be saved: {reason}")]
+    Accept {
+        /// The sequence.
+        id: SequenceId,
+        /// Why.
+        reason: String,
     },
     /// The port cannot be had.
     #[error("cannot listen on {address}: {source}; choose another port with --port, or leave it out for any that is free")]
@@ -185,6 +196,19 @@ impl Annotator {
         match &self.app.work {
             Work::Marks(desk) => desk.failures(),
             Work::Tracks(tracks) => tracks.failures(),
+        }
+    }
+
+    /// Saves found marks of sequences that have none, where half of them are expected to be less than `limit` percent of the eye distance
+    /// off; a mark set by hand always wins. `progress` is told how many of how many sequences have been looked at, from any thread.
+    /// Nothing to do for tracks.
+    ///
+    /// # Errors
+    /// [`AnnotateError::Accept`].
+    pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Result<Accepted, AnnotateError> {
+        match &self.app.work {
+            Work::Marks(desk) => desk.accept(limit, progress),
+            Work::Tracks(_) => Ok(Accepted::default()),
         }
     }
 

@@ -1,5 +1,5 @@
-//! Marks proposed for a neutral frame: from the dataset's landmarks, else by OpenCV's Haar cascades. They are never saved by
-//! themselves; a person accepts or moves them.
+//! Marks proposed for a neutral frame: from the dataset's landmarks, else from the face that [`crate::locate`] finds, else by OpenCV's
+//! Haar cascades. They are never saved by themselves; a person accepts or moves them.
 //!
 //! The cascades find a face and the eyes in its upper half; within each eye's box the iris is the darkest blurred spot. Eye and mouth
 //! corners are then placed as in the mean of real faces ([`ShapePrior::faces`]) by the similarity that takes its pupils to the irises.
@@ -82,6 +82,8 @@ const EYE_SPAN: (f64, f64) = (0.28, 0.62);
 pub enum ProposalSource {
     /// Landmarks of the dataset.
     Landmarks,
+    /// The face that was found in the picture, each mark with its expected error.
+    Found,
     /// OpenCV's Haar cascades.
     Cascades,
 }

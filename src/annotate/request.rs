@@ -42,14 +42,24 @@ impl RequestError {
     }
 }
 
+impl std::fmt::Display for RequestError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::NotFound(reason) | Self::Refused(reason) | Self::Consent(reason) | Self::Failed(reason) => reason,
+            Self::Conflict(_) => CHANGED_ELSEWHERE,
+        })
+    }
+}
+
+/// What a conflict is called.
+const CHANGED_ELSEWHERE: &str = "the sequence was changed elsewhere";
+
 impl IntoResponse for RequestError {
     fn into_response(self) -> Response {
         let (status, body) = match self {
             Self::NotFound(reason) => (StatusCode::NOT_FOUND, json!({ "error": reason })),
             Self::Refused(reason) => (StatusCode::UNPROCESSABLE_ENTITY, json!({ "error": reason })),
-            Self::Conflict(current) => {
-                (StatusCode::CONFLICT, json!({ "error": "the sequence was changed elsewhere", "current": current }))
-            }
+            Self::Conflict(current) => (StatusCode::CONFLICT, json!({ "error": CHANGED_ELSEWHERE, "current": current })),
             Self::Consent(reason) => (StatusCode::PRECONDITION_REQUIRED, json!({ "error": reason, "consent": true })),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, json!({ "error": reason })),
         };

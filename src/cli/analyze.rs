@@ -15,7 +15,7 @@ use grimace::{
 
 use super::{
     Outcome,
-    shared::{AnalysisArgs, GeneralArgs, memory, set_threads, thread_count},
+    shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, thread_count},
 };
 
 /// Statistics from tracks already there.
@@ -46,6 +46,8 @@ pub struct Args {
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     #[command(flatten)]
+    method: MethodArgs,
+    #[command(flatten)]
     analysis: AnalysisArgs,
     #[command(flatten)]
     general: GeneralArgs,
@@ -62,7 +64,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.output.display()
     );
     let mut options = PipelineOptions::default();
-    args.analysis.fill(&mut options);
+    args.analysis.fill(&mut options, args.method.method);
     let bench = args.general.workbench(options)?;
     if let Some(path) = &args.models {
         return from_models(args, path, &bench);

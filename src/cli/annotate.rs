@@ -14,7 +14,8 @@ use grimace::{
 
 use super::{
     Outcome,
-    shared::{FitArgs, stop_flag},
+    progress::counted_bar,
+    shared::{FitArgs, positive, stop_flag},
 };
 
 /// Mark points on a local web page, or correct tracks.
@@ -22,14 +23,16 @@ use super::{
 #[command(after_help = "\
 Example:
   grimace annotate faces                      mark the sequences that have fewer than 5 marks
+  grimace annotate faces --accept 2.5         take the faces that were found well as they are, look at the others
+  grimace annotate anna.jpg                   mark one picture; its marks are saved as anna.csv
   grimace run faces -o results
   grimace annotate faces --tracks results     step through the tracks, correct nodes, track again
 
 The page is served on this machine only. Every mark is saved at once in the dataset's correspondence files, which `fit` and `run` read. \
-? on the page shows all keys; Ctrl-C here ends the server, nothing is lost by that. On Debian the package opencv-data lets the page propose \
-eyes and mouth.")]
+? on the page shows all keys; Ctrl-C here ends the server, nothing is lost by that. Faces are \
+looked for in every neutral frame and proposed, each point with its expected error; A accepts a face.")]
 pub struct Args {
-    /// Dataset folder, or its manifest file; with --tracks it may be left out where it lies beside OUT
+    /// Dataset folder, or its manifest file, or one picture; with --tracks it may be left out where it lies beside OUT
     #[arg(required_unless_present = "tracks")]
     dataset: Option<PathBuf>,
     /// Output folder of a run, or a folder of tracks, to look through and correct
@@ -38,6 +41,10 @@ pub struct Args {
     /// All sequences, also those that have 5 marks and more
     #[arg(long, conflicts_with = "tracks")]
     all: bool,
+    /// Save found marks where nobody set any and half of them are expected to be less than LIMIT percent of the eye distance off; what is
+    /// left is on the page
+    #[arg(long, value_name = "LIMIT", conflicts_with = "tracks", value_parser = positive)]
+    accept: Option<f64>,
     /// Port; by default 7113, or any other where that is taken
     #[arg(long, value_name = "N")]
     port: Option<u16>,
@@ -80,6 +87,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             args.host
         );
     }
+    if let Some(limit) = args.accept {
+        accept(&annotator, limit)?;
+    }
     let (sequences, left) = annotator.sequences();
     if args.tracks.is_some() {
         println!("{}, the one that lost most first", count(sequences, "track", "tracks"));
@@ -99,6 +109,22 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     annotator.serve(&stop)?;
     Ok(Outcome::Done)
+}
+
+/// Saves the marks that were found well, and says what is left.
+fn accept(annotator: &Annotator, limit: f64) -> anyhow::Result<()> {
+    let bar = counted_bar(false, None, "sequences");
+    let accepted = annotator.accept(limit, |done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    });
+    bar.finish_and_clear();
+    let accepted = accepted?;
+    println!("{} accepted with the marks that were found", count(accepted.accepted.len(), "sequence", "sequences"));
+    for (id, reason) in &accepted.left {
+        println!("  to look at: {id}: {reason}");
+    }
+    Ok(())
 }
 
 /// Opens an address in the user's browser, where there is one; the address is printed anyway.

@@ -317,9 +317,6 @@ impl Job<'_> {
 
     fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<RgbImage> {
         self.args.general.check_free(&folder.join("clone.json"))?;
-        if self.args.general.force {
-            remove_frames(&folder.join("frames"))?;
-        }
         let details = match &source.pictures {
             Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
             None => None,
@@ -345,8 +342,9 @@ impl Job<'_> {
             faps_limited: 0,
         };
         let films = self.args.look.film.as_slice();
-        let files = CloneFiles { folder, films, fit: &self.bench.options.fit, source_frames: source.pictures.as_deref() };
-        let apex = write_clone(&files, &clone, &source.motion, info, self.bench, || {
+        let force = self.args.general.force;
+        let files = CloneFiles { folder, force, films, fit: &self.bench.options.fit, source_frames: source.pictures.as_deref() };
+        let written = write_clone(&files, &clone, &source.motion, info, self.bench, || {
             self.bar.inc(1);
             !self.stop.load(Ordering::Relaxed)
         })?;
@@ -360,19 +358,16 @@ impl Job<'_> {
                 folder.display()
             );
         }
-        Ok(apex)
-    }
-}
-
-/// Removes the frames of an earlier clone: a longer one would mix with the new one.
-fn remove_frames(folder: &Path) -> anyhow::Result<()> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
-    for entry in entries.flatten() {
-        if entry.path().extension().is_some_and(|e| e == "png") {
-            std::fs::remove_file(entry.path()).with_context(|| format!("cannot remove {}", entry.path().display()))?;
+        for name in &written.kept {
+            self.bar.suspend(|| {
+                eprintln!(
+                    "{}: of an earlier clone and changed since; it is kept, and is not of this one",
+                    folder.join(name).display()
+                );
+            });
         }
+        Ok(written.apex)
     }
-    Ok(())
 }
 
 fn file_name(path: &Path) -> String {

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use super::{
     Outcome,
-    shared::{FitArgs, GeneralArgs, marks_or_found},
+    shared::{FitArgs, GeneralArgs, MethodArgs, marks_or_found},
 };
 
 /// Fit the wireframe to one neutral face.
@@ -43,6 +43,8 @@ pub struct Args {
     #[arg(long, value_name = "PNG")]
     overlay: Option<PathBuf>,
     #[command(flatten)]
+    method: MethodArgs,
+    #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
     general: GeneralArgs,
@@ -63,7 +65,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(path) = &args.overlay {
         args.general.check_free(path)?;
     }
-    let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
+    let bench =
+        args.general.workbench(PipelineOptions { fit: args.fit.options_of(args.method.method), ..PipelineOptions::default() })?;
     let frame = read_frame(&args.image)?;
     let marks = marks_or_found(args.correspondences.as_deref(), &bench, || Ok(read_frame(&args.image)?))?;
     let in_file = || args.correspondences.as_ref().unwrap_or(&args.image).display().to_string();

@@ -50,9 +50,14 @@ impl SequenceBar {
 
 /// Bar over the frames of one sequence.
 pub fn frame_bar(quiet: bool, frames: Option<u64>) -> ProgressBar {
+    counted_bar(quiet, frames, "frames")
+}
+
+/// Bar over a number of things.
+pub fn counted_bar(quiet: bool, length: Option<u64>, things: &str) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-    let bar = ProgressBar::with_draw_target(frames, target);
-    if let Ok(style) = ProgressStyle::with_template("{bar:32.cyan/blue} {pos}/{len} frames  {eta} left") {
+    let bar = ProgressBar::with_draw_target(length, target);
+    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:32.cyan/blue}} {{pos}}/{{len}} {things}  {{eta}} left")) {
         bar.set_style(style);
     }
     bar

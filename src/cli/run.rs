@@ -10,7 +10,7 @@ use grimace::{
 use super::{
     Outcome,
     progress::SequenceBar,
-    shared::{AnalysisArgs, FitArgs, GeneralArgs, MarksArgs, TrackArgs, set_threads, stop_flag, thread_count},
+    shared::{AnalysisArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, TrackArgs, set_threads, stop_flag, thread_count},
 };
 
 /// The main job: every stage over a dataset.
@@ -38,6 +38,8 @@ pub struct Args {
     division: DivisionArgs,
     #[command(flatten)]
     marks: MarksArgs,
+    #[command(flatten)]
+    method: MethodArgs,
     #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
@@ -94,13 +96,13 @@ fn run_division(args: &Args, bench: &Workbench) -> anyhow::Result<Option<Outcome
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
     let mut options = PipelineOptions {
-        fit: args.fit.options(),
-        track: args.track.options(),
+        fit: args.fit.options_of(args.method.method),
+        track: args.track.options_of(args.method.method),
         marks: args.marks.marks.clone(),
         landmarks: args.marks.landmarks(),
         ..PipelineOptions::default()
     };
-    args.analysis.fill(&mut options);
+    args.analysis.fill(&mut options, args.method.method);
     let bench = args.general.workbench(options)?;
     if let Some(outcome) = run_division(args, &bench)? {
         return Ok(outcome);

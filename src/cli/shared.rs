@@ -14,14 +14,14 @@ use grimace::{
     fit::{Correspondence, FitOptions, LoadedPrior, PriorKind, read_correspondences},
     normalize::{NormalizeOptions, Resample, SizeMode},
     output::target_of,
-    pipeline::{FapOptions, LandmarkOptions, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
+    pipeline::{FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
         MedianKind, StatisticsOptions, TrimLevel, Weighting,
         amplitude::AmplitudeOptions,
         compare::{CompareOptions, GroupOptions},
     },
-    track::{AlignOptions, TrackOptions},
+    track::{AlignOptions, Forces, TrackOptions},
 };
 use serde::de::DeserializeOwned;
 
@@ -116,14 +116,25 @@ fn prior(text: &str) -> Result<PriorKind, String> {
     }
 }
 
+/// The method as a whole.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Method")]
+pub struct MethodArgs {
+    /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --forces same, --forward-backward 0,
+    /// --align-gain 0, --lip-probes off, --rigid-eyes off and --weight sequence, as far as the command has them; each can be set
+    /// otherwise beside it
+    #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
+    pub method: Method,
+}
+
 /// Options of the fit.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Fit")]
 pub struct FitArgs {
     /// Shape prior ahead of the springs: `none` (similarity and springs alone), `candide` (Candide's shape units), `faces` (learned
-    /// from 90 real people), `auto` (whichever of candide and faces explains the marks), or a file made by `grimace prior`
-    #[arg(long, default_value = "auto", value_parser = prior, value_name = "none|candide|faces|auto|FILE")]
-    prior: PriorKind,
+    /// from 90 real people), `auto` (whichever of candide and faces explains the marks), or a file made by `grimace prior` [default: auto]
+    #[arg(long, value_parser = prior, value_name = "none|candide|faces|auto|FILE")]
+    prior: Option<PriorKind>,
     /// Force on a marked node per pixel, over the stiffness of a spring
     #[arg(long, default_value_t = FitOptions::default().force, value_parser = positive, value_name = "GAIN")]
     fit_force: f64,
@@ -131,7 +142,12 @@ pub struct FitArgs {
 
 impl FitArgs {
     pub fn options(&self) -> FitOptions {
-        FitOptions { force: self.fit_force, prior: self.prior.clone() }
+        self.options_of(Method::Default)
+    }
+
+    /// The options, those that are not given as the method has them.
+    pub fn options_of(&self, method: Method) -> FitOptions {
+        FitOptions { force: self.fit_force, prior: self.prior.clone().unwrap_or(method.fit().prior) }
     }
 }
 
@@ -145,31 +161,64 @@ pub struct TrackArgs {
     /// Pyramid levels, the image itself included
     #[arg(long, default_value_t = TrackOptions::default().levels, value_parser = clap::value_parser!(u32).range(1..=8))]
     levels: u32,
-    /// Largest forward-backward distance, over the eye distance
-    #[arg(long, default_value_t = TrackOptions::default().forward_backward, value_parser = positive, value_name = "SHARE")]
-    forward_backward: f64,
+    /// Largest forward-backward distance, over the eye distance; 0 leaves the way back out [default: 0.01]
+    #[arg(long, value_parser = not_negative, value_name = "SHARE")]
+    forward_backward: Option<f64>,
     /// A displacement is extreme beyond this many robust standard deviations from its neighbours'
     #[arg(long, default_value_t = TrackOptions::default().extreme, value_parser = positive, value_name = "FACTOR")]
     extreme: f64,
-    /// Force per pixel on a node that was tracked, over the stiffness of a spring, where the gradients of its window are as strong as
-    /// its mismatch: nodes with clearer windows pull harder, others less
+    /// What forces on tracked nodes are made of: how well each displacement is determined (measured), or nothing (same: one for all)
+    #[arg(long, value_parser = words::<Forces>(&["measured", "same"]), value_name = "FORCES")]
+    forces: Option<Forces>,
+    /// Force per pixel on a tracked node, over the stiffness of a spring: on every node with --forces same; with --forces measured on a
+    /// node whose window has gradients, in grey levels per pixel, as large as its mismatch, in grey levels, more on clearer windows
     #[arg(long, default_value_t = TrackOptions::default().force, value_parser = positive, value_name = "GAIN")]
     track_force: f64,
-    /// Gain of the alignment with the neutral frame; 0 leaves it out
-    #[arg(long, default_value_t = AlignOptions::default().gain, value_parser = not_negative, value_name = "GAIN")]
-    align_gain: f64,
+    /// Weight of the mismatch of two windows against their gradients, in measured forces; 0 trusts every match alike
+    #[arg(long, default_value_t = TrackOptions::default().mismatch, value_parser = not_negative, value_name = "WEIGHT")]
+    mismatch: f64,
+    /// Gain of the alignment with the neutral frame; 0 leaves it out [default: 150]
+    #[arg(long, value_parser = not_negative, value_name = "GAIN")]
+    align_gain: Option<f64>,
+    /// Search for nodes of the inner lip within their own lip [default: on]
+    #[arg(long, value_parser = switch, value_name = "on|off")]
+    lip_probes: Option<bool>,
+    /// Move the corners of each iris box as one [default: on]
+    #[arg(long, value_parser = switch, value_name = "on|off")]
+    rigid_eyes: Option<bool>,
+    /// Re-deform the wireframe after every step; off leaves lost nodes where they were
+    #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
+    deform: bool,
+}
+
+fn switch(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("expected on or off".to_owned()),
+    }
 }
 
 impl TrackArgs {
     pub fn options(&self) -> TrackOptions {
+        self.options_of(Method::Default)
+    }
+
+    /// The options, those that are not given as the method has them.
+    pub fn options_of(&self, method: Method) -> TrackOptions {
+        let of = method.track();
         TrackOptions {
             window: self.window,
             levels: self.levels,
-            forward_backward: self.forward_backward,
+            forward_backward: self.forward_backward.unwrap_or(of.forward_backward),
             extreme: self.extreme,
             force: self.track_force,
-            align: AlignOptions { gain: self.align_gain, ..AlignOptions::default() },
-            ..TrackOptions::default()
+            mismatch: self.mismatch,
+            forces: self.forces.unwrap_or(of.forces),
+            lip_probes: self.lip_probes.unwrap_or(of.lip_probes),
+            rigid_eyes: self.rigid_eyes.unwrap_or(of.rigid_eyes),
+            deform: self.deform,
+            align: AlignOptions { gain: self.align_gain.unwrap_or(of.align.gain), ..of.align },
         }
     }
 }
@@ -190,9 +239,9 @@ pub struct ModelArgs {
     /// What is trimmed: displacement fields, each in its own order (frame), or whole models
     #[arg(long, default_value = "frame", value_parser = words::<TrimLevel>(&["frame", "model"]))]
     trim: TrimLevel,
-    /// What has the same weight: every person, however many sequences they have, or every sequence
-    #[arg(long, default_value = "person", value_parser = words::<Weighting>(&["person", "sequence"]))]
-    weight: Weighting,
+    /// What has the same weight: every person, however many sequences they have, or every sequence [default: person]
+    #[arg(long, value_parser = words::<Weighting>(&["person", "sequence"]), value_name = "WHAT")]
+    weight: Option<Weighting>,
     /// Which generalized median becomes the representative; the gap between the two is always reported
     #[arg(long, default_value = "greedy", value_parser = words::<MedianKind>(&["greedy", "exact"]))]
     median: MedianKind,
@@ -204,7 +253,13 @@ impl ModelArgs {
     }
 
     pub fn statistics(&self) -> StatisticsOptions {
-        StatisticsOptions { alpha: self.alpha, median: self.median, weighting: self.weight, trim: self.trim }
+        self.statistics_of(Method::Default)
+    }
+
+    /// The options of the statistics, those that are not given as the method has them.
+    pub fn statistics_of(&self, method: Method) -> StatisticsOptions {
+        let weighting = self.weight.unwrap_or(method.statistics().weighting);
+        StatisticsOptions { alpha: self.alpha, median: self.median, weighting, trim: self.trim }
     }
 }
 
@@ -232,10 +287,10 @@ pub struct AnalysisArgs {
     /// Most people of a group that a test uses; of larger groups as many are drawn by the seed
     #[arg(long, default_value_t = CompareOptions::default().people, value_parser = count(5, 2000), value_name = "COUNT")]
     test_people: usize,
-    /// Replicates of the bootstrap of every dispersion, where there are groups; 0 for none
+    /// Draws of people for the 95 % interval of every dispersion, where there are groups; 0 for none
     #[arg(long, default_value_t = GroupOptions::default().bootstrap, value_parser = count(0, 1_000_000), value_name = "COUNT")]
     bootstrap: usize,
-    /// Seed of permutations, draws and bootstrap
+    /// Seed of permutations and draws
     #[arg(long, default_value_t = CompareOptions::default().seed)]
     seed: u64,
     /// Write all normalized models into one Parquet file, models.parquet, too
@@ -259,9 +314,9 @@ pub struct AnalysisArgs {
 }
 
 impl AnalysisArgs {
-    pub fn fill(&self, options: &mut PipelineOptions) {
+    pub fn fill(&self, options: &mut PipelineOptions, method: Method) {
         options.normalize = self.models.normalize();
-        options.statistics = self.models.statistics();
+        options.statistics = self.models.statistics_of(method);
         options.by.clone_from(&self.by);
         if let (Some(image), Some(marks)) = (&self.report_face, &self.report_marks) {
             options.report_face = ReportFace::photograph(image, marks);

@@ -6,16 +6,18 @@ use grimace::{
     dataset::{FrameSource, list_frames},
     output,
     overlay::png_bytes,
-    pipeline::{PipelineOptions, SequenceFailure, SequenceSource, id_of, overlay_path, overlay_pictures, track_one},
+    pipeline::{
+        PipelineOptions, SequenceFailure, SequenceSource, correct_track, id_of, overlay_path, overlay_pictures, track_one,
+    },
     report::Stage,
     sequence::read_first_frame,
-    track::write_track,
+    track::{corrections_path, write_track},
 };
 
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
+    shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
 };
 
 /// Track one sequence.
@@ -51,6 +53,8 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
     #[command(flatten)]
+    method: MethodArgs,
+    #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
     track: TrackArgs,
@@ -64,7 +68,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(json != args.output, "{}: a track is a .csv; the .json is written beside it", args.output.display());
     args.general.check_free(&args.output)?;
     args.general.check_free(&json)?;
-    let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
+    let options = PipelineOptions {
+        fit: args.fit.options_of(args.method.method),
+        track: args.track.options_of(args.method.method),
+        ..PipelineOptions::default()
+    };
     let bench = args.general.workbench(options)?;
     let frames = list_frames(&args.sequence, args.first_frame, args.last_frame)?;
     let marks = marks_or_found(args.correspondences.as_deref(), &bench, || Ok(read_first_frame(&frames)?))?;
@@ -88,10 +96,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         !stop.load(std::sync::atomic::Ordering::Relaxed)
     });
     bar.finish_and_clear();
-    let (track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
+    let (mut track, mut info) = tracked.map_err(|SequenceFailure { stage, reason, .. }| match stage {
         Stage::Fit => about(args.correspondences.as_ref().unwrap_or(&args.sequence))(&reason),
         _ => about(&args.sequence)(&reason),
     })?;
+    // Hand work on an earlier track of this name is kept: it stands apart from the track.
+    correct_track(&source, &args.output, &mut track.frames, &mut info, &bench).map_err(|f| about(&args.output)(&f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
         overlay_pictures(
@@ -121,6 +131,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if let Some(expected) = s.expected_error_px {
             println!("expected error of the median node in the last frame: {expected:.2} px; verdict: {}", s.verdict.name());
+        }
+        for misfit in info.corrections.iter().flat_map(|c| &c.not_applied) {
+            println!("  {} does not fit any more and is kept: {misfit}", corrections_path(&args.output).display());
         }
         for reason in &s.reasons {
             println!("  {reason}");

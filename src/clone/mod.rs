@@ -37,7 +37,7 @@ use crate::{
 
 pub use detail::{Details, Teeth};
 pub use marks::read_marks;
-pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, Film, encode_png, write_clone};
+pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, Film, WrittenClone, encode_png, write_clone};
 pub use picture::{Sheet, animated_gif, animated_png, at_height};
 pub use render::{Clone, CloneFrame, CloneOptions, clone_expression};
 pub use source::{LID_PAIRS, SourceKind, SourceMotion, lid_gaps};

@@ -14,7 +14,7 @@ use crate::{
     fit::{FitOptions, MarkKind},
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, SizeMode},
-    output::{MADE_BY, write_atomic, write_bytes, write_json},
+    output::{FolderRecord, MADE_BY, write_atomic, write_bytes, write_json},
     overlay::draw_overlay,
     sequence::{Frame, ImageSize, write_video},
     track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackOptions, TrackedFrame, TrackedNode, summarize, track_units, write_track},
@@ -76,6 +76,8 @@ pub struct CloneInfo {
 pub struct CloneFiles<'a> {
     /// The folder.
     pub folder: &'a Path,
+    /// Whether files that no earlier clone recorded are written over.
+    pub force: bool,
     /// Films in one file.
     pub films: &'a [Film],
     /// Options that the target was fitted with.
@@ -84,6 +86,17 @@ pub struct CloneFiles<'a> {
     pub source_frames: Option<&'a [RgbImage]>,
 }
 
+/// What [`write_clone`] wrote.
+#[derive(Clone, Debug)]
+pub struct WrittenClone {
+    /// The rendered apex frame.
+    pub apex: RgbImage,
+    /// Frames of an earlier clone that were changed since: they were kept.
+    pub kept: Vec<String>,
+}
+
+/// The record of the frames written.
+const FRAMES_RECORD: &str = "frames.b3";
 /// Height of the pictures of a sheet, px.
 const SHEET_HEIGHT: u32 = 480;
 /// Frames of each row of the side-by-side sheet.
@@ -94,7 +107,7 @@ const SHEET_FRAMES: usize = 5;
 ///
 /// `info` is completed with what the rendering found. `tick` is called after every frame and says whether to go on.
 ///
-/// Returns the rendered apex frame.
+/// Frames of an earlier clone in the folder that this one does not have are removed, if nobody changed them since (`frames.b3` tells).
 ///
 /// # Errors
 /// [`CloneError`] for a file that cannot be written, or an interruption.
@@ -105,15 +118,17 @@ pub fn write_clone(
     mut info: CloneInfo,
     face: &Face,
     mut tick: impl FnMut() -> bool,
-) -> Result<RgbImage, CloneError> {
+) -> Result<WrittenClone, CloneError> {
     let &CloneFiles { folder, films, source_frames, .. } = files;
     let apex = clone.apex();
     let chosen = spread(clone.frames.len().min(apex + 1));
     let (mut shown, mut apex_picture) = (BTreeMap::new(), RgbImage::default());
-    let file = |k: usize| folder.join("frames").join(format!("{}_{:08}.png", clone.target().name, k + 1));
+    let name = |k: usize| format!("frames/{}_{:08}.png", clone.target().name, k + 1);
+    let file = |k: usize| folder.join(name(k));
+    let record = FolderRecord::open(folder, FRAMES_RECORD, files.force)?;
     for k in 0..clone.frames.len() {
         let picture = clone.picture(k);
-        write_atomic(&file(k), |writer| encode_png(&picture, writer))?;
+        record.write(&name(k), |writer| encode_png(&picture, writer))?;
         if chosen.contains(&k) {
             shown.insert(k, picture.clone());
         }
@@ -124,6 +139,8 @@ pub fn write_clone(
             return Err(CloneError::Interrupted);
         }
     }
+    let kept = record.remove_stale()?;
+    record.close()?;
     // Films are made from the frames written, one at a time: a film of large pictures does not fit into memory.
     let frame = |k: usize| match image::open(file(k)) {
         Ok(picture) => Ok(picture.into_rgb8()),
@@ -161,7 +178,7 @@ pub fn write_clone(
     }
     sheet.push_row(shown.into_values().collect());
     write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(), writer))?;
-    Ok(apex_picture)
+    Ok(WrittenClone { apex: apex_picture, kept })
 }
 
 /// Frames from the first to the last, evenly.

@@ -31,7 +31,7 @@ pub use landmarks::{
 pub const MANIFEST_NAME: &str = "manifest.csv";
 
 /// The sequences of a dataset.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Dataset {
     /// Folder that relative paths start from: the manifest's, or the one with the subjects' folders.
     pub root: PathBuf,

@@ -96,7 +96,20 @@ impl FapSequence {
     }
 }
 
-/// FAP values of every frame of a model, limited to their ranges but not rounded.
+/// FAP values of every frame of a normalized model, limited to the standard's ranges and not rounded; `fapus` as in
+/// [`FapSequence::from_model`].
+///
+/// # Errors
+/// [`ConvertError`] for a model without Candide-3's nodes, or FAPUs that are not positive.
+pub fn measure_faps(
+    model: &DynamicExpressionModel<FaceUnit>,
+    fapus: &Fapus,
+    catalog: &FapCatalog,
+) -> Result<Vec<FapFrame>, ConvertError> {
+    Ok(key_frames(model, fapus, catalog)?.0)
+}
+
+/// FAP values of every frame of a model, limited to their ranges but not rounded, and what that limited.
 fn key_frames(
     model: &DynamicExpressionModel<FaceUnit>,
     fapus: &Fapus,

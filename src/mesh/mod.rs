@@ -159,6 +159,12 @@ impl TriangleMesh {
         bounds
     }
 
+    /// Distance between the opposite corners of the box around the mesh.
+    pub fn diagonal(&self) -> f64 {
+        let [least, most] = self.bounds();
+        (0..3).map(|axis| f64::from(most[axis] - least[axis]).powi(2)).sum::<f64>().sqrt()
+    }
+
     /// Every edge once, `[smaller, larger]`, sorted, with the number of triangles on it.
     pub fn edges(&self) -> BTreeMap<[u32; 2], u32> {
         let mut edges = BTreeMap::new();

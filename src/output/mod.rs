@@ -5,6 +5,7 @@
 //! that can be made again are synced together at the end of a command ([`sync_written`]). Only regular files are replaced.
 
 mod pending;
+mod record;
 mod sweep;
 mod sync;
 
@@ -18,6 +19,8 @@ use serde::Serialize;
 use crate::formula::FormulaGuard;
 
 pub use pending::{PendingFile, PendingFolder, target_of};
+pub use record::FolderRecord;
+pub(crate) use record::is_inside;
 pub use sync::{remove_durably, sync_written};
 
 /// Program and version, as written into every file that says where it came from.
@@ -117,13 +120,19 @@ pub fn csv_writer<W: Write>(writer: W) -> csv::Writer<impl Write> {
 /// # Errors
 /// As [`write_atomic`].
 pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<(), OutputError> {
-    write_atomic(path, |writer| {
-        let mut csv = csv_writer(writer);
-        for row in rows {
-            csv.serialize(row).map_err(io::Error::from)?;
-        }
-        csv.flush()
-    })
+    write_atomic(path, |writer| csv_into(writer, rows))
+}
+
+/// Rows as [`write_csv`] writes them.
+///
+/// # Errors
+/// [`io::Error`] when `writer` takes no more.
+pub fn csv_into<T: Serialize>(writer: &mut dyn Write, rows: impl IntoIterator<Item = T>) -> io::Result<()> {
+    let mut csv = csv_writer(writer);
+    for row in rows {
+        csv.serialize(row).map_err(io::Error::from)?;
+    }
+    csv.flush()
 }
 
 /// Writes rows of text as CSV under a header, where the columns are not those of a type; the BLAKE3 of the file.

@@ -180,6 +180,7 @@ pub(super) fn write_amplitudes(
         "high",
         "effect",
         "p",
+        "p_t",
         "p_holm",
         "p_equivalence",
         "people_for_power",
@@ -195,7 +196,8 @@ pub(super) fn write_amplitudes(
                 row.push(t.paired.to_string());
                 row.extend(t.means.iter().chain(&t.deviations).copied().map(nine_digits));
                 row.extend(
-                    [t.difference, t.interval[0], t.interval[1], t.effect, t.p, t.p_adjusted, t.p_equivalence].map(nine_digits),
+                    [t.difference, t.interval[0], t.interval[1], t.effect, t.p, t.p_t, t.p_adjusted, t.p_equivalence]
+                        .map(nine_digits),
                 );
                 row.extend([t.people_for_power.map(|n| n.to_string()).unwrap_or_default(), words, String::new()]);
             }

@@ -12,6 +12,7 @@ use super::{
     classes::{class, spelling_warnings, unique_stem, warnings},
     parts::EmotionPart,
     recognition::recognize_left_out,
+    variation::{EmotionVariation, variations},
 };
 use crate::{
     clone::CloneError,
@@ -119,6 +120,8 @@ pub struct Analysis {
     pub warnings: Vec<String>,
     /// How strongly everybody makes each emotion; empty where models are read node by node.
     pub amplitudes: AmplitudeResults,
+    /// How the people of each emotion differ; empty where models are read node by node.
+    pub variations: Vec<EmotionVariation>,
     /// What every sequence is recognized as with its person left out; `None` where that is not possible.
     pub recognition: Option<RecognitionResults>,
     /// Whether the sequences were tracked with the options at hand, so that the report may state them.
@@ -181,6 +184,7 @@ pub(super) fn analyze_with(
     // One emotion alone is nothing to recognize, and nobody expects it.
     let several = emotions.len() > 1;
     warnings.extend(recognition.as_ref().err().filter(|_| several).map(|why| format!("no recognition.csv: {why}")));
+    let variations = variations(&emotions, &classes, &fapus, bench);
     let findings = amplitudes.findings(options.groups.compare.significance, &options.groups.amplitude);
     if !findings.is_empty() {
         warnings.push(format!("by amplitude: {}", listed(&findings, 6)));
@@ -193,6 +197,7 @@ pub(super) fn analyze_with(
         warnings,
         tracked_here: false,
         amplitudes,
+        variations,
         recognition: recognition.ok(),
     })
 }

@@ -84,6 +84,7 @@ pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -
         warnings,
         tracked_here: false,
         amplitudes: AmplitudeResults::default(),
+        variations: Vec::new(),
         recognition: None,
     })
 }

@@ -8,8 +8,8 @@ use crate::{
     sequence::{ImageSize, SequenceReader},
     track::{
         Confidence, Corrections, Klt, SavedCorrections, TrackCorrections, TrackError, TrackInfo, TrackedFrame, correct_nodes,
-        corrections_in_track, expect_errors, fitting_corrections, read_corrections, resume_with, summarize, window_px,
-        write_corrections,
+        corrections_in_track, expect_errors, fitting_corrections, read_corrections, read_track_info, resume_with, summarize,
+        window_px, write_corrections,
     },
 };
 
@@ -45,6 +45,25 @@ pub(super) fn apply(
     info.corrections =
         Some(TrackCorrections { blake3: saved.blake3.clone(), image_size: known(set_on, info.image_size), not_applied });
     Ok(())
+}
+
+/// Puts the corrections saved for the track that is going to be written to `csv_path` (see
+/// [`corrections_path`](crate::track::corrections_path)), if there are any, into `frames`, which were tracked just now; `info` then says
+/// which, and which of them do not fit.
+///
+/// # Errors
+/// [`SequenceFailure`] when the corrections do not read, or the frames changed since they were tracked.
+pub fn correct_track(
+    source: &SequenceSource,
+    csv_path: &Path,
+    frames: &mut Vec<TrackedFrame>,
+    info: &mut TrackInfo,
+    bench: &Workbench,
+) -> Result<(), SequenceFailure> {
+    let earlier = read_track_info(csv_path).ok().flatten();
+    let Some(saved) = saved_or_carried_over(csv_path, earlier.as_ref())? else { return Ok(()) };
+    let inputs = info.inputs_blake3.clone();
+    apply(&saved, earlier.as_ref(), frames, info, bench, |frames, fit| source.track_corrected(frames, fit, &inputs, bench))
 }
 
 fn known(size: ImageSize, otherwise: ImageSize) -> ImageSize {

@@ -40,6 +40,9 @@ pub struct RunJson {
     pub dataset: String,
     /// Units of lengths in the files, by folder or file.
     pub units: BTreeMap<String, String>,
+    /// Name of the method that the options are: `default`, `kp`, or `changed`.
+    #[serde(default)]
+    pub method: String,
     /// Options of every stage.
     pub options: PipelineOptions,
     /// BLAKE3 of the `.wfm` file in use; `None` for the embedded Candide-3.

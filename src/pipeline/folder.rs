@@ -37,6 +37,7 @@ pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench:
         made_by: MADE_BY.to_owned(),
         dataset,
         units: run_units(),
+        method: super::Method::name_of(&bench.options).to_owned(),
         options: bench.options.clone(),
         wireframe_blake3: bench.wireframe_blake3.clone(),
         complete: false,

@@ -42,18 +42,44 @@ pub enum FoundMarksError {
     Model(#[from] ModelError),
 }
 
+/// The largest face of a frame, as marks.
+#[derive(Clone, Debug)]
+pub struct FoundFace {
+    /// Its points inside the picture, each with its expected error.
+    pub marks: Vec<Correspondence>,
+    /// Median expected error over the eye distance.
+    pub expected_error: f64,
+    /// Eye distance, px.
+    pub eye_distance: f64,
+    /// Whether they may be used without a look ([`LocatedFace::trusted`]).
+    pub trusted: bool,
+}
+
+/// Finds the largest face of a frame; `None` where there is none.
+///
+/// # Errors
+/// [`FoundMarksError::Model`].
+pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
+    let size = frame.size();
+    let faces = Locator::shipped()?.locate(frame.image(), &LocateOptions::default());
+    Ok(faces.first().map(|face| FoundFace {
+        marks: marks_of(face, |p| size.contains(p)),
+        expected_error: face.expected_error(),
+        eye_distance: face.eye_distance,
+        trusted: face.trusted(),
+    }))
+}
+
 /// Finds the marks of the largest face of a frame, those outside the picture left out; so many of them as make a fit.
 ///
 /// # Errors
 /// [`FoundMarksError`] where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
 pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondence>, FoundMarksError> {
-    let faces = Locator::shipped()?.locate(frame.image(), &LocateOptions::default());
-    let face = faces.first().ok_or(FoundMarksError::NoFace)?;
-    if !face.trusted() {
-        return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error() });
+    let FoundFace { marks: all, expected_error, trusted, .. } = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
+    if !trusted {
+        return Err(FoundMarksError::NotTrusted { percent: 100.0 * expected_error });
     }
     let size = frame.size();
-    let all = marks_of(face, |p| size.contains(p));
     let only = |nodes: &[u16]| -> Vec<Correspondence> {
         let nodes: BTreeSet<NodeId> = nodes.iter().map(|&n| NodeId(n)).collect();
         all.iter().filter(|m| nodes.contains(&m.node)).copied().collect()

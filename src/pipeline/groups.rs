@@ -37,7 +37,7 @@ pub(super) fn write_groups(
     let rows = classes.iter().map(|class| {
         let r = &class.representative;
         let interval = class.interval.as_ref();
-        let method = interval.map_or("", |_: &DispersionInterval| "bootstrap");
+        let method = interval.map_or("", |_: &DispersionInterval| "half-sampling");
         let mut row = vec![
             r.label.emotion.clone(),
             class.subjects.to_string(),

@@ -8,13 +8,13 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     io::{self, Write},
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
 
 use super::{RunError, RunJson, files::file_blake3};
 use crate::{
-    output::{OutputError, count},
+    output::{OutputError, count, is_inside},
     track::read_track_info,
 };
 
@@ -35,7 +35,7 @@ impl Ledger {
     pub(super) fn open(out: &Path, earlier: Option<&RunJson>, force: bool) -> Result<Self, OutputError> {
         let mut known: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
         let path = out.join(JOURNAL);
-        let journal = match fs::read(&path) {
+        let journal = match crate::input::read(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             read => read.map_err(OutputError::at(&path))?,
         };
@@ -117,11 +117,6 @@ impl Ledger {
         // Left behind it only says again what run.json says.
         let _ = fs::remove_file(self.out.join(JOURNAL));
     }
-}
-
-/// Whether a name stays inside the output folder, whatever the record was made to say.
-fn is_inside(name: &str) -> bool {
-    !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
 }
 
 /// Whether a file is a track of ours: its `.json` says so, which also `annotate` keeps up.

@@ -12,6 +12,7 @@ mod found;
 mod groups;
 mod landmarks;
 mod ledger;
+mod method;
 mod model_file;
 mod parts;
 mod pictures;
@@ -21,6 +22,7 @@ mod sequence;
 mod showcase;
 mod tracks;
 mod units;
+mod variation;
 mod work;
 mod write;
 
@@ -42,9 +44,11 @@ use crate::{
 pub use amplitudes::{AmplitudeResults, SequenceAmplitudes};
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
+pub use corrected::correct_track;
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
-pub use found::{FoundMarksError, found_marks};
+pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
+pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use recognition::{
@@ -54,6 +58,7 @@ pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one};
 pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
+pub use variation::{Curve, EmotionVariation, SHOWN_COMPONENTS, SHOWN_DEVIATIONS};
 pub use write::write_analysis;
 
 /// Frames between two key frames of a FAP file: 5 key frames give 25 frames.

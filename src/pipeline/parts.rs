@@ -63,7 +63,7 @@ impl EmotionPart {
             let representative = statistics::representative(label.clone(), models, &bench.wireframe, &options.statistics)?;
             let seed = options.groups.compare.seed;
             let stream = stream_of(&[(emotion, &label.group)]);
-            let interval = dispersion_interval(&representative, models, live, replicates, seed, stream);
+            let interval = dispersion_interval(&representative, models, live, &options.statistics, replicates, (seed, stream));
             let subjects = models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
             Ok(ClassPart { representative, subjects, interval })
         };

@@ -20,6 +20,7 @@ use super::{
     folder::{RUN_JSON, new_record, open},
     ledger::Ledger,
     parts::PARTS_FOLDER,
+    variation::model_names,
     work::{Collected, Planned, Worked, collect, plan_all, process_all, sequence_files},
     write::{TABLES, class_files, write_failures},
 };
@@ -221,7 +222,9 @@ pub fn run(
     let ledger = Ledger::open(out, earlier.as_ref(), force)?;
     let emotions: BTreeSet<&str> = opened.sequences.iter().map(|s| s.emotion.as_str()).collect();
     let names = opened.sequences.iter().flat_map(|s| sequence_files(&s.id)).chain(TABLES.map(str::to_owned));
-    let mut said = ledger.claim(&names.chain(emotions.iter().flat_map(|e| class_files(e))).collect::<Vec<_>>())?;
+    let mut said = ledger.claim(
+        &names.chain(emotions.iter().flat_map(|e| class_files(e).into_iter().chain(model_names(e)))).collect::<Vec<_>>(),
+    )?;
     output::write_json_durably(&out.join(RUN_JSON), &record)?;
 
     let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay, stop }, &event)?;

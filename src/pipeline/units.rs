@@ -22,10 +22,17 @@ const PX: &str = "px";
 const RATIO: &str = "ratio";
 const PROBABILITY: &str = "probability";
 const MEDIANS: &str = "times the median";
+const SCORES: &str = "standard deviations of people";
+const CURVES: &str = "face unit, or the FAP's unit";
 const FRAME: &str = "frame from 0";
 
 /// Words for units.
-const UNITS: [(&str, &str); 10] = [
+const UNITS: [(&str, &str); 12] = [
+    (SCORES, "along the component, 0 for the mean"),
+    (
+        CURVES,
+        "of a node (curve `node`): offset from neutral, in face units; of a FAP (curve `fap`): FAPU / 1024, angles 1e-5 rad",
+    ),
     (
         FACE_UNIT,
         "ES0 / 1024 of the canonical neutral face, ES0 being the distance of the eyes' centres; x to the subject's left, y up",
@@ -83,6 +90,22 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
     ),
     ("comparison_nodes.csv", &[("energy", FACE_UNIT), ("p", PROBABILITY)]),
     ("amplitudes.csv", &[("amplitude", MEDIANS)]),
+    ("variation/*.csv", &[("frame", FRAME), ("x", FACE_UNIT), ("y", FACE_UNIT)]),
+    ("variation.csv", &[("share", RATIO), ("cumulative_share", RATIO), ("sd", FACE_UNIT)]),
+    ("variation_scores.csv", &[("score", SCORES)]),
+    (
+        "bands.csv",
+        &[
+            ("frame", FRAME),
+            ("representative", CURVES),
+            ("mean", CURVES),
+            ("q05", CURVES),
+            ("q25", CURVES),
+            ("q50", CURVES),
+            ("q75", CURVES),
+            ("q95", CURVES),
+        ],
+    ),
     (
         "amplitude_comparisons.csv",
         &[
@@ -95,6 +118,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("high", MEDIANS),
             ("effect", "standard deviations"),
             ("p", PROBABILITY),
+            ("p_t", PROBABILITY),
             ("p_holm", PROBABILITY),
             ("p_equivalence", PROBABILITY),
         ],

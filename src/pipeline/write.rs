@@ -6,13 +6,18 @@ use serde::Serialize;
 
 use super::{
     Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, SCHEMA_VERSION, Workbench,
-    amplitudes::write_amplitudes, groups::write_groups, model_file::write_model, recognition::write_recognition, showcase,
+    amplitudes::write_amplitudes,
+    groups::write_groups,
+    model_file::write_model,
+    recognition::write_recognition,
+    showcase,
     units::units_json,
+    variation::{shown_bands, write_variations},
 };
 use crate::{
     fap::{self, FapCatalog, FapNumber, Motion},
     output::{self, OutputError, nine_digits, write_records},
-    report::{ApexFap, GroupsData, ReportData, render_html},
+    report::{ApexFap, GroupsData, ReportData, VariationData, render_html},
     statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
@@ -95,6 +100,9 @@ pub fn write_analysis(
     for (name, hash) in write_amplitudes(out, &analysis.amplitudes, bench)? {
         wrote(name, hash);
     }
+    for (name, hash) in write_variations(out, &analysis.variations, bench)? {
+        wrote(&name, hash);
+    }
     if let Some(recognition) = &analysis.recognition {
         wrote("recognition.csv", write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?);
     }
@@ -109,7 +117,7 @@ pub(super) fn class_files(stem: &str) -> [String; 3] {
 }
 
 /// Names of the tables and the report.
-pub(super) const TABLES: [&str; 14] = [
+pub(super) const TABLES: [&str; 17] = [
     "statistics.csv",
     "trimming.csv",
     "failures.csv",
@@ -123,6 +131,9 @@ pub(super) const TABLES: [&str; 14] = [
     "amplitudes.csv",
     "amplitude_comparisons.csv",
     "recognition.csv",
+    "variation.csv",
+    "variation_scores.csv",
+    "bands.csv",
     "units.json",
 ];
 
@@ -310,6 +321,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         face: showcase::face_name(bench),
         stems: analysis.classes.iter().map(|c| c.stem.clone()).collect(),
         tracked_here: analysis.tracked_here,
+        variations: analysis.classes.iter().map(|class| variation_data(analysis, class)).collect(),
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
             options: &bench.options.groups,
@@ -319,14 +331,27 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
     Ok(html)
 }
 
+/// What the report shows of how the people of a whole emotion differ.
+fn variation_data<'a>(analysis: &'a Analysis, class: &AnalyzedClass) -> Option<VariationData<'a>> {
+    let label = &class.representative.label;
+    let of = analysis.variations.iter().find(|v| label.group.is_empty() && v.emotion == label.emotion)?;
+    Some(VariationData { variation: of.outcome.as_ref().ok(), bands: shown_bands(of) })
+}
+
 /// The options as a reader of the report wants them; those of fit and tracker only when the sequences were tracked with them.
 fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
     let o = &bench.options;
     let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let json = |value: serde_json::Result<serde_json::Value>| value.map(word).unwrap_or_default();
     let tracking = [
+        ("Method", super::Method::name_of(o).to_owned()),
         ("Shape prior", json(serde_json::to_value(&o.fit.prior))),
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
+        ("Forces on tracked nodes", json(serde_json::to_value(o.track.forces))),
+        (
+            "Inner lips searched within their lip, eyes rigid, re-deformed",
+            format!("{}, {}, {}", o.track.lip_probes, o.track.rigid_eyes, o.track.deform),
+        ),
         ("KLT window (over eye distance)", o.track.window.to_string()),
         ("KLT pyramid levels", o.track.levels.to_string()),
         ("Forward-backward limit (over eye distance)", o.track.forward_backward.to_string()),

@@ -8,6 +8,7 @@ mod failure;
 mod groups;
 mod numbers;
 mod payload;
+mod variation;
 mod view;
 
 use minijinja::{
@@ -28,17 +29,19 @@ use crate::{
 };
 
 pub use failure::{Failure, Stage};
+pub use variation::{BandCurve, VariationData};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
 /// The words of the field, explained on the page.
 const GLOSSARY: &str = include_str!("../../docs/glossary.md");
 const STYLE: &str = include_str!("assets/report.css");
 /// The parts of the page's script, in the order they build on each other.
-const SCRIPTS: [&str; 7] = [
+const SCRIPTS: [&str; 8] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
     include_str!("assets/charts.js"),
     include_str!("assets/groups.js"),
+    include_str!("assets/variation.js"),
     include_str!("assets/quality.js"),
     include_str!("assets/page.js"),
     include_str!("assets/glossary.js"),
@@ -84,6 +87,8 @@ pub struct ReportData<'a> {
     pub player: Option<serde_json::Value>,
     /// Whose face that is.
     pub face: String,
+    /// How the people of every representative differ (same order); `None` where nothing is shown, empty for none at all.
+    pub variations: Vec<Option<VariationData<'a>>>,
     /// Stems of the files of every representative (same order), for links; empty for none.
     pub stems: Vec<String>,
     /// Whether tracks and models lie beside the report, so that it may lead to them.

@@ -48,7 +48,13 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
     let representatives: Vec<Value> = shown
         .iter()
         .enumerate()
-        .map(|(k, r)| representative(r, live, &index, data.apex_faps.get(k).unwrap_or(&no_faps)))
+        .map(|(k, r)| {
+            let mut value = representative(r, live, &index, data.apex_faps.get(k).unwrap_or(&no_faps));
+            if let (Some(variation), Value::Object(map)) = (data.variations.get(k).and_then(Option::as_ref), &mut value) {
+                map.insert("variation".to_owned(), super::variation::payload(variation, live));
+            }
+            value
+        })
         .collect();
     let value = json!({
         "ids": index.ids.keys().map(|id| [&id.subject, &id.sequence]).collect::<Vec<_>>(),

@@ -134,6 +134,9 @@ struct Card {
     dropped_per_field: String,
     has_faps: bool,
     fap_rows: usize,
+    /// Shares of the components that are shown, percent.
+    components: Vec<String>,
+    has_bands: bool,
     /// Stem of its files, as a part of a link.
     stem: Option<String>,
 }
@@ -231,6 +234,7 @@ impl Card {
         let emotion = r.label.emotion.clone();
         let label = if group.is_empty() { emotion.clone() } else { format!("{emotion}, {group}") };
         let Cell { after, before, single, small, .. } = Cell::new(r);
+        let variation = data.variations.get(index).and_then(Option::as_ref);
         let fields = r.model.frame_count() - 1;
         let per_field: Vec<String> =
             (0..fields).map(|m| r.trimming.iter().filter(|t| t.dropped && t.field == m).count().to_string()).collect();
@@ -259,6 +263,10 @@ impl Card {
                 .apex_faps
                 .get(index)
                 .map_or(0, |f| f.iter().filter(|f| f.value != 0 && !f.is_angle).count().min(TOP_FAPS)),
+            components: variation
+                .and_then(|v| v.variation)
+                .map_or_else(Vec::new, |v| v.components.iter().take(3).map(|c| fixed(c.share * 100.0, 1)).collect()),
+            has_bands: variation.is_some_and(|v| !v.bands.is_empty()),
             stem: data.stems.get(index).map(|stem| url_part(stem)),
             has_faps: data.apex_faps.get(index).is_some_and(|f| !f.is_empty()),
         }

@@ -1,12 +1,13 @@
-//! How sure a dispersion is: a bootstrap over people (Efron & Tibshirani 1993).
+//! How sure a dispersion is, from samples of the people at hand (Politis & Romano 1994).
 //!
 //! A class's dispersion s is smaller than that of the population it was drawn from: the median lies among the very people it is measured
 //! on. The dispersion s' with every person's distance taken to the median of the *others* is larger by about as much: that median is
-//! itself off. So the interval is around the middle of s and s'. Its half width is Student's quantile for n - 1 degrees of freedom times
-//! the bootstrap's standard deviation times sqrt(n / (n - 1)) for n people, whose copies scatter less than people do. A replicate draws
-//! as many people as there are, with replacement, each with all their sequences, and takes the median of their distances, each the
-//! middle of the two above. Trimming and medians are held: taken anew they would lie among copies of the same people, which made the
-//! intervals of 20 people twice too wide. `evaluate groups --intervals` counts how often such intervals hold the truth.
+//! itself off. So the interval is around the middle of s and s'. Its half width is 1.96 standard deviations of the dispersions of m of
+//! the n people, drawn without replacement, times sqrt(m / (n - m)): the deviation that s itself has from class to class. Trimming and
+//! median are taken anew in each draw. m is half of the people, [`MOST_DRAWN`] at most. Draws with replacement, the usual bootstrap,
+//! hold copies of the same people, among which a median is nearer than among people: recomputed, their deviation is several times too
+//! large for 10 people; with trimming and median held it is too small. `evaluate groups --intervals` counts how often such intervals hold
+//! the truth.
 //!
 //! For more than [`MAX_EXACT`] models the medians without a person are one Newton step from that of all.
 
@@ -17,19 +18,22 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Representative, SequenceModel,
+    Representative, SequenceModel, StatisticsOptions,
     dispersion::median_of,
     distance::{DisplacementFields, length},
+    trimming::{sums_of_distances, trim_outliers},
     weights::{Weighting, sequence_weights},
 };
 use crate::units::NodeId;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Models up to which the median without a person is searched for.
 pub const MAX_EXACT: usize = 400;
 
 /// People below which no interval is given: with fewer, the few values that a replicate's median can take are no distribution.
 pub const LEAST_PEOPLE: usize = 8;
+
+/// Most people of a draw: the pairwise distances of more take long, and their dispersions no longer change much.
+pub const MOST_DRAWN: usize = 100;
 
 /// Most steps of a replicate's medians, from the median of all.
 const MEDIAN_STEPS: usize = 12;
@@ -39,6 +43,9 @@ const FLAT: f64 = 1e-5;
 
 /// Confidence of the intervals.
 const LEVEL: f64 = 0.95;
+
+/// Standard deviations of a normal distribution between which this share lies.
+const QUANTILE: f64 = 1.959_963_985;
 
 /// Why a class has no interval; `None` where it has enough people.
 pub fn no_interval(people: usize) -> Option<String> {
@@ -65,10 +72,12 @@ pub struct DispersionReplicates {
     pub dispersion: f64,
     /// The same with every person's distances to the median of the others.
     pub left_out: f64,
-    /// The replicates' dispersions, ascending.
+    /// The dispersions of draws, ascending.
     pub values: Vec<f64>,
     /// People.
     pub people: usize,
+    /// People of a draw.
+    pub drawn: usize,
 }
 
 impl DispersionReplicates {
@@ -88,10 +97,8 @@ impl DispersionReplicates {
     }
 
     fn around(&self, center: f64) -> DispersionInterval {
-        let n = self.people as f64;
-        // Never infinite: there are LEAST_PEOPLE people or more.
-        let quantile = StudentsT::new(0.0, 1.0, n - 1.0).map_or(f64::INFINITY, |t| t.inverse_cdf(f64::midpoint(1.0, LEVEL)));
-        let half = quantile * deviation(&self.values) * (n / (n - 1.0)).sqrt();
+        let (n, m) = (self.people as f64, self.drawn as f64);
+        let half = QUANTILE * deviation(&self.values) * (m / (n - m)).sqrt();
         let replicates = self.values.len();
         DispersionInterval { low: (center - half).max(0.0), high: center + half, level: LEVEL, replicates }
     }
@@ -106,17 +113,17 @@ fn deviation(values: &[f64]) -> f64 {
 /// The 95 % interval, for a population, of the dispersion after trimming that a class of it has; `None` for fewer than [`LEAST_PEOPLE`]
 /// people ([`no_interval`] says so in words) or fewer than two replicates.
 ///
-/// `models` are those that `representative` was made of, in any order; `stream` numbers the class, so that each has its own random
+/// `models` are those that `representative` was made of by `options`, in any order; `stream` numbers the class, so that each has its own random
 /// numbers.
 pub fn dispersion_interval(
     representative: &Representative,
     models: &[&SequenceModel],
     live: &[NodeId],
+    options: &StatisticsOptions,
     replicates: usize,
-    seed: u64,
-    stream: u32,
+    (seed, stream): (u64, u32),
 ) -> Option<DispersionInterval> {
-    dispersion_replicates(representative, models, live, replicates, seed, stream).map(|r| r.interval())
+    dispersion_replicates(representative, models, live, options, replicates, (seed, stream)).map(|r| r.interval())
 }
 
 /// What [`dispersion_interval`] is made of.
@@ -124,9 +131,9 @@ pub fn dispersion_replicates(
     representative: &Representative,
     models: &[&SequenceModel],
     live: &[NodeId],
+    options: &StatisticsOptions,
     replicates: usize,
-    seed: u64,
-    stream: u32,
+    (seed, stream): (u64, u32),
 ) -> Option<DispersionReplicates> {
     let mut models = models.to_vec();
     models.sort_by(|a, b| a.id.cmp(&b.id));
@@ -146,22 +153,24 @@ pub fn dispersion_replicates(
     let sample = Sample::new(&models, representative, live, weights);
     let kept = kept_fields(representative, &models, sample.fields);
     let others = sample.left_out(&people, &kept, models.len() <= MAX_EXACT);
-    let middle = |(own, others): (&Option<f64>, &Option<f64>)| Some(f64::midpoint((*own)?, (*others)?));
-    let distances: Vec<Option<f64>> = representative.distances.iter().zip(&others).map(middle).collect();
+    let drawn = (people.len() / 2).min(MOST_DRAWN);
     let replicate = |number: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream((1 << 63) | (u64::from(stream) << 32) | number as u64);
-        let mut copies = vec![0usize; models.len()];
-        for _ in 0..people.len() {
-            let drawn = random.random_range(0..people.len());
-            people[drawn].iter().for_each(|&i| copies[i] += 1);
+        let mut order: Vec<usize> = (0..people.len()).collect();
+        let mut chosen = Vec::new();
+        for place in 0..drawn {
+            let other = random.random_range(place..order.len());
+            order.swap(place, other);
+            chosen.extend_from_slice(&people[order[place]]);
         }
-        sample.median_of_copies(&distances, &copies)
+        chosen.sort_unstable();
+        sample.dispersion_of(&chosen, options)
     };
-    let mut values: Vec<f64> = (0..replicates).into_par_iter().map(replicate).collect();
+    let mut values: Vec<f64> = (0..replicates).into_par_iter().filter_map(replicate).collect();
     values.sort_by(f64::total_cmp);
     let left_out = median_of(others, sample.weights.as_deref())?;
-    Some(DispersionReplicates { dispersion: representative.dispersion?, left_out, values, people: people.len() })
+    Some(DispersionReplicates { dispersion: representative.dispersion?, left_out, values, people: people.len(), drawn })
 }
 
 /// By field and model (sorted by id), whether the representative kept it.
@@ -199,13 +208,27 @@ impl Sample {
         self.weights.as_ref().map_or(1.0, |weights| weights[model])
     }
 
-    /// The median of the models' distances, each as often as `copies` says and with its weight.
-    fn median_of_copies(&self, distances: &[Option<f64>], copies: &[usize]) -> f64 {
-        let drawn = || distances.iter().zip(copies).enumerate();
-        let values = drawn().flat_map(|(_, (distance, &n))| std::iter::repeat_n(*distance, n));
-        let weights: Option<Vec<f64>> =
-            self.weights.as_ref().map(|w| drawn().flat_map(|(i, (_, &n))| std::iter::repeat_n(w[i], n)).collect());
-        median_of(values, weights.as_deref()).unwrap_or(0.0)
+    /// The dispersion after trimming of some of the models, by place, ascending.
+    fn dispersion_of(&self, chosen: &[usize], options: &StatisticsOptions) -> Option<f64> {
+        let members = vec![chosen.to_vec(); self.fields];
+        let weights: Option<Vec<f64>> = self.weights.as_ref().map(|weights| chosen.iter().map(|&i| weights[i]).collect());
+        let sums = sums_of_distances(&self.models, &members, self.weights.as_deref());
+        let trimming = trim_outliers(&sums, weights.as_deref(), options.alpha, options.trim);
+        let (mut totals, mut counts) = (vec![0.0; chosen.len()], vec![0usize; chosen.len()]);
+        let mut points = Vec::new();
+        for (m, kept) in trimming.kept.iter().enumerate() {
+            for k in 0..self.nodes {
+                points.clear();
+                points.extend(kept.iter().map(|&j| (self.models[chosen[j]].vector(m, k), self.weight(chosen[j]))));
+                let center = refined_median(&points, self.start[m * self.nodes + k]);
+                for (&j, (v, _)) in kept.iter().zip(&points) {
+                    totals[j] += length(v.x - center.x, v.y - center.y);
+                }
+            }
+            kept.iter().for_each(|&j| counts[j] += 1);
+        }
+        let of_model = |(total, count): (&f64, &usize)| (*count > 0).then(|| total / (count * self.nodes) as f64);
+        median_of(totals.iter().zip(&counts).map(of_model), weights.as_deref())
     }
 
     /// Every model's distance to the medians of other people, over the fields that it is kept in; `None` where that is no field.
@@ -388,9 +411,9 @@ mod tests {
 
     #[test]
     fn an_interval_is_around_the_middle_of_both_dispersions() {
-        // Deviation of 1, 2, 3 is 1; Student's quantile for 9 degrees of freedom is 2.262157: 4.5 plus and minus it times sqrt(10 / 9).
-        let r = DispersionReplicates { dispersion: 4.0, left_out: 5.0, values: vec![1.0, 2.0, 3.0], people: 10 };
-        let half = 2.262_157 * (10.0f64 / 9.0).sqrt();
+        // Deviation of 1, 2, 3 is 1: 4.5 plus and minus 1.96 times sqrt(4 / 6).
+        let r = DispersionReplicates { dispersion: 4.0, left_out: 5.0, values: vec![1.0, 2.0, 3.0], people: 10, drawn: 4 };
+        let half = 1.959_964 * (4.0f64 / 6.0).sqrt();
         approx::assert_relative_eq!(r.interval().low, 4.5 - half, max_relative = 1e-6);
         approx::assert_relative_eq!(r.interval().high, 4.5 + half, max_relative = 1e-6);
         approx::assert_relative_eq!(r.around_left_out().high, 5.0 + half, max_relative = 1e-6);

@@ -19,6 +19,7 @@ pub mod scale;
 mod spelling;
 mod sum;
 pub mod trimming;
+pub mod variation;
 mod weights;
 
 use std::collections::BTreeMap;

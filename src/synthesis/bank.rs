@@ -99,7 +99,7 @@ impl Bank {
         check_head(&mesh, &names, &feature_points)?;
         let bank = Self { mesh, names, feature_points, info, displacements };
         for (member, name) in bank.names.iter().enumerate() {
-            check_member(name, bank.displacements(member), bank.vertex_count())?;
+            check_member(name, bank.displacements(member), &bank.mesh)?;
         }
         Ok(bank)
     }
@@ -236,12 +236,27 @@ pub(super) fn check_head(mesh: &TriangleMesh, names: &[String], feature_points: 
     Ok(())
 }
 
-pub(super) fn check_member(name: &str, displacements: &[[f32; 3]], expected: usize) -> Result<(), BankError> {
+/// Checks the displacements of a member: as many as the neutral mesh has vertices, finite, and none longer than [`MAX_DIAGONALS`].
+pub(super) fn check_member(name: &str, displacements: &[[f32; 3]], neutral: &TriangleMesh) -> Result<(), BankError> {
+    let expected = neutral.vertex_count();
     if displacements.len() != expected {
         return Err(BankError::VertexCount { name: name.to_owned(), found: displacements.len(), expected });
     }
     match check_finite(displacements) {
-        Err(crate::mesh::MeshError::NotFinite { vertex, .. }) => Err(BankError::NotFinite { name: name.to_owned(), vertex }),
-        _ => Ok(()),
+        Err(crate::mesh::MeshError::NotFinite { vertex, .. }) => {
+            return Err(BankError::NotFinite { name: name.to_owned(), vertex });
+        }
+        _ => {}
+    }
+    let limit = MAX_DIAGONALS * neutral.diagonal();
+    let length = |d: &[f32; 3]| d.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
+    match displacements.iter().position(|d| length(d) > limit) {
+        Some(vertex) => {
+            Err(BankError::Implausible { name: name.to_owned(), vertex, length: length(&displacements[vertex]), limit })
+        }
+        None => Ok(()),
     }
 }
+
+/// Longest displacement of a member, in diagonals of the neutral mesh: a vertex that goes further is none of that face.
+const MAX_DIAGONALS: f64 = 10.0;

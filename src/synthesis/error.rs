@@ -81,6 +81,21 @@ pub enum BankError {
         /// The vertex.
         vertex: usize,
     },
+    /// A displacement that no face makes.
+    #[error(
+        "member `{name}`: vertex {vertex} is displaced by {length:.3e}, further than ten times the neutral mesh's diagonal ({limit:.3e}); \
+         is it in other units than the neutral mesh?"
+    )]
+    Implausible {
+        /// The member.
+        name: String,
+        /// The vertex.
+        vertex: usize,
+        /// Length of its displacement, units of the mesh.
+        length: f64,
+        /// The longest that is taken.
+        limit: f64,
+    },
     /// A feature point past the mesh.
     #[error("feature point {fp} is at vertex {vertex}, but the mesh has {count} vertices (0 to {})", count.saturating_sub(1))]
     NoSuchVertex {

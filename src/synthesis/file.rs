@@ -118,7 +118,7 @@ pub fn write<'a>(
         put(layout.feature_points, &points.collect::<Vec<u8>>())?;
         let mut at = layout.displacements;
         for (k, name) in head.names.iter().enumerate() {
-            let values = match member(k).and_then(|m| check_member(name, &m, head.mesh.vertex_count()).map(|()| m)) {
+            let values = match member(k).and_then(|m| check_member(name, &m, head.mesh).map(|()| m)) {
                 Ok(values) => values,
                 Err(error) => {
                     failure = Some(error);
@@ -268,6 +268,9 @@ mod tests {
         let mut nan = whole.clone();
         nan[last - 3..].copy_from_slice(&f32::NAN.to_le_bytes());
         says(&nan, "member `out`: vertex 3 has a displacement that is not a finite number");
+        let mut wild = whole.clone();
+        wild[last - 3..].copy_from_slice(&1e30_f32.to_le_bytes());
+        says(&wild, "member `out`: vertex 3 is displaced by 1.000e30");
         for length in (0..whole.len()).step_by(7) {
             fs::write(&path, &whole[..length]).unwrap();
             assert!(Bank::open(&path).is_err());

@@ -12,7 +12,6 @@ use super::{Bank, FpMotion, SynthesisError};
 use crate::{
     fap::{FapCatalog, offsets_from_frame, read_fap},
     input::CsvFile,
-    mesh::TriangleMesh,
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{Canonical, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
@@ -101,15 +100,15 @@ impl Motion {
 /// that have no feature point in common with the bank.
 pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motion, SynthesisError> {
     let motion = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("fap")) {
-        read_fap_motion(path, &Face::new(bank, scale)?)?
+        read_fap_motion(path, &BankFace::new(bank, scale)?)?
     } else {
         let file = CsvFile::open(path)?;
         if file.column("fp").is_some() {
             read_points(&file, bank)?
         } else if file.column("state").is_some() {
-            read_track_motion(path, &Face::new(bank, scale)?)?
+            read_track_motion(path, &BankFace::new(bank, scale)?)?
         } else if file.column("node").is_some() {
-            read_model(&file, &Face::new(bank, scale)?)?
+            read_model(&file, &BankFace::new(bank, scale)?)?
         } else {
             let found = excerpt(&file.header().join(","));
             let reason = format!(
@@ -133,14 +132,8 @@ fn implausible(path: &Path) -> impl Fn(Implausible) -> SynthesisError {
 /// The size of a bank's face: its eye separation; where it has no eyes, as much as its mesh measures from corner to corner.
 fn face_size(bank: &Bank) -> FaceSize {
     let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
-    let eye_separation = length(Fapu::Es, &at).filter(|es| *es > 0.0).unwrap_or_else(|| diagonal(bank.mesh()));
+    let eye_separation = length(Fapu::Es, &at).filter(|es| *es > 0.0).unwrap_or_else(|| bank.mesh().diagonal());
     FaceSize { eye_separation, unit: "of the bank's units" }
-}
-
-/// Distance of the corners of the box around a mesh.
-fn diagonal(mesh: &TriangleMesh) -> f64 {
-    let [least, most] = mesh.bounds();
-    (0..3).map(|axis| f64::from(most[axis] - least[axis]).powi(2)).sum::<f64>().sqrt()
 }
 
 fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
@@ -178,7 +171,7 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
     Ok(Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, scale: None })
 }
 
-fn read_model(file: &CsvFile, face: &Face<'_>) -> Result<Motion, SynthesisError> {
+fn read_model(file: &CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let [frame, node, x, y] = file.require(["frame", "node", "x", "y"])?;
     let mut frames: BTreeMap<u32, Vec<nalgebra::Point2<f64>>> = BTreeMap::new();
     for row in file.rows() {
@@ -193,7 +186,7 @@ fn read_model(file: &CsvFile, face: &Face<'_>) -> Result<Motion, SynthesisError>
     face.motion(MotionKind::Model, &model, None, file.path())
 }
 
-fn read_track_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisError> {
+fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let track = track_model(&read_track(path)?)?;
     let fps = read_track_info(path)?.and_then(|info| info.fps);
     let normalizer = Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())?;
@@ -202,7 +195,7 @@ fn read_track_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisEr
     face.motion(MotionKind::Track, &model, fps, path)
 }
 
-fn read_fap_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisError> {
+fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let sequence = read_fap(path)?.sequence;
     let mut frames = Vec::with_capacity(sequence.frames.len());
     for (number, frame) in (0..).zip(&sequence.frames) {
@@ -219,7 +212,7 @@ fn read_fap_motion(path: &Path, face: &Face<'_>) -> Result<Motion, SynthesisErro
 }
 
 /// Candide-3's face beside the bank's.
-struct Face<'b> {
+struct BankFace<'b> {
     bank: &'b Bank,
     wireframe: Wireframe,
     tables: Tables,
@@ -228,7 +221,7 @@ struct Face<'b> {
     scale: [f64; 5],
 }
 
-impl<'b> Face<'b> {
+impl<'b> BankFace<'b> {
     fn new(bank: &'b Bank, scale: Option<f64>) -> Result<Self, SynthesisError> {
         let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
         let canonical = Canonical::new(&wireframe, &tables)?;
@@ -369,7 +362,7 @@ mod tests {
     fn candide_measures_itself_at_its_own_size() {
         // The bank's neutral is Candide-3 in model units, rounded by the subdivision; ES0 is 0.613 of them and 1024 face units.
         let bank = candide_bank().unwrap();
-        let face = Face::new(&bank, None).unwrap();
+        let face = BankFace::new(&bank, None).unwrap();
         let expected = 0.613 / 1024.0;
         for scale in face.scale {
             assert!((scale / expected - 1.0).abs() < 0.25, "{scale}");

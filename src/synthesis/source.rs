@@ -71,7 +71,7 @@ impl BankSource {
             Members::Arrays(rows) => rows.next_block()?.as_chunks::<3>().0.to_vec(),
             Members::Targets(targets) => targets.next().ok_or_else(missing)?,
         };
-        check_member(name, &displacements, self.mesh.vertex_count())?;
+        check_member(name, &displacements, &self.mesh)?;
         Ok(displacements)
     }
 }

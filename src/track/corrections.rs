@@ -4,7 +4,7 @@
 //! saved, and it is never removed by the program: a track is made again from it, whatever else has changed.
 
 use std::{
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
@@ -55,7 +55,7 @@ pub fn corrections_path(track: &Path) -> PathBuf {
 /// [`TrackFileError`] with the line.
 pub fn read_corrections(track: &Path) -> Result<Option<SavedCorrections>, TrackFileError> {
     let path = corrections_path(track);
-    let bytes = match fs::read(&path) {
+    let bytes = match crate::input::read(&path) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(TrackFileError::Io { path, source }),
@@ -140,7 +140,7 @@ pub fn fitting_corrections(
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use std::{collections::BTreeMap, fs};
 
     use super::*;
     use crate::track::{NodeState, TrackedNode};

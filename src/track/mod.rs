@@ -97,14 +97,26 @@ pub struct Track {
     pub frames: Vec<TrackedFrame>,
 }
 
+/// The forces by which tracked nodes drive the springs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Forces {
+    /// By how well KLT determined each displacement, in each direction: [`TrackOptions::force`] and [`TrackOptions::mismatch`].
+    #[default]
+    Measured,
+    /// The same gain, [`TrackOptions::force`], at every node and in every direction [KP, section 3].
+    Same,
+}
+
 /// Options of the tracker. Lengths relative to the eye distance ES0 of the neutral frame make small and large faces alike.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct TrackOptions {
     /// Side of the KLT window over the eye distance; the result is odd and at least [`MIN_WINDOW_PX`].
     pub window: f64,
     /// Pyramid levels, the image itself included.
     pub levels: u32,
-    /// Largest forward-backward distance over the eye distance.
+    /// Largest forward-backward distance over the eye distance; 0 leaves the way back out, as in KP.
     pub forward_backward: f64,
     /// A displacement is extreme when it differs from the neighbours' by more than this many robust standard deviations.
     pub extreme: f64,
@@ -113,7 +125,13 @@ pub struct TrackOptions {
     pub force: f64,
     /// Weight of the mismatch of the two windows, squared, against the gradients: 0 trusts every match alike.
     pub mismatch: f64,
-    /// Re-deform after each step. Without it lost nodes stay where they were (for comparison only).
+    /// What the forces are made of.
+    pub forces: Forces,
+    /// Search for nodes of the inner lip within their own lip: where the lips meet, KLT sees both.
+    pub lip_probes: bool,
+    /// Let the corners of each iris box move as one.
+    pub rigid_eyes: bool,
+    /// Re-deform after each step. Without it lost nodes stay where they were.
     pub deform: bool,
     /// Alignment with the neutral frame after the re-deformation.
     pub align: AlignOptions,
@@ -128,6 +146,9 @@ impl Default for TrackOptions {
             extreme: 6.0,
             force: 150.0,
             mismatch: 1.0,
+            forces: Forces::Measured,
+            lip_probes: true,
+            rigid_eyes: true,
             deform: true,
             align: AlignOptions::default(),
         }

@@ -14,8 +14,8 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
-    AlignOptions, Evidence, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackedFrame,
-    TrackedNode, align::Template, recover,
+    AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
+    TrackedFrame, TrackedNode, align::Template, recover,
 };
 use crate::{
     fit::{Pull, Springs, Target},
@@ -132,8 +132,10 @@ impl Step<'_> {
         let starts: Vec<_> = live.iter().map(|&n| positions[n.index()] + self.probe_offset(n, &positions)).collect();
         let mut steps = self.search(tracker, &starts)?;
         recover::reject_extremes(&self.plan.neighbours, &mut steps, self.options.extreme, self.eye_distance);
-        for group in &self.plan.rigid {
-            recover::move_as_one(&mut steps, group);
+        if self.options.rigid_eyes {
+            for group in &self.plan.rigid {
+                recover::move_as_one(&mut steps, group);
+            }
         }
         let tracked = steps.iter().filter(|s| s.loss.is_none()).count();
         if tracked < MIN_TRACKED.min(live.len()) {
@@ -158,7 +160,7 @@ impl Step<'_> {
 
     /// Where a node is searched for, relative to it.
     fn probe_offset(&self, node: NodeId, positions: &[Point2<f64>]) -> Vector2<f64> {
-        let lip = self.plan.lips.iter().find(|lip| lip.inner == node);
+        let lip = self.plan.lips.iter().find(|lip| self.options.lip_probes && lip.inner == node);
         lip.map_or_else(Vector2::zeros, |lip| (positions[lip.outer.index()] - positions[node.index()]) * LIP_PROBE)
     }
 
@@ -167,6 +169,10 @@ impl Step<'_> {
         let levels = self.options.levels;
         let probes: Vec<_> = starts.iter().map(|&p| Probe { position: p, guess: p }).collect();
         let forward = tracker.find(Slot::Previous, Slot::Current, self.window, levels, &probes)?;
+        let live = self.wireframe.live_nodes().iter().zip(starts);
+        if self.options.forward_backward == 0.0 {
+            return Ok(live.zip(forward).map(|((&node, &start), forward)| self.judge(node, start, forward, None)).collect());
+        }
         let end = |(found, start): (&Found, &Point2<f64>)| match *found {
             Found::At { position, .. } => Probe { position, guess: position },
             Found::Lost => Probe { position: *start, guess: *start },
@@ -174,11 +180,11 @@ impl Step<'_> {
         let ends: Vec<_> = forward.iter().zip(starts).map(end).collect();
         let backward = tracker.find(Slot::Current, Slot::Previous, self.window, levels, &ends)?;
         let ways = forward.into_iter().zip(backward);
-        let live = self.wireframe.live_nodes().iter().zip(starts);
-        Ok(live.zip(ways).map(|((&node, &start), (forward, backward))| self.judge(node, start, forward, backward)).collect())
+        Ok(live.zip(ways).map(|((&node, &start), (there, back))| self.judge(node, start, there, Some(back))).collect())
     }
 
-    fn judge(&self, node: NodeId, start: Point2<f64>, forward: Found, backward: Found) -> recover::NodeStep {
+    /// What became of a node; `backward` is the way back, where one was searched for.
+    fn judge(&self, node: NodeId, start: Point2<f64>, forward: Found, backward: Option<Found>) -> recover::NodeStep {
         let lost = |reason, residual| recover::NodeStep {
             node,
             displacement: Vector2::zeros(),
@@ -190,12 +196,15 @@ impl Step<'_> {
         if !self.size.contains(&position) {
             return lost(LossReason::Outside, None);
         }
-        let Found::At { position: returned, .. } = backward else { return lost(LossReason::ForwardBackward, None) };
-        let residual = (returned - start).norm();
-        if residual > self.options.forward_backward * self.eye_distance {
-            return lost(LossReason::ForwardBackward, Some(residual));
+        let residual = match backward {
+            None => None,
+            Some(Found::Lost) => return lost(LossReason::ForwardBackward, None),
+            Some(Found::At { position: returned, .. }) => Some((returned - start).norm()),
+        };
+        if residual.is_some_and(|r| r > self.options.forward_backward * self.eye_distance) {
+            return lost(LossReason::ForwardBackward, residual);
         }
-        recover::NodeStep { node, displacement: position - start, residual: Some(residual), difference, loss: None }
+        recover::NodeStep { node, displacement: position - start, residual, difference, loss: None }
     }
 
     /// Re-deforms the wireframe, driven by the nodes that were not lost.
@@ -230,7 +239,7 @@ impl Step<'_> {
         nodes: &mut [Point2<f64>],
     ) -> Result<(), TrackError> {
         let options = &self.options.align;
-        let Some(template) = self.template.filter(|_| self.options.deform && options.gain > 0.0) else { return Ok(()) };
+        let Some(template) = self.template.filter(|_| options.gain > 0.0) else { return Ok(()) };
         let Some(patch) = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)? else { return Ok(()) };
         let force =
             |(s, g): (&recover::NodeStep, &Matrix2<f64>)| if s.loss.is_some() { Matrix2::zeros() } else { self.force(s, g) };
@@ -243,8 +252,11 @@ impl Step<'_> {
         Ok(())
     }
 
-    /// The force matrix of a node that was not lost; see the module's text.
+    /// The force matrix of a node that was not lost: the module's, or the same for all.
     fn force(&self, step: &recover::NodeStep, gradient: &Matrix2<f64>) -> Matrix2<f64> {
+        if self.options.forces == Forces::Same {
+            return Matrix2::identity() * self.options.force;
+        }
         let noise = MISMATCH_FLOOR + self.options.mismatch * step.difference.powi(2);
         gradient * (self.options.force / noise) + Matrix2::identity() * FORCE_FLOOR
     }

@@ -162,7 +162,7 @@ impl<'a> Interior<'a> {
     /// The colour of the lips, made redder by `warm`, at a brightness.
     fn tinted(&self, warm: [f32; 3], light: f64) -> [f32; 3] {
         // Flesh in the light that falls on the lips: half as they are, half as the inside of every mouth is.
-        let luma = (0.3 * self.lip[0] + 0.59 * self.lip[1] + 0.11 * self.lip[2]).max(60.0);
+        let luma = luma(self.lip).max(60.0);
         let flesh = [1.45, 0.86, 0.84].map(|c| c * luma);
         std::array::from_fn(|c| (0.4 * self.lip[c] + 0.6 * flesh[c]) * warm[c] * light as f32)
     }
@@ -268,6 +268,11 @@ fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)> {
     Some(([sum[0], sum[1], sum[2]], sum[3] / 255.0))
 }
 
+/// Brightness of a colour.
+fn luma([r, g, b]: [f32; 3]) -> f32 {
+    0.3 * r + 0.59 * g + 0.11 * b
+}
+
 /// Colour of the lower lip.
 pub fn lip_colour(warp: &Warp, texture: &Texture) -> [f32; 3] {
     let inwards = warp.nodes[40] - warp.nodes[8];
@@ -278,10 +283,7 @@ pub fn lip_colour(warp: &Warp, texture: &Texture) -> [f32; 3] {
 /// Colour of teeth in the light of the photograph: as bright as the white of its eyes (the second brightest of four places, which a
 /// highlight does not reach), but not darker than the skin of the cheeks lets expect.
 pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
-    let luma = |p: Point2<f64>| {
-        let c = texture.sample(p);
-        0.3 * c[0] + 0.59 * c[1] + 0.11 * c[2]
-    };
+    let luma = |p: Point2<f64>| luma(texture.sample(p));
     // Between the iris and the corners of the eye.
     let mut whites = [(67, 20, 68), (71, 23, 72), (69, 53, 70), (73, 56, 74)].map(|(a, corner, b): (usize, usize, usize)| {
         let iris = nalgebra::center(&warp.nodes[a], &warp.nodes[b]);

@@ -132,12 +132,12 @@ pub fn expressions() -> &'static [ExpressionRow] {
 /// The forehead's node between the brows, the brows' inner and upper nodes, and the share of their rise that it takes: raised
 /// brows would otherwise push their skin over it, as no unit of Candide-3 moves it.
 const FOREHEAD: usize = 2;
-const BROWS: [usize; 4] = [16, 17, 49, 50];
+const RISING_BROW: [usize; 4] = [16, 17, 49, 50];
 const FOREHEAD_SHARE: f64 = 0.5;
 
 /// What summed units leave undone: raised brows take the forehead along, and lips do not pass through each other.
 pub fn settle_offsets(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {
-    let raised = BROWS.iter().map(|&n| offsets[n].y).sum::<f64>() / BROWS.len() as f64;
+    let raised = RISING_BROW.iter().map(|&n| offsets[n].y).sum::<f64>() / RISING_BROW.len() as f64;
     offsets[FOREHEAD].y += FOREHEAD_SHARE * raised.max(0.0);
     keep_lips_apart(wireframe, offsets);
 }

@@ -6,7 +6,7 @@ mod fapu;
 mod tables;
 mod wfm;
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, sync::LazyLock};
 
 use nalgebra::{Point2, Point3, Vector3};
 
@@ -156,8 +156,11 @@ impl Wireframe {
     }
 
     /// Candide-3 v3.1.6, from the tables in `candide/` (J. Ahlberg, LiTH-ISY-R-2326).
+    ///
+    /// The tables are parsed once in a program.
     pub fn candide3() -> Self {
-        tables::candide3()
+        static CANDIDE: LazyLock<Wireframe> = LazyLock::new(tables::candide3);
+        CANDIDE.clone()
     }
 
     /// Neutral positions in face space, model units.

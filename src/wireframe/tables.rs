@@ -1,6 +1,6 @@
 //! The data files of `candide/`: which node is which feature point, region, FAPU and landmark.
 
-use std::{collections::BTreeMap, fmt, str::FromStr};
+use std::{collections::BTreeMap, fmt, str::FromStr, sync::LazyLock};
 
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
@@ -126,9 +126,11 @@ pub struct TableError {
 }
 
 impl Tables {
-    /// The embedded tables of Candide-3.
+    /// The embedded tables of Candide-3, parsed once.
     pub fn candide3() -> Self {
-        Self::embedded().unwrap_or_else(|error| unreachable!("embedded table: {error}"))
+        static TABLES: LazyLock<Tables> =
+            LazyLock::new(|| Tables::embedded().unwrap_or_else(|error| unreachable!("embedded table: {error}")));
+        TABLES.clone()
     }
 
     fn embedded() -> Result<Self, TableError> {

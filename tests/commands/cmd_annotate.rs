@@ -419,18 +419,93 @@ fn proposals_come_from_landmarks_and_missing_cascades_are_explained() {
     let header = lines.next().unwrap();
     let rows: Vec<String> = lines.map(|l| format!("{l}{}", if l.starts_with("S001") { ",landmarks.csv" } else { "," })).collect();
     work.write("faces/manifest.csv", format!("{header},landmarks\n{}\n", rows.join("\n")));
+    // A wall instead of a face.
+    for number in 1..=2 {
+        let path = work.path(&format!("faces/S002/wall/{number}.png"));
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        image::GrayImage::from_fn(160, 120, |x, y| image::Luma([(100 + (x / 40 + y / 30) % 3) as u8])).save(path).unwrap();
+    }
+    work.write("faces/manifest.csv", work.read("faces/manifest.csv") + "S002,wall,anger,S002/wall\n");
     let server = Server::start(&work, "faces --cascades .");
     let proposed = server.get("api/sequences/S001_005/proposals").ok();
     assert_eq!((&proposed["source"], proposed["marks"].as_array().unwrap().len()), (&json!("landmarks"), 7));
     // Landmark 8, from 0, is the chin, node 10.
     let chin = proposed["marks"].as_array().unwrap().iter().find(|mark| mark["node"] == 10).unwrap();
     assert_eq!((&chin["x"], &chin["y"], &chin["kind"]), (&json!(8.0), &json!(18.0), &json!("mark")), "{chin}");
-    let none = server.get("api/sequences/S002_007/proposals").ok();
+    let none = server.get("api/sequences/S002_wall/proposals").ok();
     assert_eq!((&none["source"], none["marks"].as_array().unwrap().len()), (&Value::Null, 0));
     assert!(none["note"].as_str().unwrap().contains("apt-get install opencv-data"), "{none}");
     // Proposals alone are never saved.
     assert!(!work.path("faces/S001/005/correspondences.csv").exists());
     assert_eq!(open(&server, "S001_005")["marks"], json!([]));
+}
+
+/// The first of the averaged portraits that ship with the tests, as `NAME.jpg` and `NAME/1.jpg`, `NAME/2.jpg`.
+fn portrait(work: &Work, name: &str) {
+    let folder = crate::common::root().join("fixtures/portraits");
+    let mut pictures: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    pictures.retain(|path| path.extension().is_some_and(|e| e == "jpg"));
+    pictures.sort();
+    let bytes = fs::read(&pictures[0]).unwrap();
+    for file in [format!("{name}.jpg"), format!("faces/{name}/1.jpg"), format!("faces/{name}/2.jpg")] {
+        work.write(&file, &bytes);
+    }
+}
+
+#[test]
+fn a_found_face_is_proposed_with_its_expected_errors_and_accepted_by_a_limit() {
+    let work = Work::new();
+    portrait(&work, "anna");
+    work.write("faces/anna/by_hand.csv", "node,x,y\n20,10,10\n");
+    let manifest = "subject,sequence,emotion,frames,correspondences\nA,found,joy,anna,\nA,hand,joy,anna,anna/by_hand.csv\n";
+    work.write("faces/manifest.csv", manifest);
+    let server = Server::start(&work, "faces");
+    let found = server.get("api/sequences/A_found/proposals").ok();
+    assert_eq!(found["source"], "found", "{found}");
+    let marks = found["marks"].as_array().unwrap();
+    assert!(marks.len() > 40 && marks.iter().all(|m| m["expected_error"].as_f64().unwrap() > 0.0), "{found}");
+    // Accepted as they are, they keep what is expected of them.
+    let version = open(&server, "A_found")["version"].clone();
+    save(&server, "A_found", &version, marks).ok();
+    assert_eq!(work.header("faces/A/found/correspondences.csv"), "node,x,y,kind,expected_error");
+    drop(server);
+    fs::remove_dir_all(work.path("faces/A")).unwrap();
+    work.write("faces/manifest.csv", manifest);
+    // Nothing is as sure as that: all is left to look at.
+    let server = Server::start(&work, "faces --accept 0.001");
+    assert_eq!(server.lines[0], "0 sequences accepted with the marks that were found");
+    assert!(
+        server.lines[1].contains("to look at: A_found: half of the points are expected to be more than"),
+        "{:?}",
+        server.lines
+    );
+    drop(server);
+    let server = Server::start(&work, "faces --accept 5 --all");
+    assert_eq!(server.lines[0], "1 sequence accepted with the marks that were found");
+    assert!(open(&server, "A_found")["marks"].as_array().unwrap().len() > 30);
+    // A mark set by hand wins.
+    assert_eq!(open(&server, "A_hand")["marks"].as_array().unwrap().len(), 1);
+    drop(server);
+    work.grimace("annotate faces --accept -1 --no-open").exit(2);
+}
+
+#[test]
+fn one_picture_is_marked_beside_itself() {
+    let work = Work::new();
+    portrait(&work, "anna");
+    let server = Server::start(&work, "anna.jpg");
+    let opened = open(&server, "anna_picture");
+    assert_eq!((&opened["frames"], &opened["file"]), (&json!([1]), &json!("anna.csv")));
+    assert_eq!(server.get("api/sequences/anna_picture/frames/1").status, 200);
+    let marks = [json!({"node": 20, "x": 100.5, "y": 90.25, "kind": "mark"})];
+    save(&server, "anna_picture", &opened["version"], &marks).ok();
+    assert_eq!(work.read("anna.csv"), "node,x,y,kind\n20,100.5,90.25,mark\n");
+    let range = json!({"version": open(&server, "anna_picture")["version"], "neutral": 1, "apex": 1});
+    let refused = server.send("PUT", "api/sequences/anna_picture/range", &range);
+    assert!(refused.status == 422 && refused.text().contains("one picture"), "{}", refused.text());
+    assert!(!work.path("manifest.csv").exists());
+    drop(server);
+    work.grimace("annotate anna.jpg --tracks anna").exit(1);
 }
 
 /// A connection that is kept for many requests, as a browser does.

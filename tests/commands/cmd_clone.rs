@@ -38,6 +38,7 @@ fn a_track_on_a_photograph_gives_frames_track_fap_overlay_sheet_and_films() {
         "clone.fap",
         "clone.gif",
         "clone.json",
+        "frames.b3",
         "frames/target_00000001.png",
         "frames/target_00000002.png",
         "frames/target_00000003.png",
@@ -74,6 +75,16 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     assert_eq!(work.files("a/frames").len(), 11);
     clone(&work, "--source S001_005.csv -o a --force").exit(0);
     assert_eq!(work.files("a/frames").len(), 6, "frames of the longer clone are gone");
+    // What somebody put there, or changed, stays.
+    clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(0);
+    work.write("a/frames/mine.png", "mine");
+    work.write("a/frames/target_00000011.png", "retouched");
+    let ran = clone(&work, "--source S001_005.csv -o a --force").exit(0);
+    ran.says(&["a/frames/target_00000011.png: of an earlier clone and changed since; it is kept"]);
+    assert_eq!(work.files("a/frames").len(), 8);
+    work.write("b2/frames/target_00000002.png", "mine");
+    clone(&work, "--source S001_005.csv -o b2").exit(1).says(&["b2/frames/target_00000002.png", "--force writes over it"]);
+    assert_eq!(work.read("b2/frames/target_00000002.png"), "mine");
 }
 
 #[test]

@@ -234,6 +234,90 @@ fn groups_that_can_not_be_made_or_tested_are_named() {
 }
 
 #[test]
+fn designs_that_allow_no_test_say_why_and_no_table_has_a_nan() {
+    let work = Work::new();
+    let no_nan = |folder: &str| {
+        for (name, bytes) in work.files(folder) {
+            let text = String::from_utf8_lossy(&bytes).to_lowercase();
+            let is_table = name.ends_with(".csv");
+            assert!(!is_table || text.lines().all(|l| l.split(',').all(|f| !["nan", "inf", "-inf"].contains(&f))), "{name}");
+        }
+    };
+    let reason = |folder: &str, table: &str| work.rows(&format!("{folder}/{table}.csv")).remove(0)["not_tested"].clone();
+    // Group, site, age: sites coincide with groups, one age is missing, and one person is a stratum of their own.
+    let rows: Vec<(String, f64, String)> = (0..12)
+        .map(|k| {
+            let (group, site) = if k < 6 { ("north", "here") } else { ("south", "there") };
+            let age = if k == 3 { "" } else { "30" };
+            (
+                format!("p{k:02}"),
+                4.0 + 0.5 * f64::from(k),
+                format!(",{group},{site},{age},{}", if k == 0 { "alone" } else { "all" }),
+            )
+        })
+        .collect();
+    let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, m.as_str())).collect();
+    people(&work, ",place,site,age,one", &rows);
+    let run = "run people --resample linear --by place --permutations 199 --bootstrap 20";
+    for (folder, strata, expected) in
+        [("site", "site", "groups and strata coincide"), ("age", "age", "1 of the people have no value in `age`, p03 among them")]
+    {
+        work.grimace(&format!("{run} -o {folder} --strata {strata}")).exit(0);
+        for table in ["comparisons", "group_tests", "amplitude_comparisons"] {
+            let why = reason(folder, table);
+            assert!(why.contains(expected), "{table}: {why}");
+        }
+        no_nan(folder);
+    }
+    // A stratum of one person exchanges nothing and costs nothing.
+    work.grimace(&format!("{run} -o one --strata one")).exit(0);
+    assert_eq!(reason("one", "comparisons"), "");
+    no_nan("one");
+    work.grimace(&format!("{run} -o none --strata nation")).exit(1).says(&["no sequence has a column `nation`"]);
+    // One person alone; and people who all smile alike.
+    people(&work, ",place", &[("a", 5.0, ",north")]);
+    let alone = work.grimace("run people -o alone --resample linear").exit(0);
+    alone.prints(&["no amplitudes, as there is one person only: happiness"]);
+    assert_eq!(work.rows("alone/variation.csv")[0]["not_made"], "1 person; principal components need 3 people or more");
+    assert!(
+        work.rows("alone/amplitudes.csv").iter().all(|r| r["amplitude"].is_empty() && r["no_amplitude"].contains("one person"))
+    );
+    no_nan("alone");
+    people(&work, ",place", &[("a", 5.0, ",n"), ("b", 5.0, ",n"), ("c", 5.0, ",s"), ("d", 5.0, ",s")]);
+    work.grimace("run people -o equal --resample linear --by place").exit(0);
+    let why = reason("equal", "amplitude_comparisons");
+    assert!(why.starts_with("all amplitudes within each group are equal"), "{why}");
+    assert_eq!(
+        work.rows("equal/variation.csv")[0]["not_made"],
+        "all sequences are equal; principal components need sequences that differ"
+    );
+    no_nan("equal");
+}
+
+#[test]
+fn spellings_are_one_group_near_twins_are_named_and_people_count_once() {
+    let work = Work::new();
+    people(
+        &work,
+        ",gender",
+        &[("a", 5.0, ",FEMALE"), ("b", 6.0, ",female"), ("c", 7.0, ", Female "), ("d", 8.0, ",male"), ("e", 9.0, ",femele")],
+    );
+    let manifest = work.read("people/manifest.csv");
+    let more: String = (2..8).map(|k| format!("a,{k},Happiness,a.csv,FEMALE\n")).collect();
+    work.write("people/manifest.csv", manifest + &more);
+    let ran = work.grimace("run people -o out --resample linear --by gender").exit(0);
+    ran.prints(&["kept apart, though one may be misspelt: gender female and femele", "each person counts as one"]);
+    let statistics = work.rows("out/statistics.csv");
+    let of = |gender: &str| statistics.iter().filter(|r| r["gender"].eq_ignore_ascii_case(gender)).collect::<Vec<_>>();
+    assert_eq!(of("female").len(), 1);
+    assert_eq!((of("female")[0]["sequences"].as_str(), of("female")[0]["subjects"].as_str()), ("9", "3"));
+    assert_eq!(of("")[0]["weighting"], "person");
+    for table in ["trimming", "verdicts", "amplitudes", "variation_scores"] {
+        assert!(work.rows(&format!("out/{table}.csv")).iter().any(|r| r["id"] == "a_2"), "{table}");
+    }
+}
+
+#[test]
 fn a_columnar_file_gives_the_statistics_of_the_tracks() {
     let work = Work::new();
     let rows: Vec<(String, f64)> = (0..12).map(|k| (format!("a{k:02}"), 4.0 + f64::from(k))).collect();

@@ -21,6 +21,7 @@ fn every_output_is_there_with_its_header_and_shape() {
     let names: BTreeSet<String> = work.files("out").into_keys().collect();
     let mut expected: BTreeSet<String> = [
         "amplitudes.csv",
+        "bands.csv",
         "failures.csv",
         "recognition.csv",
         "report.html",
@@ -28,6 +29,8 @@ fn every_output_is_there_with_its_header_and_shape() {
         "statistics.csv",
         "trimming.csv",
         "units.json",
+        "variation.csv",
+        "variation_scores.csv",
         "verdicts.csv",
     ]
     .map(str::to_owned)
@@ -36,6 +39,9 @@ fn every_output_is_there_with_its_header_and_shape() {
         expected.extend([format!("tracks/{id}.csv"), format!("tracks/{id}.json"), format!("models/{id}.csv")]);
     }
     for emotion in ["happiness", "surprise"] {
+        // Three people differ in two directions.
+        expected
+            .extend(["mean", "pc1_minus", "pc1_plus", "pc2_minus", "pc2_plus"].map(|m| format!("variation/{emotion}_{m}.csv")));
         expected.extend([
             format!("representatives/{emotion}.csv"),
             format!("representatives/{emotion}.json"),

@@ -67,6 +67,34 @@ fn run_and_track_give_the_same_positions() {
 }
 
 #[test]
+fn the_paper_s_method_is_one_switch_and_each_of_its_parts_a_flag() {
+    let work = work();
+    work.grimace(&format!("{TRACK} --method kp")).exit(0);
+    let options = |name: &str| {
+        let info: serde_json::Value = serde_json::from_str(&work.read(name)).unwrap();
+        (info["fit"]["prior"].clone(), info["track"].clone())
+    };
+    let (prior, kp) = options("S001_005.json");
+    assert_eq!(prior, "none");
+    assert_eq!((&kp["forces"], &kp["forward_backward"], &kp["align"]["gain"]), (&"same".into(), &0.0.into(), &0.0.into()));
+    assert_eq!((&kp["lip_probes"], &kp["rigid_eyes"], &kp["deform"]), (&false.into(), &false.into(), &true.into()));
+    // Without a way back nothing is measured by it.
+    assert!(work.rows("S001_005.csv").iter().filter(|r| r["frame"] != "1").all(|r| r["residual"].is_empty()));
+    let parts = "--prior none --forces same --forward-backward 0 --align-gain 0 --lip-probes off --rigid-eyes off";
+    let by_hand = TRACK.replace("-o S001_005.csv", "-o S001_006.csv");
+    work.grimace(&format!("{by_hand} {parts}")).exit(0);
+    assert_eq!(work.read("S001_005.csv"), work.read("S001_006.csv"));
+    // What is given beside the switch counts.
+    work.grimace(&format!("{TRACK} --force --method kp --lip-probes on --deform off")).exit(0);
+    let (_, changed) = options("S001_005.json");
+    assert_eq!((&changed["lip_probes"], &changed["deform"], &changed["forces"]), (&true.into(), &false.into(), &"same".into()));
+    work.grimace(&format!("{TRACK} --force --lip-probes maybe")).exit(2).says(&["expected on or off"]);
+    work.grimace("run faces -o out --method kp").exit(0);
+    let record: serde_json::Value = serde_json::from_str(&work.read("out/run.json")).unwrap();
+    assert_eq!((&record["method"], &record["options"]["statistics"]["weighting"]), (&"kp".into(), &"sequence".into()));
+}
+
+#[test]
 fn first_and_last_frame_cut_the_sequence() {
     let work = work();
     let ran = work.grimace(&format!("{TRACK} --first-frame 1 --last-frame 4")).exit(0);
@@ -82,6 +110,21 @@ fn tracks_are_not_written_over_without_force() {
     work.write("S001_005.csv", "mine");
     work.grimace(TRACK).exit(1).says(&["S001_005.csv is there already", "--force"]);
     assert_eq!(work.read("S001_005.csv"), "mine");
+}
+
+#[test]
+fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
+    let work = work();
+    work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv")).exit(0);
+    let file = "frame,node,x,y\n3,31,90.5,140.25\n";
+    work.write("corrections/S001_005.csv", file);
+    work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv --force")).exit(0);
+    assert!(work.read("tracks/S001_005.csv").contains("\n3,31,90.5,140.25,corrected"));
+    assert_eq!(work.read("corrections/S001_005.csv"), file);
+    // The track of a part knows no frame 99: said, and kept.
+    work.write("corrections/S001_005.csv", format!("{file}99,31,1,1\n"));
+    let ran = work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv --force")).exit(0);
+    ran.prints(&["corrections/S001_005.csv does not fit any more and is kept: frame 99, node 31"]);
 }
 
 /// Tracks the sequence of `work` with its frames written anew by `encode` into a folder and a track of this name.

@@ -90,6 +90,7 @@ impl Fixture {
             stems: Vec::new(),
             tracked_here: true,
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
+            variations: Vec::new(),
             groups: None,
         }
     }

@@ -375,7 +375,7 @@ export class Marking {
         node: m.node,
         kind: m.kind,
         selected: m.node === this.selected,
-        detail: m.kind === 'hard' ? 'set by hand' : `${(this.fit?.residuals.get(m.node) ?? 0).toFixed(1)} px`,
+        detail: m.kind === 'hard' ? 'set by hand' : m.expected_error ? `found, ± ${m.expected_error.toFixed(1)} px` : `${(this.fit?.residuals.get(m.node) ?? 0).toFixed(1)} px`,
         action: m.kind === 'hard' ? 'Release' : 'Delete',
       })),
       'No marks yet.',
@@ -406,8 +406,10 @@ export class Marking {
     const bar = document.getElementById('proposal-bar');
     bar.hidden = !this.proposals.length && !(this.proposalNote && !count);
     document.getElementById('accept').parentElement.hidden = !this.proposals.length;
-    const from = this.source === 'landmarks' ? 'the dataset’s landmarks' : 'OpenCV’s face cascades';
-    text('proposal-text', this.proposals.length ? `${this.proposals.length} proposed from ${from}. They count only once accepted.` : `No proposals: ${this.proposalNote}.`);
+    const from = { landmarks: 'proposed from the dataset’s landmarks', found: 'found in the picture', cascades: 'proposed from OpenCV’s face cascades' }[this.source];
+    const doubt = this.proposalNote ? ` ${sentence(this.proposalNote)}.` : '';
+    const how = this.source === 'found' ? ' Each disc is as large as the error to expect; drag what lies off.' : '';
+    text('proposal-text', this.proposals.length ? `${this.proposals.length} points ${from}.${how}${doubt} They count only once accepted.` : `No proposals: ${this.proposalNote}.`);
   }
 
   draw() {
@@ -420,8 +422,8 @@ export class Marking {
     if (!shown) return stage.drawMarks([]);
     const name = (n) => this.setup.nodes[n].name;
     const next = this.next();
-    const marks = this.list().map((m) => ({ node: m.node, kind: m.kind, point: [m.x, m.y], label: name(m.node), selected: m.node === this.selected }));
-    const proposed = this.proposals.map((p) => ({ node: p.node, kind: 'proposal', point: [p.x, p.y], label: name(p.node) }));
+    const marks = this.list().map((m) => ({ node: m.node, kind: m.kind, point: [m.x, m.y], error: m.expected_error, label: name(m.node), selected: m.node === this.selected }));
+    const proposed = this.proposals.map((p) => ({ node: p.node, kind: 'proposal', point: [p.x, p.y], error: p.expected_error, label: name(p.node) }));
     const ghost = next !== null && this.fit && !proposed.some((p) => p.node === next) ? [{ node: next, kind: 'ghost', point: this.fit.nodes[next], label: name(next) }] : [];
     const pointed = this.selected !== null && !this.marks.has(this.selected) && this.fit ? [{ node: this.selected, kind: 'pointed', point: this.fit.nodes[this.selected], label: name(this.selected), selected: true }] : [];
     stage.drawMarks([...ghost, ...proposed, ...pointed, ...marks]);

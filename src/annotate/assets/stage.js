@@ -161,13 +161,16 @@ export class Stage {
     );
   }
 
-  /** Draws marks: a list of `{ key, node, kind, point, label, selected }`; `kind` is mark, hard, proposal or ghost. */
+  /** Draws marks: a list of `{ key, node, kind, point, error, label, selected }`; `kind` is mark, hard, proposal or ghost, `error` the
+   * expected error of one that was found, px. */
   drawMarks(marks) {
     this.marks = marks;
     this.markLayer.replaceChildren(
-      ...marks.map(({ node, kind, label, selected }) => {
-        const group = element('g', { class: `pin ${kind}${selected ? ' selected' : ''}`, 'data-node': node });
-        if (kind === 'hard') group.append(element('path', { class: 'casing', d: 'M0-8 8 0 0 8-8 0Z' }), element('path', { class: 'ring', d: 'M0-8 8 0 0 8-8 0Z' }));
+      ...marks.map(({ node, kind, error, label, selected }) => {
+        const group = element('g', { class: `pin ${kind}${error ? ' found' : ''}${selected ? ' selected' : ''}`, 'data-node': node });
+        if (error) group.append(element('circle', { class: 'doubt' }));
+        if (error && !selected) group.append(element('circle', { class: 'casing', r: 2.6 }), element('circle', { class: 'ring', r: 2.6 }));
+        else if (kind === 'hard') group.append(element('path', { class: 'casing', d: 'M0-8 8 0 0 8-8 0Z' }), element('path', { class: 'ring', d: 'M0-8 8 0 0 8-8 0Z' }));
         else group.append(element('circle', { class: 'casing', r: 7.5 }), element('circle', { class: 'ring', r: 7.5 }));
         group.append(element('path', { class: 'cross', d: 'M-3 0h6M0-3v6' }));
         if (selected || kind === 'ghost') group.append(element('text', { class: 'casing', x: 13, y: 4 }, label), element('text', { x: 13, y: 4 }, label));
@@ -182,6 +185,8 @@ export class Stage {
     [...this.markLayer.children].forEach((group, k) => {
       const [x, y] = this.marks[k].point;
       group.setAttribute('transform', `translate(${x.toFixed(3)} ${y.toFixed(3)}) scale(${size})`);
+      // The disc has the size of an error in the picture, the pin that of a finger.
+      group.querySelector('.doubt')?.setAttribute('r', (this.marks[k].error * this.zoom).toFixed(2));
     });
   }
 

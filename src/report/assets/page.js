@@ -41,6 +41,10 @@ function drawCard(card) {
     const trimmed = slot("trimmed");
     if (trimmed) trimmedTable(trimmed, rep);
   }
+  if (rep.variation) {
+    drawVariation(slot("variation"), rep);
+    repaint.push(drawBands(slot("bands"), rep));
+  }
   const faps = slot("faps");
   if (faps) {
     drawFaps(faps, rep);

@@ -53,6 +53,8 @@ pub struct AmplitudeTest {
     pub effect: f64,
     /// Chance of a difference at least as large, by permutation of people or of the signs of pairs.
     pub p: f64,
+    /// The same by Welch's t test, or Student's of the differences of pairs: below what permutations can reach.
+    pub p_t: f64,
     /// [`AmplitudeTest::p`] after Holm over all amplitudes compared.
     pub p_adjusted: f64,
     /// Chance of a difference so close to 0 if the groups differed by [`AmplitudeOptions::equivalence`] or more (two one-sided tests).
@@ -165,6 +167,7 @@ fn finished(
         interval: [difference - half, difference + half],
         effect,
         p,
+        p_t: 2.0 * t_above(difference.abs() / error, freedom).ok_or_else(unusable)?,
         p_adjusted: 1.0,
         p_equivalence: lower.max(upper),
         people_for_power: people_for_power(effect, options.power, if paired { 1.0 } else { 2.0 }),

@@ -22,7 +22,7 @@ pub const MAX_COMPARED_GROUPS: usize = 50;
 pub struct GroupOptions {
     /// Tests between groups.
     pub compare: CompareOptions,
-    /// Replicates of the bootstrap of every dispersion; 0 for none. Without groups there is no bootstrap.
+    /// Draws for the interval of every dispersion; 0 for none. Without groups there is none.
     pub bootstrap: usize,
     /// Comparisons of amplitudes.
     #[serde(default)]

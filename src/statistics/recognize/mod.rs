@@ -1,8 +1,9 @@
 //! Which expression a sequence shows: shrinkage discriminants on displacement vectors, with calibrated probabilities and "none of these".
 //!
 //! A sequence is its displacement vectors [KP, eq. (2)], all fields and live nodes. [`lda`] gives the distances to the labels; their
-//! probabilities are calibrated by one number, the temperature t of `exp(-distance / (2 t))`, that makes sequences of left-out people
-//! likeliest. A sequence is typical to the degree to which left-out sequences were as far from the nearest label as it is; below a
+//! probabilities are calibrated by two numbers that make the labels of left-out people likeliest: the temperature t of
+//! `exp(-distance / (2 t))`, and the share of lapses, sequences that show anything. Without the second, one outlier among few people would
+//! make every probability that of a guess. A sequence is typical to the degree to which left-out sequences were as far from the nearest label as it is; below a
 //! level it is none of the labels.
 
 mod lda;
@@ -85,7 +86,7 @@ pub struct Recognizer {
     live: Vec<NodeId>,
     discriminants: Discriminants,
     size: usize,
-    temperature: f64,
+    calibration: Calibration,
     /// Distances of left-out sequences to their nearest label, ascending.
     nearest: Vec<f64>,
     /// What the sequences are recognized as when their people are left out, in the order given.
@@ -156,24 +157,24 @@ impl Recognizer {
         let mut all = (0..folds).into_par_iter().map(fold).collect::<Result<Vec<_>, _>>()?.concat();
         all.sort_by_key(|(i, _)| *i);
         let all: Vec<LeftOut> = all.into_iter().map(|(_, left_out)| left_out).collect();
-        // Nobody's own sequences serve for the temperature and the typical distances that they are judged by.
-        let of_person: Vec<(f64, Vec<f64>)> = (0..place.len())
+        // Nobody's own sequences serve for the calibration and the typical distances that they are judged by.
+        let of_fold: Vec<(Calibration, Vec<f64>)> = (0..folds)
             .into_par_iter()
-            .map(|person| {
-                let others: Vec<&LeftOut> = all.iter().filter(|l| l.subject != person).collect();
-                (temperature(&others), sorted_nearest(&others))
+            .map(|f| {
+                let others: Vec<&LeftOut> = all.iter().filter(|l| l.subject % folds != f).collect();
+                (Calibration::new(&others), sorted_nearest(&others))
             })
             .collect();
         let left_out = all.iter().map(|l| {
-            let (temperature, nearest) = &of_person[l.subject];
-            recognized(&labels, &l.distances, *temperature, nearest)
+            let (calibration, nearest) = &of_fold[l.subject % folds];
+            recognized(&labels, &l.distances, *calibration, nearest)
         });
         let left_out = left_out.collect();
         let everybody: Vec<&LeftOut> = all.iter().collect();
         let chosen: Vec<usize> = (0..data.len()).collect();
         Ok(Self {
             discriminants: Discriminants::new(&rows(&data, &chosen), &label_of, labels.len())?,
-            temperature: temperature(&everybody),
+            calibration: Calibration::new(&everybody),
             nearest: sorted_nearest(&everybody),
             labels,
             live: live.to_vec(),
@@ -191,7 +192,7 @@ impl Recognizer {
         if data.len() != self.size {
             return Err(RecognizeError::Shape { id: model.id.to_string(), found: data.len() / 2, expected: self.size / 2 });
         }
-        Ok(recognized(&self.labels, &self.discriminants.distances(&data), self.temperature, &self.nearest))
+        Ok(recognized(&self.labels, &self.discriminants.distances(&data), self.calibration, &self.nearest))
     }
 }
 
@@ -201,16 +202,64 @@ fn sorted_nearest(of: &[&LeftOut]) -> Vec<f64> {
     nearest
 }
 
-/// Probabilities of labels at some distances.
-fn probabilities(distances: &[Option<f64>], temperature: f64) -> Vec<f64> {
-    let least = distances.iter().flatten().copied().fold(f64::INFINITY, f64::min);
-    let weights: Vec<f64> = distances.iter().map(|d| d.map_or(0.0, |d| (-(d - least) / (2.0 * temperature)).exp())).collect();
-    let sum: f64 = weights.iter().sum();
-    weights.into_iter().map(|w| w / sum).collect()
+/// How distances become probabilities.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Calibration {
+    /// Squared distance that is as much as two units of log-odds.
+    temperature: f64,
+    /// Share of sequences that show any label, whatever the distances.
+    lapses: f64,
 }
 
-fn recognized(labels: &[String], distances: &[Option<f64>], temperature: f64, nearest: &[f64]) -> Recognized {
-    let probabilities = probabilities(distances, temperature);
+impl Calibration {
+    /// Probabilities of labels at some distances.
+    fn probabilities(self, distances: &[Option<f64>]) -> Vec<f64> {
+        let least = distances.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+        let known = distances.iter().flatten().count().max(1) as f64;
+        let weight = |d: &Option<f64>| d.map_or(0.0, |d| (-(d - least) / (2.0 * self.temperature)).exp());
+        let weights: Vec<f64> = distances.iter().map(weight).collect();
+        let sum: f64 = weights.iter().sum();
+        let of =
+            |(w, d): (f64, &Option<f64>)| if d.is_some() { (1.0 - self.lapses) * w / sum + self.lapses / known } else { 0.0 };
+        weights.into_iter().zip(distances).map(of).collect()
+    }
+
+    /// Less likely labels of left-out sequences, the larger.
+    fn loss(self, of: &[&LeftOut]) -> f64 {
+        let of_one = |l: &&LeftOut| l.distances[l.label].map(|_| -self.probabilities(&l.distances)[l.label].ln());
+        of.iter().filter_map(of_one).sum()
+    }
+
+    /// The calibration at which the labels of left-out sequences are likeliest: for each share of lapses the temperature by a coarse search
+    /// and a golden section on its logarithm, from a tenth to ten thousand: sure beyond doubt to hardly more than guessing.
+    fn new(of: &[&LeftOut]) -> Self {
+        const GOLDEN: f64 = 0.618_033_988_749_895;
+        const COARSE: usize = 16;
+        const FINE: usize = 12;
+        const SHARES: i32 = 8;
+        let (low, high) = (0.1f64.ln(), 1e4f64.ln());
+        let step = (high - low) / COARSE as f64;
+        // Never none: half a sequence more than there are may be a lapse.
+        let least = 0.5 / (of.len() + 1) as f64;
+        let best = |lapses: f64| {
+            let at = |logarithm: f64| Self { temperature: logarithm.exp(), lapses };
+            let coarse = (0..=COARSE).map(|k| low + step * k as f64);
+            let start = coarse.min_by(|a, b| at(*a).loss(of).total_cmp(&at(*b).loss(of))).unwrap_or(low);
+            let (mut a, mut b) = ((start - step).max(low), (start + step).min(high));
+            for _ in 0..FINE {
+                let (left, right) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
+                if at(left).loss(of) <= at(right).loss(of) { b = right } else { a = left }
+            }
+            at(f64::midpoint(a, b))
+        };
+        let shares = (0..SHARES).map(|k| least * (0.3 / least).max(1.0).powf(f64::from(k) / f64::from(SHARES - 1)));
+        let all = shares.map(|share| best(share.min(0.5)));
+        all.min_by(|a, b| a.loss(of).total_cmp(&b.loss(of))).unwrap_or(Self { temperature: 1.0, lapses: least })
+    }
+}
+
+fn recognized(labels: &[String], distances: &[Option<f64>], calibration: Calibration, nearest: &[f64]) -> Recognized {
+    let probabilities = calibration.probabilities(distances);
     // Of two equally near ones the first.
     let at = (0..distances.len())
         .filter(|&k| distances[k].is_some())
@@ -225,26 +274,6 @@ fn recognized(labels: &[String], distances: &[Option<f64>], temperature: f64, ne
         typicality: (1 + farther) as f64 / (1 + nearest.len()) as f64,
         probabilities,
     }
-}
-
-/// The temperature at which the labels of left-out sequences are likeliest, by golden section on its logarithm.
-fn temperature(of: &[&LeftOut]) -> f64 {
-    const GOLDEN: f64 = 0.618_033_988_749_895;
-    const STEPS: usize = 60;
-    /// Where one label is as likely as this at least, so that a single mistake is no infinite loss.
-    const FLOOR: f64 = 1e-12;
-    let loss = |logarithm: f64| -> f64 {
-        let of_one =
-            |l: &&LeftOut| l.distances[l.label].map(|_| -probabilities(&l.distances, logarithm.exp())[l.label].max(FLOOR).ln());
-        of.iter().filter_map(of_one).sum()
-    };
-    // From a tenth to ten thousand: sure beyond doubt to hardly more than guessing.
-    let (mut low, mut high) = (0.1f64.ln(), 1e4f64.ln());
-    for _ in 0..STEPS {
-        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-        if loss(a) <= loss(b) { high = b } else { low = a }
-    }
-    f64::midpoint(low, high).exp()
 }
 
 #[cfg(test)]
@@ -295,6 +324,18 @@ mod tests {
         // Means differ by sqrt(12) / 1.6 = 2.2 standard deviations: 86 % are right at best. 0.06 is three standard errors.
         assert!(right > 0.78 && (claimed - right).abs() < 0.06, "{right} {claimed}");
         assert!(found.iter().all(|f| (f.probabilities.iter().sum::<f64>() - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn one_outlier_makes_no_guess_of_all_others() {
+        let mut all = people(12, 0.2, 8);
+        // Person 0 shows each under the other's name.
+        all[0].1 = "anger";
+        all[1].1 = "fear";
+        let recognizer = recognizer(&all).unwrap();
+        let others = &recognizer.left_out[2..];
+        assert!(others.iter().zip(&all[2..]).all(|(r, (_, label))| r.label == *label && r.probability > 0.85), "{others:?}");
+        assert!(others.iter().all(|r| r.probability < 0.999));
     }
 
     #[test]

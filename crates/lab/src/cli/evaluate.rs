@@ -2,8 +2,10 @@
 
 mod clone;
 mod confidence;
+mod figures;
 mod fit;
 mod groups;
+mod locate;
 mod recognition;
 mod scale;
 mod synthesis;
@@ -48,6 +50,8 @@ enum Experiment {
     Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
     Fit(fit::Args),
+    /// Every figure and table of both papers, in one folder.
+    Figures(figures::Args),
     /// Error of the tracker over the frames, with and without deformation, beside plain KLT.
     Tracking(tracking::Args),
     /// The tracker's expected errors against true ones; fits the model anew from simulated people.
@@ -56,6 +60,8 @@ enum Experiment {
     Synthesis(synthesis::Args),
     /// Whether the nearest representative, made of other people, has the right emotion.
     Recognition(recognition::Args),
+    /// How right found points are, on photographs with hand-set points.
+    Locate(locate::Args),
     /// Size and power of the test between groups, on simulated people.
     Groups(groups::Args),
     /// Time and memory of the statistics by the number of models.
@@ -67,10 +73,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
         Experiment::Clone(args) => clone::run(args),
         Experiment::Fit(args) => fit::run(args),
+        Experiment::Figures(args) => figures::run(args),
         Experiment::Tracking(args) => tracking::run(args),
         Experiment::Confidence(args) => confidence::run(args),
         Experiment::Synthesis(args) => synthesis::run(args),
         Experiment::Recognition(args) => recognition::run(args),
+        Experiment::Locate(args) => locate::run(args),
         Experiment::Groups(args) => groups::run(args),
         Experiment::Scale(args) => scale::run(args),
     }

@@ -184,7 +184,8 @@ fn coverage(
             let models = class(far + (number as u64 + 1) * PEOPLE_PER_PAIR, count)?;
             let of_class = representative(label(), &models, people.wireframe(), &statistics)?;
             let models: Vec<&SequenceModel> = models.iter().collect();
-            let made = dispersion_replicates(&of_class, &models, live, options.replicates, options.seed, number as u32);
+            let made =
+                dispersion_replicates(&of_class, &models, live, &statistics, options.replicates, (options.seed, number as u32));
             tick();
             let Some(made) = made else { continue };
             let ours = made.interval();

@@ -14,8 +14,10 @@ mod clone_cross;
 mod clone_quality;
 mod confidence;
 mod figure;
+mod figures;
 mod fit;
 mod groups;
+mod locate;
 mod marks;
 mod people;
 mod recognition;
@@ -51,8 +53,12 @@ pub use confidence::{
     expected_of_samples, fit_confidence, verdict_table,
 };
 pub use figure::{LineChart, Series};
+pub use figures::{
+    KpFigures, PUBLISHED_DISPERSIONS, Plate, PlateContent, ScalingRow, ZlFigures, scaling_rows, scaling_table, zl_plates,
+};
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, IntervalTrial, evaluate_groups, wilson};
+pub use locate::{GROSS, LocatedPerson, evaluate_locate, locate_calibration, locate_failures, locate_table};
 pub use marks::{
     MarkChoice, MarkableNode, SELECTION_SIZES, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks,
     suggested_marks, suggested_table,
@@ -75,7 +81,7 @@ pub use synthetic::{Spread, SyntheticPeople};
 pub use table::{Cell, Table};
 pub use tracking::{
     Failed, Start, TrackingCase, TrackingOptions, TrackingResult, dataset_cases, evaluate_tracking, hard_simulation,
-    simulated_cases,
+    simulated_cases, truth_case,
 };
 pub use variant::{PLAIN_LEVELS, PLAIN_WINDOW_PX, TrackerVariant, VariantKind, standard_variants};
 

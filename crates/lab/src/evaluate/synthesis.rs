@@ -32,7 +32,7 @@ pub struct SynthesisStudy<'a> {
     pub bank: &'a Bank,
     /// Expressions that are not in it.
     pub targets: Vec<SynthesisTarget<'a>>,
-    /// How many of the targets, from the first on, the regions are measured on [ZL: 10].
+    /// How many of the targets, from the first on, one, two and four regions are measured on [ZL: 10].
     pub region_targets: usize,
     /// Runs of the genetic algorithm on every target [ZL: 10].
     pub runs: usize,
@@ -154,15 +154,14 @@ pub fn evaluate_crossovers(
     Ok(rows)
 }
 
-/// Every solver on the targets: all of them with the whole face, the first `region_targets` with two and four regions.
+/// Every solver on the first `region_targets` targets, with the whole face, two and four regions: the same targets in every row.
 ///
 /// # Errors
 /// [`EvaluateError`] for options out of range, or when `go_on` says no.
 pub fn evaluate_solvers(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> bool + Sync)) -> Result<Vec<SolverRow>, EvaluateError> {
     let mut rows = Vec::new();
     for scheme in [RegionScheme::Whole, RegionScheme::Halves, RegionScheme::Quarters] {
-        let count =
-            if scheme == RegionScheme::Whole { study.targets.len() } else { study.region_targets.min(study.targets.len()) };
+        let count = study.region_targets.min(study.targets.len());
         let regions = Regions::new(study.bank, scheme, study.overlap)?;
         let seams = (scheme != RegionScheme::Whole).then(|| Seams::new(study.bank.mesh(), &regions));
         for solver in Solver::ALL {

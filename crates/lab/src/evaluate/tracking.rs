@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::{
     EvaluateError, MarkNoise, Person, Records, TrackerVariant, TruthError, TruthNode,
     records::RecordedError,
-    truth::{compared_nodes, group_of, landmark_eye_distance, read_truth, truth_path},
+    truth::{TruthFrames, compared_nodes, group_of, landmark_eye_distance, read_truth, truth_path},
 };
 use crate::simulate::{CameraOptions, Emotion, SimulateOptions, SimulatedSequence, Subject};
 use grimace::{
@@ -77,6 +77,14 @@ enum CaseSource {
         entry: Box<SequenceEntry>,
         exact: Option<PathBuf>,
     },
+    /// Positions of a sequence that is not tracked here, but was before.
+    Truth(PathBuf),
+}
+
+/// A sequence of which there are positions, to compare tracks with that are there.
+pub fn truth_case(path: &Path) -> TrackingCase {
+    let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    TrackingCase { id, group: "all".to_owned(), source: CaseSource::Truth(path.to_owned()) }
 }
 
 /// A sequence that was left out, for all variants alike, and why.
@@ -163,11 +171,12 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
 /// A sequence ready to be tracked.
 struct Prepared {
     frames: PreparedFrames,
-    eye_distance: f64,
+    /// ES0, px, where the truth tells it; else that of the track's neutral frame is taken.
+    eye_distance: Option<f64>,
     /// Nodes compared: the node, its part, inner face or not.
     compared: Vec<(NodeId, String, bool)>,
-    /// By frame number: true positions in the order of `compared`. Frames without are not compared.
-    truth: BTreeMap<u32, Vec<Point2<f64>>>,
+    /// By frame number: true positions in the order of `compared`, `None` where not known. Frames without are not compared.
+    truth: TruthFrames,
     /// What the wireframe is fitted to.
     marks: Vec<Correspondence>,
 }
@@ -175,6 +184,8 @@ struct Prepared {
 enum PreparedFrames {
     Images(Vec<GrayImage>),
     Source(FrameSource),
+    /// No frames: tracks that are there are compared.
+    None,
 }
 
 impl PreparedFrames {
@@ -182,6 +193,7 @@ impl PreparedFrames {
         Ok(match self {
             Self::Images(images) => Box::new((1..).zip(images).map(|(number, image)| Ok(Frame::new(number, image.clone())))),
             Self::Source(source) => Box::new(SequenceReader::open(source)?),
+            Self::None => Box::new(std::iter::empty()),
         })
     }
 }
@@ -265,9 +277,14 @@ impl Bench<'_> {
             CaseSource::Simulated { options, subject, emotion } => self.simulated(options, *subject, *emotion, index),
             CaseSource::Entry { entry, exact: Some(path) } => self.exact_entry(entry, path, index),
             CaseSource::Entry { entry, exact: None } => self.entry(entry),
+            CaseSource::Truth(path) => self.truth_alone(path),
         };
         let prepared = prepared.map_err(|e| failed("", e.to_string()))?;
-        let fitted = self.fitter.fit(self.wireframe, &prepared.marks).map_err(|e| failed("", e.to_string()))?;
+        let fitted = match &prepared.frames {
+            PreparedFrames::None => None,
+            _ => Some(self.fitter.fit(self.wireframe, &prepared.marks).map_err(|e| failed("", e.to_string()))?),
+        };
+        let last_known = prepared.truth.keys().next_back().copied();
         let mut parts: Vec<String> = Vec::new();
         for (_, part, _) in &prepared.compared {
             if !parts.contains(part) {
@@ -277,25 +294,32 @@ impl Bench<'_> {
         let mut errors = Vec::new();
         for (variant, tracker) in self.options.variants.iter().enumerate() {
             let frames = prepared.frames.open().map_err(|e| failed("", e.to_string()))?;
-            let track =
-                tracker.track(self.wireframe, &self.plan, &fitted, frames).map_err(|e| failed(&tracker.name, e.to_string()))?;
+            let track = tracker
+                .track(&case.id, self.wireframe, &self.plan, fitted.as_ref(), frames)
+                .map_err(|e| failed(&tracker.name, e.to_string()))?;
             let Some((first, neutral)) = track.first() else { continue };
-            let Some(true_neutral) = prepared.truth.get(first) else {
-                return Err(failed("", format!("the neutral frame {first} has no true positions to compare with")));
-            };
+            let true_neutral = prepared.truth.get(first);
+            if !track.iter().any(|(number, _)| number != first && prepared.truth.contains_key(number)) {
+                let reason = "no frame after the neutral one has true positions to compare with";
+                return Err(failed(&tracker.name, reason.to_owned()));
+            }
+            let eye_distance = prepared.eye_distance.unwrap_or_else(|| {
+                let neutral: Vec<_> = neutral.iter().map(|n| n.position).collect();
+                eye_distance_px(self.tables, &neutral).unwrap_or(f64::NAN)
+            });
             for (k, (number, nodes)) in track.iter().enumerate() {
-                let last = k + 1 == track.len();
-                let Some(truth) = prepared.truth.get(number) else {
-                    if last {
-                        return Err(failed("", format!("the last frame {number} has no true positions to compare with")));
-                    }
-                    continue;
-                };
+                // The last frame that anything is known of: the apex, in a sequence known to its end.
+                let last = Some(*number) == last_known.min(track.last().map(|(number, _)| *number));
+                let Some(truth) = prepared.truth.get(number) else { continue };
                 for (i, (node, part, inner)) in prepared.compared.iter().enumerate() {
+                    let Some(truth) = truth[i] else { continue };
                     let (found, start) = (nodes[node.index()], neutral[node.index()].position);
                     let px = match self.options.start {
-                        Start::Landmarks => (found.position - truth[i]).norm(),
-                        Start::Seven => ((found.position - start) - (truth[i] - true_neutral[i])).norm(),
+                        Start::Landmarks => (found.position - truth).norm(),
+                        Start::Seven => {
+                            let Some(true_neutral) = true_neutral.and_then(|neutral| neutral[i]) else { continue };
+                            ((found.position - start) - (truth - true_neutral)).norm()
+                        }
                     };
                     errors.push(RecordedError {
                         variant,
@@ -307,7 +331,7 @@ impl Bench<'_> {
                         inner: *inner,
                         tracked: found.tracked,
                         px,
-                        percent: 100.0 * px / prepared.eye_distance,
+                        percent: 100.0 * px / eye_distance,
                         expected_px: found.expected,
                     });
                 }
@@ -328,11 +352,11 @@ impl Bench<'_> {
         let (mut images, mut positions) = (Vec::new(), BTreeMap::new());
         for (number, k) in (1..).zip(0..sequence.frame_count()) {
             let frame = sequence.frame(k);
-            positions.insert(number, frame.nodes);
+            positions.insert(number, frame.nodes.into_iter().map(Some).collect());
             images.push(DynamicImage::ImageRgb8(frame.image).to_luma8());
         }
-        let neutral = sequence.nodes(0);
-        Ok(self.all_nodes(PreparedFrames::Images(images), &neutral, &positions, index))
+        let neutral: Vec<_> = sequence.nodes(0).into_iter().map(Some).collect();
+        Ok(self.known_nodes(PreparedFrames::Images(images), &neutral, &positions, index))
     }
 
     fn exact_entry(&self, entry: &SequenceEntry, path: &Path, index: usize) -> Result<Prepared, EvaluateError> {
@@ -342,33 +366,44 @@ impl Bench<'_> {
         let Some(neutral) = positions.get(&frame) else {
             return Err(TruthError::NoNeutral { path: path.to_owned(), frame }.into());
         };
-        Ok(self.all_nodes(PreparedFrames::Source(frames), neutral, &positions, index))
+        Ok(self.known_nodes(PreparedFrames::Source(frames), neutral, &positions, index))
     }
 
-    /// A sequence of which every node is known.
-    fn all_nodes(
+    /// Positions to compare tracks with that are there.
+    fn truth_alone(&self, path: &Path) -> Result<Prepared, EvaluateError> {
+        let positions = read_truth(path, self.wireframe.node_count())?;
+        let none = vec![None; self.wireframe.node_count()];
+        let neutral = positions.values().next().unwrap_or(&none).clone();
+        Ok(self.known_nodes(PreparedFrames::None, &neutral, &positions, 0))
+    }
+
+    /// A sequence of which positions of nodes are known, of all or of some.
+    fn known_nodes(
         &self,
         frames: PreparedFrames,
-        neutral: &[Point2<f64>],
-        positions: &BTreeMap<u32, Vec<Point2<f64>>>,
+        neutral: &[Option<Point2<f64>>],
+        positions: &TruthFrames,
         index: usize,
     ) -> Prepared {
-        let live = self.wireframe.live_nodes();
+        let is_known = |n: &NodeId| positions.values().any(|nodes| nodes[n.index()].is_some());
+        let live: Vec<NodeId> = self.wireframe.live_nodes().iter().copied().filter(is_known).collect();
+        let at_start: Vec<(NodeId, Point2<f64>)> = live.iter().filter_map(|&n| Some((n, neutral[n.index()]?))).collect();
         // From top to bottom, so that parts come in that order.
         let mut compared: Vec<(NodeId, String, bool)> = Vec::new();
         for region in Region::ALL {
             let of_region = live.iter().filter(|&&n| self.tables.region(n) == region);
             compared.extend(of_region.map(|&n| (n, region.to_string(), true)));
         }
-        let of_frame = |nodes: &Vec<Point2<f64>>| compared.iter().map(|(n, _, _)| nodes[n.index()]).collect();
+        let of_frame = |nodes: &Vec<Option<Point2<f64>>>| compared.iter().map(|(n, _, _)| nodes[n.index()]).collect();
         let truth = positions.iter().map(|(&number, nodes)| (number, of_frame(nodes))).collect();
-        let eye_distance = eye_distance_px(self.tables, neutral).unwrap_or(f64::NAN);
+        let whole: Option<Vec<Point2<f64>>> = neutral.iter().copied().collect();
+        let eye_distance = whole.and_then(|nodes| eye_distance_px(self.tables, &nodes));
         let marks = match self.options.start {
-            Start::Landmarks => live.iter().map(|&n| hard(n, neutral[n.index()])).collect(),
+            Start::Landmarks => at_start.iter().map(|&(node, position)| hard(node, position)).collect(),
             Start::Seven => {
-                let node = |&node: &NodeId| TruthNode { node, position: neutral[node.index()], inner: true };
-                let truth = live.iter().map(node).collect();
-                let person = Person::new(String::new(), eye_distance, truth, self.options.seed, index as u32);
+                let node = |&(node, position): &(NodeId, Point2<f64>)| TruthNode { node, position, inner: true };
+                let truth = at_start.iter().map(node).collect();
+                let person = Person::new(String::new(), eye_distance.unwrap_or(f64::NAN), truth, self.options.seed, index as u32);
                 let noise = MarkNoise::Uniform(self.options.marks_noise_px);
                 self.options.marks.iter().filter_map(|&n| person.mark(n, noise)).collect()
             }
@@ -393,10 +428,10 @@ impl Bench<'_> {
                 correspondences_from_landmarks(points, self.tables, &selection)?
             }
         };
-        let of_frame = |points: &Vec<Point2<f64>>| nodes.iter().map(|c| points[c.landmark]).collect();
+        let of_frame = |points: &Vec<Point2<f64>>| nodes.iter().map(|c| Some(points[c.landmark])).collect();
         let truth = track.frames.iter().map(|(&number, points)| (number, of_frame(points))).collect();
         let compared = nodes.iter().map(|c| (c.node, c.part.clone(), c.inner)).collect();
-        Ok(Prepared { frames: PreparedFrames::Source(frames), eye_distance, compared, truth, marks })
+        Ok(Prepared { frames: PreparedFrames::Source(frames), eye_distance: Some(eye_distance), compared, truth, marks })
     }
 }
 

@@ -98,24 +98,30 @@ pub enum TruthError {
         count: usize,
     },
     /// The neutral frame is missing.
-    #[error("{}: there are no positions of the neutral frame {frame}", path.display())]
+    #[error("{}: there are no positions of the neutral frame {frame}, from which a track starts", path.display())]
     NoNeutral {
         /// The file.
         path: PathBuf,
         /// Frame number.
         frame: u32,
     },
-    /// A frame without all nodes.
-    #[error("{}: frame {frame} has {found} of {expected} nodes", path.display())]
-    Incomplete {
+    /// A node twice in a frame.
+    #[error("{}, line {line}: node {node} of frame {frame} is there already; one position of each was expected", path.display())]
+    Twice {
         /// The file.
         path: PathBuf,
+        /// Line, from 1.
+        line: usize,
         /// Frame number.
         frame: u32,
-        /// Nodes found.
-        found: usize,
-        /// Nodes of the wireframe.
-        expected: usize,
+        /// The node.
+        node: u32,
+    },
+    /// No positions at all.
+    #[error("{}: has no positions; a row frame,node,x,y for each node that was tracked by hand was expected", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
     },
 }
 
@@ -125,29 +131,34 @@ pub fn truth_path(root: &Path, id: &SequenceId) -> PathBuf {
     root.join("truth").join(format!("{id}.csv"))
 }
 
-/// Reads exact positions `frame,node,x,y`: all N nodes of every frame that is there, px, by frame number.
+/// True positions by frame number and node, px; `None` for nodes that are not known.
+pub type TruthFrames = BTreeMap<u32, Vec<Option<Point2<f64>>>>;
+
+/// Reads true positions `frame,node,x,y`: any nodes of any frames.
 ///
 /// # Errors
-/// [`TruthError`] for a file that does not read, a node that is not there, or a frame without all nodes.
-pub fn read_truth(path: &Path, node_count: usize) -> Result<BTreeMap<u32, Vec<Point2<f64>>>, TruthError> {
+/// [`TruthError`] for a file that does not read, a node that is not there or is there twice, or no positions.
+pub fn read_truth(path: &Path, node_count: usize) -> Result<TruthFrames, TruthError> {
     let csv = CsvFile::open(path)?;
     let [frame, node, x, y] = csv.require(["frame", "node", "x", "y"])?;
-    let mut frames: BTreeMap<u32, Vec<Option<Point2<f64>>>> = BTreeMap::new();
+    let mut frames = TruthFrames::new();
     for row in csv.rows() {
         let row = row?;
         let number = row.whole_number(node)?;
-        let nodes = frames.entry(row.whole_number(frame)?).or_insert_with(|| vec![None; node_count]);
+        let frame = row.whole_number(frame)?;
+        let nodes = frames.entry(frame).or_insert_with(|| vec![None; node_count]);
         let Some(place) = nodes.get_mut(number as usize) else {
             return Err(TruthError::NoSuchNode { path: path.to_owned(), line: row.line(), node: number, count: node_count });
         };
+        if place.is_some() {
+            return Err(TruthError::Twice { path: path.to_owned(), line: row.line(), frame, node: number });
+        }
         *place = Some(Point2::new(row.number(x)?, row.number(y)?));
     }
-    let complete = |(frame, nodes): (u32, Vec<Option<Point2<f64>>>)| {
-        let found = nodes.iter().flatten().count();
-        let incomplete = || TruthError::Incomplete { path: path.to_owned(), frame, found, expected: node_count };
-        Ok((frame, nodes.into_iter().collect::<Option<Vec<_>>>().ok_or_else(incomplete)?))
-    };
-    frames.into_iter().map(complete).collect()
+    if frames.is_empty() {
+        return Err(TruthError::Empty { path: path.to_owned() });
+    }
+    Ok(frames)
 }
 
 #[cfg(test)]
@@ -155,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exact_positions_are_read_whole_or_not_at_all() {
+    fn positions_of_any_nodes_and_frames_are_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("t.csv");
         let read = |text: &str| {
@@ -163,8 +174,11 @@ mod tests {
             read_truth(&path, 2).map_err(|e| e.to_string().replace(&path.display().to_string(), "t.csv"))
         };
         let frames = read("frame,node,x,y\n7,1,3,4\n7,0,1,2\n").unwrap();
-        assert_eq!(frames, BTreeMap::from([(7, vec![Point2::new(1.0, 2.0), Point2::new(3.0, 4.0)])]));
-        assert_eq!(read("frame,node,x,y\n7,0,1,2\n").unwrap_err(), "t.csv: frame 7 has 1 of 2 nodes");
+        assert_eq!(frames, TruthFrames::from([(7, vec![Some(Point2::new(1.0, 2.0)), Some(Point2::new(3.0, 4.0))])]));
+        let partial = read("frame,node,x,y\n7,0,1,2\n").unwrap();
+        assert_eq!(partial, TruthFrames::from([(7, vec![Some(Point2::new(1.0, 2.0)), None])]));
+        assert!(read("frame,node,x,y\n7,0,1,2\n7,0,1,3\n").unwrap_err().starts_with("t.csv, line 3: node 0 of frame 7 is there"));
+        assert!(read("frame,node,x,y\n").unwrap_err().contains("has no positions"));
         let error = read("frame,node,x,y\n7,2,1,2\n").unwrap_err();
         assert_eq!(error, "t.csv, line 2: node 2 does not exist; the wireframe has nodes 0 to 1");
         assert!(read("frame,node,x,y\n7,0,one,2\n").unwrap_err().contains("x is `one`"));

@@ -1,5 +1,7 @@
 //! Trackers to compare: the program's own with some options, and plain KLT.
 
+use std::path::{Path, PathBuf};
+
 use nalgebra::Point2;
 use serde_json::Value;
 
@@ -7,7 +9,10 @@ use super::EvaluateError;
 use grimace::{
     fit::FittedWireframe,
     sequence::{Frame, SequenceError},
-    track::{Found, Klt, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions, TrackPlan, track_sequence},
+    track::{
+        AlignOptions, Found, Klt, NodeState, PointTracker, Probe, Slot, TrackError, TrackFileError, TrackOptions, TrackPlan,
+        TrackedFrame, TrackedNode, read_track, track_sequence,
+    },
     wireframe::Wireframe,
 };
 
@@ -17,12 +22,14 @@ pub const PLAIN_WINDOW_PX: u32 = 21;
 pub const PLAIN_LEVELS: u32 = 4;
 
 /// What a variant runs.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum VariantKind {
     /// The tracker with options.
     Options(TrackOptions),
     /// Plain KLT: from frame to frame, [`PLAIN_WINDOW_PX`] and [`PLAIN_LEVELS`], no check; a node that KLT loses stays where it was.
     PlainKlt,
+    /// A track that is there: a file, or a folder of files `SUBJECT_SEQUENCE.csv`.
+    Tracks(PathBuf),
 }
 
 /// A named tracker.
@@ -43,12 +50,20 @@ pub(super) struct Placed {
     pub expected: Option<f64>,
 }
 
-/// The tracker with its options, the same without deformation, and plain KLT [KP, Fig. 3].
+/// The tracker with its options and the same without deformation [KP, Fig. 3], both again without the alignment with the neutral
+/// frame (with it where the options leave it out), so that each is seen alone; and plain KLT.
 pub fn standard_variants(options: &TrackOptions) -> Vec<TrackerVariant> {
     let variant = |name: &str, kind| TrackerVariant { name: name.to_owned(), kind };
+    let (gain, other) = if options.align.gain > 0.0 { (0.0, "not aligned") } else { (AlignOptions::default().gain, "aligned") };
+    let align = AlignOptions { gain, ..options.align };
     vec![
         variant("with deformation", VariantKind::Options(*options)),
         variant("without deformation", VariantKind::Options(TrackOptions { deform: false, ..*options })),
+        variant(&format!("with deformation, {other}"), VariantKind::Options(TrackOptions { align, ..*options })),
+        variant(
+            &format!("without deformation, {other}"),
+            VariantKind::Options(TrackOptions { deform: false, align, ..*options }),
+        ),
         variant("plain KLT", VariantKind::PlainKlt),
     ]
 }
@@ -86,24 +101,64 @@ impl TrackerVariant {
     /// Tracks all N nodes through the frames, the neutral frame included.
     pub(super) fn track(
         &self,
+        id: &str,
         wireframe: &Wireframe,
         plan: &TrackPlan,
-        fitted: &FittedWireframe,
+        fitted: Option<&FittedWireframe>,
         frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
-    ) -> Result<Vec<(u32, Vec<Placed>)>, TrackError> {
-        match &self.kind {
-            VariantKind::PlainKlt => plain_klt(wireframe, fitted, frames),
-            VariantKind::Options(options) => {
+    ) -> Result<Vec<(u32, Vec<Placed>)>, VariantError> {
+        // Without a fit there is nothing to track, only tracks to read.
+        match (&self.kind, fitted) {
+            (VariantKind::Tracks(path), _) => read_placed(path, id, wireframe),
+            (_, None) => Ok(Vec::new()),
+            (VariantKind::PlainKlt, Some(fitted)) => Ok(plain_klt(wireframe, fitted, frames)?),
+            (VariantKind::Options(options), Some(fitted)) => {
                 let track = track_sequence(wireframe, plan, fitted, frames, options, |_| true)?;
-                let placed = |n: &grimace::track::TrackedNode| Placed {
-                    position: n.position,
-                    tracked: !matches!(n.state, NodeState::Recovered(_)),
-                    expected: n.expected_error,
-                };
-                Ok(track.frames.iter().map(|f| (f.number, f.nodes.iter().map(placed).collect())).collect())
+                Ok(placed_frames(&track.frames))
             }
         }
     }
+}
+
+/// Why a variant has no track of a sequence.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum VariantError {
+    /// Tracking failed.
+    #[error(transparent)]
+    Track(#[from] TrackError),
+    /// The file does not read.
+    #[error(transparent)]
+    File(#[from] TrackFileError),
+    /// A track of another wireframe.
+    #[error("{}: has {found} nodes, the wireframe {expected}", path.display())]
+    Nodes {
+        /// The file.
+        path: PathBuf,
+        /// Its nodes.
+        found: usize,
+        /// The wireframe's.
+        expected: usize,
+    },
+}
+
+fn placed_frames(frames: &[TrackedFrame]) -> Vec<(u32, Vec<Placed>)> {
+    let placed = |n: &TrackedNode| Placed {
+        position: n.position,
+        tracked: !matches!(n.state, NodeState::Recovered(_)),
+        expected: n.expected_error,
+    };
+    frames.iter().map(|f| (f.number, f.nodes.iter().map(placed).collect())).collect()
+}
+
+/// The track of a sequence in a file, or in a folder of files named by sequences.
+fn read_placed(path: &Path, id: &str, wireframe: &Wireframe) -> Result<Vec<(u32, Vec<Placed>)>, VariantError> {
+    let path = if path.is_dir() { path.join(format!("{id}.csv")) } else { path.to_owned() };
+    let frames = read_track(&path)?;
+    let (found, expected) = (frames.first().map_or(0, |f| f.nodes.len()), wireframe.node_count());
+    if found != expected {
+        return Err(VariantError::Nodes { path, found, expected });
+    }
+    Ok(placed_frames(&frames))
 }
 
 fn plain_klt(

@@ -7,6 +7,8 @@ use std::{
 
 use rayon::prelude::*;
 
+use grimace::output::FolderRecord;
+
 use super::{
     Cohort, Emotion, Sex, SimulateError, SimulateOptions, SimulatedSequence, Subject,
     files::{ManifestRow, Performance, begin, finish, write_sequence},
@@ -27,7 +29,7 @@ pub struct DatasetSummary {
 /// Sequences are made in parallel; the bytes do not depend on the number of threads. `progress` is called with the number of
 /// frames finished and the number of all frames, from any thread.
 ///
-/// With `force`, frames that an earlier run left in the folder of a sequence are removed; other files stay.
+/// With `force`, files that an earlier simulation recorded (`simulate.b3`) and this one does not make are removed; other files stay.
 ///
 /// # Errors
 /// [`SimulateError`] for options out of range, a folder that is not empty (unless `force`), or a file that cannot be written.
@@ -38,7 +40,7 @@ pub fn simulate_dataset(
     progress: impl Fn(usize, usize) + Sync,
 ) -> Result<DatasetSummary, SimulateError> {
     options.check()?;
-    begin(out, force)?;
+    let record = begin(out, force)?;
     let total = options.subjects as usize * options.emotions.len() * options.frames;
     let done = AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
@@ -46,11 +48,11 @@ pub fn simulate_dataset(
         .into_par_iter()
         .map(|index| {
             let subject = Subject::new(options, index)?;
-            options.emotions.par_iter().map(|&emotion| perform(&subject, emotion, options, out, &tick)).collect()
+            options.emotions.par_iter().map(|&emotion| perform(&subject, emotion, options, &record, &tick)).collect()
         })
         .collect::<Result<_, SimulateError>>()?;
     let sequences = rows.iter().map(Vec::len).sum();
-    finish(out, options, &serde_json::Map::new(), &["sex", "cohort"], rows.into_iter().flatten())?;
+    finish(record, out, options, &serde_json::Map::new(), &["sex", "cohort"], rows.into_iter().flatten())?;
     Ok(DatasetSummary { sequences, frames: total })
 }
 
@@ -58,7 +60,7 @@ fn perform(
     subject: &Subject,
     emotion: Emotion,
     options: &SimulateOptions,
-    out: &Path,
+    record: &FolderRecord,
     tick: &(impl Fn() + Sync),
 ) -> Result<ManifestRow, SimulateError> {
     let sequence = SimulatedSequence::new(subject, emotion, options)?;
@@ -77,5 +79,5 @@ fn perform(
         Cohort::A => "A",
         Cohort::B => "B",
     };
-    Ok(write_sequence(&performance, options, out, tick)?.with([sex, cohort].map(str::to_owned)))
+    Ok(write_sequence(&performance, options, record, tick)?.with([sex, cohort].map(str::to_owned)))
 }

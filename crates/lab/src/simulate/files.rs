@@ -1,10 +1,6 @@
 //! The files of simulated sequences, in the project's own layout or in that of Cohn-Kanade.
 
-use std::{
-    fmt::Write as _,
-    fs, io,
-    path::{Path, PathBuf},
-};
+use std::{fmt::Write as _, fs, io, path::Path};
 
 use image::{
     ImageEncoder, RgbImage,
@@ -24,12 +20,14 @@ use super::{
 };
 use grimace::{
     dataset::MANIFEST_NAME,
-    output::{OutputError, nine_digits, write_atomic, write_bytes, write_csv, write_json, write_records},
+    output::{FolderRecord, OutputError, csv_into, csv_writer, nine_digits, write_json},
     wireframe::{LandmarkRow, Tables},
 };
 
 /// Nodes that are marked on the neutral frame: corners of the eyes, corners of the mouth, chin.
 pub const MARKED_NODES: [u16; 7] = [20, 23, 53, 56, 31, 64, 10];
+/// The record of the files written, by which a later simulation knows what it may remove.
+const RECORD_NAME: &str = "simulate.b3";
 /// Version of the layout of a simulated dataset.
 const SCHEMA_VERSION: u32 = 1;
 
@@ -116,18 +114,29 @@ const UNITS: Units = Units {
     fps: "frames per second",
 };
 
-/// Makes the folder, or refuses one with something in it.
-pub(super) fn begin(out: &Path, force: bool) -> Result<(), SimulateError> {
+/// Makes the folder, or refuses one with something in it; the record of what is written into it.
+pub(super) fn begin(out: &Path, force: bool) -> Result<FolderRecord, SimulateError> {
     fs::create_dir_all(out).map_err(OutputError::at(out))?;
     if !force && fs::read_dir(out).map_err(OutputError::at(out))?.next().is_some() {
         return Err(SimulateError::NotEmpty { path: out.to_owned() });
     }
-    // What an earlier run left is not a dataset while frames are written over it.
-    Ok(remove(&out.join(MANIFEST_NAME))?)
+    let record = FolderRecord::open(out, RECORD_NAME, force)?;
+    // What an earlier run left is not a dataset while frames are written over it. A manifest that somebody wrote is no leftover.
+    let manifest = out.join(MANIFEST_NAME);
+    if fs::symlink_metadata(&manifest).is_ok() {
+        if !record.is_unchanged(MANIFEST_NAME) {
+            return Err(SimulateError::NotSimulated { path: manifest });
+        }
+        fs::remove_file(&manifest).map_err(OutputError::at(&manifest))?;
+    }
+    Ok(record)
 }
 
 /// Writes `simulate.json` and, last, the manifest with the further `columns`: a folder with a manifest is a complete dataset.
+///
+/// Frames of an earlier simulation that this one did not make are removed before, since a longer sequence would mix with the new one.
 pub(super) fn finish(
+    record: FolderRecord,
     out: &Path,
     options: &SimulateOptions,
     further: &serde_json::Map<String, serde_json::Value>,
@@ -143,34 +152,40 @@ pub(super) fn finish(
         further,
     };
     write_json(&out.join("simulate.json"), &provenance)?;
-    if options.layout == DatasetLayout::Manifest {
-        let header = ManifestRow::COLUMNS.iter().chain(columns);
-        write_records(&out.join(MANIFEST_NAME), header, rows.into_iter().map(ManifestRow::fields))?;
+    if let Some(name) = record.remove_stale()?.into_iter().next() {
+        return Err(SimulateError::NotSimulated { path: out.join(name) });
     }
-    Ok(())
+    if options.layout == DatasetLayout::Manifest {
+        record.write(MANIFEST_NAME, |writer| {
+            let mut csv = csv_writer(writer);
+            csv.write_record(ManifestRow::COLUMNS.iter().chain(columns)).map_err(io::Error::from)?;
+            for row in rows {
+                csv.write_record(row.fields()).map_err(io::Error::from)?;
+            }
+            csv.flush()
+        })?;
+    }
+    Ok(record.close()?)
 }
 
 /// Writes the frames of a sequence, its marks or landmarks and label, and the true positions.
 pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateError>>(
     performance: &Performance<F>,
     options: &SimulateOptions,
-    out: &Path,
+    record: &FolderRecord,
     tick: &impl Fn(),
 ) -> Result<ManifestRow, SimulateError> {
     let (who, what) = (&performance.subject, &performance.sequence);
     let folder = format!("{who}/{what}");
     let stem = format!("{who}_{what}_");
-    let layout = Layout::new(options.layout, out, &folder);
-    for folder in layout.folders() {
-        remove_frames(folder, &stem)?;
-    }
+    let layout = Layout::new(options.layout, &folder);
     let tables = Tables::candide3();
     let mut truth = Vec::new();
     for frame in 0..options.frames {
         let simulated = (performance.frame)(frame)?;
         let name = format!("{stem}{:08}", frame + 1);
-        let picture = layout.images.join(format!("{name}.{}", options.format.extension()));
-        write_atomic(&picture, |writer| encode(&simulated.image, options.format, writer))?;
+        let picture = format!("{}/{name}.{}", layout.images, options.format.extension());
+        record.write(&picture, |writer| encode(&simulated.image, options.format, writer))?;
         truth.extend(simulated.nodes.iter().enumerate().map(|(node, p)| TruthRow {
             frame: frame + 1,
             node,
@@ -179,23 +194,21 @@ pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateErro
         }));
         if let Some([labels, landmarks]) = &layout.cohn_kanade {
             let text = landmark_text(&simulated.nodes, &tables.landmarks);
-            write_bytes(&landmarks.join(format!("{name}_landmarks.txt")), text.as_bytes())?;
+            record.write(&format!("{landmarks}/{name}_landmarks.txt"), |writer| writer.write_all(text.as_bytes()))?;
             // The label stands at the apex.
             if frame + 1 == options.frames {
                 let code = grimace::dataset::emotion_code(&performance.emotion)
                     .ok_or_else(|| SimulateError::NoCode { emotion: performance.emotion.clone() })?;
-                write_bytes(
-                    &labels.join(format!("{name}_emotion.txt")),
-                    format!("   {}\n", exponential(f64::from(code))).as_bytes(),
-                )?;
+                let label = format!("   {}\n", exponential(f64::from(code)));
+                record.write(&format!("{labels}/{name}_emotion.txt"), |writer| writer.write_all(label.as_bytes()))?;
             }
         } else if frame == 0 {
             let marks = marks(&simulated.nodes, options, performance.stream);
-            write_csv(&layout.images.join("correspondences.csv"), marks)?;
+            record.write(&format!("{}/correspondences.csv", layout.images), |writer| csv_into(writer, marks))?;
         }
         tick();
     }
-    write_csv(&out.join("truth").join(format!("{who}_{what}.csv")), truth)?;
+    record.write(&format!("truth/{who}_{what}.csv"), |writer| csv_into(writer, truth))?;
     Ok(ManifestRow {
         subject: who.clone(),
         sequence: what.clone(),
@@ -207,26 +220,22 @@ pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateErro
     })
 }
 
-/// The folders of one sequence.
+/// The folders of one sequence, relative to the dataset.
 struct Layout {
-    images: PathBuf,
+    images: String,
     /// Labels and landmarks.
-    cohn_kanade: Option<[PathBuf; 2]>,
+    cohn_kanade: Option<[String; 2]>,
 }
 
 impl Layout {
-    fn new(layout: DatasetLayout, out: &Path, folder: &str) -> Self {
+    fn new(layout: DatasetLayout, folder: &str) -> Self {
         match layout {
-            DatasetLayout::Manifest => Self { images: out.join(folder), cohn_kanade: None },
+            DatasetLayout::Manifest => Self { images: folder.to_owned(), cohn_kanade: None },
             DatasetLayout::CohnKanade => {
-                let [images, labels, landmarks] = COHN_KANADE.map(|name| out.join(name).join(folder));
+                let [images, labels, landmarks] = COHN_KANADE.map(|name| format!("{name}/{folder}"));
                 Self { images, cohn_kanade: Some([labels, landmarks]) }
             }
         }
-    }
-
-    fn folders(&self) -> impl Iterator<Item = &Path> {
-        std::iter::once(&self.images).chain(self.cohn_kanade.iter().flatten()).map(PathBuf::as_path)
     }
 }
 
@@ -251,30 +260,6 @@ fn exponential(value: f64) -> String {
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
     let (sign, digits) = exponent.strip_prefix('-').map_or(('+', exponent), |digits| ('-', digits));
     format!("{mantissa}e{sign}{digits:0>2}")
-}
-
-/// Removes a file if it is there.
-fn remove(path: &Path) -> Result<(), OutputError> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(OutputError::at(path)(error)),
-        _ => Ok(()),
-    }
-}
-
-/// Removes the frames of an earlier run: a longer sequence, or another format, would mix with the new one.
-fn remove_frames(folder: &Path, stem: &str) -> Result<(), OutputError> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        entries => entries.map_err(OutputError::at(folder))?,
-    };
-    for entry in entries {
-        let path = entry.map_err(OutputError::at(folder))?.path();
-        let is_frame = path.file_name().and_then(|name| name.to_str()).is_some_and(|name| name.starts_with(stem));
-        if is_frame {
-            remove(&path)?;
-        }
-    }
-    Ok(())
 }
 
 /// The marks a person would set on the neutral frame: true positions plus Gaussian errors.

@@ -163,6 +163,16 @@ pub enum SimulateError {
         /// The folder.
         path: PathBuf,
     },
+    /// A file that would be taken for a part of the dataset, and is of no simulation or was changed since.
+    #[error(
+        "{} is not of a simulation into this folder, or was changed since, and would be read as a part of the dataset; move it away and \
+         simulate again",
+        path.display()
+    )]
+    NotSimulated {
+        /// The file.
+        path: PathBuf,
+    },
     /// A label that the Cohn-Kanade layout has no code for.
     #[error(
         "the layout of Cohn-Kanade has no code for the emotion `{emotion}`; it knows neutral, anger, contempt, disgust, fear, \

@@ -203,7 +203,7 @@ pub fn simulate_photographs(
             range: "given at most 8 times",
         });
     }
-    begin(out, force)?;
+    let record = begin(out, force)?;
     let wireframe = Wireframe::candide3();
     let mut next = FIRST_FAP_CODE;
     let coded: Vec<(u8, &PortraitMotion)> = motions
@@ -238,12 +238,12 @@ pub fn simulate_photographs(
                     sequence.frame(k).map_err(error)
                 },
             };
-            Ok(write_sequence(&performance, options, out, &tick)?.with([portrait.id().to_owned()]))
+            Ok(write_sequence(&performance, options, &record, &tick)?.with([portrait.id().to_owned()]))
         })
         .collect::<Result<_, SimulateError>>()?;
     let sequences = rows.len();
     let mut further = serde_json::Map::new();
     further.insert("portraits".to_owned(), json!(portraits.iter().map(Portrait::id).collect::<Vec<_>>()));
-    finish(out, options, &further, &["portrait"], rows)?;
+    finish(record, out, options, &further, &["portrait"], rows)?;
     Ok(DatasetSummary { sequences, frames: total })
 }

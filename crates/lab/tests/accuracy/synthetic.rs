@@ -9,7 +9,7 @@ use grimace::{
     normalize::{NormalizeOptions, Normalizer},
     pipeline::read_model,
     sequence::{Frame, SequenceError},
-    track::{TrackOptions, TrackPlan, read_track, track_model, track_sequence},
+    track::{AlignOptions, TrackOptions, TrackPlan, read_track, track_model, track_sequence},
     units::{FaceUnit, Px},
     wireframe::{Tables, Wireframe},
 };
@@ -49,7 +49,8 @@ fn tracking_from_the_true_nodes_stays_within_a_pixel_and_deformation_helps() {
         .map(|&(subject, emotion)| {
             let frames: Vec<_> = simulate_sequence(&options, subject, emotion).unwrap().collect();
             let with = error_at_apex(&frames, &TrackOptions::default());
-            let without = error_at_apex(&frames, &TrackOptions { deform: false, ..TrackOptions::default() });
+            let align = AlignOptions { gain: 0.0, ..AlignOptions::default() };
+            let without = error_at_apex(&frames, &TrackOptions { deform: false, align, ..TrackOptions::default() });
             eprintln!("subject {subject}, {emotion}: {with:.3} px with deformation, {without:.3} px without");
             (with, without)
         })

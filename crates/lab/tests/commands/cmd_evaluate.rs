@@ -164,7 +164,13 @@ fn tracking_starts_right_and_drifts_and_every_frame_is_there() {
     let printed = work.stdout(&format!("evaluate tracking -o out {TINY}"));
     assert!(printed.contains("Last frame, mean position error") && printed.contains("plain KLT"), "{printed}");
     let rows = work.rows("out/tracking_frames.csv");
-    for variant in ["with deformation", "without deformation", "plain KLT"] {
+    for variant in [
+        "with deformation",
+        "without deformation",
+        "with deformation, not aligned",
+        "without deformation, not aligned",
+        "plain KLT",
+    ] {
         let curve: Vec<_> =
             rows.iter().filter(|r| r["variant"] == variant && r["part"] == "all" && r["state"] == "any").collect();
         assert_eq!(curve.iter().map(|r| r["frame"].as_str()).collect::<Vec<_>>(), ["1", "2", "3", "4"]);
@@ -238,6 +244,49 @@ fn simulated_datasets_are_compared_with_their_exact_nodes() {
     assert_eq!(work.rows("partial/failures.csv")[0]["sequence"], "S001_005");
 }
 
+#[test]
+fn some_nodes_of_some_frames_are_truth_enough_and_tracks_that_are_there_are_compared() {
+    let work = Work::new();
+    work.stdout("simulate -o faces --subjects 1 --emotions happiness --frames 4 --size 240x180");
+    let truth = work.read("faces/truth/S001_005.csv");
+    // Mouth corners, eye corners and the chin in the neutral and the third frame.
+    let wanted = |line: &str| {
+        let mut fields = line.split(',');
+        let (frame, node) = (fields.next().unwrap_or_default(), fields.next().unwrap_or_default());
+        ["1", "3"].contains(&frame) && ["20", "23", "53", "56", "31", "64", "10"].contains(&node)
+    };
+    let some: String = truth.lines().filter(|line| line.starts_with("frame") || wanted(line)).map(|l| format!("{l}\n")).collect();
+    fs::write(work.path("faces/truth/S001_005.csv"), &some).unwrap();
+    work.stdout("evaluate tracking faces -o out");
+    let whole = |folder: &str, variant: &str| {
+        let rows = work.rows(&format!("{folder}/tracking_last.csv"));
+        rows.into_iter().find(|r| r["variant"] == variant && r["part"] == "all" && r["state"] == "any").unwrap()
+    };
+    let compared = whole("out", "with deformation");
+    assert_eq!(compared["errors"], "7");
+    assert!(number(&compared, "mean_px") > 0.0 && number(&compared, "mean_px") < 5.0);
+    // The truth itself as a track: no error; moved by (3, 4) px: 5.
+    fs::write(work.path("by_hand.csv"), &some).unwrap();
+    let moved = |dx: f64, dy: f64| {
+        let row = |line: &str| {
+            let f: Vec<&str> = line.split(',').collect();
+            let (x, y): (f64, f64) = (f[2].parse().unwrap(), f[3].parse().unwrap());
+            format!("{},{},{},{},tracked,,\n", f[0], f[1], x + dx, y + dy)
+        };
+        format!("frame,node,x,y,state,residual,expected_error\n{}", truth.lines().skip(1).map(row).collect::<String>())
+    };
+    fs::write(work.path("a.csv"), moved(0.0, 0.0)).unwrap();
+    fs::write(work.path("b.csv"), moved(3.0, 4.0)).unwrap();
+    work.stdout("evaluate tracking -o mine --truth by_hand.csv --tracks exact:a.csv --tracks off:b.csv");
+    assert!(number(&whole("mine", "exact"), "mean_px") < 1e-9);
+    assert!((number(&whole("mine", "off"), "mean_px") - 5.0).abs() < 1e-6);
+    work.grimace("evaluate tracking -o none --tracks x:a.csv").failure().stderr(contains("give the DATASET"));
+    work.grimace("evaluate tracking -o none --truth by_hand.csv").failure().code(2);
+    work.grimace("evaluate tracking -o none --truth by_hand.csv --tracks x:nowhere.csv")
+        .failure()
+        .stderr(contains("nowhere.csv is not there"));
+}
+
 use predicates::prelude::PredicateBooleanExt as _;
 
 #[test]
@@ -279,6 +328,26 @@ fn help_has_an_example() {
     for experiment in ["fit", "tracking"] {
         assert!(work.stdout(&format!("evaluate {experiment} --help")).contains(&format!("grimace evaluate {experiment}")));
     }
+}
+
+#[test]
+fn found_points_are_compared_with_points_set_by_hand() {
+    let work = Work::new();
+    work.grimace("evaluate locate nowhere -o out").failure().code(1).stderr(contains("nowhere"));
+    let faces = crate::common::root().join("../shared/data/faces");
+    if !faces.is_dir() {
+        eprintln!("SKIPPED: ../shared/data/faces is not there; found points were not compared");
+        return;
+    }
+    let faces = faces.display();
+    work.grimace(&format!("evaluate locate {faces} -o out --only L022,nobody"))
+        .failure()
+        .code(1)
+        .stderr(contains("has nobody called nobody"));
+    let said = work.stdout(&format!("evaluate locate {faces} -o out --only L022,L045 --force"));
+    assert!(said.contains("2 faces: 0 missed, 0 grossly wrong"), "{said}");
+    let errors = work.read("out/errors.csv");
+    assert!(errors.lines().any(|line| line.starts_with("all,eye corner,2,")), "{errors}");
 }
 
 /// Plain KLT and the fit on the real sequences, against the figures that independent prototypes gave.

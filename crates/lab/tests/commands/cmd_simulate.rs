@@ -82,8 +82,8 @@ fn gives_the_same_bytes_for_any_number_of_threads() {
     small(&one).args(["--threads", "1"]).assert().success();
     small(&two).args(["-j", "2", "--quiet"]).assert().success().stdout("");
     let (a, b) = (files(&one), files(&two));
-    // 12 frames, 4 marks, 4 truths, manifest, provenance.
-    assert_eq!(a.len(), 22);
+    // 12 frames, 4 marks, 4 truths, manifest, provenance, the record of all of them.
+    assert_eq!(a.len(), 23);
     assert!(a == b, "files differ between 1 and 2 threads");
 }
 
@@ -131,6 +131,25 @@ fn forcing_leaves_no_frames_of_the_earlier_run() {
     simulate(&again).args(short).arg("--force").assert().success();
     simulate(&fresh).args(short).assert().success();
     assert!(files(&again) == files(&fresh), "files of the earlier run are left");
+}
+
+/// A dataset is read by folders: what is not of the simulation would be taken for a part of it, and is nobody's to remove but the user's.
+#[test]
+fn forcing_removes_nothing_that_is_not_of_a_simulation() {
+    let folder = tempfile::tempdir().unwrap();
+    let mine = folder.path().join("manifest.csv");
+    fs::write(&mine, "subject,sequence\n").unwrap();
+    small(folder.path()).arg("--force").assert().code(1).stderr(contains("manifest.csv is not of a simulation"));
+    assert_eq!(fs::read(&mine).unwrap(), b"subject,sequence\n");
+    fs::remove_file(&mine).unwrap();
+    small(folder.path()).arg("--force").assert().success();
+    let frame = folder.path().join("S001/005/S001_005_00000003.png");
+    fs::write(&frame, "edited").unwrap();
+    fs::write(folder.path().join("S001/005/S001_005_notes.txt"), "mine").unwrap();
+    let short = ["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "2", "--size", "96x80"];
+    simulate(folder.path()).args(short).arg("--force").assert().code(1).stderr(contains("S001_005_00000003.png"));
+    assert_eq!(fs::read(&frame).unwrap(), b"edited");
+    assert!(folder.path().join("S001/005/S001_005_notes.txt").exists());
 }
 
 #[test]
@@ -243,7 +262,7 @@ fn faults_of_the_camera_change_pictures_and_never_positions() {
     assert_eq!(plain.keys().collect::<Vec<_>>(), faulty.keys().collect::<Vec<_>>());
     for (path, bytes) in &plain {
         let picture = path.extension().is_some_and(|e| e == "png");
-        let options = path.ends_with("simulate.json");
+        let options = path.ends_with("simulate.json") || path.ends_with("simulate.b3");
         assert_eq!(faulty[path] != *bytes, picture || options, "{}", path.display());
     }
 }

@@ -31,8 +31,8 @@ pub struct Args {
     /// Targets, chosen by the seed
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     targets: u16,
-    /// Targets that regions are measured on
-    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    /// Targets, the first of them, that one, two and four regions are measured on
+    #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     region_targets: u16,
     /// Runs on every target and crossover
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]

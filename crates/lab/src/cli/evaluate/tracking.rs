@@ -10,14 +10,14 @@ use grimace::{
 use grimace_lab::evaluate::{
     Cell, Failed, Start, Table, TrackerVariant, TrackingOptions, TrackingResult, VariantKind, curve_table, dataset_cases,
     evaluate_tracking, frames_worse, hard_simulation, last_table, markdown_last, sequence_table, simulated_cases,
-    standard_variants, tracking_chart,
+    standard_variants, tracking_chart, truth_case,
 };
 use serde_json::{Value, json};
 
 use super::{CommonArgs, Folder, SimulationArgs, bar, file_word, nodes};
 use grimace::cli::{
     Outcome,
-    shared::{FitArgs, TrackArgs, stop_flag},
+    shared::{FitArgs, MethodArgs, TrackArgs, stop_flag},
 };
 
 /// Error of the tracker.
@@ -27,9 +27,13 @@ Examples:
   grimace evaluate tracking -o tracking-error --subjects 4 --hard
   grimace evaluate tracking faces -o tracking-error --by kind --start seven
   grimace evaluate tracking -o ablation --variants narrow:window=0.08 --variants stiff:force=10,extreme=4
+  grimace evaluate tracking -o paper --method kp
+  grimace evaluate tracking -o mine --truth S005_001_by_hand.csv --tracks before:old/S005_001.csv --tracks now:results/tracks/S005_001.csv
 
 Without a DATASET, sequences are simulated in memory. A DATASET needs 68-point landmarks for the neutral and the last frame at least; it \
-is compared at the nodes that a landmark stands for. Curves per frame are in tracking_frames.csv and tracking_*.svg, the last frames in \
+is compared at the nodes that a landmark stands for. Where DATASET/truth/SUBJECT_SEQUENCE.csv is there (frame,node,x,y, px: any nodes, \
+any frames, the neutral one among them), it is compared with that. --truth is such a file for tracks that are there. Each of deformation \
+and alignment is taken away alone and with the other. Curves per frame are in tracking_frames.csv and tracking_*.svg, the last frames in \
 tracking_last.csv, each sequence in tracking_sequences.csv. A sequence that fails is named in failures.csv; the exit status is then 3.")]
 pub struct Args {
     /// Dataset with 68-point landmarks; simulated sequences without
@@ -46,6 +50,12 @@ pub struct Args {
     /// A further tracker: a name and options of the tracker that differ; may be given several times
     #[arg(long, value_name = "NAME:KEY=VALUE,...")]
     variants: Vec<String>,
+    /// Tracks that are there: a name and a track, or a folder of SUBJECT_SEQUENCE.csv; may be given several times
+    #[arg(long, value_parser = named_tracks, value_name = "NAME:PATH")]
+    tracks: Vec<(String, PathBuf)>,
+    /// Positions set by hand, frame,node,x,y in px, to compare the tracks of --tracks with
+    #[arg(long, value_name = "TRUTH.csv", requires = "tracks", conflicts_with_all = ["dataset", "variants", "hard"])]
+    truth: Option<PathBuf>,
     /// Simulated subjects
     #[arg(long, default_value_t = 4, value_name = "N", conflicts_with = "dataset", help_heading = super::SIMULATION)]
     subjects: u32,
@@ -54,6 +64,8 @@ pub struct Args {
     hard: bool,
     #[command(flatten)]
     simulation: SimulationArgs,
+    #[command(flatten)]
+    method: MethodArgs,
     #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
@@ -66,6 +78,14 @@ pub struct Args {
 pub(super) enum StartWord {
     Landmarks,
     Seven,
+}
+
+/// A name and a path.
+fn named_tracks(text: &str) -> Result<(String, PathBuf), String> {
+    match text.split_once(':') {
+        Some((name, path)) if !name.trim().is_empty() && !path.is_empty() => Ok((name.trim().to_owned(), PathBuf::from(path))),
+        _ => Err("expected a name and a path, as in before:old/S005_001.csv".to_owned()),
+    }
 }
 
 impl From<StartWord> for Start {
@@ -81,13 +101,22 @@ impl From<StartWord> for Start {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
-    let base = args.track.options();
-    let mut variants = standard_variants(&base);
+    let base = args.track.options_of(args.method.method);
+    let mut variants = if args.truth.is_some() { Vec::new() } else { standard_variants(&base) };
     for text in &args.variants {
         let variant = TrackerVariant::parse(text, &base)?;
         anyhow::ensure!(variants.iter().all(|v| v.name != variant.name), "--variants: there are two variants `{}`", variant.name);
         variants.push(variant);
     }
+    for (name, path) in &args.tracks {
+        anyhow::ensure!(path.exists(), "--tracks: {} is not there", path.display());
+        anyhow::ensure!(variants.iter().all(|v| v.name != *name), "--tracks: there are two variants `{name}`");
+        variants.push(TrackerVariant { name: name.clone(), kind: VariantKind::Tracks(path.clone()) });
+    }
+    anyhow::ensure!(
+        args.tracks.is_empty() || args.dataset.is_some() || args.truth.is_some(),
+        "--tracks: give the DATASET that they are of, or positions set by hand with --truth"
+    );
     let marks = if args.marks.is_empty() { DEFAULT_LANDMARK_NODES.to_vec() } else { nodes(&args.marks, &tables, &wireframe)? };
     let options = TrackingOptions {
         start: args.start.into(),
@@ -99,11 +128,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let clean = args.simulation.options(args.subjects, args.common.seed);
     let simulation = if args.hard { hard_simulation(&clean) } else { clean };
-    let (cases, mut failures) = match &args.dataset {
-        Some(path) => dataset_cases(path, args.by.as_deref())?,
-        None => (simulated_cases(&simulation)?, Vec::new()),
+    let (cases, mut failures) = match (&args.dataset, &args.truth) {
+        (Some(path), _) => dataset_cases(path, args.by.as_deref())?,
+        (None, Some(truth)) => (vec![truth_case(truth)], Vec::new()),
+        (None, None) => (simulated_cases(&simulation)?, Vec::new()),
     };
-    let fit_options = args.fit.options();
+    let fit_options = args.fit.options_of(args.method.method);
     let fitter = Fitter::new(&wireframe, fit_options.clone());
     let stop = stop_flag()?;
     let bar = bar(args.common.quiet, "tracking", cases.len());
@@ -124,6 +154,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let settings = match &v.kind {
             VariantKind::Options(options) => json!(options),
             VariantKind::PlainKlt => json!("plain KLT: frame to frame, 21-pixel window, 4 levels, no check"),
+            VariantKind::Tracks(path) => json!(format!("tracks that were there: {}", path.display())),
         };
         (v.name.clone(), settings)
     };
@@ -133,7 +164,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "by": options.by,
         "fit": fit_options,
         "variants": options.variants.iter().map(names).collect::<serde_json::Map<String, Value>>(),
-        "simulation": args.dataset.is_none().then_some(&simulation),
+        "truth": args.truth,
+        "method": args.method.method,
+        "simulation": (args.dataset.is_none() && args.truth.is_none()).then_some(&simulation),
         "marks_noise_px": args.dataset.is_none().then_some(options.marks_noise_px),
     });
     let results = json!({ "sequences": cases.len() - result.failures.len(), "failed": failures.len() });
@@ -166,7 +199,10 @@ fn write(folder: &mut Folder, result: &TrackingResult, failures: &[Failed], star
         }
     }
     folder.print(&format!("Last frame, mean {what}"), &markdown_last(records));
-    // The first two variants are the tracker with and without its deformation.
+    // The first two variants are the tracker with and without its deformation, unless only tracks were compared.
+    if records.variants.get(1).is_none_or(|name| name != "without deformation") {
+        return Ok(());
+    }
     let mut claim = Table::new(["group", "frames from the 5th on", "worse with deformation"]);
     for (group, frames, worse) in frames_worse(records, 0, 1) {
         claim.rows.push(vec![Cell::text(group), Cell::Count(frames), Cell::Count(worse)]);

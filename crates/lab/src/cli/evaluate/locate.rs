@@ -1,0 +1,83 @@
+//! `grimace evaluate locate`.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use grimace::{
+    cli::Outcome,
+    input::CsvFile,
+    locate::{Locator, Model, learn::read_faces},
+};
+use grimace_lab::evaluate::{evaluate_locate, locate_calibration, locate_failures, locate_table};
+use serde_json::json;
+
+use super::{CommonArgs, bar};
+
+/// How right found points are, on photographs with hand-set points.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace learn locator FACES -o others.bin --leave-out L022,L045
+  grimace evaluate locate FACES -o located --model others.bin --only L022,L045 --people people.csv --by gender
+
+FACES is a folder as for `grimace learn locator`. The model that ships was learned from the London Set: judge on its people only with a model \
+that was learned without them. Errors are in percent of the eye distance.")]
+pub struct Args {
+    /// Folder of photographs and points
+    faces: PathBuf,
+    /// A model of `grimace learn locator`, instead of the one that ships
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// People to judge on, separated by commas; all if not given
+    #[arg(long, value_delimiter = ',', value_name = "PERSON")]
+    only: Vec<String>,
+    /// Table of the people: person, and columns to group by
+    #[arg(long, requires = "by", value_name = "CSV")]
+    people: Option<PathBuf>,
+    /// Column of that table to group by
+    #[arg(long, requires = "people", value_name = "COLUMN")]
+    by: Option<String>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Measures.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut folder = args.common.start()?;
+    let shipped;
+    let locator = match &args.model {
+        Some(path) => {
+            shipped = Locator::new(Model::read(path)?.0);
+            &shipped
+        }
+        None => Locator::shipped()?,
+    };
+    let mut faces = read_faces(&args.faces, &std::collections::BTreeSet::new())?.faces;
+    if let Some(name) = args.only.iter().find(|name| !faces.iter().any(|f| &f.person == *name)) {
+        anyhow::bail!("--only: {} has nobody called {name}", args.faces.display());
+    }
+    faces.retain(|f| args.only.is_empty() || args.only.contains(&f.person));
+    let mut groups = BTreeMap::new();
+    if let (Some(path), Some(by)) = (&args.people, &args.by) {
+        let csv = CsvFile::open(path)?;
+        let [person, column] = csv.require(["person", by.as_str()])?;
+        for row in csv.rows() {
+            let row = row?;
+            groups.insert(row.get(person).to_owned(), row.get(column).to_owned());
+        }
+    }
+    let bar = bar(args.common.quiet, "faces", faces.len());
+    let people = evaluate_locate(&faces, locator, || bar.inc(1));
+    bar.finish_and_clear();
+    let (errors, calibration) = (locate_table(&people, &groups), locate_calibration(&people));
+    let [missed, gross, doubtful] = locate_failures(&people);
+    folder.table("errors.csv", &errors)?;
+    folder.table("expected_errors.csv", &calibration)?;
+    folder.print("Error of found points, percent of the eye distance", &errors);
+    folder.print("Expected and real median error, by fifths of the points", &calibration);
+    if !args.common.quiet {
+        println!("{} faces: {missed} missed, {gross} grossly wrong, {doubtful} not trusted", faces.len());
+    }
+    let results = json!({ "faces": faces.len(), "missed": missed, "grossly_wrong": gross, "not_trusted": doubtful });
+    folder.finish("locate", None, args.common.seed, json!({ "only": args.only, "by": args.by }), results)?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,80 @@
+//! Marks that were found in the neutral frame: proposed, and accepted without a look where they are sure enough.
+
+use rayon::prelude::*;
+
+use super::{AnnotateError, ProposalSource, ProposedMarks, desk::Desk};
+use crate::{
+    fit::Correspondence,
+    pipeline::{FoundFace, found_face},
+    sequence::{Frame, read_first_frame},
+    units::SequenceId,
+};
+
+/// Proposals from the face found in a frame, and a note where it is not trusted; `None` where there is no face.
+///
+/// # Errors
+/// What is wrong with the locator's model.
+pub fn propose_from_face(frame: &Frame) -> Result<Option<(ProposedMarks, Option<String>)>, String> {
+    let Some(FoundFace { marks, expected_error, trusted, .. }) = found_face(frame).map_err(|e| e.to_string())? else {
+        return Ok(None);
+    };
+    let note = (!trusted).then(|| {
+        format!(
+            "the face is hard to read: half of the points are expected to be more than {:.0} % of the eye distance off",
+            100.0 * expected_error
+        )
+    });
+    Ok(Some((ProposedMarks { source: ProposalSource::Found, marks }, note)))
+}
+
+/// What [`Annotator::accept`](super::Annotator::accept) did.
+#[derive(Clone, Debug, Default)]
+pub struct Accepted {
+    /// Sequences whose found marks were saved.
+    pub accepted: Vec<SequenceId>,
+    /// Sequences without marks that need a look, each with the reason.
+    pub left: Vec<(SequenceId, String)>,
+}
+
+impl Desk {
+    /// Saves the marks found in every sequence that has none, where half of them are expected to be less than `limit` percent of the eye
+    /// distance off and no single one is expected to be more than three times that: those are left out. A mark set by hand always wins.
+    pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Result<Accepted, AnnotateError> {
+        let open: Vec<SequenceId> = self.unmarked();
+        let done = std::sync::atomic::AtomicUsize::new(0);
+        let found: Vec<(SequenceId, Result<Vec<Correspondence>, String>)> = open
+            .par_iter()
+            .map(|id| {
+                let marks = self.sure_marks(id, limit);
+                progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, open.len());
+                (id.clone(), marks)
+            })
+            .collect();
+        let mut outcome = Accepted::default();
+        for (id, marks) in found {
+            match marks {
+                Ok(marks) => {
+                    self.save_found(&id, &marks)
+                        .map_err(|error| AnnotateError::Accept { id: id.clone(), reason: error.to_string() })?;
+                    outcome.accepted.push(id);
+                }
+                Err(reason) => outcome.left.push((id, reason)),
+            }
+        }
+        Ok(outcome)
+    }
+
+    fn sure_marks(&self, id: &SequenceId, limit: f64) -> Result<Vec<Correspondence>, String> {
+        let frames = self.neutral_frames(id).map_err(|e| e.to_string())?;
+        let frame = read_first_frame(&frames).map_err(|e| e.to_string())?;
+        let face = found_face(&frame).map_err(|e| e.to_string())?.ok_or("no face was found")?;
+        let percent = 100.0 * face.expected_error;
+        if !face.trusted || percent >= limit {
+            return Err(format!("half of the points are expected to be more than {percent:.1} % of the eye distance off"));
+        }
+        let most = 3.0 * limit / 100.0 * face.eye_distance;
+        let sure: Vec<Correspondence> = face.marks.into_iter().filter(|m| m.expected_error.is_some_and(|e| e <= most)).collect();
+        self.bench.fitter().fit(&self.bench.wireframe, &sure).map_err(|e| e.to_string())?;
+        Ok(sure)
+    }
+}

@@ -1,0 +1,181 @@
+//! What a command wrote into a folder, so that a later one removes nothing else there.
+//!
+//! The record is a text file that `b3sum --check` reads: a line `HASH  NAME` for each file, hash in hexadecimal (BLAKE3), name relative to
+//! the folder. A line is added as each file is written, so that a program that is killed leaves no file unrecorded; a finished one sorts
+//! the lines.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    io::{self, Write},
+    path::{Component, Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use super::{OutputError, write_atomic, write_hashed};
+
+/// The files that earlier commands and this one wrote into a folder.
+#[derive(Debug)]
+pub struct FolderRecord {
+    folder: PathBuf,
+    path: PathBuf,
+    force: bool,
+    /// Names from earlier commands, each with the hashes it had.
+    earlier: BTreeMap<String, BTreeSet<String>>,
+    now: Mutex<Now>,
+}
+
+#[derive(Debug, Default)]
+struct Now {
+    journal: Option<fs::File>,
+    written: BTreeMap<String, String>,
+}
+
+impl FolderRecord {
+    /// Opens the record `name` of a folder, or begins one. With `force`, files that are not of an earlier command are written over.
+    ///
+    /// # Errors
+    /// [`OutputError`] when a record is there and cannot be read.
+    pub fn open(folder: &Path, name: &str, force: bool) -> Result<Self, OutputError> {
+        let path = folder.join(name);
+        let bytes = match crate::input::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+            Err(error) => return Err(OutputError::at(&path)(error)),
+        };
+        let mut earlier: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+        // A line that a power failure cut names no file with such a hash.
+        for (hash, name) in String::from_utf8_lossy(&bytes).lines().filter_map(|line| line.split_once("  ")) {
+            if is_inside(name) {
+                earlier.entry(name.to_owned()).or_default().insert(hash.to_owned());
+            }
+        }
+        Ok(Self { folder: folder.to_owned(), path, force, earlier, now: Mutex::default() })
+    }
+
+    /// Writes the file `name` of the folder as [`write_atomic`] does, and enters it.
+    ///
+    /// # Errors
+    /// [`OutputError`] when it cannot be written; of the kind [`io::ErrorKind::AlreadyExists`] when a file stands there that no earlier
+    /// command wrote.
+    pub fn write(&self, name: &str, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
+        let path = self.folder.join(name);
+        if !self.force && !self.earlier.contains_key(name) && fs::symlink_metadata(&path).is_ok() {
+            let reason = "it is there already and no earlier command of ours wrote it; --force writes over it";
+            return Err(OutputError::at(&path)(io::Error::new(io::ErrorKind::AlreadyExists, reason)));
+        }
+        let hash = write_hashed(&path, fill)?.to_hex().to_string();
+        self.enter(name, hash).map_err(OutputError::at(&self.path))
+    }
+
+    fn enter(&self, name: &str, hash: String) -> io::Result<()> {
+        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        let journal = match now.journal.take() {
+            Some(file) => file,
+            None => fs::File::options().create(true).append(true).open(&self.path)?,
+        };
+        now.journal.insert(journal).write_all(format!("{hash}  {name}\n").as_bytes())?;
+        now.written.insert(name.to_owned(), hash);
+        Ok(())
+    }
+
+    /// Whether an earlier command wrote the file `name` and nobody changed it since.
+    pub fn is_unchanged(&self, name: &str) -> bool {
+        let hash = || crate::input::read(&self.folder.join(name)).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string());
+        self.earlier.get(name).is_some_and(|hashes| hash().is_some_and(|hash| hashes.contains(&hash)))
+    }
+
+    /// Removes what earlier commands wrote and this one has not, where it still has the bytes they wrote. The names of files that were
+    /// changed since: they are kept, and stay in the record.
+    ///
+    /// # Errors
+    /// [`OutputError`] when a file cannot be removed.
+    pub fn remove_stale(&self) -> Result<Vec<String>, OutputError> {
+        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = Vec::new();
+        for (name, hashes) in &self.earlier {
+            let path = self.folder.join(name);
+            if now.written.contains_key(name) || fs::symlink_metadata(&path).is_err() {
+                continue;
+            }
+            if self.is_unchanged(name) {
+                fs::remove_file(&path).map_err(OutputError::at(&path))?;
+            } else {
+                now.written.extend(hashes.iter().next_back().map(|hash| (name.clone(), hash.clone())));
+                kept.push(name.clone());
+            }
+        }
+        Ok(kept)
+    }
+
+    /// Writes the record anew, its lines sorted.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn close(self) -> Result<(), OutputError> {
+        let Now { written, .. } = self.now.into_inner().unwrap_or_else(PoisonError::into_inner);
+        write_atomic(&self.path, |out| written.iter().try_for_each(|(name, hash)| writeln!(out, "{hash}  {name}")))
+    }
+}
+
+/// Whether a name stays inside its folder, whatever a record was made to say.
+pub(crate) fn is_inside(name: &str) -> bool {
+    !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NAME: &str = "frames.b3";
+
+    fn write(folder: &Path, names: &[&str], force: bool) -> Result<Vec<String>, OutputError> {
+        let record = FolderRecord::open(folder, NAME, force)?;
+        for name in names {
+            record.write(name, |out| out.write_all(name.as_bytes()))?;
+        }
+        let kept = record.remove_stale()?;
+        record.close()?;
+        Ok(kept)
+    }
+
+    #[test]
+    fn only_recorded_and_unchanged_files_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        assert!(write(folder.path(), &["f/1.png", "f/2.png", "f/3.png"], false).unwrap().is_empty());
+        fs::write(at("f/2.png"), "edited").unwrap();
+        fs::write(at("f/mine.png"), "mine").unwrap();
+        let record = fs::read_to_string(at(NAME)).unwrap();
+        fs::write(at(NAME), format!("{record}{}  ../outside\ncut off", blake3::hash(b"x").to_hex())).unwrap();
+        fs::write(folder.path().parent().unwrap().join("outside"), "x").unwrap();
+        assert_eq!(write(folder.path(), &["f/1.png"], false).unwrap(), ["f/2.png"]);
+        assert!(folder.path().parent().unwrap().join("outside").exists());
+        fs::remove_file(folder.path().parent().unwrap().join("outside")).unwrap();
+        assert!(at("f/1.png").exists() && at("f/2.png").exists() && at("f/mine.png").exists() && !at("f/3.png").exists());
+        // What was kept is still known, and said again.
+        assert_eq!(write(folder.path(), &["f/1.png"], false).unwrap(), ["f/2.png"]);
+    }
+
+    #[test]
+    fn a_killed_writer_leaves_nothing_unrecorded() {
+        let folder = tempfile::tempdir().unwrap();
+        let record = FolderRecord::open(folder.path(), NAME, false).unwrap();
+        record.write("1.png", |out| out.write_all(b"1")).unwrap();
+        drop(record);
+        assert!(write(folder.path(), &["2.png"], false).unwrap().is_empty());
+        assert!(!folder.path().join("1.png").exists());
+    }
+
+    #[test]
+    fn a_stranger_s_file_is_written_over_with_force_only() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("1.png"), "mine").unwrap();
+        let error = write(folder.path(), &["1.png"], false).unwrap_err();
+        assert_eq!(error.source.kind(), io::ErrorKind::AlreadyExists);
+        assert!(error.to_string().contains("1.png") && error.to_string().contains("--force"), "{error}");
+        assert_eq!(fs::read(folder.path().join("1.png")).unwrap(), b"mine");
+        write(folder.path(), &["1.png"], true).unwrap();
+        assert_eq!(fs::read(folder.path().join("1.png")).unwrap(), b"1.png");
+    }
+}

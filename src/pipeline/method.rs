@@ -1,0 +1,102 @@
+//! The method as a whole: ours, or the paper's to the letter.
+
+use serde::{Deserialize, Serialize};
+
+use super::PipelineOptions;
+use crate::{
+    fit::{FitOptions, PriorKind},
+    normalize::NormalizeOptions,
+    statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting},
+    track::{AlignOptions, Forces, TrackOptions},
+};
+
+/// One switch for the options in which we differ from \[KP\]; `docs/method.md` has a row for each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// The default of every option.
+    #[default]
+    Default,
+    /// \[KP\] to the letter.
+    Kp,
+}
+
+impl Method {
+    /// Options of the fit: in \[KP\] similarity and springs, without a shape prior.
+    pub fn fit(self) -> FitOptions {
+        match self {
+            Self::Default => FitOptions::default(),
+            Self::Kp => FitOptions { prior: PriorKind::None, ..FitOptions::default() },
+        }
+    }
+
+    /// Options of the tracker: in \[KP\] KLT forward only, one force for all nodes, no alignment, no knowledge of lips and eyes.
+    pub fn track(self) -> TrackOptions {
+        let ours = TrackOptions::default();
+        match self {
+            Self::Default => ours,
+            Self::Kp => TrackOptions {
+                forward_backward: 0.0,
+                forces: Forces::Same,
+                lip_probes: false,
+                rigid_eyes: false,
+                align: AlignOptions { gain: 0.0, ..ours.align },
+                ..ours
+            },
+        }
+    }
+
+    /// Options of the normalization: the same in both.
+    pub fn normalize(self) -> NormalizeOptions {
+        NormalizeOptions::default()
+    }
+
+    /// Options of the statistics: in \[KP\] every sequence counts, also several of one person.
+    pub fn statistics(self) -> StatisticsOptions {
+        let ours = StatisticsOptions::default();
+        match self {
+            Self::Default => ours,
+            Self::Kp => {
+                StatisticsOptions { weighting: Weighting::Sequence, trim: TrimLevel::Frame, median: MedianKind::Greedy, ..ours }
+            }
+        }
+    }
+
+    /// Name of the method that options are: `default`, `kp`, or `changed` for neither.
+    pub fn name_of(options: &PipelineOptions) -> &'static str {
+        let is = |method: Self| {
+            options.fit == method.fit()
+                && options.track == method.track()
+                && options.normalize == method.normalize()
+                && options.statistics == method.statistics()
+        };
+        if is(Self::Default) {
+            "default"
+        } else if is(Self::Kp) {
+            "kp"
+        } else {
+            "changed"
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_say_which_method_they_are() {
+        let of = |method: Method| PipelineOptions {
+            fit: method.fit(),
+            track: method.track(),
+            normalize: method.normalize(),
+            statistics: method.statistics(),
+            ..PipelineOptions::default()
+        };
+        assert_eq!(Method::name_of(&PipelineOptions::default()), "default");
+        assert_eq!(Method::name_of(&of(Method::Kp)), "kp");
+        let mut changed = of(Method::Kp);
+        changed.track.lip_probes = true;
+        assert_eq!(Method::name_of(&changed), "changed");
+    }
+}

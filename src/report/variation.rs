@@ -1,0 +1,62 @@
+//! What the report shows of how people differ: components as moving faces, and bands around curves.
+
+use nalgebra::Vector2;
+use serde_json::{Value, json};
+
+use super::numbers::{length, rounded};
+use crate::{
+    model::DynamicExpressionModel,
+    statistics::variation::{Band, Variation},
+    units::{FaceUnit, NodeId},
+};
+
+/// Components that are shown.
+const SHOWN: usize = 3;
+
+/// A curve over the frames with what people scatter around it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BandCurve {
+    /// What it is of, such as `FAP 12 raise_l_cornerlip` or `node 31`.
+    pub label: String,
+    /// Unit of its values.
+    pub unit: String,
+    /// By frame: the representative's value, and everybody's.
+    pub values: Vec<(f64, Band)>,
+}
+
+/// How the people of one emotion differ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VariationData<'a> {
+    /// Mean and components; `None` where there are too few people.
+    pub variation: Option<&'a Variation>,
+    /// Curves with bands, in the order of the menu.
+    pub bands: Vec<BandCurve>,
+}
+
+/// For the page's script: offsets by frame, x and y in turn, as those of the representatives.
+pub(super) fn payload(data: &VariationData<'_>, live: &[NodeId]) -> Value {
+    let offsets = |offsets: &[Vector2<f64>]| offsets.iter().flat_map(|o| [length(o.x), length(o.y)]).collect::<Vec<_>>();
+    let mean = |model: &DynamicExpressionModel<FaceUnit>| {
+        let of_frame = |m: usize| {
+            let all = model.neutral_offsets(m);
+            offsets(&live.iter().map(|n| all[n.index()]).collect::<Vec<_>>())
+        };
+        (1..model.frame_count()).map(of_frame).collect::<Vec<_>>()
+    };
+    let components = |v: &Variation| {
+        let of = |c: &crate::statistics::variation::Component| json!({ "share": rounded(c.share, 4), "offsets": c.offsets.iter().map(|o| offsets(o)).collect::<Vec<_>>() });
+        v.components.iter().take(SHOWN).map(of).collect::<Vec<_>>()
+    };
+    let band = |curve: &BandCurve| {
+        let of = |(value, band): &(f64, Band)| {
+            let numbers = [*value, band.mean].into_iter().chain(band.quantiles);
+            numbers.map(|v| rounded(v, 2)).collect::<Vec<_>>()
+        };
+        json!({ "label": curve.label, "unit": curve.unit, "values": curve.values.iter().map(of).collect::<Vec<_>>() })
+    };
+    json!({
+        "mean": data.variation.map(|v| mean(&v.mean)),
+        "components": data.variation.map(components).unwrap_or_default(),
+        "bands": data.bands.iter().map(band).collect::<Vec<_>>(),
+    })
+}

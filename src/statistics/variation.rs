@@ -1,0 +1,351 @@
+//! How people differ from each other: principal components of the models of one emotion, the mean beside the median, and pointwise bands.
+//!
+//! A model is the neutral offsets of its live nodes in all frames after the neutral one. Components are the eigenvectors of the
+//! covariance of these over people, each person weighing the same however many sequences they have; its sign is that in which the
+//! component goes along with the mean motion. The mean and the components are not robust, which is why the representative is the
+//! median: an outlier shows as a component of its own.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector2};
+use rayon::prelude::*;
+
+use super::{SequenceModel, Weighting, weights::sequence_weights};
+use crate::{
+    model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
+    units::{FaceUnit, NodeId, SequenceId},
+    wireframe::Wireframe,
+};
+
+/// Most components that are given.
+pub const MOST_COMPONENTS: usize = 10;
+
+/// Fewest people: two differ in one direction only.
+pub const LEAST_PEOPLE: usize = 3;
+
+/// Sequences above which there are no components: the products of all of them take too long.
+pub const MOST_SEQUENCES: usize = 2048;
+
+/// Share of all variance under which a component is rounding.
+const LEAST_SHARE: f64 = 1e-9;
+
+/// Shares of the people under the limits of the bands.
+pub const QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
+
+/// Why there are no components.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum VariationError {
+    /// Too few to vary.
+    #[error("{found} {}; principal components need {LEAST_PEOPLE} people or more", if *found == 1 { "person" } else { "people" })]
+    TooFewPeople {
+        /// People.
+        found: usize,
+    },
+    /// More than memory is planned for.
+    #[error("{found} sequences are more than the {MOST_SEQUENCES} of which principal components are taken")]
+    TooMany {
+        /// Sequences.
+        found: usize,
+    },
+    /// Everybody moves alike.
+    #[error("all sequences are equal; principal components need sequences that differ")]
+    Equal,
+    /// Positions that are not finite.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// One direction in which people differ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Component {
+    /// Share of the variance over people, 0 to 1.
+    pub share: f64,
+    /// Standard deviation along it, face units: the root of the sum of squares over all nodes and frames.
+    pub deviation: f64,
+    /// Offsets of the live nodes from the mean at one standard deviation, face units: by frame after the neutral one, then by node.
+    pub offsets: Vec<Vec<Vector2<f64>>>,
+}
+
+/// How the people of one emotion differ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variation {
+    /// The mean model.
+    pub mean: DynamicExpressionModel<FaceUnit>,
+    /// People.
+    pub people: usize,
+    /// Components, the largest first.
+    pub components: Vec<Component>,
+    /// Scores of every sequence in the components, standard deviations, by id.
+    pub scores: Vec<(SequenceId, Vec<f64>)>,
+}
+
+/// Neutral offsets of the live nodes, all frames after the neutral one, x and y in turn.
+fn offsets_of(model: &SequenceModel, live: &[NodeId]) -> DVector<f64> {
+    let frames = (1..model.model.frame_count()).map(|m| model.model.neutral_offsets(m));
+    DVector::from_vec(
+        frames
+            .flat_map(|offsets| {
+                live.iter()
+                    .flat_map(move |n| {
+                        let o = offsets[n.index()];
+                        [o.x, o.y]
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .collect(),
+    )
+}
+
+/// Weights of sequences, adding up to the number of people.
+fn person_weights(models: &[&SequenceModel]) -> Vec<f64> {
+    let equal = || {
+        let people: std::collections::BTreeSet<&str> = models.iter().map(|m| m.id.subject.as_str()).collect();
+        vec![people.len() as f64 / models.len() as f64; models.len()]
+    };
+    sequence_weights(models.iter().map(|m| &m.id), Weighting::Person).unwrap_or_else(equal)
+}
+
+impl Variation {
+    /// The variation of the models of one emotion, of one shape and from one neutral frame (as [`super::representative`] checks), in any
+    /// order.
+    ///
+    /// # Errors
+    /// [`VariationError`] for fewer than [`LEAST_PEOPLE`], more than [`MOST_SEQUENCES`] sequences, and sequences that are all equal.
+    pub fn new(models: &[&SequenceModel], wireframe: &Wireframe) -> Result<Self, VariationError> {
+        let mut models = models.to_vec();
+        models.sort_by(|a, b| a.id.cmp(&b.id));
+        if models.len() > MOST_SEQUENCES {
+            return Err(VariationError::TooMany { found: models.len() });
+        }
+        let weights = person_weights(&models);
+        let people = weights.iter().sum::<f64>().round() as usize;
+        if people < LEAST_PEOPLE {
+            return Err(VariationError::TooFewPeople { found: people });
+        }
+        let live = wireframe.live_nodes();
+        let data: Vec<DVector<f64>> = models.par_iter().map(|m| offsets_of(m, live)).collect();
+        let (size, total) = (data[0].len(), weights.iter().sum::<f64>());
+        let mut mean = DVector::zeros(size);
+        data.iter().zip(&weights).for_each(|(x, w)| mean.axpy(w / total, x, 1.0));
+        // Rows whose products are the covariance over people.
+        let scaled = |(x, w): (&DVector<f64>, &f64)| (x - &mean) * (w / (people - 1) as f64).sqrt();
+        let rows: Vec<DVector<f64>> = data.iter().zip(&weights).map(scaled).collect();
+        let variance: f64 = rows.iter().map(DVector::norm_squared).sum();
+        let rounding = data.iter().map(DVector::norm_squared).fold(0.0, f64::max) * 1e-20;
+        if variance <= rounding {
+            return Err(VariationError::Equal);
+        }
+        let components: Vec<(f64, DVector<f64>)> = directions(&rows, size)
+            .into_iter()
+            .take_while(|(value, _)| *value > LEAST_SHARE * variance)
+            .map(|(value, direction)| {
+                // Along with the mean motion; where it has none along it, the largest coordinate is positive.
+                let along = direction.dot(&mean);
+                let largest = direction.iter().copied().fold(0.0, |most: f64, v| if v.abs() > most.abs() { v } else { most });
+                let sign = if along.abs() > 1e-9 * mean.norm() { along } else { largest };
+                (value, direction * sign.signum())
+            })
+            .collect();
+        let score = |x: &DVector<f64>| {
+            components.iter().map(|(value, direction)| (x - &mean).dot(direction) / value.sqrt()).collect::<Vec<f64>>()
+        };
+        let scores = models.iter().zip(&data).map(|(m, x)| (m.id.clone(), score(x))).collect();
+        let frames = size / (2 * live.len());
+        let by_frame = |v: &DVector<f64>| {
+            let at = |m: usize, k: usize| Vector2::new(v[2 * (m * live.len() + k)], v[2 * (m * live.len() + k) + 1]);
+            (0..frames).map(|m| (0..live.len()).map(|k| at(m, k)).collect()).collect::<Vec<Vec<_>>>()
+        };
+        let mean = moved(models[0].model.neutral(), &by_frame(&mean), wireframe)?;
+        let component = |(value, direction): (f64, DVector<f64>)| Component {
+            share: value / variance,
+            deviation: value.sqrt(),
+            offsets: by_frame(&(direction * value.sqrt())),
+        };
+        Ok(Self { mean, people, components: components.into_iter().map(component).collect(), scores })
+    }
+
+    /// The mean moved along a component by that many standard deviations.
+    ///
+    /// # Errors
+    /// [`ModelError`] when a position is not finite.
+    pub fn at(
+        &self,
+        component: usize,
+        deviations: f64,
+        wireframe: &Wireframe,
+    ) -> Result<DynamicExpressionModel<FaceUnit>, ModelError> {
+        let live = wireframe.live_nodes();
+        let offsets: Vec<Vec<Vector2<f64>>> = (1..self.mean.frame_count())
+            .map(|m| {
+                let mean = self.mean.neutral_offsets(m);
+                let along = self.components.get(component).map(|c| &c.offsets[m - 1]);
+                let offset =
+                    |(k, n): (usize, &NodeId)| mean[n.index()] + along.map_or_else(Vector2::zeros, |a| a[k] * deviations);
+                live.iter().enumerate().map(offset).collect()
+            })
+            .collect();
+        moved(self.mean.neutral(), &offsets, wireframe)
+    }
+}
+
+/// A model of a neutral frame and offsets of the live nodes by frame; followers follow.
+fn moved(
+    neutral: &FrameExpressionModel<FaceUnit>,
+    offsets: &[Vec<Vector2<f64>>],
+    wireframe: &Wireframe,
+) -> Result<DynamicExpressionModel<FaceUnit>, ModelError> {
+    let frame = |offsets: &Vec<Vector2<f64>>| {
+        let mut nodes = neutral.nodes().to_vec();
+        wireframe.live_nodes().iter().zip(offsets).for_each(|(n, o)| nodes[n.index()] += o);
+        wireframe.place_followers(&mut nodes);
+        FrameExpressionModel::new(nodes)
+    };
+    DynamicExpressionModel::new([neutral.clone()].into_iter().chain(offsets.iter().map(frame)).collect())
+}
+
+/// Eigenvalues, the largest first, and unit eigenvectors of the sum of the rows' outer products, at most [`MOST_COMPONENTS`].
+fn directions(rows: &[DVector<f64>], size: usize) -> Vec<(f64, DVector<f64>)> {
+    // Through the smaller of the two matrices of products that have the same eigenvalues.
+    let count = rows.len();
+    let matrix = if count <= size {
+        let products: Vec<Vec<f64>> =
+            (0..count).into_par_iter().map(|i| (0..count).map(|j| rows[i].dot(&rows[j])).collect()).collect();
+        DMatrix::from_fn(count, count, |i, j| products[i][j])
+    } else {
+        let products: Vec<Vec<f64>> = (0..size)
+            .into_par_iter()
+            .map(|i| (0..size).map(|j| rows.iter().map(|row| row[i] * row[j]).sum()).collect())
+            .collect();
+        DMatrix::from_fn(size, size, |i, j| products[i][j])
+    };
+    let eigen = SymmetricEigen::new(matrix);
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]).then(a.cmp(&b)));
+    let direction = |k: usize| {
+        let own = eigen.eigenvectors.column(k);
+        if count > size {
+            return own.into_owned();
+        }
+        let mut direction = DVector::zeros(size);
+        rows.iter().zip(own.iter()).for_each(|(row, u)| direction.axpy(*u, row, 1.0));
+        let norm: f64 = direction.norm();
+        if norm > 0.0 { direction / norm } else { direction }
+    };
+    order.into_iter().take(MOST_COMPONENTS).map(|k| (eigen.eigenvalues[k].max(0.0), direction(k))).collect()
+}
+
+/// A value of everybody in one frame: mean and [`QUANTILES`], each person weighing the same.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Band {
+    /// Mean.
+    pub mean: f64,
+    /// Values under which these shares of the people lie.
+    pub quantiles: [f64; 5],
+}
+
+impl Band {
+    /// The band of values with weights; `None` without values.
+    pub fn of(values: &[(f64, f64)]) -> Option<Self> {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let total: f64 = sorted.iter().map(|v| v.1).sum();
+        let mean = sorted.iter().map(|v| v.0 * v.1).sum::<f64>() / total;
+        let mut quantiles = [0.0; 5];
+        for (quantile, share) in quantiles.iter_mut().zip(QUANTILES) {
+            *quantile = weighted_quantile(&sorted, share * total)?;
+        }
+        Some(Self { mean, quantiles })
+    }
+}
+
+/// The value of sorted ones at which the weights reach `limit`: where they do so exactly, its mean with the next.
+fn weighted_quantile(sorted: &[(f64, f64)], limit: f64) -> Option<f64> {
+    const ROUNDING: f64 = 1e-9;
+    let mut below = 0.0;
+    for (k, &(value, weight)) in sorted.iter().enumerate() {
+        below += weight;
+        if below >= limit - ROUNDING {
+            let next = sorted.get(k + 1).filter(|_| below <= limit + ROUNDING);
+            return Some(next.map_or(value, |next| f64::midpoint(value, next.0)));
+        }
+    }
+    sorted.last().map(|v| v.0)
+}
+
+/// Weights of sequences for [`Band::of`], in the order of the models.
+pub fn band_weights(models: &[&SequenceModel]) -> Vec<f64> {
+    person_weights(models)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Models of Candide-3 whose live node 0 moves by the given offsets in one frame.
+    fn models(offsets: &[(&str, f64, f64)]) -> (Vec<SequenceModel>, Wireframe) {
+        let wireframe = Wireframe::candide3();
+        let first = wireframe.live_nodes()[0].index();
+        let neutral: Vec<_> = wireframe.frontal().iter().map(|p| p * 1000.0).collect();
+        let model = |(i, &(subject, x, y)): (usize, &(&str, f64, f64))| {
+            let mut moved = neutral.clone();
+            moved[first] += Vector2::new(x, y);
+            let frames = vec![FrameExpressionModel::new(neutral.clone()), FrameExpressionModel::new(moved)];
+            let id = SequenceId { subject: subject.to_owned(), sequence: format!("{i}") };
+            SequenceModel { id, model: DynamicExpressionModel::new(frames).unwrap() }
+        };
+        (offsets.iter().enumerate().map(model).collect(), wireframe)
+    }
+
+    fn variation(offsets: &[(&str, f64, f64)]) -> Result<Variation, VariationError> {
+        let (models, wireframe) = models(offsets);
+        Variation::new(&models.iter().collect::<Vec<_>>(), &wireframe)
+    }
+
+    #[test]
+    fn two_directions_by_hand() {
+        // x: 1, 5, 3, 3, mean 3, squares 4 + 4; y: 0, 0, 1, -1, squares 1 + 1. Over 4 - 1: variances 8/3 and 2/3, shares 0.8 and 0.2.
+        let v = variation(&[("a", 1.0, 0.0), ("b", 5.0, 0.0), ("c", 3.0, 1.0), ("d", 3.0, -1.0)]).unwrap();
+        assert_eq!((v.components.len(), v.people), (2, 4));
+        approx::assert_relative_eq!(v.components[0].share, 0.8, max_relative = 1e-9);
+        approx::assert_relative_eq!(v.components[0].deviation, (8.0f64 / 3.0).sqrt(), max_relative = 1e-9);
+        // Along with the mean motion, which goes to x: b is above, a below.
+        let score = 2.0 / (8.0f64 / 3.0).sqrt();
+        approx::assert_relative_eq!(v.scores[1].1[0], score, max_relative = 1e-9);
+        approx::assert_relative_eq!(v.scores[0].1[0], -score, max_relative = 1e-9);
+        let wireframe = Wireframe::candide3();
+        let first = wireframe.live_nodes()[0];
+        let at = |d: f64| v.at(0, d, &wireframe).unwrap().neutral_offsets(1)[first.index()];
+        assert!((at(0.0) - Vector2::new(3.0, 0.0)).norm() < 1e-9);
+        assert!((at(2.0) - Vector2::new(3.0 + 2.0 * (8.0f64 / 3.0).sqrt(), 0.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_person_counts_once() {
+        // a has three sequences at 9: the mean of people 9, 0, 0 is 3, that of sequences 5.4.
+        let v = variation(&[("a", 9.0, 0.0), ("a", 9.0, 0.0), ("a", 9.0, 0.0), ("b", 0.0, 0.0), ("c", 0.0, 0.0)]).unwrap();
+        let first = Wireframe::candide3().live_nodes()[0];
+        approx::assert_relative_eq!(v.mean.neutral_offsets(1)[first.index()].x, 3.0, max_relative = 1e-9);
+        // Squares 36 + 9 + 9 over 3 - 1.
+        approx::assert_relative_eq!(v.components[0].deviation, 27.0f64.sqrt(), max_relative = 1e-9);
+    }
+
+    #[test]
+    fn what_does_not_vary_says_so() {
+        assert_eq!(variation(&[("a", 1.0, 0.0), ("b", 2.0, 0.0)]).unwrap_err(), VariationError::TooFewPeople { found: 2 });
+        assert_eq!(
+            variation(&[("a", 1.0, 0.0), ("a", 2.0, 0.0), ("a", 3.0, 0.0)]).unwrap_err().to_string(),
+            "1 person; principal components need 3 people or more"
+        );
+        assert_eq!(variation(&[("a", 1.0, 0.5), ("b", 1.0, 0.5), ("c", 1.0, 0.5)]).unwrap_err(), VariationError::Equal);
+    }
+
+    #[test]
+    fn bands_are_quantiles_of_people() {
+        // 1 to 20, of one weight: under 1.5 lies a twentieth, under 5.5 a quarter.
+        let values: Vec<(f64, f64)> = (1..=20).map(|v| (f64::from(v), 1.0)).collect();
+        let band = Band::of(&values).unwrap();
+        assert_eq!((band.mean, band.quantiles), (10.5, [1.5, 5.5, 10.5, 15.5, 19.5]));
+        // Somebody with half of the weight at 7.
+        let band = Band::of(&[(7.0, 2.0), (1.0, 1.0), (9.0, 1.0)]).unwrap();
+        assert_eq!((band.mean, band.quantiles[2]), (6.0, 7.0));
+        assert_eq!(Band::of(&[]), None);
+    }
+}
