@@ -20,7 +20,7 @@ use grimace::{
         MedianKind, StatisticsOptions,
         compare::{CompareOptions, GroupOptions},
     },
-    track::{AlignOptions, TrackOptions},
+    track::{AlignOptions, KltKind, TrackOptions},
 };
 use serde::de::DeserializeOwned;
 
@@ -152,6 +152,10 @@ pub struct TrackArgs {
     /// Gain of the alignment with the neutral frame; 0 leaves it out
     #[arg(long, default_value_t = AlignOptions::default().gain, value_parser = not_negative, value_name = "GAIN")]
     align_gain: f64,
+    /// Which pyramidal KLT finds points again: `grimace`'s own, or `opencv`'s, the reference, which takes longer; they differ by some
+    /// millionths of a pixel
+    #[arg(long, default_value = "grimace", value_parser = words::<KltKind>(&["grimace", "opencv"]))]
+    klt: KltKind,
 }
 
 impl TrackArgs {
@@ -162,6 +166,7 @@ impl TrackArgs {
             forward_backward: self.forward_backward,
             extreme: self.extreme,
             force: self.track_force,
+            klt: self.klt,
             align: AlignOptions { gain: self.align_gain, ..AlignOptions::default() },
             ..TrackOptions::default()
         }

@@ -2,6 +2,7 @@
 
 mod analysis;
 mod classes;
+#[cfg(feature = "columnar")]
 mod columnar;
 mod corrected;
 mod divide;
@@ -37,6 +38,7 @@ use crate::{
 };
 
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
+#[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
@@ -82,6 +84,7 @@ pub struct PipelineOptions {
     #[serde(default)]
     pub groups: GroupOptions,
     /// Write `models.parquet`.
+    #[cfg(feature = "columnar")]
     #[serde(default)]
     pub columnar: bool,
 }

@@ -7,6 +7,7 @@ mod report_data;
 
 mod examples;
 mod golden;
+mod klt;
 mod layers;
 mod marks_of_strangers;
 mod properties;
