@@ -293,10 +293,9 @@ impl Window {
                 next = (next.0 * 2.0, next.1 * 2.0);
             }
             let (x, y) = (start.0 * scale(k) - half, start.1 * scale(k) - half);
-            match self.search(first, second, side, (x, y), next) {
-                Some(found) => next = found,
-                None if k == 0 => return Found::Lost,
-                None => {}
+            // What goes wrong at a smaller size may come right at the next one.
+            if !self.search(first, second, side, (x, y), &mut next) && k == 0 {
+                return Found::Lost;
             }
         }
         let Some(corner) = to.first().and_then(|level| Corner::at(next.0 - half, next.1 - half, side, level)) else {
@@ -308,17 +307,10 @@ impl Window {
         Found::At { position: Point2::new(f64::from(next.0), f64::from(next.1)), difference }
     }
 
-    /// The search at one level; `None` where the window says nothing or leaves the image.
-    fn search(
-        &mut self,
-        first: &Level,
-        second: &Level,
-        side: usize,
-        (x, y): (f32, f32),
-        guess: (f32, f32),
-    ) -> Option<(f32, f32)> {
+    /// The search at one level, from `next` and into it; `false` where the window says nothing or leaves the image.
+    fn search(&mut self, first: &Level, second: &Level, side: usize, (x, y): (f32, f32), next: &mut (f32, f32)) -> bool {
         let half = (side - 1) as f32 * 0.5;
-        let corner = Corner::at(x, y, side, first)?;
+        let Some(corner) = Corner::at(x, y, side, first) else { return false };
         corner.grey(first, side, &mut self.rows, None, &mut self.grey);
         first.derivatives(corner.x, corner.y, side + 1, &mut self.raw_dx, &mut self.raw_dy, &mut self.scratch);
         corner.derivative(&self.raw_dx, side, &mut self.dx);
@@ -329,27 +321,28 @@ impl Window {
         let spread = ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt();
         let eigenvalue = (yy + xx - spread) / (2 * side * side) as f32;
         if eigenvalue < MIN_EIGENVALUE || determinant < f32::EPSILON {
-            return None;
+            return false;
         }
         let inverse = 1.0 / determinant;
-        let (mut x, mut y) = (guess.0 - half, guess.1 - half);
+        let (mut x, mut y) = (next.0 - half, next.1 - half);
         let mut last = (0.0, 0.0);
         for iteration in 0..MAX_ITERATIONS {
-            let corner = Corner::at(x, y, side, second)?;
+            let Some(corner) = Corner::at(x, y, side, second) else { return false };
             corner.grey(second, side, &mut self.rows, Some(&self.grey), &mut self.difference);
             let (b1, b2) = (dot(&self.dx, &self.difference) * SCALE, dot(&self.dy, &self.difference) * SCALE);
             let step = ((xy * b2 - yy * b1) * inverse, (xy * b1 - xx * b2) * inverse);
             (x, y) = (x + step.0, y + step.1);
+            *next = (x + half, y + half);
             if step.0 * step.0 + step.1 * step.1 <= STEP_PX * STEP_PX {
                 break;
             }
             if iteration > 0 && (step.0 + last.0).abs() < SWING_PX && (step.1 + last.1).abs() < SWING_PX {
-                (x, y) = (x - step.0 * 0.5, y - step.1 * 0.5);
+                *next = (next.0 - step.0 * 0.5, next.1 - step.1 * 0.5);
                 break;
             }
             last = step;
         }
-        Some((x + half, y + half))
+        true
     }
 }
 
