@@ -4,8 +4,8 @@
 //! the bilinear interpolation in 14 bits, grey values with 5 bits behind the point, Scharr derivatives in 16 bits, and its rules for when
 //! to stop and what is lost. Derivatives are made only where windows lie.
 
-mod opencv;
 mod pyramid;
+mod reference;
 mod smooth;
 
 use nalgebra::{Matrix2, Point2};
@@ -15,7 +15,7 @@ use self::pyramid::{Level, Pyramid};
 use super::{Found, Patch, PointTracker, Probe, Slot, TrackError};
 use crate::sequence::Frame;
 
-pub use opencv::OpenCvKlt;
+pub use reference::OpenCvKlt;
 pub(crate) use smooth::smoothed;
 
 /// Which implementation of pyramidal KLT finds points again.

@@ -341,8 +341,8 @@ pub fn track_with(
                 neutral_nodes(wireframe, fitted)
             }
             Some(previous) => {
-                let (size, number, template) = (frame.size(), frame.number(), template.as_ref());
-                let step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
+                let (size, number, template) = (frame.size(), frame.number(), template.as_mut());
+                let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
                 step.run(tracker, previous)?
             }
         };

@@ -13,6 +13,7 @@ mod cmd_fap;
 mod cmd_fit;
 mod cmd_lab;
 mod cmd_locate;
+mod cmd_opencv;
 mod cmd_populations;
 mod cmd_prior;
 mod cmd_run;

@@ -13,4 +13,5 @@ mod marks_of_strangers;
 mod properties;
 mod report_html;
 mod scripted_tracker;
+mod stills;
 mod warp_targets;
