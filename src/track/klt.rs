@@ -62,8 +62,11 @@ const GREY_BITS: u32 = 5;
 /// Makes sums of products of derivatives small numbers; cancels out.
 const SCALE: f32 = 1.0 / (1 << 20) as f32;
 
-/// Sums run in as many lanes, so that they vectorize and are the same on every machine.
-const LANES: usize = 8;
+/// Sums run in as many lanes, so that they vectorize and are the same on every machine; rows are filled up to a multiple of it.
+const LANES: usize = 4;
+
+/// Adding and subtracting it rounds a number below 2^22 to the nearest whole one, of two the even one.
+const ROUND: f32 = 12_582_912.0;
 
 /// The pyramidal KLT tracker; it finds what [`OpenCvKlt`] finds to a few millionths of a pixel.
 #[derive(Debug)]
@@ -78,18 +81,21 @@ pub struct Klt {
     window: Window,
 }
 
-/// Values on a window, row by row, and room to make them.
+/// Values on a window, row by row, and room to make them. Rows have a multiple of [`LANES`] values; derivatives are zero beyond the
+/// window's side, so that what else stands there counts for nothing.
 #[derive(Debug, Default)]
 struct Window {
-    /// Of the first frame, and of the second less that.
+    side: usize,
+    /// Values in a row.
+    columns: usize,
+    /// Of the first frame.
     grey: Vec<f32>,
-    difference: Vec<f32>,
     dx: Vec<f32>,
     dy: Vec<f32>,
     rows: [Vec<f32>; 2],
-    raw_dx: Vec<i16>,
-    raw_dy: Vec<i16>,
-    scratch: Vec<[i16; 2]>,
+    raw_dx: Vec<f32>,
+    raw_dy: Vec<f32>,
+    room: Vec<f32>,
 }
 
 impl Klt {
@@ -140,22 +146,25 @@ impl PointTracker for Klt {
         let image = self.image(slot)?;
         let half = (window_px / 2).min(self.max_window as u32 / 2) as i32;
         let side = 2 * half as usize + 1;
-        let (mut dx, mut dy, mut scratch) = (vec![0; side * side], vec![0; side * side], vec![[0; 2]; side + 2]);
+        let columns = side.next_multiple_of(LANES);
+        let (mut dx, mut dy, mut room) = (vec![0.0; side * columns], vec![0.0; side * columns], Vec::new());
         let matrix = |point: &Point2<f64>| {
             let centre = |at: f64, size: i32| at.round().clamp(-1.0 - f64::from(half), f64::from(size + half)) as i32;
             let (x, y) = (centre(point.x, image.width), centre(point.y, image.height));
             // Outside the image derivatives are zero and do not count.
-            image.derivatives(x - half, y - half, side, &mut dx, &mut dy, &mut scratch);
+            image.derivatives((x - half, y - half), columns, &mut dx, &mut dy, &mut room);
             let inside = |at: i32, size: i32| f64::from(((at + half + 1).min(size) - (at - half).max(0)).max(0));
             let count = inside(x, image.width) * inside(y, image.height);
-            let (mut xx, mut xy, mut yy) = (0_i64, 0_i64, 0_i64);
-            for (dx, dy) in dx.iter().zip(&dy) {
-                let (dx, dy) = (i64::from(*dx), i64::from(*dy));
-                xx += dx * dx;
-                xy += dx * dy;
-                yy += dy * dy;
+            let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+            for (dx, dy) in dx.chunks_exact(columns).zip(dy.chunks_exact(columns)) {
+                for (dx, dy) in dx[..side].iter().zip(&dy[..side]) {
+                    let (dx, dy) = (f64::from(*dx), f64::from(*dy));
+                    xx += dx * dx;
+                    xy += dx * dy;
+                    yy += dy * dy;
+                }
             }
-            let [xx, xy, yy] = [xx, xy, yy].map(|sum| sum as f64 * (SCHARR * SCHARR));
+            let [xx, xy, yy] = [xx, xy, yy].map(|sum| sum * (SCHARR * SCHARR));
             Matrix2::new(xx, xy, xy, yy) / count.max(1.0)
         };
         Ok(points.iter().map(matrix).collect())
@@ -185,7 +194,7 @@ impl PointTracker for Klt {
         window.resize(side);
         let (from, to) = (self.pyramid(from).levels(), self.pyramid(to).levels());
         let count = from.len().min(to.len()).min(levels.max(1) as usize);
-        let found = probes.iter().map(|probe| window.follow(&from[..count], &to[..count], side, probe)).collect();
+        let found = probes.iter().map(|probe| window.follow(&from[..count], &to[..count], probe)).collect();
         self.window = window;
         Ok(found)
     }
@@ -213,73 +222,123 @@ impl Corner {
         Some(Self { x: left as i32, y: top as i32, weights: [w00, w01, w10, (1 << WEIGHT_BITS) - w00 - w01 - w10] })
     }
 
-    /// Grey values of the window, times 32 and rounded, less what is in `less`.
+    /// Grey values between the pixels of two rows, times 32 and rounded, halves up, four at a time.
     ///
     /// All numbers on the way are whole and below 2^24, so single precision is exact.
-    fn grey(&self, level: &Level, side: usize, rows: &mut [Vec<f32>; 2], less: Option<&[f32]>, out: &mut [f32]) {
+    #[inline]
+    fn between<'a>(&self, upper: &'a [f32], lower: &'a [f32]) -> impl Iterator<Item = [f32; LANES]> + use<'a> {
         let [w00, w01, w10, w11] = self.weights.map(|w| w as f32);
-        let [upper, lower] = rows;
-        let convert = |y: i32, out: &mut Vec<f32>| {
-            out.iter_mut().zip(level.row(self.x, y, side + 1)).for_each(|(out, v)| *out = f32::from(*v));
-        };
-        convert(self.y, upper);
-        for (k, out) in out.chunks_exact_mut(side).enumerate() {
-            convert(self.y + k as i32 + 1, lower);
-            let above = upper[..side].iter().zip(&upper[1..=side]);
-            let below = lower[..side].iter().zip(&lower[1..=side]);
-            for (out, ((a, b), (c, d))) in out.iter_mut().zip(above.zip(below)) {
-                let sum = a * w00 + b * w01 + c * w10 + d * w11;
-                // To the nearest whole number, halves up: above 2^23 there is no room for fractions.
-                *out = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
-            }
-            if let Some(less) = less {
-                out.iter_mut().zip(&less[k * side..]).for_each(|(out, less)| *out -= less);
-            }
-            std::mem::swap(upper, lower);
-        }
+        let above = fours(upper).iter().zip(fours(&upper[1..]));
+        let below = fours(lower).iter().zip(fours(&lower[1..]));
+        above.zip(below).map(move |((a, b), (c, d))| {
+            std::array::from_fn(|k| {
+                let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
+                // Above 2^23 there is no room for fractions.
+                (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0
+            })
+        })
     }
+}
 
-    /// Derivatives of the window from those on a square one larger.
-    fn derivative(&self, raw: &[i16], side: usize, out: &mut [f32]) {
-        let [w00, w01, w10, w11] = self.weights;
-        let rows = raw.chunks_exact(side + 1);
-        for (out, (upper, lower)) in out.chunks_exact_mut(side).zip(rows.clone().zip(rows.skip(1))) {
-            let pairs = upper.iter().zip(&upper[1..]).zip(lower.iter().zip(&lower[1..]));
-            for (out, ((a, b), (c, d))) in out.iter_mut().zip(pairs) {
-                let [a, b, c, d] = [a, b, c, d].map(|v| i32::from(*v));
-                *out = ((a * w00 + b * w01 + c * w10 + d * w11 + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS) as f32;
-            }
-        }
-    }
+/// A list in parts of [`LANES`], without what is left over.
+fn fours(list: &[f32]) -> &[[f32; LANES]] {
+    list.as_chunks().0
+}
+
+fn fours_mut(list: &mut [f32]) -> &mut [[f32; LANES]] {
+    list.as_chunks_mut().0
 }
 
 /// The sum of products of two lists.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0_f32; LANES];
-    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a.zip(b) {
-        lanes.iter_mut().zip(a).zip(b).for_each(|((lane, a), b)| *lane += a * b);
+    for (a, b) in fours(a).iter().zip(fours(b)) {
+        for k in 0..LANES {
+            lanes[k] += a[k] * b[k];
+        }
     }
-    lanes.iter().sum::<f32>() + rest
+    lanes.iter().sum()
 }
 
 impl Window {
     fn resize(&mut self, side: usize) {
-        let (area, larger) = (side * side, (side + 1) * (side + 1));
+        self.side = side;
+        self.columns = side.next_multiple_of(LANES);
+        let (area, wide) = (side * self.columns, self.columns + LANES);
         self.grey.resize(area, 0.0);
-        self.difference.resize(area, 0.0);
-        self.rows.iter_mut().for_each(|row| row.resize(side + 1, 0.0));
         self.dx.resize(area, 0.0);
         self.dy.resize(area, 0.0);
-        self.raw_dx.resize(larger, 0);
-        self.raw_dy.resize(larger, 0);
-        self.scratch.resize(side + 3, [0; 2]);
+        self.rows.iter_mut().for_each(|row| row.resize(wide, 0.0));
+        self.raw_dx.resize((side + 1) * wide, 0.0);
+        self.raw_dy.resize((side + 1) * wide, 0.0);
+    }
+
+    /// Takes grey values and derivatives of the first frame at a place.
+    fn fill(&mut self, level: &Level, corner: &Corner) {
+        let Self { side, columns, grey, dx, dy, rows: [upper, lower], raw_dx, raw_dy, room } = self;
+        let wide = *columns + LANES;
+        level.read_row(corner.x, corner.y, upper);
+        for (y, out) in (corner.y + 1..).zip(grey.chunks_exact_mut(*columns)) {
+            level.read_row(corner.x, y, lower);
+            fours_mut(out).iter_mut().zip(corner.between(upper, lower)).for_each(|(out, grey)| *out = grey);
+            std::mem::swap(upper, lower);
+        }
+        level.derivatives((corner.x, corner.y), wide, raw_dx, raw_dy, room);
+        let [w00, w01, w10, w11] = corner.weights.map(|w| w as f32 / (1 << WEIGHT_BITS) as f32);
+        for (raw, out) in [(raw_dx, dx), (raw_dy, dy)] {
+            let rows = raw.chunks_exact(wide);
+            for (out, (upper, lower)) in out.chunks_exact_mut(*columns).zip(rows.clone().zip(rows.skip(1))) {
+                let above = fours(upper).iter().zip(fours(&upper[1..]));
+                let below = fours(lower).iter().zip(fours(&lower[1..]));
+                for (out, ((a, b), (c, d))) in fours_mut(out).iter_mut().zip(above.zip(below)) {
+                    for k in 0..LANES {
+                        let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
+                        out[k] = (sum + ROUND) - ROUND;
+                    }
+                }
+                out[*side..].fill(0.0);
+            }
+        }
+    }
+
+    /// Sums of the products of either derivative with the second frame's grey values at a place less those of the first.
+    fn mismatch(&mut self, level: &Level, corner: &Corner) -> (f32, f32) {
+        let Self { columns, grey, dx, dy, rows: [upper, lower], .. } = self;
+        let (mut along_x, mut along_y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+        let rows = grey.chunks_exact(*columns).zip(dx.chunks_exact(*columns).zip(dy.chunks_exact(*columns)));
+        level.read_row(corner.x, corner.y, upper);
+        for (y, (grey, (dx, dy))) in (corner.y + 1..).zip(rows) {
+            level.read_row(corner.x, y, lower);
+            let first = fours(grey).iter().zip(fours(dx).iter().zip(fours(dy)));
+            for ((grey, (dx, dy)), now) in first.zip(corner.between(upper, lower)) {
+                for k in 0..LANES {
+                    let difference = now[k] - grey[k];
+                    along_x[k] += dx[k] * difference;
+                    along_y[k] += dy[k] * difference;
+                }
+            }
+            std::mem::swap(upper, lower);
+        }
+        (along_x.iter().sum(), along_y.iter().sum())
+    }
+
+    /// Mean difference of the second frame's grey values at a place to those of the first, grey levels.
+    fn difference(&mut self, level: &Level, corner: &Corner) -> f64 {
+        let Self { side, columns, grey, rows: [upper, lower], .. } = self;
+        let mut sum = 0.0;
+        level.read_row(corner.x, corner.y, upper);
+        for (y, grey) in (corner.y + 1..).zip(grey.chunks_exact(*columns)) {
+            level.read_row(corner.x, y, lower);
+            let differences = corner.between(upper, lower).flatten().zip(grey).take(*side);
+            sum += differences.map(|(now, then)| f64::from((now - then).abs())).sum::<f64>();
+            std::mem::swap(upper, lower);
+        }
+        sum / f64::from(1 << GREY_BITS) / (*side * *side) as f64
     }
 
     /// Finds one point again, from the smallest level to the frame itself.
-    fn follow(&mut self, from: &[Level], to: &[Level], side: usize, probe: &Probe) -> Found {
-        let half = (side - 1) as f32 * 0.5;
+    fn follow(&mut self, from: &[Level], to: &[Level], probe: &Probe) -> Found {
+        let half = (self.side - 1) as f32 * 0.5;
         let single = |p: &Point2<f64>| (p.x as f32, p.y as f32);
         let (start, mut next) = (single(&probe.position), single(&probe.guess));
         if ![start.0, start.1, next.0, next.1].into_iter().all(f32::is_finite) {
@@ -294,27 +353,23 @@ impl Window {
             }
             let (x, y) = (start.0 * scale(k) - half, start.1 * scale(k) - half);
             // What goes wrong at a smaller size may come right at the next one.
-            if !self.search(first, second, side, (x, y), &mut next) && k == 0 {
+            if !self.search(first, second, (x, y), &mut next) && k == 0 {
                 return Found::Lost;
             }
         }
-        let Some(corner) = to.first().and_then(|level| Corner::at(next.0 - half, next.1 - half, side, level)) else {
+        let Some(corner) = to.first().and_then(|level| Corner::at(next.0 - half, next.1 - half, self.side, level)) else {
             return Found::Lost;
         };
-        corner.grey(&to[0], side, &mut self.rows, Some(&self.grey), &mut self.difference);
-        let sum: f64 = self.difference.iter().map(|d| f64::from(d.abs())).sum();
-        let difference = sum / f64::from(1 << GREY_BITS) / (side * side) as f64;
+        let difference = self.difference(&to[0], &corner);
         Found::At { position: Point2::new(f64::from(next.0), f64::from(next.1)), difference }
     }
 
     /// The search at one level, from `next` and into it; `false` where the window says nothing or leaves the image.
-    fn search(&mut self, first: &Level, second: &Level, side: usize, (x, y): (f32, f32), next: &mut (f32, f32)) -> bool {
+    fn search(&mut self, first: &Level, second: &Level, (x, y): (f32, f32), next: &mut (f32, f32)) -> bool {
+        let side = self.side;
         let half = (side - 1) as f32 * 0.5;
         let Some(corner) = Corner::at(x, y, side, first) else { return false };
-        corner.grey(first, side, &mut self.rows, None, &mut self.grey);
-        first.derivatives(corner.x, corner.y, side + 1, &mut self.raw_dx, &mut self.raw_dy, &mut self.scratch);
-        corner.derivative(&self.raw_dx, side, &mut self.dx);
-        corner.derivative(&self.raw_dy, side, &mut self.dy);
+        self.fill(first, &corner);
         let (dx, dy) = (&self.dx, &self.dy);
         let (xx, xy, yy) = (dot(dx, dx) * SCALE, dot(dx, dy) * SCALE, dot(dy, dy) * SCALE);
         let determinant = xx * yy - xy * xy;
@@ -328,8 +383,8 @@ impl Window {
         let mut last = (0.0, 0.0);
         for iteration in 0..MAX_ITERATIONS {
             let Some(corner) = Corner::at(x, y, side, second) else { return false };
-            corner.grey(second, side, &mut self.rows, Some(&self.grey), &mut self.difference);
-            let (b1, b2) = (dot(&self.dx, &self.difference) * SCALE, dot(&self.dy, &self.difference) * SCALE);
+            let (b1, b2) = self.mismatch(second, &corner);
+            let (b1, b2) = (b1 * SCALE, b2 * SCALE);
             let step = ((xy * b2 - yy * b1) * inverse, (xy * b1 - xx * b2) * inverse);
             (x, y) = (x + step.0, y + step.1);
             *next = (x + half, y + half);

@@ -1,6 +1,9 @@
 //! Image pyramids: every level half the size of the one below it, smoothed by 1 4 6 4 1 in both directions, with a
 //! border of mirrored pixels so that windows may reach beyond the image.
 
+/// Pixels of the border beyond the largest window.
+const SLACK: i32 = 12;
+
 /// One level.
 #[derive(Clone, Debug, Default)]
 pub struct Level {
@@ -91,27 +94,60 @@ impl Level {
         self.mirror();
     }
 
-    /// Scharr derivatives on a square of `side` pixels from (`x`, `y`) on, row by row, 32 a grey level per px; zero outside the
-    /// image.
-    pub fn derivatives(&self, x: i32, y: i32, side: usize, dx: &mut [i16], dy: &mut [i16], scratch: &mut [[i16; 2]]) {
-        for (k, (dx, dy)) in (0..).zip(dx.chunks_exact_mut(side).zip(dy.chunks_exact_mut(side))).take(side) {
-            let [above, here, below] = [-1, 0, 1].map(|step| self.row(x - 1, y + k + step, side + 2));
-            for (((out, a), b), c) in scratch.iter_mut().zip(above).zip(here).zip(below) {
-                let [a, b, c] = [a, b, c].map(|v| i16::from(*v));
-                *out = [(a + c) * 3 + b * 10, c - a];
+    /// Pixels of a row from `x` on as numbers, as many as `out` has: a multiple of four.
+    #[inline]
+    pub fn read_row(&self, x: i32, y: i32, out: &mut [f32]) {
+        let row = self.row(x, y, out.len());
+        for (out, from) in out.as_chunks_mut::<4>().0.iter_mut().zip(row.as_chunks::<4>().0) {
+            *out = from.map(f32::from);
+        }
+    }
+
+    /// Scharr derivatives on a part of the image from (`x`, `y`) on, row by row, 32 a grey level per px; zero outside the image. There are
+    /// `columns` of them in a row, a multiple of four. `room` takes what is read of the image.
+    pub fn derivatives(&self, (x, y): (i32, i32), columns: usize, dx: &mut [f32], dy: &mut [f32], room: &mut Vec<f32>) {
+        // Two pixels more in a row, and a row more above and below; a multiple of four.
+        let wide = columns + 4;
+        let count = dx.len() / columns.max(1);
+        room.resize((count + 4) * wide, 0.0);
+        let (rows, sums) = room.split_at_mut((count + 2) * wide);
+        let (smooth, slope) = sums.split_at_mut(wide);
+        for (k, row) in (0..).zip(rows.chunks_exact_mut(wide)) {
+            self.read_row(x - 1, y - 1 + k, row);
+        }
+        let out = dx.chunks_exact_mut(columns).zip(dy.chunks_exact_mut(columns));
+        for (k, (dx, dy)) in out.enumerate() {
+            let near = [k, k + 1, k + 2].map(|k| rows[k * wide..][..wide].as_chunks::<4>().0.iter());
+            let [above, here, below] = near;
+            let sums = smooth.as_chunks_mut::<4>().0.iter_mut().zip(slope.as_chunks_mut::<4>().0);
+            for ((smooth, slope), ((a, b), c)) in sums.zip(above.zip(here).zip(below)) {
+                for k in 0..4 {
+                    smooth[k] = (a[k] + c[k]) * 3.0 + b[k] * 10.0;
+                    slope[k] = c[k] - a[k];
+                }
             }
-            let near = scratch.windows(3);
-            for ((dx, dy), near) in dx.iter_mut().zip(dy.iter_mut()).zip(near) {
-                *dx = near[2][0] - near[0][0];
-                *dy = (near[2][1] + near[0][1]) * 3 + near[1][1] * 10;
+            let smooth = [0, 2].map(|k| smooth[k..][..columns].as_chunks::<4>().0.iter());
+            let slope = [0, 1, 2].map(|k| slope[k..][..columns].as_chunks::<4>().0.iter());
+            let [left, right] = smooth;
+            for (out, (a, c)) in dx.as_chunks_mut::<4>().0.iter_mut().zip(left.zip(right)) {
+                for k in 0..4 {
+                    out[k] = c[k] - a[k];
+                }
             }
-            if y + k < 0 || y + k >= self.height {
-                dx.fill(0);
-                dy.fill(0);
-            } else if x < 0 || x + side as i32 > self.width {
+            let [left, middle, right] = slope;
+            for (out, ((a, b), c)) in dy.as_chunks_mut::<4>().0.iter_mut().zip(left.zip(middle).zip(right)) {
+                for k in 0..4 {
+                    out[k] = (a[k] + c[k]) * 3.0 + b[k] * 10.0;
+                }
+            }
+            let y = y + k as i32;
+            if y < 0 || y >= self.height {
+                dx.fill(0.0);
+                dy.fill(0.0);
+            } else if x < 0 || x + columns as i32 > self.width {
                 for (column, (dx, dy)) in (x..).zip(dx.iter_mut().zip(dy.iter_mut())) {
                     if column < 0 || column >= self.width {
-                        (*dx, *dy) = (0, 0);
+                        (*dx, *dy) = (0.0, 0.0);
                     }
                 }
             }
@@ -131,8 +167,8 @@ impl Pyramid {
     pub fn build(&mut self, pixels: &[u8], (width, height): (u32, u32), levels: usize, max_window: i32) {
         let (mut width, mut height) = (width as i32, height as i32);
         self.levels.resize_with(levels.max(1), Level::default);
-        // Windows begin up to their side outside; derivatives look one pixel further.
-        self.levels[0].fill_from(pixels, width, height, max_window + 2);
+        // Windows begin up to their side outside, their rows are read up to a multiple of four, and derivatives look further.
+        self.levels[0].fill_from(pixels, width, height, max_window + SLACK);
         for k in 1..levels {
             (width, height) = ((width + 1) / 2, (height + 1) / 2);
             if width <= max_window || height <= max_window {
