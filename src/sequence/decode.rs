@@ -128,6 +128,7 @@ pub(super) fn other_pixels(image: &DynamicImage) -> DecodeError {
     }
 }
 
+#[inline]
 fn weighted([r, g, b]: [u32; 3]) -> u32 {
     (9798 * r + 19235 * g + 3735 * b + 16384) >> 15
 }

@@ -231,11 +231,13 @@ impl Corner {
         let above = fours(upper).iter().zip(fours(&upper[1..]));
         let below = fours(lower).iter().zip(fours(&lower[1..]));
         above.zip(below).map(move |((a, b), (c, d))| {
-            std::array::from_fn(|k| {
+            let mut out = [0.0; LANES];
+            for k in 0..LANES {
                 let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
                 // Above 2^23 there is no room for fractions.
-                (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0
-            })
+                out[k] = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
+            }
+            out
         })
     }
 }
@@ -431,7 +433,8 @@ mod tests {
             let Found::At { position, difference } = found else { panic!("{start} is lost") };
             // Grey levels are whole: half a level over gradients of some ten levels per px.
             assert!((position - start - nalgebra::Vector2::new(3.25, -1.5)).norm() < 0.04, "{start} to {position}");
-            assert!(difference < 0.5, "{difference}");
+            // Straight lines between pixels leave the waves by up to an eighth of their curvature, 5 grey levels per px squared.
+            assert!(difference < 0.7, "{difference}");
         }
         // A point is at its place in its own frame.
         for (start, found) in starts.iter().zip(tracker.find(Slot::Current, Slot::Current, 15, 4, &probes).unwrap()) {

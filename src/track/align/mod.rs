@@ -148,6 +148,7 @@ struct Room {
     counts: Vec<usize>,
     sizes: Vec<f64>,
     sums: Sums,
+    levels: Vec<[f64; 2]>,
 }
 
 impl Template {
@@ -199,6 +200,7 @@ impl Template {
             counts: Vec::new(),
             sizes: Vec::new(),
             sums: Sums::default(),
+            levels: Vec::new(),
         };
         Self { faces, neutral, anchors, unit_area: f64::from(window).powi(2), ties: ties.clone(), room }
     }
@@ -253,7 +255,7 @@ impl Template {
 
     /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked.
     fn add_skin(&mut self, places: &[Point2<f64>], gain: f64, with_matrix: bool) {
-        let Room { texture, system, pull, compared, counts, sizes, sums, .. } = &mut self.room;
+        let Room { texture, system, pull, compared, counts, sizes, sums, levels, .. } = &mut self.room;
         compared.clear();
         counts.clear();
         sizes.clear();
@@ -274,7 +276,7 @@ impl Template {
             let density = face.doubled_area.abs() / 2.0 / face.samples.len() as f64;
             let gain = gain * density / (self.unit_area * normal.variance);
             normal.add_right(&face.motion, gain, pull);
-            normal.add_matrix(&face.motion, &face.places, gain, system);
+            normal.add_matrix(&face.motion, &face.places, gain, levels, system);
         }
     }
 }

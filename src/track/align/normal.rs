@@ -116,22 +116,50 @@ impl NormalEquations {
     }
 
     /// Carries the matrix from the control values to the nodes.
-    pub fn add_matrix(&self, motion: &Quadratic, places: &[BlockPlaces], gain: f64, system: &mut Skyline) {
+    pub fn add_matrix(
+        &self,
+        motion: &Quadratic,
+        places: &[BlockPlaces],
+        gain: f64,
+        levels: &mut Vec<[f64; 2]>,
+        system: &mut Skyline,
+    ) {
         let Some(products) = &self.products else { return };
         let products = products.map(|block| block.map(|row| row.map(|value| value * gain)));
         let root = gain.sqrt();
-        let level_of = |control: &[f64; 6]| self.level.map(|row| root * (0..6).map(|k| control[k] * row[k]).sum::<f64>());
+        let level_of = |(_, control): (usize, &[f64; 6])| {
+            let mut level = [0.0; 2];
+            for k in 0..6 {
+                level[0] += root * control[k] * self.level[0][k];
+                level[1] += root * control[k] * self.level[1][k];
+            }
+            level
+        };
+        levels.clear();
+        levels.extend(motion.nodes().map(level_of));
         let mut places = places.iter();
         for (j, (_, control)) in motion.nodes().enumerate() {
             // Only corners have a part in the control values of corners.
             let from = if j < EDGES { 0 } else { EDGES };
-            let carried = products.map(|block| block.map(|row| (from..6).map(|k| row[k] * control[k]).sum::<f64>()));
-            let [bx, by] = level_of(control);
+            let mut carried = [[0.0; 6]; 3];
+            for (carried, block) in carried.iter_mut().zip(&products) {
+                for (carried, row) in carried.iter_mut().zip(block) {
+                    for k in from..6 {
+                        *carried += row[k] * control[k];
+                    }
+                }
+            }
+            let [bx, by] = levels[j];
             for (i, (_, other)) in motion.nodes().take(j + 1).enumerate() {
                 let Some(place) = places.next() else { return };
                 let from = if i < EDGES { 0 } else { EDGES };
-                let [xx, xy, yy] = carried.map(|row| (from..6).map(|k| row[k] * other[k]).sum::<f64>());
-                let [ax, ay] = level_of(other);
+                let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+                for k in from..6 {
+                    xx += carried[0][k] * other[k];
+                    xy += carried[1][k] * other[k];
+                    yy += carried[2][k] * other[k];
+                }
+                let [ax, ay] = levels[i];
                 system.add_at(place, &Matrix2::new(xx - ax * bx, xy - ax * by, xy - ay * bx, yy - ay * by));
             }
         }

@@ -63,11 +63,14 @@ impl Texture {
         let (u, v) = (x - column as f32, y - row as f32);
         let at = row as usize * self.width + column as usize;
         let (upper, lower) = (self.texels.get(at..at + 2)?, self.texels.get(at + self.width..at + self.width + 2)?);
-        Some(std::array::from_fn(|k| {
-            let above = upper[0][k] + u * (upper[1][k] - upper[0][k]);
-            let below = lower[0][k] + u * (lower[1][k] - lower[0][k]);
-            above + v * (below - above)
-        }))
+        let [[a, b], [c, d]] = [[upper[0], upper[1]], [lower[0], lower[1]]];
+        let mut out = Reading::default();
+        for k in 0..4 {
+            let above = a[k] + u * (b[k] - a[k]);
+            let below = c[k] + u * (d[k] - c[k]);
+            out[k] = above + v * (below - above);
+        }
+        Some(out)
     }
 }
 

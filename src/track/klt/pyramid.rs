@@ -99,7 +99,9 @@ impl Level {
     pub fn read_row(&self, x: i32, y: i32, out: &mut [f32]) {
         let row = self.row(x, y, out.len());
         for (out, from) in out.as_chunks_mut::<4>().0.iter_mut().zip(row.as_chunks::<4>().0) {
-            *out = from.map(f32::from);
+            for k in 0..4 {
+                out[k] = f32::from(from[k]);
+            }
         }
     }
 

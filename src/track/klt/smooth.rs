@@ -59,8 +59,8 @@ mod tests {
         let mut point = vec![0.0; 15 * 15];
         point[7 * 15 + 7] = 100.0;
         let out = smoothed(point.clone(), 15, 0.5);
-        // exp(-2) = 0.1353 and exp(-8) = 0.0003 beside the 1 in the middle: 1 / 1.2713 = 0.7866, squared 0.6188.
-        assert!((out[7 * 15 + 7] - 61.88).abs() < 0.01, "{}", out[7 * 15 + 7]);
+        // exp(-2) = 0.13534 and exp(-8) = 0.00034 beside the 1 in the middle: 1 / 1.27134 = 0.78657, squared 0.61869.
+        assert!((out[7 * 15 + 7] - 61.869).abs() < 0.01, "{}", out[7 * 15 + 7]);
         assert!((out[7 * 15 + 8] / out[7 * 15 + 7] - 0.1353).abs() < 1e-4);
         assert!((out.iter().sum::<f32>() - 100.0).abs() < 1e-3);
         assert_eq!(smoothed(point.clone(), 15, 0.0), point);
