@@ -42,6 +42,16 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! # Features
+//!
+//! All are on by default. Without them (`default-features = false`) the library is the method alone, in Rust, for every platform that
+//! Rust has: fit, tracking, normalization, statistics, FAP files, synthesis and cloning.
+//!
+//! - `tool`: the command line, and all that its commands need.
+//! - `annotate`: the page on which marks are set.
+//! - `columnar`: models in Parquet files.
+//! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it and never links OpenCV.
+//!
 //! `examples/` goes on from here; `docs/architecture.md` says how the modules lie on each other.
 //!
 //! Axes and units are those of [`units`]. Left and right are always the subject's own.
@@ -74,12 +84,17 @@
 // The command line uses the library by its outer name.
 extern crate self as grimace;
 
+#[cfg(feature = "annotate")]
 pub mod annotate;
+#[cfg(feature = "tool")]
 #[doc(hidden)]
 #[allow(missing_docs, clippy::pedantic)]
 pub mod cli;
 pub mod clone;
+#[cfg(feature = "columnar")]
 pub mod columnar;
+#[doc(hidden)]
+pub mod companion;
 pub mod correspondence;
 pub mod dataset;
 pub mod fap;
@@ -87,6 +102,7 @@ pub mod features;
 pub mod fit;
 mod foreign;
 mod formula;
+#[cfg(feature = "tool")]
 #[doc(hidden)]
 pub mod fuzzing;
 pub mod geometry;
@@ -94,7 +110,6 @@ pub mod input;
 pub mod locate;
 pub mod mesh;
 pub mod model;
-mod native;
 pub mod normalize;
 pub mod output;
 pub mod overlay;

@@ -8,26 +8,24 @@
 //! the mean face does.)
 
 use std::{
+    ffi::OsStr,
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
 
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
-use opencv::{
-    boxed_ref::BoxedRef,
-    core::{Mat, Rect, Size, Vector},
-    imgproc::{equalize_hist, gaussian_blur_def},
-    objdetect::CascadeClassifier,
-    prelude::*,
-};
 
 use crate::{
+    companion::{
+        Answer, Companion, CompanionError,
+        wire::{FaceBoxes, Reply},
+    },
     dataset::{LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
     fit::{Correspondence, ShapePrior},
     geometry::Similarity,
-    native,
     sequence::Frame,
+    track::smoothed,
     units::NodeId,
     wireframe::Tables,
 };
@@ -47,9 +45,6 @@ const EYES: [&str; 2] = ["haarcascade_eye.xml", "haarcascade_eye_tree_eyeglasses
 /// Outer and inner corner of the left eye, inner and outer corner of the right eye, left and right corner of the mouth.
 const PROPOSED: [NodeId; 6] = [NodeId(20), NodeId(23), NodeId(56), NodeId(53), NodeId(31), NodeId(64)];
 const MOUTH_CORNERS: [NodeId; 2] = [NodeId(31), NodeId(64)];
-
-/// Share of a face box's height above which eyes are looked for.
-const EYE_BAND: f64 = 0.6;
 
 /// Blur that turns an iris into one dark spot, and how far beside the middle of the eye's box that spot may lie; over the distance of
 /// the boxes. Up and down the boxes are right, and lashes and brows are dark too.
@@ -109,6 +104,9 @@ pub enum CascadeError {
         /// The file.
         path: PathBuf,
     },
+    /// The program that finds faces is not there, or ended in the middle.
+    #[error(transparent)]
+    Program(#[from] CompanionError),
     /// The detector failed.
     #[error("OpenCV's detector failed: {reason}")]
     Detector {
@@ -120,8 +118,9 @@ pub enum CascadeError {
 /// Haar cascades for faces and eyes.
 #[derive(Debug)]
 pub struct Cascades {
-    face: CascadeClassifier,
-    eyes: [CascadeClassifier; 2],
+    folder: PathBuf,
+    /// The program that has them loaded; started by the first picture, and again after one that it did not survive.
+    companion: Option<Companion>,
     mean: Vec<Point2<f64>>,
     pupils: [Vec<NodeId>; 2],
 }
@@ -132,39 +131,51 @@ impl Cascades {
     /// # Errors
     /// [`CascadeError`] when they are not there or do not load.
     pub fn load(folder: Option<&Path>, tables: &Tables) -> Result<Self, CascadeError> {
-        native::configure();
         let usual = || CASCADE_FOLDERS.iter().map(PathBuf::from).find(|f| f.join(FACE).is_file());
         let folder = folder.map(Path::to_owned).or_else(usual).ok_or(CascadeError::NotInstalled)?;
-        let load = |name: &str| {
-            let path = folder.join(name);
-            // OpenCV gives an empty classifier for a file that is not there.
-            let classifier = CascadeClassifier::new(&path).ok();
-            match classifier.map(|c| c.empty().map(|empty| (c, empty))) {
-                Some(Ok((classifier, false))) => Ok(classifier),
-                _ => Err(CascadeError::DoesNotLoad { path }),
+        if let Some(path) = [FACE, EYES[0], EYES[1]].map(|name| folder.join(name)).into_iter().find(|path| !path.is_file()) {
+            return Err(CascadeError::DoesNotLoad { path });
+        }
+        let pupil = |fp: &str| fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)).unwrap_or_default().to_vec();
+        Ok(Self { folder, companion: None, mean: ShapePrior::faces().mean, pupils: ["3.5", "3.6"].map(pupil) })
+    }
+
+    /// What the cascades see in a picture.
+    fn boxes(&mut self, image: &GrayImage) -> Result<Option<FaceBoxes>, CascadeError> {
+        let mut companion = match self.companion.take() {
+            Some(companion) => companion,
+            None => {
+                let words = [OsStr::new("faces"), self.folder.as_os_str(), FACE.as_ref(), EYES[0].as_ref(), EYES[1].as_ref()];
+                let mut companion = Companion::start(words)?;
+                match companion.receive(0)? {
+                    Answer::Said(Reply::Ready) => companion,
+                    Answer::Said(Reply::Failed { reason }) => {
+                        return Err(CascadeError::DoesNotLoad { path: self.folder.join(reason) });
+                    }
+                    other => return Err(other.unexpected().into()),
+                }
             }
         };
-        let pupil = |fp: &str| fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)).unwrap_or_default().to_vec();
-        Ok(Self {
-            face: load(FACE)?,
-            eyes: [load(EYES[0])?, load(EYES[1])?],
-            mean: ShapePrior::faces().mean,
-            pupils: ["3.5", "3.6"].map(pupil),
-        })
+        companion.send_pixels(image.dimensions(), 1, image.as_raw())?;
+        match companion.receive(0)? {
+            Answer::Said(Reply::Face(boxes)) => {
+                self.companion = Some(companion);
+                Ok(boxes)
+            }
+            Answer::Said(Reply::Failed { reason }) => Err(CascadeError::Detector { reason }),
+            other => Err(other.unexpected().into()),
+        }
     }
 
     /// Corners of eyes and mouth of the largest face; `None` when no face with two eyes is found.
     ///
     /// # Errors
-    /// [`CascadeError::Detector`].
+    /// [`CascadeError::Detector`], and [`CascadeError::Program`].
     pub fn find(&mut self, frame: &Frame) -> Result<Option<Vec<Correspondence>>, CascadeError> {
         let image = frame.image();
-        let mat = mat_of(image)?;
-        let mut grey = Mat::default();
-        equalize_hist(&mat, &mut grey)?;
-        let Some(face) = largest(&detect(&mut self.face, &grey, 1.1, 3, 40)?) else { return Ok(None) };
-        let Some([left, right]) = self.eye_centres(&grey, face)? else { return Ok(None) };
-        let [left, right] = [iris(&mat, left, (left - right).norm())?, iris(&mat, right, (left - right).norm())?];
+        let Some(boxes) = self.boxes(image)? else { return Ok(None) };
+        let Some([left, right]) = eye_centres(&boxes) else { return Ok(None) };
+        let [left, right] = [left, right].map(|eye| iris(image, eye, (left - right).norm()));
         let middle = |nodes: &[NodeId]| -> Option<Point2<f64>> {
             let points: Option<Vec<_>> = nodes.iter().map(|n| self.mean.get(n.index()).map(|p| p.coords)).collect();
             let points = points.filter(|p| !p.is_empty())?;
@@ -187,69 +198,54 @@ impl Cascades {
         let mark = |(&node, position): (&NodeId, Point2<f64>)| Correspondence::mark(node, position);
         Ok(Some(PROPOSED.iter().zip(places).map(mark).collect()))
     }
+}
 
-    /// Centres of the subject's left and right eye.
-    fn eye_centres(&mut self, grey: &Mat, face: Rect) -> Result<Option<[Point2<f64>; 2]>, CascadeError> {
-        let band = Rect::new(face.x, face.y, face.width, (f64::from(face.height) * EYE_BAND) as i32);
-        let region = Mat::roi(grey, band)?.try_clone()?;
-        for cascade in &mut self.eyes {
-            let boxes = detect(cascade, &region, 1.05, 3, face.width / 8)?;
-            let centres: Vec<_> = boxes.iter().map(|b| centre(*b, band)).collect();
-            let middle = f64::from(face.x) + f64::from(face.width) / 2.0;
-            let mut best: Option<(f64, [Point2<f64>; 2])> = None;
-            // The subject's left eye is on the right of the image.
-            for (l, left) in centres.iter().enumerate().filter(|(_, p)| p.x > middle) {
-                for (r, right) in centres.iter().enumerate().filter(|(_, p)| p.x <= middle) {
-                    let span = (left - right).norm() / f64::from(face.width);
-                    let slope = ((left.y - right.y) / (left.x - right.x)).atan().abs();
-                    if slope > EYE_LINE || span < EYE_SPAN.0 || span > EYE_SPAN.1 {
-                        continue;
-                    }
-                    let size = |k: usize| f64::from(boxes[k].width);
-                    let misfit = slope
-                        + (size(l) / size(r)).ln().abs()
-                        + (f64::midpoint(left.x, right.x) - middle).abs() / f64::from(face.width);
-                    if best.is_none_or(|(least, _)| misfit < least) {
-                        best = Some((misfit, [*left, *right]));
-                    }
+/// Centres of the subject's left and right eye.
+fn eye_centres(FaceBoxes { face, eyes }: &FaceBoxes) -> Option<[Point2<f64>; 2]> {
+    let width = f64::from(face[2]);
+    let middle = f64::from(face[0]) + width / 2.0;
+    eyes.iter().find_map(|boxes| {
+        let centres: Vec<_> = boxes.iter().map(|b| centre(*b, *face)).collect();
+        let mut best: Option<(f64, [Point2<f64>; 2])> = None;
+        // The subject's left eye is on the right of the image.
+        for (l, left) in centres.iter().enumerate().filter(|(_, p)| p.x > middle) {
+            for (r, right) in centres.iter().enumerate().filter(|(_, p)| p.x <= middle) {
+                let span = (left - right).norm() / width;
+                let slope = ((left.y - right.y) / (left.x - right.x)).atan().abs();
+                if slope > EYE_LINE || span < EYE_SPAN.0 || span > EYE_SPAN.1 {
+                    continue;
+                }
+                let size = |k: usize| f64::from(boxes[k][2]);
+                let misfit = slope + (size(l) / size(r)).ln().abs() + (f64::midpoint(left.x, right.x) - middle).abs() / width;
+                if best.is_none_or(|(least, _)| misfit < least) {
+                    best = Some((misfit, [*left, *right]));
                 }
             }
-            if let Some((_, eyes)) = best {
-                return Ok(Some(eyes));
-            }
         }
-        Ok(None)
-    }
-}
-
-impl From<opencv::Error> for CascadeError {
-    fn from(error: opencv::Error) -> Self {
-        Self::Detector { reason: error.to_string() }
-    }
-}
-
-fn mat_of(image: &GrayImage) -> opencv::Result<BoxedRef<'_, Mat>> {
-    Mat::new_rows_cols_with_data(image.height() as i32, image.width() as i32, image.as_raw())
+        best.map(|(_, eyes)| eyes)
+    })
 }
 
 /// The darkest blurred spot beside the middle of an eye.
-fn iris(image: &impl MatTraitConst, middle: Point2<f64>, eye_distance: f64) -> Result<Point2<f64>, CascadeError> {
+fn iris(image: &GrayImage, middle: Point2<f64>, eye_distance: f64) -> Point2<f64> {
     let margin = (3.0 * IRIS_BLUR * eye_distance).ceil();
-    let range = |centre: f64, reach: f64, size: i32| {
-        let low = (centre - reach).round().clamp(0.0, f64::from(size - 1)) as i32;
-        (low, (centre + reach).round().clamp(0.0, f64::from(size - 1)) as i32 + 1 - low)
+    let range = |centre: f64, reach: f64, size: u32| {
+        let last = f64::from(size.max(1) - 1);
+        let bound = |v: f64| v.round().clamp(0.0, last) as u32;
+        bound(centre - reach)..bound(centre + reach) + 1
     };
     let reach = IRIS_REACH * eye_distance;
-    let ((x, width), (y, height)) = (range(middle.x, reach + margin, image.cols()), range(middle.y, margin, image.rows()));
-    let region = image.roi(Rect::new(x, y, width, height))?.try_clone()?;
-    let mut blurred = Mat::default();
-    gaussian_blur_def(&region, &mut blurred, Size::new(0, 0), IRIS_BLUR * eye_distance)?;
-    let row = (middle.y.round() as i32 - y).clamp(0, height - 1);
-    let columns = (x..x + width).zip(blurred.at_row::<u8>(row)?);
-    let near =
-        columns.map(|(column, &value)| (value, f64::from(column))).filter(|(_, column)| (column - middle.x).abs() <= reach);
-    let darkest = near.min_by(|a, b| a.0.cmp(&b.0).then((a.1 - middle.x).abs().total_cmp(&(b.1 - middle.x).abs())));
-    Ok(Point2::new(darkest.map_or(middle.x, |(_, column)| column), middle.y))
+    let (columns, rows) = (range(middle.x, reach + margin, image.width()), range(middle.y, margin, image.height()));
+    let region = rows.clone().flat_map(|y| columns.clone().map(move |x| f32::from(image.get_pixel(x, y).0[0])));
+    let blurred = smoothed(region.collect(), columns.len(), IRIS_BLUR * eye_distance);
+    let row = (middle.y.round().max(0.0) as usize).saturating_sub(rows.start as usize).min(rows.len() - 1);
+    let values = &blurred[row * columns.len()..][..columns.len()];
+    // Whole grey levels: the middle wins among places that look alike.
+    let near = columns.zip(values).map(|(column, value)| (value.round() as u8, f64::from(column)));
+    let darkest = near
+        .filter(|(_, column)| (column - middle.x).abs() <= reach)
+        .min_by(|a, b| a.0.cmp(&b.0).then((a.1 - middle.x).abs().total_cmp(&(b.1 - middle.x).abs())));
+    Point2::new(darkest.map_or(middle.x, |(_, column)| column), middle.y)
 }
 
 /// From the expected middle of the mouth to the line between the lips, along the face; `None` where the image does not reach so far.
@@ -328,28 +324,11 @@ fn follow_lips(
     Some(down * height)
 }
 
-fn detect(
-    cascade: &mut CascadeClassifier,
-    image: &Mat,
-    scale: f64,
-    neighbours: i32,
-    least: i32,
-) -> Result<Vec<Rect>, CascadeError> {
-    let mut found = Vector::<Rect>::new();
-    let least = Size::new(least.max(8), least.max(4) / 2);
-    cascade.detect_multi_scale(image, &mut found, scale, neighbours, 0, least, Size::new(0, 0))?;
-    Ok(found.to_vec())
-}
-
-fn largest(boxes: &[Rect]) -> Option<Rect> {
-    boxes.iter().copied().max_by_key(|b| (b.width, std::cmp::Reverse((b.y, b.x))))
-}
-
 /// Middle of a box found within another, px of the image.
-fn centre(found: Rect, within: Rect) -> Point2<f64> {
+fn centre([x, y, width, height]: [i32; 4], within: [i32; 4]) -> Point2<f64> {
     Point2::new(
-        f64::from(within.x + found.x) + f64::from(found.width - 1) / 2.0,
-        f64::from(within.y + found.y) + f64::from(found.height - 1) / 2.0,
+        f64::from(within[0]) + f64::from(x) + f64::from(width - 1) / 2.0,
+        f64::from(within[1]) + f64::from(y) + f64::from(height - 1) / 2.0,
     )
 }
 
@@ -433,17 +412,15 @@ mod tests {
         // A disc of 7 px around (66, 60); looked for up to 8 px beside (60, 60).
         let dark = |x: u32, y: u32| (f64::from(x) - 66.0).hypot(f64::from(y) - 60.0) <= 7.0;
         let image = GrayImage::from_fn(200, 120, |x, y| image::Luma([if dark(x, y) { 30 } else { 200 }]));
-        let mat = mat_of(&image).unwrap();
-        assert_eq!(iris(&mat, Point2::new(60.0, 60.0), 80.0).unwrap(), Point2::new(66.0, 60.0));
-        // At the border of the image it does not fail.
-        assert!(iris(&mat, Point2::new(2.0, 119.0), 80.0).unwrap().x < 20.0);
+        assert_eq!(iris(&image, Point2::new(60.0, 60.0), 80.0), Point2::new(66.0, 60.0));
+        // At the border of the image and beyond it does not fail.
+        assert!(iris(&image, Point2::new(2.0, 119.0), 80.0).x < 20.0);
+        iris(&image, Point2::new(-40.0, 500.0), 80.0);
     }
 
     #[test]
     fn boxes_have_centres_in_the_image() {
         // Columns 10 + 4 .. 10 + 4 + 6: pixels 14 to 19, whose middle is 16.5; rows 20 + 2 to 20 + 4, whose middle is 23.
-        assert_eq!(centre(Rect::new(4, 2, 6, 3), Rect::new(10, 20, 50, 50)), Point2::new(16.5, 23.0));
-        assert_eq!(largest(&[Rect::new(0, 0, 5, 5), Rect::new(9, 9, 7, 7)]), Some(Rect::new(9, 9, 7, 7)));
-        assert_eq!(largest(&[]), None);
+        assert_eq!(centre([4, 2, 6, 3], [10, 20, 50, 50]), Point2::new(16.5, 23.0));
     }
 }

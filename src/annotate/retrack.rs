@@ -25,9 +25,9 @@ use crate::{
     pipeline::{Workbench, track_files, tracks_folder},
     sequence::SequenceReader,
     track::{
-        Confidence, Corrections, Klt, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode,
-        correct_nodes, corrections_of, corrections_path, expect_errors, fitting_corrections, read_corrections, read_track,
-        read_track_info, resume_with, summarize, window_px, write_corrections, write_track,
+        Confidence, Corrections, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
+        corrections_of, corrections_path, expect_errors, fitting_corrections, read_corrections, read_track, read_track_info,
+        resume_with, summarize, window_px, write_corrections, write_track,
     },
 };
 
@@ -306,7 +306,8 @@ impl TrackDesk {
             return Ok(Vec::new());
         }
         let neutral: Vec<_> = frames[0].nodes.iter().map(|n| n.position).collect();
-        let mut tracker = Klt::new(info.track.levels, window_px(&self.bench.tables, &neutral, &info.track));
+        let window = window_px(&self.bench.tables, &neutral, &info.track);
+        let mut tracker = info.track.klt.tracker(info.track.levels, window).map_err(RequestError::refused)?;
         let reader = SequenceReader::open(&source).map_err(RequestError::refused)?;
         let (wireframe, plan) = (&self.bench.wireframe, self.bench.plan());
         resume_with(&mut tracker, wireframe, plan, frames, start.number, corrections, reader, &info.track)

@@ -1,11 +1,11 @@
 //! `grimace simulate` and `grimace evaluate`: commands of a program of its own, `grimace-lab`.
 
 use std::{
-    env,
     ffi::{OsStr, OsString},
-    path::PathBuf,
     process::Command,
 };
+
+use grimace::companion::program;
 
 use super::Outcome;
 
@@ -31,16 +31,9 @@ pub fn asked(mut arguments: impl Iterator<Item = OsString>) -> Option<(&'static 
     Some((command(&first)?, arguments.collect()))
 }
 
-/// The program: beside this one, else whatever the system finds on PATH.
-fn program() -> PathBuf {
-    let name = format!("{PROGRAM}{}", env::consts::EXE_SUFFIX);
-    let beside = env::current_exe().ok().and_then(|path| Some(path.parent()?.join(&name)));
-    beside.filter(|path| path.is_file()).unwrap_or_else(|| PathBuf::from(name))
-}
-
 /// Runs a command of the lab with its output, its signals and its exit status.
 pub fn run(command: &str, arguments: &[OsString]) -> anyhow::Result<Outcome> {
-    let mut lab = Command::new(program());
+    let mut lab = Command::new(program(PROGRAM));
     lab.arg(command).args(arguments);
     let error = match start(lab) {
         Ok(outcome) => return Ok(outcome),

@@ -22,7 +22,7 @@ use grimace::{
         amplitude::AmplitudeOptions,
         compare::{CompareOptions, GroupOptions},
     },
-    track::{AlignOptions, Forces, TrackOptions},
+    track::{AlignOptions, Forces, KltKind, TrackOptions},
 };
 use serde::de::DeserializeOwned;
 
@@ -190,6 +190,10 @@ pub struct TrackArgs {
     /// Re-deform the wireframe after every step; off leaves lost nodes where they were
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     deform: bool,
+    /// Which pyramidal KLT finds points again: `grimace`'s own, or `opencv`'s, the reference, which takes longer; they differ by some
+    /// millionths of a pixel
+    #[arg(long, default_value = "grimace", value_parser = words::<KltKind>(&["grimace", "opencv"]))]
+    klt: KltKind,
 }
 
 fn switch(text: &str) -> Result<bool, String> {
@@ -220,6 +224,7 @@ impl TrackArgs {
             rigid_eyes: self.rigid_eyes.unwrap_or(of.rigid_eyes),
             deform: self.deform,
             align: AlignOptions { gain: self.align_gain.unwrap_or(of.align.gain), ..of.align },
+            klt: self.klt,
         }
     }
 }

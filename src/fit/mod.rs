@@ -9,6 +9,7 @@
 mod error;
 mod mistakes;
 mod prior;
+mod skyline;
 mod spring;
 mod unfold;
 
@@ -33,6 +34,7 @@ pub use prior::{
     DEFAULT_MODES, Explanation, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces, PRIOR_SCHEMA,
     PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
 };
+pub(crate) use skyline::{BlockPlaces, Layout, Skyline};
 pub use spring::{Pull, SpringError, Springs, Target};
 
 /// Default gain of the force on a marked node, in units of the springs' stiffness k [KP leave both open].

@@ -13,8 +13,11 @@
 //! and y interact. KP do not say how springs act along and across themselves; this membrane is the linear choice that has one
 //! equilibrium for any target and never folds on small forces.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Point2, Vector2};
+use std::sync::Arc;
 
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::skyline::{Layout, Skyline};
 use crate::{units::NodeId, wireframe::Wireframe};
 
 /// How a node is driven.
@@ -97,8 +100,10 @@ pub struct Springs {
     /// Place of every node among the live ones.
     place: Vec<Option<usize>>,
     live: Vec<NodeId>,
-    /// k L over the live nodes, k = 1 for every spring, x and y of each node in turn.
-    laplacian: DMatrix<f64>,
+    /// Ends of the springs by place among the live nodes.
+    edges: Vec<[usize; 2]>,
+    /// k L over the live nodes, k = 1 for every spring.
+    laplacian: Skyline,
 }
 
 impl Springs {
@@ -107,24 +112,16 @@ impl Springs {
         let live = wireframe.live_nodes().to_vec();
         let mut place = vec![None; wireframe.node_count()];
         live.iter().enumerate().for_each(|(i, n)| place[n.index()] = Some(i));
-        let mut laplacian = DMatrix::zeros(2 * live.len(), 2 * live.len());
-        for &(a, b) in wireframe.edges() {
-            if let (Some(i), Some(j)) = (place[a.index()], place[b.index()]) {
-                for axis in 0..2 {
-                    let (i, j) = (2 * i + axis, 2 * j + axis);
-                    laplacian[(i, i)] += 1.0;
-                    laplacian[(j, j)] += 1.0;
-                    laplacian[(i, j)] -= 1.0;
-                    laplacian[(j, i)] -= 1.0;
-                }
-            }
-        }
-        Self { place, live, laplacian }
+        let ends = |(a, b): &(NodeId, NodeId)| Some([place[a.index()]?, place[b.index()]?]);
+        let edges: Vec<[usize; 2]> = wireframe.edges().iter().filter_map(ends).collect();
+        let layout = Arc::new(Layout::new(live.len(), edges.iter().map(|edge| edge.to_vec())));
+        let laplacian = laplacian(&layout, &edges);
+        Self { place, live, edges, laplacian }
     }
 
-    /// The springs' matrix k L over the live nodes in order, k = 1, x and y of each in turn.
-    pub(crate) fn laplacian(&self) -> &DMatrix<f64> {
-        &self.laplacian
+    /// The springs' matrix k L over the live nodes in order, k = 1, in another layout, which must have a place for every spring.
+    pub(crate) fn laplacian(&self, layout: &Arc<Layout>) -> Skyline {
+        laplacian(layout, &self.edges)
     }
 
     /// Equilibrium of the wireframe at `rest` (all N nodes) under the targets; nodes in no triangle take their leaders' mean.
@@ -153,46 +150,43 @@ impl Springs {
         if targets.is_empty() {
             return Err(SpringError::NoTarget);
         }
-        let size = 2 * self.live.len();
-        let mut system = self.laplacian.clone();
-        let mut displacement = DVector::zeros(size);
-        for i in 0..size {
-            system[(i, i)] += REST_GAIN;
+        let place = |node: NodeId| self.place.get(node.index()).copied().flatten();
+        let struts: Vec<_> = struts.iter().filter_map(|strut| Some((strut, place(strut.from)?, place(strut.to)?))).collect();
+        let mut system = if struts.is_empty() {
+            self.laplacian.clone()
+        } else {
+            let coupled = self.edges.iter().copied().chain(struts.iter().map(|(_, i, j)| [*i, *j]));
+            self.laplacian(&Arc::new(Layout::new(self.live.len(), coupled.map(|pair| pair.to_vec()))))
+        };
+        let mut displacement = vec![Vector2::zeros(); self.live.len()];
+        for i in 0..self.live.len() {
+            system.add_diagonal(i, &(Matrix2::identity() * REST_GAIN));
         }
         for target in targets {
             let node = target.node;
-            let i = self.place.get(node.index()).copied().flatten().ok_or(SpringError::NotLive { node })?;
+            let i = place(node).ok_or(SpringError::NotLive { node })?;
             let gain = target.pull.gain();
             let force = gain * (target.position - rest[node.index()]);
             let positive = gain[(0, 0)] > 0.0 && gain.determinant() > 0.0 && gain.iter().all(|g| g.is_finite());
             if !(positive && force.x.is_finite() && force.y.is_finite()) {
                 return Err(SpringError::NotFinite { node });
             }
-            let mut block = system.fixed_view_mut::<2, 2>(2 * i, 2 * i);
-            block += gain;
-            displacement[2 * i] += force.x;
-            displacement[2 * i + 1] += force.y;
+            system.add_diagonal(i, &gain);
+            displacement[i] += force;
         }
-        for strut in struts {
-            let place = |node: NodeId| self.place.get(node.index()).copied().flatten();
-            let (Some(i), Some(j)) = (place(strut.from), place(strut.to)) else { continue };
+        for (strut, i, j) in struts.into_iter().filter(|(_, i, j)| i != j) {
             let force = (strut.offset - (rest[strut.to.index()] - rest[strut.from.index()])) * strut.stiffness;
-            for axis in 0..2 {
-                let (i, j) = (2 * i + axis, 2 * j + axis);
-                system[(i, i)] += strut.stiffness;
-                system[(j, j)] += strut.stiffness;
-                system[(i, j)] -= strut.stiffness;
-                system[(j, i)] -= strut.stiffness;
-                displacement[i] -= force[axis];
-                displacement[j] += force[axis];
-            }
+            add_spring(&mut system, [i, j], strut.stiffness);
+            displacement[i] -= force;
+            displacement[j] += force;
         }
-        let factor: Cholesky<f64, Dyn> = Cholesky::new(system).ok_or(SpringError::Singular)?;
-        factor.solve_mut(&mut displacement);
+        if !system.factor() {
+            return Err(SpringError::Singular);
+        }
+        system.solve(&mut displacement);
         let mut nodes = rest.to_vec();
-        for (i, node) in self.live.iter().enumerate() {
-            nodes[node.index()].x += displacement[2 * i];
-            nodes[node.index()].y += displacement[2 * i + 1];
+        for (node, moved) in self.live.iter().zip(&displacement) {
+            nodes[node.index()] += moved;
         }
         for target in targets.iter().filter(|t| t.pull == Pull::Hard) {
             nodes[target.node.index()] = target.position;
@@ -200,6 +194,20 @@ impl Springs {
         wireframe.place_followers(&mut nodes);
         Ok(nodes)
     }
+}
+
+/// Adds a spring between two different nodes.
+fn add_spring(system: &mut Skyline, [i, j]: [usize; 2], stiffness: f64) {
+    let block = Matrix2::identity() * stiffness;
+    system.add_diagonal(i, &block);
+    system.add_diagonal(j, &block);
+    system.add_coupling(i, j, &-block);
+}
+
+fn laplacian(layout: &Arc<Layout>, edges: &[[usize; 2]]) -> Skyline {
+    let mut laplacian = Skyline::new(layout);
+    edges.iter().for_each(|edge| add_spring(&mut laplacian, *edge, 1.0));
+    laplacian
 }
 
 #[cfg(test)]

@@ -78,6 +78,7 @@ pub enum AnalysisError {
     #[error(transparent)]
     Convert(#[from] ConvertError),
     /// A columnar file of models.
+    #[cfg(feature = "columnar")]
     #[error(transparent)]
     Columnar(#[from] crate::columnar::ColumnarError),
     /// Groups of models that do not fit into memory.

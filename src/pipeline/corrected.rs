@@ -7,7 +7,7 @@ use crate::{
     fit::Springs,
     sequence::{ImageSize, SequenceReader},
     track::{
-        Confidence, Corrections, Klt, SavedCorrections, TrackCorrections, TrackError, TrackInfo, TrackedFrame, correct_nodes,
+        Confidence, Corrections, SavedCorrections, TrackCorrections, TrackError, TrackInfo, TrackedFrame, correct_nodes,
         corrections_in_track, expect_errors, fitting_corrections, read_corrections, read_track_info, resume_with, summarize,
         window_px, write_corrections,
     },
@@ -85,7 +85,8 @@ impl SequenceSource {
         let Some(start) = frames.get(place - 1) else { return Err(failed("the track is empty".to_owned())) };
         let options = &bench.options.track;
         let neutral: Vec<_> = frames[0].nodes.iter().map(|n| n.position).collect();
-        let mut tracker = Klt::new(options.levels, window_px(&bench.tables, &neutral, options));
+        let window = window_px(&bench.tables, &neutral, options);
+        let mut tracker = options.klt.tracker(options.levels, window).map_err(SequenceFailure::at(Stage::Track))?;
         let mut reader = SequenceReader::open(&self.frames).map_err(SequenceFailure::at(Stage::Track))?;
         let (wireframe, plan) = (&bench.wireframe, bench.plan());
         let behind = resume_with(&mut tracker, wireframe, plan, frames, start.number, corrections, reader.by_ref(), options)

@@ -3,6 +3,7 @@
 mod amplitudes;
 mod analysis;
 mod classes;
+#[cfg(feature = "columnar")]
 mod columnar;
 mod corrected;
 mod divide;
@@ -49,6 +50,7 @@ use crate::{
 
 pub use amplitudes::{AmplitudeResults, SequenceAmplitudes};
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
+#[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
 pub use divide::{Plan, run_emotion, run_part, run_plan};
@@ -107,6 +109,7 @@ pub struct PipelineOptions {
     #[serde(default)]
     pub groups: GroupOptions,
     /// Write `models.parquet`.
+    #[cfg(feature = "columnar")]
     #[serde(default)]
     pub columnar: bool,
 }

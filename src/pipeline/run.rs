@@ -27,7 +27,7 @@ use super::{
 use crate::{
     dataset::SequenceEntry,
     output::{self, OutputError},
-    pipeline::{write_analysis, write_columnar},
+    pipeline::write_analysis,
     text::message,
     track::corrections_path,
     units::SequenceId,
@@ -242,8 +242,9 @@ pub fn run(
         });
     }
 
+    #[cfg(feature = "columnar")]
     if bench.options.columnar {
-        let hash = write_columnar(&out.join("models.parquet"), &models).map_err(AnalysisError::from)?;
+        let hash = super::write_columnar(&out.join("models.parquet"), &models).map_err(AnalysisError::from)?;
         outputs.insert("models.parquet".to_owned(), hash.to_hex().to_string());
     }
     let analysis = Analysis { tracked_here: true, ..analyze_with(models, failures, bench, Some(out))? };

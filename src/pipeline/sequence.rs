@@ -13,6 +13,7 @@ use super::{
     corrected::{apply, saved_or_carried_over},
 };
 use crate::{
+    companion::CompanionError,
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
     output,
@@ -50,7 +51,10 @@ fn is_machines_fault(error: &(dyn std::error::Error + 'static)) -> bool {
         matches!(e.kind(), ErrorKind::OutOfMemory | ErrorKind::StaleNetworkFileHandle | ErrorKind::TimedOut)
             || (cfg!(unix) && matches!(e.raw_os_error(), Some(5 | 23 | 24)))
     };
-    error.downcast_ref::<Error>().is_some_and(of)
+    let unusable = |e: &CompanionError| {
+        matches!(e, CompanionError::NotInstalled | CompanionError::CannotStart(_) | CompanionError::OtherVersion { .. })
+    };
+    error.downcast_ref::<Error>().is_some_and(of) || error.downcast_ref::<CompanionError>().is_some_and(unusable)
 }
 
 impl SequenceFailure {

@@ -3,18 +3,14 @@
 use std::path::Path;
 
 use image::{DynamicImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
-use opencv::{
-    core::{Mat, Vec3b},
-    prelude::*,
-};
 
 use super::{
     DecodeError, SequenceError,
     decode::{bits_of, other_pixels},
     still::{Wanted, decode},
-    video::open_capture,
+    video::{Next, Stream},
 };
-use crate::dataset::FrameSource;
+use crate::{companion::wire::Pixels, dataset::FrameSource};
 
 /// Largest side of a picture, px: what an 8k camera gives, with room.
 pub const MAX_SIDE: u32 = 16_384;
@@ -42,16 +38,15 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
             .collect(),
         FrameSource::Video { path, .. } => {
             let error = |reason: &str| SequenceError::Video { path: path.clone(), reason: reason.to_owned() };
-            let mut capture = open_capture(path).map_err(|reason| error(&reason))?;
-            let opencv = |e: opencv::Error| error(&format!("OpenCV: {e}"));
+            let first = wanted.iter().copied().min().unwrap_or(1).max(1);
+            let mut stream = Stream::open(path, true, first)?;
             let mut frames = Vec::new();
-            for number in 1..=wanted.iter().copied().max().unwrap_or(0) {
-                let mut mat = Mat::default();
-                if !capture.read(&mut mat).map_err(opencv)? || mat.empty() {
+            for number in first..=wanted.iter().copied().max().unwrap_or(0) {
+                let Next::Frame(Pixels { width, height, data, .. }) = stream.next()? else {
                     return Err(error("ends before the last frame of the track"));
-                }
+                };
                 if wanted.contains(&number) {
-                    frames.push((number, rgb(&mat).map_err(opencv)?));
+                    frames.push((number, RgbImage::from_raw(width, height, data).unwrap_or_default()));
                 }
             }
             Ok(frames)
@@ -95,21 +90,6 @@ fn on_white(image: &RgbaImage) -> RgbImage {
 
 fn over_white(colour: [u8; 3], share: f64) -> [u8; 3] {
     if share < 1.0 { colour.map(|c| (255.0 + (f64::from(c) - 255.0) * share).round() as u8) } else { colour }
-}
-
-/// The pixels of a frame of a video: 8-bit BGR or grey.
-fn rgb(mat: &Mat) -> Result<RgbImage, opencv::Error> {
-    let mut image = RgbImage::new(mat.cols().max(0) as u32, mat.rows().max(0) as u32);
-    if mat.channels() == 1 {
-        for (pixel, &from) in image.pixels_mut().zip(mat.data_typed::<u8>()?) {
-            pixel.0 = [from; 3];
-        }
-    } else {
-        for (pixel, from) in image.pixels_mut().zip(mat.data_typed::<Vec3b>()?) {
-            pixel.0 = [from[2], from[1], from[0]];
-        }
-    }
-    Ok(image)
 }
 
 #[cfg(test)]

@@ -95,7 +95,7 @@ impl GrayDecoder {
         let narrow = match image {
             DynamicImage::ImageLuma8(image) => return Ok(image),
             DynamicImage::ImageLumaA8(image) => image.pixels().map(|p| p.0[0]).collect(),
-            DynamicImage::ImageRgb8(image) => image.pixels().map(|p| grey8(p.0)).collect(),
+            DynamicImage::ImageRgb8(image) => image.as_raw().as_chunks().0.iter().map(|p| grey8(*p)).collect(),
             DynamicImage::ImageRgba8(image) => image.pixels().map(|p| grey8([p.0[0], p.0[1], p.0[2]])).collect(),
             DynamicImage::ImageLuma16(image) => self.scale_to_8_bit(image.as_raw()),
             DynamicImage::ImageLumaA16(image) => self.scale_to_8_bit(&image.pixels().map(|p| p.0[0]).collect::<Vec<_>>()),
@@ -128,6 +128,7 @@ pub(super) fn other_pixels(image: &DynamicImage) -> DecodeError {
     }
 }
 
+#[inline]
 fn weighted([r, g, b]: [u32; 3]) -> u32 {
     (9798 * r + 19235 * g + 3735 * b + 16384) >> 15
 }

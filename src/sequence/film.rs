@@ -1,17 +1,18 @@
-//! Writing frames as a video file through OpenCV, where its codecs are there.
+//! Writing frames as a video file through `grimace-opencv`, where OpenCV's codecs are there.
 
-use std::path::{Path, PathBuf};
+use std::{
+    ffi::{OsStr, OsString},
+    path::{Path, PathBuf},
+};
 
 use image::RgbImage;
-use opencv::{
-    core::{Mat, Size, Vec3b},
-    prelude::*,
-    videoio::VideoWriter,
-};
 
 use super::webm::set_random_numbers;
 use crate::{
-    native,
+    companion::{
+        Answer, Companion, CompanionError,
+        wire::{Reply, Request},
+    },
     output::{OutputError, PendingFolder},
 };
 
@@ -39,6 +40,14 @@ pub enum FilmError {
     /// The file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// The program that encodes videos is not there, or ended in the middle.
+    #[error("{}: {source}", path.display())]
+    Program {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        source: CompanionError,
+    },
     /// The encoder failed.
     #[error("{}: the encoder failed: {reason}", path.display())]
     Encoder {
@@ -48,10 +57,6 @@ pub enum FilmError {
         reason: String,
     },
 }
-
-/// Codecs of a container, best first.
-const MP4: (&str, &[&[u8; 4]]) = ("mp4", &[b"avc1", b"mp4v"]);
-const WEBM: (&str, &[&[u8; 4]]) = ("webm", &[b"VP90", b"VP80"]);
 
 /// Writes frames of one size as MP4 or `WebM`, by the extension of the path; odd sides lose their last row or column, as video codecs
 /// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one.
@@ -66,18 +71,16 @@ pub fn write_video<E: From<FilmError>>(
     let mut frames = frames.into_iter();
     let first = frames.next().ok_or_else(|| FilmError::Empty { path: path.to_owned() })??;
     let scratch = PendingFolder::create(path).map_err(FilmError::from)?;
-    let failed = |error| encoder_error(path, &error);
     let is_webm = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("webm"));
+    let format = if is_webm { "webm" } else { "mp4" };
     // The container follows the extension, so the temporary name has it too.
     let name = if is_webm { "film.webm" } else { "film.mp4" };
     let temporary = scratch.file(name);
-    let size = Size::new((first.width() & !1) as i32, (first.height() & !1) as i32);
-    let mut writer = open_writer(path, &temporary, if is_webm { WEBM } else { MP4 }, size, fps)?;
+    let mut encoder = Encoder::start(path, &temporary, format, fps, (first.width() & !1, first.height() & !1))?;
     for frame in std::iter::once(Ok(first)).chain(frames) {
-        let frame: RgbImage = frame?;
-        bgr(&frame, size).and_then(|mat| writer.write(&mat)).map_err(failed)?;
+        encoder.write(&frame?)?;
     }
-    writer.release().map_err(failed)?;
+    encoder.finish()?;
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
         return Err(FilmError::Empty { path: path.to_owned() }.into());
     }
@@ -87,40 +90,70 @@ pub fn write_video<E: From<FilmError>>(
     Ok(scratch.persist(name).map_err(FilmError::from)?)
 }
 
-/// A writer with the first codec that this OpenCV has.
-fn open_writer(
-    path: &Path,
-    temporary: &Path,
-    (format, codecs): (&'static str, &[&[u8; 4]]),
-    size: Size,
-    fps: f64,
-) -> Result<VideoWriter, FilmError> {
-    native::configure();
-    let failed = |error| encoder_error(path, &error);
-    let name = temporary.to_string_lossy().into_owned();
-    for codec in codecs {
-        let [a, b, c, d] = codec.map(char::from);
-        let code = VideoWriter::fourcc(a, b, c, d).map_err(failed)?;
-        let writer = VideoWriter::new(&name, code, fps, size, true).map_err(failed)?;
-        if writer.is_opened().map_err(failed)? {
-            return Ok(writer);
+/// A film that is being written.
+struct Encoder<'a> {
+    /// Its name in errors.
+    path: &'a Path,
+    format: &'static str,
+    size: (u32, u32),
+    companion: Companion,
+}
+
+impl<'a> Encoder<'a> {
+    fn start(
+        path: &'a Path,
+        temporary: &Path,
+        format: &'static str,
+        fps: f64,
+        (width, height): (u32, u32),
+    ) -> Result<Self, FilmError> {
+        let words = ["encode", format, &fps.to_string(), &width.to_string(), &height.to_string()];
+        let arguments = words.iter().map(OsStr::new).chain([temporary.as_os_str()]).map(OsString::from);
+        let companion = Companion::start(arguments).map_err(|source| FilmError::Program { path: path.to_owned(), source })?;
+        let mut encoder = Self { path, format, size: (width, height), companion };
+        encoder.expect(&Reply::Ready)?;
+        Ok(encoder)
+    }
+
+    fn write(&mut self, frame: &RgbImage) -> Result<(), FilmError> {
+        let (width, height) = self.size;
+        let fitting: Vec<u8>;
+        let pixels = if frame.dimensions() == self.size {
+            frame.as_raw()
+        } else {
+            let pixel = |x: u32, y: u32| frame.get_pixel(x.min(frame.width() - 1), y.min(frame.height() - 1)).0;
+            fitting = (0..height).flat_map(|y| (0..width).flat_map(move |x| pixel(x, y))).collect();
+            &fitting
+        };
+        match self.companion.send_pixels(self.size, 3, pixels) {
+            Ok(()) => Ok(()),
+            // It says why it does not listen any more, if it can.
+            Err(source) => Err(self.failure(source)),
         }
     }
-    let tried = codecs.iter().map(|c| String::from_utf8_lossy(*c).into_owned()).collect::<Vec<_>>().join(", ");
-    Err(FilmError::NoEncoder { path: path.to_owned(), format, tried })
-}
 
-fn encoder_error(path: &Path, error: &opencv::Error) -> FilmError {
-    FilmError::Encoder { path: path.to_owned(), reason: format!("OpenCV: {error}") }
-}
+    fn finish(mut self) -> Result<(), FilmError> {
+        if let Err(source) = self.companion.send(&Request::End) {
+            return Err(self.failure(source));
+        }
+        self.expect(&Reply::Done)
+    }
 
-fn bgr(frame: &RgbImage, size: Size) -> Result<Mat, opencv::Error> {
-    let pixels: Vec<Vec3b> = (0..size.height as u32)
-        .flat_map(|y| (0..size.width as u32).map(move |x| (x, y)))
-        .map(|(x, y)| {
-            let [r, g, b] = frame.get_pixel(x.min(frame.width() - 1), y.min(frame.height() - 1)).0;
-            Vec3b::from([b, g, r])
-        })
-        .collect();
-    Mat::new_rows_cols_with_data(size.height, size.width, &pixels)?.try_clone()
+    fn expect(&mut self, expected: &Reply) -> Result<(), FilmError> {
+        let path = self.path.to_owned();
+        let failed = |source| FilmError::Program { path: path.clone(), source };
+        match self.companion.receive(0).map_err(failed)? {
+            Answer::Said(said) if said == *expected => Ok(()),
+            Answer::Said(Reply::NoEncoder { tried }) => Err(FilmError::NoEncoder { path, format: self.format, tried }),
+            Answer::Said(Reply::Failed { reason }) => Err(FilmError::Encoder { path, reason }),
+            other => Err(failed(other.unexpected())),
+        }
+    }
+
+    fn failure(&mut self, source: CompanionError) -> FilmError {
+        match self.companion.receive(0) {
+            Ok(Answer::Said(Reply::Failed { reason })) => FilmError::Encoder { path: self.path.to_owned(), reason },
+            _ => FilmError::Program { path: self.path.to_owned(), source },
+        }
+    }
 }

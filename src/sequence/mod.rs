@@ -1,7 +1,7 @@
 //! Frames in order, decoded to 8-bit grey, from image files or a video.
 //!
 //! A picture is refused by its header when it is too large ([`max_pixels`]), and when its data end early: nothing is made up for what a
-//! file lacks. Image files are decoded in Rust, videos by OpenCV, whose types stop here.
+//! file lacks. Image files are decoded here, videos by the program `grimace-opencv`.
 
 mod colour;
 mod content;
@@ -18,7 +18,10 @@ use std::path::{Path, PathBuf};
 use image::GrayImage;
 
 use self::content::ContentHasher;
-use crate::dataset::{FrameFile, FrameSource};
+use crate::{
+    companion::CompanionError,
+    dataset::{FrameFile, FrameSource},
+};
 
 pub use colour::{MAX_SIDE, read_colour, read_colour_frames};
 pub use content::content_blake3;
@@ -122,6 +125,14 @@ pub enum SequenceError {
         path: PathBuf,
         /// What happened.
         reason: String,
+    },
+    /// The program that decodes videos is not there, or ended in the middle.
+    #[error("{}: {source}", path.display())]
+    Decoder {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        source: CompanionError,
     },
     /// A file that changed while it was being decoded.
     #[error("{}: the file was changed while it was read; run again when it is whole", path.display())]

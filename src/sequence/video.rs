@@ -1,33 +1,88 @@
-//! Frames of a video file.
+//! Frames of a video file, decoded by `grimace-opencv`.
 
-use std::path::{Path, PathBuf};
+use std::{
+    ffi::{OsStr, OsString},
+    path::{Path, PathBuf},
+};
 
 use image::GrayImage;
-use opencv::{
-    core::Mat,
-    imgproc::{COLOR_BGR2GRAY, cvt_color_def},
-    prelude::*,
-    videoio::{CAP_ANY, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_FRAME_HEIGHT, CAP_PROP_FRAME_WIDTH, VideoCapture},
-};
 
 use super::{
-    SequenceError,
+    DecodeError, SequenceError,
     content::{Stamp, content_blake3},
-    limit::check_size,
+    limit::{check_size, max_pixels},
 };
-use crate::{dataset::FrameSource, native};
+use crate::{
+    companion::{
+        Answer, Companion, CompanionError,
+        wire::{Pixels, Reply},
+    },
+    dataset::FrameSource,
+};
 
 /// Share of the stated frames that a whole video decodes at least; headers may be estimates.
 const COMPLETE: f64 = 0.9;
+
+/// A video at the program that decodes it.
+pub(super) struct Stream {
+    path: PathBuf,
+    companion: Companion,
+    fps: f64,
+    /// Frames that the file's header states; 0 or less when it does not. Some containers only estimate it.
+    stated: f64,
+}
+
+/// What comes next in a video.
+pub(super) enum Next {
+    Frame(Pixels),
+    /// The end, after so many frames in all.
+    End(u32),
+}
+
+impl Stream {
+    /// Opens a video; frames come from number `first` on, in colour or grey.
+    pub(super) fn open(path: &Path, is_coloured: bool, first: u32) -> Result<Self, SequenceError> {
+        let unreadable = |e: std::io::Error| SequenceError::Decode { path: path.to_owned(), source: e.into() };
+        crate::input::open_file(path).map_err(unreadable)?;
+        let words = ["decode", if is_coloured { "colour" } else { "grey" }, &first.to_string(), &max_pixels().to_string()];
+        let arguments = words.iter().map(OsStr::new).chain([path.as_os_str()]).map(OsString::from);
+        let failed = |source| SequenceError::Decoder { path: path.to_owned(), source };
+        let mut companion = Companion::start(arguments).map_err(failed)?;
+        match companion.receive(0).map_err(failed)? {
+            Answer::Said(Reply::Video { fps, frames, width, height }) => {
+                if width > 0 && height > 0 {
+                    let of_size = |e: DecodeError| SequenceError::Video { path: path.to_owned(), reason: e.to_string() };
+                    check_size(width, height).map_err(of_size)?;
+                }
+                Ok(Self { path: path.to_owned(), companion, fps, stated: frames })
+            }
+            Answer::Said(Reply::Failed { reason }) => Err(SequenceError::Video { path: path.to_owned(), reason }),
+            other => Err(failed(other.unexpected())),
+        }
+    }
+
+    /// The next frame, or the end.
+    pub(super) fn next(&mut self) -> Result<Next, SequenceError> {
+        let failed = |source: CompanionError| SequenceError::Decoder { path: self.path.clone(), source };
+        match self.companion.receive(max_pixels()).map_err(failed)? {
+            Answer::Pixels(pixels) => {
+                let of_size = |e: DecodeError| SequenceError::Video { path: self.path.clone(), reason: e.to_string() };
+                check_size(pixels.width, pixels.height).map_err(of_size)?;
+                Ok(Next::Frame(pixels))
+            }
+            Answer::Said(Reply::End { frames }) => Ok(Next::End(frames)),
+            Answer::Said(Reply::Failed { reason }) => Err(SequenceError::Video { path: self.path.clone(), reason }),
+            other => Err(failed(other.unexpected())),
+        }
+    }
+}
 
 /// Decodes a video from its first to its last wanted frame.
 pub struct VideoReader {
     path: PathBuf,
     stamp: Stamp,
-    capture: VideoCapture,
+    stream: Stream,
     first: u32,
-    /// Frames that the file's header states; 0 or less when it does not. Some containers only estimate it.
-    stated: f64,
     last: Option<u32>,
     next: u32,
     given: usize,
@@ -37,17 +92,16 @@ pub struct VideoReader {
 impl VideoReader {
     /// Opens the file.
     pub fn open(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<Self, SequenceError> {
-        let error = |reason: String| SequenceError::Video { path: path.to_owned(), reason };
         let unreadable = |source: std::io::Error| SequenceError::Decode { path: path.to_owned(), source: source.into() };
         crate::input::open_file(path).map_err(unreadable)?;
         let stamp = Stamp::of(path).map_err(unreadable)?;
-        let capture = open_capture(path).map_err(error)?;
         let first = first.unwrap_or(1);
+        let stream = Stream::open(path, false, first.max(1))?;
         if first == 0 {
-            return Err(error("the frames of a video are numbered from 1; `first_frame` is 0".into()));
+            let reason = "the frames of a video are numbered from 1; `first_frame` is 0".to_owned();
+            return Err(SequenceError::Video { path: path.to_owned(), reason });
         }
-        let stated = capture.get(CAP_PROP_FRAME_COUNT).unwrap_or(0.0);
-        Ok(Self { path: path.to_owned(), stamp, capture, first, last, stated, next: 1, given: 0, ended: false })
+        Ok(Self { path: path.to_owned(), stamp, stream, first, last, next: first, given: 0, ended: false })
     }
 
     /// The file.
@@ -67,7 +121,7 @@ impl VideoReader {
 
     /// Frames per second stated by the file.
     pub fn fps(&self) -> Option<f64> {
-        self.capture.get(CAP_PROP_FPS).ok().filter(|fps| fps.is_finite() && *fps > 0.0)
+        Some(self.stream.fps).filter(|fps| fps.is_finite() && *fps > 0.0)
     }
 
     /// The next wanted frame and its number.
@@ -81,28 +135,19 @@ impl VideoReader {
     }
 
     fn advance(&mut self) -> Option<Result<(u32, GrayImage), SequenceError>> {
-        loop {
-            let number = self.next;
-            if self.last.is_some_and(|last| number > last) {
-                return None;
-            }
-            let mut colour = Mat::default();
-            match self.capture.read(&mut colour) {
-                Ok(true) if !colour.empty() => {}
-                Ok(_) => return self.end(number - 1).map(Err),
-                Err(error) => return Some(Err(self.failure(&error))),
-            }
-            self.next += 1;
-            if number < self.first {
-                continue;
-            }
-            self.given += 1;
-            return Some(grey(colour).map(|image| (number, image)).map_err(|error| self.failure(&error)));
+        let number = self.next;
+        if self.last.is_some_and(|last| number > last) {
+            return None;
         }
-    }
-
-    fn failure(&self, error: &opencv::Error) -> SequenceError {
-        SequenceError::Video { path: self.path.clone(), reason: format!("frame {}: OpenCV: {error}", self.next) }
+        match self.stream.next() {
+            Ok(Next::Frame(Pixels { width, height, data, .. })) => {
+                self.next += 1;
+                self.given += 1;
+                Some(Ok((number, GrayImage::from_raw(width, height, data).unwrap_or_default())))
+            }
+            Ok(Next::End(count)) => self.end(count).map(Err),
+            Err(error) => Some(Err(error)),
+        }
     }
 
     /// The error, if any, of a video that ended after `count` frames.
@@ -111,8 +156,8 @@ impl VideoReader {
         match self.last {
             Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
             None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
-            None if f64::from(count) < COMPLETE * self.stated => {
-                error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stated))
+            None if f64::from(count) < COMPLETE * self.stream.stated => {
+                error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stream.stated))
             }
             None if self.given < 2 => {
                 error(format!("a sequence needs at least 2 frames, from neutral to apex; found {}", self.given))
@@ -120,30 +165,4 @@ impl VideoReader {
             None => None,
         }
     }
-}
-
-/// Opens a video whose frames are not too large.
-pub(super) fn open_capture(path: &Path) -> Result<VideoCapture, String> {
-    native::configure();
-    crate::input::open_file(path).map_err(|e| format!("cannot be read: {e}"))?;
-    let capture = VideoCapture::from_file(path, CAP_ANY).ok().filter(|c| c.is_opened().unwrap_or(false));
-    let capture = capture.ok_or("not a video that OpenCV can decode; convert it (for example to H.264 in MP4) or to images")?;
-    let stated = |property| capture.get(property).unwrap_or(0.0).max(0.0) as u32;
-    let (width, height) = (stated(CAP_PROP_FRAME_WIDTH), stated(CAP_PROP_FRAME_HEIGHT));
-    if width > 0 && height > 0 {
-        check_size(width, height).map_err(|e| e.to_string())?;
-    }
-    Ok(capture)
-}
-
-fn grey(frame: Mat) -> opencv::Result<GrayImage> {
-    let mut grey = Mat::default();
-    if frame.channels() == 1 {
-        grey = frame;
-    } else {
-        cvt_color_def(&frame, &mut grey, COLOR_BGR2GRAY)?;
-    }
-    let grey = if grey.is_continuous() { grey } else { grey.try_clone()? };
-    let (width, height) = (grey.cols().max(0) as u32, grey.rows().max(0) as u32);
-    Ok(GrayImage::from_raw(width, height, grey.data_typed::<u8>()?.to_vec()).unwrap_or_default())
 }

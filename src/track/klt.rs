@@ -1,166 +1,463 @@
-//! Pyramidal KLT [Bouguet] by OpenCV. Pyramids are built once per frame and serve as next, then as previous image.
+//! Pyramidal KLT [Bouguet]. The pyramid of a frame is made once and serves as next, then as previous image, forward and back.
+//!
+//! The arithmetic is that of OpenCV's `calcOpticalFlowPyrLK`, which is the field's reference: positions in single precision, weights of
+//! the bilinear interpolation in 14 bits, grey values with 5 bits behind the point, Scharr derivatives in 16 bits, and its rules for when
+//! to stop and what is lost. Derivatives are made only where windows lie.
 
-use std::rc::Rc;
+mod pyramid;
+mod reference;
+mod smooth;
 
 use nalgebra::{Matrix2, Point2};
-use opencv::{
-    core::{BORDER_REFLECT_101, CV_32F, Mat, Point2f, Rect, Size, TermCriteria, TermCriteria_Type, Vec2s, Vector},
-    imgproc::gaussian_blur,
-    prelude::*,
-    video::{OPTFLOW_USE_INITIAL_FLOW, build_optical_flow_pyramid, calc_optical_flow_pyr_lk},
-};
+use serde::{Deserialize, Serialize};
 
+use self::pyramid::{Level, Pyramid};
 use super::{Found, Patch, PointTracker, Probe, Slot, TrackError};
-use crate::{native, sequence::Frame};
+use crate::sequence::Frame;
 
-/// Iterations and step (px) at which the search at one pyramid level ends: OpenCV's defaults.
-const MAX_ITERATIONS: i32 = 30;
-const STEP_PX: f64 = 0.01;
+pub use reference::OpenCvKlt;
+pub(crate) use smooth::smoothed;
 
-/// Grey levels per px of one step of OpenCV's Scharr derivatives.
-const SCHARR: f64 = 1.0 / 32.0;
+/// Which implementation of pyramidal KLT finds points again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum KltKind {
+    /// Our own, [`Klt`].
+    #[default]
+    Grimace,
+    /// OpenCV's, [`OpenCvKlt`], by the program `grimace-opencv`.
+    OpenCv,
+}
 
-/// Smallest normalized eigenvalue of a window's gradient matrix: OpenCV's default.
-const MIN_EIGENVALUE: f64 = 1e-4;
-
-impl From<opencv::Error> for TrackError {
-    fn from(error: opencv::Error) -> Self {
-        Self::PointTracker { reason: format!("OpenCV: {error}") }
+impl KltKind {
+    /// A tracker of this kind; see [`Klt::new`].
+    ///
+    /// # Errors
+    /// [`TrackError::Program`] when `grimace-opencv` is needed and does not start.
+    pub fn tracker(self, levels: u32, max_window_px: u32) -> Result<Box<dyn PointTracker>, TrackError> {
+        Ok(match self {
+            Self::Grimace => Box::new(Klt::new(levels, max_window_px)),
+            Self::OpenCv => Box::new(OpenCvKlt::new(levels, max_window_px)?),
+        })
     }
 }
 
-/// The tracker of OpenCV.
+/// Iterations and step (px) at which the search at one pyramid level ends.
+const MAX_ITERATIONS: u32 = 30;
+const STEP_PX: f32 = 0.01;
+
+/// Steps that undo each other to within this, px, end the search half way between.
+const SWING_PX: f32 = 0.01;
+
+/// Grey levels per px of one step of the Scharr derivatives.
+const SCHARR: f64 = 1.0 / 32.0;
+
+/// Smallest normalized eigenvalue of a window's gradient matrix.
+const MIN_EIGENVALUE: f32 = 1e-4;
+
+/// Bits of the interpolation's weights, and bits of grey values behind the point.
+const WEIGHT_BITS: u32 = 14;
+const GREY_BITS: u32 = 5;
+
+/// Makes sums of products of derivatives small numbers; cancels out.
+const SCALE: f32 = 1.0 / (1 << 20) as f32;
+
+/// Sums run in as many lanes, so that they vectorize and are the same on every machine; rows are filled up to a multiple of it.
+const LANES: usize = 4;
+
+/// Adding and subtracting it rounds a number below 2^22 to the nearest whole one, of two the even one.
+const ROUND: f32 = 12_582_912.0;
+
+/// The pyramidal KLT tracker; it finds what [`OpenCvKlt`] finds to a few millionths of a pixel.
 #[derive(Debug)]
 pub struct Klt {
-    levels: i32,
+    levels: usize,
     max_window: i32,
-    // Shared, not cloned: a cloned `Mat` loses the border that its pyramid was padded with.
-    neutral: Rc<Vector<Mat>>,
-    previous: Rc<Vector<Mat>>,
-    current: Rc<Vector<Mat>>,
+    /// A ring: the neutral, the previous and the current frame.
+    ring: [Pyramid; 3],
+    neutral: usize,
+    previous: usize,
+    current: Option<usize>,
+    window: Window,
+}
+
+/// Values on a window, row by row, and room to make them. Rows have a multiple of [`LANES`] values; derivatives are zero beyond the
+/// window's side, so that what else stands there counts for nothing.
+#[derive(Debug, Default)]
+struct Window {
+    side: usize,
+    /// Values in a row.
+    columns: usize,
+    /// Of the first frame.
+    grey: Vec<f32>,
+    dx: Vec<f32>,
+    dy: Vec<f32>,
+    rows: [Vec<f32>; 2],
+    raw_dx: Vec<f32>,
+    raw_dy: Vec<f32>,
+    room: Vec<f32>,
 }
 
 impl Klt {
-    /// A tracker with `levels` pyramid levels (1: the image itself only), padded for windows up to `max_window_px`.
+    /// A tracker with `levels` pyramid levels (1: the image itself only), for windows up to `max_window_px`.
+    #[must_use]
     pub fn new(levels: u32, max_window_px: u32) -> Self {
-        native::configure();
-        let (levels, max_window) = (levels.clamp(1, 8) as i32, (max_window_px as i32).clamp(3, 255));
-        Self { levels, max_window, neutral: Rc::default(), previous: Rc::default(), current: Rc::default() }
-    }
-
-    fn pyramid(&self, frame: &Frame) -> Result<Vector<Mat>, TrackError> {
-        let mut pyramid = Vector::<Mat>::new();
-        let window = Size::new(self.max_window, self.max_window);
-        let (reflect, constant) = (opencv::core::BORDER_REFLECT_101, opencv::core::BORDER_CONSTANT);
-        let image = frame.image();
-        let mat = Mat::new_rows_cols_with_data(image.height() as i32, image.width() as i32, image.as_raw())?;
-        // The pyramid copies: the frame may go.
-        build_optical_flow_pyramid(&mat, &mut pyramid, window, self.levels - 1, true, reflect, constant, false)?;
-        Ok(pyramid)
-    }
-
-    fn slot(&self, slot: Slot) -> &Vector<Mat> {
-        match slot {
-            Slot::Neutral => &self.neutral,
-            Slot::Previous => &self.previous,
-            Slot::Current => &self.current,
+        Self {
+            levels: levels.clamp(1, 8) as usize,
+            max_window: max_window_px.clamp(3, 255) as i32,
+            ring: std::array::from_fn(|_| Pyramid::default()),
+            neutral: 0,
+            previous: 0,
+            current: None,
+            window: Window::default(),
         }
+    }
+
+    fn pyramid(&self, slot: Slot) -> &Pyramid {
+        &self.ring[match slot {
+            Slot::Neutral => self.neutral,
+            Slot::Previous => self.previous,
+            Slot::Current => self.current.unwrap_or(0),
+        }]
+    }
+
+    fn image(&self, slot: Slot) -> Result<&Level, TrackError> {
+        let reason = || TrackError::PointTracker { reason: "it was given no frame".to_owned() };
+        self.pyramid(slot).levels().first().ok_or_else(reason)
     }
 }
 
 impl PointTracker for Klt {
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
-        let pyramid = Rc::new(self.pyramid(frame)?);
-        if self.neutral.is_empty() {
-            self.neutral = Rc::clone(&pyramid);
-        }
-        self.previous = std::mem::replace(&mut self.current, pyramid);
+        let free = match self.current {
+            None => 0,
+            Some(current) => {
+                self.previous = current;
+                (0..3).find(|k| *k != self.neutral && *k != current).unwrap_or(0)
+            }
+        };
+        let image = frame.image();
+        self.ring[free].build(image.as_raw(), image.dimensions(), self.levels, self.max_window);
+        self.current = Some(free);
         Ok(())
     }
 
     fn gradients(&self, slot: Slot, window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
-        // A pyramid with derivatives holds image and derivatives of every level in turn.
-        let derivatives = self.slot(slot).get(1)?;
-        let half = (window_px / 2) as i32;
-        let range = |centre: f64, size: i32| {
-            let centre = centre.round().clamp(-1e6, 1e6) as i32;
-            (centre - half).clamp(0, size)..(centre + half + 1).clamp(0, size)
-        };
-        let matrix = |point: &Point2<f64>| -> Result<Matrix2<f64>, TrackError> {
-            let (mut xx, mut xy, mut yy, mut count) = (0.0, 0.0, 0.0, 0u32);
-            let columns = range(point.x, derivatives.cols());
-            for y in range(point.y, derivatives.rows()) {
-                let row = derivatives.at_row::<Vec2s>(y)?;
-                for pixel in &row[columns.start as usize..columns.end as usize] {
-                    let (dx, dy) = (f64::from(pixel[0]) * SCHARR, f64::from(pixel[1]) * SCHARR);
+        let image = self.image(slot)?;
+        let half = (window_px / 2).min(self.max_window as u32 / 2) as i32;
+        let side = 2 * half as usize + 1;
+        let columns = side.next_multiple_of(LANES);
+        let (mut dx, mut dy, mut room) = (vec![0.0; side * columns], vec![0.0; side * columns], Vec::new());
+        let matrix = |point: &Point2<f64>| {
+            let centre = |at: f64, size: i32| at.round().clamp(-1.0 - f64::from(half), f64::from(size + half)) as i32;
+            let (x, y) = (centre(point.x, image.width), centre(point.y, image.height));
+            // Outside the image derivatives are zero and do not count.
+            image.derivatives((x - half, y - half), columns, &mut dx, &mut dy, &mut room);
+            let inside = |at: i32, size: i32| f64::from(((at + half + 1).min(size) - (at - half).max(0)).max(0));
+            let count = inside(x, image.width) * inside(y, image.height);
+            let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+            for (dx, dy) in dx.chunks_exact(columns).zip(dy.chunks_exact(columns)) {
+                for (dx, dy) in dx[..side].iter().zip(&dy[..side]) {
+                    let (dx, dy) = (f64::from(*dx), f64::from(*dy));
                     xx += dx * dx;
                     xy += dx * dy;
                     yy += dy * dy;
-                    count += 1;
                 }
             }
-            Ok(Matrix2::new(xx, xy, xy, yy) / f64::from(count.max(1)))
+            let [xx, xy, yy] = [xx, xy, yy].map(|sum| sum * (SCHARR * SCHARR));
+            Matrix2::new(xx, xy, xy, yy) / count.max(1.0)
         };
-        points.iter().map(matrix).collect()
+        Ok(points.iter().map(matrix).collect())
     }
 
     fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
-        let image = self.slot(slot).get(0)?;
+        let image = self.image(slot)?;
         let range = |axis: usize, size: i32| {
             let values = points.iter().map(|p| p[axis]);
             let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
             let bound = |v: f64| v.clamp(0.0, f64::from(size)) as i32;
             (bound((low - margin).floor()), bound((high + margin).ceil() + 1.0))
         };
-        let ((left, right), (top, bottom)) = (range(0, image.cols()), range(1, image.rows()));
+        let ((left, right), (top, bottom)) = (range(0, image.width), range(1, image.height));
         if left >= right || top >= bottom {
             return Ok(None);
         }
-        let part = image.roi(Rect::new(left, top, right - left, bottom - top))?;
-        let (mut grey, mut smooth) = (Mat::default(), Mat::default());
-        part.convert_to(&mut grey, CV_32F, 1.0, 0.0)?;
-        if smoothing > 0.0 {
-            gaussian_blur(&grey, &mut smooth, Size::default(), smoothing, smoothing, BORDER_REFLECT_101)?;
-        } else {
-            smooth = grey;
-        }
         let (width, height) = ((right - left) as usize, (bottom - top) as usize);
-        Ok(Some(Patch { left: left as u32, top: top as u32, width, height, values: smooth.data_typed::<f32>()?.to_vec() }))
+        let rows = (top..bottom).flat_map(|y| image.row(left, y, width)).map(|v| f32::from(*v));
+        let values = smoothed(rows.collect(), width, smoothing);
+        Ok(Some(Patch { left: left as u32, top: top as u32, width, height, values }))
     }
 
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
-        if probes.is_empty() {
-            return Ok(Vec::new());
+        let mut window = std::mem::take(&mut self.window);
+        let side = window_px.clamp(3, self.max_window as u32) as usize;
+        window.resize(side);
+        let (from, to) = (self.pyramid(from).levels(), self.pyramid(to).levels());
+        let count = from.len().min(to.len()).min(levels.max(1) as usize);
+        let found = probes.iter().map(|probe| window.follow(&from[..count], &to[..count], probe)).collect();
+        self.window = window;
+        Ok(found)
+    }
+}
+
+/// The pixel at or before a position, and the weights of it and its three neighbours to the right and below.
+struct Corner {
+    x: i32,
+    y: i32,
+    weights: [i32; 4],
+}
+
+impl Corner {
+    /// `None` for a window that lies outside the image as a whole.
+    fn at(x: f32, y: f32, side: usize, level: &Level) -> Option<Self> {
+        let (left, top) = (x.floor(), y.floor());
+        let side = side as f32;
+        if !(left >= -side && left < level.width as f32 && top >= -side && top < level.height as f32) {
+            return None;
         }
-        let single = |p: &Point2<f64>| Point2f::new(p.x as f32, p.y as f32);
-        let points: Vector<Point2f> = probes.iter().map(|p| single(&p.position)).collect();
-        let mut found: Vector<Point2f> = probes.iter().map(|p| single(&p.guess)).collect();
-        let (mut status, mut error) = (Vector::<u8>::new(), Vector::<f32>::new());
-        let window = (window_px as i32).clamp(3, self.max_window);
-        let kind = TermCriteria_Type::COUNT as i32 + TermCriteria_Type::EPS as i32;
-        let criteria = TermCriteria { typ: kind, max_count: MAX_ITERATIONS, epsilon: STEP_PX };
-        calc_optical_flow_pyr_lk(
-            self.slot(from),
-            self.slot(to),
-            &points,
-            &mut found,
-            &mut status,
-            &mut error,
-            Size::new(window, window),
-            (levels as i32).clamp(1, self.levels) - 1,
-            criteria,
-            OPTFLOW_USE_INITIAL_FLOW,
-            MIN_EIGENVALUE,
-        )?;
-        let answers = found.iter().zip(status.iter()).zip(error.iter());
-        Ok(answers
-            .map(|((point, status), error)| {
-                if status == 1 && point.x.is_finite() && point.y.is_finite() {
-                    Found::At { position: Point2::new(f64::from(point.x), f64::from(point.y)), difference: f64::from(error) }
-                } else {
-                    Found::Lost
+        let (a, b) = (x - left, y - top);
+        let one = (1 << WEIGHT_BITS) as f32;
+        let weight = |share: f32| (share * one).round_ties_even() as i32;
+        let (w00, w01, w10) = (weight((1.0 - a) * (1.0 - b)), weight(a * (1.0 - b)), weight((1.0 - a) * b));
+        Some(Self { x: left as i32, y: top as i32, weights: [w00, w01, w10, (1 << WEIGHT_BITS) - w00 - w01 - w10] })
+    }
+
+    /// Grey values between the pixels of two rows, times 32 and rounded, halves up, four at a time.
+    ///
+    /// All numbers on the way are whole and below 2^24, so single precision is exact.
+    #[inline]
+    fn between<'a>(&self, upper: &'a [f32], lower: &'a [f32]) -> impl Iterator<Item = [f32; LANES]> + use<'a> {
+        let [w00, w01, w10, w11] = self.weights.map(|w| w as f32);
+        let above = fours(upper).iter().zip(fours(&upper[1..]));
+        let below = fours(lower).iter().zip(fours(&lower[1..]));
+        above.zip(below).map(move |((a, b), (c, d))| {
+            let mut out = [0.0; LANES];
+            for k in 0..LANES {
+                let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
+                // Above 2^23 there is no room for fractions.
+                out[k] = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
+            }
+            out
+        })
+    }
+}
+
+/// A list in parts of [`LANES`], without what is left over.
+fn fours(list: &[f32]) -> &[[f32; LANES]] {
+    list.as_chunks().0
+}
+
+fn fours_mut(list: &mut [f32]) -> &mut [[f32; LANES]] {
+    list.as_chunks_mut().0
+}
+
+/// The sum of products of two lists.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut lanes = [0.0_f32; LANES];
+    for (a, b) in fours(a).iter().zip(fours(b)) {
+        for k in 0..LANES {
+            lanes[k] += a[k] * b[k];
+        }
+    }
+    lanes.iter().sum()
+}
+
+impl Window {
+    fn resize(&mut self, side: usize) {
+        self.side = side;
+        self.columns = side.next_multiple_of(LANES);
+        let (area, wide) = (side * self.columns, self.columns + LANES);
+        self.grey.resize(area, 0.0);
+        self.dx.resize(area, 0.0);
+        self.dy.resize(area, 0.0);
+        self.rows.iter_mut().for_each(|row| row.resize(wide, 0.0));
+        self.raw_dx.resize((side + 1) * wide, 0.0);
+        self.raw_dy.resize((side + 1) * wide, 0.0);
+    }
+
+    /// Takes grey values and derivatives of the first frame at a place.
+    fn fill(&mut self, level: &Level, corner: &Corner) {
+        let Self { side, columns, grey, dx, dy, rows: [upper, lower], raw_dx, raw_dy, room } = self;
+        let wide = *columns + LANES;
+        level.read_row(corner.x, corner.y, upper);
+        for (y, out) in (corner.y + 1..).zip(grey.chunks_exact_mut(*columns)) {
+            level.read_row(corner.x, y, lower);
+            fours_mut(out).iter_mut().zip(corner.between(upper, lower)).for_each(|(out, grey)| *out = grey);
+            std::mem::swap(upper, lower);
+        }
+        level.derivatives((corner.x, corner.y), wide, raw_dx, raw_dy, room);
+        let [w00, w01, w10, w11] = corner.weights.map(|w| w as f32 / (1 << WEIGHT_BITS) as f32);
+        for (raw, out) in [(raw_dx, dx), (raw_dy, dy)] {
+            let rows = raw.chunks_exact(wide);
+            for (out, (upper, lower)) in out.chunks_exact_mut(*columns).zip(rows.clone().zip(rows.skip(1))) {
+                let above = fours(upper).iter().zip(fours(&upper[1..]));
+                let below = fours(lower).iter().zip(fours(&lower[1..]));
+                for (out, ((a, b), (c, d))) in fours_mut(out).iter_mut().zip(above.zip(below)) {
+                    for k in 0..LANES {
+                        let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
+                        out[k] = (sum + ROUND) - ROUND;
+                    }
                 }
-            })
-            .collect())
+                out[*side..].fill(0.0);
+            }
+        }
+    }
+
+    /// Sums of the products of either derivative with the second frame's grey values at a place less those of the first.
+    fn mismatch(&mut self, level: &Level, corner: &Corner) -> (f32, f32) {
+        let Self { columns, grey, dx, dy, rows: [upper, lower], .. } = self;
+        let (mut along_x, mut along_y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+        let rows = grey.chunks_exact(*columns).zip(dx.chunks_exact(*columns).zip(dy.chunks_exact(*columns)));
+        level.read_row(corner.x, corner.y, upper);
+        for (y, (grey, (dx, dy))) in (corner.y + 1..).zip(rows) {
+            level.read_row(corner.x, y, lower);
+            let first = fours(grey).iter().zip(fours(dx).iter().zip(fours(dy)));
+            for ((grey, (dx, dy)), now) in first.zip(corner.between(upper, lower)) {
+                for k in 0..LANES {
+                    let difference = now[k] - grey[k];
+                    along_x[k] += dx[k] * difference;
+                    along_y[k] += dy[k] * difference;
+                }
+            }
+            std::mem::swap(upper, lower);
+        }
+        (along_x.iter().sum(), along_y.iter().sum())
+    }
+
+    /// Mean difference of the second frame's grey values at a place to those of the first, grey levels.
+    fn difference(&mut self, level: &Level, corner: &Corner) -> f64 {
+        let Self { side, columns, grey, rows: [upper, lower], .. } = self;
+        let mut sum = 0.0;
+        level.read_row(corner.x, corner.y, upper);
+        for (y, grey) in (corner.y + 1..).zip(grey.chunks_exact(*columns)) {
+            level.read_row(corner.x, y, lower);
+            let differences = corner.between(upper, lower).flatten().zip(grey).take(*side);
+            sum += differences.map(|(now, then)| f64::from((now - then).abs())).sum::<f64>();
+            std::mem::swap(upper, lower);
+        }
+        sum / f64::from(1 << GREY_BITS) / (*side * *side) as f64
+    }
+
+    /// Finds one point again, from the smallest level to the frame itself.
+    fn follow(&mut self, from: &[Level], to: &[Level], probe: &Probe) -> Found {
+        let half = (self.side - 1) as f32 * 0.5;
+        let single = |p: &Point2<f64>| (p.x as f32, p.y as f32);
+        let (start, mut next) = (single(&probe.position), single(&probe.guess));
+        if ![start.0, start.1, next.0, next.1].into_iter().all(f32::is_finite) {
+            return Found::Lost;
+        }
+        let scale = |level: usize| 1.0 / (1_u32 << level) as f32;
+        let top = scale(from.len().saturating_sub(1));
+        next = (next.0 * top, next.1 * top);
+        for (k, (first, second)) in from.iter().zip(to).enumerate().rev() {
+            if k + 1 < from.len() {
+                next = (next.0 * 2.0, next.1 * 2.0);
+            }
+            let (x, y) = (start.0 * scale(k) - half, start.1 * scale(k) - half);
+            // What goes wrong at a smaller size may come right at the next one.
+            if !self.search(first, second, (x, y), &mut next) && k == 0 {
+                return Found::Lost;
+            }
+        }
+        let Some(corner) = to.first().and_then(|level| Corner::at(next.0 - half, next.1 - half, self.side, level)) else {
+            return Found::Lost;
+        };
+        let difference = self.difference(&to[0], &corner);
+        Found::At { position: Point2::new(f64::from(next.0), f64::from(next.1)), difference }
+    }
+
+    /// The search at one level, from `next` and into it; `false` where the window says nothing or leaves the image.
+    fn search(&mut self, first: &Level, second: &Level, (x, y): (f32, f32), next: &mut (f32, f32)) -> bool {
+        let side = self.side;
+        let half = (side - 1) as f32 * 0.5;
+        let Some(corner) = Corner::at(x, y, side, first) else { return false };
+        self.fill(first, &corner);
+        let (dx, dy) = (&self.dx, &self.dy);
+        let (xx, xy, yy) = (dot(dx, dx) * SCALE, dot(dx, dy) * SCALE, dot(dy, dy) * SCALE);
+        let determinant = xx * yy - xy * xy;
+        let spread = ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt();
+        let eigenvalue = (yy + xx - spread) / (2 * side * side) as f32;
+        if eigenvalue < MIN_EIGENVALUE || determinant < f32::EPSILON {
+            return false;
+        }
+        let inverse = 1.0 / determinant;
+        let (mut x, mut y) = (next.0 - half, next.1 - half);
+        let mut last = (0.0, 0.0);
+        for iteration in 0..MAX_ITERATIONS {
+            let Some(corner) = Corner::at(x, y, side, second) else { return false };
+            let (b1, b2) = self.mismatch(second, &corner);
+            let (b1, b2) = (b1 * SCALE, b2 * SCALE);
+            let step = ((xy * b2 - yy * b1) * inverse, (xy * b1 - xx * b2) * inverse);
+            (x, y) = (x + step.0, y + step.1);
+            *next = (x + half, y + half);
+            if step.0 * step.0 + step.1 * step.1 <= STEP_PX * STEP_PX {
+                break;
+            }
+            if iteration > 0 && (step.0 + last.0).abs() < SWING_PX && (step.1 + last.1).abs() < SWING_PX {
+                *next = (next.0 - step.0 * 0.5, next.1 - step.1 * 0.5);
+                break;
+            }
+            last = step;
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{GrayImage, Luma};
+
+    use super::*;
+
+    /// A smooth pattern at a place.
+    fn frame(number: u32, shift: (f64, f64)) -> Frame {
+        let image = GrayImage::from_fn(160, 120, |x, y| {
+            let (x, y) = (f64::from(x) - shift.0, f64::from(y) - shift.1);
+            Luma([(120.0 + 50.0 * (0.31 * x).sin() * (0.27 * y).cos() + 40.0 * (0.11 * x + 0.19 * y).sin()).round() as u8])
+        });
+        Frame::new(number, image)
+    }
+
+    fn probe(p: Point2<f64>) -> Probe {
+        Probe { position: p, guess: p }
+    }
+
+    #[test]
+    fn a_moved_pattern_is_found_where_it_went() {
+        let mut tracker = Klt::new(4, 15);
+        tracker.advance(&frame(1, (0.0, 0.0))).unwrap();
+        tracker.advance(&frame(2, (3.25, -1.5))).unwrap();
+        let starts: Vec<_> = (0..30).map(|k| Point2::new(40.0 + 2.7 * f64::from(k), 80.0 - 1.3 * f64::from(k))).collect();
+        let probes: Vec<_> = starts.iter().map(|p| probe(*p)).collect();
+        for (start, found) in starts.iter().zip(tracker.find(Slot::Previous, Slot::Current, 15, 4, &probes).unwrap()) {
+            let Found::At { position, difference } = found else { panic!("{start} is lost") };
+            // Grey levels are whole: half a level over gradients of some ten levels per px.
+            assert!((position - start - nalgebra::Vector2::new(3.25, -1.5)).norm() < 0.04, "{start} to {position}");
+            // Straight lines between pixels leave the waves by up to an eighth of their curvature, 5 grey levels per px squared.
+            assert!(difference < 0.7, "{difference}");
+        }
+        // A point is at its place in its own frame.
+        for (start, found) in starts.iter().zip(tracker.find(Slot::Current, Slot::Current, 15, 4, &probes).unwrap()) {
+            assert_eq!(found, Found::At { position: start.map(|v| f64::from(v as f32)), difference: 0.0 });
+        }
+    }
+
+    #[test]
+    fn gradients_of_a_ramp_are_its_slope() {
+        let mut tracker = Klt::new(1, 9);
+        tracker.advance(&Frame::new(1, GrayImage::from_fn(60, 50, |x, y| Luma([(2 * x + y) as u8])))).unwrap();
+        let matrix = tracker.gradients(Slot::Neutral, 9, &[Point2::new(30.2, 25.4)]).unwrap()[0];
+        assert_eq!(matrix, Matrix2::new(4.0, 2.0, 2.0, 1.0));
+    }
+
+    #[test]
+    fn what_cannot_be_found_is_lost() {
+        let mut tracker = Klt::new(4, 9);
+        assert!(tracker.patch(Slot::Neutral, &[], 1.0, 0.0).is_err(), "no frame yet");
+        tracker.advance(&Frame::new(1, GrayImage::from_pixel(80, 60, Luma([90])))).unwrap();
+        let far = Point2::new(500.0, 20.0);
+        let nowhere = Point2::new(f64::NAN, 0.0);
+        let probes = [Point2::new(40.0, 30.0), far, nowhere].map(probe);
+        assert_eq!(tracker.find(Slot::Current, Slot::Current, 9, 4, &probes).unwrap(), [Found::Lost; 3]);
     }
 }

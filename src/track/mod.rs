@@ -22,6 +22,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    companion::CompanionError,
     fit::{FittedWireframe, MarkKind, SpringError},
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     sequence::{Frame, ImageSize, SequenceError},
@@ -39,7 +40,9 @@ pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, parse_track, read_track, read_track_info, track_csv, track_units,
     write_track,
 };
-pub use klt::Klt;
+#[cfg(feature = "annotate")]
+pub(crate) use klt::smoothed;
+pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;
 pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, course, summarize};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
@@ -135,6 +138,9 @@ pub struct TrackOptions {
     pub deform: bool,
     /// Alignment with the neutral frame after the re-deformation.
     pub align: AlignOptions,
+    /// Which KLT; both find the same, to a few millionths of a pixel.
+    #[serde(default)]
+    pub klt: KltKind,
 }
 
 impl Default for TrackOptions {
@@ -151,6 +157,7 @@ impl Default for TrackOptions {
             rigid_eyes: true,
             deform: true,
             align: AlignOptions::default(),
+            klt: KltKind::default(),
         }
     }
 }
@@ -197,6 +204,9 @@ pub enum TrackError {
         /// What it says.
         reason: String,
     },
+    /// The program that the point tracker runs in is not there, or ended in the middle.
+    #[error("{0}")]
+    Program(#[from] CompanionError),
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,
@@ -236,7 +246,7 @@ pub enum Found {
     Lost,
 }
 
-/// Finds points of one frame in another: the seam between the method and the native library.
+/// Finds points of one frame in another: the seam between the method and whatever reads pixels.
 pub trait PointTracker {
     /// Takes the next frame: it becomes the current one, the current one the previous, the first one stays the neutral.
     ///
@@ -269,6 +279,24 @@ pub trait PointTracker {
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError>;
 }
 
+impl<T: PointTracker + ?Sized> PointTracker for Box<T> {
+    fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
+        (**self).advance(frame)
+    }
+
+    fn gradients(&self, slot: Slot, window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
+        (**self).gradients(slot, window_px, points)
+    }
+
+    fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
+        (**self).patch(slot, points, margin, smoothing)
+    }
+
+    fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+        (**self).find(from, to, window_px, levels, probes)
+    }
+}
+
 /// Tracks a fitted wireframe through the frames; the first is the neutral frame it was fitted to.
 ///
 /// `tick` is called after every frame and may return `false` to stop.
@@ -284,7 +312,7 @@ pub fn track_sequence(
     tick: impl FnMut(u32) -> bool,
 ) -> Result<Track, TrackError> {
     let window_px = window_px(&plan.tables, fitted.model.nodes(), options);
-    let mut tracker = Klt::new(options.levels, window_px);
+    let mut tracker = options.klt.tracker(options.levels, window_px)?;
     track_with(&mut tracker, wireframe, plan, fitted, frames, options, tick)
 }
 
@@ -334,8 +362,8 @@ pub fn track_with(
                 neutral_nodes(wireframe, fitted)
             }
             Some(previous) => {
-                let (size, number, template) = (frame.size(), frame.number(), template.as_ref());
-                let step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
+                let (size, number, template) = (frame.size(), frame.number(), template.as_mut());
+                let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
                 step.run(tracker, previous)?
             }
         };

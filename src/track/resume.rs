@@ -111,8 +111,8 @@ pub fn resume_with(
         if number <= start {
             continue;
         }
-        let (size, template_now) = (frame.size(), template.as_ref());
-        let step = Step { wireframe, plan, options, template: template_now, window, eye_distance, size, number };
+        let (size, template_now) = (frame.size(), template.as_mut());
+        let mut step = Step { wireframe, plan, options, template: template_now, window, eye_distance, size, number };
         let nodes = step.run(tracker, &previous)?;
         let nodes = match corrections.get(&number) {
             Some(hard) => {

@@ -15,7 +15,9 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
     AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
-    TrackedFrame, TrackedNode, align::Template, recover,
+    TrackedFrame, TrackedNode,
+    align::{Template, Ties},
+    recover,
 };
 use crate::{
     fit::{Pull, Springs, Target},
@@ -56,6 +58,7 @@ fn root_eigenvalues(matrix: &Matrix2<f64>) -> [f64; 2] {
 #[derive(Clone, Debug)]
 pub struct TrackPlan {
     springs: Springs,
+    ties: Ties,
     neighbours: recover::Neighbours,
     lips: Vec<LipTwin>,
     /// Places among the live nodes of nodes that move as one: the corners of each iris box.
@@ -82,8 +85,10 @@ impl TrackPlan {
             _ => None,
         };
         let place = |node: &NodeId| wireframe.live_nodes().iter().position(|n| n == node);
+        let springs = Springs::new(wireframe);
         Self {
-            springs: Springs::new(wireframe),
+            ties: Ties::new(wireframe, &springs),
+            springs,
             neighbours: recover::Neighbours::new(wireframe),
             lips: LIPS.iter().filter_map(|(i, o)| Some(LipTwin { inner: single(i)?, outer: single(o)? })).collect(),
             rigid: PUPILS.iter().map(|fp| nodes(fp).iter().filter_map(place).collect()).collect(),
@@ -103,7 +108,7 @@ impl TrackPlan {
         options: &AlignOptions,
     ) -> Result<Option<Template>, TrackError> {
         let patch = tracker.patch(Slot::Neutral, nodes, PATCH_MARGIN_PX, options.smoothing)?;
-        Ok(patch.map(|patch| Template::new(wireframe, &self.rigid.concat(), nodes, &patch, lengths, options)))
+        Ok(patch.map(|patch| Template::new(wireframe, &self.ties, &self.rigid.concat(), nodes, &patch, lengths, options)))
     }
 }
 
@@ -113,7 +118,7 @@ pub(super) struct Step<'a> {
     pub plan: &'a TrackPlan,
     pub options: &'a TrackOptions,
     /// The neutral frame's grey values, where the tracker has images.
-    pub template: Option<&'a Template>,
+    pub template: Option<&'a mut Template>,
     /// Side of the KLT window, px.
     pub window: u32,
     /// ES0 of the neutral frame, px.
@@ -126,7 +131,7 @@ pub(super) struct Step<'a> {
 
 impl Step<'_> {
     /// The nodes of the current frame.
-    pub fn run(&self, tracker: &mut impl PointTracker, previous: &TrackedFrame) -> Result<Vec<TrackedNode>, TrackError> {
+    pub fn run(&mut self, tracker: &mut impl PointTracker, previous: &TrackedFrame) -> Result<Vec<TrackedNode>, TrackError> {
         let live = self.wireframe.live_nodes();
         let positions: Vec<_> = previous.nodes.iter().map(|n| n.position).collect();
         let starts: Vec<_> = live.iter().map(|&n| positions[n.index()] + self.probe_offset(n, &positions)).collect();
@@ -232,21 +237,24 @@ impl Step<'_> {
 
     /// Corrects the nodes by the neutral frame; see [`super::align`].
     fn align(
-        &self,
+        &mut self,
         tracker: &impl PointTracker,
         steps: &[recover::NodeStep],
         gradients: &[Matrix2<f64>],
         nodes: &mut [Point2<f64>],
     ) -> Result<(), TrackError> {
         let options = &self.options.align;
-        let Some(template) = self.template.filter(|_| options.gain > 0.0) else { return Ok(()) };
+        if self.template.is_none() || options.gain <= 0.0 {
+            return Ok(());
+        }
         let Some(patch) = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)? else { return Ok(()) };
         let force =
             |(s, g): (&recover::NodeStep, &Matrix2<f64>)| if s.loss.is_some() { Matrix2::zeros() } else { self.force(s, g) };
         let forces: Vec<_> = steps.iter().zip(gradients).map(force).collect();
         let live = self.wireframe.live_nodes();
         let start: Vec<_> = live.iter().map(|n| nodes[n.index()]).collect();
-        let aligned = template.align(&self.plan.springs, &patch, &start, &forces, options);
+        let Some(template) = &mut self.template else { return Ok(()) };
+        let aligned = template.align(&patch, &start, &forces, options);
         live.iter().zip(aligned).for_each(|(n, position)| nodes[n.index()] = position);
         self.wireframe.place_followers(nodes);
         Ok(())

@@ -21,22 +21,22 @@ pub fn root() -> PathBuf {
     here.ancestors().find(|folder| folder.join("candide").is_dir()).unwrap().to_owned()
 }
 
-/// The command, with `grimace-lab` beside it, which it starts for `simulate` and `evaluate`.
+/// The command, with `grimace-lab` beside it, which it starts for `simulate` and `evaluate`, and `grimace-opencv`, for videos.
 ///
-/// `cargo test` builds both. It builds only one of them when only one package's tests are asked for; then the other is built here,
-/// unless an earlier build left it.
+/// `cargo test` builds all. It builds only some of them when only one package's tests are asked for; then the others are built here,
+/// unless an earlier build left them.
 pub fn grimace() -> &'static Path {
     static PROGRAM: LazyLock<PathBuf> = LazyLock::new(|| {
         // The tests lie in the folder `deps` beside the programs.
         let test = std::env::current_exe().unwrap();
         let folder = test.parent().and_then(Path::parent).unwrap();
         let program = |name: &str| folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
-        for package in ["grimace", "grimace-lab"] {
-            if !program(package).is_file() {
+        for (package, name) in [("grimace", "grimace"), ("grimace", "grimace-opencv"), ("grimace-lab", "grimace-lab")] {
+            if !program(name).is_file() {
                 let mut build = std::process::Command::new(env!("CARGO"));
-                build.args(["build", "--quiet", "--package", package, "--bin", package, "--manifest-path"]);
+                build.args(["build", "--quiet", "--package", package, "--bin", name, "--manifest-path"]);
                 build.arg(root().join("Cargo.toml")).args(if cfg!(debug_assertions) { &[][..] } else { &["--release"] });
-                assert!(build.status().unwrap().success(), "{package} is not there and cannot be built");
+                assert!(build.status().unwrap().success(), "{name} is not there and cannot be built");
             }
         }
         program("grimace")

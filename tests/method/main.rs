@@ -7,9 +7,11 @@ mod report_data;
 
 mod examples;
 mod golden;
+mod klt;
 mod layers;
 mod marks_of_strangers;
 mod properties;
 mod report_html;
 mod scripted_tracker;
+mod stills;
 mod warp_targets;

@@ -21,17 +21,19 @@ mod patch;
 mod sampler;
 mod surface;
 
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, Point2};
+use std::{collections::BTreeSet, sync::Arc};
+
+use nalgebra::{Matrix2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use self::{
-    normal::{Compared, MIN_SAMPLES, NormalEquations, mean_difference},
-    patch::Reading,
+    normal::{Compared, MIN_SAMPLES, NormalEquations, Sums, mean_difference, places},
+    patch::Texture,
     sampler::{Sample, Sampler},
     surface::{Quadratic, border, doubled_area, openings, quadratics},
 };
 use crate::{
-    fit::Springs,
+    fit::{BlockPlaces, Layout, Skyline, Springs},
     robust::{MAD_TO_SIGMA, median},
     wireframe::Wireframe,
 };
@@ -82,8 +84,30 @@ const RELEASED_ANCHOR: f64 = 1e3;
 const CAUCHY_SCALE: f64 = 2.5;
 const SCALE_FLOOR: f64 = 1.0;
 
+/// Of the grey differences every so many count for the scale: their median needs no more.
+const SCALE_STRIDE: usize = 3;
+
 /// Keeps nodes that nothing holds where they are.
 const REST_GAIN: f64 = 1e-6;
+
+/// The springs of a wireframe in the layout of the alignment's system: skin couples the nodes of a triangle and their neighbours.
+#[derive(Clone, Debug)]
+pub struct Ties(Skyline);
+
+impl Ties {
+    /// The ties of a wireframe with its springs.
+    pub fn new(wireframe: &Wireframe, springs: &Springs) -> Self {
+        let live = wireframe.live_nodes();
+        let place = |node| live.binary_search(&node).ok();
+        let triangles = wireframe.triangles().iter().filter_map(|t| Some([place(t[0])?, place(t[1])?, place(t[2])?]));
+        let triangles: Vec<[usize; 3]> = triangles.collect();
+        let mut rings = vec![BTreeSet::new(); live.len()];
+        triangles.iter().for_each(|t| t.iter().for_each(|node| rings[*node].extend(t)));
+        let edges = wireframe.edges().iter().filter_map(|&(a, b)| Some(vec![place(a)?, place(b)?]));
+        let coupled = triangles.iter().map(|t| t.iter().flat_map(|node| rings[*node].iter().copied()).collect());
+        Self(springs.laplacian(&Arc::new(Layout::new(live.len(), coupled.chain(edges)))))
+    }
+}
 
 #[derive(Clone, Debug)]
 struct Face {
@@ -92,6 +116,8 @@ struct Face {
     /// Twice the signed area in the neutral frame.
     doubled_area: f64,
     motion: Quadratic,
+    /// Where the blocks of its nodes lie in the system.
+    places: Vec<BlockPlaces>,
     samples: Vec<Sample>,
 }
 
@@ -105,13 +131,32 @@ pub struct Template {
     anchors: Vec<f64>,
     /// Area of the tracker's window, squared px: the unit in which skin is counted.
     unit_area: f64,
+    ties: Ties,
+    room: Room,
+}
+
+/// What one alignment after the other is computed in.
+#[derive(Clone, Debug)]
+struct Room {
+    texture: Texture,
+    /// The matrix without the grey values, and with them.
+    ties: Skyline,
+    system: Skyline,
+    pull: Vec<Vector2<f64>>,
+    /// Samples compared, and how many of each triangle.
+    compared: Vec<Compared>,
+    counts: Vec<usize>,
+    sizes: Vec<f64>,
+    sums: Sums,
+    levels: Vec<[f64; 2]>,
 }
 
 impl Template {
-    /// Samples the neutral frame. `nodes`: all N positions there; `loose`: places among the live nodes of those that do not move with the
+    /// Samples the neutral frame. `ties`: those of the wireframe; `nodes`: all N positions there; `loose`: places among the live nodes of those that do not move with the
     /// skin; `window`: side of the tracker's window, px; `eye_distance`: ES0, px.
     pub fn new(
         wireframe: &Wireframe,
+        ties: &Ties,
         loose: &[usize],
         nodes: &[Point2<f64>],
         patch: &Patch,
@@ -132,18 +177,32 @@ impl Template {
         let edges = border(&triangles);
         let mut anchors = vec![options.anchor; live.len()];
         openings(&neutral, &edges).into_iter().for_each(|i| anchors[i] *= OPENING_ANCHOR);
+        let mut texture = Texture::default();
+        texture.fill_from(patch);
         let sampler = Sampler {
-            patch,
+            texture: &texture,
             reach: options.reach * eye_distance,
             border: edges.iter().map(|&(a, b)| [neutral[a], neutral[b]]).collect(),
         };
         let motions = quadratics(&neutral, &triangles);
         let face = |(corners, motion): ([usize; 3], Quadratic)| {
             let points = corners.map(|i| neutral[i]);
-            Face { corners, doubled_area: doubled_area(points), motion, samples: sampler.samples(points) }
+            let places = places(&motion, ties.0.layout());
+            Face { corners, doubled_area: doubled_area(points), motion, places, samples: sampler.samples(points) }
         };
         let faces = triangles.into_iter().zip(motions).map(face).filter(|f| f.samples.len() >= MIN_SAMPLES).collect();
-        Self { faces, neutral, anchors, unit_area: f64::from(window).powi(2) }
+        let room = Room {
+            texture,
+            ties: ties.0.clone(),
+            system: ties.0.clone(),
+            pull: vec![Vector2::zeros(); live.len()],
+            compared: Vec::new(),
+            counts: Vec::new(),
+            sizes: Vec::new(),
+            sums: Sums::default(),
+            levels: Vec::new(),
+        };
+        Self { faces, neutral, anchors, unit_area: f64::from(window).powi(2), ties: ties.clone(), room }
     }
 
     /// Lets a live node (by place) go from the neutral frame: from now on it stays where the step's force puts it.
@@ -156,87 +215,89 @@ impl Template {
     /// The positions of the live nodes in the current frame, corrected. `start`: where they are before; `forces`: the step's force on
     /// each, zero where lost.
     pub fn align(
-        &self,
-        springs: &Springs,
+        &mut self,
         patch: &Patch,
         start: &[Point2<f64>],
         forces: &[Matrix2<f64>],
         options: &AlignOptions,
     ) -> Vec<Point2<f64>> {
-        let mut ties = springs.laplacian() * options.stiffness;
+        self.room.texture.fill_from(patch);
+        self.room.ties.scaled_from(&self.ties.0, options.stiffness);
         for (i, (force, anchor)) in forces.iter().zip(&self.anchors).enumerate() {
-            let mut block = ties.fixed_view_mut::<2, 2>(2 * i, 2 * i);
-            block += force * *anchor + Matrix2::identity() * REST_GAIN;
+            self.room.ties.add_diagonal(i, &(force * *anchor + Matrix2::identity() * REST_GAIN));
         }
-        let mut correction = DVector::zeros(2 * start.len());
-        let moved = |c: &DVector<f64>| -> Vec<_> { (0..start.len()).map(|i| start[i] + c.fixed_rows::<2>(2 * i)).collect() };
-        let mut factor = None;
+        let mut correction = vec![Vector2::zeros(); start.len()];
+        let mut places = start.to_vec();
         for iteration in 0..MAX_ITERATIONS {
-            let mut pull = -(&ties * &correction);
-            let mut system = (iteration < REBUILT).then(|| ties.clone());
-            self.add_skin(patch, &moved(&correction), options.gain, &mut pull, system.as_mut());
-            factor = system.map_or(factor, Cholesky::new);
-            let Some(factor) = &factor else { break };
-            factor.solve_mut(&mut pull);
-            if !pull.iter().all(|d| d.is_finite()) {
+            let with_matrix = iteration < REBUILT;
+            self.room.ties.times(&correction, &mut self.room.pull);
+            self.room.pull.iter_mut().for_each(|pull| *pull = -*pull);
+            if with_matrix {
+                self.room.system.copy_from(&self.room.ties);
+            }
+            self.add_skin(&places, options.gain, with_matrix);
+            let Room { system, pull, .. } = &mut self.room;
+            if with_matrix && !system.factor() {
                 break;
             }
-            correction += &pull;
-            if pull.amax() < STEP_PX {
+            system.solve(pull);
+            if !pull.iter().all(|d| d.x.is_finite() && d.y.is_finite()) {
+                break;
+            }
+            correction.iter_mut().zip(&*pull).for_each(|(correction, step)| *correction += step);
+            places.iter_mut().zip(start.iter().zip(&correction)).for_each(|(place, (start, c))| *place = start + c);
+            if pull.iter().all(|step| step.amax() < STEP_PX) {
                 break;
             }
         }
-        moved(&correction)
+        places
     }
 
     /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked.
-    fn add_skin(
-        &self,
-        patch: &Patch,
-        places: &[Point2<f64>],
-        gain: f64,
-        pull: &mut DVector<f64>,
-        mut system: Option<&mut DMatrix<f64>>,
-    ) {
-        let compared: Vec<_> = self.faces.iter().map(|face| face.compare(patch, places, &self.neutral)).collect();
-        let mut sizes = Vec::new();
-        for list in &compared {
+    fn add_skin(&mut self, places: &[Point2<f64>], gain: f64, with_matrix: bool) {
+        let Room { texture, system, pull, compared, counts, sizes, sums, levels, .. } = &mut self.room;
+        compared.clear();
+        counts.clear();
+        sizes.clear();
+        for face in &self.faces {
+            let before = compared.len();
+            face.compare(texture, places, &self.neutral, compared);
+            let list = &compared[before..];
             let mean = mean_difference(list);
-            sizes.extend(list.iter().map(|c| (c.difference - mean).abs()));
+            sizes.extend(list.iter().step_by(SCALE_STRIDE).map(|c| (f64::from(c.difference) - mean).abs()));
+            counts.push(list.len());
         }
-        let scale = (median(&mut sizes).unwrap_or(0.0) * MAD_TO_SIGMA).max(SCALE_FLOOR) * CAUCHY_SCALE;
-        for (face, list) in self.faces.iter().zip(&compared) {
-            let Some(normal) = NormalEquations::new(list, scale, system.is_some()) else { continue };
+        let scale = (median(sizes).unwrap_or(0.0) * MAD_TO_SIGMA).max(SCALE_FLOOR) * CAUCHY_SCALE;
+        let mut rest = compared.as_slice();
+        for (face, count) in self.faces.iter().zip(counts) {
+            let (list, behind) = rest.split_at(*count);
+            rest = behind;
+            let Some(normal) = NormalEquations::new(&face.samples, list, scale, with_matrix, sums) else { continue };
             let density = face.doubled_area.abs() / 2.0 / face.samples.len() as f64;
             let gain = gain * density / (self.unit_area * normal.variance);
             normal.add_right(&face.motion, gain, pull);
-            if let Some(system) = &mut system {
-                normal.add_matrix(&face.motion, gain, system);
-            }
+            normal.add_matrix(&face.motion, &face.places, gain, levels, system);
         }
     }
 }
 
 impl Face {
     /// Reads the current frame at the samples, with the live nodes at `places`; nothing for a folded triangle.
-    fn compare(&self, patch: &Patch, places: &[Point2<f64>], neutral: &[Point2<f64>]) -> Vec<Compared<'_>> {
+    fn compare(&self, texture: &Texture, places: &[Point2<f64>], neutral: &[Point2<f64>], out: &mut Vec<Compared>) {
         if doubled_area(self.corners.map(|i| places[i])) / self.doubled_area <= MIN_AREA_SHARE {
-            return Vec::new();
+            return;
         }
         let control = self.motion.values(|node| places[node] - neutral[node]).map(|d| [d.x as f32, d.y as f32]);
-        let read = |sample: &'_ Sample| -> Option<Reading> {
+        for (place, sample) in (0..).zip(&self.samples) {
             let mut at = sample.at;
             for (weight, displacement) in sample.weights.iter().zip(control) {
                 at[0] += weight * displacement[0];
                 at[1] += weight * displacement[1];
             }
-            patch.read(at)
-        };
-        let compare = |sample| {
-            let Reading { value, gradient } = read(sample)?;
-            Some(Compared { difference: f64::from(value - sample.grey), gradient, sample })
-        };
-        self.samples.iter().filter_map(compare).collect()
+            if let Some([value, dx, dy, _]) = texture.read(at) {
+                out.push(Compared { difference: value - sample.grey, gradient: [dx, dy], sample: place });
+            }
+        }
     }
 }
 
@@ -260,16 +321,20 @@ mod tests {
         wireframe.frontal().iter().map(|p| Point2::new(130.0 + 75.0 * p.x, 130.0 - 75.0 * p.y)).collect()
     }
 
+    fn template(wireframe: &Wireframe, nodes: &[Point2<f64>], patch: &Patch, options: &AlignOptions) -> Template {
+        Template::new(wireframe, &Ties::new(wireframe, &Springs::new(wireframe)), &[], nodes, patch, (9, 46.0), options)
+    }
+
     /// Largest distance of the aligned nodes from `truth`, from a start that is off by about a pixel, unevenly.
     fn worst(current: &Patch, truth: impl Fn(Point2<f64>) -> Point2<f64>) -> f64 {
         let wireframe = Wireframe::candide3();
         let (nodes, options) = (face(&wireframe), AlignOptions { stiffness: 0.1, ..AlignOptions::default() });
-        let template = Template::new(&wireframe, &[], &nodes, &picture(|p| p, |v| v), (9, 46.0), &options);
+        let mut template = template(&wireframe, &nodes, &picture(|p| p, |v| v), &options);
         let live = wireframe.live_nodes();
         let truth: Vec<_> = live.iter().map(|n| truth(nodes[n.index()])).collect();
         let off = |(i, p): (usize, &Point2<f64>)| p + nalgebra::Vector2::new((i as f64).sin(), (i as f64 * 0.7).cos()) * 0.8;
         let start: Vec<_> = truth.iter().enumerate().map(off).collect();
-        let aligned = template.align(&Springs::new(&wireframe), current, &start, &vec![Matrix2::zeros(); live.len()], &options);
+        let aligned = template.align(current, &start, &vec![Matrix2::zeros(); live.len()], &options);
         aligned.iter().zip(&truth).map(|(a, t)| (a - t).norm()).fold(0.0, f64::max)
     }
 
@@ -293,9 +358,9 @@ mod tests {
         let wireframe = Wireframe::candide3();
         let (nodes, options) = (face(&wireframe), AlignOptions::default());
         let grey = picture(|p| p, |_| 90.0);
-        let template = Template::new(&wireframe, &[], &nodes, &grey, (9, 46.0), &options);
+        let mut template = template(&wireframe, &nodes, &grey, &options);
         let start: Vec<_> = wireframe.live_nodes().iter().map(|n| nodes[n.index()]).collect();
-        let aligned = template.align(&Springs::new(&wireframe), &grey, &start, &vec![Matrix2::identity(); start.len()], &options);
+        let aligned = template.align(&grey, &start, &vec![Matrix2::identity(); start.len()], &options);
         for (a, s) in aligned.iter().zip(&start) {
             assert_relative_eq!(a, s, epsilon = 1e-9);
         }
@@ -305,10 +370,10 @@ mod tests {
     fn a_face_outside_the_picture_stays() {
         let wireframe = Wireframe::candide3();
         let (nodes, options) = (face(&wireframe), AlignOptions::default());
-        let template = Template::new(&wireframe, &[], &nodes, &picture(|p| p, |v| v), (9, 46.0), &options);
+        let mut template = template(&wireframe, &nodes, &picture(|p| p, |v| v), &options);
         let start: Vec<_> = wireframe.live_nodes().iter().map(|n| nodes[n.index()] + nalgebra::Vector2::new(1e4, 0.0)).collect();
         let small = Patch { left: 0, top: 0, width: 3, height: 3, values: vec![0.0; 9] };
-        let aligned = template.align(&Springs::new(&wireframe), &small, &start, &vec![Matrix2::zeros(); start.len()], &options);
+        let aligned = template.align(&small, &start, &vec![Matrix2::zeros(); start.len()], &options);
         assert_eq!(aligned, start);
     }
 }

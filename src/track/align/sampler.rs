@@ -3,7 +3,7 @@
 use nalgebra::Point2;
 
 use super::{
-    patch::{Patch, Reading},
+    patch::Texture,
     surface::{Quadratic, doubled_area},
 };
 
@@ -19,19 +19,58 @@ const MIN_AREA: f64 = 4.0;
 /// Samples nearer than this to an edge of the skin, px, count less: beyond it something else moves.
 const BORDER_PX: f64 = 1.0;
 
-/// Products of two of a sample's six control weights: 21, and zeros up to a multiple of eight.
-pub const PRODUCTS: usize = 24;
+/// Products of two of a sample's six control weights are multiples of these many quartics of its barycentric coordinates u, v, w (and
+/// one that is always 0, up to a multiple of four).
+pub const QUARTICS: usize = 16;
 
-/// Place of the product of weights k and l.
-pub const fn product(k: usize, l: usize) -> usize {
-    let (k, l) = if k < l { (k, l) } else { (l, k) };
-    // Rows of a triangle: 6, 5, 4 ... long.
-    k * (11 - k) / 2 + l
+/// Exponents of u, v, w in the quartics.
+const EXPONENTS: [[u8; 3]; 15] = [
+    [4, 0, 0],
+    [0, 4, 0],
+    [0, 0, 4],
+    [3, 1, 0],
+    [3, 0, 1],
+    [1, 3, 0],
+    [0, 3, 1],
+    [1, 0, 3],
+    [0, 1, 3],
+    [2, 2, 0],
+    [0, 2, 2],
+    [2, 0, 2],
+    [2, 1, 1],
+    [1, 2, 1],
+    [1, 1, 2],
+];
+
+/// Exponents of u, v, w in the control weights; the last three have a factor of 2 (see `Quadratic::weights`).
+const CONTROL: [[u8; 3]; 6] = [[2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [0, 1, 1], [1, 0, 1]];
+
+/// Which quartic the product of the control weights k and l is, and how many times.
+pub const fn quartic(k: usize, l: usize) -> (usize, f64) {
+    PRODUCTS[k][l]
 }
 
-fn products(weights: &[f32; 6]) -> [f32; PRODUCTS] {
-    let mut out = [0.0; PRODUCTS];
-    (0..6).flat_map(|k| (k..6).map(move |l| (k, l))).for_each(|(k, l)| out[product(k, l)] = weights[k] * weights[l]);
+const PRODUCTS: [[(usize, f64); 6]; 6] = {
+    let mut table = [[(0, 0.0); 6]; 6];
+    let mut at = 0;
+    while at < 36 {
+        let (k, l) = (at / 6, at % 6);
+        let mut place = 0;
+        while EXPONENTS[place][0] != CONTROL[k][0] + CONTROL[l][0] || EXPONENTS[place][1] != CONTROL[k][1] + CONTROL[l][1] {
+            place += 1;
+        }
+        table[k][l] = (place, if k < 3 { 1.0 } else { 2.0 } * if l < 3 { 1.0 } else { 2.0 });
+        at += 1;
+    }
+    table
+};
+
+fn quartics(barycentric: [f64; 3]) -> [f32; QUARTICS] {
+    let mut out = [0.0; QUARTICS];
+    for (out, exponents) in out.iter_mut().zip(EXPONENTS) {
+        let powers = barycentric.iter().zip(exponents).map(|(value, exponent)| value.powi(exponent.into()));
+        *out = powers.product::<f64>() as f32;
+    }
     out
 }
 
@@ -41,15 +80,15 @@ pub struct Sample {
     pub at: [f32; 2],
     pub grey: f32,
     pub nearness: f32,
-    /// Weights of the triangle's control values.
-    pub weights: [f32; 6],
-    /// Their products, see `product`.
-    pub products: [f32; PRODUCTS],
+    /// Weights of the triangle's six control values, and two zeros.
+    pub weights: [f32; 8],
+    /// The quartics that their products are made of.
+    pub quartics: [f32; QUARTICS],
 }
 
 /// Samples triangles of the neutral frame.
 pub struct Sampler<'a> {
-    pub patch: &'a Patch,
+    pub texture: &'a Texture,
     /// Standard deviation of the nearness, px.
     pub reach: f64,
     /// Edges of the skin.
@@ -83,9 +122,10 @@ impl Sampler<'_> {
                 continue;
             }
             let at = [p.x as f32, p.y as f32];
-            if let Some(Reading { value: grey, .. }) = self.patch.read(at) {
-                let weights = Quadratic::weights(inner);
-                out.push(Sample { at, grey, nearness: nearness as f32, weights, products: products(&weights) });
+            if let Some([grey, ..]) = self.texture.read(at) {
+                let mut weights = [0.0; 8];
+                weights[..6].copy_from_slice(&Quadratic::weights(inner));
+                out.push(Sample { at, grey, nearness: nearness as f32, weights, quartics: quartics(inner) });
             }
         }
         out
@@ -105,5 +145,23 @@ impl Sampler<'_> {
         }
         let border = self.border.iter().map(edge).fold(f64::INFINITY, f64::min);
         near * (border / BORDER_PX.powi(2)).min(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_of_control_weights_are_multiples_of_the_quartics() {
+        let barycentric = [0.2, 0.5, 0.3];
+        let (weights, quartics) = (Quadratic::weights(barycentric), quartics(barycentric));
+        for k in 0..6 {
+            for l in 0..6 {
+                let (place, factor) = quartic(k, l);
+                assert!((weights[k] * weights[l] - quartics[place] * factor as f32).abs() < 1e-7, "{k} {l}");
+            }
+        }
+        assert_eq!(quartics[15], 0.0);
     }
 }

@@ -1,0 +1,199 @@
+//! `grimace-opencv`: a program of its own that does what needs OpenCV, started when it is needed.
+//!
+//! Behind OpenCV stand some 250 libraries, which take longer to load than a short sequence takes to track; and a decoder that a damaged
+//! video brings down must not take a run of hundreds of sequences with it. So nothing here links OpenCV. The program stands beside this
+//! one, or on PATH; it is told what to do by its arguments, and spoken to over its standard input and output (see `wire`). It ends
+//! when its input ends, so never after the program that started it.
+
+pub mod wire;
+
+use std::{
+    env,
+    ffi::OsStr,
+    io::{self, BufReader, BufWriter, Write},
+    path::PathBuf,
+    process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
+};
+
+use serde::{Serialize, de::DeserializeOwned};
+
+use self::wire::{Message, Pixels, Reply};
+
+/// Name of the program.
+pub const PROGRAM: &str = "grimace-opencv";
+
+/// Why the program does not do its work.
+#[derive(Debug, thiserror::Error)]
+pub enum CompanionError {
+    /// It is not there.
+    #[error(
+        "this needs {PROGRAM}, which is neither beside this program nor on PATH; in the project's folder, `cargo install --path .` \
+         installs both, where OpenCV is (on Debian: apt-get install libopencv-dev clang libclang-dev)"
+    )]
+    NotInstalled,
+    /// It does not start.
+    #[error("cannot start {PROGRAM}: {0}")]
+    CannotStart(#[source] io::Error),
+    /// It speaks another language, or something else has its name.
+    #[error("{} is of another version than this program; install both from one source", program.display())]
+    OtherVersion {
+        /// What was started.
+        program: PathBuf,
+    },
+    /// It ended in the middle, as when a decoder crashes.
+    #[error("{PROGRAM} ended before its work was done ({status})")]
+    Ended {
+        /// How.
+        status: ExitStatus,
+    },
+    /// The connection broke.
+    #[error("cannot talk to {PROGRAM}: {0}")]
+    Connection(#[source] io::Error),
+    /// It said something that was not asked for.
+    #[error("{PROGRAM} gave an answer that is not understood: {found}")]
+    NotUnderstood {
+        /// The beginning of it.
+        found: String,
+    },
+}
+
+/// A program by its name: beside this one, else whatever the system finds on PATH.
+pub fn program(name: &str) -> PathBuf {
+    let name = format!("{name}{}", env::consts::EXE_SUFFIX);
+    let here = env::current_exe().ok();
+    let folder = here.as_deref().and_then(|path| path.parent());
+    // Cargo puts tests and examples one folder below the programs.
+    let below = folder.filter(|f| f.ends_with("deps") || f.ends_with("examples")).and_then(|f| f.parent());
+    let beside = [folder, below].into_iter().flatten().map(|f| f.join(&name)).find(|path| path.is_file());
+    beside.unwrap_or_else(|| PathBuf::from(name))
+}
+
+/// The program at work; it is ended when this is dropped.
+#[derive(Debug)]
+pub struct Companion {
+    child: Child,
+    input: BufWriter<ChildStdin>,
+    output: BufReader<ChildStdout>,
+}
+
+impl Companion {
+    /// Starts it with arguments.
+    ///
+    /// # Errors
+    /// [`CompanionError`] when it is not there, does not start, or is of another version.
+    pub fn start<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Result<Self, CompanionError> {
+        let program = program(PROGRAM);
+        let mut command = Command::new(&program);
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
+        // Ctrl-C is for this program, which ends the other one when it is ready to.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let mut child = command.spawn().map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => CompanionError::NotInstalled,
+            _ => CompanionError::CannotStart(error),
+        })?;
+        let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(CompanionError::CannotStart(io::Error::other("its input and output are not there")));
+        };
+        let mut companion = Self { child, input: BufWriter::new(input), output: BufReader::with_capacity(1 << 16, output) };
+        match companion.receive::<Reply>(0) {
+            Ok(Answer::Said(Reply::Hello { version })) if version == wire::VERSION => Ok(companion),
+            Ok(_) | Err(CompanionError::NotUnderstood { .. }) => Err(CompanionError::OtherVersion { program }),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Says something.
+    ///
+    /// # Errors
+    /// [`CompanionError`] when it does not listen any more.
+    pub fn send(&mut self, said: &impl Serialize) -> Result<(), CompanionError> {
+        let sent = wire::write_text(&mut self.input, said).and_then(|()| self.input.flush());
+        sent.map_err(|error| self.broken(error))
+    }
+
+    /// Sends pixels.
+    ///
+    /// # Errors
+    /// [`CompanionError`] when it does not listen any more.
+    pub fn send_pixels(&mut self, size: (u32, u32), channels: u8, data: &[u8]) -> Result<(), CompanionError> {
+        let sent = wire::write_pixels(&mut self.input, size, channels, data).and_then(|()| self.input.flush());
+        sent.map_err(|error| self.broken(error))
+    }
+
+    /// The next thing that it says. A picture of more than `most` pixels is refused before anything of its size is held.
+    ///
+    /// # Errors
+    /// [`CompanionError`] when it ended, or says what cannot be.
+    pub fn receive<T: DeserializeOwned>(&mut self, most: u64) -> Result<Answer<T>, CompanionError> {
+        match wire::read(&mut self.output, most) {
+            Ok(Some(Message::Pixels(pixels))) => Ok(Answer::Pixels(pixels)),
+            Ok(Some(Message::Text(text))) => match serde_json::from_str(&text) {
+                Ok(said) => Ok(Answer::Said(said)),
+                Err(_) => Err(not_understood(&text)),
+            },
+            Ok(None) => Err(self.broken(io::ErrorKind::UnexpectedEof.into())),
+            Err(error) => Err(self.broken(error)),
+        }
+    }
+
+    /// What a broken connection means: that the program ended, if it did.
+    fn broken(&mut self, error: io::Error) -> CompanionError {
+        match error.kind() {
+            io::ErrorKind::InvalidData => not_understood(&error.to_string()),
+            io::ErrorKind::UnexpectedEof | io::ErrorKind::BrokenPipe => match self.child.wait() {
+                Ok(status) => CompanionError::Ended { status },
+                Err(error) => CompanionError::Connection(error),
+            },
+            _ => CompanionError::Connection(error),
+        }
+    }
+}
+
+impl Drop for Companion {
+    fn drop(&mut self) {
+        // Either fails only for a program that has ended.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// What the program says.
+#[derive(Debug)]
+pub enum Answer<T> {
+    /// Words.
+    Said(T),
+    /// A picture.
+    Pixels(Pixels),
+}
+
+impl<T> Answer<T> {
+    /// The error for an answer that does not fit the question.
+    pub fn unexpected(&self) -> CompanionError {
+        match self {
+            Self::Said(_) => not_understood("an answer to another question"),
+            Self::Pixels(pixels) => not_understood(&format!("a picture of {}x{}", pixels.width, pixels.height)),
+        }
+    }
+}
+
+fn not_understood(found: &str) -> CompanionError {
+    CompanionError::NotUnderstood { found: crate::text::excerpt(found).to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_that_is_not_beside_this_one_is_looked_for_on_path() {
+        let name = format!("no-such-program{}", env::consts::EXE_SUFFIX);
+        assert_eq!(program("no-such-program"), PathBuf::from(name));
+    }
+
+    #[test]
+    fn what_is_missing_is_named_with_the_command_that_installs_it() {
+        let text = CompanionError::NotInstalled.to_string();
+        assert!(text.contains(PROGRAM) && text.contains("cargo install --path ."), "{text}");
+    }
+}

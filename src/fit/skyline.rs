@@ -1,0 +1,343 @@
+//! Symmetric positive definite systems over the nodes of a wireframe.
+//!
+//! Only nodes near each other are coupled. In a suitable order of the nodes (reverse Cuthill-McKee) the rows of the lower triangle begin
+//! late and are kept from their first entry to the diagonal, one after the other: the "skyline". Its Cholesky factor has the same
+//! skyline, and all of its sums run over neighbouring numbers. The order is found once per wireframe.
+
+use std::{cmp::Ordering, sync::Arc};
+
+use nalgebra::{Matrix2, Vector2};
+
+/// Orders that are tried.
+const SWEEPS: usize = 4;
+
+/// The order of the nodes, and where the rows begin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// Row of the x of each node; its y is the row after it.
+    rows: Vec<usize>,
+    /// Column of the first entry of each row.
+    first: Vec<usize>,
+    /// Place in the values where column 0 of each row would be: never used below `first`.
+    origin: Vec<isize>,
+    /// Number of values.
+    size: usize,
+}
+
+impl Layout {
+    /// The layout for `count` nodes, of which those of every group are coupled with each other.
+    pub fn new(count: usize, groups: impl IntoIterator<Item = Vec<usize>>) -> Self {
+        let mut near = vec![Vec::new(); count];
+        for group in groups {
+            for &a in group.iter().filter(|a| **a < count) {
+                near[a].extend(group.iter().copied().filter(|b| *b != a && *b < count));
+            }
+        }
+        for list in &mut near {
+            list.sort_unstable();
+            list.dedup();
+        }
+        // An order is good that begins at an end of the wireframe: where the order from elsewhere ended.
+        let mut start = 0;
+        let orders = (0..SWEEPS).map(|_| {
+            let order = order_from(start, &near);
+            start = order.first().copied().unwrap_or_default();
+            Self::of(&order, &near)
+        });
+        let best = orders.min_by_key(Self::work);
+        best.unwrap_or_else(|| Self::of(&[], &near))
+    }
+
+    fn of(order: &[usize], near: &[Vec<usize>]) -> Self {
+        let mut rows = vec![0; near.len()];
+        order.iter().enumerate().for_each(|(k, node)| rows[*node] = 2 * k);
+        let (mut first, mut origin, mut size) = (Vec::new(), Vec::new(), 0);
+        for node in order {
+            let row = rows[*node];
+            let begin = near[*node].iter().map(|n| rows[*n]).min().map_or(row, |least| least.min(row));
+            for row in [row, row + 1] {
+                first.push(begin);
+                origin.push(size as isize - begin as isize);
+                size += row - begin + 1;
+            }
+        }
+        Self { rows, first, origin, size }
+    }
+
+    /// About the number of multiplications of a factorization.
+    fn work(&self) -> usize {
+        self.first.iter().enumerate().map(|(row, first)| (row - first).pow(2)).sum()
+    }
+
+    /// Where the block of two nodes lies, for [`Skyline::add_at`].
+    pub fn places(&self, a: usize, b: usize) -> BlockPlaces {
+        let (row, column) = (self.rows[a].max(self.rows[b]), self.rows[a].min(self.rows[b]));
+        let (upper, lower) = (self.at(row, column), self.at(row + 1, column));
+        let kind = match self.rows[a].cmp(&self.rows[b]) {
+            Ordering::Less => BlockKind::Turned,
+            Ordering::Equal => BlockKind::Diagonal,
+            Ordering::Greater => BlockKind::Upright,
+        };
+        BlockPlaces { upper: upper as u32, lower: lower as u32, kind }
+    }
+
+    fn at(&self, row: usize, column: usize) -> usize {
+        (self.origin[row] + column as isize) as usize
+    }
+}
+
+/// Breadth first from a node, neighbours with few neighbours first, then backwards.
+fn order_from(start: usize, near: &[Vec<usize>]) -> Vec<usize> {
+    let (mut order, mut seen) = (Vec::with_capacity(near.len()), vec![false; near.len()]);
+    for start in std::iter::once(start).chain(0..near.len()) {
+        if seen.get(start).is_none_or(|seen| *seen) {
+            continue;
+        }
+        seen[start] = true;
+        let mut next = order.len();
+        order.push(start);
+        while let Some(node) = order.get(next).copied() {
+            next += 1;
+            let mut found: Vec<usize> = near[node].iter().copied().filter(|n| !seen[*n]).collect();
+            found.sort_by_key(|n| (near[*n].len(), *n));
+            found.iter().for_each(|n| seen[*n] = true);
+            order.extend(found);
+        }
+    }
+    order.reverse();
+    order
+}
+
+/// Where the block of two nodes lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlockPlaces {
+    /// Places in the values of the first entries of its two rows.
+    upper: u32,
+    lower: u32,
+    kind: BlockKind,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum BlockKind {
+    /// Rows are those of the first node.
+    Upright,
+    /// Rows are those of the second node.
+    Turned,
+    /// Of a node with itself.
+    Diagonal,
+}
+
+/// A symmetric matrix over the coordinates of nodes, or its factor.
+#[derive(Clone, Debug)]
+pub struct Skyline {
+    layout: Arc<Layout>,
+    values: Vec<f64>,
+}
+
+impl Skyline {
+    /// Zero.
+    pub fn new(layout: &Arc<Layout>) -> Self {
+        Self { layout: Arc::clone(layout), values: vec![0.0; layout.size] }
+    }
+
+    /// Takes the values of another one of the same layout.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.values.copy_from_slice(&other.values);
+    }
+
+    /// Takes a multiple of the values of another one of the same layout.
+    pub fn scaled_from(&mut self, other: &Self, factor: f64) {
+        self.values.iter_mut().zip(&other.values).for_each(|(own, value)| *own = value * factor);
+    }
+
+    /// Adds a symmetric block to the coordinates of a node.
+    pub fn add_diagonal(&mut self, node: usize, block: &Matrix2<f64>) {
+        let places = self.layout.places(node, node);
+        self.add_at(&places, block);
+    }
+
+    /// Adds a block to the entries of node `a`'s coordinates (its rows) with those of node `b` (its columns), and its transpose to those of
+    /// `b` with `a`. The two must differ, and be coupled.
+    pub fn add_coupling(&mut self, a: usize, b: usize, block: &Matrix2<f64>) {
+        let places = self.layout.places(a, b);
+        self.add_at(&places, block);
+    }
+
+    /// [`Self::add_diagonal`] or [`Self::add_coupling`] at places that are known.
+    #[inline]
+    pub fn add_at(&mut self, places: &BlockPlaces, block: &Matrix2<f64>) {
+        let (upper, lower) = (places.upper as usize, places.lower as usize);
+        self.values[upper] += block.m11;
+        self.values[lower + 1] += block.m22;
+        match places.kind {
+            BlockKind::Upright => {
+                self.values[upper + 1] += block.m12;
+                self.values[lower] += block.m21;
+            }
+            BlockKind::Turned => {
+                self.values[upper + 1] += block.m21;
+                self.values[lower] += block.m12;
+            }
+            BlockKind::Diagonal => self.values[lower] += block.m21,
+        }
+    }
+
+    /// The layout.
+    pub fn layout(&self) -> &Arc<Layout> {
+        &self.layout
+    }
+
+    fn row(&self, row: usize) -> &[f64] {
+        let begin = self.layout.at(row, self.layout.first[row]);
+        &self.values[begin..=self.layout.at(row, row)]
+    }
+
+    /// The product with a vector over the nodes.
+    pub fn times(&self, nodes: &[Vector2<f64>], out: &mut [Vector2<f64>]) {
+        let rows = &self.layout.rows;
+        let mut ordered = vec![0.0; 2 * rows.len()];
+        for (node, row) in nodes.iter().zip(rows) {
+            ordered[*row..*row + 2].copy_from_slice(&[node.x, node.y]);
+        }
+        let mut product = vec![0.0; ordered.len()];
+        for k in 0..ordered.len() {
+            let (first, row) = (self.layout.first[k], self.row(k));
+            let [before @ .., diagonal] = row else { continue };
+            product[k] += dot(before, &ordered[first..k]) + diagonal * ordered[k];
+            product[first..k].iter_mut().zip(before).for_each(|(sum, value)| *sum += value * ordered[k]);
+        }
+        for (out, row) in out.iter_mut().zip(rows) {
+            *out = Vector2::new(product[*row], product[*row + 1]);
+        }
+    }
+
+    /// Becomes the Cholesky factor; `false` for a matrix that is not positive definite.
+    #[must_use]
+    pub fn factor(&mut self) -> bool {
+        let layout = Arc::clone(&self.layout);
+        for row in 0..layout.first.len() {
+            let first = layout.first[row];
+            let (above, own) = self.values.split_at_mut(layout.at(row, first));
+            for column in first..row {
+                let from = first.max(layout.first[column]);
+                let other = &above[layout.at(column, from)..=layout.at(column, column)];
+                let (before, diagonal) = other.split_at(column - from);
+                let sum = own[column - first] - dot(&own[from - first..column - first], before);
+                own[column - first] = sum / diagonal[0];
+            }
+            let (before, diagonal) = own[..=row - first].split_at_mut(row - first);
+            let rest = diagonal[0] - dot(before, before);
+            if !(rest > 0.0 && rest.is_finite()) {
+                return false;
+            }
+            diagonal[0] = rest.sqrt();
+        }
+        true
+    }
+
+    /// Solves for a right side over the nodes, this being a factor.
+    pub fn solve(&self, nodes: &mut [Vector2<f64>]) {
+        let rows = &self.layout.rows;
+        let mut ordered = vec![0.0; 2 * rows.len()];
+        for (node, row) in nodes.iter().zip(rows) {
+            ordered[*row..*row + 2].copy_from_slice(&[node.x, node.y]);
+        }
+        for k in 0..ordered.len() {
+            if let [before @ .., diagonal] = self.row(k) {
+                ordered[k] = (ordered[k] - dot(before, &ordered[self.layout.first[k]..k])) / diagonal;
+            }
+        }
+        for k in (0..ordered.len()).rev() {
+            if let [before @ .., diagonal] = self.row(k) {
+                let value = ordered[k] / diagonal;
+                ordered[k] = value;
+                ordered[self.layout.first[k]..k].iter_mut().zip(before).for_each(|(sum, entry)| *sum -= entry * value);
+            }
+        }
+        for (node, row) in nodes.iter_mut().zip(rows) {
+            *node = Vector2::new(ordered[*row], ordered[*row + 1]);
+        }
+    }
+}
+
+/// The sum of products of two lists, in eight lanes: the same on every machine.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 8];
+    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for k in 0..8 {
+            lanes[k] += a[k] * b[k];
+        }
+    }
+    let [p, q, r, s, t, u, v, w] = lanes;
+    ((p + q) + (r + s)) + ((t + u) + (v + w)) + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_chain_is_solved() {
+        // Three nodes in a row, springs of stiffness 1 between them, node 0 tied by 1: pulling node 2 by (1, 2) moves node 0 by (1, 2),
+        // node 1 by twice, node 2 by three times as much.
+        let layout = Arc::new(Layout::new(3, [vec![0, 1], vec![2, 1]]));
+        let one = Matrix2::identity();
+        let mut system = Skyline::new(&layout);
+        for (a, b) in [(0, 1), (1, 2)] {
+            system.add_diagonal(a, &one);
+            system.add_diagonal(b, &one);
+            system.add_coupling(b, a, &-one);
+        }
+        system.add_diagonal(0, &one);
+        let answer = [Vector2::new(1.0, 2.0), Vector2::new(2.0, 4.0), Vector2::new(3.0, 6.0)];
+        let mut product = answer;
+        system.times(&answer, &mut product);
+        assert_eq!(product, [Vector2::zeros(), Vector2::zeros(), Vector2::new(1.0, 2.0)]);
+        assert!(system.factor());
+        let mut found = product;
+        system.solve(&mut found);
+        found.iter().zip(&answer).for_each(|(a, b)| assert!((a - b).norm() < 1e-12, "{a} {b}"));
+    }
+
+    #[test]
+    fn blocks_couple_x_and_y_whichever_node_comes_first() {
+        // [2 1; 1 3] at node 0, 5 at node 1, and the block [0.5 0.25; -1 0.75] between them; against the same system, dense.
+        let block = Matrix2::new(0.5, 0.25, -1.0, 0.75);
+        for swapped in [false, true] {
+            let layout = Arc::new(Layout::new(2, [vec![0, 1]]));
+            let mut system = Skyline::new(&layout);
+            system.add_diagonal(0, &Matrix2::new(2.0, 1.0, 1.0, 3.0));
+            system.add_diagonal(1, &(Matrix2::identity() * 5.0));
+            if swapped {
+                system.add_coupling(1, 0, &block.transpose());
+            } else {
+                system.add_coupling(0, 1, &block);
+            }
+            let dense = nalgebra::Matrix4::new(
+                2.0, 1.0, 0.5, 0.25, //
+                1.0, 3.0, -1.0, 0.75, //
+                0.5, -1.0, 5.0, 0.0, //
+                0.25, 0.75, 0.0, 5.0,
+            );
+            let right = nalgebra::Vector4::new(1.0, -2.0, 0.5, 3.0);
+            let expected = dense.lu().solve(&right).unwrap();
+            let mut found = [Vector2::new(1.0, -2.0), Vector2::new(0.5, 3.0)];
+            assert!(system.factor());
+            system.solve(&mut found);
+            let found = nalgebra::Vector4::new(found[0].x, found[0].y, found[1].x, found[1].y);
+            assert!((found - expected).norm() < 1e-12, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_positive_definite_has_no_factor() {
+        let layout = Arc::new(Layout::new(1, []));
+        let mut system = Skyline::new(&layout);
+        assert!(!system.factor());
+        system.add_diagonal(0, &Matrix2::new(f64::NAN, 0.0, 0.0, 1.0));
+        assert!(!system.factor());
+        assert!(Skyline::new(&Arc::new(Layout::new(0, []))).factor());
+    }
+}

@@ -1,0 +1,108 @@
+//! How `grimace` gets along with `grimace-opencv`: without it, with another version, with one that breaks down.
+
+use std::{fs, process::Command};
+
+use crate::common::{Ran, Work, grimace, video::write_video};
+
+const MARKS: &str = "faces/S001/005/correspondences.csv";
+
+#[test]
+fn the_command_itself_links_no_opencv() {
+    let program = fs::read(grimace()).unwrap();
+    let name = b"libopencv_";
+    assert!(!program.windows(name.len()).any(|bytes| bytes == name), "grimace starts slowly: it loads OpenCV");
+}
+
+/// Runs a copy of the command that lies alone in `bin`, with `path` as the only folder of PATH.
+fn alone(work: &Work, args: &str) -> Ran {
+    let program = work.path("bin/grimace");
+    if !program.exists() {
+        fs::create_dir_all(work.path("bin")).unwrap();
+        fs::copy(grimace(), &program).unwrap();
+    }
+    let mut command = Command::new(program);
+    command.current_dir(work.path(".")).env("PATH", work.path("path")).args(args.split_whitespace());
+    Ran::from(command.output().unwrap())
+}
+
+#[test]
+fn pictures_need_no_opencv_and_videos_say_what_is_missing() {
+    let work = Work::with_sequences(&["S001_005"]);
+    if !write_video(&work, "faces/S001/005", "face.avi") {
+        return;
+    }
+    alone(&work, &format!("track faces/S001/005 -c {MARKS} -o S001_1.csv")).exit(0).prints(&["6 frames"]);
+    let ran = alone(&work, &format!("track face.avi -c {MARKS} -o S001_2.csv")).exit(1);
+    ran.says(&["face.avi: this needs grimace-opencv", "neither beside this program nor on PATH", "cargo install --path ."]);
+    let ran = alone(&work, &format!("track faces/S001/005 -c {MARKS} -o S001_2.csv --klt opencv")).exit(1);
+    ran.says(&["this needs grimace-opencv"]);
+    // In a run it is not the sequence's fault.
+    let manifest = format!("subject,sequence,emotion,frames,correspondences\nS001,1,happiness,../face.avi,../{MARKS}\n");
+    work.write("films/manifest.csv", manifest);
+    alone(&work, "run films -o out").exit(1).says(&["the machine failed, not the sequence", "this needs grimace-opencv"]);
+}
+
+#[test]
+fn opencvs_klt_moves_nodes_by_nothing_that_counts() {
+    let work = Work::with_sequences(&["S001_005"]);
+    for (klt, track) in [("grimace", "S001_1"), ("opencv", "S001_2")] {
+        work.grimace(&format!("track faces/S001/005 -c {MARKS} -o {track}.csv --klt {klt}")).exit(0);
+        let info: serde_json::Value = serde_json::from_str(&work.read(&format!("{track}.json"))).unwrap();
+        assert_eq!(info["track"]["klt"], klt);
+    }
+    let mut distances: Vec<f64> = work
+        .rows("S001_1.csv")
+        .iter()
+        .zip(work.rows("S001_2.csv"))
+        .map(|(a, b)| {
+            let side = |name: &str| a[name].parse::<f64>().unwrap() - b[name].parse::<f64>().unwrap();
+            side("x").hypot(side("y"))
+        })
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    let (middle, most) = (distances[distances.len() / 2], distances[distances.len() * 95 / 100]);
+    assert!(middle < 0.01 && most < 0.03, "median {middle} px, 95 % {most} px");
+}
+
+/// Puts a shell script in the place of `grimace-opencv`.
+#[cfg(unix)]
+fn script(folder: &std::path::Path, text: &str) {
+    use std::os::unix::fs::PermissionsExt;
+    fs::create_dir_all(folder).unwrap();
+    let path = folder.join("grimace-opencv");
+    fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[test]
+#[cfg(unix)]
+fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
+    let work = Work::with_sequences(&["S001_005"]);
+    work.write("face.avi", "any bytes");
+    // The first message is the text {"hello":{"version":1}}; then comes a video without frames, and no more.
+    let hello = r#"printf '\000\027\000\000\000{"hello":{"version":1}}'"#;
+    let video = r#"printf '\000\070\000\000\000{"video":{"fps":25,"frames":9,"width":200,"height":160}}'"#;
+    let huge = r#"printf '\001\377\377\377\377\377\377\000\000\377\377\000\000\003'"#;
+    let cases = [
+        ("exit 0".to_owned(), "grimace-opencv ended before its work was done"),
+        ("echo hello world, I am another program".to_owned(), "is of another version than this program"),
+        (r#"printf '\000\027\000\000\000{"hello":{"version":9}}'; cat"#.to_owned(), "is of another version than this program"),
+        (format!("{hello}; kill -SEGV $$"), "grimace-opencv ended before its work was done (signal: 11"),
+        (format!("{hello}; {video}; kill -SEGV $$"), "grimace-opencv ended before its work was done (signal: 11"),
+        (format!("{hello}; {video}; {huge}; cat"), "gave an answer that is not understood: a picture of 65535x65535"),
+    ];
+    for (text, said) in cases {
+        script(&work.path("bin"), &text);
+        let ran = alone(&work, &format!("track face.avi -c {MARKS} -o S001_1.csv")).exit(1);
+        ran.says(&["face.avi: ", said]);
+    }
+}
+
+#[test]
+fn the_program_says_what_it_is_for() {
+    let program = grimace().with_file_name(format!("grimace-opencv{}", std::env::consts::EXE_SUFFIX));
+    let run = |word: &str| Ran::from(Command::new(&program).arg(word).output().unwrap());
+    run("--help").exit(0).prints(&["started by it", "grimace --help"]);
+    run("--version").exit(0).prints(&[&format!("grimace-opencv {}", env!("CARGO_PKG_VERSION"))]);
+    run("nonsense").exit(2).says(&["grimace --help"]);
+}
