@@ -258,6 +258,11 @@ pub struct ModelArgs {
 }
 
 impl ModelArgs {
+    pub fn normalize(&self) -> NormalizeOptions {
+        self.normalize_of(Method::Default)
+    }
+
+    /// The options of normalization, those that are not given as the method has them.
     pub fn normalize_of(&self, method: Method) -> NormalizeOptions {
         NormalizeOptions { resample: self.resample, size: self.size, pose: self.pose.unwrap_or(method.normalize().pose) }
     }
