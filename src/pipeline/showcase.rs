@@ -6,7 +6,7 @@ use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{SequenceSource, Workbench, file_blake3};
+use super::{SequenceFailure, SequenceSource, Workbench, file_blake3};
 use crate::{
     clone::{CloneError, SourceMotion, Target, read_marks},
     dataset::LandmarkSelection,
@@ -15,6 +15,7 @@ use crate::{
     model::FrameExpressionModel,
     overlay::thumbnail,
     player::{PlayerError, PlayerFace, Shown, payload},
+    report::Stage,
     sequence::{read_colour, read_colour_frames},
     statistics::Representative,
     track::TrackedFrame,
@@ -130,11 +131,19 @@ pub(super) fn face_name(bench: &Workbench) -> String {
     }
 }
 
-/// JPEG files of the wireframe on the neutral and on the apex frame, [`MOST_BYTES`] each at most; `None` when a frame does not read, which
-/// costs the report these pictures and nothing else.
-pub(super) fn thumbnails(source: &SequenceSource, frames: &[TrackedFrame], bench: &Workbench) -> Option<[Vec<u8>; 2]> {
-    let (first, last) = (frames.first()?, frames.last()?);
-    let pictures = read_colour_frames(&source.frames, &[first.number, last.number]).ok()?;
+/// JPEG files of the wireframe on the neutral and on the apex frame, [`MOST_BYTES`] each at most; `None` for a picture that does not get so
+/// small.
+///
+/// # Errors
+/// [`SequenceFailure`] when a frame does not read, which it did for tracking: a report without pictures would not be the same again.
+pub(super) fn thumbnails(
+    source: &SequenceSource,
+    frames: &[TrackedFrame],
+    bench: &Workbench,
+) -> Result<Option<[Vec<u8>; 2]>, SequenceFailure> {
+    let (Some(first), Some(last)) = (frames.first(), frames.last()) else { return Ok(None) };
+    let wanted = [first.number, last.number];
+    let pictures = read_colour_frames(&source.frames, &wanted).map_err(SequenceFailure::at(Stage::Track))?;
     let small = |frame: &TrackedFrame| {
         let (_, picture) = pictures.iter().find(|(number, _)| *number == frame.number)?;
         let thumbnail = thumbnail(picture, &bench.wireframe, &frame.nodes, THUMBNAIL_HEIGHT);
@@ -144,5 +153,5 @@ pub(super) fn thumbnails(source: &SequenceSource, frames: &[TrackedFrame], bench
             (jpeg.len() <= MOST_BYTES).then_some(jpeg)
         })
     };
-    Some([small(first)?, small(last)?])
+    Ok(small(first).zip(small(last)).map(|(first, last)| [first, last]))
 }

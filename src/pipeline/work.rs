@@ -300,7 +300,7 @@ fn process(
     ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
     let mut quality = TrackQuality::new(id.clone(), item.emotion.clone(), summary, &frames, &bench.wireframe);
     quality.pictures = match source {
-        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(source, &frames, bench),
+        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(source, &frames, bench)?,
         _ => None,
     };
     let model = SequenceModel { id: id.clone(), model };

@@ -153,15 +153,16 @@ fn the_tracking_table_sorts_filters_and_stays_fast() {
 fn quality_cards_come_worst_first_and_filter_and_sections_fold() {
     let browser = Browser::start();
     browser.size(1280, 720);
-    // 9 + 4 + 1 + 24 + 12 + 30 = 80 sequences.
-    open(&browser, "quality", &Fixture::new("Quality", [9, 4, 1, 24, 12, 30], &[]));
+    // 6 * 60 = 360 sequences.
+    open(&browser, "quality", &Fixture::new("Quality", [60; 6], &[]));
     let cards = || browser.run("return document.querySelectorAll('.qc').length").as_u64().unwrap();
     assert_eq!(cards(), 24);
     let again = browser.run("return [...document.querySelectorAll('.qc')].map(c => c.classList.contains('again'))");
     let again: Vec<bool> = again.as_array().unwrap().iter().map(|v| v.as_bool().unwrap()).collect();
     assert!(again[0] && again.is_sorted_by(|a, b| a >= b), "those to look at again come first: {again:?}");
     browser.run("document.querySelector('#quality-more').click()");
-    assert_eq!(cards(), 80);
+    // 96 more.
+    assert_eq!(cards(), 120);
     let filter =
         "const f = document.querySelector('#quality-filter'); f.value = 's001 anger'; f.dispatchEvent(new Event('input'))";
     browser.run(filter);
