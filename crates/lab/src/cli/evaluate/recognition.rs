@@ -43,7 +43,7 @@ pub struct Args {
 /// Runs the experiment.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    let (normalize, statistics) = (args.models.normalize(), args.models.statistics());
+    let (normalize, statistics) = (args.models.normalize_of(grimace::pipeline::Method::Default), args.models.statistics());
     let options = PipelineOptions { normalize, statistics, ..PipelineOptions::default() };
     let bench = Workbench::new(None, options)?;
     let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
