@@ -190,8 +190,8 @@ pub struct TrackArgs {
     /// Re-deform the wireframe after every step; off leaves lost nodes where they were
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     deform: bool,
-    /// Which pyramidal KLT finds points again: `grimace`'s own, or `opencv`'s, the reference, which takes longer; they differ by some
-    /// millionths of a pixel
+    /// Which pyramidal KLT finds points again: `grimace`'s own, or `opencv`'s, the reference, which takes longer; whole tracks
+    /// differ by some ten-thousandths of a pixel
     #[arg(long, default_value = "grimace", value_parser = words::<KltKind>(&["grimace", "opencv"]))]
     klt: KltKind,
 }
@@ -258,10 +258,6 @@ pub struct ModelArgs {
 }
 
 impl ModelArgs {
-    pub fn normalize(&self) -> NormalizeOptions {
-        self.normalize_of(Method::Default)
-    }
-
     /// The options of normalization, those that are not given as the method has them.
     pub fn normalize_of(&self, method: Method) -> NormalizeOptions {
         NormalizeOptions { resample: self.resample, size: self.size, pose: self.pose.unwrap_or(method.normalize().pose) }

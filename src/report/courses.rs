@@ -134,7 +134,7 @@ fn member(id: &SequenceId, course: &Course) -> MemberView {
 /// A line chart over time from 0 (neutral) to 1 (apex); colours are classes of the style sheet, `course-0` to `course-5`.
 fn picture(curves: &[Curve], (low, high): (f64, f64), label: &str, (width, height): (f64, f64)) -> String {
     const COLOURS: [&str; CURVES] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
-    let names = if curves.iter().any(|c| c.name.len() > 6) { 150.0 } else { 48.0 };
+    let names = if curves.iter().any(|c| c.name.len() > 6) { 172.0 } else { 54.0 };
     let (left, right, top, bottom) = (26.0, width - names, 8.0, height - 22.0);
     let x = |t: usize| left + (right - left) * t as f64 / (COURSE_POINTS - 1) as f64;
     let y = |value: f64| bottom - (bottom - top) * ((value - low) / (high - low)).clamp(0.0, 1.0);

@@ -68,7 +68,7 @@ const LANES: usize = 4;
 /// Adding and subtracting it rounds a number below 2^22 to the nearest whole one, of two the even one.
 const ROUND: f32 = 12_582_912.0;
 
-/// The pyramidal KLT tracker; it finds what [`OpenCvKlt`] finds to a few millionths of a pixel.
+/// The pyramidal KLT tracker; a single search finds what [`OpenCvKlt`] finds to some millionths of a pixel.
 #[derive(Debug)]
 pub struct Klt {
     levels: usize,
