@@ -159,7 +159,11 @@ impl Desk {
             frames: frames.numbers,
             marks: marks.iter().map(Mark::from).collect(),
             version: version(&item.entry),
-            file: relative(&self.root, marks_path(&item.entry)),
+            file: if self.is_picture {
+                marks_path(&item.entry).file_name().unwrap_or_default().to_string_lossy().into_owned()
+            } else {
+                relative(&self.root, marks_path(&item.entry))
+            },
             problem,
         })
     }

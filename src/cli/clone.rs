@@ -235,6 +235,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
         let read = || -> anyhow::Result<Source> {
             let motion = SourceMotion::read(path, bench)?;
             if args.look.source_frames.is_some()
+                && !motion.frames.is_empty()
                 && let Some(info) = read_track_info(path)?
             {
                 anyhow::ensure!(

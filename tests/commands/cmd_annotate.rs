@@ -425,7 +425,16 @@ fn proposals_come_from_landmarks_and_missing_cascades_are_explained() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         image::GrayImage::from_fn(160, 120, |x, y| image::Luma([(100 + (x / 40 + y / 30) % 3) as u8])).save(path).unwrap();
     }
-    work.write("faces/manifest.csv", work.read("faces/manifest.csv") + "S002,wall,anger,S002/wall\n");
+    let manifest = work.read("faces/manifest.csv");
+    let fields = manifest.lines().next().unwrap().split(',').map(|column| match column {
+        "subject" => "S002",
+        "sequence" => "wall",
+        "emotion" => "anger",
+        "frames" => "S002/wall",
+        _ => "",
+    });
+    let row = fields.collect::<Vec<_>>().join(",");
+    work.write("faces/manifest.csv", format!("{manifest}{row}\n"));
     let server = Server::start(&work, "faces --cascades .");
     let proposed = server.get("api/sequences/S001_005/proposals").ok();
     assert_eq!((&proposed["source"], proposed["marks"].as_array().unwrap().len()), (&json!("landmarks"), 7));

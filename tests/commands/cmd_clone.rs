@@ -338,7 +338,8 @@ fn the_report_shows_the_representatives_on_a_face_of_choice() {
     assert!(work.read("plain/report.html").contains("a simulated person"));
     work.grimace("analyze S001_005.csv -o photo -q --report-face target.png --report-marks marks.csv").exit(0);
     let html = work.read("photo/report.html");
-    assert!(html.contains("happiness on target.png") && html.contains("data:image/jpeg;base64,"));
+    // The player has the photograph in it, and not the simulated person.
+    assert!(html.contains("target.png") && html.contains("data:image/jpeg;base64,") && !html.contains("a simulated person"));
     work.grimace("analyze S001_005.csv -o bad -q --report-face target.png --report-marks gone.csv").exit(1).says(&["gone.csv"]);
 }
 

@@ -492,7 +492,11 @@ fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
         assert!(leftovers(&files).is_empty(), "{:?}", leftovers(&files));
         let done = files.keys().filter(|name| name.starts_with("tracks/") && name.ends_with(".json")).count();
         assert!((1..24).contains(&done), "{done} of 24 sequences were done");
-        for name in files.keys().filter(|name| name.ends_with(".csv")) {
+        let whole = work.files("whole");
+        for name in files.keys().filter(|name| name.starts_with("features/")) {
+            assert!(files[name] == whole[name], "{name} differs from that of a whole run");
+        }
+        for name in files.keys().filter(|name| name.ends_with(".csv") && !name.starts_with("features/")) {
             let rows = work.rows(&format!("{out}/{name}")).len();
             assert_eq!(rows % NODES, 0, "{name} has {rows} rows");
         }
