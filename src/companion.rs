@@ -178,7 +178,7 @@ impl<T> Answer<T> {
 }
 
 fn not_understood(found: &str) -> CompanionError {
-    CompanionError::NotUnderstood { found: crate::text::excerpt(found).to_string() }
+    CompanionError::NotUnderstood { found: crate::text::excerpt(found) }
 }
 
 #[cfg(test)]

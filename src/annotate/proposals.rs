@@ -142,6 +142,7 @@ impl Cascades {
 
     /// What the cascades see in a picture.
     fn boxes(&mut self, image: &GrayImage) -> Result<Option<FaceBoxes>, CascadeError> {
+        #[allow(clippy::single_match_else)]
         let mut companion = match self.companion.take() {
             Some(companion) => companion,
             None => {

@@ -112,6 +112,7 @@ struct Cell {
 
 /// One representative.
 #[derive(Serialize)]
+#[allow(clippy::struct_excessive_bools)]
 struct Card {
     anchor: String,
     emotion: String,

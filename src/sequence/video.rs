@@ -72,7 +72,7 @@ impl Stream {
             }
             Answer::Said(Reply::End { frames }) => Ok(Next::End(frames)),
             Answer::Said(Reply::Failed { reason }) => Err(SequenceError::Video { path: self.path.clone(), reason }),
-            other => Err(failed(other.unexpected())),
+            other @ Answer::Said(_) => Err(failed(other.unexpected())),
         }
     }
 }

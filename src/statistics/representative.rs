@@ -38,7 +38,7 @@ pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 /// chosen, so that the gap is always known; where rounding makes the greedy vector of a slot better than the exact one, it is
 /// the exact one too. Both dispersions are around medians of the chosen kind. More than [`MANY_MODELS`] models go another way
 /// ([`super::scale`]): trimming from bounds, and the exact median whatever the options say. Where people have different numbers of
-/// sequences, each person weighs the same in d_tf, trimming, median and dispersion, unless [`StatisticsOptions::weighting`] says
+/// sequences, each person weighs the same in `d_tf`, trimming, median and dispersion, unless [`StatisticsOptions::weighting`] says
 /// otherwise; sums of distances are then weighted sums.
 ///
 /// # Errors

@@ -242,11 +242,8 @@ pub(super) fn check_member(name: &str, displacements: &[[f32; 3]], neutral: &Tri
     if displacements.len() != expected {
         return Err(BankError::VertexCount { name: name.to_owned(), found: displacements.len(), expected });
     }
-    match check_finite(displacements) {
-        Err(crate::mesh::MeshError::NotFinite { vertex, .. }) => {
-            return Err(BankError::NotFinite { name: name.to_owned(), vertex });
-        }
-        _ => {}
+    if let Err(crate::mesh::MeshError::NotFinite { vertex, .. }) = check_finite(displacements) {
+        return Err(BankError::NotFinite { name: name.to_owned(), vertex });
     }
     let limit = MAX_DIAGONALS * neutral.diagonal();
     let length = |d: &[f32; 3]| d.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();

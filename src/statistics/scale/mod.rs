@@ -234,7 +234,7 @@ fn mean_of_kept(distances: &[Vec<f64>], is_kept: Option<&[Vec<bool>]>, count: u8
 /// The representative of a class of very many models: certified trimming, the exact median, dispersions.
 ///
 /// `ids` are the models' sequences in the order of `source`, ascending and different; `neutral` is the neutral frame they share, all
-/// nodes. One person has one weight in medians and dispersions as for fewer models; d_tf and trimming count every sequence alike.
+/// nodes. One person has one weight in medians and dispersions as for fewer models; `d_tf` and trimming count every sequence alike.
 /// The median is exact whatever the options say ([`Representative::median`]); where alpha trims nothing no `d_tf` is computed,
 /// and the trace is empty.
 ///

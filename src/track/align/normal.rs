@@ -129,6 +129,7 @@ impl NormalEquations {
         let root = gain.sqrt();
         let level_of = |(_, control): (usize, &[f64; 6])| {
             let mut level = [0.0; 2];
+            #[allow(clippy::needless_range_loop)]
             for k in 0..6 {
                 level[0] += root * control[k] * self.level[0][k];
                 level[1] += root * control[k] * self.level[1][k];
@@ -172,6 +173,7 @@ impl Sums {
         let mut sums = [[0.0f32; QUARTICS]; 3];
         for (factors, place) in &self.factors {
             let Some(sample) = samples.get(*place as usize) else { continue };
+            #[allow(clippy::needless_range_loop)]
             for k in 0..QUARTICS {
                 sums[0][k] += factors[0] * sample.quartics[k];
                 sums[1][k] += factors[1] * sample.quartics[k];
