@@ -184,14 +184,13 @@ impl ActionUnits {
         }
         normal.fill_upper_triangle_with_lower_triangle();
         let strengths = non_negative(&normal, &right);
-        // Two shapes that are nearly one leave the difference of their strengths open, which must not drown their sum in rounding.
-        let ridge = RIDGE * normal.trace() / normal.nrows().max(1) as f64;
-        (0..normal.nrows()).for_each(|i| normal[(i, i)] += ridge);
         let covariance = normal.cholesky().map(|factor| factor.inverse());
         let one = |(unit, members): (&ActionUnit, &Vec<usize>)| {
             let n = members.len().max(1) as f64;
             let strength = members.iter().map(|&i| strengths[i]).sum::<f64>() / n;
-            let variance = covariance.as_ref().map_or(f64::INFINITY, |c| {
+            // A unit that none of the shapes shows is not known at all.
+            let covariance = covariance.as_ref().filter(|_| !members.is_empty());
+            let variance = covariance.map_or(f64::INFINITY, |c| {
                 members.iter().flat_map(|&i| members.iter().map(move |&j| c[(i, j)])).sum::<f64>() / (n * n)
             });
             Intensity {
@@ -203,9 +202,6 @@ impl ActionUnits {
         ACTION_UNITS.iter().zip(&self.members).map(one).collect()
     }
 }
-
-/// What is added to the diagonal of the normal matrix before its inverse is taken as covariance, over the mean of that diagonal.
-const RIDGE: f64 = 1e-8;
 
 /// The non-negative minimum of `x' N x / 2 - r' x`, by descent along one unknown after the other.
 fn non_negative(normal: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {

@@ -167,6 +167,7 @@ mod tests {
         // Without a: -90, 20, 40: 20. Without b: -90, 10, 40: 10. Without c: -90, 10, 20: 10. Without d: 10, 20, 40: 20.
         let found = of(&models);
         for (value, expected) in found.values.iter().zip([0.5, 2.0, 4.0, -4.5]) {
+            #[allow(clippy::needless_range_loop)]
             for region in 0..4 {
                 approx::assert_relative_eq!(value[region].unwrap(), expected, max_relative = 1e-6);
             }

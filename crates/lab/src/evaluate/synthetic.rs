@@ -129,9 +129,8 @@ impl SyntheticPeople {
         };
         let exp = |logarithm: f64| logarithm.clamp(-MOST_LOGARITHM, MOST_LOGARITHM).exp();
         let kind = match self.spread {
-            Spread::Smile | Spread::HeavyTails => 1.0,
             Spread::Mixture if uniform(person) < OPPOSITE_SHARE => -1.0,
-            Spread::Mixture => 1.0,
+            Spread::Smile | Spread::HeavyTails | Spread::Mixture => 1.0,
             Spread::Clusters => CLUSTER_STRENGTHS[usize::from(uniform(person) < 0.5)],
         };
         let strength = kind * strength * exp(STRENGTH_SD * gauss());

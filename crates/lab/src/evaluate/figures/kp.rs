@@ -213,7 +213,7 @@ impl<'a> KpFigures<'a> {
                 row.push((self.wireframe(&model, frame), format!("{emotion}, frame {}", frame + 1)));
             }
             for frame in [2, 4] {
-                row.push((self.on_face(&motion, &target, frame as f64)?, format!("{emotion}, frame {}", frame + 1)));
+                row.push((self.on_face(&motion, &target, f64::from(frame))?, format!("{emotion}, frame {}", frame + 1)));
             }
             rows.push(row);
         }
@@ -317,6 +317,6 @@ impl<'a> KpFigures<'a> {
 
 /// The seven marks of the default, where a sequence has them; else those it has.
 fn seven(marks: Vec<Correspondence>) -> Vec<Correspondence> {
-    let chosen: Vec<Correspondence> = marks.iter().filter(|m| DEFAULT_LANDMARK_NODES.contains(&m.node)).cloned().collect();
+    let chosen: Vec<Correspondence> = marks.iter().filter(|m| DEFAULT_LANDMARK_NODES.contains(&m.node)).copied().collect();
     if chosen.len() >= 5 { chosen } else { marks }
 }
