@@ -55,15 +55,7 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     let at = |p: &Point2<f64>| (((p.x + 0.5) * scale) as f32, ((p.y + 0.5) * scale) as f32);
     let width = 0.9 * factor as f32;
 
-    let mut springs = PathBuilder::new();
-    for (a, b) in wireframe.edges() {
-        if let (Some(a), Some(b)) = (nodes.get(a.index()), nodes.get(b.index())) {
-            let ((ax, ay), (bx, by)) = (at(&a.position), at(&b.position));
-            springs.move_to(ax, ay);
-            springs.line_to(bx, by);
-        }
-    }
-    if let Some(path) = springs.finish() {
+    if let Some(path) = springs(wireframe, nodes, at) {
         stroke(&mut canvas, &path, [10, 20, 30, 90], width * 1.9);
         stroke(&mut canvas, &path, [235, 245, 255, 150], width * 0.8);
     }
@@ -138,15 +130,7 @@ pub fn thumbnail(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode
         pixel.copy_from_slice(&[rgb.0[0], rgb.0[1], rgb.0[2], 255]);
     }
     let at = |p: &Point2<f64>| (((p.x + 0.5 - f64::from(left)) * scale) as f32, ((p.y + 0.5 - f64::from(top)) * scale) as f32);
-    let mut springs = PathBuilder::new();
-    for (a, b) in wireframe.edges() {
-        if let (Some(a), Some(b)) = (nodes.get(a.index()), nodes.get(b.index())) {
-            let ((ax, ay), (bx, by)) = (at(&a.position), at(&b.position));
-            springs.move_to(ax, ay);
-            springs.line_to(bx, by);
-        }
-    }
-    if let Some(path) = springs.finish() {
+    if let Some(path) = springs(wireframe, nodes, at) {
         stroke(&mut canvas, &path, [120, 230, 180, 190], 0.8);
     }
     for &id in wireframe.live_nodes() {
@@ -196,6 +180,19 @@ fn paint(rgba: [u8; 4]) -> Paint<'static> {
     paint.set_color(Color::from_rgba8(rgba[0], rgba[1], rgba[2], rgba[3]));
     paint.anti_alias = true;
     paint
+}
+
+/// The springs of the wireframe between tracked nodes, drawn where `at` puts them.
+fn springs(wireframe: &Wireframe, nodes: &[TrackedNode], at: impl Fn(&Point2<f64>) -> (f32, f32)) -> Option<tiny_skia::Path> {
+    let mut springs = PathBuilder::new();
+    for (a, b) in wireframe.edges() {
+        if let (Some(a), Some(b)) = (nodes.get(a.index()), nodes.get(b.index())) {
+            let ((ax, ay), (bx, by)) = (at(&a.position), at(&b.position));
+            springs.move_to(ax, ay);
+            springs.line_to(bx, by);
+        }
+    }
+    springs.finish()
 }
 
 fn stroke(canvas: &mut Pixmap, path: &SkiaPath, rgba: [u8; 4], width: f32) {

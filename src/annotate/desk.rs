@@ -23,7 +23,7 @@ use super::{
     proposals::{propose_from_cascades, propose_from_landmarks},
 };
 use crate::{
-    dataset::{Dataset, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, SequenceEntry},
+    dataset::{Dataset, FrameSource, MANIFEST_NAME, SequenceEntry, is_picture},
     fit::{Correspondence, FitError, read_correspondences, validate_correspondences, write_correspondences},
     output::{remove_durably, write_durable},
     pipeline::Workbench,
@@ -438,12 +438,6 @@ impl Desk {
         }
         Ok(())
     }
-}
-
-/// Whether a dataset is one picture.
-fn is_picture(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    path.is_file() && IMAGE_EXTENSIONS.contains(&extension.as_str())
 }
 
 /// One picture as a sequence of one frame, its marks beside it as a `.csv` of its name.

@@ -9,7 +9,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 use super::RequestError;
 use crate::{
-    dataset::{FrameFile, FrameSource, IMAGE_EXTENSIONS, list_frames},
+    dataset::{FrameFile, FrameSource, is_picture, list_frames},
     sequence::{Frame, ImageSize, SequenceReader, read_frame},
 };
 
@@ -107,8 +107,7 @@ pub fn picture_frames(path: &Path) -> FrameSource {
 
 /// The frames of a folder, a video or a picture.
 fn frames_at(path: &Path) -> Result<FrameSource, RequestError> {
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    if path.is_file() && IMAGE_EXTENSIONS.contains(&extension.as_str()) {
+    if is_picture(path) {
         return Ok(picture_frames(path));
     }
     list_frames(path, None, None).map_err(RequestError::refused)

@@ -8,7 +8,10 @@ use grimace::synthesis::{
     read_recipes, recipe_motions, write_feature_points, write_recipes,
 };
 
-use super::{Outcome, shared::about};
+use super::{
+    Outcome,
+    shared::{about, check_free},
+};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -156,15 +159,12 @@ pub fn open(path: &Path) -> anyhow::Result<Bank> {
     Bank::open(path).map_err(|e| about(path)(&e))
 }
 
-fn check_free(force: bool, files: &[Option<&Path>]) -> anyhow::Result<()> {
-    for path in files.iter().flatten() {
-        anyhow::ensure!(force || !path.exists(), "{} is there already; --force writes over it", path.display());
-    }
-    Ok(())
+fn check_all_free(force: bool, files: &[Option<&Path>]) -> anyhow::Result<()> {
+    files.iter().flatten().try_for_each(|path| check_free(path, force))
 }
 
 fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
-    check_free(args.force, &[Some(&args.output), args.save_feature_points.as_deref()])?;
+    check_all_free(args.force, &[Some(&args.output), args.save_feature_points.as_deref()])?;
     let options = BuildOptions {
         feature_points: args.feature_points.clone(),
         landmarks: args.landmarks.clone(),
@@ -188,7 +188,7 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
 }
 
 fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
-    check_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
+    check_all_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
     let embedded = args.shapes.as_os_str() == EMBEDDED && !args.shapes.is_file();
     let shapes =
         if embedded { synthesis::candide_shapes()? } else { Bank::open(&args.shapes).map_err(|e| about(&args.shapes)(&e))? };
@@ -242,7 +242,7 @@ fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
 }
 
 fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
-    check_free(args.force, &[args.picture.as_deref(), args.save_feature_points.as_deref()])?;
+    check_all_free(args.force, &[args.picture.as_deref(), args.save_feature_points.as_deref()])?;
     let bank = open(&args.bank)?;
     print_info(&bank);
     if let Some(path) = &args.picture {

@@ -7,7 +7,7 @@ use grimace::{
     output::count,
 };
 
-use super::Outcome;
+use super::{Outcome, shared::check_free};
 
 /// Write a manifest for folders of images and videos.
 #[derive(Debug, clap::Args)]
@@ -36,7 +36,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let path = manifest_path(&args.folder);
-    anyhow::ensure!(args.force || !path.exists(), "{} is there already; --force writes over it", path.display());
+    check_free(&path, args.force)?;
     let mut manifest = propose_manifest(&args.folder)?;
     if let Some(people) = &args.people {
         manifest.join_people(people)?;

@@ -16,7 +16,7 @@ use grimace::{
     output::MADE_BY,
 };
 
-use super::{Outcome, progress::frame_bar};
+use super::{Outcome, progress::frame_bar, shared::check_free};
 
 /// Learn what this program ships with, from your own data.
 #[derive(Debug, clap::Args)]
@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(args.force || !args.output.exists(), "{} is there already; --force writes over it", args.output.display());
+    check_free(&args.output, args.force)?;
     let options = LearnOptions {
         seed: args.seed,
         pictures: usize::from(args.pictures),

@@ -9,7 +9,7 @@ use grimace::{
     wireframe::{Tables, Wireframe},
 };
 
-use super::Outcome;
+use super::{Outcome, shared::check_free};
 
 /// A three-dimensional head on Candide-3's nodes from a dense face model.
 #[derive(Debug, clap::Args)]
@@ -43,7 +43,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(args.force || !args.output.exists(), "{} is there already; --force writes over it", args.output.display());
+    check_free(&args.output, args.force)?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let (head, blake3) = learn_head(&read_dense_faces(&args.folder, args.modes)?, args.modes, &wireframe, &tables)?;
     let command = format!("grimace learn head {} --modes {} -o {}", file_name(&args.folder), args.modes, file_name(&args.output));

@@ -12,7 +12,11 @@ use grimace::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Outcome, progress::frame_bar, shared::set_threads};
+use super::{
+    Outcome,
+    progress::frame_bar,
+    shared::{check_free, set_threads},
+};
 
 /// Find faces and their points.
 #[derive(Debug, clap::Args)]
@@ -73,7 +77,7 @@ struct Row<'a> {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for path in [Some(&args.output), args.overlay.as_ref()].into_iter().flatten() {
-        anyhow::ensure!(args.force || !path.exists(), "{} is there already; --force writes over it", path.display());
+        check_free(path, args.force)?;
     }
     set_threads(args.jobs)?;
     let model = match &args.model {

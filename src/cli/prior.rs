@@ -9,7 +9,7 @@ use grimace::{
     wireframe::{Tables, Wireframe},
 };
 
-use super::Outcome;
+use super::{Outcome, shared::check_free};
 
 /// Learn a shape prior for the fit.
 #[derive(Debug, clap::Args)]
@@ -48,7 +48,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(args.force || !args.output.exists(), "{} is there already; --force writes over it", args.output.display());
+    check_free(&args.output, args.force)?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let (mut faces, mut sources, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
     for path in &args.landmarks {

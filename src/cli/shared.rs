@@ -417,9 +417,14 @@ impl GeneralArgs {
     pub fn check_free(&self, path: &std::path::Path) -> anyhow::Result<()> {
         // Found out now and not after hours of work.
         target_of(path)?;
-        anyhow::ensure!(self.force || !path.exists(), "{} is there already; --force writes over it", path.display());
-        Ok(())
+        check_free(path, self.force)
     }
+}
+
+/// Refuses to write over a file unless forced.
+pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
+    anyhow::ensure!(force || !path.exists(), "{} is there already; --force writes over it", path.display());
+    Ok(())
 }
 
 /// The marks of a file; found in the frame where no file is given.

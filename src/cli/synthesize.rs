@@ -7,6 +7,7 @@ use std::{
 
 use clap::ValueEnum;
 use grimace::{
+    input::file_blake3,
     output::{MADE_BY, write_json},
     synthesis::{
         Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, MotionKind, OVERLAP,
@@ -302,13 +303,6 @@ fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<Stri
         animation.write_history(&file("history.csv"))?;
     }
     Ok(files)
-}
-
-/// BLAKE3 of a file; `None` when it cannot be read, as for the embedded bank.
-fn file_blake3(path: &Path) -> Option<String> {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(grimace::input::open_file(path).ok()?).ok()?;
-    Some(hasher.finalize().to_hex().to_string())
 }
 
 /// What an animation comes to.

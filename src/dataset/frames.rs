@@ -195,6 +195,11 @@ pub(super) fn visible(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
     Ok(entries)
 }
 
+/// Whether a path is a file with the extension of a picture ([`IMAGE_EXTENSIONS`]).
+pub fn is_picture(path: &Path) -> bool {
+    path.is_file() && has_extension(path, &IMAGE_EXTENSIONS)
+}
+
 pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     let extension = path.extension().and_then(OsStr::to_str);
     extension.is_some_and(|found| extensions.iter().any(|e| e.eq_ignore_ascii_case(found)))

@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     Dataset, DatasetError, MANIFEST_NAME, cohn_kanade,
-    frames::{IMAGE_EXTENSIONS, has_extension, is_video, visible},
+    frames::{is_picture, is_video, visible},
 };
 use crate::{
     input::CsvFile,
@@ -196,7 +196,7 @@ fn of_folders(root: &Path) -> Result<Vec<ProposedRow>, DatasetError> {
 fn look_into(folder: &Path, level: usize, found: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
     let entries = visible(folder).map_err(|reason| DatasetError::Io { path: folder.to_owned(), reason })?;
     let paths: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).collect();
-    if paths.iter().filter(|path| path.is_file() && has_extension(path, &IMAGE_EXTENSIONS)).count() >= 2 {
+    if paths.iter().filter(|path| is_picture(path)).count() >= 2 {
         found.push(folder.to_owned());
     }
     found.extend(paths.iter().filter(|path| path.is_file() && is_video(path)).cloned());

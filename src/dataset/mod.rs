@@ -20,7 +20,9 @@ pub use cohn_kanade::emotion_code;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SequenceEntry, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError};
-pub use frames::{FIRST_VIDEO_FRAME, FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, list_frames};
+pub use frames::{
+    FIRST_VIDEO_FRAME, FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, is_picture, list_frames,
+};
 pub use init::{ProposedManifest, ProposedRow, UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,

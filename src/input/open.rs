@@ -43,6 +43,13 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     bounded(file, length)
 }
 
+/// BLAKE3 of a file, in hexadecimal; `None` when it cannot be read, as for what is embedded.
+pub fn file_blake3(path: &Path) -> Option<String> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(open_file(path).ok()?).ok()?;
+    Some(hasher.finalize().to_hex().to_string())
+}
+
 /// As [`read`], and standard input for the path [`STDIN`].
 ///
 /// # Errors

@@ -13,6 +13,7 @@ use std::{
 };
 
 use super::{OutputError, write_atomic, write_hashed};
+use crate::input::file_blake3;
 
 /// The files that earlier commands and this one wrote into a folder.
 #[derive(Debug)]
@@ -81,7 +82,7 @@ impl FolderRecord {
 
     /// Whether an earlier command wrote the file `name` and nobody changed it since.
     pub fn is_unchanged(&self, name: &str) -> bool {
-        let hash = || crate::input::read(&self.folder.join(name)).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string());
+        let hash = || file_blake3(&self.folder.join(name));
         self.earlier.get(name).is_some_and(|hashes| hash().is_some_and(|hash| hashes.contains(&hash)))
     }
 

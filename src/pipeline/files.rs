@@ -1,6 +1,6 @@
 //! What a run leaves behind beside its results: provenance and failures.
 
-use std::{collections::BTreeMap, path::Path};
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
@@ -77,9 +77,4 @@ pub fn run_units() -> BTreeMap<String, String> {
     .into_iter()
     .map(|(k, v)| (k.to_owned(), v.to_owned()))
     .collect()
-}
-
-/// BLAKE3 of a file, in hexadecimal; `None` when it cannot be read.
-pub fn file_blake3(path: &Path) -> Option<String> {
-    crate::input::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string())
 }

@@ -12,7 +12,7 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use super::{RunError, RunJson, files::file_blake3};
+use super::{RunError, RunJson, file_blake3};
 use crate::{
     output::{OutputError, count, is_inside},
     track::read_track_info,

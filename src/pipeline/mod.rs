@@ -48,13 +48,14 @@ use crate::{
     wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
+pub use crate::input::file_blake3;
 pub use amplitudes::{AmplitudeResults, SequenceAmplitudes};
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
 pub use divide::{Plan, run_emotion, run_part, run_plan};
-pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord, file_blake3};
+pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
 pub use landmarks::fit_landmarks;
 pub use method::Method;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::{
-    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, may_publish},
+    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, is_picture, may_publish},
     sequence::{Frame, SequenceError, read_first_frame, read_frame},
 };
 
@@ -117,10 +117,9 @@ fn gather(folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), BatchError> {
         let item = item.map_err(failed)?;
         let kind = item.file_type().map_err(failed)?;
         let path = item.path();
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         if kind.is_dir() {
             gather(&path, files)?;
-        } else if path.is_file() && IMAGE_EXTENSIONS.contains(&extension.as_str()) {
+        } else if is_picture(&path) {
             files.push(path);
         }
     }

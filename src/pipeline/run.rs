@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use super::{
     Analysis, Failure, RunJson, SequenceFailure, SequenceRecord, Stage, Workbench,
     analysis::{AnalysisError, analyze_with},
-    files::file_blake3 as hash_of,
+    file_blake3 as hash_of,
     folder::{RUN_JSON, new_record, open},
     ledger::Ledger,
     parts::PARTS_FOLDER,

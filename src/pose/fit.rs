@@ -111,7 +111,7 @@ struct Frame {
 /// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
 /// and not the nodes say where the head is.
 ///
-/// The distance of the camera is that of [`DISTANCES`] which explains the frames best.
+/// The distance of the camera is the one of `DISTANCES` which explains the frames best.
 ///
 /// # Errors
 /// [`PoseError`] for another wireframe, too few tracked nodes, or nodes that no head explains.

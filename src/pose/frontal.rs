@@ -72,9 +72,10 @@ fn still_similarity(stable: &[usize], neutral: &TrackedFrame, frame: &TrackedFra
 /// The nodes of all frames as the same head would show them looking into the same camera: px of the size of the neutral frame, y
 /// down.
 ///
-/// Turns below [`SMALL_TURN`] cannot be told from none: a frame counts as turned by the share `t^2 / (t^2 + SMALL_TURN^2)` of its turn t
-/// against the neutral frame. A node that was tracked goes back along its line of sight to the depth of the fitted head. Nodes that were not seen (no landmark
-/// stands for them, or the head hides them) take their offset from neutral from those around them by the springs.
+/// Turns below `SMALL_TURN` cannot be told from none: a frame counts as turned by the share `t^2 / (t^2 + SMALL_TURN^2)` of its turn t
+/// against the neutral frame. A node that was tracked goes back along its line of sight to the depth of the fitted head. Nodes that
+/// were not seen (no landmark stands for them, or the head hides them) take their offset from neutral from those around them by the
+/// springs.
 ///
 /// # Errors
 /// [`SpringError`] when the springs have no equilibrium.

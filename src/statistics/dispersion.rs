@@ -2,7 +2,7 @@
 //!
 //! After trimming a model counts over the displacement fields it was kept in: its distance is the mean of `d_f` over these. As models
 //! are then averaged over different fields, this may rise when the farthest are dropped. Two forms beside it do not share that:
-//! [KP]'s eq. (8) to the letter, all N'' models over all fields around the median of what was kept, and the mean over the fields of
+//! \[KP\]'s eq. (8) to the letter, all N'' models over all fields around the median of what was kept, and the mean over the fields of
 //! each field's own median of `d_f` over the models kept in it ([`Dispersions`]).
 
 use serde::{Deserialize, Serialize};

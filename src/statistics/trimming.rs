@@ -18,7 +18,7 @@ const BLOCK: usize = 32;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrimLevel {
-    /// Displacement fields, each in its own order: the frame level of [KP].
+    /// Displacement fields, each in its own order: the frame level of \[KP\].
     #[default]
     Frame,
     /// Whole models.

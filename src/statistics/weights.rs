@@ -13,7 +13,7 @@ pub enum Weighting {
     /// Every person: each of a person's n sequences in a class counts 1 / n.
     #[default]
     Person,
-    /// Every sequence, as in [KP].
+    /// Every sequence, as in \[KP\].
     Sequence,
 }
 
