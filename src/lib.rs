@@ -120,6 +120,7 @@ pub mod pose;
 pub mod render;
 pub mod report;
 pub mod robust;
+pub mod segment;
 pub mod sequence;
 pub mod statistics;
 pub mod synthesis;

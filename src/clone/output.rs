@@ -240,6 +240,8 @@ fn track_info(
         inputs_blake3: blake3::hash(inputs.as_bytes()).to_hex().to_string(),
         csv_blake3: String::new(),
         corrections: None,
+        neutral_frame: None,
+        apex_frame: None,
         id: id.clone(),
     };
     (files.folder.join("track").join(format!("{id}.csv")), track_info)

@@ -193,8 +193,8 @@ pub enum RowError {
         /// The sequence met before.
         other: Box<SequenceId>,
     },
-    /// A frame range that is empty or a single frame.
-    #[error("first_frame is {first} and last_frame is {last}; the apex must come after the neutral frame")]
+    /// A frame range of a single frame.
+    #[error("first_frame is {first} and last_frame is {last}; neutral and apex frame must be two different ones")]
     FrameRange {
         /// Neutral frame.
         first: u32,

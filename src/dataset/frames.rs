@@ -27,10 +27,11 @@ pub struct FrameFile {
     pub path: PathBuf,
 }
 
-/// Where the frames of a sequence come from, neutral first, apex last.
+/// Where the frames of a sequence come from, neutral first, apex last, whichever of the two was recorded first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FrameSource {
-    /// Image files by ascending number, two at least. Numbers may have gaps.
+    /// Image files by ascending number, or by descending number where the apex was recorded before the neutral frame; two at least.
+    /// Numbers may have gaps.
     Images(Vec<FrameFile>),
     /// A video file; whether it has the frames shows when it is decoded.
     Video {
@@ -149,7 +150,7 @@ pub enum FramesError {
 }
 
 /// Lists the frames of a folder, or recognizes a video file; `first` and `last` are the numbers of the neutral and the apex
-/// frame, both included.
+/// frame, both included. Where `first` is the later of the two, frames go back in time.
 ///
 /// Hidden files and files that are no images are passed over. The number of an image is the last run of digits in its name
 /// before the extension; images are in the order of their numbers.
@@ -253,7 +254,11 @@ fn cut(folder: &Path, mut frames: Vec<FrameFile>, first: Option<u32>, last: Opti
             return Err(FramesError::NoSuchFrame { folder: folder(), column, number, found, first: smallest, last: largest });
         }
     }
-    frames.retain(|f| first.is_none_or(|n| f.number >= n) && last.is_none_or(|n| f.number <= n));
+    let (from, to) = (first.unwrap_or(smallest), last.unwrap_or(largest));
+    frames.retain(|f| (from.min(to)..=from.max(to)).contains(&f.number));
+    if from > to {
+        frames.reverse();
+    }
     if frames.len() < MINIMUM_FRAMES {
         return Err(FramesError::TooFew { folder: folder(), found: frames.len() });
     }
@@ -308,7 +313,7 @@ mod tests {
         assert!(error.ends_with("first_frame is 3, but the folder has 3 frames from 1 to 5 and not this one"), "{error}");
         assert!(numbers(&folder, None, Some(99)).unwrap_err().contains("last_frame is 99"));
         assert!(numbers(&folder, Some(5), None).unwrap_err().ends_with("1 frame from neutral to apex; at least 2 are needed"));
-        assert!(numbers(&folder, Some(5), Some(1)).unwrap_err().contains("0 frame"));
+        assert_eq!(numbers(&folder, Some(5), Some(1)), Ok(vec![5, 2, 1]), "the apex may come first");
     }
 
     #[test]

@@ -152,7 +152,7 @@ fn entry(
     }
     let number = |column| given(column).map(|k| row.whole_number(k)).transpose();
     let (first_frame, last_frame) = (number(columns.first_frame)?, number(columns.last_frame)?);
-    if let Some((first, last)) = first_frame.zip(last_frame).filter(|(first, last)| first >= last) {
+    if let Some((first, last)) = first_frame.zip(last_frame).filter(|(first, last)| first == last) {
         return Err(RowError::FrameRange { first, last }.into());
     }
     let fps = match given(columns.fps) {

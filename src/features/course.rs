@@ -21,14 +21,15 @@ impl Course {
         if features.len() < 2 {
             return None;
         }
-        let length = f64::from(last.frame.saturating_sub(first.frame)).max(1.0);
+        let since = |row: &FrameFeatures| f64::from(row.frame.abs_diff(first.frame));
+        let length = since(last).max(1.0);
         let (mut pose, mut units) = (Vec::new(), Vec::new());
         for point in 0..COURSE_POINTS {
-            let time = f64::from(first.frame) + length * point as f64 / (COURSE_POINTS - 1) as f64;
-            let after = features.iter().position(|f| f64::from(f.frame) >= time).unwrap_or(features.len() - 1);
+            let time = length * point as f64 / (COURSE_POINTS - 1) as f64;
+            let after = features.iter().position(|f| since(f) >= time).unwrap_or(features.len() - 1);
             let (a, b) = (&features[after.saturating_sub(1)], &features[after]);
-            let span = f64::from(b.frame) - f64::from(a.frame);
-            let share = if span > 0.0 { ((time - f64::from(a.frame)) / span).clamp(0.0, 1.0) } else { 0.0 };
+            let span = since(b) - since(a);
+            let share = if span > 0.0 { ((time - since(a)) / span).clamp(0.0, 1.0) } else { 0.0 };
             let between = |a: f64, b: f64| (a + (b - a) * share) as f32;
             pose.push(std::array::from_fn(|k| between(a.pose[k], b.pose[k])));
             let value = |f: &FrameFeatures, k: usize| f.action_units.get(k).map_or(0.0, |unit| unit.value);

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{FrameFeatures, action_units::ACTION_UNITS, openface};
+use super::{FrameFeatures, action_units::ACTION_UNITS, in_time, openface};
 use crate::{
     fap::FapCatalog,
     output::{self, OutputError, nine_digits, write_records},
@@ -32,7 +32,7 @@ pub fn features_units() -> BTreeMap<String, String> {
     .collect()
 }
 
-/// Header and rows of a feature file.
+/// Header and rows of a feature file, frames by ascending number.
 pub fn features_csv(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String>, Vec<Vec<String>>) {
     let catalog = FapCatalog::mpeg4();
     let fixed = [
@@ -62,6 +62,7 @@ pub fn features_csv(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String
     }
     let faps: Vec<_> = features.first().map(|f| f.faps.iter().map(|(fap, _)| *fap).collect()).unwrap_or_default();
     header.extend(faps.iter().map(|&fap| format!("FAP{:02}_{}", fap.get(), catalog.row(fap).name)));
+    let features = in_time(features);
     let first = features.first().map_or(0, |f| f.frame);
     let rows = features.iter().map(|f| {
         let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);

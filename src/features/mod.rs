@@ -111,7 +111,7 @@ impl FeatureMeter {
         Ok(Self { units, lips_full, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
     }
 
-    /// The values of all frames.
+    /// The values of all frames, in the order of the track.
     ///
     /// # Errors
     /// [`FeaturesError`] when the model has no FAPs.
@@ -183,7 +183,7 @@ impl FeatureMeter {
             });
             row.faps.extend(head_faps(angles));
             row.faps.sort_by_key(|(fap, _)| *fap);
-            row.reason = reason(&row);
+            row.reason = reason(&row, fit, m);
             features.push(row);
         }
         Ok(features)
@@ -206,9 +206,16 @@ fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> 
     points
 }
 
-/// The FAPs of a track as a file.
+/// The rows in time, whichever way the frames were tracked.
+fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
+    let mut rows: Vec<&FrameFeatures> = features.iter().collect();
+    rows.sort_by_key(|row| row.frame);
+    rows
+}
+
+/// The FAPs of a track as a file, frames by ascending number.
 pub fn fap_sequence(features: &[FrameFeatures], name: &str, fps: f64) -> FapSequence {
-    let frame = |row: &FrameFeatures| {
+    let frame = |row: &&FrameFeatures| {
         let mut frame = FapFrame::default();
         row.faps.iter().for_each(|&(fap, value)| frame.set_value(fap, Some(value)));
         frame
@@ -218,7 +225,7 @@ pub fn fap_sequence(features: &[FrameFeatures], name: &str, fps: f64) -> FapSequ
         name: crate::fap::name_token(name),
         // Files of the strict subset have whole frame rates.
         fps: fps.round().clamp(1.0, 1000.0),
-        frames: features.iter().map(frame).collect(),
+        frames: in_time(features).iter().map(frame).collect(),
     };
     sequence.round();
     sequence
@@ -236,6 +243,13 @@ pub fn turn_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
     })
 }
 
+/// Why a person should look at a track again in which frames have no pose; `None` where all have one.
+pub fn pose_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
+    let failed: Vec<u32> = fit.failures.iter().zip(track).filter(|(f, _)| f.is_some()).map(|(_, frame)| frame.number).collect();
+    let first = failed.iter().min()?;
+    Some(format!("no pose was found in {} of {} frames, frame {first} the first", failed.len(), track.len()))
+}
+
 /// FAPs 48 to 50 of yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.
 pub fn head_faps([yaw, pitch, roll]: [f64; 3]) -> Vec<(FapNumber, f64)> {
     let units = |degrees: f64| degrees.to_radians() / 1e-5;
@@ -250,13 +264,15 @@ fn seen_share(frame: &TrackedFrame, live: &[NodeId]) -> f64 {
     if all == 0 { 0.0 } else { seen as f64 / all as f64 }
 }
 
-fn reason(row: &FrameFeatures) -> Option<String> {
+fn reason(row: &FrameFeatures, fit: &HeadFit, m: usize) -> Option<String> {
     let [yaw, pitch, _] = row.pose;
     let turn = yaw.abs().max(pitch.abs());
-    if turn > MEASURED_TURN {
-        Some(format!("the head is turned by {turn:.0} degrees; beyond {MEASURED_TURN:.0} half of the face is hidden"))
-    } else if row.confidence <= 0.0 {
+    if row.confidence <= 0.0 {
         Some("the frame was lost".to_owned())
+    } else if let Some(failure) = fit.failures.get(m).and_then(Option::as_ref) {
+        Some(failure.to_string())
+    } else if turn > MEASURED_TURN {
+        Some(format!("the head is turned by {turn:.0} degrees; beyond {MEASURED_TURN:.0} half of the face is hidden"))
     } else {
         None
     }

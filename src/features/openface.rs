@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::FrameFeatures;
+use super::{FrameFeatures, in_time};
 use crate::{output::nine_digits, pose::HeadPose};
 
 /// Action units that the files have.
@@ -41,6 +41,7 @@ pub(super) fn table(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String
     header.extend((0..landmarks).map(|k| format!("y_{k}")));
     header.extend(UNITS.map(|n| format!("AU{n:02}_r")));
     header.extend(UNITS.map(|n| format!("AU{n:02}_c")));
+    let features = in_time(features);
     let first = features.first().map_or(0, |f| f.frame);
     let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
     let rows = features.iter().map(|f| {

@@ -80,8 +80,7 @@ impl SequenceSource {
         bench: &Workbench,
     ) -> Result<Vec<TrackedFrame>, SequenceFailure> {
         let failed = |reason: String| SequenceFailure { stage: Stage::Track, reason, fatal: false };
-        let first = corrections.keys().next().copied().unwrap_or_default();
-        let place = frames.iter().position(|f| f.number >= first).unwrap_or(frames.len()).max(1);
+        let place = frames.iter().position(|f| corrections.contains_key(&f.number)).unwrap_or(frames.len()).max(1);
         let Some(start) = frames.get(place - 1) else { return Err(failed("the track is empty".to_owned())) };
         let options = &bench.options.track;
         let neutral: Vec<_> = frames[0].nodes.iter().map(|n| n.position).collect();

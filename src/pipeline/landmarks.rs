@@ -143,6 +143,8 @@ impl LandmarkSource {
             inputs_blake3: String::new(),
             csv_blake3: String::new(),
             corrections: None,
+            neutral_frame: None,
+            apex_frame: None,
         };
         Ok((frames, info))
     }

@@ -7,7 +7,7 @@ use nalgebra::Point2;
 use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::write_fap,
-    features::{ColumnNames, FrameFeatures, fap_sequence, turn_warning, write_features},
+    features::{ColumnNames, FrameFeatures, fap_sequence, pose_warning, turn_warning, write_features},
     model::DynamicExpressionModel,
     normalize::PoseMode,
     plausible::FaceSize,
@@ -29,11 +29,12 @@ pub(super) struct Normalized {
 impl Normalized {
     /// Enters what the head's pose says of a track into its summary.
     pub fn judge(&self, summary: &mut TrackSummary, frames: &[TrackedFrame]) {
-        if let Some(warning) = self.fit.as_ref().and_then(|fit| turn_warning(fit, frames))
-            && !summary.reasons.contains(&warning)
-        {
-            summary.verdict = Verdict::LookAgain;
-            summary.reasons.push(warning);
+        let Some(fit) = &self.fit else { return };
+        for warning in [turn_warning(fit, frames), pose_warning(fit, frames)].into_iter().flatten() {
+            if !summary.reasons.contains(&warning) {
+                summary.verdict = Verdict::LookAgain;
+                summary.reasons.push(warning);
+            }
         }
     }
 }

@@ -22,8 +22,8 @@ use crate::{
     sequence::{SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
-        Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, parse_track, summarize, track_csv,
-        track_sequence, track_units, write_track,
+        Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, neutral_first, parse_track,
+        summarize, track_csv, track_sequence, track_units, write_track,
     },
     units::SequenceId,
 };
@@ -214,6 +214,8 @@ fn track_frames(
         inputs_blake3: String::new(),
         csv_blake3: String::new(),
         corrections: None,
+        neutral_frame: None,
+        apex_frame: None,
     };
     Ok((track, info))
 }
@@ -256,6 +258,7 @@ pub(super) fn track_or_reuse(
         && blake3::hash(&csv).to_hex().as_str() == info.csv_blake3
         && let Ok(frames) = parse_track(csv_path, &csv)
     {
+        let frames = neutral_first(frames, info.neutral_frame);
         let json = blake3::hash(&json).to_hex().to_string();
         let hashes = TrackHashes { csv: info.csv_blake3.clone(), json };
         return relabel(labels, RunTrack { frames, info, reused: true, hashes }, csv_path);
@@ -268,6 +271,7 @@ pub(super) fn track_or_reuse(
     let hashes = write_track(csv_path, &frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
     // What is used is what is in the file, so that a resumed run gives the same bytes.
     let frames = parse_track(csv_path, &track_csv(&frames)).map_err(SequenceFailure::at(Stage::Write))?;
+    let frames = neutral_first(frames, info.neutral_frame);
     Ok(RunTrack { frames, info, reused: false, hashes })
 }
 

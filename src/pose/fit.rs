@@ -41,6 +41,8 @@ const LOG_DISTANCE_DEVIATION: f64 = 1.0;
 const FEWEST_SEEN: usize = 6;
 /// Visibility below which a node does not serve.
 const HIDDEN: f64 = 0.05;
+/// Median distance between seen and explained nodes, over the eye distance, beyond which no head explains them.
+const UNEXPLAINED: f64 = 0.1;
 
 /// Why a track has no pose.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -85,12 +87,14 @@ pub enum PoseError {
 pub struct HeadFit {
     /// The neutral head, N nodes, model units, face axes, from the middle of the head.
     pub neutral: Vec<Vector3<f64>>,
-    /// Pose in every frame.
+    /// Pose in every frame; of a frame of [`HeadFit::failures`] the last one before it.
     pub poses: Vec<HeadPose>,
     /// The head with its expression in every frame.
     pub shapes: Vec<Vec<Vector3<f64>>>,
     /// Median distance between seen and explained nodes in every frame, px.
     pub residuals: Vec<f64>,
+    /// Why a frame has no pose; `None` for a frame that has one. The neutral frame always has.
+    pub failures: Vec<Option<PoseError>>,
     /// From every node to where its mark would be, px, frame by frame.
     pub(super) mark_shifts: Vec<Vec<Vector2<f64>>>,
 }
@@ -108,13 +112,21 @@ struct Frame {
     seen: Vec<Seen>,
 }
 
+impl Frame {
+    fn is_seen(&self) -> bool {
+        self.seen.len() >= FEWEST_SEEN
+    }
+}
+
 /// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
 /// and not the nodes say where the head is.
 ///
 /// The distance of the camera is the one of `DISTANCES` which explains the frames best.
 ///
+/// A later frame without a pose fails for itself alone: [`HeadFit::failures`] says why.
+///
 /// # Errors
-/// [`PoseError`] for another wireframe, too few tracked nodes, or nodes that no head explains.
+/// [`PoseError`] for another wireframe, and for a neutral frame with too few nodes or nodes that no head explains.
 pub fn fit_head(
     model: &HeadModel,
     tables: &Tables,
@@ -126,6 +138,9 @@ pub fn fit_head(
     let mut frames = Vec::with_capacity(track.len());
     for (frame, shifts) in track.iter().zip(&shifts) {
         frames.push(observe(model, frame, shifts)?);
+    }
+    if !frames[0].is_seen() {
+        return Err(PoseError::TooFewNodes { frame: frames[0].number, found: frames[0].seen.len() });
     }
     // A node that no later frame sees says only where the fit expects it from the front.
     let is_followed: Vec<bool> =
@@ -150,9 +165,29 @@ pub fn fit_head(
         }
     }
     match (best, failure) {
-        (Some((_, found)), _) => sequence.every_frame(found, shifts),
+        (Some((_, found)), _) => Sequence { start: found.neutral_pose, ..sequence }.every_frame(found, shifts),
         (None, error) => Err(error.unwrap_or(PoseError::NoHead { frame: neutral.number })),
     }
+}
+
+/// Pose and expression of further frames of a head that is known: `track` is the neutral frame that `known` was fitted with, and the frames.
+/// The first of them is looked for from the pose `from`.
+///
+/// # Errors
+/// [`PoseError::NodeCount`] for another wireframe.
+pub fn follow_head(
+    model: &HeadModel,
+    tables: &Tables,
+    (known, from): (&HeadFit, Option<HeadPose>),
+    track: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+) -> Result<HeadFit, PoseError> {
+    let neutral_pose = *known.poses.first().ok_or(PoseError::NoHead { frame: 0 })?;
+    let shifts = mark_shifts(model, tables, track, marks);
+    let frames: Vec<Frame> =
+        track.iter().zip(&shifts).map(|(frame, shifts)| observe(model, frame, shifts)).collect::<Result<_, _>>()?;
+    let sequence = Sequence { model, frames: &frames, own: &[], start: from.unwrap_or(neutral_pose) };
+    sequence.every_frame(Found { shape: known.neutral.clone(), neutral_pose, cost: 0.0 }, shifts)
 }
 
 /// What is known of a sequence before its head is.
@@ -160,6 +195,7 @@ struct Sequence<'a> {
     model: &'a HeadModel,
     frames: &'a [Frame],
     own: &'a [f64],
+    /// Where the head, or what is followed of it, is looked for first.
     start: HeadPose,
 }
 
@@ -183,14 +219,16 @@ impl Sequence<'_> {
         let found = solve(&model.mean, &model.identity, &seen, start).ok_or(none(first.number))?;
         let mut head = Head { coefficients: found.coefficients, own: vec![Vector3::zeros(); model.node_count()] };
         let mut neutral_pose = found.pose;
-        let chosen = spread(rest.len(), HEAD_FRAMES);
+        let usable: Vec<usize> = (0..rest.len()).filter(|&k| rest[k].is_seen()).collect();
+        let chosen: Vec<usize> = spread(usable.len(), HEAD_FRAMES).into_iter().map(|k| usable[k]).collect();
         let nothing = vec![Vector3::zeros(); model.node_count()];
         for _ in 0..TURNS {
             let shape = head.shape(model);
             let mut views = vec![View { seen: &first.seen, pose: neutral_pose, offsets: None }];
             let mut before = no_expression(model, neutral_pose);
             for &k in &chosen {
-                before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
+                let Some(solved) = solve_frame(model, &shape, &rest[k], before.clone()) else { continue };
+                before = solved;
                 let offsets = shape_with(&nothing, &model.expression, &before.coefficients);
                 views.push(View { seen: &rest[k].seen, pose: before.pose, offsets: Some(offsets) });
             }
@@ -205,7 +243,8 @@ impl Sequence<'_> {
         cost += unexplained(&shape, &neutral_pose, &first.seen);
         let mut before = no_expression(model, neutral_pose);
         for &k in &chosen {
-            before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
+            let Some(solved) = solve_frame(model, &shape, &rest[k], before.clone()) else { continue };
+            before = solved;
             let now = shape_with(&shape, &model.expression, &before.coefficients);
             cost += 0.5 * before.coefficients.norm_squared() + unexplained(&now, &before.pose, &rest[k].seen);
         }
@@ -216,21 +255,39 @@ impl Sequence<'_> {
     fn every_frame(&self, head: Found, mark_shifts: Vec<Vec<Vector2<f64>>>) -> Result<HeadFit, PoseError> {
         let Found { shape: neutral, neutral_pose, .. } = head;
         let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
+        let unexplained = |residual: f64, pose: &HeadPose| residual > UNEXPLAINED * HEAD_ES * pose.scale;
+        let left = residual(&neutral, &neutral_pose, &first.seen);
+        if unexplained(left, &neutral_pose) {
+            return Err(PoseError::NoHead { frame: first.number });
+        }
         let mut fit = HeadFit {
-            residuals: vec![residual(&neutral, &neutral_pose, &first.seen)],
+            residuals: vec![left],
             poses: vec![neutral_pose],
             shapes: vec![neutral.clone()],
+            failures: vec![None],
             neutral,
             mark_shifts,
         };
-        let mut before = no_expression(self.model, neutral_pose);
+        let mut before = no_expression(self.model, self.start);
         for frame in rest {
-            let none = PoseError::NoHead { frame: frame.number };
-            before = solve_frame(self.model, &fit.neutral, frame, before).ok_or(none)?;
-            let shape = shape_with(&fit.neutral, &self.model.expression, &before.coefficients);
-            fit.residuals.push(residual(&shape, &before.pose, &frame.seen));
-            fit.poses.push(before.pose);
-            fit.shapes.push(shape);
+            let solved = solve_frame(self.model, &fit.neutral, frame, before.clone());
+            let failure = match (&solved, frame.is_seen()) {
+                (_, false) => Some(PoseError::TooFewNodes { frame: frame.number, found: frame.seen.len() }),
+                (None, true) => Some(PoseError::NoHead { frame: frame.number }),
+                (Some(_), true) => None,
+            };
+            let now = solved.unwrap_or_else(|| before.clone());
+            let shape = shape_with(&fit.neutral, &self.model.expression, &now.coefficients);
+            let left = residual(&shape, &now.pose, &frame.seen);
+            let failure = failure.or_else(|| unexplained(left, &now.pose).then_some(PoseError::NoHead { frame: frame.number }));
+            // A frame that is not explained says nothing of the next one either.
+            if failure.is_none() {
+                before = now.clone();
+            }
+            fit.residuals.push(left);
+            fit.poses.push(if failure.is_none() { now.pose } else { before.pose });
+            fit.shapes.push(if failure.is_none() { shape } else { fit.neutral.clone() });
+            fit.failures.push(failure);
         }
         Ok(fit)
     }
@@ -314,9 +371,6 @@ fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2<f64>]) -> 
         if !iris(k) {
             seen.push(Seen { node: k, at: tracked.position + shifts[k], deviation });
         }
-    }
-    if seen.len() < FEWEST_SEEN {
-        return Err(PoseError::TooFewNodes { frame: frame.number, found: seen.len() });
     }
     Ok(Frame { number: frame.number, seen })
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use super::{HeadFit, HeadModel, PoseError, fit_head, frontalized};
+use super::{HeadFit, HeadModel, HeadPose, PoseError, fit_head, follow_head, frontalized};
 use crate::{
     fit::Springs,
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -40,6 +40,20 @@ impl HeadFitter {
     /// [`PoseError`].
     pub fn fit(&self, tables: &Tables, track: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)]) -> Result<HeadFit, PoseError> {
         fit_head(&self.model, tables, track, marks)
+    }
+
+    /// Pose and expression of further frames of a known head: [`follow_head`].
+    ///
+    /// # Errors
+    /// [`PoseError`].
+    pub fn follow(
+        &self,
+        tables: &Tables,
+        known: (&HeadFit, Option<HeadPose>),
+        track: &[TrackedFrame],
+        marks: &[(NodeId, Point2<f64>)],
+    ) -> Result<HeadFit, PoseError> {
+        follow_head(&self.model, tables, known, track, marks)
     }
 
     /// The track as the head would show it looking into the camera all the time, px.

@@ -25,7 +25,7 @@ mod solve;
 
 pub use camera::{CAMERA_DISTANCE, HEAD_ES, HeadPose};
 pub use file::{HEAD_SCHEMA, HeadFileError, HeadOrigin, write_head};
-pub use fit::{HeadFit, PoseError, fit_head};
+pub use fit::{HeadFit, PoseError, fit_head, follow_head};
 pub use fitter::HeadFitter;
 pub use frontal::{frontalized, visibility};
 pub use head::{HeadModel, NamedOffsets};

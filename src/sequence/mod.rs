@@ -3,6 +3,7 @@
 //! A picture is refused by its header when it is too large ([`max_pixels`]), and when its data end early: nothing is made up for what a
 //! file lacks. Image files are decoded here, videos by the program `grimace-opencv`.
 
+mod backward;
 mod colour;
 mod content;
 mod decode;
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use image::GrayImage;
 
-use self::content::ContentHasher;
+use self::{backward::BackwardVideo, content::ContentHasher};
 use crate::{
     companion::CompanionError,
     dataset::{FrameFile, FrameSource},
@@ -152,6 +153,7 @@ pub struct SequenceReader {
 enum Source {
     Images { files: std::vec::IntoIter<FrameFile>, decoder: GrayDecoder },
     Video(Box<video::VideoReader>),
+    Backward(Box<BackwardVideo>),
 }
 
 impl SequenceReader {
@@ -167,6 +169,9 @@ impl SequenceReader {
                 }
                 Source::Images { files: files.clone().into_iter(), decoder: GrayDecoder::default() }
             }
+            FrameSource::Video { path, first: Some(first), last: Some(last) } if first > last => {
+                Source::Backward(Box::new(BackwardVideo::open(path, *first, *last)?))
+            }
             FrameSource::Video { path, first, last } => Source::Video(Box::new(video::VideoReader::open(path, *first, *last)?)),
         };
         Ok(Self { source, size: None, content: ContentHasher::default() })
@@ -177,6 +182,7 @@ impl SequenceReader {
         match &self.source {
             Source::Images { .. } => None,
             Source::Video(video) => video.fps(),
+            Source::Backward(video) => video.fps(),
         }
     }
 
@@ -194,6 +200,7 @@ impl SequenceReader {
                 Ok(self.content.finish())
             }
             Source::Video(video) => video.content_blake3(),
+            Source::Backward(video) => video.content_blake3(),
         }
     }
 
@@ -209,6 +216,10 @@ impl SequenceReader {
                 })
             }
             Source::Video(video) => {
+                let frame = video.next_frame()?;
+                Some(frame.map(|(number, image)| (Frame { number, image }, video.path().to_owned())))
+            }
+            Source::Backward(video) => {
                 let frame = video.next_frame()?;
                 Some(frame.map(|(number, image)| (Frame { number, image }, video.path().to_owned())))
             }
@@ -243,10 +254,15 @@ pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
     Ok(Frame { number: 0, image })
 }
 
-/// The first frame of a sequence.
+/// The first frame of a sequence: its neutral one.
 ///
 /// # Errors
 /// [`SequenceError`] when it does not read.
 pub fn read_first_frame(source: &FrameSource) -> Result<Frame, SequenceError> {
-    SequenceReader::open(source)?.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }))
+    let source = match source {
+        // Nothing behind it is wanted, and in a video nothing before it is.
+        FrameSource::Video { path, first, .. } => FrameSource::Video { path: path.clone(), first: *first, last: None },
+        images @ FrameSource::Images(_) => images.clone(),
+    };
+    SequenceReader::open(&source)?.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }))
 }

@@ -61,6 +61,12 @@ pub struct TrackInfo {
     pub inputs_blake3: String,
     /// BLAKE3 of the `.csv` file.
     pub csv_blake3: String,
+    /// Number of the neutral frame; not in tracks of versions that always began with it.
+    #[serde(default)]
+    pub neutral_frame: Option<u32>,
+    /// Number of the apex frame; not in tracks of versions that always ended with it.
+    #[serde(default)]
+    pub apex_frame: Option<u32>,
     /// Corrections by hand that it was made with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<TrackCorrections>,
@@ -167,11 +173,13 @@ pub enum TrackFileError {
     },
 }
 
-/// The bytes of a track's `.csv`.
+/// The bytes of a track's `.csv`: its frames by ascending number.
 pub fn track_csv(frames: &[TrackedFrame]) -> Vec<u8> {
+    let mut ascending: Vec<&TrackedFrame> = frames.iter().collect();
+    ascending.sort_by_key(|frame| frame.number);
     let mut out = Vec::with_capacity(frames.len() * 113 * 48);
     out.extend_from_slice(b"frame,node,x,y,state,residual,expected_error\n");
-    for frame in frames {
+    for frame in ascending {
         for (k, node) in frame.nodes.iter().enumerate() {
             let (x, y) = (nine_digits(node.position.x), nine_digits(node.position.y));
             let residual = node.residual.map(nine_digits).unwrap_or_default();
@@ -193,13 +201,16 @@ pub struct TrackHashes {
     pub json: String,
 }
 
-/// Writes `STEM.csv` and `STEM.json` into a folder; the JSON last, so that its presence means a whole track.
+/// Writes `STEM.csv` and `STEM.json` into a folder; the JSON last, so that its presence means a whole track. The first of `frames` is the
+/// neutral one, the last the apex, unless `info` says otherwise.
 ///
 /// # Errors
 /// [`OutputError`].
 pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInfo) -> Result<TrackHashes, OutputError> {
     let csv = output::write_hashed(csv_path, |out| out.write_all(&track_csv(frames)))?.to_hex().to_string();
     info.csv_blake3.clone_from(&csv);
+    info.neutral_frame = info.neutral_frame.or(frames.first().map(|f| f.number));
+    info.apex_frame = info.apex_frame.or(frames.last().map(|f| f.number));
     let json = output::write_hashed(&csv_path.with_extension("json"), |out| output::json_into(out, info))?;
     Ok(TrackHashes { csv, json: json.to_hex().to_string() })
 }
@@ -218,17 +229,38 @@ pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileEr
     serde_json::from_slice(&bytes).map(Some).map_err(|source| TrackFileError::Json { path, source })
 }
 
-/// Reads a track's `.csv`. Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error`
+/// The number of the neutral frame that stands in the `.json` beside a track; what else stands there does not matter.
+fn neutral_beside(csv_path: &Path) -> Option<u32> {
+    #[derive(Deserialize)]
+    struct Neutral {
+        neutral_frame: Option<u32>,
+    }
+    let bytes = crate::input::read(&csv_path.with_extension("json")).ok()?;
+    serde_json::from_slice::<Neutral>(&bytes).ok()?.neutral_frame
+}
+
+/// Ascending frames in the order in which they are tracked: the neutral frame, those after it, then those before it, back in time. Without
+/// such a frame they stay as they are.
+pub fn neutral_first(mut frames: Vec<TrackedFrame>, neutral: Option<u32>) -> Vec<TrackedFrame> {
+    let place = neutral.and_then(|number| frames.iter().position(|f| f.number == number));
+    if let Some(place) = place {
+        frames[..place].reverse();
+        frames.rotate_left(place);
+    }
+    frames
+}
+
+/// Reads a track's `.csv`, the neutral frame first, which the `.json` beside it names, else the first one ([`neutral_first`]). Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error`
 /// may be missing.
 ///
 /// # Errors
 /// [`TrackFileError`] with the line.
 pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     let bytes = crate::input::read(path).map_err(|source| TrackFileError::Io { path: path.to_owned(), source })?;
-    parse_track(path, &bytes)
+    Ok(neutral_first(parse_track(path, &bytes)?, neutral_beside(path)))
 }
 
-/// [`read_track`] of bytes at hand; `path` is only named in errors.
+/// [`read_track`] of bytes at hand, frames ascending; `path` is only named in errors.
 ///
 /// # Errors
 /// As [`read_track`].
@@ -349,6 +381,23 @@ mod tests {
         let back = read(&text).unwrap();
         assert_eq!(back[1].nodes[1], frames()[1].nodes[1]);
         assert!((back[1].nodes[0].position.x - 1.0 / 3.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn frames_are_in_the_order_in_which_they_were_tracked() {
+        let numbers = |neutral| {
+            let frames = [1, 2, 5, 7].map(|number| TrackedFrame { number, nodes: Vec::new() });
+            neutral_first(frames.to_vec(), neutral).iter().map(|f| f.number).collect::<Vec<_>>()
+        };
+        assert_eq!(numbers(None), [1, 2, 5, 7]);
+        assert_eq!(numbers(Some(1)), [1, 2, 5, 7]);
+        assert_eq!(numbers(Some(7)), [7, 5, 2, 1]);
+        assert_eq!(numbers(Some(5)), [5, 7, 2, 1]);
+        assert_eq!(numbers(Some(6)), [1, 2, 5, 7]);
+        // What is written ascends.
+        let mut back = frames();
+        back.reverse();
+        assert_eq!(track_csv(&back), track_csv(&frames()));
     }
 
     #[test]

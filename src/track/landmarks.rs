@@ -88,7 +88,7 @@ impl LandmarkPlan {
     ///
     /// # Errors
     /// [`TrackError::TooFewFrames`], or [`TrackError::Landmarks`] when the neutral or the apex frame has no landmarks or those of
-    /// the head coincide.
+    /// the head coincide. Such a frame between them counts as lost.
     pub fn track(
         &self,
         wireframe: &Wireframe,
@@ -110,7 +110,15 @@ impl LandmarkPlan {
                 continue;
             };
             let placed = self.place(wireframe, fitted.model.nodes(), neutral, points);
-            let placed = placed.map_err(|reason| TrackError::Landmarks { frame: frame.number, reason })?;
+            let placed = match placed {
+                Ok(placed) => placed,
+                // Only what the sequence is measured between must be there.
+                Err(_) if Some(frame.number) != frames.last().map(|f| f.number) => {
+                    waiting.push(frame.number);
+                    continue;
+                }
+                Err(reason) => return Err(TrackError::Landmarks { frame: frame.number, reason }),
+            };
             let nodes = self.with_states(wireframe, &placed);
             if let Some(before) = track.last().filter(|_| !waiting.is_empty()).cloned() {
                 let after = TrackedFrame { number: frame.number, nodes: nodes.clone() };

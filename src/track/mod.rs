@@ -37,8 +37,8 @@ pub use corrections::{
     write_corrections,
 };
 pub use file::{
-    TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, parse_track, read_track, read_track_info, track_csv, track_units,
-    write_track,
+    TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, read_track, read_track_info, track_csv,
+    track_units, write_track,
 };
 #[cfg(feature = "annotate")]
 pub(crate) use klt::smoothed;
@@ -279,6 +279,24 @@ pub trait PointTracker {
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError>;
 }
 
+impl<T: PointTracker + ?Sized> PointTracker for &mut T {
+    fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
+        (**self).advance(frame)
+    }
+
+    fn gradients(&self, slot: Slot, window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
+        (**self).gradients(slot, window_px, points)
+    }
+
+    fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
+        (**self).patch(slot, points, margin, smoothing)
+    }
+
+    fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+        (**self).find(from, to, window_px, levels, probes)
+    }
+}
+
 impl<T: PointTracker + ?Sized> PointTracker for Box<T> {
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
         (**self).advance(frame)
@@ -347,37 +365,86 @@ pub fn track_with(
     options: &TrackOptions,
     mut tick: impl FnMut(u32) -> bool,
 ) -> Result<Track, TrackError> {
-    let eye_distance = eye_distance_px(&plan.tables, fitted.model.nodes()).unwrap_or(100.0);
-    let window = window_px(&plan.tables, fitted.model.nodes(), options);
     let mut out: Vec<TrackedFrame> = Vec::new();
-    let (mut size, mut template) = (None, None);
+    let mut running: Option<FrameTracker<'_, _>> = None;
+    let mut tracker = Some(tracker);
     for frame in frames {
         let frame = frame?;
-        size.get_or_insert(frame.size());
-        tracker.advance(&frame)?;
-        let nodes = match out.last() {
-            None => {
-                let nodes = fitted.model.nodes();
-                template = plan.template(wireframe, tracker, nodes, (window, eye_distance), &options.align)?;
-                neutral_nodes(wireframe, fitted)
+        match (&mut running, tracker.take()) {
+            (Some(running), _) => out.push(running.step(&frame)?.clone()),
+            (None, Some(tracker)) => {
+                let started = FrameTracker::start(tracker, wireframe, plan, fitted, &frame, options)?;
+                out.push(started.last().clone());
+                running = Some(started);
             }
-            Some(previous) => {
-                let (size, number, template) = (frame.size(), frame.number(), template.as_mut());
-                let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
-                step.run(tracker, previous)?
-            }
-        };
-        out.push(TrackedFrame { number: frame.number(), nodes });
+            (None, None) => {}
+        }
         if !tick(frame.number()) {
             return Err(TrackError::Interrupted);
         }
     }
-    match size {
+    match running.map(|running| running.size) {
         Some(size) if out.len() >= 2 => {
             expect_errors(&mut out, wireframe, &plan.tables, Confidence::shipped());
             Ok(Track { size, frames: out })
         }
         _ => Err(TrackError::TooFewFrames { found: out.len() }),
+    }
+}
+
+/// Tracks frame after frame and holds no more than the last one; whatever was tracked is the caller's to keep. Expected errors are left out:
+/// they depend on the whole track ([`expect_errors`]).
+pub struct FrameTracker<'a, T> {
+    tracker: T,
+    wireframe: &'a Wireframe,
+    plan: &'a TrackPlan,
+    options: &'a TrackOptions,
+    template: Option<align::Template>,
+    window: u32,
+    eye_distance: f64,
+    size: ImageSize,
+    last: TrackedFrame,
+}
+
+impl<'a, T: PointTracker> FrameTracker<'a, T> {
+    /// Starts with the frame that the wireframe was fitted to.
+    ///
+    /// # Errors
+    /// [`TrackError`] when the tracker cannot take the frame.
+    pub fn start(
+        mut tracker: T,
+        wireframe: &'a Wireframe,
+        plan: &'a TrackPlan,
+        fitted: &FittedWireframe,
+        frame: &Frame,
+        options: &'a TrackOptions,
+    ) -> Result<Self, TrackError> {
+        let nodes = fitted.model.nodes();
+        let eye_distance = eye_distance_px(&plan.tables, nodes).unwrap_or(100.0);
+        let window = window_px(&plan.tables, nodes, options);
+        tracker.advance(frame)?;
+        let template = plan.template(wireframe, &tracker, nodes, (window, eye_distance), &options.align)?;
+        let last = TrackedFrame { number: frame.number(), nodes: neutral_nodes(wireframe, fitted) };
+        Ok(Self { tracker, wireframe, plan, options, template, window, eye_distance, size: frame.size(), last })
+    }
+
+    /// The frame tracked last.
+    pub fn last(&self) -> &TrackedFrame {
+        &self.last
+    }
+
+    /// Tracks the next frame, whichever way in time.
+    ///
+    /// # Errors
+    /// [`TrackError`] for a lost face.
+    pub fn step(&mut self, frame: &Frame) -> Result<&TrackedFrame, TrackError> {
+        self.tracker.advance(frame)?;
+        let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
+        let (size, number, template) = (frame.size(), frame.number(), self.template.as_mut());
+        let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
+        let nodes = step.run(&mut self.tracker, &self.last)?;
+        self.last = TrackedFrame { number, nodes };
+        Ok(&self.last)
     }
 }
 

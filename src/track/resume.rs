@@ -5,7 +5,7 @@
 //! the frame before it, re-deformed by the springs: corrected nodes are where they were set, nodes that KLT tracked are held where it
 //! found them, nodes that were lost follow.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point2;
 
@@ -96,19 +96,21 @@ pub fn resume_with(
     let mut previous = first.ok_or(TrackError::TooFewFrames { found: track.len() })?.clone();
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut template = None;
+    // Frames by number may ascend or descend: what counts is their order in the track.
+    let passed: BTreeSet<u32> = track.iter().map(|f| f.number).take_while(|&n| n != start).chain([start]).collect();
     for (index, frame) in frames.into_iter().enumerate() {
         let frame = frame?;
         let number = frame.number();
-        if index == 0 || number >= start {
+        if index == 0 || number == start || !passed.contains(&number) {
             tracker.advance(&frame)?;
         }
         if index == 0 {
             template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
             // What was corrected looks unlike the neutral frame: from there on it is followed, not drawn back.
-            let corrected = corrections.range(..=start).flat_map(|(_, nodes)| nodes.keys());
+            let corrected = corrections.iter().filter(|(number, _)| passed.contains(number)).flat_map(|(_, nodes)| nodes.keys());
             corrected.for_each(|node| release(template.as_mut(), wireframe, *node));
         }
-        if number <= start {
+        if passed.contains(&number) {
             continue;
         }
         let (size, template_now) = (frame.size(), template.as_mut());

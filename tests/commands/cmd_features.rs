@@ -131,3 +131,61 @@ fn what_is_no_track_or_no_face_is_refused_by_name() {
     work.write("heads/A.csv", "frame,confidence,success,AU12_r\n1,0.9,1,0.5\n2,0.9,1,2.5\n");
     work.grimace("run heads -o out").exit(1).says(&["A.csv"]);
 }
+
+/// A table of landmarks with one frame replaced.
+fn with_frame(table: &str, frame: usize, points: impl Fn(usize, f64, f64) -> (f64, f64)) -> String {
+    let mut lines: Vec<String> = table.lines().map(str::to_owned).collect();
+    let numbers: Vec<f64> = lines[frame].split(',').skip(1).map(|n| n.parse().unwrap()).collect();
+    let changed = (0..68).map(|k| points(k, numbers[2 * k], numbers[2 * k + 1]));
+    lines[frame] = changed.fold(frame.to_string(), |line, (x, y)| format!("{line},{x:.4},{y:.4}"));
+    lines.join("\n") + "\n"
+}
+
+#[test]
+fn a_frame_without_a_pose_costs_that_frame() {
+    let work = Work::new();
+    dataset(&work, &[("lost", 8.0, 0.8), ("same", 8.0, 0.8), ("wild", 8.0, 0.8)]);
+    let table = work.read("heads/lost.csv");
+    // Frames 1, 2 and 4: the third is missing.
+    let lines: Vec<&str> = table.lines().collect();
+    work.write("heads/lost.csv", [lines[0], lines[1], lines[2], &lines[3].replacen('3', "4", 1)].join("\n") + "\n");
+    // All landmarks in one place, and the landmarks of one side of the face on the other, upside down.
+    work.write("heads/same.csv", with_frame(&table, 2, |_, _, _| (320.0, 240.0)));
+    work.write("heads/wild.csv", with_frame(&table, 2, |k, x, y| if k % 2 == 0 { (640.0 - x, 480.0 - y) } else { (y, x) }));
+    work.grimace("run heads -o out").exit(0);
+    for (subject, reason) in [("lost", "the frame was lost"), ("same", "the frame was lost"), ("wild", "no pose of a head")] {
+        let rows = work.rows(&format!("out/features/{subject}_1.csv"));
+        let (bad, last) = (rows.len() - 2, rows.len() - 1);
+        let expected: Vec<&str> = (0..rows.len()).map(|k| if k == bad { "0" } else { "1" }).collect();
+        assert_eq!(rows.iter().map(|r| r["success"].as_str()).collect::<Vec<_>>(), expected, "{subject}");
+        assert!(rows[bad]["reason"].contains(reason), "{subject}: {}", rows[bad]["reason"]);
+        assert!((number(&rows[last], "pose_yaw") - 8.0).abs() < 1.0, "{subject}: {:?}", rows[last]);
+    }
+    let verdicts = work.rows("out/verdicts.csv");
+    for verdict in &verdicts {
+        let said = if verdict["subject"] == "lost" {
+            "in 1 of 4 frames, frame 3 the first"
+        } else {
+            "in 1 of 3 frames, frame 2 the first"
+        };
+        assert!(verdict["reasons"].contains(&format!("no pose was found {said}")), "{verdict:?}");
+    }
+}
+
+#[test]
+fn marks_that_fit_no_head_are_an_error() {
+    let work = Work::new();
+    dataset(&work, &[("A", 8.0, 0.8), ("B", 8.0, 0.8)]);
+    // A neutral face whose every second landmark lies in a ring about it.
+    let table = work.read("heads/A.csv");
+    let ring = |k: usize, x: f64, y: f64| {
+        let turn = k as f64 * 2.4;
+        if k % 3 == 0 { (x, y) } else { (320.0 + 140.0 * turn.cos(), 240.0 + 140.0 * turn.sin()) }
+    };
+    work.write("heads/A.csv", with_frame(&table, 1, ring));
+    work.grimace("run heads -o out").exit(3);
+    let failure = &work.rows("out/failures.csv")[0];
+    assert_eq!(failure["subject"], "A");
+    assert!(failure["reason"].contains("frame 1") || failure["stage"] == "fit", "{failure:?}");
+    assert!(failure["reason"].len() > 20, "{failure:?}");
+}

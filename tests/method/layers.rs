@@ -24,7 +24,7 @@ const LAYERS: [(&str, &[&str]); 5] = [
         ],
     ),
     ("sources", &["dataset", "sequence"]),
-    ("method", &["locate", "fit", "track", "normalize", "plausible", "statistics", "fap", "pose", "features"]),
+    ("method", &["locate", "fit", "track", "normalize", "plausible", "statistics", "fap", "pose", "features", "segment"]),
     ("making", &["overlay", "warp", "mesh", "render", "synthesis", "clone", "player"]),
     ("tool", &["columnar", "report", "pipeline", "annotate", "cli", "fuzzing"]),
 ];

@@ -16,7 +16,7 @@ pub struct LandmarkFrame {
 /// Landmarks from the neutral to the apex frame: at least two frames, the first and the last with landmarks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LandmarkSequence {
-    /// Frames in order, at equal distances of their numbers.
+    /// Frames from neutral to apex, at equal distances of their numbers; descending where the apex was recorded first.
     pub frames: Vec<LandmarkFrame>,
 }
 
@@ -53,6 +53,8 @@ impl LandmarkTrack {
         };
         let first = end(first, numbers.first(), "neutral", "first_frame")?;
         let last = end(last, numbers.last(), "apex", "last_frame")?;
+        let is_backward = first > last;
+        let (first, last) = (first.min(last), first.max(last));
         numbers.retain(|number| (first..=last).contains(number));
         if numbers.len() < 2 {
             return Err(LandmarksError::TooFew { path: path(), found: numbers.len() });
@@ -65,6 +67,10 @@ impl LandmarkTrack {
         }
         let number = |m: u64| u32::try_from(u64::from(first) + m * step).unwrap_or(last);
         let frame = |number| LandmarkFrame { number, points: self.frames.get(&number).cloned() };
-        Ok(LandmarkSequence { frames: (0..count).map(number).map(frame).collect() })
+        let mut frames: Vec<LandmarkFrame> = (0..count).map(number).map(frame).collect();
+        if is_backward {
+            frames.reverse();
+        }
+        Ok(LandmarkSequence { frames })
     }
 }

@@ -1,0 +1,39 @@
+//! The rest: what a person comes back to most.
+
+/// Distance within which two frames are alike: the norm of differences of intensities, 0 to 5 each.
+const ALIKE: f32 = 1.5;
+/// Most frames that are compared with each other, evenly spread.
+const COMPARED: usize = 600;
+
+/// Place of the vector with most others about it, by a Gaussian kernel of standard deviation `radius`; the first of equals, `None` of none.
+pub fn densest(vectors: &[&[f32]], radius: f32) -> Option<usize> {
+    let square = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f32>();
+    let density = |a: &&[f32]| vectors.iter().map(|b| f64::from(-0.5 * square(a, b) / (radius * radius)).exp()).sum::<f64>();
+    let densities: Vec<f64> = vectors.iter().map(density).collect();
+    (0..vectors.len()).max_by(|&a, &b| densities[a].total_cmp(&densities[b]).then(b.cmp(&a)))
+}
+
+/// The frame that is most at rest among those that may be, and all that are alike to it.
+pub(super) fn rest(vectors: &[Vec<f32>], may_rest: impl Fn(usize) -> bool) -> Option<(usize, Vec<usize>)> {
+    let usable: Vec<usize> = (0..vectors.len()).filter(|&t| may_rest(t)).collect();
+    let step = usable.len().div_ceil(COMPARED).max(1);
+    let compared: Vec<usize> = usable.iter().copied().step_by(step).collect();
+    let chosen: Vec<&[f32]> = compared.iter().map(|&t| vectors[t].as_slice()).collect();
+    let rest = *compared.get(densest(&chosen, ALIKE)?)?;
+    let distance = |t: usize| vectors[t].iter().zip(&vectors[rest]).map(|(x, y)| (x - y) * (x - y)).sum::<f32>().sqrt();
+    let near = usable.into_iter().filter(|&t| distance(t) <= ALIKE).collect();
+    Some((rest, near))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_densest_place_wins_and_ties_go_to_the_first() {
+        let vectors: [&[f32]; 5] = [&[9.0], &[0.0], &[0.2], &[0.1], &[5.0]];
+        assert_eq!(densest(&vectors, 1.0), Some(3));
+        assert_eq!(densest(&[&[0.0], &[9.0]], 1.0), Some(0));
+        assert_eq!(densest(&[], 1.0), None);
+    }
+}
