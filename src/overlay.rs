@@ -54,18 +54,7 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     let scale = f64::from(factor);
     let at = |p: &Point2<f64>| (((p.x + 0.5) * scale) as f32, ((p.y + 0.5) * scale) as f32);
     let width = 0.9 * factor as f32;
-
-    if let Some(path) = springs(wireframe, nodes, at) {
-        stroke(&mut canvas, &path, [10, 20, 30, 90], width * 1.9);
-        stroke(&mut canvas, &path, [235, 245, 255, 150], width * 0.8);
-    }
-    for &node in wireframe.live_nodes() {
-        if let Some(node) = nodes.get(node.index()) {
-            let (x, y) = at(&node.position);
-            dot(&mut canvas, x, y, width * 2.1, [10, 20, 30]);
-            dot(&mut canvas, x, y, width * 1.6, colour(node.state));
-        }
-    }
+    draw_nodes(&mut canvas, wireframe, nodes, at, width);
     for mark in marks {
         let (x, y) = at(mark);
         if let Some(ring) = PathBuilder::from_circle(x, y, width * 4.2) {
@@ -75,6 +64,38 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     }
     let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default()
+}
+
+/// The wireframe of [`draw_overlay`] on a picture in colour, at the picture's own size.
+pub fn draw_on_colour(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode]) -> RgbImage {
+    let Some(mut canvas) = Pixmap::new(picture.width(), picture.height()) else { return picture.clone() };
+    for (pixel, rgb) in canvas.data_mut().chunks_exact_mut(4).zip(picture.pixels()) {
+        pixel.copy_from_slice(&[rgb[0], rgb[1], rgb[2], 255]);
+    }
+    draw_nodes(&mut canvas, wireframe, nodes, |p| ((p.x + 0.5) as f32, (p.y + 0.5) as f32), 0.9);
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    RgbImage::from_raw(picture.width(), picture.height(), rgb).unwrap_or_default()
+}
+
+/// Springs as lines and live nodes as dots in the colour of their state.
+fn draw_nodes(
+    canvas: &mut Pixmap,
+    wireframe: &Wireframe,
+    nodes: &[TrackedNode],
+    at: impl Fn(&Point2<f64>) -> (f32, f32),
+    width: f32,
+) {
+    if let Some(path) = springs(wireframe, nodes, &at) {
+        stroke(canvas, &path, [10, 20, 30, 90], width * 1.9);
+        stroke(canvas, &path, [235, 245, 255, 150], width * 0.8);
+    }
+    for &node in wireframe.live_nodes() {
+        if let Some(node) = nodes.get(node.index()) {
+            let (x, y) = at(&node.position);
+            dot(canvas, x, y, width * 2.1, [10, 20, 30]);
+            dot(canvas, x, y, width * 1.6, colour(node.state));
+        }
+    }
 }
 
 /// Length of the axes of a head, model units: a little more than the eye distance.

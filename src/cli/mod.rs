@@ -28,6 +28,7 @@ mod prior;
 pub mod progress;
 mod recognize;
 mod run;
+mod segment;
 pub mod shared;
 mod synthesize;
 mod track;
@@ -79,6 +80,8 @@ enum Command {
     Fap(fap::Args),
     /// A row for every frame of tracks: pose, FAPs, action units.
     Features(features::Args),
+    /// Find expressions in whole recordings, and propose sequences from neutral to apex.
+    Segment(segment::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
     /// Find faces and their points.
@@ -152,6 +155,7 @@ pub fn main() -> ExitCode {
         Command::Init(args) => init::run(&args),
         Command::Annotate(args) => annotate::run(&args),
         Command::Features(args) => features::run(&args),
+        Command::Segment(args) => segment::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Analyze(args) => analyze::run(&args),

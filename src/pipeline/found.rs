@@ -6,7 +6,7 @@ use super::Workbench;
 use crate::{
     fit::{Correspondence, validate_correspondences},
     locate::{LocateOptions, LocatedFace, Locator, ModelError, TRUSTED},
-    sequence::{Frame, SequenceError},
+    sequence::{Frame, ImageSize, SequenceError},
     units::NodeId,
 };
 
@@ -75,11 +75,16 @@ pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
 /// # Errors
 /// [`FoundMarksError`] where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
 pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondence>, FoundMarksError> {
-    let FoundFace { marks: all, expected_error, trusted, .. } = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
-    if !trusted {
-        return Err(FoundMarksError::NotTrusted { percent: 100.0 * expected_error });
+    let face = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
+    if !face.trusted {
+        return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error });
     }
-    let size = frame.size();
+    Ok(fitting_marks(&face, frame.size(), bench))
+}
+
+/// So many of the marks of a face as make a fit; all of them where none do, so that the fit says why.
+pub(super) fn fitting_marks(face: &FoundFace, size: ImageSize, bench: &Workbench) -> Vec<Correspondence> {
+    let all = &face.marks;
     let only = |nodes: &[u16]| -> Vec<Correspondence> {
         let nodes: BTreeSet<NodeId> = nodes.iter().map(|&n| NodeId(n)).collect();
         all.iter().filter(|m| nodes.contains(&m.node)).copied().collect()
@@ -88,12 +93,10 @@ pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondenc
         validate_correspondences(marks, size.width, size.height).is_ok() && bench.fitter.fit(&bench.wireframe, marks).is_ok()
     };
     let tried = [only(&FEWER), only(&FEWEST)];
-    if fits(&all) {
-        return Ok(all);
+    if fits(all) {
+        return all.clone();
     }
-    let chosen = tried.iter().find(|marks| fits(marks)).cloned();
-    // Where none fits, the fit itself says why.
-    Ok(chosen.unwrap_or(all))
+    tried.iter().find(|marks| fits(marks)).unwrap_or(all).clone()
 }
 
 fn marks_of(face: &LocatedFace, inside: impl Fn(&nalgebra::Point2<f64>) -> bool) -> Vec<Correspondence> {

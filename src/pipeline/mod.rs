@@ -19,6 +19,7 @@ mod model_file;
 mod parts;
 mod pictures;
 mod recognition;
+mod recording;
 mod run;
 mod sequence;
 mod showcase;
@@ -63,6 +64,11 @@ pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
 pub use recognition::{
     NONE_LEVEL, NONE_OF_THESE, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition,
+};
+pub use recording::{
+    ManifestColumns, Recording, RecordingError, RecordingFiles, RecordingFrame, RecordingStep, SEGMENT_COLUMNS, Segment,
+    SegmentRow, SegmentedRecording, Tick, recording_inputs_blake3, reuse_recording, segment_recording, segments_folder,
+    write_recording, write_recording_film, write_segments,
 };
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one};

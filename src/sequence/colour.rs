@@ -10,7 +10,10 @@ use super::{
     still::{Wanted, decode},
     video::{Next, Stream},
 };
-use crate::{companion::wire::Pixels, dataset::FrameSource};
+use crate::{
+    companion::wire::Pixels,
+    dataset::{FrameFile, FrameSource},
+};
 
 /// Largest side of a picture, px: what an 8k camera gives, with room.
 pub const MAX_SIDE: u32 = 16_384;
@@ -50,6 +53,59 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
                 }
             }
             Ok(frames)
+        }
+    }
+}
+
+/// Gives all frames of a sequence in colour, one after the other, with their numbers.
+pub struct ColourReader(Colours);
+
+enum Colours {
+    Images(std::vec::IntoIter<FrameFile>),
+    Video { stream: Box<Stream>, next: u32, ended: bool },
+}
+
+impl ColourReader {
+    /// Opens a sequence.
+    ///
+    /// # Errors
+    /// [`SequenceError`] for a video that does not open.
+    pub fn open(source: &FrameSource) -> Result<Self, SequenceError> {
+        Ok(Self(match source {
+            FrameSource::Images(files) => Colours::Images(files.clone().into_iter()),
+            FrameSource::Video { path, first, .. } => {
+                let first = first.unwrap_or(1).max(1);
+                Colours::Video { stream: Box::new(Stream::open(path, true, first)?), next: first, ended: false }
+            }
+        }))
+    }
+}
+
+impl Iterator for ColourReader {
+    type Item = Result<(u32, RgbImage), SequenceError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match &mut self.0 {
+            Colours::Images(files) => {
+                let FrameFile { number, path } = files.next()?;
+                Some(read_colour(&path).map(|image| (number, image)))
+            }
+            Colours::Video { ended: true, .. } => None,
+            Colours::Video { stream, next, ended } => match stream.next() {
+                Ok(Next::Frame(Pixels { width, height, data, .. })) => {
+                    let number = *next;
+                    *next += 1;
+                    Some(Ok((number, RgbImage::from_raw(width, height, data).unwrap_or_default())))
+                }
+                Ok(Next::End(_)) => {
+                    *ended = true;
+                    None
+                }
+                Err(error) => {
+                    *ended = true;
+                    Some(Err(error))
+                }
+            },
         }
     }
 }

@@ -24,7 +24,7 @@ use crate::{
     dataset::{FrameFile, FrameSource},
 };
 
-pub use colour::{MAX_SIDE, read_colour, read_colour_frames};
+pub use colour::{ColourReader, MAX_SIDE, read_colour, read_colour_frames};
 pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder};
 pub use film::{FilmError, write_video};
@@ -183,6 +183,15 @@ impl SequenceReader {
             Source::Images { .. } => None,
             Source::Video(video) => video.fps(),
             Source::Backward(video) => video.fps(),
+        }
+    }
+
+    /// Frames that a video's header states, which may be an estimate; `None` where it states none.
+    pub fn stated_frames(&self) -> Option<usize> {
+        match &self.source {
+            Source::Images { files, .. } => Some(files.len()),
+            Source::Video(video) => video.stated_frames(),
+            Source::Backward(_) => None,
         }
     }
 

@@ -124,6 +124,12 @@ impl VideoReader {
         Some(self.stream.fps).filter(|fps| fps.is_finite() && *fps > 0.0)
     }
 
+    /// Frames that the file's header states.
+    pub fn stated_frames(&self) -> Option<usize> {
+        let stated = self.stream.stated;
+        (stated.is_finite() && stated >= 1.0).then_some(stated as usize)
+    }
+
     /// The next wanted frame and its number.
     pub fn next_frame(&mut self) -> Option<Result<(u32, GrayImage), SequenceError>> {
         if self.ended {

@@ -1,0 +1,291 @@
+//! `grimace segment`.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use grimace::{
+    dataset::{FrameSource, list_frames},
+    output::count,
+    pipeline::{
+        ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow, Workbench, reuse_recording,
+        segment_recording, segments_folder, write_recording, write_recording_film, write_segments,
+    },
+    segment::SegmentOptions,
+};
+use indicatif::ProgressBar;
+
+use super::{
+    Outcome,
+    progress::counted_bar,
+    shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, marks_or_found, positive, set_threads, stop_flag, thread_count},
+};
+
+/// Find expressions in whole recordings, and propose sequences from neutral to apex.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace segment interview.mp4 -o segments.csv --subject P01 --emotion happiness --overlay interview-film.mp4
+  grimace run segments.csv -o results
+
+SEGMENTS.csv is a manifest for `run`, `annotate` and `locate`, a row for every expression: subject, sequence (STEM-01, STEM-02, ... after \
+the recording's name), emotion, frames, first_frame (neutral) and last_frame (apex; it may lie before the neutral one), correspondences, fps, \
+and how sure it is, 0 to 1. Beside it stands a folder of the same name with the marks and a picture of every proposal, and a row for every \
+frame of every recording: phase, pose, action units. Emotions are not recognized: correct the labels in the table. Run again, recordings that \
+did not change are kept. See docs/recordings.md.
+
+Exit status: 0 done, 3 where nothing can be proposed for a recording, 1 where that is so for all of them.")]
+pub struct Args {
+    /// Videos, or folders of images in order
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
+    /// The table of proposed sequences
+    #[arg(short, long, value_name = "SEGMENTS.csv")]
+    output: PathBuf,
+    /// Who is seen; the name of each recording if not given
+    #[arg(long)]
+    subject: Option<String>,
+    /// Emotion label of all proposals
+    #[arg(long, default_value = "unlabelled")]
+    emotion: String,
+    /// Marked points on a neutral frame of the (only) recording; found by themselves if not given
+    #[arg(short, long, value_name = "C.csv", requires = "neutral_frame")]
+    correspondences: Option<PathBuf>,
+    /// Number of the frame that the marks are for
+    #[arg(long, value_name = "NUMBER", requires = "correspondences")]
+    neutral_frame: Option<u32>,
+    /// Frames per second, where the recording does not say; 25 where nobody does
+    #[arg(long, value_parser = positive)]
+    fps: Option<f64>,
+    /// A film (.mp4, .webm) of the (only) recording with wireframe, pose, phases and the strongest action units, or a folder for one of each
+    #[arg(long, value_name = "FILM|DIR")]
+    overlay: Option<PathBuf>,
+    /// No picture of the proposals
+    #[arg(long)]
+    no_faces: bool,
+    /// Threads; 0 for one per processor
+    #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
+    threads: usize,
+    #[command(flatten)]
+    thresholds: Thresholds,
+    #[command(flatten)]
+    method: MethodArgs,
+    #[command(flatten)]
+    fit: FitArgs,
+    #[command(flatten)]
+    track: TrackArgs,
+    #[command(flatten)]
+    general: GeneralArgs,
+}
+
+/// What counts as an expression.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Rests and expressions")]
+pub struct Thresholds {
+    /// Shortest expression, s; what goes up and down within it is a blink or speech
+    #[arg(long, default_value_t = SegmentOptions::default().shortest, value_parser = positive, value_name = "SECONDS")]
+    shortest: f64,
+    /// Activity that an expression reaches, in intensities of action units (0 to 5)
+    #[arg(long, default_value_t = SegmentOptions::default().high, value_parser = positive, value_name = "ACTIVITY")]
+    high: f64,
+    /// Activity at which it begins and ends
+    #[arg(long, default_value_t = SegmentOptions::default().low, value_parser = positive, value_name = "ACTIVITY")]
+    low: f64,
+    /// Activity up to which a frame is at rest
+    #[arg(long, default_value_t = SegmentOptions::default().rest, value_parser = positive, value_name = "ACTIVITY")]
+    rest: f64,
+}
+
+impl Thresholds {
+    pub fn options(&self) -> SegmentOptions {
+        SegmentOptions { shortest: self.shortest, high: self.high, low: self.low, rest: self.rest }
+    }
+}
+
+/// Bars for the steps of a recording, one after the other.
+struct Steps<'a> {
+    quiet: bool,
+    name: &'a str,
+    bar: Mutex<Option<(RecordingStep, ProgressBar)>>,
+    stop: &'a AtomicBool,
+}
+
+impl<'a> Steps<'a> {
+    fn new(quiet: bool, name: &'a str, stop: &'a AtomicBool) -> Self {
+        Self { quiet, name, bar: Mutex::new(None), stop }
+    }
+
+    fn tick(&self, step: RecordingStep, done: usize, of: Option<usize>) -> bool {
+        let mut bar = self.bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if bar.as_ref().is_none_or(|(shown, _)| *shown != step) {
+            if let Some((_, before)) = bar.take() {
+                before.finish_and_clear();
+            }
+            let what = match step {
+                RecordingStep::Looking => "frames looked through",
+                RecordingStep::Tracking => "frames tracked",
+                RecordingStep::Measuring => "frames measured",
+                RecordingStep::Drawing => "frames drawn",
+            };
+            *bar = Some((step, counted_bar(self.quiet, of.map(|n| n as u64), &format!("{what} of {}", self.name))));
+        }
+        if let Some((_, bar)) = bar.as_ref() {
+            bar.inc(done as u64);
+        }
+        !self.stop.load(Ordering::Relaxed)
+    }
+
+    fn finish(&self) {
+        if let Some((_, bar)) = self.bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    set_threads(args.threads)?;
+    let folder = segments_folder(&args.output);
+    anyhow::ensure!(
+        folder != args.output,
+        "{}: the table is a .csv; a folder of the same name without it is made beside it",
+        args.output.display()
+    );
+    args.general.check_free(&args.output)?;
+    anyhow::ensure!(
+        args.recordings.len() == 1 || args.correspondences.is_none(),
+        "--correspondences marks a frame of one recording; name one"
+    );
+    let options = PipelineOptions {
+        fit: args.fit.options_of(args.method.method),
+        track: args.track.options_of(args.method.method),
+        ..PipelineOptions::default()
+    };
+    let bench = args.general.workbench(options)?;
+    let (recordings, base) = (recordings(args, &bench)?, base_of(&args.output));
+    let stop = stop_flag()?;
+    let (mut done, mut failed): (Vec<(ManifestColumns, RecordingFiles)>, usize) = (Vec::new(), 0);
+    for (path, recording) in &recordings {
+        match one(args, recording, &folder, &bench, &stop) {
+            Ok(files) => {
+                if !args.general.quiet {
+                    let [all, seen] = files.frames;
+                    println!(
+                        "{}: {} proposed; a face in {seen} of {all} frames",
+                        path.display(),
+                        count(files.segments.len(), "sequence", "sequences")
+                    );
+                    files.notes.iter().for_each(|note| println!("  {note}"));
+                }
+                let columns = ManifestColumns {
+                    subject: args.subject.clone().unwrap_or_else(|| recording.stem.clone()),
+                    emotion: args.emotion.trim().to_lowercase(),
+                    frames: named_from(&base, path),
+                };
+                done.push((columns, files));
+            }
+            Err(_) if stop.load(Ordering::Relaxed) => anyhow::bail!("interrupted; recordings that are done are kept"),
+            Err(error) => {
+                failed += 1;
+                eprintln!("failed: {}: {}", path.display(), super::chain(&error));
+            }
+        }
+    }
+    if done.is_empty() {
+        return Ok(Outcome::Failed);
+    }
+    let rows: Vec<SegmentRow<'_>> = done
+        .iter()
+        .flat_map(|(of, files)| files.segments.iter().map(move |segment| SegmentRow { of, fps: files.fps, segment }))
+        .collect();
+    let marks = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    write_segments(&args.output, &marks, &rows)?;
+    if !args.general.quiet {
+        println!("{} written to {}", count(rows.len(), "sequence", "sequences"), args.output.display());
+    }
+    Ok(if failed > 0 { Outcome::SomeFailed } else { Outcome::Done })
+}
+
+/// The recordings by their paths; each has a name of its own.
+fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Recording)>> {
+    let mut names: BTreeMap<String, PathBuf> = BTreeMap::new();
+    let mut out = Vec::new();
+    for path in &args.recordings {
+        let frames = list_frames(path, None, None)?;
+        let full = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let name = match &frames {
+            FrameSource::Images(_) => full.file_name(),
+            FrameSource::Video { .. } => full.file_stem(),
+        };
+        let stem = name.unwrap_or_default().to_string_lossy().into_owned();
+        if let Some(first) = names.insert(stem.clone(), path.clone()) {
+            anyhow::bail!(
+                "{} and {} have the same name, {stem}: sequences are named after their recording; rename one of them, or make two tables",
+                first.display(),
+                path.display()
+            );
+        }
+        let marks = match (&args.correspondences, args.neutral_frame) {
+            (Some(marks), Some(frame)) => {
+                let read = marks_or_found(Some(marks), bench, || anyhow::bail!("no frame is needed for marks that are given"))?;
+                Some((frame, read))
+            }
+            _ => None,
+        };
+        out.push((path.clone(), Recording { stem, frames, fps: args.fps, marks }));
+    }
+    Ok(out)
+}
+
+fn one(
+    args: &Args,
+    recording: &Recording,
+    folder: &Path,
+    bench: &Workbench,
+    stop: &AtomicBool,
+) -> anyhow::Result<RecordingFiles> {
+    let options = args.thresholds.options();
+    let film = args.overlay.as_ref().map(|path| {
+        let is_film = path.extension().is_some_and(|e| ["mp4", "webm"].iter().any(|f| e.eq_ignore_ascii_case(f)));
+        if is_film { path.clone() } else { path.join(format!("{}.mp4", recording.stem)) }
+    });
+    anyhow::ensure!(
+        args.recordings.len() == 1 || film.is_none() || film != args.overlay,
+        "--overlay names one film, but there are {} recordings; name a folder",
+        args.recordings.len()
+    );
+    if let Some(film) = &film {
+        args.general.check_free(film)?;
+    } else if let Some(files) = reuse_recording(folder, recording, &options, bench)? {
+        return Ok(files);
+    }
+    let steps = Steps::new(args.general.quiet, &recording.stem, stop);
+    let tick = |step, done, of| steps.tick(step, done, of);
+    let found = segment_recording(recording, bench, &options, &tick);
+    let written = found.map_err(anyhow::Error::from).and_then(|found| {
+        let files = write_recording(folder, (recording, &found), &options, bench, !args.no_faces, &tick)?;
+        if let Some(film) = &film {
+            write_recording_film(film, (recording, &found), bench, &tick)?;
+        }
+        Ok(files)
+    });
+    steps.finish();
+    written
+}
+
+/// Folder of the table, in full.
+fn base_of(table: &Path) -> PathBuf {
+    let folder = table.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    folder.canonicalize().unwrap_or_else(|_| folder.to_owned())
+}
+
+/// A recording as the table names it: from the table's folder where it lies in it, else in full.
+fn named_from(base: &Path, path: &Path) -> String {
+    let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    full.strip_prefix(base).unwrap_or(&full).display().to_string()
+}

@@ -1,0 +1,294 @@
+//! The files of a recording that was cut: tables, marks, pictures, and the table of segments, which is a manifest.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use image::RgbImage;
+use serde::{Deserialize, Serialize};
+
+use super::{Recording, RecordingError, RecordingFrame, RecordingStep, Segment, SegmentedRecording, Tick};
+use crate::{
+    correspondence::write_correspondences,
+    features::ACTION_UNITS,
+    fit::MarkKind,
+    output::{self, MADE_BY, OutputError, nine_digits, write_records},
+    overlay::{png_bytes, thumbnail},
+    pipeline::Workbench,
+    segment::SegmentOptions,
+    sequence::{SequenceReader, content_blake3},
+};
+
+/// Version of the record of a recording.
+const SCHEMA: u32 = 1;
+/// Height of the faces of a segment's picture, px.
+const PICTURE_HEIGHT: u32 = 320;
+/// Columns of a table of segments.
+pub const SEGMENT_COLUMNS: [&str; 9] =
+    ["subject", "sequence", "emotion", "frames", "first_frame", "last_frame", "correspondences", "fps", "confidence"];
+
+/// What was found in a recording, as it stands in `STEM.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordingFiles {
+    schema_version: u32,
+    made_by: String,
+    units: BTreeMap<String, String>,
+    /// BLAKE3 of all it was made from.
+    inputs_blake3: String,
+    /// Frames per second.
+    pub fps: f64,
+    /// Frames in all, and those with a tracked face.
+    pub frames: [usize; 2],
+    /// The sequences.
+    pub segments: Vec<Segment>,
+    /// What a person should know.
+    pub notes: Vec<String>,
+    /// BLAKE3 of the files beside it.
+    files: BTreeMap<String, String>,
+}
+
+/// What a table of segments says of every sequence of a recording.
+#[derive(Clone, Debug)]
+pub struct ManifestColumns {
+    /// Who.
+    pub subject: String,
+    /// Label.
+    pub emotion: String,
+    /// The recording, as the table names it.
+    pub frames: String,
+}
+
+/// BLAKE3 of everything that the segments of a recording depend on; `content` is that of its files.
+fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, bench: &Workbench) -> String {
+    let mut hasher = blake3::Hasher::new();
+    let mut part = |bytes: &[u8]| {
+        hasher.update(&(bytes.len() as u64).to_le_bytes());
+        hasher.update(bytes);
+    };
+    part(MADE_BY.as_bytes());
+    let depends = (SCHEMA, options, &bench.options.fit, &bench.options.track, &bench.wireframe_blake3, recording.fps);
+    part(&serde_json::to_vec(&depends).unwrap_or_default());
+    part(recording.stem.as_bytes());
+    for (frame, marks) in &recording.marks {
+        part(&frame.to_le_bytes());
+        for mark in marks {
+            part(&mark.node.0.to_le_bytes());
+            part(&[u8::from(mark.kind == MarkKind::Hard)]);
+            part(&mark.position.x.to_le_bytes());
+            part(&mark.position.y.to_le_bytes());
+        }
+    }
+    part(content.as_bytes());
+    hasher.finalize().to_hex().to_string()
+}
+
+/// [`RecordingFiles`] of an earlier time that were made from the same, with all their files as they were written.
+///
+/// # Errors
+/// [`RecordingError`] when the recording does not read.
+pub fn reuse_recording(
+    folder: &Path,
+    recording: &Recording,
+    options: &SegmentOptions,
+    bench: &Workbench,
+) -> Result<Option<RecordingFiles>, RecordingError> {
+    let Ok(bytes) = crate::input::read(&folder.join(format!("{}.json", recording.stem))) else { return Ok(None) };
+    let Ok(files) = serde_json::from_slice::<RecordingFiles>(&bytes) else { return Ok(None) };
+    let inputs = recording_inputs_blake3(recording, options, bench)?;
+    let is_whole = |(name, hash): (&String, &String)| {
+        crate::input::read(&folder.join(name)).is_ok_and(|bytes| blake3::hash(&bytes).to_hex().as_str() == hash)
+    };
+    Ok((files.inputs_blake3 == inputs && files.files.iter().all(is_whole)).then_some(files))
+}
+
+/// BLAKE3 of everything that the segments of a recording depend on.
+///
+/// # Errors
+/// [`RecordingError`] when the recording does not read.
+pub fn recording_inputs_blake3(
+    recording: &Recording,
+    options: &SegmentOptions,
+    bench: &Workbench,
+) -> Result<String, RecordingError> {
+    let content = content_blake3(&recording.frames)?.to_hex().to_string();
+    Ok(inputs_of(recording, &content, options, bench))
+}
+
+/// Writes what was found in a recording into a folder: `STEM_frames.csv`, `STEM-01.csv` (marks) and `STEM-01.png` of every segment, and
+/// `STEM.json`, the last. Without `pictures` no face is written.
+///
+/// # Errors
+/// [`RecordingError`] when a file cannot be written or the recording does not read again.
+pub fn write_recording(
+    folder: &Path,
+    (recording, found): (&Recording, &SegmentedRecording),
+    options: &SegmentOptions,
+    bench: &Workbench,
+    pictures: bool,
+    tick: Tick<'_>,
+) -> Result<RecordingFiles, RecordingError> {
+    let mut files = BTreeMap::new();
+    let table = format!("{}_frames.csv", found.stem);
+    let (header, rows) = frames_table(found);
+    let hash = write_records(&folder.join(&table), header, rows)?;
+    files.insert(table, hash.to_hex().to_string());
+    for segment in &found.segments {
+        let name = format!("{}.csv", segment.name);
+        write_correspondences(&folder.join(&name), &segment.marks)?;
+        let bytes = crate::input::read(&folder.join(&name)).map_err(OutputError::at(&folder.join(&name)))?;
+        files.insert(name, blake3::hash(&bytes).to_hex().to_string());
+    }
+    if pictures {
+        for (name, picture) in segment_pictures(recording, found, bench, tick)? {
+            let path = folder.join(&name);
+            let bytes = png_bytes(&picture).map_err(|e| OutputError::at(&path)(std::io::Error::other(e)))?;
+            output::write_bytes(&path, &bytes)?;
+            files.insert(name, blake3::hash(&bytes).to_hex().to_string());
+        }
+    }
+    let record = RecordingFiles {
+        schema_version: SCHEMA,
+        made_by: MADE_BY.to_owned(),
+        units: frames_units(),
+        inputs_blake3: inputs_of(recording, &found.content_blake3, options, bench),
+        fps: found.fps,
+        frames: [found.frame_count, found.frames.len()],
+        segments: found.segments.clone(),
+        notes: found.notes.clone(),
+        files,
+    };
+    output::write_json(&folder.join(format!("{}.json", found.stem)), &record)?;
+    Ok(record)
+}
+
+fn frames_units() -> BTreeMap<String, String> {
+    [
+        ("frame", "number of the frame"),
+        ("timestamp", "s from the first frame of the recording"),
+        ("stretch", "number of the stretch between cuts and lost faces"),
+        ("phase", "rest, onset, apex, offset, or other (speech, a blink, a frame that cannot be used)"),
+        ("activity", "norm of the intensities above those at rest, 0 to 5 each"),
+        ("success, reason", "1, or 0 where `reason` says why the row is not to be used"),
+        ("pose_yaw, pose_pitch, pose_roll", "degrees"),
+        ("eye_opening_*", "over the opening at rest"),
+        ("mouth_opening", "distance of the inner lips over MNS0"),
+        ("AU.._r", "intensity 0 to 5"),
+        ("*_frame", "number of a frame"),
+        ("confidence", "how sure it is that this is an expression from rest to apex, 0 to 1"),
+    ]
+    .into_iter()
+    .map(|(k, v)| (k.to_owned(), v.to_owned()))
+    .collect()
+}
+
+/// Header and rows of the table of frames.
+fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
+    let fixed = [
+        "frame",
+        "timestamp",
+        "stretch",
+        "phase",
+        "activity",
+        "success",
+        "reason",
+        "pose_yaw",
+        "pose_pitch",
+        "pose_roll",
+        "eye_opening_left",
+        "eye_opening_right",
+        "mouth_opening",
+    ];
+    let header = fixed.into_iter().map(str::to_owned).chain(ACTION_UNITS.iter().map(|u| format!("AU{:02}_r", u.number)));
+    let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
+    let first = found.frames.first().map_or(1, |f| f.measured.number).min(1);
+    let row = |frame: &RecordingFrame| {
+        let m = &frame.measured;
+        let mut row = vec![
+            m.number.to_string(),
+            number(f64::from(m.number.saturating_sub(first)) / found.fps),
+            frame.stretch.to_string(),
+            frame.phase.name().to_owned(),
+            number(frame.activity),
+            u8::from(m.reason.is_none()).to_string(),
+            m.reason.clone().unwrap_or_default(),
+        ];
+        let measured = m.pose.iter().chain(&m.eyes).chain([&m.mouth]).chain(&m.units);
+        row.extend(measured.map(|&value| number(f64::from(value))));
+        row
+    };
+    (header.collect(), found.frames.iter().map(row).collect())
+}
+
+/// The neutral and the apex frame of every segment with the wireframe on them, beside each other.
+fn segment_pictures(
+    recording: &Recording,
+    found: &SegmentedRecording,
+    bench: &Workbench,
+    tick: Tick<'_>,
+) -> Result<Vec<(String, RgbImage)>, RecordingError> {
+    let mut pictures: BTreeMap<u32, RgbImage> = BTreeMap::new();
+    let wanted = |number: u32| found.segments.iter().any(|s| s.neutral_frame == number || s.apex_frame == number);
+    if !found.segments.is_empty() {
+        for frame in SequenceReader::open(&recording.frames)? {
+            let frame = frame?;
+            if !tick(RecordingStep::Drawing, 1, Some(found.frame_count)) {
+                return Err(RecordingError::Interrupted);
+            }
+            let Some(seen) = found.frames.iter().find(|f| f.measured.number == frame.number() && wanted(frame.number())) else {
+                continue;
+            };
+            let nodes = seen.nodes.expanded(1.0).nodes;
+            let plain = image::DynamicImage::ImageLuma8(frame.image().clone()).into_rgb8();
+            pictures.insert(frame.number(), thumbnail(&plain, &bench.wireframe, &nodes, PICTURE_HEIGHT));
+        }
+    }
+    let pair = |segment: &Segment| {
+        let (a, b) = (pictures.get(&segment.neutral_frame)?, pictures.get(&segment.apex_frame)?);
+        let mut both = RgbImage::from_pixel(a.width() + b.width() + 8, a.height().max(b.height()), image::Rgb([255; 3]));
+        image::imageops::replace(&mut both, a, 0, 0);
+        image::imageops::replace(&mut both, b, i64::from(a.width()) + 8, 0);
+        Some((format!("{}.png", segment.name), both))
+    };
+    Ok(found.segments.iter().filter_map(pair).collect())
+}
+
+/// A row of a table of segments.
+#[derive(Clone, Debug)]
+pub struct SegmentRow<'a> {
+    /// What the table says of its recording.
+    pub of: &'a ManifestColumns,
+    /// Frames per second.
+    pub fps: f64,
+    /// The segment.
+    pub segment: &'a Segment,
+}
+
+/// Writes a table of segments: a manifest with a confidence. `folder` holds the marks, as the table names it.
+///
+/// # Errors
+/// [`OutputError`] when it cannot be written.
+pub fn write_segments(path: &Path, folder: &str, rows: &[SegmentRow<'_>]) -> Result<(), OutputError> {
+    let row = |row: &SegmentRow<'_>| {
+        let SegmentRow { of, fps, segment } = row;
+        let confidence = (segment.confidence * 1e3).round() / 1e3;
+        let marks = PathBuf::from(folder).join(format!("{}.csv", segment.name)).display().to_string();
+        vec![
+            of.subject.clone(),
+            segment.name.clone(),
+            of.emotion.clone(),
+            of.frames.clone(),
+            segment.neutral_frame.to_string(),
+            segment.apex_frame.to_string(),
+            marks,
+            nine_digits(*fps),
+            nine_digits(confidence),
+        ]
+    };
+    write_records(path, SEGMENT_COLUMNS, rows.iter().map(row)).map(|_| ())
+}
+
+/// Marks of a segment that was written before.
+pub(in crate::pipeline) fn marks_path(folder: &Path, segment: &Segment) -> PathBuf {
+    folder.join(format!("{}.csv", segment.name))
+}

@@ -1,0 +1,180 @@
+//! One stretch of a recording, tracked from its most usual face to both ends.
+
+use nalgebra::Point2;
+
+use super::{
+    RecordingError, RecordingStep, Tick,
+    survey::{Stretch, Survey},
+};
+use crate::{
+    dataset::FrameSource,
+    fit::{Correspondence, validate_correspondences},
+    pipeline::{FoundFace, Workbench},
+    sequence::{Frame, SequenceError, SequenceReader, read_frame},
+    track::{FrameTracker, NodeState, TrackError, TrackedFrame, TrackedNode, eye_distance_px, window_px},
+};
+
+/// Median distance between tracked and found points, over the eye distance, beyond which the face is lost.
+const ASTRAY: f64 = 0.2;
+/// Share of the nodes lost in a frame in which no face is found either, from which the face is lost.
+const GONE: f64 = 0.35;
+/// Expected error of a tracked and of a recovered node, over the eye distance.
+const EXPECTED: [f64; 2] = [0.01, 0.05];
+
+/// Nodes of one frame in little memory.
+#[derive(Clone, Debug)]
+pub(super) struct CompactFrame {
+    pub number: u32,
+    nodes: Box<[([f32; 2], NodeState)]>,
+}
+
+impl CompactFrame {
+    fn new(frame: &TrackedFrame) -> Self {
+        let node = |n: &TrackedNode| ([n.position.x as f32, n.position.y as f32], n.state);
+        Self { number: frame.number, nodes: frame.nodes.iter().map(node).collect() }
+    }
+
+    /// Position of a node, px.
+    pub fn position(&self, node: usize) -> Option<Point2<f64>> {
+        self.nodes.get(node).map(|([x, y], _)| Point2::new(f64::from(*x), f64::from(*y)))
+    }
+
+    /// As the tracker gave it, but for residuals; `eye_distance` in px.
+    pub fn expanded(&self, eye_distance: f64) -> TrackedFrame {
+        let node = |&([x, y], state): &([f32; 2], NodeState)| {
+            let share = EXPECTED[usize::from(matches!(state, NodeState::Recovered(_)))];
+            let node = TrackedNode::new(Point2::new(f64::from(x), f64::from(y)), state, None);
+            TrackedNode { expected_error: Some(share * eye_distance), ..node }
+        };
+        TrackedFrame { number: self.number, nodes: self.nodes.iter().map(node).collect() }
+    }
+}
+
+/// A stretch as it was tracked.
+pub(super) struct Followed {
+    /// Its frames, ascending, without gaps.
+    pub frames: Vec<CompactFrame>,
+    /// Place of the first of them among all frames of the recording.
+    pub first: usize,
+    /// Place of the frame that was fitted, among these.
+    pub fitted: usize,
+    /// The marks of that frame.
+    pub marks: Vec<Correspondence>,
+    /// Eye distance in it, px.
+    pub eye_distance: f64,
+    /// What is left of the stretch before and behind, where the face was lost, and why.
+    pub left: Vec<(Stretch, String)>,
+}
+
+/// Where a stretch is tracked from.
+pub(super) struct Start<'a> {
+    pub place: usize,
+    pub marks: &'a [Correspondence],
+}
+
+/// Tracks a stretch from a frame with marks.
+pub(super) fn follow(
+    source: &FrameSource,
+    survey: &Survey,
+    stretch: Stretch,
+    start: &Start<'_>,
+    bench: &Workbench,
+    tick: Tick<'_>,
+) -> Result<Followed, RecordingError> {
+    validate_correspondences(start.marks, survey.size.width, survey.size.height)
+        .map_err(|e| RecordingError::Marks { frame: survey.numbers[start.place], reason: e.to_string() })?;
+    let fitted = bench
+        .fitter()
+        .fit(&bench.wireframe, start.marks)
+        .map_err(|e| RecordingError::Marks { frame: survey.numbers[start.place], reason: e.to_string() })?;
+    let eye_distance = eye_distance_px(&bench.tables, fitted.model.nodes()).unwrap_or(1.0);
+    let options = &bench.options.track;
+    let one_way = |to: usize| -> Result<(Vec<CompactFrame>, Option<String>), RecordingError> {
+        let mut out: Vec<CompactFrame> = Vec::new();
+        let mut running = None;
+        let places: Vec<usize> =
+            if to >= start.place { (start.place..=to).collect() } else { (to..=start.place).rev().collect() };
+        let frames = frames_between(source, survey.numbers[start.place], survey.numbers[to])?;
+        for (place, frame) in places.into_iter().zip(frames) {
+            let frame = frame?;
+            let tracked = match &mut running {
+                None => {
+                    let tracker = options.klt.tracker(options.levels, window_px(&bench.tables, fitted.model.nodes(), options));
+                    let started = FrameTracker::start(tracker?, &bench.wireframe, bench.plan(), &fitted, &frame, options)?;
+                    let first = started.last().clone();
+                    running = Some(started);
+                    first
+                }
+                Some(running) => match running.step(&frame) {
+                    Ok(tracked) => tracked.clone(),
+                    Err(error @ TrackError::FaceLost { .. }) => return Ok((out, Some(error.to_string()))),
+                    Err(error) => return Err(error.into()),
+                },
+            };
+            if let Some(reason) = astray(survey, place, &tracked, eye_distance, bench) {
+                // Since the last look it may have been astray already.
+                let step = survey.looks.iter().map(|look| look.place.abs_diff(place)).filter(|&d| d > 0).min().unwrap_or(1);
+                out.truncate(out.len().saturating_sub(step - 1).max(1));
+                return Ok((out, Some(reason)));
+            }
+            out.push(CompactFrame::new(&tracked));
+            if !tick(RecordingStep::Tracking, 1, Some(survey.numbers.len())) {
+                return Err(RecordingError::Interrupted);
+            }
+        }
+        Ok((out, None))
+    };
+    let (ahead, lost_ahead) = one_way(stretch.last)?;
+    let (mut frames, lost_behind) = if start.place > stretch.first { one_way(stretch.first)? } else { (Vec::new(), None) };
+    // The fitted frame is the first of both.
+    let behind = frames.len().saturating_sub(1);
+    frames.drain(..frames.len().min(1));
+    frames.reverse();
+    frames.extend(ahead);
+    let (first, last) = (start.place - behind, start.place - behind + frames.len() - 1);
+    let mut left = Vec::new();
+    left.extend(
+        lost_behind.filter(|_| first > stretch.first).map(|why| (Stretch { first: stretch.first, last: first - 1 }, why)),
+    );
+    left.extend(lost_ahead.filter(|_| last < stretch.last).map(|why| (Stretch { first: last + 1, last: stretch.last }, why)));
+    Ok(Followed { frames, first, fitted: behind, marks: start.marks.to_vec(), eye_distance, left })
+}
+
+/// Why the tracked nodes are not on the face any more, where a look at their frame says so.
+fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f64, bench: &Workbench) -> Option<String> {
+    let look = survey.looks.binary_search_by_key(&place, |look| look.place).ok().map(|k| &survey.looks[k])?;
+    let Some(FoundFace { marks, trusted: true, .. }) = &look.face else {
+        let live = bench.wireframe.live_nodes();
+        let lost = live.iter().filter(|n| matches!(tracked.nodes[n.index()].state, NodeState::Recovered(_))).count();
+        let is_gone = look.face.is_none() && lost as f64 > GONE * live.len() as f64;
+        return is_gone.then(|| format!("frame {}: no face is found, and {lost} nodes were lost", tracked.number));
+    };
+    let apart = |m: &Correspondence| tracked.nodes.get(m.node.index()).map(|n| (n.position - m.position).norm());
+    let mut distances: Vec<f64> = marks.iter().filter_map(apart).collect();
+    let median = crate::robust::median(&mut distances)?;
+    (median > ASTRAY * eye_distance)
+        .then(|| format!("frame {}: the face is {median:.0} px from where it was tracked to", tracked.number))
+}
+
+type Frames = Box<dyn Iterator<Item = Result<Frame, SequenceError>>>;
+
+/// The frames from one number to another, back in time where the second is the smaller one.
+fn frames_between(source: &FrameSource, from: u32, to: u32) -> Result<Frames, RecordingError> {
+    let source = match source {
+        FrameSource::Images(files) => {
+            let wanted = from.min(to)..=from.max(to);
+            let mut files: Vec<_> = files.iter().filter(|f| wanted.contains(&f.number)).cloned().collect();
+            if from > to {
+                files.reverse();
+            }
+            if let [only] = &files[..] {
+                let number = only.number;
+                let frame = read_frame(&only.path).map(|frame| Frame::new(number, frame.into_image()));
+                return Ok(Box::new(std::iter::once(frame)));
+            }
+            FrameSource::Images(files)
+        }
+        FrameSource::Video { path, .. } => FrameSource::Video { path: path.clone(), first: Some(from), last: Some(to) },
+    };
+    Ok(Box::new(SequenceReader::open(&source)?))
+}

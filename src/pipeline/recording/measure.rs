@@ -1,0 +1,66 @@
+//! Pose and action units of a stretch, block by block.
+
+use nalgebra::Point2;
+
+use super::{RecordingError, RecordingStep, Tick, follow::Followed};
+use crate::{
+    fit::Correspondence,
+    pipeline::Workbench,
+    pose::{HeadFit, HeadPose},
+    segment::RecordedFrame,
+    track::TrackedFrame,
+    units::NodeId,
+};
+
+/// Frames, evenly spread, that the head is learned from.
+const HEAD_FRAMES: usize = 40;
+/// Frames that are measured together.
+const BLOCK: usize = 100;
+
+/// What is measured of a stretch, frame by frame.
+pub(super) struct Measured {
+    pub frames: Vec<RecordedFrame>,
+    pub poses: Vec<Option<HeadPose>>,
+}
+
+/// Where the marks of the fitted frame are in another one: each has moved as its node did.
+pub(super) fn marks_in(followed: &Followed, place: usize) -> Vec<Correspondence> {
+    let (Some(from), Some(to)) = (followed.frames.get(followed.fitted), followed.frames.get(place)) else { return Vec::new() };
+    let moved = |mark: &Correspondence| {
+        let k = mark.node.index();
+        Some(Correspondence { position: mark.position + (to.position(k)? - from.position(k)?), ..*mark })
+    };
+    followed.marks.iter().filter_map(moved).collect()
+}
+
+/// Measures a stretch against the frame at `neutral`.
+pub(super) fn measure(
+    followed: &Followed,
+    neutral: usize,
+    bench: &Workbench,
+    (of, tick): (usize, Tick<'_>),
+) -> Result<Measured, RecordingError> {
+    let expanded = |k: usize| followed.frames[k].expanded(followed.eye_distance);
+    let marks: Vec<(NodeId, Point2<f64>)> = marks_in(followed, neutral).iter().map(|m| (m.node, m.position)).collect();
+    let count = followed.frames.len();
+    let spread = count.min(HEAD_FRAMES);
+    let head_track: Vec<TrackedFrame> =
+        std::iter::once(neutral).chain((0..spread).map(|k| k * count / spread).filter(|&k| k != neutral)).map(expanded).collect();
+    let known: HeadFit = bench.fit_head(&head_track, &marks)?;
+    let mut out = Measured { frames: Vec::with_capacity(count), poses: Vec::with_capacity(count) };
+    let mut from: Option<HeadPose> = None;
+    for start in (0..count).step_by(BLOCK) {
+        let block: Vec<TrackedFrame> = std::iter::once(neutral).chain(start..(start + BLOCK).min(count)).map(expanded).collect();
+        let fit = bench.head_fitter().follow(&bench.tables, (&known, from), &block, &marks)?;
+        let model = bench.frontal_model(&fit, &block)?;
+        let rows = bench.features(&block, &fit, &model).map_err(|reason| RecordingError::Features { reason })?;
+        out.frames.extend(rows.iter().skip(1).map(RecordedFrame::from));
+        let poses = fit.poses.iter().zip(&fit.failures).skip(1);
+        out.poses.extend(poses.map(|(pose, failure)| failure.is_none().then_some(*pose)));
+        from = fit.poses.last().copied();
+        if !tick(RecordingStep::Measuring, block.len() - 1, Some(of)) {
+            return Err(RecordingError::Interrupted);
+        }
+    }
+    Ok(out)
+}

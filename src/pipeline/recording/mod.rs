@@ -1,0 +1,363 @@
+//! Whole recordings: looked through, tracked, measured, and cut into sequences from neutral to apex.
+//!
+//! A recording of minutes is read as a stream, several times: a first look finds cuts and faces (`survey`), every stretch with a face is
+//! tracked from its most usual face to both ends (`follow`) and measured (`measure`); [`crate::segment`] finds rests and expressions; pictures
+//! and films are made in a last reading. What is held of a frame is about a kilobyte.
+
+mod files;
+mod film;
+mod follow;
+mod measure;
+mod survey;
+
+use std::{collections::VecDeque, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use self::{
+    follow::{CompactFrame, Followed, Start, follow},
+    measure::{marks_in, measure},
+    survey::{Look, Stretch, Survey},
+};
+use super::{FoundMarksError, Workbench, found::fitting_marks};
+use crate::{
+    dataset::FrameSource,
+    fit::Correspondence,
+    output::OutputError,
+    pose::{HeadPose, PoseError},
+    segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, segment},
+    sequence::{FilmError, ImageSize, SequenceError},
+    track::TrackError,
+};
+
+pub use files::{
+    ManifestColumns, RecordingFiles, SEGMENT_COLUMNS, SegmentRow, recording_inputs_blake3, reuse_recording, write_recording,
+    write_segments,
+};
+pub use film::write_recording_film;
+
+/// What is being done to a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordingStep {
+    /// Frames are counted, cuts and faces found.
+    Looking,
+    /// Nodes are tracked.
+    Tracking,
+    /// Pose and action units are measured.
+    Measuring,
+    /// Pictures or a film are made.
+    Drawing,
+}
+
+/// Called with the step, the number of frames done since the last call, and the number of all frames where it is known; `false` stops.
+pub type Tick<'a> = &'a (dyn Fn(RecordingStep, usize, Option<usize>) -> bool + Sync);
+
+/// A recording to be cut into sequences.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// What its sequences are named after: STEM-01, STEM-02, ...
+    pub stem: String,
+    /// All its frames.
+    pub frames: FrameSource,
+    /// Frames per second where the file does not say; 25 where nobody does.
+    pub fps: Option<f64>,
+    /// Number of a neutral frame and the marks set on it by hand.
+    pub marks: Option<(u32, Vec<Correspondence>)>,
+}
+
+/// A sequence from neutral to apex that was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Segment {
+    /// STEM-01 ...
+    pub name: String,
+    /// Number of the frame at rest before it, or after it where there is none before.
+    pub neutral_frame: u32,
+    /// Where it leaves the rest.
+    pub onset_frame: u32,
+    /// Where it is strongest.
+    pub apex_frame: u32,
+    /// Where it is back at rest.
+    pub offset_frame: u32,
+    /// How sure it is that this is an expression from rest to apex, 0 to 1.
+    pub confidence: f64,
+    /// Marks of the neutral frame.
+    #[serde(skip)]
+    pub marks: Vec<Correspondence>,
+}
+
+/// One frame of a recording as it was measured.
+#[derive(Clone, Debug)]
+pub struct RecordingFrame {
+    /// Pose, action units, openings.
+    pub measured: RecordedFrame,
+    /// Which stretch it belongs to, from 1.
+    pub stretch: usize,
+    /// What it belongs to.
+    pub phase: Phase,
+    /// Activity of the face.
+    pub activity: f64,
+    pose: Option<HeadPose>,
+    nodes: CompactFrame,
+}
+
+/// A recording that was cut into sequences.
+#[derive(Clone, Debug)]
+pub struct SegmentedRecording {
+    /// Its stem.
+    pub stem: String,
+    /// Frames per second.
+    pub fps: f64,
+    /// Size of its frames.
+    pub size: ImageSize,
+    /// Frames in all.
+    pub frame_count: usize,
+    /// Frames with a tracked face, ascending.
+    pub frames: Vec<RecordingFrame>,
+    /// The sequences, in time.
+    pub segments: Vec<Segment>,
+    /// What a person should know: cuts, lost faces, expressions without a rest.
+    pub notes: Vec<String>,
+    /// BLAKE3 of the names and bytes of its files.
+    pub content_blake3: String,
+}
+
+/// Why a recording cannot be cut into sequences.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// A frame does not read.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
+    /// No frame at all.
+    #[error("there are no frames")]
+    NoFrames,
+    /// The locator.
+    #[error(transparent)]
+    Locate(#[from] FoundMarksError),
+    /// Marks that make no fit.
+    #[error("frame {frame}: {reason}")]
+    Marks {
+        /// Frame number.
+        frame: u32,
+        /// Why.
+        reason: String,
+    },
+    /// The neutral frame named is not in a stretch with a face.
+    #[error("frame {frame}, which the marks are for, is not in the recording; it has frames {first} to {last}")]
+    NoSuchFrame {
+        /// Frame number.
+        frame: u32,
+        /// First frame number.
+        first: u32,
+        /// Last frame number.
+        last: u32,
+    },
+    /// The tracker.
+    #[error(transparent)]
+    Track(#[from] TrackError),
+    /// The head.
+    #[error(transparent)]
+    Pose(#[from] PoseError),
+    /// The features.
+    #[error("{reason}")]
+    Features {
+        /// Why.
+        reason: String,
+    },
+    /// No stretch could be used.
+    #[error("no sequence can be proposed: {}", reasons.join("; "))]
+    Nothing {
+        /// Why, a sentence each.
+        reasons: Vec<String>,
+    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A film cannot be written.
+    #[error(transparent)]
+    Film(#[from] FilmError),
+    /// The caller asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// Shortest stretch that is worth tracking, seconds.
+const SHORTEST: f64 = 1.0;
+
+/// Finds the rests and expressions of a recording.
+///
+/// # Errors
+/// [`RecordingError`] when it does not read, or when none of its stretches can be used; what is wrong with single ones is in the notes.
+pub fn segment_recording(
+    recording: &Recording,
+    bench: &Workbench,
+    options: &SegmentOptions,
+    tick: Tick<'_>,
+) -> Result<SegmentedRecording, RecordingError> {
+    let survey = Survey::new(&recording.frames, recording.fps, tick)?;
+    let (stretches, mut notes) = survey.stretches();
+    if let Some((frame, _)) = &recording.marks
+        && survey.numbers.binary_search(frame).is_err()
+    {
+        let (first, last) = (survey.numbers.first().copied(), survey.numbers.last().copied());
+        return Err(RecordingError::NoSuchFrame {
+            frame: *frame,
+            first: first.unwrap_or_default(),
+            last: last.unwrap_or_default(),
+        });
+    }
+    if stretches.is_empty() {
+        notes.push("no face was found".to_owned());
+    }
+    let mut tracked = tracked_stretches(recording, &survey, stretches, bench, tick, &mut notes)?;
+    tracked.sort_by_key(|followed| followed.first);
+    let mut result = SegmentedRecording {
+        stem: recording.stem.clone(),
+        fps: survey.fps,
+        size: survey.size,
+        frame_count: survey.numbers.len(),
+        frames: Vec::new(),
+        segments: Vec::new(),
+        notes: Vec::new(),
+        content_blake3: survey.content.to_hex().to_string(),
+    };
+    let mut usable = false;
+    for (k, followed) in tracked.into_iter().enumerate() {
+        usable |= enter(&mut result, (k + 1, followed), &survey, bench, (options, tick), &mut notes)?;
+    }
+    if !usable {
+        return Err(RecordingError::Nothing { reasons: notes });
+    }
+    if result.segments.is_empty() {
+        notes.push("no expression was found".to_owned());
+    }
+    result.notes = notes;
+    Ok(result)
+}
+
+/// Tracks all stretches, and what is left of those in which the face was lost.
+fn tracked_stretches(
+    recording: &Recording,
+    survey: &Survey,
+    stretches: Vec<Stretch>,
+    bench: &Workbench,
+    tick: Tick<'_>,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Followed>, RecordingError> {
+    let number = |place: usize| survey.numbers.get(place).copied().unwrap_or_default();
+    let mut waiting = VecDeque::from(stretches);
+    let mut tracked = Vec::new();
+    while let Some(stretch) = waiting.pop_front() {
+        let named = format!("frames {} to {}", number(stretch.first), number(stretch.last));
+        if ((stretch.last - stretch.first + 1) as f64) < SHORTEST * survey.fps {
+            notes.push(format!("{named}: too short for a rest and an expression"));
+            continue;
+        }
+        let given = recording.marks.as_ref().and_then(|(frame, marks)| {
+            let place = survey.numbers.binary_search(frame).ok()?;
+            (stretch.first..=stretch.last).contains(&place).then(|| (place, marks.clone()))
+        });
+        let is_given = given.is_some();
+        let found = || {
+            let Look { place, face } = survey.usual_face(stretch, bench)?;
+            Some((*place, fitting_marks(face.as_ref()?, survey.size, bench)))
+        };
+        let Some((place, marks)) = given.or_else(found) else {
+            notes.push(format!("{named}: no face in them is trusted; mark a neutral frame with `grimace annotate`"));
+            continue;
+        };
+        match follow(&recording.frames, survey, stretch, &Start { place, marks: &marks }, bench, tick) {
+            Ok(followed) => {
+                for (left, why) in &followed.left {
+                    notes.push(format!("the face was lost: {why}"));
+                    waiting.push_back(*left);
+                }
+                tracked.push(followed);
+            }
+            Err(RecordingError::Marks { frame, reason }) if !is_given => {
+                notes.push(format!("{named}: the points found in frame {frame} make no fit: {reason}"));
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(tracked)
+}
+
+/// Measures a stretch, and enters its frames and sequences; whether it could be used.
+fn enter(
+    result: &mut SegmentedRecording,
+    (stretch, followed): (usize, Followed),
+    survey: &Survey,
+    bench: &Workbench,
+    (options, tick): (&SegmentOptions, Tick<'_>),
+    notes: &mut Vec<String>,
+) -> Result<bool, RecordingError> {
+    let named = |followed: &Followed| {
+        let number = |k: Option<&CompactFrame>| k.map_or(0, |frame| frame.number);
+        format!("frames {} to {}", number(followed.frames.first()), number(followed.frames.last()))
+    };
+    let of = survey.numbers.len();
+    let mut measured = match measure(&followed, followed.fitted, bench, (of, tick)) {
+        Ok(measured) => measured,
+        Err(RecordingError::Pose(error)) => {
+            notes.push(format!("{}: {error}", named(&followed)));
+            return Ok(false);
+        }
+        Err(error) => return Err(error),
+    };
+    let mut segmentation = segment(&measured.frames, survey.fps, options);
+    // Intensities count from the rest, once it is known where it is.
+    if let Ok(rest) = segmentation.as_ref().map(|s| s.rest)
+        && rest != followed.fitted
+    {
+        match measure(&followed, rest, bench, (of, tick)) {
+            Ok(again) => {
+                measured = again;
+                segmentation = segment(&measured.frames, survey.fps, options);
+            }
+            Err(RecordingError::Pose(_)) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let (phases, activity) = match &segmentation {
+        Ok(found) => (found.phases.clone(), found.activity.clone()),
+        Err(error) => {
+            let text = error.to_string();
+            notes.push(match error {
+                SegmentError::TooFew { .. } => format!("{}: {text}", named(&followed)),
+                SegmentError::NoRest { .. } => text,
+            });
+            (vec![Phase::Other; measured.frames.len()], vec![0.0; measured.frames.len()])
+        }
+    };
+    if let Ok(found) = &segmentation {
+        let number = |k: usize| followed.frames[k].number;
+        notes.extend(
+            found
+                .without_rest
+                .iter()
+                .map(|&k| format!("frame {}: an expression without a rest beside it is left out", number(k))),
+        );
+        for e in &found.expressions {
+            let name = format!("{}-{:02}", result.stem, result.segments.len() + 1);
+            result.segments.push(Segment {
+                name,
+                neutral_frame: number(e.neutral),
+                onset_frame: number(e.onset),
+                apex_frame: number(e.apex),
+                offset_frame: number(e.offset),
+                confidence: e.confidence,
+                marks: marks_in(&followed, e.neutral),
+            });
+        }
+    }
+    let all = measured.frames.into_iter().zip(measured.poses).zip(followed.frames);
+    for (((measured, pose), nodes), (phase, activity)) in all.zip(phases.into_iter().zip(activity)) {
+        result.frames.push(RecordingFrame { measured, stretch, phase, activity, pose, nodes });
+    }
+    Ok(segmentation.is_ok())
+}
+
+/// Where the files of a table of segments stand: beside it, in a folder of its name.
+pub fn segments_folder(table: &std::path::Path) -> PathBuf {
+    table.with_extension("")
+}

@@ -1,0 +1,232 @@
+//! A first look at a recording: its frames counted, its cuts found, and a face looked for several times a second.
+
+use image::{GrayImage, imageops::FilterType};
+use nalgebra::Point2;
+use rayon::prelude::*;
+
+use super::{RecordingError, RecordingStep, Tick};
+use crate::{
+    dataset::FrameSource,
+    fit::Correspondence,
+    geometry::Similarity,
+    normalize::stable_nodes,
+    pipeline::{FoundFace, Workbench, found_face},
+    segment::densest,
+    sequence::{Frame, ImageSize, SequenceReader},
+    units::NodeId,
+};
+
+/// Seconds between two looks for a face.
+const BETWEEN_LOOKS: f64 = 0.4;
+/// Frames that are looked at together.
+const TOGETHER: usize = 8;
+/// Size of the small pictures that show a cut.
+const SMALL: (u32, u32) = (32, 24);
+/// Mean grey difference of two small pictures, brightness left out, from which there may be a cut.
+const CUT: f32 = 14.0;
+/// A cut differs by so many times what frames differed by before.
+const CUT_FACTOR: f32 = 4.0;
+/// Frame rate of folders of images that tell none.
+pub(super) const USUAL_FPS: f64 = 25.0;
+/// Nodes that expressions move, by which the most usual face of a stretch is found.
+const MOVED: [u16; 15] = [31, 64, 7, 8, 10, 15, 16, 17, 48, 49, 50, 87, 40, 85, 86];
+/// Distance within which two faces are alike: the norm of differences of these nodes over the eye distance.
+const ALIKE: f32 = 0.08;
+
+/// A look for a face.
+pub(super) struct Look {
+    /// Place of the frame among all.
+    pub place: usize,
+    /// The largest face, where there is one.
+    pub face: Option<FoundFace>,
+}
+
+/// What a recording consists of.
+pub(super) struct Survey {
+    /// Frame numbers, ascending.
+    pub numbers: Vec<u32>,
+    pub size: ImageSize,
+    pub fps: f64,
+    /// Places of first frames behind a cut.
+    pub cuts: Vec<usize>,
+    pub looks: Vec<Look>,
+    /// BLAKE3 of the names and bytes of its files.
+    pub content: blake3::Hash,
+}
+
+/// A stretch of frames without a cut, with a face throughout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Stretch {
+    /// Place of its first frame.
+    pub first: usize,
+    /// Place of its last frame.
+    pub last: usize,
+}
+
+impl Survey {
+    /// Looks through a recording once.
+    pub fn new(source: &FrameSource, fps: Option<f64>, tick: Tick<'_>) -> Result<Self, RecordingError> {
+        let mut reader = SequenceReader::open(source)?;
+        let total = match source {
+            FrameSource::Images(files) => Some(files.len()),
+            FrameSource::Video { .. } => reader.stated_frames(),
+        };
+        let fps = fps.or_else(|| reader.fps()).unwrap_or(USUAL_FPS);
+        let step = ((BETWEEN_LOOKS * fps).round() as usize).max(1);
+        let (mut numbers, mut cuts, mut looks, mut size) = (Vec::new(), Vec::new(), Vec::new(), None);
+        let mut waiting: Vec<(usize, Frame)> = Vec::new();
+        let mut scenes = Scenes::default();
+        for frame in reader.by_ref() {
+            let frame = frame?;
+            let place = numbers.len();
+            numbers.push(frame.number());
+            size.get_or_insert(frame.size());
+            let is_cut = scenes.is_cut(frame.image());
+            if is_cut {
+                cuts.push(place);
+            }
+            if is_cut || place.is_multiple_of(step) {
+                waiting.push((place, frame));
+            }
+            if waiting.len() == TOGETHER {
+                looks.extend(look_at(std::mem::take(&mut waiting))?);
+            }
+            if !tick(RecordingStep::Looking, place + 1, total) {
+                return Err(RecordingError::Interrupted);
+            }
+        }
+        looks.extend(look_at(waiting)?);
+        let size = size.ok_or(RecordingError::NoFrames)?;
+        Ok(Self { numbers, size, fps, cuts, looks, content: reader.into_content_blake3()? })
+    }
+
+    /// The stretches with a face, and what is to be said of the frames between them.
+    pub fn stretches(&self) -> (Vec<Stretch>, Vec<String>) {
+        let (mut stretches, mut notes): (Vec<Stretch>, Vec<String>) = (Vec::new(), Vec::new());
+        let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
+        let starts: Vec<usize> = std::iter::once(0).chain(self.cuts.iter().copied()).collect();
+        notes.extend(self.cuts.iter().map(|&cut| format!("frame {}: a new scene begins", number(cut))));
+        for (k, &start) in starts.iter().enumerate() {
+            let end = starts.get(k + 1).copied().unwrap_or(self.numbers.len());
+            let looks: Vec<&Look> = self.looks.iter().filter(|look| (start..end).contains(&look.place)).collect();
+            // A face that is missed once between two looks is there.
+            let is_seen = |k: usize| {
+                let at = |k: usize| looks.get(k).is_some_and(|look| look.face.is_some());
+                at(k) || (k > 0 && at(k - 1) && at(k + 1))
+            };
+            let mut open: Option<usize> = None;
+            for (k, look) in looks.iter().enumerate() {
+                match (is_seen(k), open) {
+                    (true, None) => open = Some(if k == 0 { start } else { look.place }),
+                    (false, Some(first)) => {
+                        stretches.push(Stretch { first, last: looks[k - 1].place });
+                        open = None;
+                    }
+                    _ => {}
+                }
+                if !is_seen(k) && (k == 0 || is_seen(k - 1)) {
+                    notes.push(format!("frame {}: no face is found from here on", number(look.place)));
+                }
+                if is_seen(k) && k > 0 && !is_seen(k - 1) {
+                    notes.push(format!("frame {}: a face is found again", number(look.place)));
+                }
+            }
+            stretches.extend(open.map(|first| Stretch { first, last: end - 1 }));
+        }
+        (stretches, notes)
+    }
+
+    /// The look whose face is the most usual of a stretch, among those that are trusted.
+    pub fn usual_face(&self, stretch: Stretch, bench: &Workbench) -> Option<&Look> {
+        let trusted = |look: &&Look| {
+            (stretch.first..=stretch.last).contains(&look.place) && look.face.as_ref().is_some_and(|face| face.trusted)
+        };
+        let looks: Vec<&Look> = self.looks.iter().filter(trusted).collect();
+        let shapes: Vec<Vec<f32>> =
+            looks.iter().map(|look| look.face.as_ref().map(|face| shape(&face.marks, bench)).unwrap_or_default()).collect();
+        let shapes: Vec<&[f32]> = shapes.iter().map(Vec::as_slice).collect();
+        looks.get(densest(&shapes, ALIKE)?).copied()
+    }
+}
+
+fn look_at(frames: Vec<(usize, Frame)>) -> Result<Vec<Look>, RecordingError> {
+    let look = |(place, frame): (usize, Frame)| Ok(Look { place, face: found_face(&frame)? });
+    frames.into_par_iter().map(look).collect()
+}
+
+/// The nodes that expressions move, on the head's own axes, over the eye distance.
+fn shape(marks: &[Correspondence], bench: &Workbench) -> Vec<f32> {
+    let frontal = bench.wireframe.frontal();
+    let place = |node: u16| marks.iter().find(|m| m.node == NodeId(node)).map(|m| Point2::new(m.position.x, -m.position.y));
+    let still = stable_nodes(&bench.tables, bench.wireframe.node_count());
+    let pairs: Vec<(Point2<f64>, Point2<f64>)> =
+        still.iter().filter_map(|&k| Some((place(u16::try_from(k).ok()?)?, frontal[k]))).collect();
+    let (seen, own): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
+    let upright = Similarity::fit(&seen, &own, None).unwrap_or_else(|_| Similarity::identity());
+    let at = |&node: &u16| place(node).map_or_else(|| frontal[usize::from(node)], |p| upright.apply(&p));
+    MOVED.iter().map(at).flat_map(|p| [p.x, p.y]).map(|v| (v / crate::pose::HEAD_ES) as f32).collect()
+}
+
+/// Tells cuts from motion.
+#[derive(Default)]
+struct Scenes {
+    before: Option<Vec<f32>>,
+    usual: f32,
+}
+
+impl Scenes {
+    fn is_cut(&mut self, image: &GrayImage) -> bool {
+        let small = image::imageops::resize(image, SMALL.0, SMALL.1, FilterType::Triangle);
+        let values: Vec<f32> = small.as_raw().iter().map(|&v| f32::from(v)).collect();
+        let mean = values.iter().sum::<f32>() / values.len() as f32;
+        let values: Vec<f32> = values.into_iter().map(|v| v - mean).collect();
+        let difference = self
+            .before
+            .as_ref()
+            .map(|before| before.iter().zip(&values).map(|(a, b)| (a - b).abs()).sum::<f32>() / values.len() as f32);
+        self.before = Some(values);
+        let Some(difference) = difference else { return false };
+        let is_cut = difference > CUT && difference > CUT_FACTOR * self.usual;
+        if !is_cut {
+            self.usual = 0.9 * self.usual + 0.1 * difference;
+        }
+        is_cut
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_scene_is_a_cut_and_motion_and_a_flash_are_none() {
+        let picture = |shift: u32, bright: u8| {
+            GrayImage::from_fn(64, 48, |x, y| image::Luma([bright + 90 * u8::from((x + shift) / 16 % 2 == y / 16 % 2)]))
+        };
+        let mut scenes = Scenes::default();
+        let cuts: Vec<bool> = [(0, 10), (1, 10), (2, 10), (3, 100), (4, 100), (20, 10), (21, 10)]
+            .map(|(s, b)| scenes.is_cut(&picture(s, b)))
+            .to_vec();
+        assert_eq!(cuts, [false, false, false, false, false, true, false]);
+    }
+
+    #[test]
+    fn faces_make_stretches_and_what_is_between_is_said() {
+        let face = || FoundFace { marks: Vec::new(), expected_error: 0.01, eye_distance: 60.0, trusted: true };
+        let seen = [true, true, false, true, false, false, true, true];
+        let survey = Survey {
+            numbers: (1..=80).collect(),
+            size: ImageSize { width: 64, height: 48 },
+            fps: 25.0,
+            cuts: vec![70],
+            looks: seen.iter().enumerate().map(|(k, &s)| Look { place: 10 * k, face: s.then(face) }).collect(),
+            content: blake3::hash(b""),
+        };
+        let (stretches, notes) = survey.stretches();
+        assert_eq!(stretches, [Stretch { first: 0, last: 30 }, Stretch { first: 60, last: 69 }, Stretch { first: 70, last: 79 }]);
+        assert_eq!(
+            notes,
+            ["frame 71: a new scene begins", "frame 41: no face is found from here on", "frame 61: a face is found again"]
+        );
+    }
+}
