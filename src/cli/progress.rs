@@ -26,6 +26,7 @@ impl SequenceBar {
     pub fn show(&self, event: &Event) {
         match event {
             Event::Started { sequences } => self.bar.set_length(*sequences as u64),
+            Event::Segmenting { id } => self.bar.set_message(format!("looking for expressions in {id}")),
             Event::Frame => {
                 let frames = self.frames.fetch_add(1, Ordering::Relaxed) + 1;
                 if frames.is_multiple_of(16) {

@@ -44,6 +44,9 @@ pub struct SequenceEntry {
 /// The column of a manifest that says whether people agreed to be shown.
 pub const PUBLISH_COLUMN: &str = "publish";
 
+/// The column of a manifest whose value `auto` says that the row is a whole recording: its sequences are found.
+pub const SEGMENT_COLUMN: &str = "segment";
+
 /// Whether pictures of a sequence with these further columns may be shown to others. Its numbers count in any case. Without the column, or
 /// with an empty field, they may; anything but `yes` (or `true`, `1`) forbids it, so that a misspelled `no` does.
 pub fn may_publish(metadata: &BTreeMap<String, String>) -> bool {

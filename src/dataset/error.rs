@@ -14,6 +14,14 @@ pub enum DatasetError {
         /// What was asked for.
         path: PathBuf,
     },
+    /// A recording that could not be cut into sequences.
+    #[error("{}: {reason}", path.display())]
+    Recording {
+        /// The recording.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
     /// Folders of frames, but nothing that says which emotions they show.
     #[error(
         "{0}: the emotions are not known; `grimace init {0}` writes manifest.csv into this folder, to be filled in with a line for every \

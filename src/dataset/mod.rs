@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use crate::units::SequenceId;
 
 pub use cohn_kanade::emotion_code;
-pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SequenceEntry, may_publish};
+pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError};
 pub use frames::{

@@ -31,7 +31,7 @@ pub struct Plan {
 /// # Errors
 /// As `run`, before any sequence is worked on.
 pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
-    let (opened, name, earlier) = open(dataset, out, bench, force)?;
+    let (opened, name, earlier) = open(dataset, out, bench, force, (&AtomicBool::new(false), &|_| ()))?;
     if earlier.as_ref().is_none_or(|earlier| !earlier.complete) {
         let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
         let (outputs, kept) = earlier.map(|e| (e.outputs, e.kept)).unwrap_or_default();
@@ -105,7 +105,7 @@ pub fn run_emotion(
 
 /// [`open`] for a folder in which the run was begun.
 fn open_begun(dataset: &Path, out: &Path, bench: &Workbench) -> Result<(Dataset, String, RunJson), RunError> {
-    let (opened, name, earlier) = open(dataset, out, bench, false)?;
+    let (opened, name, earlier) = open(dataset, out, bench, false, (&AtomicBool::new(false), &|_| ()))?;
     let earlier = earlier.ok_or_else(|| RunError::NotBegun { path: out.to_owned() })?;
     Ok((opened, name, earlier))
 }

@@ -1,8 +1,13 @@
 //! The output folder of a run: whether it may be written to, its record, what is removed from it.
 
-use std::{collections::BTreeMap, fs, io, path::Path};
+use std::{collections::BTreeMap, fs, io, path::Path, sync::atomic::AtomicBool};
 
-use super::{AnalysisError, MADE_BY, RunError, RunJson, SCHEMA_VERSION, Workbench, files::run_units, ledger::JOURNAL};
+use super::{
+    AnalysisError, Event, MADE_BY, RunError, RunJson, SCHEMA_VERSION, Workbench,
+    files::run_units,
+    ledger::JOURNAL,
+    recording::{SEGMENTS_FOLDER, expand},
+};
 use crate::{
     dataset::{Dataset, MANIFEST_NAME},
     output::OutputError,
@@ -12,18 +17,20 @@ use crate::{
 /// Name of the provenance file.
 pub(super) const RUN_JSON: &str = "run.json";
 
-/// Opens the dataset and makes sure that the output may be written to.
+/// Opens the dataset, makes sure that the output may be written to, and cuts recordings into sequences.
 pub(super) fn open(
     dataset: &Path,
     out: &Path,
     bench: &Workbench,
     force: bool,
+    watch: (&AtomicBool, &(dyn Fn(Event) + Sync)),
 ) -> Result<(Dataset, String, Option<RunJson>), RunError> {
-    let opened = Dataset::open(dataset)?;
+    let mut opened = Dataset::open(dataset)?;
     // Found out now and not after hours of tracking.
     check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
     let name = dataset_name(dataset);
     let earlier = check_output(out, &name, bench, force)?;
+    expand(&mut opened, out, bench, watch)?;
     if opened.sequences.is_empty() && opened.failures.is_empty() {
         return Err(RunError::Empty { path: dataset.to_owned() });
     }
@@ -86,6 +93,7 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         // What a killed writer left is swept with the first file written; a run that ended before its first result left its journal.
         let is_left = |name: &std::ffi::OsStr| {
             name == JOURNAL
+                || name == SEGMENTS_FOLDER
                 || name.to_str().is_some_and(|n| n.starts_with(".grimace-") && Path::new(n).extension() == Some("tmp".as_ref()))
         };
         let empty = entries.all(|e| e.is_ok_and(|e| is_left(&e.file_name())));

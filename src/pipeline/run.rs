@@ -41,6 +41,11 @@ pub enum Event {
         /// Sequences to process.
         sequences: usize,
     },
+    /// A recording is being cut into sequences, before any is tracked.
+    Segmenting {
+        /// The row of the manifest.
+        id: SequenceId,
+    },
     /// A frame was tracked.
     Frame,
     /// A sequence is done.
@@ -181,7 +186,7 @@ pub fn run(
     stop: &AtomicBool,
     event: impl Fn(Event) + Sync,
 ) -> Result<RunSummary, RunError> {
-    let (opened, name, earlier) = open(dataset, out, bench, force)?;
+    let (opened, name, earlier) = open(dataset, out, bench, force, (stop, &event))?;
     let sequences = opened.sequences.len() + opened.failures.len();
     event(Event::Started { sequences });
 

@@ -70,7 +70,7 @@ fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, ben
     let depends = (SCHEMA, options, &bench.options.fit, &bench.options.track, &bench.wireframe_blake3, recording.fps);
     part(&serde_json::to_vec(&depends).unwrap_or_default());
     part(recording.stem.as_bytes());
-    for (frame, marks) in &recording.marks {
+    if let Some((frame, marks)) = &recording.marks {
         part(&frame.to_le_bytes());
         for mark in marks {
             part(&mark.node.0.to_le_bytes());
@@ -286,9 +286,4 @@ pub fn write_segments(path: &Path, folder: &str, rows: &[SegmentRow<'_>]) -> Res
         ]
     };
     write_records(path, SEGMENT_COLUMNS, rows.iter().map(row)).map(|_| ())
-}
-
-/// Marks of a segment that was written before.
-pub(in crate::pipeline) fn marks_path(folder: &Path, segment: &Segment) -> PathBuf {
-    folder.join(format!("{}.csv", segment.name))
 }

@@ -4,6 +4,7 @@
 //! tracked from its most usual face to both ends (`follow`) and measured (`measure`); [`crate::segment`] finds rests and expressions; pictures
 //! and films are made in a last reading. What is held of a frame is about a kilobyte.
 
+mod expand;
 mod files;
 mod film;
 mod follow;
@@ -30,6 +31,7 @@ use crate::{
     track::TrackError,
 };
 
+pub(in crate::pipeline) use expand::{SEGMENTS_FOLDER, expand};
 pub use files::{
     ManifestColumns, RecordingFiles, SEGMENT_COLUMNS, SegmentRow, recording_inputs_blake3, reuse_recording, write_recording,
     write_segments,
@@ -161,6 +163,12 @@ pub enum RecordingError {
     #[error("{reason}")]
     Features {
         /// Why.
+        reason: String,
+    },
+    /// What the manifest says of it.
+    #[error("{reason}")]
+    Row {
+        /// What is wrong.
         reason: String,
     },
     /// No stretch could be used.

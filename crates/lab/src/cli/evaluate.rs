@@ -10,6 +10,7 @@ mod locate;
 mod pose;
 mod recognition;
 mod scale;
+mod segment;
 mod synthesis;
 mod tracking;
 
@@ -70,6 +71,8 @@ enum Experiment {
     Locate(locate::Args),
     /// Size and power of the test between groups, on simulated people.
     Groups(groups::Args),
+    /// Whether the expressions and rests of whole recordings are found.
+    Segment(segment::Args),
     /// Time and memory of the statistics by the number of models.
     Scale(scale::Args),
 }
@@ -88,6 +91,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Recognition(args) => recognition::run(args),
         Experiment::Locate(args) => locate::run(args),
         Experiment::Groups(args) => groups::run(args),
+        Experiment::Segment(args) => segment::run(args),
         Experiment::Scale(args) => scale::run(args),
     }
 }

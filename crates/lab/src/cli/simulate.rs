@@ -16,7 +16,7 @@ use grimace::{
 };
 use grimace_lab::simulate::{
     CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMotion, PortraitSource, SimulateOptions, TurnCourse,
-    faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs,
+    faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs, simulate_recordings,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
@@ -33,6 +33,7 @@ Examples:
   grimace simulate -o faces --subjects 6 --emotions happiness,surprise --frames 12 --size 320x240 --seed 7
   grimace simulate -o animated --photo portrait.jpg --landmarks portrait_landmarks68.csv --blink 0.5 --yaw 4
   grimace simulate -o animated --photo portraits --fap happiness.fap --layout cohn-kanade
+  grimace simulate -o recordings --recordings --subjects 3 --yaw 12 --pitch 8 --format jpg
 
 Writes faces/manifest.csv (with columns sex and cohort to group by), faces/S001/005/S001_005_00000001.png and so on with \
 correspondences.csv beside the frames, faces/truth/S001_005.csv with the exact position of every node in every frame (pixels), \
@@ -52,6 +53,10 @@ pub struct Args {
     /// Emotions, separated by commas: anger, contempt, disgust, fear, happiness, sadness, surprise.
     #[arg(long, value_delimiter = ',', value_name = "LIST", default_value = "anger,disgust,fear,happiness,sadness,surprise")]
     emotions: Vec<Emotion>,
+    /// One long recording of every subject instead of sequences: every emotion once, rests, speech, blinks, turns of the head, with
+    /// truth/expressions.csv and truth/rests.csv; --frames does not count.
+    #[arg(long, conflicts_with_all = ["photo", "layout", "blink", "frames", "turn"])]
+    recordings: bool,
     /// Frames per sequence, from the neutral to the apex frame.
     #[arg(long, default_value_t = 24, value_name = "N")]
     frames: usize,
@@ -285,6 +290,9 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
     let progress = Progress::new(args.quiet);
     let show = |done, total| progress.show(done, total);
     let (summary, subjects) = match &args.photograph.photo {
+        None if args.recordings => {
+            (pool.install(|| simulate_recordings(&options, &args.output, args.force, show))?, options.subjects)
+        }
         None => (pool.install(|| simulate_dataset(&options, &args.output, args.force, show))?, options.subjects),
         Some(path) => {
             let motions = args.photograph.motions(&options.emotions)?;
@@ -298,7 +306,11 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
     if !args.quiet {
         println!(
             "{} of {}, {}, written to {}",
-            count(summary.sequences, "sequence", "sequences"),
+            if args.recordings {
+                count(summary.sequences, "recording", "recordings")
+            } else {
+                count(summary.sequences, "sequence", "sequences")
+            },
             count(subjects as usize, "subject", "subjects"),
             count(summary.frames, "frame", "frames"),
             args.output.display()

@@ -27,6 +27,7 @@ mod pose_images;
 mod recognition;
 mod records;
 mod scale;
+mod segment;
 mod synthesis;
 mod synthetic;
 mod table;
@@ -82,6 +83,7 @@ pub use records::{
     Part, RecordedError, Records, curve_table, frames_worse, last_table, markdown_last, sequence_table, tracking_chart,
 };
 pub use scale::{ScaleError, ScaleOptions, ScaleRow, evaluate_scale, growth_exponent, scale_table, write_synthetic_models};
+pub use segment::{RecordingTruth, SegmentTrial, judge_recording, read_recording_truth, segment_table};
 pub use synthesis::{
     CrossoverRow, REPEATS, Seams, SolverRow, SynthesisStudy, SynthesisTarget, TimeRow, crossover_table, error_chart,
     evaluate_crossovers, evaluate_solvers, history_chart, solver_table, time_solvers, time_table,

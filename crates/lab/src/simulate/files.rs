@@ -279,6 +279,35 @@ fn marks(nodes: &[Point2<f64>], options: &SimulateOptions, (subject, code): (u32
         .collect()
 }
 
+/// Writes a picture as `STEM.png` or `STEM.jpg`.
+pub(super) fn write_picture(
+    record: &FolderRecord,
+    stem: &str,
+    image: &RgbImage,
+    format: FrameFormat,
+) -> Result<(), SimulateError> {
+    Ok(record.write(&format!("{stem}.{}", format.extension()), |writer| encode(image, format, writer))?)
+}
+
+/// As [`finish`], of recordings, one of every subject: they are cut by `segment`, and begin and end anywhere.
+pub(super) fn finish_recordings(
+    record: FolderRecord,
+    out: &Path,
+    options: &SimulateOptions,
+    subjects: &[String],
+) -> Result<(), SimulateError> {
+    let row = |subject: &String| ManifestRow {
+        subject: subject.clone(),
+        sequence: super::recording::RECORDING_NAME.to_owned(),
+        emotion: "unlabelled".to_owned(),
+        frames: format!("{subject}/{}", super::recording::RECORDING_NAME),
+        correspondences: String::new(),
+        fps: options.fps,
+        further: vec!["auto".to_owned()],
+    };
+    finish(record, out, options, &serde_json::Map::new(), &["segment"], subjects.iter().map(row))
+}
+
 fn encode(image: &RgbImage, format: FrameFormat, writer: &mut dyn io::Write) -> io::Result<()> {
     let (width, height) = image.dimensions();
     let colour = image::ExtendedColorType::Rgb8;

@@ -25,6 +25,14 @@ pub struct HeadPose {
 }
 
 impl HeadPose {
+    /// The view of roll, yaw and pitch (radians), shift (pixels) and change of scale, about the `middle` of the picture.
+    pub(super) fn new([roll, yaw, pitch, dx, dy, scale]: [f64; 6], middle: Point2<f64>, px_per_unit: f64) -> Self {
+        let turn = Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), roll)
+            * Rotation3::from_axis_angle(&nalgebra::Vector3::y_axis(), yaw)
+            * Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), pitch);
+        Self { turn, scale: px_per_unit * scale, origin: middle + Vector2::new(dx, dy) }
+    }
+
     /// Image position (pixels) of a point of face space (model units).
     pub fn project(&self, point: &Point3<f64>) -> Point2<f64> {
         let turned = self.turn * (point - IMAGE_MIDDLE);
@@ -126,12 +134,8 @@ impl Course {
     /// The pose at a time in frames.
     pub fn pose(&self, frame: f64) -> HeadPose {
         let t = smooth_step(self.time(frame));
-        let [roll, yaw, pitch, dx, dy, scale] =
-            std::array::from_fn(|k| self.ends[0][k] + (self.ends[1][k] - self.ends[0][k]) * t);
-        let turn = Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), roll)
-            * Rotation3::from_axis_angle(&nalgebra::Vector3::y_axis(), yaw)
-            * Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), pitch);
-        HeadPose { turn, scale: self.px_per_unit * scale, origin: self.middle + Vector2::new(dx, dy) }
+        let pose = std::array::from_fn(|k| self.ends[0][k] + (self.ends[1][k] - self.ends[0][k]) * t);
+        HeadPose::new(pose, self.middle, self.px_per_unit)
     }
 
     /// Share of the sequence that has passed; before its start and after its end everything rests.

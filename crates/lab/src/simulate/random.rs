@@ -23,6 +23,8 @@ pub enum Purpose {
     Light = 7,
     /// Whether and when a sequence blinks.
     Blink = 8,
+    /// What happens in a recording.
+    Recording = 9,
 }
 
 /// The generator of one unit of work: purpose, subject (below 2^24 of them), emotion code, frame.

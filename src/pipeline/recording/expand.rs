@@ -1,0 +1,93 @@
+//! Rows of a manifest that are whole recordings, replaced by the sequences found in them.
+
+use std::{
+    path::Path,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use super::{
+    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording, write_recording,
+};
+use crate::{
+    dataset::{Dataset, DatasetError, FailedEntry, SEGMENT_COLUMN, SequenceEntry, list_frames},
+    output::OutputError,
+    pipeline::{Event, RunError, Workbench},
+    segment::SegmentOptions,
+    units::SequenceId,
+};
+
+/// Folder of what is found in recordings, in the folder of a run.
+pub(in crate::pipeline) const SEGMENTS_FOLDER: &str = "segments";
+
+/// Whether a row is a recording that is to be cut.
+fn is_recording(entry: &SequenceEntry) -> bool {
+    entry.metadata.get(SEGMENT_COLUMN).is_some_and(|value| value.trim().eq_ignore_ascii_case("auto"))
+}
+
+/// Replaces every recording of a dataset by its sequences. What was found in it before is used again where nothing changed.
+pub(in crate::pipeline) fn expand(
+    dataset: &mut Dataset,
+    out: &Path,
+    bench: &Workbench,
+    (stop, event): (&AtomicBool, &(dyn Fn(Event) + Sync)),
+) -> Result<(), RunError> {
+    let (recordings, mut sequences): (Vec<_>, Vec<_>) =
+        std::mem::take(&mut dataset.sequences).into_iter().partition(is_recording);
+    for entry in recordings {
+        event(Event::Segmenting { id: entry.id.clone() });
+        let folder = out.join(SEGMENTS_FOLDER).join(&entry.id.subject);
+        match segmented(&entry, &folder, bench, stop) {
+            Ok(files) => sequences.extend(files.segments.iter().map(|segment| sequence(&entry, segment, &folder))),
+            Err(RecordingError::Interrupted) => return Err(RunError::Interrupted),
+            Err(RecordingError::Output(error)) => return Err(OutputError::into(error)),
+            Err(error) => dataset.failures.push(FailedEntry {
+                subject: entry.id.subject.clone(),
+                sequence: entry.id.sequence.clone(),
+                error: DatasetError::Recording { path: entry.frames_path.clone(), reason: error.to_string() },
+            }),
+        }
+    }
+    sequences.sort_by(|a, b| a.id.cmp(&b.id));
+    dataset.sequences = sequences;
+    Ok(())
+}
+
+fn segmented(
+    entry: &SequenceEntry,
+    folder: &Path,
+    bench: &Workbench,
+    stop: &AtomicBool,
+) -> Result<RecordingFiles, RecordingError> {
+    let frames = list_frames(&entry.frames_path, None, None).map_err(|e| RecordingError::Row { reason: e.to_string() })?;
+    let marks = match (&entry.correspondences_path, entry.first_frame) {
+        (None, _) => None,
+        (Some(path), Some(frame)) => {
+            let read = crate::correspondence::read_correspondences(path, &bench.tables, bench.wireframe.node_count());
+            Some((frame, read.map_err(|e| RecordingError::Row { reason: e.to_string() })?))
+        }
+        (Some(_), None) => {
+            let reason = "the recording has marks, but first_frame does not say which frame they are for".to_owned();
+            return Err(RecordingError::Row { reason });
+        }
+    };
+    let recording = Recording { stem: entry.id.sequence.clone(), frames, fps: entry.fps, marks };
+    let options = SegmentOptions::default();
+    if let Some(files) = reuse_recording(folder, &recording, &options, bench)? {
+        return Ok(files);
+    }
+    let tick = |_: RecordingStep, _: usize, _: Option<usize>| !stop.load(Ordering::Relaxed);
+    let found = segment_recording(&recording, bench, &options, &tick)?;
+    write_recording(folder, (&recording, &found), &options, bench, bench.options.shows(&entry.metadata), &tick)
+}
+
+/// A sequence of a recording, as if it stood in the manifest.
+fn sequence(entry: &SequenceEntry, segment: &Segment, folder: &Path) -> SequenceEntry {
+    let marks = folder.join(format!("{}.csv", segment.name));
+    SequenceEntry {
+        id: SequenceId { subject: entry.id.subject.clone(), sequence: segment.name.clone() },
+        first_frame: Some(segment.neutral_frame),
+        last_frame: Some(segment.apex_frame),
+        correspondences_path: Some(marks),
+        ..entry.clone()
+    }
+}

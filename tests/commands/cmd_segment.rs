@@ -1,0 +1,143 @@
+//! Whole recordings: `grimace segment`, recordings in a manifest, and sequences whose apex was recorded first.
+
+use std::fs;
+
+use crate::common::{Work, root};
+
+/// Frames of a recording: each a fixture sequence's frame number (from 1) or black.
+#[derive(Clone, Copy)]
+enum Shot {
+    Face(&'static str, u32),
+    Black,
+}
+
+/// Rest, up to the apex, a short hold, back, rest: two frames of each step.
+fn expression(sequence: &'static str) -> Vec<Shot> {
+    let up = (1..=10).flat_map(|k| [k, k]);
+    let steps = std::iter::repeat_n(1, 22).chain(up.clone()).chain([10; 4]).chain(up.rev()).chain([1; 22]);
+    steps.map(|k| Shot::Face(sequence, k)).collect()
+}
+
+/// Place of the first frame of the hold of [`expression`], from 0, and the last.
+const HOLD: (i64, i64) = (40, 46);
+const LENGTH: i64 = 88;
+
+fn record(work: &Work, folder: &str, shots: &[Shot]) {
+    fs::create_dir_all(work.path(folder)).unwrap();
+    for (k, shot) in shots.iter().enumerate() {
+        let target = work.path(&format!("{folder}/r_{:05}.jpg", k + 1));
+        match shot {
+            Shot::Face(sequence, number) => {
+                let name = format!("fixtures/simulated/S001/{sequence}/S001_{sequence}_{number:08}.jpg");
+                fs::copy(root().join(name), target).unwrap();
+            }
+            Shot::Black => image::RgbImage::new(320, 320).save(target).unwrap(),
+        }
+    }
+}
+
+fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> i64 {
+    row[column].parse().unwrap_or_else(|_| panic!("{column} is `{}`", row[column]))
+}
+
+/// Whether a frame number is one of the hold of an expression that begins with frame `start`, or at most two frames beside it.
+fn is_apex(frame: i64, start: i64) -> bool {
+    (start + HOLD.0 - 2..=start + HOLD.1 + 2).contains(&frame)
+}
+
+#[test]
+fn expressions_of_a_recording_become_sequences_that_run_takes() {
+    let work = Work::new();
+    let gap = vec![Shot::Black; 30];
+    let shots: Vec<Shot> = [expression("005"), gap, expression("007")].concat();
+    record(&work, "talk", &shots);
+    let ran = work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness");
+    ran.exit(0).prints(&["talk: 2 sequences proposed", "no face is found", "a face is found again"]);
+    let rows = work.rows("segments.csv");
+    assert_eq!(rows.len(), 2, "{rows:?}");
+    let second = LENGTH + 30;
+    for (row, start) in rows.iter().zip([1, second + 1]) {
+        assert!(is_apex(number(row, "last_frame"), start), "{row:?}");
+        let neutral = number(row, "first_frame") - start;
+        assert!((0..=23).contains(&neutral), "{row:?}");
+        assert!((0.3..=1.0).contains(&row["confidence"].parse::<f64>().unwrap()), "{row:?}");
+    }
+    assert_eq!((rows[0]["sequence"].as_str(), rows[1]["sequence"].as_str()), ("talk-01", "talk-02"));
+    for name in ["talk-01.csv", "talk-02.csv", "talk-01.png", "talk-02.png", "talk.json"] {
+        assert!(work.path(&format!("segments/{name}")).is_file(), "{name}");
+    }
+    let frames = work.rows("segments/talk_frames.csv");
+    assert!(frames.iter().any(|r| r["phase"] == "apex") && frames.iter().filter(|r| r["phase"] == "rest").count() > 40);
+    assert!(!frames.iter().any(|r| (95..=110).contains(&number(r, "frame"))), "black frames have no row");
+    // What is written is a manifest.
+    work.grimace("run segments.csv -o out").exit(0);
+    assert!(work.path("out/tracks/P1_talk-01.csv").is_file() && work.path("out/fap/happiness.fap").is_file());
+    // A recording that did not change is kept; results are not written over.
+    let before = work.files("segments");
+    work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness").exit(1).says(&["segments.csv", "--force"]);
+    work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness --force").exit(0);
+    assert_eq!(work.files("segments"), before);
+}
+
+#[test]
+fn a_recording_in_a_manifest_is_cut_by_run() {
+    let work = Work::new();
+    // It begins in the middle of the expression: the rest behind it is the neutral one.
+    let shots = &expression("005")[34..];
+    record(&work, "data/talk", shots);
+    work.write("data/manifest.csv", "subject,sequence,emotion,frames,segment\nP1,talk,happiness,talk,auto\n");
+    work.grimace("run data -o out").exit(0).prints(&["1 sequence: 1 tracked"]);
+    let info: serde_json::Value = serde_json::from_str(&work.read("out/tracks/P1_talk-01.json")).unwrap();
+    let (neutral, apex) = (info["neutral_frame"].as_i64().unwrap(), info["apex_frame"].as_i64().unwrap());
+    assert!(neutral > apex && is_apex(apex, 1 - 34), "neutral {neutral}, apex {apex}");
+    let frames: Vec<i64> = work.rows("out/tracks/P1_talk-01.csv").iter().map(|r| number(r, "frame")).collect();
+    assert!(frames.is_sorted() && frames[0] == apex && *frames.last().unwrap() == neutral, "{neutral} {apex}");
+    work.grimace("run data -o out").exit(0).prints(&["nothing changed"]);
+    work.grimace("segment data/talk -o none.csv --high 60").exit(0).prints(&["0 sequences proposed", "no expression was found"]);
+}
+
+#[test]
+fn a_sequence_may_go_back_in_time() {
+    let work = Work::with_sequences(&["S001_005"]);
+    let files = work.files("faces/S001/005");
+    let pictures: Vec<&String> = files.keys().filter(|name| !name.ends_with(".csv")).collect();
+    let extension = pictures[0].rsplit('.').next().unwrap().to_owned();
+    let count = pictures.len();
+    for (k, name) in pictures.iter().enumerate() {
+        work.write(&format!("back/S001/005/b_{:03}.{extension}", count - k), &files[*name]);
+    }
+    work.write("back/S001/005/correspondences.csv", work.bytes("faces/S001/005/correspondences.csv"));
+    let rows = format!("subject,sequence,emotion,first_frame,last_frame\nS001,005,happiness,{count},1\n");
+    work.write("back/manifest.csv", rows);
+    work.write("forth/manifest.csv", "subject,sequence,emotion,frames,correspondences\nS001,005,happiness,../faces/S001/005,../faces/S001/005/correspondences.csv\n");
+    work.grimace("run forth -o there").exit(0);
+    work.grimace("run back -o out").exit(0);
+    // The same pictures in the same order, whatever their numbers: the same model.
+    assert_eq!(work.read("there/models/S001_005.csv"), work.read("out/models/S001_005.csv"));
+    let rows = work.rows("out/features/S001_005.csv");
+    assert!(rows.iter().map(|r| number(r, "frame")).is_sorted());
+    let info: serde_json::Value = serde_json::from_str(&work.read("out/tracks/S001_005.json")).unwrap();
+    assert_eq!((info["neutral_frame"].as_u64(), info["apex_frame"].as_u64()), (Some(count as u64), Some(1)));
+    // Read back from the files it is the same again.
+    work.grimace("analyze out/tracks -o again").exit(0);
+    assert_eq!(work.read("again/representatives/happiness.csv"), work.read("out/representatives/happiness.csv"));
+}
+
+#[test]
+fn what_is_no_recording_is_said() {
+    let work = Work::new();
+    record(&work, "dark", &[Shot::Black; 40]);
+    work.grimace("segment dark -o a.csv").exit(1).says(&["dark", "no face was found"]);
+    assert!(!work.path("a.csv").exists());
+    record(&work, "short", &expression("005")[..12]);
+    work.grimace("segment short -o a.csv").exit(1).says(&["short", "too short for a rest and an expression"]);
+    work.grimace("segment nothing -o a.csv").exit(1).says(&["nothing: there is no such folder"]);
+    work.grimace("segment short other/short -o a.csv").exit(1);
+    work.grimace("segment short -o segments").exit(1).says(&["the table is a .csv"]);
+    work.grimace("segment short -o a.csv --correspondences c.csv").exit(2).says(&["--neutral-frame"]);
+    work.write("c.csv", "node,x,y\n20,1,1\n23,2,2\n56,3,1\n");
+    work.grimace("segment short -o a.csv -c c.csv --neutral-frame 99").exit(1).says(&["frame 99", "frames 1 to 12"]);
+    // In a manifest it costs that recording.
+    work.write("manifest.csv", "subject,sequence,emotion,frames,segment\nP1,dark,anger,dark,auto\n");
+    work.grimace("run manifest.csv -o out").exit(1).says(&["no face was found"]);
+}
