@@ -190,6 +190,8 @@ pub enum RecordingError {
 
 /// Shortest stretch that is worth tracking, seconds.
 const SHORTEST: f64 = 1.0;
+/// Activity up to which the frame that was fitted serves as the neutral one.
+const AT_REST: f64 = 0.5;
 
 /// Finds the rests and expressions of a recording.
 ///
@@ -314,9 +316,8 @@ fn enter(
     };
     let mut segmentation = segment(&measured.frames, survey.fps, options);
     // Intensities count from the rest, once it is known where it is.
-    if let Ok(rest) = segmentation.as_ref().map(|s| s.rest)
-        && rest != followed.fitted
-    {
+    let rest = segmentation.as_ref().ok().filter(|s| s.activity[followed.fitted] > AT_REST).map(|s| s.rest);
+    if let Some(rest) = rest {
         match measure(&followed, rest, bench, (of, tick)) {
             Ok(again) => {
                 measured = again;

@@ -280,3 +280,38 @@ fn faults_out_of_range_are_named() {
     }
     small(&out).args(["--layout", "ck"]).assert().code(2).stderr(contains("cohn-kanade"));
 }
+
+#[test]
+fn recordings_have_their_truth_and_are_the_same_every_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let make = |name: &str, threads: &str| {
+        let out = folder.path().join(name);
+        let options = ["--recordings", "--subjects", "2", "--emotions", "happiness,surprise", "--size", "96x80", "--yaw", "10"];
+        let said = simulate(&out).args(options).args(["--format", "jpg", "--threads", threads]).assert().success();
+        said.stdout(contains("2 recordings of 2 subjects"));
+        out
+    };
+    let out = make("a", "1");
+    let (header, manifest) = rows(&out.join("manifest.csv"));
+    assert_eq!(header, ["subject", "sequence", "emotion", "frames", "correspondences", "fps", "segment"]);
+    assert_eq!(manifest[1], ["S002", "R1", "unlabelled", "S002/R1", "", "25.0", "auto"]);
+    let (header, expressions) = rows(&out.join("truth/expressions.csv"));
+    assert_eq!(header, ["subject", "sequence", "emotion", "onset_frame", "apex_frame", "offset_frame"]);
+    assert_eq!(expressions.len(), 4);
+    let frames = fs::read_dir(out.join("S001/R1")).unwrap().count() as i64;
+    let (_, rests) = rows(&out.join("truth/rests.csv"));
+    let number = |text: &String| text.parse::<i64>().unwrap();
+    for e in expressions.iter().filter(|e| e[0] == "S001") {
+        let (onset, apex, offset) = (number(&e[3]), number(&e[4]), number(&e[5]));
+        assert!(onset < apex && apex < offset && apex >= 1 && offset <= frames, "{e:?} of {frames}");
+        let overlaps = |r: &&Vec<String>| r[0] == "S001" && number(&r[2]) > onset && number(&r[3]) < offset;
+        assert_eq!(rests.iter().find(overlaps), None, "a rest within {e:?}");
+    }
+    assert_eq!(files(&out), files(&make("b", "2")));
+    simulate(&folder.path().join("c"))
+        .args(["--recordings", "--blink", "1"])
+        .assert()
+        .failure()
+        .code(2)
+        .stderr(contains("--blink"));
+}
