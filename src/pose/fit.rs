@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Vector2, Vector3};
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
     frontal::visibility,
-    solve::{Seen, Solved, cost, robust, shape_with, solve},
+    solve::{Directions, Seen, Solved, cost, robust, shape_with, solve},
 };
 use crate::{
     fit::SpringError,
@@ -31,10 +31,16 @@ const OWN_MARKED: f64 = 0.007;
 const OWN_FITTED: f64 = 0.04;
 /// Frames, evenly spread, that the head is learned from.
 const HEAD_FRAMES: usize = 9;
-/// Turns of frames and head.
+/// Turns of frames and head at the first distance, and at a next one, which begins with what the one before found.
 const TURNS: usize = 3;
+const NEXT_TURNS: usize = 2;
+/// The last step of a frame while the head is sought, and once it is known: radians, logarithms, standard deviations.
+const NEARLY_AT_REST: f64 = 1e-3;
+const AT_REST: f64 = 1e-5;
 /// Distances of the camera that are tried, eye distances: each 1.4 times the one before, and one so far that nothing is magnified.
 const DISTANCES: [f64; 6] = [5.5, 7.8, 11.0, 15.5, 22.0, 44.0];
+/// The one of them that is tried first: the nearest to [`CAMERA_DISTANCE`].
+const FIRST_DISTANCE: usize = 3;
 /// Standard deviation of the logarithm of the distance.
 const LOG_DISTANCE_DEVIATION: f64 = 1.0;
 /// Fewest nodes seen that give a pose.
@@ -111,7 +117,8 @@ struct Frame {
 /// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
 /// and not the nodes say where the head is.
 ///
-/// The distance of the camera is the one of `DISTANCES` which explains the frames best.
+/// The distance of the camera is the one of `DISTANCES` which explains the frames best: from the likeliest on, each way as long as the
+/// next explains them better.
 ///
 /// # Errors
 /// [`PoseError`] for another wireframe, too few tracked nodes, or nodes that no head explains.
@@ -134,25 +141,19 @@ pub fn fit_head(
     frames[0].seen.retain(|s| is_marked(s.node) || is_followed[s.node]);
     let own = own_deviations(model, neutral);
     let start = rough_pose(model, tables, neutral)?;
-    let sequence = Sequence { model, frames: &frames, own: &own, start };
-    let mut best: Option<(f64, Found)> = None;
-    let mut failure = None;
-    for distance in DISTANCES {
-        match sequence.head_at(distance * HEAD_ES) {
-            Ok(found) => {
-                let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
-                let cost = found.cost + 0.5 * unlikely * unlikely;
-                if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                    best = Some((cost, found));
-                }
-            }
-            Err(error) => failure = failure.or(Some(error)),
-        }
-    }
-    match (best, failure) {
-        (Some((_, found)), _) => sequence.every_frame(found, shifts),
-        (None, error) => Err(error.unwrap_or(PoseError::NoHead { frame: neutral.number })),
-    }
+    let sequence = Sequence {
+        model,
+        frames: &frames,
+        own: &own,
+        start,
+        expression: Directions::new(&model.expression, model.node_count()),
+        identity: Directions::new(&model.identity, model.node_count()),
+    };
+    let first = sequence.head_at(DISTANCES[FIRST_DISTANCE], None)?;
+    let (nearer, farther) = (&DISTANCES[..FIRST_DISTANCE], &DISTANCES[FIRST_DISTANCE + 1..]);
+    let nearest = sequence.while_better(first.clone(), nearer.iter().rev());
+    let farthest = sequence.while_better(first, farther.iter());
+    sequence.every_frame(if nearest.cost < farthest.cost { nearest } else { farthest }, shifts)
 }
 
 /// What is known of a sequence before its head is.
@@ -161,60 +162,113 @@ struct Sequence<'a> {
     frames: &'a [Frame],
     own: &'a [f64],
     start: HeadPose,
+    expression: Directions,
+    identity: Directions,
 }
 
-/// A head, its pose in the neutral frame, and what it leaves unexplained: minus the logarithm of its probability, up to a constant.
+/// A head, its pose in the neutral frame, pose and expression of the frames that it was learned from, and what it leaves unexplained:
+/// minus the logarithm of its probability, up to a constant.
+#[derive(Clone)]
 struct Found {
-    shape: Vec<Vector3<f64>>,
+    head: Head,
     neutral_pose: HeadPose,
+    frames: Vec<Solved>,
     cost: f64,
 }
 
 impl Sequence<'_> {
-    /// The head that explains the frames best with the camera at a distance, model units.
-    fn head_at(&self, distance: f64) -> Result<Found, PoseError> {
+    /// The head that explains the frames best with the camera at a distance, eye distances; `nearby` is what was found at another.
+    fn head_at(&self, distance: f64, nearby: Option<&Found>) -> Result<Found, PoseError> {
         let Self { model, frames, own, .. } = *self;
         let none = |number| PoseError::NoHead { frame: number };
         let Some((first, rest)) = frames.split_first() else { return Err(none(0)) };
-        // A first head from the neutral frame: the person's own offsets count as noise.
-        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(own[s.node]), ..*s };
-        let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
-        let start = Solved { pose: HeadPose { distance, ..self.start }, coefficients: DVector::zeros(model.identity.len()) };
-        let found = solve(&model.mean, &model.identity, &seen, start).ok_or(none(first.number))?;
-        let mut head = Head { coefficients: found.coefficients, own: vec![Vector3::zeros(); model.node_count()] };
-        let mut neutral_pose = found.pose;
-        let chosen = spread(rest.len(), HEAD_FRAMES);
+        let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
+        let camera = distance * HEAD_ES;
+        let mut found = match nearby {
+            Some(nearby) => nearby.clone(),
+            None => self.first_head(first)?,
+        };
+        let chosen: Vec<&Frame> = spread(rest.len(), HEAD_FRAMES).into_iter().map(|k| &rest[k]).collect();
+        found.neutral_pose.distance = camera;
+        found.frames.iter_mut().for_each(|solved| solved.pose.distance = camera);
         let nothing = vec![Vector3::zeros(); model.node_count()];
-        for _ in 0..TURNS {
-            let shape = head.shape(model);
-            let mut views = vec![View { seen: &first.seen, pose: neutral_pose, offsets: None }];
-            let mut before = no_expression(model, neutral_pose);
-            for &k in &chosen {
-                before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
-                let offsets = shape_with(&nothing, &model.expression, &before.coefficients);
-                views.push(View { seen: &rest[k].seen, pose: before.pose, offsets: Some(offsets) });
+        for _ in 0..if nearby.is_some() { NEXT_TURNS } else { TURNS } {
+            self.solve_frames(&mut found, &chosen)?;
+            let mut views = vec![View { seen: &first.seen, pose: found.neutral_pose, offsets: None }];
+            for (frame, solved) in chosen.iter().zip(&found.frames) {
+                let offsets = shape_with(&nothing, &model.expression, &solved.coefficients);
+                views.push(View { seen: &frame.seen, pose: solved.pose, offsets: Some(offsets) });
             }
-            head.improve(model, &views, own);
-            let shape = head.shape(model);
-            let start = Solved { pose: neutral_pose, coefficients: DVector::zeros(0) };
-            neutral_pose = solve(&shape, &[], &first.seen, start).ok_or(none(first.number))?.pose;
+            found.head.improve(model, &views, own);
+            let start = Solved { pose: found.neutral_pose, coefficients: DVector::zeros(0) };
+            let solved = solve(&found.head.shape(model), &Directions::none(), &first.seen, start, AT_REST);
+            found.neutral_pose = solved.ok_or(none(first.number))?.pose;
         }
-        let shape = head.shape(model);
+        self.solve_frames(&mut found, &chosen)?;
+        let shape = found.head.shape(model);
         let own_share = |(offset, own): (&Vector3<f64>, &f64)| offset.norm_squared() / (own * own);
-        let mut cost = 0.5 * (head.coefficients.norm_squared() + head.own.iter().zip(own).map(own_share).sum::<f64>());
-        cost += unexplained(&shape, &neutral_pose, &first.seen);
-        let mut before = no_expression(model, neutral_pose);
-        for &k in &chosen {
-            before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
-            let now = shape_with(&shape, &model.expression, &before.coefficients);
-            cost += 0.5 * before.coefficients.norm_squared() + unexplained(&now, &before.pose, &rest[k].seen);
+        let head = found.head.coefficients.norm_squared() + found.head.own.iter().zip(own).map(own_share).sum::<f64>();
+        found.cost = 0.5 * (unlikely * unlikely + head) + unexplained(&shape, &found.neutral_pose, &first.seen);
+        for (frame, solved) in chosen.iter().zip(&found.frames) {
+            let now = shape_with(&shape, &model.expression, &solved.coefficients);
+            found.cost += 0.5 * solved.coefficients.norm_squared() + unexplained(&now, &solved.pose, &frame.seen);
         }
-        Ok(Found { shape, neutral_pose, cost })
+        Ok(found)
+    }
+
+    /// The best head of distances that lead away from that of `found`, tried as long as the next explains the frames better.
+    fn while_better<'d>(&self, mut found: Found, distances: impl Iterator<Item = &'d f64>) -> Found {
+        for &distance in distances {
+            match self.head_at(distance, Some(&found)) {
+                Ok(next) if next.cost < found.cost => found = next,
+                _ => break,
+            }
+        }
+        found
+    }
+
+    /// A first head from the neutral frame: the person's own offsets count as noise.
+    fn first_head(&self, first: &Frame) -> Result<Found, PoseError> {
+        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(self.own[s.node]), ..*s };
+        let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
+        let start = Solved { pose: self.start, coefficients: DVector::zeros(self.model.identity.len()) };
+        let solved = solve(&self.model.mean, &self.identity, &seen, start, NEARLY_AT_REST);
+        let solved = solved.ok_or(PoseError::NoHead { frame: first.number })?;
+        let head = Head { coefficients: solved.coefficients, own: vec![Vector3::zeros(); self.model.node_count()] };
+        Ok(Found { head, neutral_pose: solved.pose, frames: Vec::new(), cost: f64::INFINITY })
+    }
+
+    /// Pose and expression of the chosen frames, each from what was found of it before, else from the frame before it.
+    fn solve_frames(&self, found: &mut Found, chosen: &[&Frame]) -> Result<(), PoseError> {
+        let shape = found.head.shape(self.model);
+        let mut frames: Vec<Solved> = Vec::with_capacity(chosen.len());
+        for (k, frame) in chosen.iter().enumerate() {
+            let start = found.frames.get(k).or(frames.last()).cloned();
+            let start = start.unwrap_or_else(|| no_expression(self.model, found.neutral_pose));
+            let solved = self.solve_frame(&shape, frame, start, NEARLY_AT_REST);
+            frames.push(solved.ok_or(PoseError::NoHead { frame: frame.number })?);
+        }
+        found.frames = frames;
+        Ok(())
+    }
+
+    fn solve_frame(&self, shape: &[Vector3<f64>], frame: &Frame, start: Solved, at_rest: f64) -> Option<Solved> {
+        let visible = visibility(self.model, shape, &start.pose);
+        let seen: Vec<Seen> = frame
+            .seen
+            .iter()
+            .filter(|s| visible[s.node] > HIDDEN)
+            .map(|s| Seen { deviation: s.deviation / visible[s.node].sqrt(), ..*s })
+            .collect();
+        if seen.len() < FEWEST_SEEN {
+            return None;
+        }
+        solve(shape, &self.expression, &seen, start, at_rest)
     }
 
     /// Pose and expression of every frame.
     fn every_frame(&self, head: Found, mark_shifts: Vec<Vec<Vector2<f64>>>) -> Result<HeadFit, PoseError> {
-        let Found { shape: neutral, neutral_pose, .. } = head;
+        let (neutral, neutral_pose) = (head.head.shape(self.model), head.neutral_pose);
         let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
         let mut fit = HeadFit {
             residuals: vec![residual(&neutral, &neutral_pose, &first.seen)],
@@ -226,7 +280,7 @@ impl Sequence<'_> {
         let mut before = no_expression(self.model, neutral_pose);
         for frame in rest {
             let none = PoseError::NoHead { frame: frame.number };
-            before = solve_frame(self.model, &fit.neutral, frame, before).ok_or(none)?;
+            before = self.solve_frame(&fit.neutral, frame, before, AT_REST).ok_or(none)?;
             let shape = shape_with(&fit.neutral, &self.model.expression, &before.coefficients);
             fit.residuals.push(residual(&shape, &before.pose, &frame.seen));
             fit.poses.push(before.pose);
@@ -275,20 +329,6 @@ fn mark_shifts(
         shifts.iter().map(|&shift| moved.apply(&Point2::from(shift)) - origin).collect()
     };
     track.iter().map(turned).collect()
-}
-
-fn solve_frame(model: &HeadModel, shape: &[Vector3<f64>], frame: &Frame, before: Solved) -> Option<Solved> {
-    let visible = visibility(model, shape, &before.pose);
-    let seen: Vec<Seen> = frame
-        .seen
-        .iter()
-        .filter(|s| visible[s.node] > HIDDEN)
-        .map(|s| Seen { deviation: s.deviation / visible[s.node].sqrt(), ..*s })
-        .collect();
-    if seen.len() < FEWEST_SEEN {
-        return None;
-    }
-    solve(shape, &model.expression, &seen, before)
 }
 
 /// `count` of `of` frames, evenly spread, the last among them.
@@ -367,6 +407,7 @@ struct View<'a> {
 }
 
 /// A person's head.
+#[derive(Clone)]
 struct Head {
     coefficients: DVector<f64>,
     own: Vec<Vector3<f64>>,
