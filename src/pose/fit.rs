@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Vector2, Vector3};
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
     frontal::visibility,
-    solve::{Seen, Solved, cost, robust, shape_with, solve},
+    solve::{Directions, Seen, Solved, cost, robust, shape_with, solve},
 };
 use crate::{
     fit::SpringError,
@@ -31,10 +31,16 @@ const OWN_MARKED: f64 = 0.007;
 const OWN_FITTED: f64 = 0.04;
 /// Frames, evenly spread, that the head is learned from.
 const HEAD_FRAMES: usize = 9;
-/// Turns of frames and head.
+/// Turns of frames and head at the first distance, and at a next one, which begins with what the one before found.
 const TURNS: usize = 3;
+const NEXT_TURNS: usize = 2;
+/// The last step of a frame while the head is sought, and once it is known: radians, logarithms, standard deviations.
+const NEARLY_AT_REST: f64 = 1e-3;
+const AT_REST: f64 = 1e-5;
 /// Distances of the camera that are tried, eye distances: each 1.4 times the one before, and one so far that nothing is magnified.
 const DISTANCES: [f64; 6] = [5.5, 7.8, 11.0, 15.5, 22.0, 44.0];
+/// The one of them that is tried first: the nearest to [`CAMERA_DISTANCE`].
+const FIRST_DISTANCE: usize = 3;
 /// Standard deviation of the logarithm of the distance.
 const LOG_DISTANCE_DEVIATION: f64 = 1.0;
 /// Fewest nodes seen that give a pose.
@@ -121,7 +127,8 @@ impl Frame {
 /// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
 /// and not the nodes say where the head is.
 ///
-/// The distance of the camera is the one of `DISTANCES` which explains the frames best.
+/// The distance of the camera is the one of `DISTANCES` which explains the frames best: from the likeliest on, each way as long as the
+/// next explains them better.
 ///
 /// A later frame without a pose fails for itself alone: [`HeadFit::failures`] says why.
 ///
@@ -149,25 +156,21 @@ pub fn fit_head(
     frames[0].seen.retain(|s| is_marked(s.node) || is_followed[s.node]);
     let own = own_deviations(model, neutral);
     let start = rough_pose(model, tables, neutral)?;
-    let sequence = Sequence { model, frames: &frames, own: &own, start };
-    let mut best: Option<(f64, Found)> = None;
-    let mut failure = None;
-    for distance in DISTANCES {
-        match sequence.head_at(distance * HEAD_ES) {
-            Ok(found) => {
-                let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
-                let cost = found.cost + 0.5 * unlikely * unlikely;
-                if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                    best = Some((cost, found));
-                }
-            }
-            Err(error) => failure = failure.or(Some(error)),
-        }
-    }
-    match (best, failure) {
-        (Some((_, found)), _) => Sequence { start: found.neutral_pose, ..sequence }.every_frame(found, shifts),
-        (None, error) => Err(error.unwrap_or(PoseError::NoHead { frame: neutral.number })),
-    }
+    let sequence = Sequence {
+        model,
+        frames: &frames,
+        own: &own,
+        start,
+        expression: Directions::new(&model.expression, model.node_count()),
+        identity: Directions::new(&model.identity, model.node_count()),
+    };
+    let first = sequence.head_at(DISTANCES[FIRST_DISTANCE], None)?;
+    let (nearer, farther) = (&DISTANCES[..FIRST_DISTANCE], &DISTANCES[FIRST_DISTANCE + 1..]);
+    let nearest = sequence.while_better(first.clone(), nearer.iter().rev());
+    let farthest = sequence.while_better(first, farther.iter());
+    let found = if nearest.cost < farthest.cost { nearest } else { farthest };
+    let pose = found.neutral_pose;
+    Sequence { start: pose, ..sequence }.every_frame(found.head.shape(model), pose, shifts)
 }
 
 /// Pose and expression of further frames of a head that is known: `track` is the neutral frame that `known` was fitted with, and the frames.
@@ -186,8 +189,15 @@ pub fn follow_head(
     let shifts = mark_shifts(model, tables, track, marks);
     let frames: Vec<Frame> =
         track.iter().zip(&shifts).map(|(frame, shifts)| observe(model, frame, shifts)).collect::<Result<_, _>>()?;
-    let sequence = Sequence { model, frames: &frames, own: &[], start: from.unwrap_or(neutral_pose) };
-    sequence.every_frame(Found { shape: known.neutral.clone(), neutral_pose, cost: 0.0 }, shifts)
+    let sequence = Sequence {
+        model,
+        frames: &frames,
+        own: &[],
+        start: from.unwrap_or(neutral_pose),
+        expression: Directions::new(&model.expression, model.node_count()),
+        identity: Directions::none(),
+    };
+    sequence.every_frame(known.neutral.clone(), neutral_pose, shifts)
 }
 
 /// What is known of a sequence before its head is.
@@ -197,67 +207,122 @@ struct Sequence<'a> {
     own: &'a [f64],
     /// Where the head, or what is followed of it, is looked for first.
     start: HeadPose,
+    expression: Directions,
+    identity: Directions,
 }
 
-/// A head, its pose in the neutral frame, and what it leaves unexplained: minus the logarithm of its probability, up to a constant.
+/// A head, its pose in the neutral frame, pose and expression of the frames that it was learned from, and what it leaves unexplained:
+/// minus the logarithm of its probability, up to a constant.
+#[derive(Clone)]
 struct Found {
-    shape: Vec<Vector3<f64>>,
+    head: Head,
     neutral_pose: HeadPose,
+    /// `None` for a frame that no pose explains.
+    frames: Vec<Option<Solved>>,
     cost: f64,
 }
 
 impl Sequence<'_> {
-    /// The head that explains the frames best with the camera at a distance, model units.
-    fn head_at(&self, distance: f64) -> Result<Found, PoseError> {
+    /// The head that explains the frames best with the camera at a distance, eye distances; `nearby` is what was found at another.
+    fn head_at(&self, distance: f64, nearby: Option<&Found>) -> Result<Found, PoseError> {
         let Self { model, frames, own, .. } = *self;
         let none = |number| PoseError::NoHead { frame: number };
         let Some((first, rest)) = frames.split_first() else { return Err(none(0)) };
-        // A first head from the neutral frame: the person's own offsets count as noise.
-        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(own[s.node]), ..*s };
-        let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
-        let start = Solved { pose: HeadPose { distance, ..self.start }, coefficients: DVector::zeros(model.identity.len()) };
-        let found = solve(&model.mean, &model.identity, &seen, start).ok_or(none(first.number))?;
-        let mut head = Head { coefficients: found.coefficients, own: vec![Vector3::zeros(); model.node_count()] };
-        let mut neutral_pose = found.pose;
-        let usable: Vec<usize> = (0..rest.len()).filter(|&k| rest[k].is_seen()).collect();
-        let chosen: Vec<usize> = spread(usable.len(), HEAD_FRAMES).into_iter().map(|k| usable[k]).collect();
+        let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
+        let camera = distance * HEAD_ES;
+        let mut found = match nearby {
+            Some(nearby) => nearby.clone(),
+            None => self.first_head(first)?,
+        };
+        let usable: Vec<&Frame> = rest.iter().filter(|frame| frame.is_seen()).collect();
+        let chosen: Vec<&Frame> = spread(usable.len(), HEAD_FRAMES).into_iter().map(|k| usable[k]).collect();
+        found.neutral_pose.distance = camera;
+        found.frames.iter_mut().flatten().for_each(|solved| solved.pose.distance = camera);
         let nothing = vec![Vector3::zeros(); model.node_count()];
-        for _ in 0..TURNS {
-            let shape = head.shape(model);
-            let mut views = vec![View { seen: &first.seen, pose: neutral_pose, offsets: None }];
-            let mut before = no_expression(model, neutral_pose);
-            for &k in &chosen {
-                let Some(solved) = solve_frame(model, &shape, &rest[k], before.clone()) else { continue };
-                before = solved;
-                let offsets = shape_with(&nothing, &model.expression, &before.coefficients);
-                views.push(View { seen: &rest[k].seen, pose: before.pose, offsets: Some(offsets) });
+        for _ in 0..if nearby.is_some() { NEXT_TURNS } else { TURNS } {
+            self.solve_frames(&mut found, &chosen);
+            let mut views = vec![View { seen: &first.seen, pose: found.neutral_pose, offsets: None }];
+            for (frame, solved) in solved_frames(&chosen, &found.frames) {
+                let offsets = shape_with(&nothing, &model.expression, &solved.coefficients);
+                views.push(View { seen: &frame.seen, pose: solved.pose, offsets: Some(offsets) });
             }
-            head.improve(model, &views, own);
-            let shape = head.shape(model);
-            let start = Solved { pose: neutral_pose, coefficients: DVector::zeros(0) };
-            neutral_pose = solve(&shape, &[], &first.seen, start).ok_or(none(first.number))?.pose;
+            found.head.improve(model, &views, own);
+            let start = Solved { pose: found.neutral_pose, coefficients: DVector::zeros(0) };
+            let solved = solve(&found.head.shape(model), &Directions::none(), &first.seen, start, AT_REST);
+            found.neutral_pose = solved.ok_or(none(first.number))?.pose;
         }
-        let shape = head.shape(model);
+        self.solve_frames(&mut found, &chosen);
+        let shape = found.head.shape(model);
         let own_share = |(offset, own): (&Vector3<f64>, &f64)| offset.norm_squared() / (own * own);
-        let mut cost = 0.5 * (head.coefficients.norm_squared() + head.own.iter().zip(own).map(own_share).sum::<f64>());
-        cost += unexplained(&shape, &neutral_pose, &first.seen);
-        let mut before = no_expression(model, neutral_pose);
-        for &k in &chosen {
-            let Some(solved) = solve_frame(model, &shape, &rest[k], before.clone()) else { continue };
-            before = solved;
-            let now = shape_with(&shape, &model.expression, &before.coefficients);
-            cost += 0.5 * before.coefficients.norm_squared() + unexplained(&now, &before.pose, &rest[k].seen);
+        let head = found.head.coefficients.norm_squared() + found.head.own.iter().zip(own).map(own_share).sum::<f64>();
+        found.cost = 0.5 * (unlikely * unlikely + head) + unexplained(&shape, &found.neutral_pose, &first.seen);
+        for (frame, solved) in solved_frames(&chosen, &found.frames) {
+            let now = shape_with(&shape, &model.expression, &solved.coefficients);
+            found.cost += 0.5 * solved.coefficients.norm_squared() + unexplained(&now, &solved.pose, &frame.seen);
         }
-        Ok(Found { shape, neutral_pose, cost })
+        Ok(found)
+    }
+
+    /// The best head of distances that lead away from that of `found`, tried as long as the next explains the frames better.
+    fn while_better<'d>(&self, mut found: Found, distances: impl Iterator<Item = &'d f64>) -> Found {
+        for &distance in distances {
+            match self.head_at(distance, Some(&found)) {
+                Ok(next) if next.cost < found.cost => found = next,
+                _ => break,
+            }
+        }
+        found
+    }
+
+    /// A first head from the neutral frame: the person's own offsets count as noise.
+    fn first_head(&self, first: &Frame) -> Result<Found, PoseError> {
+        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(self.own[s.node]), ..*s };
+        let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
+        let start = Solved { pose: self.start, coefficients: DVector::zeros(self.model.identity.len()) };
+        let solved = solve(&self.model.mean, &self.identity, &seen, start, NEARLY_AT_REST);
+        let solved = solved.ok_or(PoseError::NoHead { frame: first.number })?;
+        let head = Head { coefficients: solved.coefficients, own: vec![Vector3::zeros(); self.model.node_count()] };
+        Ok(Found { head, neutral_pose: solved.pose, frames: Vec::new(), cost: f64::INFINITY })
+    }
+
+    /// Pose and expression of the chosen frames, each from what was found of it before, else from the frame before it.
+    fn solve_frames(&self, found: &mut Found, chosen: &[&Frame]) {
+        let shape = found.head.shape(self.model);
+        let mut frames: Vec<Option<Solved>> = Vec::with_capacity(chosen.len());
+        for (k, frame) in chosen.iter().enumerate() {
+            let earlier = found.frames.get(k).and_then(Option::as_ref);
+            let start = earlier.or_else(|| frames.iter().rev().find_map(Option::as_ref)).cloned();
+            let start = start.unwrap_or_else(|| no_expression(self.model, found.neutral_pose));
+            frames.push(self.solve_frame(&shape, frame, start, NEARLY_AT_REST));
+        }
+        found.frames = frames;
+    }
+
+    fn solve_frame(&self, shape: &[Vector3<f64>], frame: &Frame, start: Solved, at_rest: f64) -> Option<Solved> {
+        let visible = visibility(self.model, shape, &start.pose);
+        let seen: Vec<Seen> = frame
+            .seen
+            .iter()
+            .filter(|s| visible[s.node] > HIDDEN)
+            .map(|s| Seen { deviation: s.deviation / visible[s.node].sqrt(), ..*s })
+            .collect();
+        if seen.len() < FEWEST_SEEN {
+            return None;
+        }
+        solve(shape, &self.expression, &seen, start, at_rest)
     }
 
     /// Pose and expression of every frame.
-    fn every_frame(&self, head: Found, mark_shifts: Vec<Vec<Vector2<f64>>>) -> Result<HeadFit, PoseError> {
-        let Found { shape: neutral, neutral_pose, .. } = head;
+    fn every_frame(
+        &self,
+        neutral: Vec<Vector3<f64>>,
+        neutral_pose: HeadPose,
+        mark_shifts: Vec<Vec<Vector2<f64>>>,
+    ) -> Result<HeadFit, PoseError> {
         let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
-        let unexplained = |residual: f64, pose: &HeadPose| residual > UNEXPLAINED * HEAD_ES * pose.scale;
+        let is_unexplained = |residual: f64, pose: &HeadPose| residual > UNEXPLAINED * HEAD_ES * pose.scale;
         let left = residual(&neutral, &neutral_pose, &first.seen);
-        if unexplained(left, &neutral_pose) {
+        if is_unexplained(left, &neutral_pose) {
             return Err(PoseError::NoHead { frame: first.number });
         }
         let mut fit = HeadFit {
@@ -270,27 +335,33 @@ impl Sequence<'_> {
         };
         let mut before = no_expression(self.model, self.start);
         for frame in rest {
-            let solved = solve_frame(self.model, &fit.neutral, frame, before.clone());
-            let failure = match (&solved, frame.is_seen()) {
-                (_, false) => Some(PoseError::TooFewNodes { frame: frame.number, found: frame.seen.len() }),
-                (None, true) => Some(PoseError::NoHead { frame: frame.number }),
-                (Some(_), true) => None,
-            };
-            let now = solved.unwrap_or_else(|| before.clone());
+            let solved = frame.is_seen().then(|| self.solve_frame(&fit.neutral, frame, before.clone(), AT_REST)).flatten();
+            let now = solved.as_ref().unwrap_or(&before);
             let shape = shape_with(&fit.neutral, &self.model.expression, &now.coefficients);
             let left = residual(&shape, &now.pose, &frame.seen);
-            let failure = failure.or_else(|| unexplained(left, &now.pose).then_some(PoseError::NoHead { frame: frame.number }));
+            let failure = if !frame.is_seen() {
+                Some(PoseError::TooFewNodes { frame: frame.number, found: frame.seen.len() })
+            } else if solved.is_none() || is_unexplained(left, &now.pose) {
+                Some(PoseError::NoHead { frame: frame.number })
+            } else {
+                None
+            };
             // A frame that is not explained says nothing of the next one either.
-            if failure.is_none() {
-                before = now.clone();
+            if let (Some(solved), None) = (solved, &failure) {
+                before = solved;
             }
-            fit.residuals.push(left);
-            fit.poses.push(if failure.is_none() { now.pose } else { before.pose });
             fit.shapes.push(if failure.is_none() { shape } else { fit.neutral.clone() });
+            fit.residuals.push(left);
+            fit.poses.push(before.pose);
             fit.failures.push(failure);
         }
         Ok(fit)
     }
+}
+
+/// The chosen frames that have a pose.
+fn solved_frames<'a>(chosen: &'a [&Frame], solved: &'a [Option<Solved>]) -> impl Iterator<Item = (&'a Frame, &'a Solved)> {
+    chosen.iter().zip(solved).filter_map(|(frame, solved)| Some((*frame, solved.as_ref()?)))
 }
 
 fn no_expression(model: &HeadModel, pose: HeadPose) -> Solved {
@@ -332,20 +403,6 @@ fn mark_shifts(
         shifts.iter().map(|&shift| moved.apply(&Point2::from(shift)) - origin).collect()
     };
     track.iter().map(turned).collect()
-}
-
-fn solve_frame(model: &HeadModel, shape: &[Vector3<f64>], frame: &Frame, before: Solved) -> Option<Solved> {
-    let visible = visibility(model, shape, &before.pose);
-    let seen: Vec<Seen> = frame
-        .seen
-        .iter()
-        .filter(|s| visible[s.node] > HIDDEN)
-        .map(|s| Seen { deviation: s.deviation / visible[s.node].sqrt(), ..*s })
-        .collect();
-    if seen.len() < FEWEST_SEEN {
-        return None;
-    }
-    solve(shape, &model.expression, &seen, before)
 }
 
 /// `count` of `of` frames, evenly spread, the last among them.
@@ -421,6 +478,7 @@ struct View<'a> {
 }
 
 /// A person's head.
+#[derive(Clone)]
 struct Head {
     coefficients: DVector<f64>,
     own: Vec<Vector3<f64>>,
