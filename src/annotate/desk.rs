@@ -229,9 +229,9 @@ impl Desk {
         if self.is_picture {
             return Err(RequestError::Refused("this is one picture: it has no neutral and no apex frame".to_owned()));
         }
-        if request.neutral >= request.apex {
-            let (neutral, apex) = (request.neutral, request.apex);
-            return Err(RequestError::Refused(format!("the neutral frame ({neutral}) must come before the apex frame ({apex})")));
+        if request.neutral == request.apex {
+            let frame = request.neutral;
+            return Err(RequestError::Refused(format!("frame {frame} cannot be both the neutral and the apex frame")));
         }
         if request.version != version(&items[place].entry) {
             let current = self.open_item(&mut items[place])?;

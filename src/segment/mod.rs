@@ -11,7 +11,7 @@
 //! 3. The **activity** of a frame is the Euclidean norm of what is left. A stretch above [`SegmentOptions::low`] that reaches
 //!    [`SegmentOptions::high`] is an expression, one that sinks below half of its peak in between is several.
 //! 4. The **apex** is the frame with the largest activity before opening, eyes left out; **onset** and **offset** are where that activity
-//!    leaves and reaches the rest. The **neutral** frame is the last frame of the rest before the onset, or, where the recording
+//!    leaves and reaches the rest. The **neutral** frame is the calmest frame of the rest just before the onset, or, where the recording
 //!    begins with the expression or follows on another one without a rest, the first one after the offset.
 
 mod rest;
@@ -181,6 +181,8 @@ const VALLEY: f64 = 0.5;
 const OPEN: f32 = 0.8;
 /// Share of the activity at the apex from which a frame counts as apex.
 const NEAR_APEX: f64 = 0.95;
+/// Seconds before the onset among which the neutral frame is the calmest.
+const MOMENT: f64 = 0.6;
 /// An expression goes up once and down once. Way that the activity goes over its height, above which it is speech.
 const MOST_WAY: f64 = 4.5;
 
@@ -222,7 +224,7 @@ pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> 
     let activity = signal::norm(&above, |place| !is_eye(place));
     let runs = split_runs(&signal::runs(&lasting, options.low), &lasting, options.high);
     let is_rest: Vec<bool> = (0..frames.len()).map(|t| may_rest(t) && activity[t] <= options.rest).collect();
-    let found = Found { activity: &activity, lasting: &lasting, is_rest: &is_rest, options, frames };
+    let found = Found { activity: &activity, lasting: &lasting, is_rest: &is_rest, options, frames, fps };
     let mut expressions = Vec::new();
     let mut without_rest = Vec::new();
     for (k, run) in runs.iter().enumerate() {
@@ -285,6 +287,7 @@ struct Found<'a> {
     is_rest: &'a [bool],
     options: &'a SegmentOptions,
     frames: &'a [RecordedFrame],
+    fps: f64,
 }
 
 impl Found<'_> {
@@ -300,7 +303,7 @@ impl Found<'_> {
         if way > MOST_WAY * strength {
             return Ok(None);
         }
-        let before = (free.0..=onset).rev().find(|&t| self.is_rest[t]);
+        let before = (free.0..=onset).rev().find(|&t| self.is_rest[t]).map(|last| self.calmest(last, free.0, onset));
         let after = || (offset..free.1).find(|&t| self.is_rest[t]);
         let neutral = before.or_else(after).ok_or(apex)?;
         let span = neutral.min(apex)..=neutral.max(apex);
@@ -309,6 +312,14 @@ impl Found<'_> {
         let clear = 1.0 - 0.5 * (at(neutral) / self.options.rest).min(1.0);
         let confidence = (1.0 - (-0.7 * lasting * lasting).exp()) * clear * usable;
         Ok(Some(Expression { neutral, onset, apex, offset, strength, confidence }))
+    }
+
+    /// The calmest frame of the rest that ends with `last`, among those of a moment before the onset.
+    fn calmest(&self, last: usize, from: usize, onset: usize) -> usize {
+        let reach = ((MOMENT * self.fps).round() as usize).max(1);
+        let first = from.max(onset.saturating_sub(reach)).min(last);
+        let rest = (first..=last).rev().take_while(|&t| self.is_rest[t]);
+        rest.min_by(|&a, &b| self.activity[a].total_cmp(&self.activity[b])).unwrap_or(last)
     }
 }
 

@@ -321,7 +321,7 @@ fn any_frame_may_be_neutral_or_apex() {
     let row = |work: &Work| work.rows("faces/manifest.csv")[0].clone();
     assert_eq!((row(&work)["first_frame"].as_str(), row(&work)["last_frame"].as_str()), ("2", "5"));
     assert_eq!(range(&opened["version"], 1, 6).status, 409, "another tab has changed it");
-    assert!(range(&changed["version"], 5, 5).text().contains("must come before"));
+    assert!(range(&changed["version"], 5, 5).text().contains("cannot be both the neutral and the apex frame"));
     assert!(range(&changed["version"], 2, 7).text().contains("there is no frame 7"));
     assert_eq!(row(&work)["first_frame"], "2");
     drop(server);

@@ -80,7 +80,10 @@ fn a_bad_row_costs_its_sequence_and_names_its_line() {
 fn values_of_optional_columns_are_checked() {
     let header = "subject,sequence,emotion,first_frame,last_frame,fps,correspondences";
     for (row, texts) in [
-        ("5,2,,", &["line 3", "first_frame is 5 and last_frame is 2; the apex must come after the neutral frame"] as &[&str]),
+        (
+            "5,5,,",
+            &["line 3", "first_frame is 5 and last_frame is 5; neutral and apex frame must be two different ones"] as &[&str],
+        ),
         ("one,,,", &["line 3", "first_frame is `one`; a whole number of 0 or more was expected"]),
         (",99,,", &["last_frame is 99, but the folder has 6 frames from 1 to 6"]),
         (",,-25,", &["line 3", "fps is `-25`; a positive number was expected"]),

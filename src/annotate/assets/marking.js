@@ -384,8 +384,8 @@ export class Marking {
     document.getElementById('redo').disabled = !this.undone.length;
     document.getElementById('remove').disabled = !this.marks.has(this.selected);
     const { neutral, apex, frames } = this.sequence;
-    document.getElementById('set-neutral').disabled = this.frame === neutral || this.frame >= apex;
-    document.getElementById('set-apex').disabled = this.frame === apex || this.frame <= neutral || frames.length < 2;
+    document.getElementById('set-neutral').disabled = this.frame === neutral || this.frame === apex;
+    document.getElementById('set-apex').disabled = this.frame === apex || this.frame === neutral || frames.length < 2;
     page.scrubber.update(this.frame, { neutral, apex });
     page.showProblem(this.problem || this.fitProblem);
   }

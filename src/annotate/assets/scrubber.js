@@ -52,7 +52,7 @@ export class Scrubber {
     const numbers = [...this.pictures.keys()];
     const shown = numbers.filter((n) => n <= number).pop();
     for (const [n, cell] of this.pictures) {
-      const names = ['cell', n === shown && 'shown', n === neutral && 'neutral', n === apex && 'apex', (n < neutral || n > apex) && 'outside', classes(n)];
+      const names = ['cell', n === shown && 'shown', n === neutral && 'neutral', n === apex && 'apex', (n < Math.min(neutral, apex) || n > Math.max(neutral, apex)) && 'outside', classes(n)];
       cell.className = names.filter(Boolean).join(' ');
       cell.lastChild.style.height = `${Math.round(100 * fill(n))}%`;
     }

@@ -106,6 +106,8 @@ impl Survey {
         let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
         let starts: Vec<usize> = std::iter::once(0).chain(self.cuts.iter().copied()).collect();
         notes.extend(self.cuts.iter().map(|&cut| format!("frame {}: a new scene begins", number(cut))));
+        // Whether it was said that there is no face.
+        let mut gone = false;
         for (k, &start) in starts.iter().enumerate() {
             let end = starts.get(k + 1).copied().unwrap_or(self.numbers.len());
             let looks: Vec<&Look> = self.looks.iter().filter(|look| (start..end).contains(&look.place)).collect();
@@ -124,11 +126,10 @@ impl Survey {
                     }
                     _ => {}
                 }
-                if !is_seen(k) && (k == 0 || is_seen(k - 1)) {
-                    notes.push(format!("frame {}: no face is found from here on", number(look.place)));
-                }
-                if is_seen(k) && k > 0 && !is_seen(k - 1) {
-                    notes.push(format!("frame {}: a face is found again", number(look.place)));
+                if is_seen(k) == gone {
+                    let what = if gone { "a face is found again" } else { "no face is found from here on" };
+                    notes.push(format!("frame {}: {what}", number(look.place)));
+                    gone = !gone;
                 }
             }
             stretches.extend(open.map(|first| Stretch { first, last: end - 1 }));
