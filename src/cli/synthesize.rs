@@ -10,7 +10,7 @@ use grimace::{
     input::file_blake3,
     output::{MADE_BY, write_json},
     synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, MotionKind, OVERLAP,
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, DEFAULT_FPS, GENERATIONS, GaOptions, Motion, OVERLAP,
         RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
         jump, read_motion,
     },
@@ -186,11 +186,6 @@ struct TimeArgs {
     scale: Option<f64>,
 }
 
-/// Frames between two key frames of a representative: 5 make 25 frames of its 5, as in its FAP file.
-const BETWEEN: u16 = 5;
-const FPS: f64 = 25.0;
-/// Share of the farthest motion that tracking may give a point at rest.
-const NOISE: f64 = 0.05;
 /// Mean fitness below which a person should be told that the bank does not have the expression.
 const POOR_FITNESS: f64 = 0.5;
 /// Version of the layout of `synthesis.json`.
@@ -246,11 +241,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(args.force || !occupied, "{} is not empty; choose a new folder, or --force to write into it", out.display());
     let bank = bank::open(&args.bank)?;
     let motion = read_motion(&args.motion, &bank, args.time.scale).map_err(|e| about(&args.motion)(&e))?;
-    let between = args.time.between.unwrap_or(if motion.kind == MotionKind::Model { BETWEEN } else { 0 });
-    let noise = args.time.noise.unwrap_or(if motion.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE });
+    let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
     anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
-    let motion = motion.without_noise(noise).with_frames_between(usize::from(between));
-    let fps = args.time.fps.or(motion.fps).unwrap_or(FPS);
+    let motion = motion.as_animated(args.time.between.map(usize::from), Some(noise));
+    let fps = args.time.fps.or(motion.fps).unwrap_or(DEFAULT_FPS);
 
     let synthesizer = Synthesizer::new(&bank, options)?;
     let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));

@@ -38,6 +38,18 @@ impl Normalized {
     }
 }
 
+/// The normalized model of tracked frames with the marks of the neutral one, as far as they are known.
+///
+/// # Errors
+/// [`SequenceFailure`] when no head fits the track or its model is none that a face makes.
+pub fn normalize_track(
+    frames: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+    bench: &Workbench,
+) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
+    normalized(frames, marks, bench).map(|normalized| normalized.model)
+}
+
 /// The normalized model of tracked frames with the marks of the neutral one.
 pub(super) fn normalized(
     frames: &[TrackedFrame],

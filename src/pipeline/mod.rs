@@ -58,6 +58,7 @@ pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
 pub use landmarks::fit_landmarks;
+pub use measured::normalize_track;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
@@ -65,7 +66,7 @@ pub use recognition::{
     NONE_LEVEL, NONE_OF_THESE, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition,
 };
 pub use run::{Event, RunError, RunSummary, run};
-pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one};
+pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one, track_pictures};
 pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use variation::{Curve, EmotionVariation, SHOWN_COMPONENTS, SHOWN_DEVIATIONS};

@@ -34,7 +34,7 @@ use dispersion::Dispersions;
 use median::Ending;
 
 pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models, group_models_unchecked};
-pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, representative};
+pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{common_spellings, near_twins, spelling_key};
 pub use trimming::TrimLevel;
 pub use weights::{Weighting, sequence_weights};
