@@ -117,7 +117,7 @@ pub enum MarksError {
     /// A mark outside the image, or not a finite position.
     #[error(
         "node {node} is marked at ({x}, {y}), outside the image of {width} x {height} pixels \
-         (x from -0.5 to {}, y from -0.5 to {})", f64::from(*width) - 0.5, f64::from(*height) - 0.5
+         (x from -0.5 to {}, y from -0.5 to {}); are these the marks of another picture, or of this one at another size?", f64::from(*width) - 0.5, f64::from(*height) - 0.5
     )]
     OutsideImage {
         /// The node.

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use grimace::{
-    correspondence::{Correspondence, MarkKind, read_correspondences},
+    correspondence::{Correspondence, MarkKind},
+    dataset::{LandmarkSelection, read_marks},
     model::{DynamicExpressionModel, FrameExpressionModel},
     pipeline::{Workbench, found_marks},
     sequence::{Frame, grey_of, read_colour, read_frame},
@@ -13,7 +14,9 @@ use grimace::{
 };
 use image::{GrayImage, RgbImage};
 use nalgebra::Point2;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
 use pyo3::{prelude::*, types::PyString};
 
 use crate::errors::{FitError, InputError, LocateError, to};
@@ -39,12 +42,17 @@ impl Picture {
         let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
         let made = match shape[..] {
             [rows, columns] => side(columns).zip(side(rows)).and_then(|(w, h)| GrayImage::from_raw(w, h, values)).map(Self::Grey),
-            [rows, columns, 3] => side(columns).zip(side(rows)).and_then(|(w, h)| RgbImage::from_raw(w, h, values)).map(Self::Colour),
+            [rows, columns, 3] => {
+                side(columns).zip(side(rows)).and_then(|(w, h)| RgbImage::from_raw(w, h, values)).map(Self::Colour)
+            }
             _ => None,
         };
         made.ok_or_else(|| {
             let shape: Vec<String> = shape.iter().map(ToString::to_string).collect();
-            to::<InputError>(format!("an array of shape ({}) is no picture; rows x columns (grey) or rows x columns x 3 (RGB) is", shape.join(", ")))
+            to::<InputError>(format!(
+                "an array of shape ({}) is no picture; rows x columns (grey) or rows x columns x 3 (RGB) is",
+                shape.join(", ")
+            ))
         })
     }
 
@@ -59,7 +67,9 @@ impl Picture {
     pub fn colour(&self) -> PyResult<RgbImage> {
         match self {
             Self::Path(path) => read_colour(path).map_err(to::<InputError>),
-            Self::Grey(image) => Ok(RgbImage::from_fn(image.width(), image.height(), |x, y| image::Rgb([image.get_pixel(x, y).0[0]; 3]))),
+            Self::Grey(image) => {
+                Ok(RgbImage::from_fn(image.width(), image.height(), |x, y| image::Rgb([image.get_pixel(x, y).0[0]; 3])))
+            }
             Self::Colour(image) => Ok(image.clone()),
         }
     }
@@ -78,11 +88,15 @@ pub enum Marks {
 impl Marks {
     pub fn read(&self, bench: &Workbench) -> PyResult<Vec<Correspondence>> {
         match self {
-            Self::File(path) => read_correspondences(path, &bench.tables, bench.wireframe.node_count()).map_err(to::<InputError>),
+            Self::File(path) => {
+                let (tables, nodes) = (&bench.tables, bench.wireframe.node_count());
+                read_marks(path, &LandmarkSelection::HighAndMedium, tables, nodes).map_err(to::<InputError>)
+            }
             Self::List(list) => list
                 .iter()
                 .map(|(node, x, y, hard, expected_error)| {
-                    let node = parse_node_or_feature_point(node, &bench.tables, bench.wireframe.node_count()).map_err(to::<FitError>)?;
+                    let node =
+                        parse_node_or_feature_point(node, &bench.tables, bench.wireframe.node_count()).map_err(to::<FitError>)?;
                     let kind = if *hard { MarkKind::Hard } else { MarkKind::Mark };
                     Ok(Correspondence { node, position: Point2::new(*x, *y), kind, expected_error: *expected_error })
                 })

@@ -103,7 +103,9 @@ fn listen<T: Send>(py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, told: &M
                 }
             }
             Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Err(PyRuntimeError::new_err("grimace's worker ended without an answer")),
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(PyRuntimeError::new_err("grimace's worker ended without an answer"));
+            }
         }
         py.check_signals()?;
     }

@@ -6,7 +6,7 @@ use grimace::{
     clone::{CloneError as LibraryError, CloneOptions, SourceMotion, Target, clone_expression},
     pipeline::found_marks,
     sequence::Frame,
-    synthesis::{self, Animation, Bank, Synthesizer, SynthesisOptions, read_motion},
+    synthesis::{self, Animation, Bank, SynthesisOptions, Synthesizer, read_motion},
 };
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::{

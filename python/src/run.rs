@@ -44,11 +44,8 @@ pub fn run<'py>(
             error => to::<RunError>(error),
         })
     })?;
-    let failures: Vec<_> = summary
-        .failures
-        .iter()
-        .map(|f| (f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone()))
-        .collect();
+    let failures: Vec<_> =
+        summary.failures.iter().map(|f| (f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone())).collect();
     let result = PyDict::new(py);
     result.set_item("sequences", summary.sequences)?;
     result.set_item("tracked", summary.tracked)?;

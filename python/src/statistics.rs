@@ -31,7 +31,12 @@ fn sequence_models(models: Vec<Model<'_>>) -> PyResult<Vec<SequenceModel>> {
 
 /// The representative of models.
 #[pyfunction]
-pub fn representative<'py>(py: Python<'py>, models: Vec<Model<'py>>, emotion: String, options: &str) -> PyResult<Bound<'py, PyDict>> {
+pub fn representative<'py>(
+    py: Python<'py>,
+    models: Vec<Model<'py>>,
+    emotion: String,
+    options: &str,
+) -> PyResult<Bound<'py, PyDict>> {
     let bench = bench(options)?;
     let models = sequence_models(models)?;
     let found = run_long(py, None, false, move |_| {
@@ -100,5 +105,11 @@ pub fn compare(
         adjust(&mut pairs);
         Ok(pairs)
     })?;
-    serde_json::to_string(&compared).map_err(to::<GrimaceError>)
+    let told = compared.iter().map(|pair| {
+        let mut told = serde_json::to_value(pair)?;
+        told["reason"] = pair.outcome.as_ref().err().map(ToString::to_string).into();
+        Ok(told)
+    });
+    let told: serde_json::Result<Vec<serde_json::Value>> = told.collect();
+    told.and_then(|told| serde_json::to_string(&told)).map_err(to::<GrimaceError>)
 }

@@ -128,9 +128,7 @@ pub fn track(
 ) -> PyResult<Track> {
     let source = match (folder, pictures) {
         (Some(folder), _) => Source::Files(list_frames(&folder, range.0, range.1).map_err(to::<InputError>)?),
-        (None, pictures) => {
-            Source::Pictures(pictures.unwrap_or_default().iter().map(Picture::of).collect::<PyResult<Vec<_>>>()?)
-        }
+        (None, pictures) => Source::Pictures(pictures.unwrap_or_default().iter().map(Picture::of).collect::<PyResult<Vec<_>>>()?),
     };
     let bench = bench(options)?;
     let (subject, sequence, emotion) = labels;

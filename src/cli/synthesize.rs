@@ -8,9 +8,9 @@ use std::{
 use clap::ValueEnum;
 use grimace::{
     input::file_blake3,
-    output::{MADE_BY, write_json},
+    output::{MADE_BY, count, listed, write_json},
     synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, DEFAULT_FPS, GENERATIONS, GaOptions, Motion, OVERLAP,
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, DEFAULT_FPS, FrameAnswer, GENERATIONS, GaOptions, Motion, OVERLAP,
         RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
         jump, read_motion,
     },
@@ -289,14 +289,34 @@ fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<Stri
         let coefficients =
             |a: &FrameAnswer| arkit::coefficients(bank.names(), bank.info().composition.as_ref(), scheme, &a.weights);
         let frames: Option<Vec<[f64; 52]>> = animation.answers.iter().map(coefficients).collect();
-        if let Some(frames) = frames {
+        if let Some(mut frames) = frames {
+            let limited = arkit::limit(&mut frames);
             arkit::write_arkit(&file("arkit.csv"), animation.fps, &frames)?;
+            arkit::write_live_link(&file("livelink.csv"), animation.fps, &frames)?;
+            if !args.quiet {
+                say_what_coefficients_lack(bank, animation, &limited);
+            }
         }
     }
     if args.history {
         animation.write_history(&file("history.csv"))?;
     }
     Ok(files)
+}
+
+/// Says what the files of coefficients do not have of an animation.
+fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &[arkit::Limited]) {
+    for arkit::Limited { coefficient, frames, farthest } in limited {
+        println!("limited to 0 to 1: {coefficient} in {} (farthest {farthest:.3})", count(*frames, "frame", "frames"));
+    }
+    let unnamed = arkit::unnamed(bank.names(), bank.info().composition.as_ref());
+    if !unnamed.is_empty() {
+        let list: Vec<String> = unnamed.iter().map(|&name| name.to_owned()).collect();
+        println!("without ARKit names, so not in arkit.csv and livelink.csv: {}", listed(&list, 10));
+    }
+    if animation.fps.fract() != 0.0 {
+        println!("the timecodes of livelink.csv count {} frames for a second", animation.fps.round());
+    }
 }
 
 /// What an animation comes to.

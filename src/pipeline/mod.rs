@@ -35,6 +35,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection, may_publish},
+    fap::Profile,
     features::{FeatureMeter, FrameFeatures, Measured},
     fit::{FitOptions, Fitter, SpringError},
     model::DynamicExpressionModel,
@@ -146,11 +147,14 @@ pub struct FapOptions {
     pub between: usize,
     /// Frames per second, at least 1.
     pub fps: u32,
+    /// Readers that the files are written for.
+    #[serde(default)]
+    pub profile: Profile,
 }
 
 impl Default for FapOptions {
     fn default() -> Self {
-        Self { between: FAP_FRAMES_BETWEEN, fps: FAP_FPS }
+        Self { between: FAP_FRAMES_BETWEEN, fps: FAP_FPS, profile: Profile::default() }
     }
 }
 
