@@ -363,7 +363,7 @@ mod tests {
         assert!(error.ends_with("first_frame is 3, but the folder has 3 frames from 1 to 5 and not this one"), "{error}");
         assert!(numbers(&folder, None, Some(99)).unwrap_err().contains("last_frame is 99"));
         assert!(numbers(&folder, Some(5), None).unwrap_err().ends_with("1 frame from neutral to apex; at least 2 are needed"));
-        assert!(numbers(&folder, Some(5), Some(1)).unwrap_err().contains("0 frame"));
+        assert!(numbers(&folder, Some(5), Some(1)).unwrap_err().contains("comes before"));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! FAP values as a tidy CSV table: `frame,fap,name,value`, a row for every FAP that a frame sets.
 //!
-//! FAPs 1 and 2 have their integers in `value`, with blanks between. A frame that sets nothing is a row with its number alone. The table has
+//! FAPs 1 and 2 have their integers in `value`, with blanks between. A last frame that sets nothing is a row with its number alone. The table has
 //! no frame rate.
 
 use std::{
@@ -59,7 +59,9 @@ struct Row {
 pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputError> {
     let rows = sequence.frames.iter().enumerate().flat_map(|(index, frame)| {
         let empty = || Row { frame: index.to_string(), fap: String::new(), name: String::new(), value: String::new() };
-        let sets_nothing = FapNumber::all().all(|fap| !frame.is_set(fap));
+        // The last frame says how many there are.
+        let is_last = index + 1 == sequence.frames.len();
+        let sets_nothing = is_last && FapNumber::all().all(|fap| !frame.is_set(fap));
         let set = FapCatalog::mpeg4().rows().iter().filter_map(move |row| {
             let fields = |fields: &[i32]| fields.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
             let value = frame.value(row.number).map(nine_digits).or_else(|| frame.fields(row.number).map(fields))?;

@@ -338,7 +338,7 @@ fn a_file_that_sets_nothing_goes_to_csv_and_back() {
     work.fap("convert nothing.fap -o same.fap").success();
     assert_eq!(work.read("same.fap"), nothing);
     work.fap("convert nothing.fap -o nothing.csv").success();
-    assert_eq!(work.read("nothing.csv"), "frame,fap,name,value\n0,,,\n1,,,\n");
+    assert_eq!(work.read("nothing.csv"), "frame,fap,name,value\n1,,,\n");
     work.fap("convert nothing.csv -o nothing.fap --force").success();
     assert_eq!(work.read("nothing.fap"), nothing);
 }

@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Codecs of a container, best first.
-fn codecs(format: Option<&str>) -> Option<&'static [&'static [u8; 4]]> {
+pub fn codecs(format: Option<&str>) -> Option<&'static [&'static [u8; 4]]> {
     match format? {
         "mp4" => Some(&[b"avc1", b"mp4v"]),
         "webm" => Some(&[b"VP90", b"VP80"]),
@@ -72,7 +72,7 @@ fn open(path: &str, codecs: &[&[u8; 4]], fps: f64, size: Size) -> Result<Option<
 /// Runs something with standard error shut: OpenCV prints there, whatever its log level, that it writes codecs by other tags than it was
 /// asked for.
 #[cfg(unix)]
-fn without_warnings<T>(run: impl FnOnce() -> T) -> T {
+pub fn without_warnings<T>(run: impl FnOnce() -> T) -> T {
     use rustix::{io::dup, stdio};
     let kept = dup(stdio::stderr()).and_then(|kept| {
         let nowhere = std::fs::OpenOptions::new().write(true).open("/dev/null").map_err(|_| rustix::io::Errno::NOENT)?;
@@ -88,6 +88,6 @@ fn without_warnings<T>(run: impl FnOnce() -> T) -> T {
 }
 
 #[cfg(not(unix))]
-fn without_warnings<T>(run: impl FnOnce() -> T) -> T {
+pub fn without_warnings<T>(run: impl FnOnce() -> T) -> T {
     run()
 }

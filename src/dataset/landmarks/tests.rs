@@ -140,7 +140,7 @@ fn of_several_faces_the_longest_or_the_one_asked_for_is_read() {
     fs::write(&path, &two).unwrap();
     let of = |face| read_face(&path, 0.5, Some(face)).map(|track| track.frames.len()).map_err(|e| e.to_string());
     assert_eq!((of("0"), of("1")), (Ok(1), Ok(2)));
-    assert!(of("7").unwrap_err().ends_with("no row has the `face_id` 7; there are 0, 1"));
+    assert!(of("7").unwrap_err().ends_with("no row has the `face_id` 7; there are 0; 1"));
 }
 
 #[test]
