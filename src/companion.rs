@@ -10,9 +10,10 @@ pub mod wire;
 use std::{
     env,
     ffi::OsStr,
-    io::{self, BufReader, BufWriter, Write},
+    io::{self, BufRead, BufReader, BufWriter, Read, Write},
     path::PathBuf,
-    process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
+    process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
+    thread::JoinHandle,
 };
 
 use serde::{Serialize, de::DeserializeOwned};
@@ -41,10 +42,12 @@ pub enum CompanionError {
         program: PathBuf,
     },
     /// It ended in the middle, as when a decoder crashes.
-    #[error("{PROGRAM} ended before its work was done ({status})")]
+    #[error("{PROGRAM} ended before its work was done ({status}){}{last_words}", if last_words.is_empty() { "" } else { ": " })]
     Ended {
         /// How.
         status: ExitStatus,
+        /// The last line it wrote to its standard error.
+        last_words: String,
     },
     /// The connection broke.
     #[error("cannot talk to {PROGRAM}: {0}")]
@@ -74,6 +77,29 @@ pub struct Companion {
     child: Child,
     input: BufWriter<ChildStdin>,
     output: BufReader<ChildStdout>,
+    /// Hears what its libraries say of codecs and tags, which is nothing that a user can act on: gives the last line.
+    listener: Option<JoinHandle<String>>,
+}
+
+/// Longest line that is kept of what the program says on its standard error, bytes.
+const LONGEST_LINE: u64 = 4096;
+
+/// The last line that is not empty.
+fn last_line(errors: ChildStderr) -> String {
+    let mut errors = BufReader::new(errors);
+    let (mut last, mut line) = (String::new(), Vec::new());
+    loop {
+        line.clear();
+        match errors.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut line) {
+            Ok(count) if count > 0 => {
+                let text = String::from_utf8_lossy(&line);
+                if !text.trim().is_empty() {
+                    last = crate::text::excerpt(text.trim());
+                }
+            }
+            _ => return last,
+        }
+    }
 }
 
 impl Companion {
@@ -84,7 +110,7 @@ impl Companion {
     pub fn start<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Result<Self, CompanionError> {
         let program = program(PROGRAM);
         let mut command = Command::new(&program);
-        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         // Ctrl-C is for this program, which ends the other one when it is ready to.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
@@ -95,7 +121,9 @@ impl Companion {
         let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(CompanionError::CannotStart(io::Error::other("its input and output are not there")));
         };
-        let mut companion = Self { child, input: BufWriter::new(input), output: BufReader::with_capacity(1 << 16, output) };
+        let listener = child.stderr.take().map(|errors| std::thread::spawn(|| last_line(errors)));
+        let output = BufReader::with_capacity(1 << 16, output);
+        let mut companion = Self { child, input: BufWriter::new(input), output, listener };
         match companion.receive::<Reply>(0) {
             Ok(Answer::Said(Reply::Hello { version })) if version == wire::VERSION => Ok(companion),
             Ok(_) | Err(CompanionError::NotUnderstood { .. }) => Err(CompanionError::OtherVersion { program }),
@@ -142,7 +170,10 @@ impl Companion {
         match error.kind() {
             io::ErrorKind::InvalidData => not_understood(&error.to_string()),
             io::ErrorKind::UnexpectedEof | io::ErrorKind::BrokenPipe => match self.child.wait() {
-                Ok(status) => CompanionError::Ended { status },
+                Ok(status) => {
+                    let last_words = self.listener.take().and_then(|listener| listener.join().ok()).unwrap_or_default();
+                    CompanionError::Ended { status, last_words }
+                }
                 Err(error) => CompanionError::Connection(error),
             },
             _ => CompanionError::Connection(error),

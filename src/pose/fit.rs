@@ -5,12 +5,13 @@
 //! a standard deviation by its state. The neutral frame gives a first head; then frames (pose and expression) and head (given
 //! those) are solved in turn, each by linear least squares with robust weights, so that frames seen from other sides improve the depth.
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Rotation3, Vector2, Vector3};
 
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
     frontal::visibility,
-    solve::{Seen, Solved, cost, robust, shape_with, solve},
+    mixture::Mixture,
+    solve::{Directions, Limit, Seen, Solved, robust, shape_with, solve},
 };
 use crate::{
     fit::SpringError,
@@ -31,10 +32,18 @@ const OWN_MARKED: f64 = 0.007;
 const OWN_FITTED: f64 = 0.04;
 /// Frames, evenly spread, that the head is learned from.
 const HEAD_FRAMES: usize = 9;
-/// Turns of frames and head.
-const TURNS: usize = 3;
-/// Distances of the camera that are tried, eye distances: each 1.4 times the one before, and one so far that nothing is magnified.
-const DISTANCES: [f64; 6] = [5.5, 7.8, 11.0, 15.5, 22.0, 44.0];
+/// Most turns of frames, head and camera.
+const TURNS: usize = 120;
+/// A turn that changes everything by less is the last: standard deviations, and [`PER_UNIT`] of the rest.
+const AT_REST: f64 = 0.003;
+/// What counts as one in poses: radians, logarithms of sizes, and distances in the image over the size.
+const PER_UNIT: f64 = 0.01;
+/// The last step of a frame once the head is known: radians, logarithms, standard deviations.
+const FRAME_AT_REST: f64 = 1e-5;
+/// Steps of a frame at most, once the head is known.
+const FRAME_STEPS: usize = 20;
+/// Distances of the camera that a face may be seen from, eye distances.
+const DISTANCES: [f64; 2] = [4.0, 60.0];
 /// Standard deviation of the logarithm of the distance.
 const LOG_DISTANCE_DEVIATION: f64 = 1.0;
 /// Fewest nodes seen that give a pose.
@@ -111,8 +120,6 @@ struct Frame {
 /// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
 /// and not the nodes say where the head is.
 ///
-/// The distance of the camera is the one of `DISTANCES` which explains the frames best.
-///
 /// # Errors
 /// [`PoseError`] for another wireframe, too few tracked nodes, or nodes that no head explains.
 pub fn fit_head(
@@ -134,25 +141,15 @@ pub fn fit_head(
     frames[0].seen.retain(|s| is_marked(s.node) || is_followed[s.node]);
     let own = own_deviations(model, neutral);
     let start = rough_pose(model, tables, neutral)?;
-    let sequence = Sequence { model, frames: &frames, own: &own, start };
-    let mut best: Option<(f64, Found)> = None;
-    let mut failure = None;
-    for distance in DISTANCES {
-        match sequence.head_at(distance * HEAD_ES) {
-            Ok(found) => {
-                let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
-                let cost = found.cost + 0.5 * unlikely * unlikely;
-                if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                    best = Some((cost, found));
-                }
-            }
-            Err(error) => failure = failure.or(Some(error)),
-        }
-    }
-    match (best, failure) {
-        (Some((_, found)), _) => sequence.every_frame(found, shifts),
-        (None, error) => Err(error.unwrap_or(PoseError::NoHead { frame: neutral.number })),
-    }
+    let sequence = Sequence {
+        model,
+        frames: &frames,
+        own: &own,
+        start,
+        expression: Directions::new(&model.expression, model.node_count()),
+        identity: Directions::new(&model.identity, model.node_count()),
+    };
+    sequence.every_frame(sequence.head()?, shifts)
 }
 
 /// What is known of a sequence before its head is.
@@ -161,60 +158,128 @@ struct Sequence<'a> {
     frames: &'a [Frame],
     own: &'a [f64],
     start: HeadPose,
+    expression: Directions,
+    identity: Directions,
 }
 
-/// A head, its pose in the neutral frame, and what it leaves unexplained: minus the logarithm of its probability, up to a constant.
+/// All that is sought at once: the head, its pose in the neutral frame, pose and expression of the frames that it is learned from. All
+/// poses have the same distance of the camera.
+#[derive(Clone)]
 struct Found {
-    shape: Vec<Vector3<f64>>,
+    head: Head,
     neutral_pose: HeadPose,
-    cost: f64,
+    frames: Vec<Solved>,
 }
 
 impl Sequence<'_> {
-    /// The head that explains the frames best with the camera at a distance, model units.
-    fn head_at(&self, distance: f64) -> Result<Found, PoseError> {
-        let Self { model, frames, own, .. } = *self;
-        let none = |number| PoseError::NoHead { frame: number };
-        let Some((first, rest)) = frames.split_first() else { return Err(none(0)) };
-        // A first head from the neutral frame: the person's own offsets count as noise.
-        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(own[s.node]), ..*s };
-        let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
-        let start = Solved { pose: HeadPose { distance, ..self.start }, coefficients: DVector::zeros(model.identity.len()) };
-        let found = solve(&model.mean, &model.identity, &seen, start).ok_or(none(first.number))?;
-        let mut head = Head { coefficients: found.coefficients, own: vec![Vector3::zeros(); model.node_count()] };
-        let mut neutral_pose = found.pose;
-        let chosen = spread(rest.len(), HEAD_FRAMES);
-        let nothing = vec![Vector3::zeros(); model.node_count()];
+    /// The most probable head: one step of every frame given head and camera, of the head given the frames, of the camera given both,
+    /// again and again.
+    ///
+    /// That comes to rest slowly, for each can take over from the others, as the depth of a nose from a turn; so each turn begins with a
+    /// mixture of the last ones ([`Mixture`]).
+    fn head(&self) -> Result<Found, PoseError> {
+        let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
+        let chosen: Vec<&Frame> = spread(rest.len(), HEAD_FRAMES).into_iter().map(|k| &rest[k]).collect();
+        let mut found = self.first_head(first, &chosen)?;
+        let mut mixture = Mixture::default();
         for _ in 0..TURNS {
-            let shape = head.shape(model);
-            let mut views = vec![View { seen: &first.seen, pose: neutral_pose, offsets: None }];
-            let mut before = no_expression(model, neutral_pose);
-            for &k in &chosen {
-                before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
-                let offsets = shape_with(&nothing, &model.expression, &before.coefficients);
-                views.push(View { seen: &rest[k].seen, pose: before.pose, offsets: Some(offsets) });
+            let before = self.numbers(&found);
+            self.turn(&mut found, first, &chosen)?;
+            let after = self.numbers(&found);
+            if (&after - &before).amax() < AT_REST {
+                break;
             }
-            head.improve(model, &views, own);
-            let shape = head.shape(model);
-            let start = Solved { pose: neutral_pose, coefficients: DVector::zeros(0) };
-            neutral_pose = solve(&shape, &[], &first.seen, start).ok_or(none(first.number))?.pose;
+            self.set_numbers(&mut found, &mixture.next(&before, after));
         }
-        let shape = head.shape(model);
-        let own_share = |(offset, own): (&Vector3<f64>, &f64)| offset.norm_squared() / (own * own);
-        let mut cost = 0.5 * (head.coefficients.norm_squared() + head.own.iter().zip(own).map(own_share).sum::<f64>());
-        cost += unexplained(&shape, &neutral_pose, &first.seen);
-        let mut before = no_expression(model, neutral_pose);
-        for &k in &chosen {
-            before = solve_frame(model, &shape, &rest[k], before).ok_or(none(rest[k].number))?;
-            let now = shape_with(&shape, &model.expression, &before.coefficients);
-            cost += 0.5 * before.coefficients.norm_squared() + unexplained(&now, &before.pose, &rest[k].seen);
+        Ok(found)
+    }
+
+    /// A first head from the neutral frame, where the person's own offsets count as noise, and first frames from the ones before them.
+    fn first_head(&self, first: &Frame, chosen: &[&Frame]) -> Result<Found, PoseError> {
+        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(self.own[s.node]), ..*s };
+        let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
+        let start = Solved { pose: self.start, coefficients: DVector::zeros(self.model.identity.len()) };
+        let limit = Limit { steps: FRAME_STEPS, at_rest: AT_REST };
+        let solved = solve(&self.model.mean, &self.identity, &seen, start, limit);
+        let solved = solved.ok_or(PoseError::NoHead { frame: first.number })?;
+        let head = Head { coefficients: solved.coefficients, own: vec![Vector3::zeros(); self.model.node_count()] };
+        let shape = head.shape(self.model);
+        let mut before = no_expression(self.model, solved.pose);
+        let mut frames = Vec::with_capacity(chosen.len());
+        for frame in chosen {
+            before = self.solve_frame(&shape, frame, before, limit).ok_or(PoseError::NoHead { frame: frame.number })?;
+            frames.push(before.clone());
         }
-        Ok(Found { shape, neutral_pose, cost })
+        Ok(Found { head, neutral_pose: solved.pose, frames })
+    }
+
+    /// One step of the frames, then one of the head, then one of the camera's distance.
+    fn turn(&self, found: &mut Found, first: &Frame, chosen: &[&Frame]) -> Result<(), PoseError> {
+        let model = self.model;
+        let limit = Limit { steps: 1, at_rest: 0.0 };
+        let shape = found.head.shape(model);
+        let start = Solved { pose: found.neutral_pose, coefficients: DVector::zeros(0) };
+        let solved = solve(&shape, &Directions::none(), &first.seen, start, limit);
+        found.neutral_pose = solved.ok_or(PoseError::NoHead { frame: first.number })?.pose;
+        let nothing = vec![Vector3::zeros(); model.node_count()];
+        let mut views = vec![View { seen: &first.seen, pose: found.neutral_pose, offsets: None }];
+        for (frame, solved) in chosen.iter().zip(&mut found.frames) {
+            let stepped = self.solve_frame(&shape, frame, solved.clone(), limit);
+            *solved = stepped.ok_or(PoseError::NoHead { frame: frame.number })?;
+            let offsets = shape_with(&nothing, &model.expression, &solved.coefficients);
+            views.push(View { seen: &frame.seen, pose: solved.pose, offsets: Some(offsets) });
+        }
+        found.head.improve(model, &views, self.own);
+        let log_distance = log_distance_step(&found.head.shape(model), &views);
+        found.set_log_distance(found.neutral_pose.distance.ln() + log_distance);
+        Ok(())
+    }
+
+    /// All that is sought as numbers of like size.
+    fn numbers(&self, found: &Found) -> DVector<f64> {
+        let mut numbers = found.head.in_deviations(self.own);
+        numbers.push(found.neutral_pose.distance.ln() / PER_UNIT / 10.0);
+        push_pose(&mut numbers, &found.neutral_pose);
+        for frame in &found.frames {
+            push_pose(&mut numbers, &frame.pose);
+            numbers.extend(frame.coefficients.iter().copied());
+        }
+        DVector::from_vec(numbers)
+    }
+
+    /// The inverse of [`Self::numbers`].
+    fn set_numbers(&self, found: &mut Found, numbers: &DVector<f64>) {
+        let mut rest = numbers.as_slice().iter().copied();
+        found.head.coefficients.iter_mut().zip(&mut rest).for_each(|(c, number)| *c = number);
+        for (offset, own) in found.head.own.iter_mut().zip(self.own) {
+            offset.iter_mut().zip(&mut rest).for_each(|(o, number)| *o = number * own);
+        }
+        let log_distance = rest.next().map_or(0.0, |number| number * PER_UNIT * 10.0);
+        set_pose(&mut found.neutral_pose, &mut rest);
+        for frame in &mut found.frames {
+            set_pose(&mut frame.pose, &mut rest);
+            frame.coefficients.iter_mut().zip(&mut rest).for_each(|(c, number)| *c = number);
+        }
+        found.set_log_distance(log_distance);
+    }
+
+    fn solve_frame(&self, shape: &[Vector3<f64>], frame: &Frame, start: Solved, limit: Limit) -> Option<Solved> {
+        let visible = visibility(self.model, shape, &start.pose);
+        let seen: Vec<Seen> = frame
+            .seen
+            .iter()
+            .filter(|s| visible[s.node] > HIDDEN)
+            .map(|s| Seen { deviation: s.deviation / visible[s.node].sqrt(), ..*s })
+            .collect();
+        if seen.len() < FEWEST_SEEN {
+            return None;
+        }
+        solve(shape, &self.expression, &seen, start, limit)
     }
 
     /// Pose and expression of every frame.
     fn every_frame(&self, head: Found, mark_shifts: Vec<Vec<Vector2<f64>>>) -> Result<HeadFit, PoseError> {
-        let Found { shape: neutral, neutral_pose, .. } = head;
+        let (neutral, neutral_pose) = (head.head.shape(self.model), head.neutral_pose);
         let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
         let mut fit = HeadFit {
             residuals: vec![residual(&neutral, &neutral_pose, &first.seen)],
@@ -226,7 +291,9 @@ impl Sequence<'_> {
         let mut before = no_expression(self.model, neutral_pose);
         for frame in rest {
             let none = PoseError::NoHead { frame: frame.number };
-            before = solve_frame(self.model, &fit.neutral, frame, before).ok_or(none)?;
+            before = self
+                .solve_frame(&fit.neutral, frame, before, Limit { steps: FRAME_STEPS, at_rest: FRAME_AT_REST })
+                .ok_or(none)?;
             let shape = shape_with(&fit.neutral, &self.model.expression, &before.coefficients);
             fit.residuals.push(residual(&shape, &before.pose, &frame.seen));
             fit.poses.push(before.pose);
@@ -240,10 +307,49 @@ fn no_expression(model: &HeadModel, pose: HeadPose) -> Solved {
     Solved { pose, coefficients: DVector::zeros(model.expression.len()) }
 }
 
-/// What a shape in a pose leaves unexplained.
-fn unexplained(shape: &[Vector3<f64>], pose: &HeadPose, seen: &[Seen]) -> f64 {
-    let one = |s: &Seen| cost((s.at - pose.image_of(&pose.turned(&shape[s.node]))).norm() / (s.deviation * pose.scale));
-    seen.iter().map(one).sum()
+impl Found {
+    /// Moves the camera of all frames, within [`DISTANCES`].
+    fn set_log_distance(&mut self, log_distance: f64) {
+        let [nearest, farthest] = DISTANCES.map(|distance| distance * HEAD_ES);
+        let distance = log_distance.exp().clamp(nearest, farthest);
+        let frames = self.frames.iter_mut().map(|frame| &mut frame.pose);
+        frames.chain([&mut self.neutral_pose]).for_each(|pose| pose.distance = distance);
+    }
+}
+
+/// By how much the logarithm of the camera's distance is to change, all else given.
+fn log_distance_step(shape: &[Vector3<f64>], views: &[View<'_>]) -> f64 {
+    let precision = LOG_DISTANCE_DEVIATION.powi(-2);
+    let distance = views.first().map_or(CAMERA_DISTANCE * HEAD_ES, |view| view.pose.distance);
+    let mut normal = precision;
+    let mut right = -precision * (distance / (CAMERA_DISTANCE * HEAD_ES)).ln();
+    for view in views {
+        for s in view.seen {
+            let place = shape[s.node] + view.offsets.as_ref().map_or_else(Vector3::zeros, |o| o[s.node]);
+            let turned = view.pose.turned(&place);
+            let residual: Vector2<f64> = s.at - view.pose.image_of(&turned);
+            let deviation = s.deviation * view.pose.scale;
+            let weight = robust(residual.norm() / deviation) / (deviation * deviation);
+            let slope = view.pose.distance_slope(&turned);
+            normal += weight * slope.norm_squared();
+            right += weight * slope.dot(&residual);
+        }
+    }
+    right / normal
+}
+
+fn push_pose(numbers: &mut Vec<f64>, pose: &HeadPose) {
+    let turn = pose.rotation.scaled_axis();
+    numbers.extend(turn.iter().map(|angle| angle / PER_UNIT));
+    numbers.push(pose.scale.ln() / PER_UNIT);
+    numbers.extend(pose.position.coords.iter().map(|at| at / pose.scale / PER_UNIT));
+}
+
+fn set_pose(pose: &mut HeadPose, numbers: &mut impl Iterator<Item = f64>) {
+    let mut next = || numbers.next().unwrap_or(0.0) * PER_UNIT;
+    pose.rotation = Rotation3::new(Vector3::new(next(), next(), next()));
+    pose.scale = next().exp();
+    pose.position = Point2::new(next(), next()) * pose.scale;
 }
 
 /// How far every node's mark lies from its node, px, in every frame: as in the neutral one, turned and sized with the face.
@@ -275,20 +381,6 @@ fn mark_shifts(
         shifts.iter().map(|&shift| moved.apply(&Point2::from(shift)) - origin).collect()
     };
     track.iter().map(turned).collect()
-}
-
-fn solve_frame(model: &HeadModel, shape: &[Vector3<f64>], frame: &Frame, before: Solved) -> Option<Solved> {
-    let visible = visibility(model, shape, &before.pose);
-    let seen: Vec<Seen> = frame
-        .seen
-        .iter()
-        .filter(|s| visible[s.node] > HIDDEN)
-        .map(|s| Seen { deviation: s.deviation / visible[s.node].sqrt(), ..*s })
-        .collect();
-    if seen.len() < FEWEST_SEEN {
-        return None;
-    }
-    solve(shape, &model.expression, &seen, before)
 }
 
 /// `count` of `of` frames, evenly spread, the last among them.
@@ -367,6 +459,7 @@ struct View<'a> {
 }
 
 /// A person's head.
+#[derive(Clone)]
 struct Head {
     coefficients: DVector<f64>,
     own: Vec<Vector3<f64>>,
@@ -380,6 +473,12 @@ struct Evidence {
 }
 
 impl Head {
+    /// Coefficients and own offsets, each over its standard deviation.
+    fn in_deviations(&self, own: &[f64]) -> Vec<f64> {
+        let offsets = self.own.iter().zip(own).flat_map(|(offset, own)| [offset.x / own, offset.y / own, offset.z / own]);
+        self.coefficients.iter().copied().chain(offsets).collect()
+    }
+
     fn shape(&self, model: &HeadModel) -> Vec<Vector3<f64>> {
         let mut shape = shape_with(&model.mean, &model.identity, &self.coefficients);
         shape.iter_mut().zip(&self.own).for_each(|(x, own)| *x += own);

@@ -4,12 +4,8 @@ use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
 
 use super::HeadPose;
 
-/// Turns of Gauss-Newton at most.
-const TURNS: usize = 20;
 /// Largest turn of the head in one step, radians.
 const LARGEST_TURN: f64 = 0.2;
-/// A step below this (radians, logarithms, standard deviations) is the last.
-const AT_REST: f64 = 1e-6;
 /// Residual, in standard deviations, beyond which a node counts as an outlier.
 const OUTLIER: f64 = 3.0;
 /// Numbers of a pose.
@@ -52,26 +48,106 @@ pub(super) fn robust(ratio: f64) -> f64 {
     1.0 / (1.0 + (ratio / OUTLIER).powi(2))
 }
 
-/// What a residual of `ratio` standard deviations costs, where half its square is the cost of a small one (Cauchy).
-pub(super) fn cost(ratio: f64) -> f64 {
-    0.5 * OUTLIER * OUTLIER * (ratio / OUTLIER).powi(2).ln_1p()
+/// When [`solve`] ends.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limit {
+    /// Steps of Gauss-Newton at most.
+    pub steps: usize,
+    /// A step below this is the last: radians, logarithms, standard deviations.
+    pub at_rest: f64,
+}
+
+/// Directions of shape, node by node, as [`solve`] wants them: all x, all y, all z of a node behind each other.
+#[derive(Clone, Debug)]
+pub(super) struct Directions {
+    count: usize,
+    by_node: Vec<f64>,
+}
+
+impl Directions {
+    /// From one list of nodes a direction.
+    pub fn new(directions: &[Vec<Vector3<f64>>], nodes: usize) -> Self {
+        let of_node = |k: usize| (0..3).flat_map(move |axis| directions.iter().map(move |d| d[k][axis]));
+        Self { count: directions.len(), by_node: (0..nodes).flat_map(of_node).collect() }
+    }
+
+    /// No direction at all.
+    pub fn none() -> Self {
+        Self { count: 0, by_node: Vec::new() }
+    }
+
+    /// x, y and z of a node in all directions.
+    fn of(&self, node: usize) -> [&[f64]; 3] {
+        let n = self.count;
+        [0, 1, 2].map(|axis| &self.by_node[(3 * node + axis) * n..(3 * node + axis + 1) * n])
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// The normal equations of one frame, and one row for x and one for y of a node.
+struct System {
+    size: usize,
+    /// Upper triangle, column by column.
+    normal: DMatrix<f64>,
+    right: DVector<f64>,
+    rows: [Vec<f64>; 2],
+}
+
+impl System {
+    fn new(size: usize) -> Self {
+        let rows = [vec![0.0; size], vec![0.0; size]];
+        Self { size, normal: DMatrix::zeros(size, size), right: DVector::zeros(size), rows }
+    }
+
+    /// The standard normal priors of the coefficients.
+    fn restart(&mut self, coefficients: &DVector<f64>) {
+        self.normal.fill(0.0);
+        self.right.fill(0.0);
+        for (j, &c) in coefficients.iter().enumerate() {
+            self.normal[(POSE + j, POSE + j)] = 1.0;
+            self.right[POSE + j] = -c;
+        }
+    }
+
+    /// Adds what the two rows say with a weight.
+    fn add(&mut self, weight: f64, residual: Vector2<f64>) {
+        let [x, y] = &self.rows;
+        for (i, column) in self.normal.as_mut_slice().chunks_exact_mut(self.size).enumerate() {
+            let (by_x, by_y) = (weight * x[i], weight * y[i]);
+            self.right[i] += by_x * residual.x + by_y * residual.y;
+            for ((cell, x), y) in column[..=i].iter_mut().zip(&x[..=i]).zip(&y[..=i]) {
+                *cell += by_x * x + by_y * y;
+            }
+        }
+    }
+
+    fn step(&mut self) -> Option<DVector<f64>> {
+        self.normal.fill_lower_triangle_with_upper_triangle();
+        Some(self.normal.clone().cholesky()?.solve(&self.right))
+    }
 }
 
 /// Pose and coefficients that explain what is seen best; the coefficients have standard normal priors, the pose has none.
-pub(super) fn solve(base: &[Vector3<f64>], directions: &[Vec<Vector3<f64>>], seen: &[Seen], start: Solved) -> Option<Solved> {
+///
+pub(super) fn solve(
+    base: &[Vector3<f64>],
+    directions: &Directions,
+    seen: &[Seen],
+    start: Solved,
+    limit: Limit,
+) -> Option<Solved> {
     let mut solved = start;
-    let size = POSE + directions.len();
-    let mut row = [vec![0.0; size], vec![0.0; size]];
-    for _ in 0..TURNS {
-        let mut normal = DMatrix::<f64>::zeros(size, size);
-        let mut right = DVector::<f64>::zeros(size);
-        for (j, &c) in solved.coefficients.iter().enumerate() {
-            normal[(POSE + j, POSE + j)] += 1.0;
-            right[POSE + j] -= c;
-        }
+    let size = POSE + directions.count;
+    let mut system = System::new(size);
+    for _ in 0..limit.steps {
+        system.restart(&solved.coefficients);
         let pose = solved.pose;
         for s in seen {
-            let moved: Vector3<f64> = directions.iter().zip(solved.coefficients.iter()).map(|(d, c)| d[s.node] * *c).sum();
+            let along = directions.of(s.node);
+            let moved = Vector3::from(along.map(|axis| dot(axis, solved.coefficients.as_slice())));
             let turned = pose.turned(&(base[s.node] + moved));
             let residual: Vector2<f64> = s.at - pose.image_of(&turned);
             let deviation = s.deviation * pose.scale;
@@ -80,33 +156,26 @@ pub(super) fn solve(base: &[Vector3<f64>], directions: &[Vec<Vector3<f64>>], see
             let by_turn = slope * HeadPose::rotation_slope(&turned);
             let by_point = slope * pose.rotation.matrix();
             let seen_at = pose.image_of(&turned) - pose.position;
-            for axis in 0..2 {
-                let line = &mut row[axis];
+            for (axis, line) in system.rows.iter_mut().enumerate() {
                 (0..3).for_each(|k| line[k] = by_turn[(axis, k)]);
                 line[3] = seen_at[axis];
                 line[4] = f64::from(u8::from(axis == 0));
                 line[5] = f64::from(u8::from(axis == 1));
-                for (j, direction) in directions.iter().enumerate() {
-                    line[POSE + j] = by_point.row(axis).transpose().dot(&direction[s.node]);
-                }
-                for i in 0..size {
-                    let value = weight * line[i];
-                    right[i] += value * residual[axis];
-                    for (j, other) in line.iter().enumerate().take(i + 1) {
-                        normal[(i, j)] += value * other;
-                    }
+                let by = [by_point[(axis, 0)], by_point[(axis, 1)], by_point[(axis, 2)]];
+                for (((cell, x), y), z) in line[POSE..].iter_mut().zip(along[0]).zip(along[1]).zip(along[2]) {
+                    *cell = by[0] * x + by[1] * y + by[2] * z;
                 }
             }
+            system.add(weight, residual);
         }
-        normal.fill_upper_triangle_with_lower_triangle();
-        let step = normal.cholesky()?.solve(&right);
+        let step = system.step()?;
         let turn = Vector3::new(step[0], step[1], step[2]);
         let share = (LARGEST_TURN / turn.norm().max(LARGEST_TURN)).min(1.0);
         let step = step * share;
         solved.pose = pose.moved(Vector3::new(step[0], step[1], step[2]), step[3], Vector2::new(step[4], step[5]));
-        solved.coefficients += step.rows(POSE, directions.len());
-        let small = |k: usize| step[k].abs() < AT_REST;
-        let shifts = step[4].abs().max(step[5].abs()) < AT_REST * solved.pose.scale;
+        solved.coefficients += step.rows(POSE, directions.count);
+        let small = |k: usize| step[k].abs() < limit.at_rest;
+        let shifts = step[4].abs().max(step[5].abs()) < limit.at_rest * solved.pose.scale;
         if shifts && (0..size).all(|k| k == 4 || k == 5 || small(k)) {
             break;
         }

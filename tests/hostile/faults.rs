@@ -254,7 +254,7 @@ impl Bench {
             let (call, error) = faults[round as usize % faults.len()];
             let out = format!("injected-{round}");
             // Opening of libraries at the start is not ours to survive.
-            let first = if call == "openat" { 400 } else { 1 };
+            let first = if call == "openat" { 10 } else { 1 };
             let when = first + self.random.random_range(0..40);
             let inject = format!("inject={call}:error={error}:when={when}");
             let arguments = [

@@ -192,7 +192,7 @@ fn quiet_is_quiet() {
         grimace(&folder, &["track", "faces", "--correspondences", "marks.csv", "-o", "S001_005.csv", "-q"], b"");
     assert_eq!((status, out.as_str(), said.as_str()), (Some(0), "", ""));
     fs::copy(repository("fixtures/golden/fap/happiness.fap"), folder.path().join("happiness.fap")).unwrap();
-    for film in ["gif", "mp4"] {
+    for film in ["gif", "mp4", "webm"] {
         let (status, out, said) = grimace(
             &folder,
             &[
