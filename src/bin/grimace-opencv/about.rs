@@ -6,7 +6,7 @@ use opencv::{
     videoio::{VideoWriter, registry},
 };
 
-use crate::encode::{codecs, without_warnings};
+use crate::encode::codecs;
 
 /// Side of the films that are tried, px.
 const SIDE: i32 = 64;
@@ -38,5 +38,5 @@ fn writes(format: &str, codec: &[u8; 4]) -> bool {
         let fourcc = VideoWriter::fourcc(a, b, c, d)?;
         VideoWriter::new(&path.to_string_lossy(), fourcc, 25.0, Size::new(SIDE, SIDE), true)?.is_opened()
     };
-    without_warnings(open).unwrap_or(false)
+    open().unwrap_or(false)
 }

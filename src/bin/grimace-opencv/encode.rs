@@ -61,33 +61,10 @@ fn open(path: &str, codecs: &[&[u8; 4]], fps: f64, size: Size) -> Result<Option<
     for codec in codecs {
         let [a, b, c, d] = codec.map(char::from);
         let fourcc = VideoWriter::fourcc(a, b, c, d)?;
-        let writer = without_warnings(|| VideoWriter::new(path, fourcc, fps, size, true))?;
+        let writer = VideoWriter::new(path, fourcc, fps, size, true)?;
         if writer.is_opened()? {
             return Ok(Some(writer));
         }
     }
     Ok(None)
-}
-
-/// Runs something with standard error shut: OpenCV prints there, whatever its log level, that it writes codecs by other tags than it was
-/// asked for.
-#[cfg(unix)]
-pub fn without_warnings<T>(run: impl FnOnce() -> T) -> T {
-    use rustix::{io::dup, stdio};
-    let kept = dup(stdio::stderr()).and_then(|kept| {
-        let nowhere = std::fs::OpenOptions::new().write(true).open("/dev/null").map_err(|_| rustix::io::Errno::NOENT)?;
-        stdio::dup2_stderr(nowhere)?;
-        Ok(kept)
-    });
-    let result = run();
-    if let Ok(kept) = kept {
-        // Where this fails, nothing can be said about it.
-        let _ = stdio::dup2_stderr(kept);
-    }
-    result
-}
-
-#[cfg(not(unix))]
-pub fn without_warnings<T>(run: impl FnOnce() -> T) -> T {
-    run()
 }
