@@ -43,6 +43,10 @@ pub enum FrameSource {
     },
 }
 
+fn leading_zeros(near: &Path) -> String {
+    format!("; {} is there: spreadsheets drop leading zeros, format the column as text", near.display())
+}
+
 impl FrameSource {
     /// Number of the neutral frame.
     #[must_use]
@@ -76,10 +80,12 @@ pub enum FramesError {
         reason: io::Error,
     },
     /// No such folder or file.
-    #[error("{}: there is no such folder of frames or video file", path.display())]
+    #[error("{}: there is no such folder of frames or video file{}", path.display(), near.as_deref().map(leading_zeros).unwrap_or_default())]
     NotFound {
         /// The path.
         path: PathBuf,
+        /// What is there under the same number, written with other zeros.
+        near: Option<PathBuf>,
     },
     /// A file that is no video.
     #[error(
@@ -138,6 +144,19 @@ pub enum FramesError {
         /// Largest number there is.
         last: u32,
     },
+    /// The apex before the neutral frame.
+    #[error(
+        "{}: the apex frame (last_frame {last}) comes before the neutral frame (first_frame {first}); exchange them if the sequence goes \
+         from neutral to apex, else take it from its neutral frame on", folder.display()
+    )]
+    Backwards {
+        /// The folder or video.
+        folder: PathBuf,
+        /// Number of the neutral frame.
+        first: u32,
+        /// Number of the apex frame.
+        last: u32,
+    },
     /// Fewer than two frames from first to last.
     #[error("{}: {found} frame from neutral to apex; at least {MINIMUM_FRAMES} are needed", folder.display())]
     TooFew {
@@ -158,16 +177,31 @@ pub enum FramesError {
 /// [`FramesError`] when there is no such folder or video, no image, an image without a number, a number that is there twice,
 /// a `first` or `last` that is not there, or fewer than two frames.
 pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
+    if let (Some(first), Some(last)) = (first, last)
+        && last < first
+    {
+        return Err(FramesError::Backwards { folder: path.to_owned(), first, last });
+    }
     if path.is_dir() {
         return Ok(FrameSource::Images(cut(path, numbered_images(path)?, first, last)?));
     }
     if !path.exists() {
-        return Err(FramesError::NotFound { path: path.to_owned() });
+        return Err(FramesError::NotFound { path: path.to_owned(), near: same_number(path) });
     }
     if !is_video(path) {
         return Err(FramesError::NotAVideo { path: path.to_owned() });
     }
     Ok(FrameSource::Video { path: path.to_owned(), first, last })
+}
+
+/// What stands where a path is looked for under the same number written otherwise: spreadsheets make 2 of 002.
+fn same_number(path: &Path) -> Option<PathBuf> {
+    let missing = path.ancestors().take_while(|p| !p.exists()).last()?;
+    let number = |name: &OsStr| name.to_str()?.parse::<u64>().ok();
+    let wanted = number(missing.file_name()?)?;
+    let folder = missing.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = visible(folder).ok()?;
+    entries.iter().find(|e| number(&e.file_name()) == Some(wanted)).map(fs::DirEntry::path)
 }
 
 /// Whether a path has the extension of a video file.
@@ -292,6 +326,27 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_of_the_same_number_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir_all(folder.path().join("005/002")).unwrap();
+        let error = |name: &str| list_frames(&folder.path().join(name), None, None).unwrap_err().to_string();
+        assert!(
+            error("005/2").ends_with("005/002 is there: spreadsheets drop leading zeros, format the column as text"),
+            "{}",
+            error("005/2")
+        );
+        assert!(error("5/002").contains("005 is there"), "{}", error("5/002"));
+        assert!(!error("005/3").contains("is there:"));
+    }
+
+    #[test]
+    fn an_apex_before_the_neutral_frame_is_said() {
+        let folder = folder(&["a1.png", "a2.png", "a3.png"]);
+        let error = numbers(&folder, Some(3), Some(1)).unwrap_err();
+        assert!(error.contains("the apex frame (last_frame 1) comes before the neutral frame (first_frame 3)"), "{error}");
+    }
+
+    #[test]
     fn the_number_is_the_last_run_of_digits_before_the_extension() {
         let digits = |name: &str| last_digits(Path::new(name));
         assert_eq!(digits("S005_001_00000012.png").as_deref(), Some("00000012"));
@@ -308,7 +363,7 @@ mod tests {
         assert!(error.ends_with("first_frame is 3, but the folder has 3 frames from 1 to 5 and not this one"), "{error}");
         assert!(numbers(&folder, None, Some(99)).unwrap_err().contains("last_frame is 99"));
         assert!(numbers(&folder, Some(5), None).unwrap_err().ends_with("1 frame from neutral to apex; at least 2 are needed"));
-        assert!(numbers(&folder, Some(5), Some(1)).unwrap_err().contains("0 frame"));
+        assert!(numbers(&folder, Some(5), Some(1)).unwrap_err().contains("comes before"));
     }
 
     #[test]
