@@ -42,3 +42,4 @@ need_component() {
 BUILD_PACKAGES=(build-essential pkg-config clang libclang-dev libopencv-dev opencv-data)
 BROWSER_PACKAGES=(chromium chromium-driver)
 WORKFLOW_PACKAGES=(python3 python3-venv)
+PYTHON_PACKAGES=(python3 python3-venv)

@@ -117,7 +117,7 @@ pub enum MarksError {
     /// A mark outside the image, or not a finite position.
     #[error(
         "node {node} is marked at ({x}, {y}), outside the image of {width} x {height} pixels \
-         (x from -0.5 to {}, y from -0.5 to {})", f64::from(*width) - 0.5, f64::from(*height) - 0.5
+         (x from -0.5 to {}, y from -0.5 to {}); are these the marks of another picture, or of this one at another size?", f64::from(*width) - 0.5, f64::from(*height) - 0.5
     )]
     OutsideImage {
         /// The node.
@@ -303,7 +303,8 @@ mod tests {
         let error = validate_correspondences(&corners, 640, 479).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "node 2 is marked at (0, 479.5), outside the image of 640 x 479 pixels (x from -0.5 to 639.5, y from -0.5 to 478.5)"
+            "node 2 is marked at (0, 479.5), outside the image of 640 x 479 pixels (x from -0.5 to 639.5, y from -0.5 to 478.5); \
+             are these the marks of another picture, or of this one at another size?"
         );
         let nan = [corners[0], corners[1], mark(5, f64::NAN, 1.0)];
         assert!(matches!(validate_correspondences(&nan, 640, 480), Err(MarksError::OutsideImage { node: NodeId(5), .. })));

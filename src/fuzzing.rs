@@ -84,7 +84,7 @@ pub static TARGETS: [Target; 27] = [
     }),
     text("obj", "a.obj", |p| said(read_obj(p))),
     binary("ply", "a.ply", |p| said(read_ply(p))),
-    binary("gltf", "a.glb", |p| said(read_gltf(p))),
+    binary("gltf", "a.glb", |p| said(read_gltf(p, None, |_| false))),
     binary("npy", "a.npy", |p| said(read_npy_indices(p))),
     binary("npy_rows", "a.npy", |p| said(read_npy_rows(p))),
     binary("bank", "a.bank", |p| said(Bank::open(p))),

@@ -33,7 +33,13 @@ pub enum InputErrorKind {
     #[error("a quotation mark is not closed in the line (fields may not run over several lines)")]
     UnclosedQuote,
     /// Columns that must be there.
-    #[error("has no column {}; found {}{}", quoted(missing), quoted(found), separator_hint(found))]
+    #[error(
+        "has no column {}; found {}{}{}",
+        quoted(missing),
+        quoted(found),
+        separator_hint(found),
+        spelling_hint(missing, found)
+    )]
     MissingColumns {
         /// Names not found.
         missing: Vec<String>,
@@ -96,6 +102,20 @@ fn quoted(names: &[String]) -> String {
     }
     let shown = names.iter().take(MOST_NAMES).map(|n| format!("`{}`", excerpt(n))).collect::<Vec<_>>().join(", ");
     if names.len() > MOST_NAMES { format!("{shown} and {} more", names.len() - MOST_NAMES) } else { shown }
+}
+
+/// Letters by which a column's name may differ from the one that is missing and still be meant for it.
+const MISSPELT: usize = 2;
+
+/// Says which column is likely meant for one that is missing.
+fn spelling_hint(missing: &[String], found: &[String]) -> String {
+    let near = |wanted: &String| {
+        let distance = |name: &&String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());
+        let long = wanted.chars().count() > 2 * MISSPELT;
+        let best = found.iter().filter(|name| long && !missing.contains(name)).min_by_key(distance);
+        best.filter(|name| distance(name) <= MISSPELT).map(|name| format!("; is `{}` meant for `{wanted}`?", excerpt(name)))
+    };
+    missing.iter().find_map(near).unwrap_or_default()
 }
 
 fn separator_hint(found: &[String]) -> &'static str {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use grimace::output::listed;
 use grimace::synthesis::{
     self, Bank, BuildOptions, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank, perform,
     read_recipes, recipe_motions, write_feature_points, write_recipes,
@@ -59,6 +60,9 @@ struct BuildArgs {
     /// Part of the surface to keep, one of `regions` in manifest.json
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
+    /// Mesh of a .glb or .gltf file that has several with morph targets; by default the one with most targets of ARKit names
+    #[arg(long, value_name = "NAME")]
+    mesh: Option<String>,
     /// Rounds of smooth (Loop) subdivision
     #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=MAX_SUBDIVIDE as i64))]
     subdivide: u8,
@@ -169,6 +173,7 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
         feature_points: args.feature_points.clone(),
         landmarks: args.landmarks.clone(),
         part: args.part.clone(),
+        mesh: args.mesh.clone(),
         subdivide: usize::from(args.subdivide),
         unit: args.unit.clone(),
         credit: args.credit.clone(),
@@ -178,6 +183,9 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
         write_feature_points(path, &summary.feature_points)?;
     }
     println!("{} vertices, {} triangles, {} members", summary.vertices, summary.triangles, summary.members);
+    if !summary.other_meshes.is_empty() {
+        println!("not taken (--mesh NAME takes another): {}", listed(&summary.other_meshes, 10));
+    }
     println!("{} feature points, from {}", summary.feature_points.len(), summary.feature_points_from);
     if !summary.missing.is_empty() {
         let missing: Vec<String> = summary.missing.iter().map(ToString::to_string).collect();

@@ -10,9 +10,9 @@ use anyhow::Context;
 use grimace::{
     clone::{
         CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, Details, Ease, Film, Rescale, Sheet, SourceMotion, Target, Teeth,
-        Timing, clone_expression, encode_png, read_marks, write_clone,
+        Timing, clone_expression, encode_png, write_clone,
     },
-    dataset::{PUBLISH_COLUMN, list_frames, may_publish},
+    dataset::{PUBLISH_COLUMN, list_frames, may_publish, read_marks},
     output::{MADE_BY, write_atomic},
     pipeline::{PipelineOptions, Workbench, file_blake3, found_marks},
     render::Labelled,
@@ -25,7 +25,7 @@ use indicatif::ProgressBar;
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, MarksArgs, positive, stop_flag, words},
+    shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, positive, stop_flag, words},
 };
 
 /// Put an expression on a new face.
@@ -93,6 +93,8 @@ struct MotionArgs {
     /// Carry the motion of the source's head over, too (tracks only)
     #[arg(long)]
     head: bool,
+    #[command(flatten)]
+    profile: ProfileArgs,
 }
 
 /// What the frames show.
@@ -304,7 +306,7 @@ impl Job<'_> {
         let name = self.target_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let picture = read_colour(self.target_path)?;
         let marks = match self.marks_path {
-            Some(path) => read_marks(path, &self.args.marks.marks, self.bench)?,
+            Some(path) => read_marks(path, &self.args.marks.marks, &self.bench.tables, self.bench.wireframe.node_count())?,
             None => {
                 found_marks(&read_frame(self.target_path)?, self.bench).with_context(|| self.target_path.display().to_string())?
             }
@@ -344,7 +346,14 @@ impl Job<'_> {
         };
         let films = self.args.look.film.as_slice();
         let force = self.args.general.force;
-        let files = CloneFiles { folder, force, films, fit: &self.bench.options.fit, source_frames: source.pictures.as_deref() };
+        let files = CloneFiles {
+            folder,
+            force,
+            films,
+            fit: &self.bench.options.fit,
+            profile: self.args.motion.profile.profile,
+            source_frames: source.pictures.as_deref(),
+        };
         let written = write_clone(&files, &clone, &source.motion, info, self.bench, || {
             self.bar.inc(1);
             !self.stop.load(Ordering::Relaxed)

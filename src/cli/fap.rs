@@ -9,8 +9,8 @@ use std::{
 use anyhow::{Context as _, bail, ensure};
 use grimace::{
     fap::{
-        FapFile, FapMask, FapSequence, FapSummary, Finding, Profile, SequenceSummary, Severity, ValueFormat, check_fap, read_fap,
-        read_tidy_csv, write_fap_as, write_tidy_csv,
+        FapFile, FapMask, FapReadError, FapSequence, FapSummary, Finding, Profile, SequenceSummary, Severity, ValueFormat,
+        check_fap, check_lips, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
     },
     output::nine_digits,
 };
@@ -63,7 +63,7 @@ struct CheckArgs {
     /// The .fap files.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Take warnings for errors.
+    /// Take warnings for errors; name lips at rest that Xface shows otherwise, too (warnings all the same).
     #[arg(long)]
     strict: bool,
     /// Print JSON.
@@ -139,7 +139,7 @@ fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
     }
     let mut read = Vec::new();
     for path in &args.files {
-        match read_fap(path) {
+        match read_counted(path) {
             Ok(FapFile { sequence, findings }) => read.push((path, sequence.summary(), findings)),
             Err(error) => eprintln!("error: {error}"),
         }
@@ -156,6 +156,16 @@ fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
     let failed = args.files.len() - read.len();
     ensure!(failed == 0, "{} could not be read", count(failed, "file"));
     Ok(Outcome::Done)
+}
+
+/// A file with everything that `check` finds in it.
+fn read_counted(path: &Path) -> Result<FapFile, FapReadError> {
+    let bytes = bytes_of(path)?;
+    Ok(FapFile { findings: check_fap(&bytes), ..read_fap_bytes(path, &bytes)? })
+}
+
+fn bytes_of(path: &Path) -> Result<Vec<u8>, FapReadError> {
+    grimace::input::read_or_stdin(path).map_err(|source| FapReadError::Io { path: path.to_owned(), source })
 }
 
 /// The summary of one file as text: two lines and a table.
@@ -210,13 +220,15 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     }
     let mut files = Vec::new();
     for path in &args.files {
-        let (unreadable, mut findings) = match grimace::input::read_or_stdin(path) {
-            Ok(bytes) => (None, check_fap(&bytes)),
-            Err(error) => (Some(error.to_string()), Vec::new()),
+        let (unreadable, mut findings, lips) = match grimace::input::read_or_stdin(path) {
+            Ok(bytes) => (None, check_fap(&bytes), if args.strict { check_lips(&bytes) } else { Vec::new() }),
+            Err(error) => (Some(error.to_string()), Vec::new(), Vec::new()),
         };
         if args.strict {
             findings.iter_mut().for_each(|finding| finding.severity = Severity::Error);
         }
+        findings.extend(lips);
+        findings.sort_by_key(|finding| finding.line);
         let broken = findings.iter().filter(|f| f.severity == Severity::Error).count();
         let (errors, warnings) = (broken + usize::from(unreadable.is_some()), findings.len() - broken);
         files.push(FileCheck { file: path.display().to_string(), unreadable, errors, warnings, findings });
@@ -256,8 +268,9 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     if let (true, Some(profile)) = (to_csv, args.profile) {
         bail!("--profile {profile} is for .fap files, but {} is a CSV table", output.display());
     }
-    let profile = args.profile.unwrap_or_default();
-    let mut sequence = set_timing(args, profile, read(args)?)?;
+    let (sequence, like_input) = read(args)?;
+    let profile = args.profile.unwrap_or(like_input);
+    let mut sequence = set_timing(args, profile, sequence)?;
     sequence.apply_mask(&args.mask);
     if !to_csv {
         let prepared = profile.prepare(&mut sequence);
@@ -292,18 +305,30 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Reads the input; tells what was tolerated.
-fn read(args: &ConvertArgs) -> anyhow::Result<FapSequence> {
+/// Reads the input and tells what was tolerated; and the profile that the output has if none is asked for.
+fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
     if is_csv(&args.input) {
         // The table has no frame rate: it gets the output's, so that nothing is interpolated.
-        return Ok(read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(DEFAULT_FPS)))?);
+        let sequence = read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(DEFAULT_FPS)))?;
+        return Ok((sequence, Profile::default()));
     }
-    let FapFile { sequence, findings } = read_fap(&args.input)?;
+    let bytes = bytes_of(&args.input)?;
+    let FapFile { sequence, .. } = read_fap_bytes(&args.input, &bytes)?;
+    let findings = check_fap(&bytes);
     if !findings.is_empty() {
         let deviations = count(findings.len(), "deviation");
         note(&format!("{}: {deviations} tolerated; `grimace fap check` lists them", args.input.display()));
     }
-    Ok(sequence)
+    // What is written for Greta stays so, as far as it is asked for nothing that Greta does not play.
+    let plays = |profile: Profile| {
+        let fps = args.fps.map_or(sequence.fps, f64::from);
+        args.values != Some(Values::Float) && profile.fixed_fps().is_some_and(|only| f64::from(only) == fps)
+    };
+    let stays = args.profile.is_none() && !is_csv(&args.output) && is_for_greta(&bytes) && plays(Profile::Greta);
+    if stays {
+        note("written for Greta, as the file was: `--profile strict` is for all readers");
+    }
+    Ok((sequence, if stays { Profile::Greta } else { Profile::default() }))
 }
 
 /// Changes frames and frame rate as asked.

@@ -22,6 +22,7 @@ mod lab;
 mod learn;
 mod learn_head;
 mod locate;
+mod package;
 mod play;
 pub mod print;
 mod prior;
@@ -32,6 +33,7 @@ mod segment;
 pub mod shared;
 mod synthesize;
 mod track;
+mod version;
 
 use std::process::ExitCode;
 
@@ -53,6 +55,8 @@ Example, from nothing to a report:
   grimace simulate -o faces --subjects 4
   grimace run faces -o results
   then open results/report.html
+
+grimace --version --verbose says what this build can do: features, OpenCV, codecs.
 
 Exit status: 0 done, 1 failed, 2 bad usage, 3 done but some sequences failed.";
 
@@ -96,6 +100,10 @@ enum Command {
     Bank(bank::Args),
     /// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
     Evaluate(lab::Args),
+    /// Print what completes commands and options in a shell.
+    Completions(package::CompletionsArgs),
+    /// Print the manual page, or write those of all commands.
+    Man(package::ManArgs),
 }
 
 /// How a command that did not fail ended.
@@ -148,6 +156,9 @@ pub fn main() -> ExitCode {
     if let Some((command, arguments)) = lab::asked(std::env::args_os().skip(1)) {
         return exit_code(lab::run(command, &arguments));
     }
+    if version::asked(std::env::args_os().skip(1)) {
+        return exit_code(version::run());
+    }
     let cli = Cli::parse();
     cli.pictures.apply();
     exit_code(match cli.command {
@@ -170,5 +181,7 @@ pub fn main() -> ExitCode {
         Command::Synthesize(args) => synthesize::run(&args),
         Command::Bank(args) => bank::run(&args),
         Command::Evaluate(args) => lab::run("evaluate", &args.arguments),
+        Command::Completions(args) => package::completions(&args),
+        Command::Man(args) => package::man(&args),
     })
 }

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
-    clone::{SourceMotion, Target, read_marks},
-    dataset::LandmarkSelection,
+    clone::{SourceMotion, Target},
+    dataset::{LandmarkSelection, read_marks},
     output,
     pipeline::{PipelineOptions, Workbench, found_marks, showcase_target},
     player::{PlayerFace, Shown, page},
@@ -121,7 +121,7 @@ fn target(name: &str, path: &Path, marks: Option<&Path>, bench: &Workbench) -> a
     let picture = read_colour(path)?;
     let found = || -> anyhow::Result<_> { Ok(found_marks(&read_frame(path)?, bench)?) };
     let points = match marks {
-        Some(marks) => read_marks(marks, &LandmarkSelection::Auto, bench)?,
+        Some(marks) => read_marks(marks, &LandmarkSelection::Auto, &bench.tables, bench.wireframe.node_count())?,
         None => found().with_context(|| path.display().to_string())?,
     };
     Target::new(name, picture, &points, bench.fitter(), bench).with_context(|| match marks {

@@ -10,8 +10,9 @@ use std::{
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use grimace::{
-    dataset::LandmarkSelection,
-    fit::{Correspondence, FitOptions, LoadedPrior, PriorKind, read_correspondences},
+    dataset::{LandmarkSelection, read_marks},
+    fap::Profile,
+    fit::{Correspondence, FitOptions, LoadedPrior, PriorKind},
     normalize::PoseMode,
     normalize::{NormalizeOptions, Resample, SizeMode},
     output::target_of,
@@ -322,6 +323,17 @@ pub struct AnalysisArgs {
     /// Frame rate of the FAP files
     #[arg(long, default_value_t = FapOptions::default().fps, value_parser = clap::value_parser!(u32).range(1..=1000))]
     fps: u32,
+    #[command(flatten)]
+    profile: ProfileArgs,
+}
+
+/// Whom FAP files are written for.
+#[derive(Debug, clap::Args)]
+pub struct ProfileArgs {
+    /// Reader that FAP files are written for; `strict` is the subset that all of them read, `xface` sets lip values that are 0 to 1 where
+    /// Xface would show the other contour's, `greta` is at 25 frames per second and has a blank behind each mask
+    #[arg(long, default_value_t, value_name = "strict|xface|greta|visage")]
+    pub profile: Profile,
 }
 
 impl AnalysisArgs {
@@ -343,7 +355,7 @@ impl AnalysisArgs {
             seed: self.seed,
             ..CompareOptions::default()
         };
-        options.fap = FapOptions { between: usize::from(self.between), fps: self.fps };
+        options.fap = FapOptions { between: usize::from(self.between), fps: self.fps, profile: self.profile.profile };
     }
 }
 
@@ -434,7 +446,7 @@ pub fn marks_or_found(
     frame: impl FnOnce() -> anyhow::Result<Frame>,
 ) -> anyhow::Result<Vec<Correspondence>> {
     match path {
-        Some(path) => Ok(read_correspondences(path, &bench.tables, bench.wireframe.node_count())?),
+        Some(path) => Ok(read_marks(path, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?),
         None => Ok(found_marks(&frame()?, bench)?),
     }
 }

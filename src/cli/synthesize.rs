@@ -8,9 +8,9 @@ use std::{
 use clap::ValueEnum;
 use grimace::{
     input::file_blake3,
-    output::{MADE_BY, write_json},
+    output::{MADE_BY, count, listed, write_json},
     synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, MotionKind, OVERLAP,
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, DEFAULT_FPS, FrameAnswer, GENERATIONS, GaOptions, Motion, OVERLAP,
         RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
         jump, read_motion,
     },
@@ -186,11 +186,6 @@ struct TimeArgs {
     scale: Option<f64>,
 }
 
-/// Frames between two key frames of a representative: 5 make 25 frames of its 5, as in its FAP file.
-const BETWEEN: u16 = 5;
-const FPS: f64 = 25.0;
-/// Share of the farthest motion that tracking may give a point at rest.
-const NOISE: f64 = 0.05;
 /// Mean fitness below which a person should be told that the bank does not have the expression.
 const POOR_FITNESS: f64 = 0.5;
 /// Version of the layout of `synthesis.json`.
@@ -246,11 +241,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(args.force || !occupied, "{} is not empty; choose a new folder, or --force to write into it", out.display());
     let bank = bank::open(&args.bank)?;
     let motion = read_motion(&args.motion, &bank, args.time.scale).map_err(|e| about(&args.motion)(&e))?;
-    let between = args.time.between.unwrap_or(if motion.kind == MotionKind::Model { BETWEEN } else { 0 });
-    let noise = args.time.noise.unwrap_or(if motion.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE });
+    let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
     anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
-    let motion = motion.without_noise(noise).with_frames_between(usize::from(between));
-    let fps = args.time.fps.or(motion.fps).unwrap_or(FPS);
+    let motion = motion.as_animated(args.time.between.map(usize::from), Some(noise));
+    let fps = args.time.fps.or(motion.fps).unwrap_or(DEFAULT_FPS);
 
     let synthesizer = Synthesizer::new(&bank, options)?;
     let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));
@@ -295,14 +289,34 @@ fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<Stri
         let coefficients =
             |a: &FrameAnswer| arkit::coefficients(bank.names(), bank.info().composition.as_ref(), scheme, &a.weights);
         let frames: Option<Vec<[f64; 52]>> = animation.answers.iter().map(coefficients).collect();
-        if let Some(frames) = frames {
+        if let Some(mut frames) = frames {
+            let limited = arkit::limit(&mut frames);
             arkit::write_arkit(&file("arkit.csv"), animation.fps, &frames)?;
+            arkit::write_live_link(&file("livelink.csv"), animation.fps, &frames)?;
+            if !args.quiet {
+                say_what_coefficients_lack(bank, animation, &limited);
+            }
         }
     }
     if args.history {
         animation.write_history(&file("history.csv"))?;
     }
     Ok(files)
+}
+
+/// Says what the files of coefficients do not have of an animation.
+fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &[arkit::Limited]) {
+    for arkit::Limited { coefficient, frames, farthest } in limited {
+        println!("limited to 0 to 1: {coefficient} in {} (farthest {farthest:.3})", count(*frames, "frame", "frames"));
+    }
+    let unnamed = arkit::unnamed(bank.names(), bank.info().composition.as_ref());
+    if !unnamed.is_empty() {
+        let list: Vec<String> = unnamed.iter().map(|&name| name.to_owned()).collect();
+        println!("without ARKit names, so not in arkit.csv and livelink.csv: {}", listed(&list, 10));
+    }
+    if animation.fps.fract() != 0.0 {
+        println!("the timecodes of livelink.csv count {} frames for a second", animation.fps.round());
+    }
 }
 
 /// What an animation comes to.

@@ -10,7 +10,6 @@
 
 mod detail;
 mod fap_motion;
-mod marks;
 mod output;
 mod picture;
 mod render;
@@ -21,10 +20,9 @@ mod timing;
 use std::path::PathBuf;
 
 use crate::{
-    dataset::LandmarksError,
+    dataset::MarksFileError,
     fap::{ConvertError, FapReadError, FapWriteError},
-    fit::{CorrespondenceError, FitError, MarksError, SpringError},
-    input::InputError,
+    fit::{FitError, MarksError, SpringError},
     model::ModelError,
     normalize::NormalizeError,
     output::OutputError,
@@ -36,7 +34,6 @@ use crate::{
 };
 
 pub use detail::{Details, Teeth};
-pub use marks::read_marks;
 pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, Film, WrittenClone, encode_png, write_clone};
 pub use picture::{Sheet, animated_gif, animated_png, at_height};
 pub use render::{Clone, CloneFrame, CloneOptions, clone_expression};
@@ -111,23 +108,9 @@ pub enum CloneError {
     /// The springs have no equilibrium.
     #[error(transparent)]
     Springs(#[from] SpringError),
-    /// A correspondence file that does not read.
+    /// A file of marks that does not read.
     #[error(transparent)]
-    Correspondences(#[from] CorrespondenceError),
-    /// A table that does not read.
-    #[error(transparent)]
-    Input(#[from] InputError),
-    /// Landmarks that lack a node that was asked for.
-    #[error(transparent)]
-    LandmarkSelection(#[from] LandmarksError),
-    /// Landmarks that are not 68.
-    #[error("{}: {found} landmarks; the points 0 to 67 were expected, each once", path.display())]
-    Landmarks {
-        /// The file.
-        path: PathBuf,
-        /// Landmarks found.
-        found: usize,
-    },
+    MarksFile(#[from] MarksFileError),
     /// Marks that do not determine a fit.
     #[error(transparent)]
     Marks(#[from] MarksError),

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::{Clone, CloneError, CloneOptions, Sheet, SourceMotion, picture};
 use crate::{
-    fap::{Clamped, FapCatalog, FapSequence, write_fap},
+    fap::{Clamped, ConvertError, FapCatalog, FapSequence, Profile, ValueFormat, write_fap_as},
     fit::{FitOptions, MarkKind},
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, SizeMode},
@@ -82,6 +82,8 @@ pub struct CloneFiles<'a> {
     pub films: &'a [Film],
     /// Options that the target was fitted with.
     pub fit: &'a FitOptions,
+    /// Readers that the FAP file is written for.
+    pub profile: Profile,
     /// The source's own pictures in the order of its track, for the sheet.
     pub source_frames: Option<&'a [RgbImage]>,
 }
@@ -119,7 +121,7 @@ pub fn write_clone(
     face: &Face,
     mut tick: impl FnMut() -> bool,
 ) -> Result<WrittenClone, CloneError> {
-    let &CloneFiles { folder, films, source_frames, .. } = files;
+    let &CloneFiles { folder, films, source_frames, profile, .. } = files;
     let apex = clone.apex();
     let chosen = spread(clone.frames.len().min(apex + 1));
     let (mut shown, mut apex_picture) = (BTreeMap::new(), RgbImage::default());
@@ -161,7 +163,8 @@ pub fn write_clone(
     let (csv, mut track_info) = track_info(files, clone, source, &frames, &info, face);
     write_track(&csv, &frames, &mut track_info)?;
     let (faps, clamped) = fap_of(&model, clone, source, face)?;
-    write_fap(&folder.join("clone.fap"), &faps)?;
+    let faps = faps.for_profile(profile).map_err(ConvertError::from)?;
+    write_fap_as(&folder.join("clone.fap"), &faps, profile, ValueFormat::Integer)?;
     info.fps = clone.fps;
     info.frames = clone.frames.len();
     info.frames_unfolded = clone.frames.iter().filter(|f| f.deformation.unfolding_rounds() > 0).count();

@@ -76,24 +76,63 @@ pub fn at_height(picture: &RgbImage, height: u32) -> RgbImage {
     image::imageops::resize(picture, width, height, filter)
 }
 
+/// Hundredths of a second that a frame of a GIF is shown at least: what is shorter, viewers show for a tenth of a second.
+const LEAST_DELAY: u64 = 2;
+
 /// An animated GIF that repeats for ever: 256 colours, and times in hundredths of a second. Frames are taken one after the other.
+///
+/// Each frame ends at the hundredth nearest to its time, so that the film as a whole is as long as it should be; of frames that follow each
+/// other too fast for the format, some are left out.
 ///
 /// # Errors
 /// [`CloneError::Encode`] when a side is over 65535 px; what `frames` gives as error.
 pub fn animated_gif(frames: impl IntoIterator<Item = Result<RgbImage, CloneError>>, fps: f64) -> Result<Vec<u8>, CloneError> {
     let error = |e: image::ImageError| CloneError::Encode { what: "the GIF", reason: e.to_string() };
+    let end_of = |k: usize| ((k + 1) as f64 * 100.0 / fps.max(0.1)).round() as u64;
     let mut bytes = Vec::new();
     {
         // Speed 10 of 1 to 30: colours as good as the slower ones at a fifth of the time.
         let mut encoder = GifEncoder::new_with_speed(&mut bytes, 10);
         encoder.set_repeat(Repeat::Infinite).map_err(error)?;
-        for frame in frames {
-            let delay = Delay::from_numer_denom_ms((1000.0 / fps.max(0.1)).round().max(20.0) as u32, 1);
-            let rgba = image::DynamicImage::ImageRgb8(frame?).to_rgba8();
-            encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay)).map_err(error)?;
+        let mut show = |picture: RgbImage, hundredths: u64| {
+            let delay = Delay::from_numer_denom_ms((10 * hundredths.max(LEAST_DELAY)).min(655_350) as u32, 1);
+            let rgba = image::DynamicImage::ImageRgb8(picture).to_rgba8();
+            encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay)).map_err(error)
+        };
+        let (mut start, mut shown) = (0, None);
+        for (k, frame) in frames.into_iter().enumerate() {
+            let picture = shown.take().unwrap_or(frame?);
+            let end = end_of(k);
+            if end - start >= LEAST_DELAY {
+                show(picture, end - start)?;
+                start = end;
+            } else {
+                shown = Some(picture);
+            }
+        }
+        if let Some(picture) = shown {
+            show(picture, LEAST_DELAY)?;
         }
     }
     Ok(bytes)
+}
+
+/// The time of a frame in seconds as a fraction of 16-bit numbers: exact for whole rates and for 24, 30 and 60 times 1000/1001.
+fn frame_time(fps: f64) -> (u16, u16) {
+    const MOST: f64 = u16::MAX as f64;
+    let fps = fps.clamp(1.0 / MOST, MOST);
+    // The continued fraction of the rate, as far as 16 bits go.
+    let (mut before, mut last, mut rest) = ((1.0, 0.0), (fps.floor(), 1.0), fps.fract());
+    while rest > 1e-9 && (last.0 / last.1 - fps).abs() > 1e-9 * fps {
+        let whole = (1.0_f64 / rest).floor();
+        let next: (f64, f64) = (whole * last.0 + before.0, whole * last.1 + before.1);
+        if next.0 > MOST || next.1 > MOST {
+            break;
+        }
+        rest = 1.0 / rest - whole;
+        (before, last) = (last, next);
+    }
+    (last.1 as u16, last.0.max(1.0) as u16)
 }
 
 /// An animated PNG of `count` frames that repeats for ever: every colour as rendered. Frames are taken one after the other.
@@ -114,8 +153,8 @@ pub fn animated_png(
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_animated(count as u32, 0).map_err(error)?;
-    let milliseconds = (1000.0 / fps.max(0.1)).round().clamp(1.0, 65_535.0) as u16;
-    encoder.set_frame_delay(milliseconds, 1000).map_err(error)?;
+    let (numerator, denominator) = frame_time(fps);
+    encoder.set_frame_delay(numerator, denominator).map_err(error)?;
     let mut writer = encoder.write_header().map_err(error)?;
     let mut written = 0;
     for frame in std::iter::once(Ok(first)).chain(frames) {
@@ -146,6 +185,30 @@ mod tests {
         let read: Vec<_> = decoder.into_frames().collect::<Result<_, _>>().unwrap();
         assert_eq!(read.len(), 3);
         assert_eq!(read[0].delay().numer_denom_ms(), (40, 1));
+    }
+
+    #[test]
+    fn the_times_of_a_gif_do_not_drift() {
+        let times = |count: usize, fps: f64| -> Vec<u32> {
+            let frames = (0..count).map(|k| Ok(RgbImage::from_pixel(2, 2, Rgb([k as u8, 0, 0]))));
+            let decoder = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(animated_gif(frames, fps).unwrap())).unwrap();
+            decoder.into_frames().map(|f| f.unwrap().delay().numer_denom_ms().0 / 10).collect()
+        };
+        // 30 frames a second: ends at 3.33, 6.67, 10 hundredths, rounded 3, 7, 10.
+        assert_eq!(times(6, 30.0), [3, 4, 3, 3, 4, 3]);
+        assert_eq!(times(90, 30.0).iter().sum::<u32>(), 300);
+        assert_eq!(times(60, 24.0).iter().sum::<u32>(), 250);
+        // 100 frames a second: every other one.
+        assert_eq!(times(6, 100.0), [2, 2, 2]);
+        assert_eq!(times(1, 25.0), [4]);
+    }
+
+    #[test]
+    fn the_times_of_an_animated_png_are_exact() {
+        let found = [25.0, 30.0, 30_000.0 / 1001.0, 24_000.0 / 1001.0, 12.5, 0.5, 1000.0].map(frame_time);
+        assert_eq!(found, [(1, 25), (1, 30), (1001, 30_000), (1001, 24_000), (2, 25), (2, 1), (1, 1000)]);
+        let (numerator, denominator) = frame_time(23.456_789);
+        assert!((f64::from(denominator) / f64::from(numerator) - 23.456_789).abs() < 1e-5);
     }
 
     #[test]

@@ -6,15 +6,12 @@ use std::{
 };
 
 use super::{
-    DatasetError, FrameSource, FramesError, LandmarkSelection, LandmarkTrack, LandmarksError, correspondences_from_landmarks,
+    DatasetError, FrameSource, FramesError, LEAST_CONFIDENCE, LandmarkSelection, LandmarkTrack, LandmarksError,
+    correspondences_from_landmarks,
     frames::{has_extension, has_frames},
-    landmark_files, list_frames, read_landmarks,
+    landmark_files, list_frames, read_face, read_marks,
 };
-use crate::{
-    correspondence::{Correspondence, read_correspondences},
-    units::SequenceId,
-    wireframe::Tables,
-};
+use crate::{correspondence::Correspondence, units::SequenceId, wireframe::Tables};
 
 /// A sequence: who, which recording, which emotion, and where its files are. The files are looked up by the methods.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,6 +63,9 @@ pub enum CorrespondenceSource {
     None,
 }
 
+/// Column of the manifest that says which face of a table of landmarks is meant.
+const FACE_COLUMN: &str = "face_id";
+
 impl SequenceEntry {
     /// Lists the frames, cut to the neutral and the apex frame.
     ///
@@ -105,9 +105,9 @@ impl SequenceEntry {
         selection: &LandmarkSelection,
     ) -> Result<Vec<Correspondence>, DatasetError> {
         match self.correspondence_source()? {
-            CorrespondenceSource::File(path) => Ok(read_correspondences(&path, tables, node_count)?),
+            CorrespondenceSource::File(path) => Ok(read_marks(&path, selection, tables, node_count)?),
             CorrespondenceSource::Landmarks(path) => {
-                let track = read_landmarks(&path)?;
+                let track = read_face(&path, LEAST_CONFIDENCE, self.face_id())?;
                 Ok(correspondences_from_landmarks(track.frame(neutral_number)?, tables, selection)?)
             }
             CorrespondenceSource::None => {
@@ -115,6 +115,11 @@ impl SequenceEntry {
                 Err(DatasetError::NoCorrespondences { id: self.id.clone(), default })
             }
         }
+    }
+
+    /// Which of several faces of a table of landmarks is meant: the manifest's column `face_id`.
+    pub fn face_id(&self) -> Option<&str> {
+        self.metadata.get(FACE_COLUMN).map(String::as_str)
     }
 
     /// File or folder of the landmarks; `None` for a sequence without.
@@ -161,7 +166,7 @@ impl SequenceEntry {
     /// # Errors
     /// As [`SequenceEntry::landmarks_path`] and [`read_landmarks`].
     pub fn landmarks(&self) -> Result<Option<LandmarkTrack>, LandmarksError> {
-        self.landmarks_path()?.map(read_landmarks).transpose()
+        self.landmarks_path()?.map(|path| read_face(path, LEAST_CONFIDENCE, self.face_id())).transpose()
     }
 
     /// Value of a manifest column to group by: `subject`, `sequence`, `emotion` or metadata; `None` for any other.

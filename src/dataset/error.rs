@@ -2,8 +2,8 @@
 
 use std::{io, path::PathBuf};
 
-use super::{FramesError, LandmarksError};
-use crate::{correspondence::CorrespondenceError, input::InputError, text::excerpt, units::SequenceId};
+use super::{FramesError, LandmarksError, MarksFileError};
+use crate::{input::InputError, text::excerpt, units::SequenceId};
 
 /// What is wrong with a dataset or one of its sequences.
 #[derive(Debug, thiserror::Error)]
@@ -129,7 +129,7 @@ pub enum DatasetError {
     Landmarks(#[from] LandmarksError),
     /// Correspondences that do not read.
     #[error(transparent)]
-    Correspondences(#[from] CorrespondenceError),
+    Correspondences(#[from] MarksFileError),
     /// Neither correspondences nor landmarks.
     #[error(
         "{id}: no correspondences and no landmarks; mark 5 to 8 points of the neutral frame in {} with the columns `node,x,y`, or \

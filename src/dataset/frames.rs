@@ -44,6 +44,10 @@ pub enum FrameSource {
     },
 }
 
+fn leading_zeros(near: &Path) -> String {
+    format!("; {} is there: spreadsheets drop leading zeros, format the column as text", near.display())
+}
+
 impl FrameSource {
     /// Number of the neutral frame.
     #[must_use]
@@ -77,10 +81,12 @@ pub enum FramesError {
         reason: io::Error,
     },
     /// No such folder or file.
-    #[error("{}: there is no such folder of frames or video file", path.display())]
+    #[error("{}: there is no such folder of frames or video file{}", path.display(), near.as_deref().map(leading_zeros).unwrap_or_default())]
     NotFound {
         /// The path.
         path: PathBuf,
+        /// What is there under the same number, written with other zeros.
+        near: Option<PathBuf>,
     },
     /// A file that is no video.
     #[error(
@@ -163,12 +169,22 @@ pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result
         return Ok(FrameSource::Images(cut(path, numbered_images(path)?, first, last)?));
     }
     if !path.exists() {
-        return Err(FramesError::NotFound { path: path.to_owned() });
+        return Err(FramesError::NotFound { path: path.to_owned(), near: same_number(path) });
     }
     if !is_video(path) {
         return Err(FramesError::NotAVideo { path: path.to_owned() });
     }
     Ok(FrameSource::Video { path: path.to_owned(), first, last })
+}
+
+/// What stands where a path is looked for under the same number written otherwise: spreadsheets make 2 of 002.
+fn same_number(path: &Path) -> Option<PathBuf> {
+    let missing = path.ancestors().take_while(|p| !p.exists()).last()?;
+    let number = |name: &OsStr| name.to_str()?.parse::<u64>().ok();
+    let wanted = number(missing.file_name()?)?;
+    let folder = missing.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = visible(folder).ok()?;
+    entries.iter().find(|e| number(&e.file_name()) == Some(wanted)).map(fs::DirEntry::path)
 }
 
 /// Whether a path has the extension of a video file.
@@ -294,6 +310,20 @@ mod tests {
         assert_eq!(numbers(&folder, None, None), Ok(vec![2, 9, 10, 11]));
         assert_eq!(numbers(&folder, Some(9), Some(10)), Ok(vec![9, 10]));
         assert_eq!(list_frames(folder.path(), Some(9), None).unwrap().neutral_number(), 9);
+    }
+
+    #[test]
+    fn a_folder_of_the_same_number_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir_all(folder.path().join("005/002")).unwrap();
+        let error = |name: &str| list_frames(&folder.path().join(name), None, None).unwrap_err().to_string();
+        assert!(
+            error("005/2").ends_with("005/002 is there: spreadsheets drop leading zeros, format the column as text"),
+            "{}",
+            error("005/2")
+        );
+        assert!(error("5/002").contains("005 is there"), "{}", error("5/002"));
+        assert!(!error("005/3").contains("is there:"));
     }
 
     #[test]

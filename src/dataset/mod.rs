@@ -11,6 +11,7 @@ mod frames;
 mod init;
 mod landmarks;
 mod manifest;
+mod marks;
 
 use std::path::{Path, PathBuf};
 
@@ -26,8 +27,9 @@ pub use frames::{
 pub use init::{ProposedManifest, ProposedRow, UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
-    LandmarksError, correspondences_from_landmarks, landmark_files, read_landmarks, read_landmarks_with,
+    LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks, read_landmarks_with,
 };
+pub use marks::{MarksFileError, read_marks};
 
 /// Name of the manifest in a dataset's folder.
 pub const MANIFEST_NAME: &str = "manifest.csv";

@@ -2,7 +2,7 @@
 
 use super::{
     catalog::{Directionality, FapCatalog, FapNumber},
-    finding::{Finding, Findings, Rule},
+    finding::{Finding, Findings, Rule, Severity},
     reader::{ParsedFap, parse_fap},
     sequence::FapFrame,
 };
@@ -62,6 +62,37 @@ fn lips(findings: &mut Findings, catalog: &FapCatalog, frames: &[(usize, FapFram
     }
 }
 
+/// Lip FAPs that are 0 or unset in single frames in which their twin on the other contour is not: Xface shows the twin's value there.
+/// Files of the strict subset have such frames wherever one contour moves and the other does not; they are warnings, never errors.
+pub fn check_lips(bytes: &[u8]) -> Vec<Finding> {
+    let ParsedFap { frames, .. } = parse_fap(bytes);
+    let moves = |fap: FapNumber| frames.iter().any(|(_, frame)| frame.value(fap).is_some_and(|v| v != 0.0));
+    let mut found = Vec::new();
+    for &(inner, outer) in FapCatalog::mpeg4().lip_twins() {
+        // Where one of them rests throughout, `check_fap` says so.
+        if !moves(inner) || !moves(outer) {
+            continue;
+        }
+        for (still, moving) in [(inner, outer), (outer, inner)] {
+            let overwritten = |frame: &FapFrame| {
+                let value = frame.value(moving).filter(|&v| v != 0.0)?;
+                (frame.value(still).unwrap_or(0.0) == 0.0).then_some(value)
+            };
+            let there: Vec<(usize, f64)> = frames.iter().filter_map(|(line, frame)| Some((*line, overwritten(frame)?))).collect();
+            let Some(&(line, _)) = there.first() else { continue };
+            let largest = there.iter().map(|(_, v)| *v).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+            let message = format!(
+                "FAP {still} is 0 where FAP {moving} is not (at most {largest}); Xface shows the other's value: \
+                 `fap convert --profile xface` keeps it"
+            );
+            let (field, times) = (format!("FAP {still}"), there.len());
+            found.push(Finding { line, field, rule: Rule::LipAtRest, severity: Severity::Warning, message, times });
+        }
+    }
+    found.sort_by_key(|finding| finding.line);
+    found
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -99,6 +130,27 @@ mod tests {
         // 51 moves from the second frame on (line 5); its twin 4 is unset. 52 and 5 both move at some time.
         let found = check(&[&[(5, 3.0), (51, 0.0), (52, 0.0)], &[(5, 0.0), (51, 9.0), (52, 4.0)]]);
         assert_eq!(found, [(5, "FAP 4".into(), Rule::LipsMirrored, 1)]);
+    }
+
+    #[test]
+    fn a_lip_that_rests_for_a_frame_is_named_beside_its_moving_twin() {
+        // 5 and 52 are twins: 5 rests in the second frame (line 5), where 52 is 4; both move at some time.
+        let frames = [&[(5, 3.0), (52, 2.0)][..], &[(5, 0.0), (52, 4.0)], &[(5, 0.0), (52, -7.0)]];
+        let frame = |values: &&[(u8, f64)]| {
+            let mut frame = FapFrame::default();
+            values.iter().for_each(|&(n, v)| frame.set_value(fap(n), Some(v)));
+            frame
+        };
+        let frames = frames.iter().map(frame).collect();
+        let mut sequence = FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames };
+        let text = |s: &FapSequence| fap_text(s, Profile::Xface, ValueFormat::Integer).unwrap();
+        let found = check_lips(text(&sequence).as_bytes());
+        assert_eq!(found.len(), 1);
+        let Finding { line, ref field, rule, severity, ref message, times } = found[0];
+        assert_eq!((line, field.as_str(), rule, severity, times), (5, "FAP 5", Rule::LipAtRest, Severity::Warning, 2));
+        assert!(message.contains("at most -7"), "{message}");
+        Profile::Xface.prepare(&mut sequence);
+        assert_eq!(check_lips(text(&sequence).as_bytes()), []);
     }
 
     #[test]

@@ -63,6 +63,8 @@ pub enum Rule {
     Unidirectional,
     /// Inner and outer lips are both written.
     LipsMirrored,
+    /// No lip is 0 in a frame in which its twin is not; only Xface minds.
+    LipAtRest,
     /// No comments.
     Comment,
     /// No blank lines.

@@ -21,13 +21,13 @@ mod tidy;
 mod writer;
 
 pub use catalog::{Directionality, FapCatalog, FapNumber, FapRow, FrontalRating, HighLevelField, Motion, ParseFapNumberError};
-pub use check::check_fap;
+pub use check::{check_fap, check_lips};
 pub use convert::{Clamped, ConvertError, PartialOffset, measure_faps, offsets_from_frame};
 pub use finding::{Finding, Rule, Severity};
 pub use interpolate::{InterpolateError, MAX_FRAMES};
 pub use mask::{FapMask, ParseMaskError};
 pub use profile::{Prepared, Profile};
-pub use reader::{FapFile, FapReadError, ParsedFap, ParsedHeader, parse_fap, read_fap};
+pub use reader::{FapFile, FapReadError, ParsedFap, ParsedHeader, is_for_greta, parse_fap, read_fap, read_fap_bytes};
 pub use sequence::{FapFrame, FapSequence, name_token};
 pub use summary::{FapSummary, SequenceSummary};
 pub use tidy::{TidyError, read_tidy_csv, write_tidy_csv};

@@ -2,20 +2,25 @@
 
 use std::{fmt, str::FromStr};
 
+use serde::{Deserialize, Serialize};
+
 use super::{
     catalog::{FapCatalog, FapNumber},
+    interpolate::InterpolateError,
     sequence::{FapSequence, VERSION, name_token},
 };
 
 /// Readers that a file is written for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Profile {
     /// Every known reader.
     #[default]
     Strict,
     /// Xface: takes FAPs 1 and 2 in full and float values, and copies between inner and outer lips where one of them is 0.
     Xface,
-    /// Greta: plays 25 frames per second, whatever the header says, and takes integers only.
+    /// Greta: plays 25 frames per second, whatever the header says, and takes integers only. Its C++ readers cut a mask line into flags by
+    /// the blank behind each, so they need one behind the last flag, too.
     Greta,
     /// The visage encoder: expects version 2.2, takes FAPs 1 and 2 in full, integers only.
     Visage,
@@ -32,6 +37,8 @@ pub(super) struct Rules {
     pub(super) high_level: bool,
     /// The only frame rate.
     pub(super) fps: Option<u32>,
+    /// A blank behind the last flag of a mask.
+    pub(super) blank_after_mask: bool,
     /// A lip FAP that is 0 is taken from its twin.
     mirrors_lips: bool,
 }
@@ -41,11 +48,12 @@ impl Profile {
     pub const ALL: [Self; 4] = [Self::Strict, Self::Xface, Self::Greta, Self::Visage];
 
     pub(super) fn rules(self) -> Rules {
-        let strict = Rules { version: VERSION, floats: false, high_level: false, fps: None, mirrors_lips: false };
+        let strict =
+            Rules { version: VERSION, floats: false, high_level: false, fps: None, blank_after_mask: false, mirrors_lips: false };
         match self {
             Self::Strict => strict,
             Self::Xface => Rules { floats: true, high_level: true, mirrors_lips: true, ..strict },
-            Self::Greta => Rules { fps: Some(25), ..strict },
+            Self::Greta => Rules { fps: Some(25), blank_after_mask: true, ..strict },
             Self::Visage => Rules { version: "2.2", high_level: true, ..strict },
         }
     }
@@ -97,6 +105,20 @@ impl Profile {
             }
         }
         prepared
+    }
+}
+
+impl FapSequence {
+    /// The sequence as the readers of a profile take it: at the rate that they play, prepared ([`Profile::prepare`]), values rounded.
+    ///
+    /// # Errors
+    /// [`InterpolateError`] when the change of the rate makes too many frames.
+    pub fn for_profile(&self, profile: Profile) -> Result<Self, InterpolateError> {
+        let fps = profile.fixed_fps().map_or(self.fps, f64::from);
+        let mut sequence = if fps == self.fps { self.clone() } else { self.retimed(fps)? };
+        profile.prepare(&mut sequence);
+        sequence.round();
+        Ok(sequence)
     }
 }
 

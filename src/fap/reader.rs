@@ -84,6 +84,14 @@ pub struct ParsedFap {
     pub findings: Vec<Finding>,
 }
 
+/// Whether the masks of a file are written for Greta: each with a blank behind its last flag.
+pub fn is_for_greta(bytes: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(bytes);
+    let flags = |line: &&str| line.split_whitespace().count() == FapNumber::COUNT && line.split_whitespace().all(is_flag);
+    let mut masks = text.lines().filter(flags).peekable();
+    masks.peek().is_some() && masks.all(is_mask_for_greta)
+}
+
 impl ParsedFap {
     /// The sequence and its warnings.
     ///
@@ -107,7 +115,15 @@ impl ParsedFap {
 /// [`FapReadError`] when the file cannot be read or its content is none that a known tool writes.
 pub fn read_fap(path: &Path) -> Result<FapFile, FapReadError> {
     let bytes = crate::input::read_or_stdin(path).map_err(|source| FapReadError::Io { path: path.to_owned(), source })?;
-    parse_fap(&bytes).into_file().map_err(|findings| {
+    read_fap_bytes(path, &bytes)
+}
+
+/// [`read_fap`] of bytes that were read already; `path` is their name in errors.
+///
+/// # Errors
+/// [`FapReadError::Invalid`].
+pub fn read_fap_bytes(path: &Path, bytes: &[u8]) -> Result<FapFile, FapReadError> {
+    parse_fap(bytes).into_file().map_err(|findings| {
         let mut errors = findings.into_iter().filter(|f| f.severity == Severity::Error);
         let first = errors.next().unwrap_or_else(|| unreachable!("a file without header has an error"));
         FapReadError::Invalid { path: path.to_owned(), first, errors: 1 + errors.count() }
@@ -123,6 +139,12 @@ pub fn parse_fap(bytes: &[u8]) -> ParsedFap {
 
 /// Flags of one mask line.
 type Mask = [bool; FapNumber::COUNT];
+
+/// Whether a line is a mask with one blank behind its last flag, without which Greta's C++ readers lose that flag.
+fn is_mask_for_greta(text: &str) -> bool {
+    let mut flags = text.split(' ');
+    flags.next_back() == Some("") && flags.clone().count() == FapNumber::COUNT && flags.all(is_flag)
+}
 
 #[derive(Default)]
 struct Parser {
@@ -239,7 +261,7 @@ impl Parser {
         if text.starts_with(blank) {
             findings.warning(line, "line", Rule::LeadingBlank, || "blank at the start of the line".to_owned());
         }
-        if text.ends_with(blank) {
+        if text.ends_with(blank) && !is_mask_for_greta(text) {
             findings.warning(line, "line", Rule::TrailingBlank, || "blank at the end of the line".to_owned());
         }
         if trimmed.as_bytes().windows(2).any(|pair| pair == b"  ") {

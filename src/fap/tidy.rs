@@ -1,6 +1,7 @@
 //! FAP values as a tidy CSV table: `frame,fap,name,value`, a row for every FAP that a frame sets.
 //!
-//! FAPs 1 and 2 have their integers in `value`, with blanks between. The table has no frame rate.
+//! FAPs 1 and 2 have their integers in `value`, with blanks between. A last frame that sets nothing is a row with its number alone. The table has
+//! no frame rate.
 
 use std::{
     collections::BTreeMap,
@@ -57,18 +58,23 @@ struct Row {
 /// [`OutputError`] when the file cannot be written.
 pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputError> {
     let rows = sequence.frames.iter().enumerate().flat_map(|(index, frame)| {
-        FapCatalog::mpeg4().rows().iter().filter_map(move |row| {
+        let empty = || Row { frame: index.to_string(), fap: String::new(), name: String::new(), value: String::new() };
+        // The last frame says how many there are.
+        let is_last = index + 1 == sequence.frames.len();
+        let sets_nothing = is_last && FapNumber::all().all(|fap| !frame.is_set(fap));
+        let set = FapCatalog::mpeg4().rows().iter().filter_map(move |row| {
             let fields = |fields: &[i32]| fields.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
             let value = frame.value(row.number).map(nine_digits).or_else(|| frame.fields(row.number).map(fields))?;
             Some(Row { frame: index.to_string(), fap: row.number.to_string(), name: row.name.clone(), value })
-        })
+        });
+        sets_nothing.then(empty).into_iter().chain(set)
     });
     write_csv(path, rows)
 }
 
 /// Reads a table. Its name is the file's, and `fps` what the caller says.
 ///
-/// Rows may be in any order; a frame without rows sets nothing. The column `name` may be missing or empty.
+/// Rows may be in any order; a frame without rows, or with a row of its number alone, sets nothing. The column `name` may be missing or empty.
 ///
 /// # Errors
 /// [`TidyError`] for a missing column, a FAP or frame that is no number, a name that is another FAP's, a value that is not finite,
@@ -93,6 +99,10 @@ pub fn read_tidy_csv(path: &Path, fps: f64) -> Result<FapSequence, TidyError> {
         let number = number.ok_or_else(|| {
             at(line, format!("`{}` is not a frame number; expected 0 to {}", excerpt(text(frame_column)), MAX_FRAMES - 1))
         })?;
+        if text(fap_column).is_empty() && text(value_column).is_empty() {
+            frames.entry(number).or_default();
+            continue;
+        }
         let fap: FapNumber = text(fap_column).parse().map_err(|e| at(line, message(&format!("{e}")).into_owned()))?;
         let row = FapCatalog::mpeg4().row(fap);
         let name = name_column.map(text).filter(|name| !name.is_empty() && *name != row.name);

@@ -148,10 +148,12 @@ pub fn fap_text(sequence: &FapSequence, profile: Profile, values: ValueFormat) -
     let _ = writeln!(text, "{} {name} {fps} {}", rules.version, frames.len());
     for (index, frame) in frames.iter().enumerate() {
         for fap in FapNumber::all() {
-            let end = if fap.index() + 1 == FapNumber::COUNT { '\n' } else { ' ' };
             text.push(if frame.is_set(fap) { '1' } else { '0' });
-            text.push(end);
+            if fap.index() + 1 < FapNumber::COUNT || rules.blank_after_mask {
+                text.push(' ');
+            }
         }
+        text.push('\n');
         let _ = write!(text, "{index}");
         for fap in FapNumber::all() {
             if let Some(fields) = frame.fields(fap) {

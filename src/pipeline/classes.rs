@@ -7,8 +7,8 @@ use crate::{
     fap::{Clamped, FapCatalog, FapSequence},
     output::listed,
     statistics::{
-        ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, near_twins,
-        scale::MANY_MODELS, spelling_key, trimming::trimmed_count,
+        ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, likely_emotion,
+        near_twins, scale::MANY_MODELS, spelling_key, trimming::trimmed_count,
     },
     wireframe::Fapus,
 };
@@ -22,7 +22,7 @@ pub(super) fn class(
     fapus: &Fapus,
     bench: &Workbench,
 ) -> Result<AnalyzedClass, AnalysisError> {
-    let FapOptions { fps, between } = bench.options.fap;
+    let FapOptions { fps, between, .. } = bench.options.fap;
     let (fap, clamped) = FapSequence::from_model(&representative.model, fapus, FapCatalog::mpeg4(), &stem, fps, between)?;
     Ok(AnalyzedClass { representative, stem, fap, clamped, subjects, interval })
 }
@@ -131,7 +131,7 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
 pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<String> {
     let mut twins: Vec<String> = Vec::new();
     let emotions: BTreeSet<&str> = models.iter().map(|m| m.emotion.as_str()).collect();
-    twins.extend(near_twins(emotions).into_iter().map(|(a, b)| format!("emotion {a} and {b}")));
+    twins.extend(near_twins(emotions.iter().copied()).into_iter().map(|(a, b)| format!("emotion {a} and {b}")));
     for column in by {
         let values: BTreeSet<&str> = models.iter().filter_map(|m| m.metadata.get(column)).map(String::as_str).collect();
         twins.extend(near_twins(values).into_iter().map(|(a, b)| format!("{column} {a} and {b}")));
@@ -141,6 +141,13 @@ pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<
     subjects.into_iter().for_each(|subject| spelled.entry(spelling_key(subject)).or_default().push(subject));
     let people: Vec<String> = spelled.into_values().filter(|s| s.len() > 1).map(|s| s.join(" and ")).collect();
     let mut warnings = Vec::new();
+    let meant: Vec<String> = emotions
+        .iter()
+        .filter_map(|emotion| likely_emotion(emotion).map(|meant| format!("{emotion} (is {meant} meant?)")))
+        .collect();
+    if !meant.is_empty() {
+        warnings.push(format!("emotions of their own, though they may be misspelt: {}", listed(&meant, MOST_NAMED)));
+    }
     if !twins.is_empty() {
         warnings.push(format!("kept apart, though one may be misspelt: {}", listed(&twins, MOST_NAMED)));
     }

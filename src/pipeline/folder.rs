@@ -117,15 +117,61 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
     }
 }
 
-/// Names of the option groups in which two runs differ.
+/// The options in which two runs differ, each by its name and both values.
 fn differing_options(earlier: &RunJson, bench: &Workbench) -> String {
     let value = |options| serde_json::to_value(options).unwrap_or_default();
-    let (a, b) = (value(&earlier.options), value(&bench.options));
-    let empty = serde_json::Map::new();
-    let (a, b) = (a.as_object().unwrap_or(&empty).clone(), b.as_object().unwrap_or(&empty).clone());
-    let differing = b.iter().filter(|(key, value)| a.get(*key) != Some(value));
-    differing
-        .map(|(key, value)| format!("{key}: {} there, {value} now", a.get(key).unwrap_or(&serde_json::Value::Null)))
-        .collect::<Vec<_>>()
-        .join("; ")
+    let mut differing = Vec::new();
+    differences("", &value(&earlier.options), &value(&bench.options), &mut differing);
+    differing.join("; ")
+}
+
+/// Enters what differs between two values, name by name.
+fn differences(name: &str, there: &serde_json::Value, now: &serde_json::Value, found: &mut Vec<String>) {
+    use serde_json::Value;
+    if there == now {
+        return;
+    }
+    if let (Value::Object(there), Value::Object(now)) = (there, now) {
+        let keys: std::collections::BTreeSet<&String> = there.keys().chain(now.keys()).collect();
+        for key in keys {
+            let name = if name.is_empty() { key.replace('_', " ") } else { format!("{name} {}", key.replace('_', " ")) };
+            let of = |object: &serde_json::Map<String, Value>| object.get(key).cloned().unwrap_or(Value::Null);
+            differences(&name, &of(there), &of(now), found);
+        }
+        return;
+    }
+    found.push(format!("{name}: {} there, {} now", in_words(there), in_words(now)));
+}
+
+/// A value as a person writes it.
+fn in_words(value: &serde_json::Value) -> String {
+    use serde_json::Value;
+    match value {
+        Value::Null => "none".to_owned(),
+        Value::Bool(yes) => if *yes { "on" } else { "off" }.to_owned(),
+        Value::String(text) => text.clone(),
+        Value::Array(list) if list.is_empty() => "none".to_owned(),
+        Value::Array(list) => list.iter().map(in_words).collect::<Vec<_>>().join(", "),
+        Value::Object(map) => map.iter().map(|(key, value)| format!("{key} {}", in_words(value))).collect::<Vec<_>>().join(", "),
+        Value::Number(number) => number.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn differing_options_are_told_in_words() {
+        let mut found = Vec::new();
+        let there = json!({ "statistics": { "alpha": 0.1, "trim": "frame" }, "by": [], "no_faces": false });
+        let now = json!({ "statistics": { "alpha": 0.2, "trim": "frame" }, "by": ["sex", "age"], "no_faces": true });
+        differences("", &there, &now, &mut found);
+        assert_eq!(
+            found,
+            ["by: none there, sex, age now", "no faces: off there, on now", "statistics alpha: 0.1 there, 0.2 now"]
+        );
+    }
 }

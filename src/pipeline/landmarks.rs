@@ -9,8 +9,8 @@ use super::{
     sequence::{Labels, file_name},
 };
 use crate::{
-    dataset::{CorrespondenceSource, LandmarkSequence, LandmarksError, SequenceEntry, read_landmarks_with},
-    fit::{Correspondence, FittedWireframe, MarkKind, read_correspondences},
+    dataset::{CorrespondenceSource, LandmarkSequence, LandmarksError, SequenceEntry, read_face, read_marks},
+    fit::{Correspondence, FittedWireframe, MarkKind},
     sequence::ImageSize,
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
     units::SequenceId,
@@ -27,6 +27,8 @@ pub(super) struct LandmarkSource {
     metadata: BTreeMap<String, String>,
     fps: Option<f64>,
     path: PathBuf,
+    /// Which of several faces.
+    face: Option<String>,
     /// Marks of the manifest's own; the landmarks of the neutral frame serve where there are none.
     marks: Option<Vec<Correspondence>>,
     marks_from: &'static str,
@@ -39,7 +41,7 @@ impl LandmarkSource {
     pub(super) fn new(entry: &SequenceEntry, path: PathBuf, bench: &Workbench) -> Result<Self, SequenceFailure> {
         let marks = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
             CorrespondenceSource::File(file) => {
-                let marks = read_correspondences(&file, &bench.tables, bench.wireframe.node_count());
+                let marks = read_marks(&file, &bench.options.marks, &bench.tables, bench.wireframe.node_count());
                 Some(marks.map_err(SequenceFailure::at(Stage::Dataset))?)
             }
             CorrespondenceSource::Landmarks(_) | CorrespondenceSource::None => None,
@@ -50,6 +52,7 @@ impl LandmarkSource {
             metadata: entry.metadata.clone(),
             fps: entry.fps,
             path,
+            face: entry.face_id().map(str::to_owned),
             marks_from: if marks.is_some() { "file" } else { "landmarks" },
             marks,
             first_frame: entry.first_frame,
@@ -81,6 +84,7 @@ impl LandmarkSource {
         part(&serde_json::to_vec(&depends).unwrap_or_default());
         part(self.id.to_string().as_bytes());
         part(format!("{:?} {:?}", self.first_frame, self.last_frame).as_bytes());
+        self.face.iter().for_each(|face| part(face.as_bytes()));
         for mark in self.marks.iter().flatten() {
             part(&mark.node.0.to_le_bytes());
             part(&[u8::from(mark.kind == MarkKind::Hard)]);
@@ -117,7 +121,7 @@ impl LandmarkSource {
 
     /// Fits the wireframe to the neutral frame and drives it through the others.
     fn track_read(&self, bench: &Workbench) -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure> {
-        let read = read_landmarks_with(&self.path, bench.options.landmarks.least_confidence);
+        let read = read_face(&self.path, bench.options.landmarks.least_confidence, self.face.as_deref());
         let read = read.map_err(SequenceFailure::at(Stage::Dataset))?;
         let sequence: LandmarkSequence =
             read.sequence(self.first_frame, self.last_frame).map_err(SequenceFailure::at(Stage::Dataset))?;
@@ -134,7 +138,7 @@ impl LandmarkSource {
             metadata: self.metadata.clone(),
             source: read.files.iter().map(|file| file_name(file)).collect(),
             image_size: ImageSize { width: 0, height: 0 },
-            fps: self.fps,
+            fps: self.fps.or(read.fps),
             marks_from: self.marks_from.to_owned(),
             marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
             fit: bench.options.fit.clone(),

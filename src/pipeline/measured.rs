@@ -6,7 +6,7 @@ use nalgebra::Point2;
 
 use super::{SequenceFailure, Stage, Workbench};
 use crate::{
-    fap::write_fap,
+    fap::{ValueFormat, write_fap_as},
     features::{ColumnNames, FrameFeatures, fap_sequence, pose_warning, turn_warning, write_features},
     model::DynamicExpressionModel,
     normalize::PoseMode,
@@ -37,6 +37,18 @@ impl Normalized {
             }
         }
     }
+}
+
+/// The normalized model of tracked frames with the marks of the neutral one, as far as they are known.
+///
+/// # Errors
+/// [`SequenceFailure`] when no head fits the track or its model is none that a face makes.
+pub fn normalize_track(
+    frames: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+    bench: &Workbench,
+) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
+    normalized(frames, marks, bench).map(|normalized| normalized.model)
 }
 
 /// The normalized model of tracked frames with the marks of the neutral one.
@@ -94,7 +106,10 @@ pub(super) fn write_measured(
     let hashes = write_features(&out.join(&csv), features, info.fps, ColumnNames::Grimace);
     let hashes = hashes.map_err(SequenceFailure::at(Stage::Write))?;
     let faps = fap_sequence(features, &id.to_string(), info.fps.unwrap_or(f64::from(bench.options.fap.fps)));
-    let fap_hash = write_fap(&out.join(&fap), &faps).map_err(SequenceFailure::at(Stage::Write))?;
+    let profile = bench.options.fap.profile;
+    let faps = faps.for_profile(profile).map_err(SequenceFailure::at(Stage::Write))?;
+    let fap_hash =
+        write_fap_as(&out.join(&fap), &faps, profile, ValueFormat::Integer).map_err(SequenceFailure::at(Stage::Write))?;
     let hex = |hash: blake3::Hash| hash.to_hex().to_string();
     Ok(BTreeMap::from([(csv, hex(hashes.csv)), (json, hex(hashes.json)), (fap, hex(fap_hash))]))
 }

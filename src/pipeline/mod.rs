@@ -36,6 +36,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection, may_publish},
+    fap::Profile,
     features::{FeatureMeter, FrameFeatures, Measured},
     fit::{FitOptions, Fitter, SpringError},
     model::DynamicExpressionModel,
@@ -59,6 +60,7 @@ pub use divide::{Plan, run_emotion, run_part, run_plan};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
 pub use landmarks::fit_landmarks;
+pub use measured::normalize_track;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{BatchError, PictureSource, pictures_of};
@@ -71,7 +73,7 @@ pub use recording::{
     write_recording, write_recording_film, write_segments,
 };
 pub use run::{Event, RunError, RunSummary, run};
-pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one};
+pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one, track_pictures};
 pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use variation::{Curve, EmotionVariation, SHOWN_COMPONENTS, SHOWN_DEVIATIONS};
@@ -151,11 +153,14 @@ pub struct FapOptions {
     pub between: usize,
     /// Frames per second, at least 1.
     pub fps: u32,
+    /// Readers that the files are written for.
+    #[serde(default)]
+    pub profile: Profile,
 }
 
 impl Default for FapOptions {
     fn default() -> Self {
-        Self { between: FAP_FRAMES_BETWEEN, fps: FAP_FPS }
+        Self { between: FAP_FRAMES_BETWEEN, fps: FAP_FPS, profile: Profile::default() }
     }
 }
 

@@ -19,7 +19,7 @@ use crate::{
     output,
     overlay::{draw_axes, draw_overlay},
     pose::HeadPose,
-    sequence::{SequenceError, SequenceReader, content_blake3},
+    sequence::{Frame, SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
         Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, neutral_first, parse_track,
@@ -175,23 +175,54 @@ pub(super) fn track_recorded(
             return (inputs, Err(SequenceFailure::at(Stage::Track)(error)));
         }
     };
-    let tracked = track_frames(source, bench, &mut reader, tick);
+    let fps = source.fps.or_else(|| reader.fps());
+    let tracked = track_frames(source, bench, fps, &mut reader, tick);
     (reader.into_content_blake3().map(|content| source.inputs_with(content, bench)), tracked)
+}
+
+/// [`track_one`] for frames that are in memory, in order, the neutral one first; `source` names no files. What the track was made from
+/// is hashed from the pixels.
+///
+/// # Errors
+/// [`SequenceFailure`] with the stage.
+pub fn track_pictures(
+    source: &SequenceSource,
+    frames: Vec<Frame>,
+    bench: &Workbench,
+    tick: impl FnMut(u32) -> bool,
+) -> Result<(Track, TrackInfo), SequenceFailure> {
+    let mut hasher = blake3::Hasher::new();
+    for frame in &frames {
+        hasher.update(format!("{} {}\n", frame.number(), frame.size()).as_bytes());
+        hasher.update(frame.image().as_raw());
+    }
+    let content = hasher.finalize();
+    let expected = frames.first().map(Frame::size);
+    let mut frames = frames.into_iter().map(|frame| match expected {
+        Some(expected) if frame.size() != expected => {
+            let (number, found) = (frame.number(), frame.size());
+            Err(SequenceError::Size { path: PathBuf::from("pictures"), number, found, expected })
+        }
+        _ => Ok(frame),
+    });
+    let (track, mut info) = track_frames(source, bench, source.fps, &mut frames, tick)?;
+    info.inputs_blake3 = source.inputs_with(content, bench);
+    Ok((track, info))
 }
 
 fn track_frames(
     source: &SequenceSource,
     bench: &Workbench,
-    reader: &mut SequenceReader,
+    fps: Option<f64>,
+    frames: &mut impl Iterator<Item = Result<Frame, SequenceError>>,
     tick: impl FnMut(u32) -> bool,
 ) -> Result<(Track, TrackInfo), SequenceFailure> {
-    let first = reader.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }));
+    let first = frames.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }));
     let first = first.map_err(SequenceFailure::at(Stage::Track))?;
     let size = first.size();
     validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
     let fitted = bench.fitter.fit(&bench.wireframe, &source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
-    let fps = source.fps.or_else(|| reader.fps());
-    let frames = std::iter::once(Ok(first)).chain(reader);
+    let frames = std::iter::once(Ok(first)).chain(frames);
     let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
         let fatal = matches!(error, TrackError::Interrupted);
         SequenceFailure { fatal, ..SequenceFailure::at(Stage::Track)(error) }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{SequenceFailure, SequenceSource, Workbench, file_blake3};
 use crate::{
-    clone::{CloneError, SourceMotion, Target, read_marks},
-    dataset::LandmarkSelection,
+    clone::{CloneError, SourceMotion, Target},
+    dataset::{LandmarkSelection, read_marks},
     fit::FittedWireframe,
     geometry::Similarity,
     model::FrameExpressionModel,
@@ -68,7 +68,8 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
     match &bench.options.report_face {
         ReportFace::Photograph { image, correspondences, .. } => {
             let picture = read_colour(image)?;
-            let marks = read_marks(correspondences, &LandmarkSelection::HighAndMedium, bench)?;
+            let marks =
+                read_marks(correspondences, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?;
             Target::new(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks, bench.fitter(), bench)
         }
         ReportFace::Simulated => {

@@ -15,7 +15,7 @@ use super::{
     variation::{shown_bands, write_variations},
 };
 use crate::{
-    fap::{self, FapCatalog, FapNumber, Motion},
+    fap::{self, ConvertError, FapCatalog, FapNumber, Motion, ValueFormat},
     output::{self, OutputError, nine_digits, write_records},
     report::{ApexFap, GroupsData, ReportData, VariationData, mean_course_svg, render_html},
     statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
@@ -84,7 +84,9 @@ pub fn write_analysis(
         wrote(&csv, write_model(&out.join(&csv), &class.representative.model)?);
         let value = representative_json(class, bench);
         wrote(&json, output::write_hashed(&out.join(&json), |writer| output::json_into(writer, &value))?);
-        wrote(&fap, fap::write_fap(&out.join(&fap), &class.fap)?);
+        let profile = bench.options.fap.profile;
+        let written = class.fap.for_profile(profile).map_err(ConvertError::from)?;
+        wrote(&fap, fap::write_fap_as(&out.join(&fap), &written, profile, ValueFormat::Integer)?);
         if let Some(svg) = mean_course_svg(&class.representative, &analysis.courses) {
             wrote(&picture, output::write_hashed(&out.join(&picture), |writer| writer.write_all(svg.as_bytes()))?);
         }

@@ -72,6 +72,12 @@ impl HeadPose {
         Matrix2x3::new(s, 0.0, turned.x * depth, 0.0, -s, -turned.y * depth)
     }
 
+    /// How the image place of a point in camera axes changes with the logarithm of the camera's distance.
+    pub(super) fn distance_slope(&self, turned: &Vector3<f64>) -> Vector2<f64> {
+        let w = self.magnification(turned.z);
+        Vector2::new(turned.x, -turned.y) * (-self.scale * w * w * turned.z / self.distance)
+    }
+
     /// How a point in camera axes changes with a small rotation vector in camera axes.
     pub(super) fn rotation_slope(turned: &Vector3<f64>) -> Matrix3<f64> {
         -turned.cross_matrix()

@@ -5,12 +5,13 @@
 //! a standard deviation by its state. The neutral frame gives a first head; then frames (pose and expression) and head (given
 //! those) are solved in turn, each by linear least squares with robust weights, so that frames seen from other sides improve the depth.
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Rotation3, Vector2, Vector3};
 
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
     frontal::visibility,
-    solve::{Directions, Seen, Solved, cost, robust, shape_with, solve},
+    mixture::Mixture,
+    solve::{Directions, Limit, Seen, Solved, robust, shape_with, solve},
 };
 use crate::{
     fit::SpringError,
@@ -31,16 +32,18 @@ const OWN_MARKED: f64 = 0.007;
 const OWN_FITTED: f64 = 0.04;
 /// Frames, evenly spread, that the head is learned from.
 const HEAD_FRAMES: usize = 9;
-/// Turns of frames and head at the first distance, and at a next one, which begins with what the one before found.
-const TURNS: usize = 3;
-const NEXT_TURNS: usize = 2;
-/// The last step of a frame while the head is sought, and once it is known: radians, logarithms, standard deviations.
-const NEARLY_AT_REST: f64 = 1e-3;
-const AT_REST: f64 = 1e-5;
-/// Distances of the camera that are tried, eye distances: each 1.4 times the one before, and one so far that nothing is magnified.
-const DISTANCES: [f64; 6] = [5.5, 7.8, 11.0, 15.5, 22.0, 44.0];
-/// The one of them that is tried first: the nearest to [`CAMERA_DISTANCE`].
-const FIRST_DISTANCE: usize = 3;
+/// Most turns of frames, head and camera.
+const TURNS: usize = 120;
+/// A turn that changes everything by less is the last: standard deviations, and [`PER_UNIT`] of the rest.
+const AT_REST: f64 = 0.003;
+/// What counts as one in poses: radians, logarithms of sizes, and distances in the image over the size.
+const PER_UNIT: f64 = 0.01;
+/// The last step of a frame once the head is known: radians, logarithms, standard deviations.
+const FRAME_AT_REST: f64 = 1e-5;
+/// Steps of a frame at most, once the head is known.
+const FRAME_STEPS: usize = 20;
+/// Distances of the camera that a face may be seen from, eye distances.
+const DISTANCES: [f64; 2] = [4.0, 60.0];
 /// Standard deviation of the logarithm of the distance.
 const LOG_DISTANCE_DEVIATION: f64 = 1.0;
 /// Fewest nodes seen that give a pose.
@@ -127,9 +130,6 @@ impl Frame {
 /// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
 /// and not the nodes say where the head is.
 ///
-/// The distance of the camera is the one of `DISTANCES` which explains the frames best: from the likeliest on, each way as long as the
-/// next explains them better.
-///
 /// A later frame without a pose fails for itself alone: [`HeadFit::failures`] says why.
 ///
 /// # Errors
@@ -164,11 +164,7 @@ pub fn fit_head(
         expression: Directions::new(&model.expression, model.node_count()),
         identity: Directions::new(&model.identity, model.node_count()),
     };
-    let first = sequence.head_at(DISTANCES[FIRST_DISTANCE], None)?;
-    let (nearer, farther) = (&DISTANCES[..FIRST_DISTANCE], &DISTANCES[FIRST_DISTANCE + 1..]);
-    let nearest = sequence.while_better(first.clone(), nearer.iter().rev());
-    let farthest = sequence.while_better(first, farther.iter());
-    let found = if nearest.cost < farthest.cost { nearest } else { farthest };
+    let found = sequence.head()?;
     let pose = found.neutral_pose;
     Sequence { start: pose, ..sequence }.every_frame(found.head.shape(model), pose, shifts)
 }
@@ -211,94 +207,115 @@ struct Sequence<'a> {
     identity: Directions,
 }
 
-/// A head, its pose in the neutral frame, pose and expression of the frames that it was learned from, and what it leaves unexplained:
-/// minus the logarithm of its probability, up to a constant.
+/// All that is sought at once: the head, its pose in the neutral frame, pose and expression of the frames that it is learned from. All
+/// poses have the same distance of the camera.
 #[derive(Clone)]
 struct Found {
     head: Head,
     neutral_pose: HeadPose,
-    /// `None` for a frame that no pose explains.
-    frames: Vec<Option<Solved>>,
-    cost: f64,
+    frames: Vec<Solved>,
 }
 
 impl Sequence<'_> {
-    /// The head that explains the frames best with the camera at a distance, eye distances; `nearby` is what was found at another.
-    fn head_at(&self, distance: f64, nearby: Option<&Found>) -> Result<Found, PoseError> {
-        let Self { model, frames, own, .. } = *self;
-        let none = |number| PoseError::NoHead { frame: number };
-        let Some((first, rest)) = frames.split_first() else { return Err(none(0)) };
-        let unlikely = (distance / CAMERA_DISTANCE).ln() / LOG_DISTANCE_DEVIATION;
-        let camera = distance * HEAD_ES;
-        let mut found = match nearby {
-            Some(nearby) => nearby.clone(),
-            None => self.first_head(first)?,
-        };
+    /// The most probable head: one step of every frame given head and camera, of the head given the frames, of the camera given both,
+    /// again and again.
+    ///
+    /// That comes to rest slowly, for each can take over from the others, as the depth of a nose from a turn; so each turn begins with a
+    /// mixture of the last ones ([`Mixture`]).
+    fn head(&self) -> Result<Found, PoseError> {
+        let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
         let usable: Vec<&Frame> = rest.iter().filter(|frame| frame.is_seen()).collect();
-        let chosen: Vec<&Frame> = spread(usable.len(), HEAD_FRAMES).into_iter().map(|k| usable[k]).collect();
-        found.neutral_pose.distance = camera;
-        found.frames.iter_mut().flatten().for_each(|solved| solved.pose.distance = camera);
-        let nothing = vec![Vector3::zeros(); model.node_count()];
-        for _ in 0..if nearby.is_some() { NEXT_TURNS } else { TURNS } {
-            self.solve_frames(&mut found, &chosen);
-            let mut views = vec![View { seen: &first.seen, pose: found.neutral_pose, offsets: None }];
-            for (frame, solved) in solved_frames(&chosen, &found.frames) {
-                let offsets = shape_with(&nothing, &model.expression, &solved.coefficients);
-                views.push(View { seen: &frame.seen, pose: solved.pose, offsets: Some(offsets) });
+        let mut chosen: Vec<&Frame> = spread(usable.len(), HEAD_FRAMES).into_iter().map(|k| usable[k]).collect();
+        let mut found = self.first_head(first, &mut chosen)?;
+        let mut mixture = Mixture::default();
+        for _ in 0..TURNS {
+            let before = self.numbers(&found);
+            self.turn(&mut found, first, &chosen)?;
+            let after = self.numbers(&found);
+            if (&after - &before).amax() < AT_REST {
+                break;
             }
-            found.head.improve(model, &views, own);
-            let start = Solved { pose: found.neutral_pose, coefficients: DVector::zeros(0) };
-            let solved = solve(&found.head.shape(model), &Directions::none(), &first.seen, start, AT_REST);
-            found.neutral_pose = solved.ok_or(none(first.number))?.pose;
-        }
-        self.solve_frames(&mut found, &chosen);
-        let shape = found.head.shape(model);
-        let own_share = |(offset, own): (&Vector3<f64>, &f64)| offset.norm_squared() / (own * own);
-        let head = found.head.coefficients.norm_squared() + found.head.own.iter().zip(own).map(own_share).sum::<f64>();
-        found.cost = 0.5 * (unlikely * unlikely + head) + unexplained(&shape, &found.neutral_pose, &first.seen);
-        for (frame, solved) in solved_frames(&chosen, &found.frames) {
-            let now = shape_with(&shape, &model.expression, &solved.coefficients);
-            found.cost += 0.5 * solved.coefficients.norm_squared() + unexplained(&now, &solved.pose, &frame.seen);
+            self.set_numbers(&mut found, &mixture.next(&before, after));
         }
         Ok(found)
     }
 
-    /// The best head of distances that lead away from that of `found`, tried as long as the next explains the frames better.
-    fn while_better<'d>(&self, mut found: Found, distances: impl Iterator<Item = &'d f64>) -> Found {
-        for &distance in distances {
-            match self.head_at(distance, Some(&found)) {
-                Ok(next) if next.cost < found.cost => found = next,
-                _ => break,
-            }
-        }
-        found
-    }
-
-    /// A first head from the neutral frame: the person's own offsets count as noise.
-    fn first_head(&self, first: &Frame) -> Result<Found, PoseError> {
+    /// A first head from the neutral frame, where the person's own offsets count as noise, and first frames from the ones before them.
+    /// Frames that no pose explains are no longer chosen.
+    fn first_head(&self, first: &Frame, chosen: &mut Vec<&Frame>) -> Result<Found, PoseError> {
         let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(self.own[s.node]), ..*s };
         let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
         let start = Solved { pose: self.start, coefficients: DVector::zeros(self.model.identity.len()) };
-        let solved = solve(&self.model.mean, &self.identity, &seen, start, NEARLY_AT_REST);
+        let limit = Limit { steps: FRAME_STEPS, at_rest: AT_REST };
+        let solved = solve(&self.model.mean, &self.identity, &seen, start, limit);
         let solved = solved.ok_or(PoseError::NoHead { frame: first.number })?;
         let head = Head { coefficients: solved.coefficients, own: vec![Vector3::zeros(); self.model.node_count()] };
-        Ok(Found { head, neutral_pose: solved.pose, frames: Vec::new(), cost: f64::INFINITY })
+        let shape = head.shape(self.model);
+        let mut before = no_expression(self.model, solved.pose);
+        let mut frames = Vec::with_capacity(chosen.len());
+        chosen.retain(|frame| {
+            let solved = self.solve_frame(&shape, frame, before.clone(), limit);
+            if let Some(solved) = &solved {
+                before = solved.clone();
+                frames.push(solved.clone());
+            }
+            solved.is_some()
+        });
+        Ok(Found { head, neutral_pose: solved.pose, frames })
     }
 
-    /// Pose and expression of the chosen frames, each from what was found of it before, else from the frame before it.
-    fn solve_frames(&self, found: &mut Found, chosen: &[&Frame]) {
-        let shape = found.head.shape(self.model);
-        let mut frames: Vec<Option<Solved>> = Vec::with_capacity(chosen.len());
-        for (k, frame) in chosen.iter().enumerate() {
-            let earlier = found.frames.get(k).and_then(Option::as_ref);
-            let start = earlier.or_else(|| frames.iter().rev().find_map(Option::as_ref)).cloned();
-            let start = start.unwrap_or_else(|| no_expression(self.model, found.neutral_pose));
-            frames.push(self.solve_frame(&shape, frame, start, NEARLY_AT_REST));
+    /// One step of the frames, then one of the head, then one of the camera's distance.
+    fn turn(&self, found: &mut Found, first: &Frame, chosen: &[&Frame]) -> Result<(), PoseError> {
+        let model = self.model;
+        let limit = Limit { steps: 1, at_rest: 0.0 };
+        let shape = found.head.shape(model);
+        let start = Solved { pose: found.neutral_pose, coefficients: DVector::zeros(0) };
+        let solved = solve(&shape, &Directions::none(), &first.seen, start, limit);
+        found.neutral_pose = solved.ok_or(PoseError::NoHead { frame: first.number })?.pose;
+        let nothing = vec![Vector3::zeros(); model.node_count()];
+        let mut views = vec![View { seen: &first.seen, pose: found.neutral_pose, offsets: None }];
+        for (frame, solved) in chosen.iter().zip(&mut found.frames) {
+            // A frame that no pose explains any more says nothing in this turn.
+            let Some(stepped) = self.solve_frame(&shape, frame, solved.clone(), limit) else { continue };
+            *solved = stepped;
+            let offsets = shape_with(&nothing, &model.expression, &solved.coefficients);
+            views.push(View { seen: &frame.seen, pose: solved.pose, offsets: Some(offsets) });
         }
-        found.frames = frames;
+        found.head.improve(model, &views, self.own);
+        let log_distance = log_distance_step(&found.head.shape(model), &views);
+        found.set_log_distance(found.neutral_pose.distance.ln() + log_distance);
+        Ok(())
     }
 
-    fn solve_frame(&self, shape: &[Vector3<f64>], frame: &Frame, start: Solved, at_rest: f64) -> Option<Solved> {
+    /// All that is sought as numbers of like size.
+    fn numbers(&self, found: &Found) -> DVector<f64> {
+        let mut numbers = found.head.in_deviations(self.own);
+        numbers.push(found.neutral_pose.distance.ln() / PER_UNIT / 10.0);
+        push_pose(&mut numbers, &found.neutral_pose);
+        for frame in &found.frames {
+            push_pose(&mut numbers, &frame.pose);
+            numbers.extend(frame.coefficients.iter().copied());
+        }
+        DVector::from_vec(numbers)
+    }
+
+    /// The inverse of [`Self::numbers`].
+    fn set_numbers(&self, found: &mut Found, numbers: &DVector<f64>) {
+        let mut rest = numbers.as_slice().iter().copied();
+        found.head.coefficients.iter_mut().zip(&mut rest).for_each(|(c, number)| *c = number);
+        for (offset, own) in found.head.own.iter_mut().zip(self.own) {
+            offset.iter_mut().zip(&mut rest).for_each(|(o, number)| *o = number * own);
+        }
+        let log_distance = rest.next().map_or(0.0, |number| number * PER_UNIT * 10.0);
+        set_pose(&mut found.neutral_pose, &mut rest);
+        for frame in &mut found.frames {
+            set_pose(&mut frame.pose, &mut rest);
+            frame.coefficients.iter_mut().zip(&mut rest).for_each(|(c, number)| *c = number);
+        }
+        found.set_log_distance(log_distance);
+    }
+
+    fn solve_frame(&self, shape: &[Vector3<f64>], frame: &Frame, start: Solved, limit: Limit) -> Option<Solved> {
         let visible = visibility(self.model, shape, &start.pose);
         let seen: Vec<Seen> = frame
             .seen
@@ -309,7 +326,7 @@ impl Sequence<'_> {
         if seen.len() < FEWEST_SEEN {
             return None;
         }
-        solve(shape, &self.expression, &seen, start, at_rest)
+        solve(shape, &self.expression, &seen, start, limit)
     }
 
     /// Pose and expression of every frame.
@@ -333,9 +350,10 @@ impl Sequence<'_> {
             neutral,
             mark_shifts,
         };
+        let limit = Limit { steps: FRAME_STEPS, at_rest: FRAME_AT_REST };
         let mut before = no_expression(self.model, self.start);
         for frame in rest {
-            let solved = frame.is_seen().then(|| self.solve_frame(&fit.neutral, frame, before.clone(), AT_REST)).flatten();
+            let solved = frame.is_seen().then(|| self.solve_frame(&fit.neutral, frame, before.clone(), limit)).flatten();
             let now = solved.as_ref().unwrap_or(&before);
             let shape = shape_with(&fit.neutral, &self.model.expression, &now.coefficients);
             let left = residual(&shape, &now.pose, &frame.seen);
@@ -359,19 +377,53 @@ impl Sequence<'_> {
     }
 }
 
-/// The chosen frames that have a pose.
-fn solved_frames<'a>(chosen: &'a [&Frame], solved: &'a [Option<Solved>]) -> impl Iterator<Item = (&'a Frame, &'a Solved)> {
-    chosen.iter().zip(solved).filter_map(|(frame, solved)| Some((*frame, solved.as_ref()?)))
-}
-
 fn no_expression(model: &HeadModel, pose: HeadPose) -> Solved {
     Solved { pose, coefficients: DVector::zeros(model.expression.len()) }
 }
 
-/// What a shape in a pose leaves unexplained.
-fn unexplained(shape: &[Vector3<f64>], pose: &HeadPose, seen: &[Seen]) -> f64 {
-    let one = |s: &Seen| cost((s.at - pose.image_of(&pose.turned(&shape[s.node]))).norm() / (s.deviation * pose.scale));
-    seen.iter().map(one).sum()
+impl Found {
+    /// Moves the camera of all frames, within [`DISTANCES`].
+    fn set_log_distance(&mut self, log_distance: f64) {
+        let [nearest, farthest] = DISTANCES.map(|distance| distance * HEAD_ES);
+        let distance = log_distance.exp().clamp(nearest, farthest);
+        let frames = self.frames.iter_mut().map(|frame| &mut frame.pose);
+        frames.chain([&mut self.neutral_pose]).for_each(|pose| pose.distance = distance);
+    }
+}
+
+/// By how much the logarithm of the camera's distance is to change, all else given.
+fn log_distance_step(shape: &[Vector3<f64>], views: &[View<'_>]) -> f64 {
+    let precision = LOG_DISTANCE_DEVIATION.powi(-2);
+    let distance = views.first().map_or(CAMERA_DISTANCE * HEAD_ES, |view| view.pose.distance);
+    let mut normal = precision;
+    let mut right = -precision * (distance / (CAMERA_DISTANCE * HEAD_ES)).ln();
+    for view in views {
+        for s in view.seen {
+            let place = shape[s.node] + view.offsets.as_ref().map_or_else(Vector3::zeros, |o| o[s.node]);
+            let turned = view.pose.turned(&place);
+            let residual: Vector2<f64> = s.at - view.pose.image_of(&turned);
+            let deviation = s.deviation * view.pose.scale;
+            let weight = robust(residual.norm() / deviation) / (deviation * deviation);
+            let slope = view.pose.distance_slope(&turned);
+            normal += weight * slope.norm_squared();
+            right += weight * slope.dot(&residual);
+        }
+    }
+    right / normal
+}
+
+fn push_pose(numbers: &mut Vec<f64>, pose: &HeadPose) {
+    let turn = pose.rotation.scaled_axis();
+    numbers.extend(turn.iter().map(|angle| angle / PER_UNIT));
+    numbers.push(pose.scale.ln() / PER_UNIT);
+    numbers.extend(pose.position.coords.iter().map(|at| at / pose.scale / PER_UNIT));
+}
+
+fn set_pose(pose: &mut HeadPose, numbers: &mut impl Iterator<Item = f64>) {
+    let mut next = || numbers.next().unwrap_or(0.0) * PER_UNIT;
+    pose.rotation = Rotation3::new(Vector3::new(next(), next(), next()));
+    pose.scale = next().exp();
+    pose.position = Point2::new(next(), next()) * pose.scale;
 }
 
 /// How far every node's mark lies from its node, px, in every frame: as in the neutral one, turned and sized with the face.
@@ -492,6 +544,12 @@ struct Evidence {
 }
 
 impl Head {
+    /// Coefficients and own offsets, each over its standard deviation.
+    fn in_deviations(&self, own: &[f64]) -> Vec<f64> {
+        let offsets = self.own.iter().zip(own).flat_map(|(offset, own)| [offset.x / own, offset.y / own, offset.z / own]);
+        self.coefficients.iter().copied().chain(offsets).collect()
+    }
+
     fn shape(&self, model: &HeadModel) -> Vec<Vector3<f64>> {
         let mut shape = shape_with(&model.mean, &model.identity, &self.coefficients);
         shape.iter_mut().zip(&self.own).for_each(|(x, own)| *x += own);

@@ -21,6 +21,7 @@ mod fitter;
 mod frontal;
 mod head;
 mod learn;
+mod mixture;
 mod solve;
 
 pub use camera::{CAMERA_DISTANCE, HEAD_ES, HeadPose};

@@ -4,8 +4,6 @@ use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
 
 use super::HeadPose;
 
-/// Turns of Gauss-Newton at most.
-const TURNS: usize = 20;
 /// Largest turn of the head in one step, radians.
 const LARGEST_TURN: f64 = 0.2;
 /// Residual, in standard deviations, beyond which a node counts as an outlier.
@@ -50,9 +48,13 @@ pub(super) fn robust(ratio: f64) -> f64 {
     1.0 / (1.0 + (ratio / OUTLIER).powi(2))
 }
 
-/// What a residual of `ratio` standard deviations costs, where half its square is the cost of a small one (Cauchy).
-pub(super) fn cost(ratio: f64) -> f64 {
-    0.5 * OUTLIER * OUTLIER * (ratio / OUTLIER).powi(2).ln_1p()
+/// When [`solve`] ends.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limit {
+    /// Steps of Gauss-Newton at most.
+    pub steps: usize,
+    /// A step below this is the last: radians, logarithms, standard deviations.
+    pub at_rest: f64,
 }
 
 /// Directions of shape, node by node, as [`solve`] wants them: all x, all y, all z of a node behind each other.
@@ -130,18 +132,17 @@ impl System {
 
 /// Pose and coefficients that explain what is seen best; the coefficients have standard normal priors, the pose has none.
 ///
-/// The last step is one below `at_rest`: radians, logarithms, standard deviations.
 pub(super) fn solve(
     base: &[Vector3<f64>],
     directions: &Directions,
     seen: &[Seen],
     start: Solved,
-    at_rest: f64,
+    limit: Limit,
 ) -> Option<Solved> {
     let mut solved = start;
     let size = POSE + directions.count;
     let mut system = System::new(size);
-    for _ in 0..TURNS {
+    for _ in 0..limit.steps {
         system.restart(&solved.coefficients);
         let pose = solved.pose;
         for s in seen {
@@ -173,8 +174,8 @@ pub(super) fn solve(
         let step = step * share;
         solved.pose = pose.moved(Vector3::new(step[0], step[1], step[2]), step[3], Vector2::new(step[4], step[5]));
         solved.coefficients += step.rows(POSE, directions.count);
-        let small = |k: usize| step[k].abs() < at_rest;
-        let shifts = step[4].abs().max(step[5].abs()) < at_rest * solved.pose.scale;
+        let small = |k: usize| step[k].abs() < limit.at_rest;
+        let shifts = step[4].abs().max(step[5].abs()) < limit.at_rest * solved.pose.scale;
         if shifts && (0..size).all(|k| k == 4 || k == 5 || small(k)) {
             break;
         }

@@ -4,7 +4,7 @@
 //! (9798 R + 19235 G + 3735 B + 16384) / 32768, rounded down, of colours (BT.601's 0.299, 0.587, 0.114 in 15 bits). Transparency does not
 //! count. 16-bit values are scaled as [`GrayDecoder`] says.
 
-use image::{DynamicImage, GrayImage};
+use image::{DynamicImage, GrayImage, RgbImage};
 
 use super::{
     ImageSize,
@@ -95,7 +95,7 @@ impl GrayDecoder {
         let narrow = match image {
             DynamicImage::ImageLuma8(image) => return Ok(image),
             DynamicImage::ImageLumaA8(image) => image.pixels().map(|p| p.0[0]).collect(),
-            DynamicImage::ImageRgb8(image) => image.as_raw().as_chunks().0.iter().map(|p| grey8(*p)).collect(),
+            DynamicImage::ImageRgb8(image) => return Ok(grey_of(&image)),
             DynamicImage::ImageRgba8(image) => image.pixels().map(|p| grey8([p.0[0], p.0[1], p.0[2]])).collect(),
             DynamicImage::ImageLuma16(image) => self.scale_to_8_bit(image.as_raw()),
             DynamicImage::ImageLumaA16(image) => self.scale_to_8_bit(&image.pixels().map(|p| p.0[0]).collect::<Vec<_>>()),
@@ -126,6 +126,12 @@ pub(super) fn other_pixels(image: &DynamicImage) -> DecodeError {
         found: format!("pixels of the kind {:?}", image.color()),
         supported: "8-bit and 16-bit integers",
     }
+}
+
+/// The grey of colours, as it is defined for every file but JPEG, whose luma channel is taken as it is.
+pub fn grey_of(image: &RgbImage) -> GrayImage {
+    let values = image.as_raw().as_chunks().0.iter().map(|p| grey8(*p)).collect();
+    GrayImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
 }
 
 #[inline]

@@ -26,7 +26,7 @@ use crate::{
 
 pub use colour::{ColourReader, MAX_SIDE, read_colour, read_colour_frames};
 pub use content::content_blake3;
-pub use decode::{DecodeError, GrayDecoder};
+pub use decode::{DecodeError, GrayDecoder, grey_of};
 pub use film::{FilmError, write_video};
 pub use limit::{DEFAULT_MAX_PIXELS, max_pixels, set_max_pixels};
 

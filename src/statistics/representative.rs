@@ -125,6 +125,19 @@ pub fn representative<M: Borrow<SequenceModel>>(
     })
 }
 
+/// Checks that models can be compared with each other: of one shape, with one neutral frame, and with displacements that faces make.
+///
+/// # Errors
+/// [`StatisticsError`] for no models, and models whose shape, neutral frame or displacements are not as [`representative`] takes them.
+pub fn check_models(label: &ClassLabel, models: &[&SequenceModel], wireframe: &Wireframe) -> Result<(), StatisticsError> {
+    if models.is_empty() {
+        return Err(StatisticsError::Empty { emotion: label.emotion.clone() });
+    }
+    check_shapes(models, wireframe)?;
+    common_neutral(models, wireframe.live_nodes())?;
+    displacement_fields(models, wireframe.live_nodes()).map(drop)
+}
+
 /// The models by sequence id, which must be different.
 fn sorted<'a, M: Borrow<SequenceModel>>(label: &ClassLabel, models: &'a [M]) -> Result<Vec<&'a SequenceModel>, StatisticsError> {
     let mut models: Vec<&SequenceModel> = models.iter().map(Borrow::borrow).collect();

@@ -5,6 +5,8 @@
 
 use std::collections::BTreeMap;
 
+use super::EMOTIONS;
+
 /// Fewest letters of words that are looked at as near twins.
 const LEAST_LETTERS: usize = 5;
 
@@ -38,6 +40,18 @@ pub fn near_twins<'a>(values: impl IntoIterator<Item = &'a str>) -> Vec<(String,
     twins
 }
 
+/// The emotion that a label is likely meant for: one of [`EMOTIONS`] that two slips turn into it; `None` for these themselves and for
+/// labels that are like none of them.
+pub fn likely_emotion(label: &str) -> Option<&'static str> {
+    const SLIPS: usize = 2;
+    let label = spelling_key(label);
+    if EMOTIONS.contains(&label.as_str()) || label.chars().count() < LEAST_LETTERS {
+        return None;
+    }
+    let distance = |emotion: &&str| strsim::damerau_levenshtein(emotion, &label);
+    EMOTIONS.into_iter().min_by_key(distance).filter(|emotion| distance(emotion) <= SLIPS)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -47,6 +61,12 @@ mod tests {
         let spellings = common_spellings(["FEMALE", "female ", "female", "Male", "East  Asian", "east asian"]);
         let expected = [("east asian", "East  Asian"), ("female", "female"), ("male", "Male")];
         assert_eq!(spellings, expected.map(|(k, v)| (k.to_owned(), v.to_owned())).into());
+    }
+
+    #[test]
+    fn a_misspelt_emotion_is_known_by_itself() {
+        let meant = ["happyness", "suprise", "Sadnes", "happiness", "joy", "pain", "feer", "confusion"].map(likely_emotion);
+        assert_eq!(meant, [Some("happiness"), Some("surprise"), Some("sadness"), None, None, None, None, None]);
     }
 
     #[test]

@@ -115,8 +115,8 @@ pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>
 ///
 /// `shapes` names the shapes and, for a mixed bank, `composition` says how members are made of them; without one members are shapes. A
 /// coefficient with a side takes the weights of the regions of that side; brows, eyes, nose and the squint of the cheeks those of the
-/// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. Values are
-/// limited to 0 to 1, the coefficients' range. `None` when no shape has an `ARKit` name.
+/// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. Values may lie
+/// outside the coefficients' range, 0 to 1: [`limit`] brings them there. `None` when no shape has an `ARKit` name.
 pub fn coefficients(
     names: &[String],
     composition: Option<&Composition>,
@@ -143,7 +143,7 @@ pub fn coefficients(
         }
     }
     let any = sums.iter().any(|s| s.1 > 0.0);
-    any.then(|| sums.map(|(sum, count)| if count > 0.0 { (sum / count).clamp(0.0, 1.0) } else { 0.0 }))
+    any.then(|| sums.map(|(sum, count)| if count > 0.0 { sum / count } else { 0.0 }))
 }
 
 /// Whether a region shows a coefficient.
@@ -152,6 +152,82 @@ fn is_seen_in(coefficient: &str, side: f64, region: &str) -> bool {
     let height = if upper { !region.starts_with("lower") } else { !region.starts_with("upper") };
     let other_side = if side > 0.0 { "right" } else { "left" };
     height && (side == 0.0 || !region.ends_with(other_side))
+}
+
+/// A coefficient that was limited to its range.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limited {
+    /// The coefficient.
+    pub coefficient: &'static str,
+    /// In how many frames.
+    pub frames: usize,
+    /// The value farthest outside.
+    pub farthest: f64,
+}
+
+/// Brings coefficients into their range, 0 to 1, and says which were not.
+pub fn limit(frames: &mut [[f64; 52]]) -> Vec<Limited> {
+    /// Rounding is no news.
+    const TOLERANCE: f64 = 1e-9;
+    let outside = |value: f64| (value - value.clamp(0.0, 1.0)).abs();
+    let limited = COEFFICIENTS.iter().enumerate().filter_map(|(k, coefficient)| {
+        let there = frames.iter().map(|f| f[k]).filter(|&v| outside(v) > TOLERANCE);
+        let farthest = there.clone().fold(0.0, |a, b| if outside(b) > outside(a) { b } else { a });
+        let frames = there.count();
+        (frames > 0).then_some(Limited { coefficient, frames, farthest })
+    });
+    let limited = limited.collect();
+    frames.iter_mut().flatten().for_each(|value| *value = value.clamp(0.0, 1.0));
+    limited
+}
+
+/// Shapes that no coefficient stands for, which files of coefficients therefore lack.
+pub fn unnamed<'a>(names: &'a [String], composition: Option<&'a Composition>) -> Vec<&'a str> {
+    let shapes = composition.map_or(names, |c| &c.shapes[..]);
+    shapes.iter().map(String::as_str).filter(|shape| coefficient(shape).is_none()).collect()
+}
+
+/// Columns of Live Link Face behind the coefficients: the head and the eyes, of which a bank knows nothing; they are 0.
+const LIVE_LINK_ROTATIONS: [&str; 9] = [
+    "HeadYaw",
+    "HeadPitch",
+    "HeadRoll",
+    "LeftEyeYaw",
+    "LeftEyePitch",
+    "LeftEyeRoll",
+    "RightEyeYaw",
+    "RightEyePitch",
+    "RightEyeRoll",
+];
+
+/// The time of a frame as `HH:MM:SS:FF.sss`: hours, minutes, seconds, the frame within the second at the whole rate nearest to `fps`, and
+/// thousandths of a frame, always 0.
+fn timecode(frame: usize, fps: f64) -> String {
+    let rate = (fps.round() as usize).max(1);
+    let seconds = frame / rate;
+    format!("{:02}:{:02}:{:02}:{:02}.000", seconds / 3600, seconds / 60 % 60, seconds % 60, frame % rate)
+}
+
+/// Writes the coefficients as Live Link Face records them: `Timecode,BlendShapeCount` (61), the 52 coefficients with a capital first letter,
+/// nine angles.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_live_link(path: &Path, fps: f64, frames: &[[f64; 52]]) -> Result<(), OutputError> {
+    let capital = |name: &str| name[..1].to_uppercase() + &name[1..];
+    write_atomic(path, |writer| {
+        let mut csv = crate::output::csv_writer(writer);
+        let start = ["Timecode".to_owned(), "BlendShapeCount".to_owned()];
+        let names = COEFFICIENTS.iter().map(|name| capital(name)).chain(LIVE_LINK_ROTATIONS.map(str::to_owned));
+        csv.write_record(start.into_iter().chain(names)).map_err(io::Error::from)?;
+        for (frame, values) in frames.iter().enumerate() {
+            let start = [timecode(frame, fps), (COEFFICIENTS.len() + LIVE_LINK_ROTATIONS.len()).to_string()];
+            let rest = LIVE_LINK_ROTATIONS.map(|_| "0".to_owned());
+            let row = start.into_iter().chain(values.iter().map(|&v| nine_digits(v))).chain(rest);
+            csv.write_record(row).map_err(io::Error::from)?;
+        }
+        csv.flush()
+    })
 }
 
 /// Writes `frame,time_s` and the 52 coefficients.
@@ -191,6 +267,34 @@ mod tests {
     }
 
     #[test]
+    fn what_is_limited_or_has_no_name_is_said() {
+        let mut frames = [[0.0; 52]; 3];
+        (frames[0][17], frames[1][17], frames[2][0]) = (1.5, 1.25, -0.5);
+        let limited = |coefficient, frames, farthest| Limited { coefficient, frames, farthest };
+        assert_eq!(limit(&mut frames), [limited("eyeBlinkLeft", 1, -0.5), limited("jawOpen", 2, 1.5)]);
+        assert_eq!((frames[0][17], frames[1][17], frames[2][0]), (1.0, 1.0, 0.0));
+        assert_eq!(unnamed(&names(&["jawOpen", "smirk"]), None), ["smirk"]);
+    }
+
+    #[test]
+    fn live_link_has_its_names_and_timecodes() {
+        assert_eq!(timecode(0, 60.0), "00:00:00:00.000");
+        // Frame 215 999 at 60 a second: the last of the first hour; then 30000/1001 counts 30 frames for a second.
+        assert_eq!((timecode(215_999, 60.0), timecode(31, 29.97)), ("00:59:59:59.000".to_owned(), "00:00:01:01.000".to_owned()));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("l.csv");
+        write_live_link(&path, 25.0, &[[0.5; 52]]).unwrap();
+        let text = std::fs::read_to_string(path).unwrap();
+        let lines: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
+        assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 63, 63));
+        assert_eq!(lines[0][..4], ["Timecode", "BlendShapeCount", "EyeBlinkLeft", "EyeLookDownLeft"]);
+        assert_eq!(
+            (lines[0][53], lines[0][54], lines[1][1], lines[1][53], lines[1][54]),
+            ("TongueOut", "HeadYaw", "61", "0.5", "0")
+        );
+    }
+
+    #[test]
     fn every_shape_of_the_table_is_a_coefficient() {
         let all = names(&COEFFICIENTS);
         let expressions = dominant_expressions(&all).unwrap();
@@ -210,11 +314,11 @@ mod tests {
         let values = coefficients(&shapes, None, RegionScheme::Halves, &weights).unwrap();
         assert_eq!((values[at("mouthSmileLeft")], values[at("mouthSmileRight")]), (0.5, 0.2));
         assert!((values[at("jawOpen")] - 0.6).abs() < 1e-12);
-        // One member of half a smile and a full jaw, weighing 0.5; a second of 4 jaws, weighing 1: limited to 1.
+        // One member of half a smile and a full jaw, weighing 0.5; a second of 4 jaws, weighing 1.
         let composition = Composition { shapes, weights: vec![vec![0.5, 0.5, 1.0, 0.0], vec![0.0, 0.0, 4.0, 0.0]] };
         let members = names(&["a", "b"]);
         let values = coefficients(&members, Some(&composition), RegionScheme::Whole, &[vec![0.5, 1.0]]).unwrap();
-        assert_eq!((values[at("mouthSmileLeft")], values[at("jawOpen")], values[at("tongueOut")]), (0.25, 1.0, 0.0));
+        assert_eq!((values[at("mouthSmileLeft")], values[at("jawOpen")], values[at("tongueOut")]), (0.25, 4.5, 0.0));
         assert!(coefficients(&members, None, RegionScheme::Whole, &[vec![0.5, 1.0]]).is_none());
     }
 }

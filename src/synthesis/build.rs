@@ -22,6 +22,8 @@ pub struct BuildOptions {
     pub landmarks: Option<PathBuf>,
     /// Part of the surface that is kept, by its name in the source's manifest.
     pub part: Option<String>,
+    /// Mesh of a glTF file; by default the one with most targets of `ARKit` names.
+    pub mesh: Option<String>,
     /// Rounds of smooth subdivision.
     pub subdivide: usize,
     /// Unit of lengths, in words; `None` for what the source says.
@@ -48,6 +50,8 @@ pub struct BuildSummary {
     pub feature_points_from: String,
     /// Feature points of a face's skin that it does not have.
     pub missing: Vec<FeaturePoint>,
+    /// Meshes of the source that were not taken, with the number of their morph targets.
+    pub other_meshes: Vec<String>,
 }
 
 /// Builds a bank file from a source. Memory: the neutral mesh, the subdivision rule and one member (for `NumPy` arrays and folders; a
@@ -60,7 +64,7 @@ pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> 
         let (found, expected) = (options.subdivide.to_string(), format!("0 to {MAX_SUBDIVIDE}"));
         return Err(BankError::Number { what: "the number of subdivisions", found, expected });
     }
-    let mut source = BankSource::open(source_path)?;
+    let mut source = BankSource::open(source_path, options.mesh.as_deref())?;
     let kept = match &options.part {
         None => source.mesh.vertex_count(),
         Some(name) => *source
@@ -96,6 +100,7 @@ pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> 
         feature_points: points,
         feature_points_from: from,
         missing,
+        other_meshes: source.about.other_meshes,
     })
 }
 

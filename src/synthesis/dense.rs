@@ -12,7 +12,7 @@ use crate::{mesh::read_npy_rows, pose::DenseFaces};
 /// # Errors
 /// [`BankError`] when an array does not read or the landmarks are not told.
 pub fn read_dense_faces(folder: &Path, modes: usize) -> Result<DenseFaces, BankError> {
-    let mut source = BankSource::open(folder)?;
+    let mut source = BankSource::open(folder, None)?;
     let landmarks = source.about.landmarks.clone().ok_or_else(|| BankError::Source {
         path: folder.to_owned(),
         reason: "no `landmarks_multipie68` in manifest.json, the vertices of the 68 landmarks".to_owned(),

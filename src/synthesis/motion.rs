@@ -50,7 +50,28 @@ pub struct Motion {
     pub scale: Option<[f64; 5]>,
 }
 
+/// Frames between two key frames of a representative: 5 make 25 frames of its 5, as in its FAP file.
+pub const BETWEEN: usize = 5;
+
+/// Frames per second where a motion does not say.
+pub const DEFAULT_FPS: f64 = 25.0;
+
+/// Share of the farthest motion that tracking may give a point at rest.
+pub const NOISE: f64 = 0.05;
+
 impl Motion {
+    /// The motion as it is animated: by default [`BETWEEN`] frames between the key frames of a model and none between others', and
+    /// [`NOISE`] taken for rest but for feature points that a CSV file gives.
+    pub fn as_animated(&self, between: Option<usize>, noise: Option<f64>) -> Self {
+        let between = between.unwrap_or(if self.kind == MotionKind::Model { BETWEEN } else { 0 });
+        self.without_noise(noise.unwrap_or_else(|| self.default_noise())).with_frames_between(between)
+    }
+
+    /// Share of the farthest motion under which a point of such a motion is taken to be at rest.
+    pub fn default_noise(&self) -> f64 {
+        if self.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE }
+    }
+
     /// The motion with `between` frames put between every two, on straight lines.
     pub fn with_frames_between(&self, between: usize) -> Self {
         let mut frames = Vec::new();

@@ -8,7 +8,7 @@ use std::{
 
 use serde::Deserialize;
 
-use super::{BankError, bank::check_member};
+use super::{BankError, arkit::coefficient, bank::check_member};
 use crate::mesh::{
     MeshFileError, NpyRows, TriangleMesh, gltf::read_gltf, read_npy_indices, read_npy_rows, read_obj, read_ply, sub,
 };
@@ -37,6 +37,8 @@ pub struct About {
     pub parts: BTreeMap<String, usize>,
     /// `feature_points.csv` of the folder.
     pub feature_points: Option<PathBuf>,
+    /// Other meshes of a glTF file that have morph targets, with their number.
+    pub other_meshes: Vec<String>,
 }
 
 enum Members {
@@ -50,9 +52,13 @@ impl BankSource {
     ///
     /// # Errors
     /// [`BankError`] for a folder or file that is no source, and for files that do not read.
-    pub fn open(path: &Path) -> Result<Self, BankError> {
+    pub fn open(path: &Path, mesh: Option<&str>) -> Result<Self, BankError> {
         if !path.is_dir() {
-            return open_gltf(path);
+            return open_gltf(path, mesh);
+        }
+        if let Some(mesh) = mesh {
+            let reason = format!("`{mesh}` is asked for by name, but only a .glb or .gltf file has named meshes");
+            return Err(BankError::Source { path: path.to_owned(), reason });
         }
         if path.join("neutral_vertices.npy").is_file() {
             return open_arrays(path);
@@ -124,13 +130,13 @@ fn open_folder(path: &Path) -> Result<BankSource, BankError> {
     Ok(BankSource { mesh: read_mesh(&neutral)?, names, about, members: Members::Files(files.into_iter()) })
 }
 
-fn open_gltf(path: &Path) -> Result<BankSource, BankError> {
+fn open_gltf(path: &Path, mesh: Option<&str>) -> Result<BankSource, BankError> {
     if !has_extension(path, "glb") && !has_extension(path, "gltf") {
         let reason = "a folder, a .glb or a .gltf file was expected".to_owned();
         return Err(BankError::Source { path: path.to_owned(), reason });
     }
-    let morphs = read_gltf(path)?;
-    let about = About { unit: "metre".to_owned(), ..About::default() };
+    let morphs = read_gltf(path, mesh, |target| coefficient(target).is_some())?;
+    let about = About { unit: "metre".to_owned(), other_meshes: morphs.others, ..About::default() };
     Ok(BankSource { mesh: morphs.mesh, names: morphs.names, about, members: Members::Targets(morphs.targets.into_iter()) })
 }
 
@@ -208,6 +214,7 @@ fn open_arrays(path: &Path) -> Result<BankSource, BankError> {
         // Only parts that start at the first vertex can be cut off without renumbering.
         parts: manifest.regions.into_iter().filter(|(_, p)| p.vertices[0] == 0).map(|(name, p)| (name, p.vertices[1])).collect(),
         feature_points: points.is_file().then_some(points),
+        other_meshes: Vec::new(),
     };
     Ok(BankSource { mesh, names, about, members: Members::Arrays(rows) })
 }

@@ -67,6 +67,10 @@ fn arrays_and_gltf_are_sources_too() {
     work.grimace("bank build out/animation.glb --feature-points fp.csv -o again.bank")
         .exit(0)
         .prints(&["9 vertices, 8 triangles, 2 members"]);
+    work.grimace("bank build out/animation.glb --feature-points fp.csv -o x.bank --mesh Nose")
+        .exit(1)
+        .says(&["`Nose`", "(2 targets)"]);
+    work.grimace("bank build meshes -o x.bank --mesh Nose").exit(1).says(&["only a .glb or .gltf file has named meshes"]);
     work.grimace("bank info again.bank").exit(0).prints(&["smile", "open", "unit            metre"]);
 }
 

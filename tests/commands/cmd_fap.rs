@@ -290,6 +290,70 @@ fn convert_writes_what_a_reader_needs() {
     assert!(!work.path("x.fap").exists());
 }
 
+/// A mask line as Greta's C++ readers need it: they take a flag from each blank to the one before.
+fn flags_between_blanks(line: &str) -> usize {
+    line.matches(' ').count()
+}
+
+#[test]
+fn files_for_greta_have_a_blank_behind_every_mask_and_keep_it() {
+    let work = Work::new();
+    work.write("joy.fap", strict());
+    work.fap("convert joy.fap --profile greta -o greta.fap").success();
+    let greta = work.read("greta.fap");
+    let masks: Vec<&str> = greta.lines().skip(1).step_by(2).collect();
+    assert!(masks.iter().all(|line| flags_between_blanks(line) == 68 && line.ends_with("0 ")), "{greta}");
+    assert_eq!(greta.replace(" \n", "\n"), strict());
+    work.fap("check --strict greta.fap").success().stdout(contains("1 file checked: 0 errors"));
+    // Written anew it stays what it is; for all readers only where that is asked for.
+    work.fap("convert greta.fap -o again.fap").success().stderr(contains("written for Greta"));
+    assert_eq!(work.read("again.fap"), greta);
+    work.fap("convert greta.fap --profile strict -o strict.fap").success();
+    assert_eq!(work.read("strict.fap"), strict());
+    work.fap("convert greta.fap --fps 50 -o fast.fap").success();
+    assert!(work.read("fast.fap").starts_with("2.1 joy 50 5\n") && !work.read("fast.fap").contains(" \n"));
+    // A blank elsewhere is still a deviation.
+    work.write("blank.fap", strict().replace("joy 25 3\n", "joy 25 3 \n"));
+    work.fap("check blank.fap").success().stdout(contains("trailing-blank"));
+}
+
+#[test]
+fn lips_that_xface_shows_otherwise_are_named_by_the_strict_check() {
+    let work = Work::new();
+    let m = mask(&[4, 51]);
+    work.write("lips.fap", format!("2.1 joy 25 3\n{m}\n0 5 10\n{m}\n1 0 20\n{m}\n2 0 30\n"));
+    work.fap("check lips.fap").success().stdout("1 file checked: 0 errors, 0 warnings\n");
+    let strict = work.fap("check --strict lips.fap").success();
+    strict.stdout(contains("lips.fap:5: warning lip-at-rest: FAP 4").and(contains("at most 30")).and(contains("(2 times)")));
+    work.fap("convert lips.fap --profile xface -o xface.fap").success();
+    work.fap("check --strict xface.fap").success().stdout("1 file checked: 0 errors, 0 warnings\n");
+}
+
+#[test]
+fn a_file_that_sets_nothing_goes_to_csv_and_back() {
+    let work = Work::new();
+    let m = mask(&[]);
+    let nothing = format!("2.1 nothing 25 2\n{m}\n0\n{m}\n1\n");
+    work.write("nothing.fap", &nothing);
+    work.fap("convert nothing.fap -o same.fap").success();
+    assert_eq!(work.read("same.fap"), nothing);
+    work.fap("convert nothing.fap -o nothing.csv").success();
+    assert_eq!(work.read("nothing.csv"), "frame,fap,name,value\n1,,,\n");
+    work.fap("convert nothing.csv -o nothing.fap --force").success();
+    assert_eq!(work.read("nothing.fap"), nothing);
+}
+
+#[test]
+fn info_and_check_count_alike() {
+    let work = Work::new();
+    // FAP 31 beyond the standard's 1800, and CRLF.
+    work.write("wide.fap", strict().replace("-60", "9000").replace('\n', "\r\n"));
+    let checked = work.json("check --json wide.fap")["files"][0]["findings"].as_array().unwrap().len();
+    assert_eq!(checked, 2);
+    assert_eq!(work.json("info --json wide.fap")["files"][0]["findings"].as_array().unwrap().len(), checked);
+    work.fap("info wide.fap").success().stdout(contains("2 deviations tolerated"));
+}
+
 #[test]
 fn convert_goes_to_csv_and_back() {
     let work = Work::new();

@@ -242,3 +242,39 @@ fn only_regular_files_are_written_and_links_stay_links() {
     assert!(!work.path("nowhere").exists() && !work.path("pipe").is_file());
     work.grimace("run faces -o out -j 100000").exit(2).says(&["expected a whole number from 0 to 1024"]);
 }
+
+#[test]
+fn landmarks_are_marks_too() {
+    let work = Work::new();
+    let frame = crate::common::root().join("fixtures/simulated/S001/005/S001_005_00000001.jpg").display().to_string();
+    // 68 landmarks of the first frame, from the simulation's truth of the nodes that they stand for; the others beside the chin.
+    let truth = std::fs::read_to_string(crate::common::root().join("fixtures/simulated/truth/S001_005.csv")).unwrap();
+    let nodes: Vec<[f64; 2]> = truth
+        .lines()
+        .skip(1)
+        .filter_map(|line| line.strip_prefix("1,"))
+        .map(|line| {
+            let numbers: Vec<f64> = line.split(',').map(|n| n.parse().unwrap()).collect();
+            [numbers[1], numbers[2]]
+        })
+        .collect();
+    let face = grimace::wireframe::Face::candide3();
+    let mut points = vec![nodes[10]; 68];
+    for row in &face.tables.landmarks {
+        if let [(node, _)] = row.nodes[..] {
+            points[usize::from(row.landmark)] = nodes[node.index()];
+        }
+    }
+    let table: String = points.iter().enumerate().map(|(k, [x, y])| format!("{k},{x},{y}\n")).collect();
+    let pts: String = points.iter().map(|[x, y]| format!("{} {}\n", x + 1.0, y + 1.0)).collect();
+    work.write("marks.csv", format!("point,x,y\n{table}"));
+    work.write("marks.pts", format!("version: 1\nn_points: 68\n{{\n{pts}}}\n"));
+    for marks in ["marks.csv", "marks.pts"] {
+        work.grimace(&format!("fit {frame} -c {marks} -o {marks}.fit.csv")).exit(0);
+    }
+    assert_eq!(work.rows("marks.csv.fit.csv").len(), 113);
+    let near = |a: &str, b: &str| (a.parse::<f64>().unwrap() - b.parse::<f64>().unwrap()).abs() < 1e-4;
+    for (a, b) in work.rows("marks.csv.fit.csv").iter().zip(work.rows("marks.pts.fit.csv")) {
+        assert!(near(&a["x"], &b["x"]) && near(&a["y"], &b["y"]));
+    }
+}

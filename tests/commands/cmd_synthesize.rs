@@ -166,6 +166,10 @@ fn a_bank_of_one_member_and_arkit_names_work() {
         work.grimace(&format!("synthesize -b one.bank -m m.csv -o {solver} --solver {solver} --format pictures --fps 10"))
             .exit(0)
             .prints(&["fitness           1.0000"]);
+        let live_link = work.read(&format!("{solver}/livelink.csv"));
+        // Ten frames a second: the second frame is number 1 of second 0.
+        assert!(live_link.starts_with("Timecode,BlendShapeCount,EyeBlinkLeft,"), "{live_link}");
+        assert!(live_link.lines().nth(2).unwrap().starts_with("00:00:00:01.000,61,0,"), "{live_link}");
         let arkit = work.read(&format!("{solver}/arkit.csv"));
         let mut rows = csv::Reader::from_reader(arkit.as_bytes());
         let header = rows.headers().unwrap().clone();

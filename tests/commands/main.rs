@@ -16,6 +16,7 @@ mod cmd_fit;
 mod cmd_lab;
 mod cmd_locate;
 mod cmd_opencv;
+mod cmd_package;
 mod cmd_play;
 mod cmd_populations;
 mod cmd_prior;

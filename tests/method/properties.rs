@@ -156,7 +156,7 @@ proptest! {
             fit: FitOptions { force: a, prior: PriorKind::None },
             track: TrackOptions { window: b, extreme: c, force: b / 3.0, ..TrackOptions::default() },
             statistics: StatisticsOptions { alpha: b / 2.0, ..StatisticsOptions::default() },
-            fap: FapOptions { between, fps: 30 },
+            fap: FapOptions { between, fps: 30, ..FapOptions::default() },
             by: vec!["a\"b".to_owned(), "ü".to_owned()],
             marks: LandmarkSelection::default(),
             ..PipelineOptions::default()

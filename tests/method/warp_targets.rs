@@ -9,7 +9,7 @@ use std::{
 };
 
 use grimace::{
-    clone::{Target, read_marks},
+    clone::Target,
     dataset::{Dataset, LandmarkSelection},
     fit::Correspondence,
     pipeline::{PipelineOptions, Workbench},
@@ -112,7 +112,7 @@ fn portraits_move_without_holes_and_without_touching_the_background() {
         let stem = path.file_stem().unwrap().to_string_lossy().into_owned();
         let marks = folder.join(format!("{stem}_landmarks68_auto.csv"));
         for selection in [LandmarkSelection::Default, LandmarkSelection::HighAndMedium] {
-            let marks = read_marks(&marks, &selection, &bench).unwrap();
+            let marks = grimace::dataset::read_marks(&marks, &selection, &bench.tables, bench.wireframe.node_count()).unwrap();
             check(&format!("{stem} {selection:?}"), read_colour(path).unwrap(), &marks, &bench);
         }
         count += 1;

@@ -142,7 +142,11 @@ export class Marking {
   }
 
   accept() {
-    if (!this.proposals.length) return;
+    if (!this.proposals.length) {
+      this.waiting = document.getElementById('proposal-bar').dataset.answered !== this.id;
+      if (this.waiting) this.render();
+      return;
+    }
     this.change(() => {
       for (const p of this.proposals) this.marks.set(p.node, { ...p, kind: 'mark' });
       this.proposals = [];
@@ -232,6 +236,7 @@ export class Marking {
   async propose() {
     const id = this.id;
     this.proposalNote = '';
+    this.waiting = false;
     try {
       const answer = await ask(sequencePath(id, '/proposals'));
       if (id !== this.id) return;
@@ -244,6 +249,7 @@ export class Marking {
       if (!(error instanceof Refusal)) throw error;
       this.proposalNote = error.message;
     }
+    this.waiting = false;
     this.render();
     document.getElementById('proposal-bar').dataset.answered = id;
   }
@@ -404,12 +410,12 @@ export class Marking {
     else if (next === null) hint = 'A node that lies off can be dragged to its place. Enter or › goes on.';
     text('hint', hint);
     const bar = document.getElementById('proposal-bar');
-    bar.hidden = !this.proposals.length && !(this.proposalNote && !count);
+    bar.hidden = !this.proposals.length && !(this.proposalNote && !count) && !this.waiting;
     document.getElementById('accept').parentElement.hidden = !this.proposals.length;
     const from = { landmarks: 'proposed from the dataset’s landmarks', found: 'found in the picture', cascades: 'proposed from OpenCV’s face cascades' }[this.source];
     const doubt = this.proposalNote ? ` ${sentence(this.proposalNote)}.` : '';
     const how = this.source === 'found' ? ' Each disc is as large as the error to expect; drag what lies off.' : '';
-    text('proposal-text', this.proposals.length ? `${this.proposals.length} points ${from}.${how}${doubt} They count only once accepted.` : `No proposals: ${this.proposalNote}.`);
+    text('proposal-text', this.proposals.length ? `${this.proposals.length} points ${from}.${how}${doubt} They count only once accepted.` : this.waiting ? 'Points are still being looked for: press A again when they are shown.' : `No proposals: ${this.proposalNote}.`);
   }
 
   draw() {

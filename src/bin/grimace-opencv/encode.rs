@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Codecs of a container, best first.
-fn codecs(format: Option<&str>) -> Option<&'static [&'static [u8; 4]]> {
+pub fn codecs(format: Option<&str>) -> Option<&'static [&'static [u8; 4]]> {
     match format? {
         "mp4" => Some(&[b"avc1", b"mp4v"]),
         "webm" => Some(&[b"VP90", b"VP80"]),
@@ -60,7 +60,8 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
 fn open(path: &str, codecs: &[&[u8; 4]], fps: f64, size: Size) -> Result<Option<VideoWriter>, Trouble> {
     for codec in codecs {
         let [a, b, c, d] = codec.map(char::from);
-        let writer = VideoWriter::new(path, VideoWriter::fourcc(a, b, c, d)?, fps, size, true)?;
+        let fourcc = VideoWriter::fourcc(a, b, c, d)?;
+        let writer = VideoWriter::new(path, fourcc, fps, size, true)?;
         if writer.is_opened()? {
             return Ok(Some(writer));
         }

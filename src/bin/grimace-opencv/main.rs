@@ -5,6 +5,7 @@
 //! ends when its input does.
 #![deny(unsafe_code)]
 
+mod about;
 mod decode;
 mod encode;
 mod faces;
@@ -52,6 +53,10 @@ fn main() -> ExitCode {
     let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
     match arguments.first().and_then(|word| word.to_str()) {
         Some("--version" | "-V") => println!("grimace-opencv {}", env!("CARGO_PKG_VERSION")),
+        Some("--about") => {
+            configure();
+            about::lines().iter().for_each(|line| println!("{line}"));
+        }
         Some("--help" | "-h") => println!("{USAGE}"),
         Some(work @ ("decode" | "encode" | "faces" | "klt")) => return run(work, &arguments[1..]),
         _ => {

@@ -5,12 +5,15 @@
 //! | own | CSV `frame,x0,y0,...,x67,y67` | column `frame` | px from 0 |
 //! | `OpenFace` | CSV with `frame`, `confidence`, `success`, `x_0..x_67`, `y_0..y_67` among others | column `frame` | px from 0 |
 //! | iBUG | a `.pts` file per frame | last number in the name | px from 1; shifted to 0 here |
+//! | `MediaPipe` | CSV as own, with 468 or 478 points; where they are shares of the picture, with `width` and `height` | column `frame` | px from 0, or shares |
 //! | CK+ | a text file per frame, 68 lines `x y` | last number in the name | px, as they are |
 //!
 //! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down. A
+//! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in their order. A
 //! frame is *lost* when its row says so (`success` 0, a confidence under the least one, or no coordinates at all).
 
 mod correspond;
+mod mediapipe;
 mod points;
 mod sequence;
 mod table;
@@ -27,6 +30,7 @@ use super::frames::{has_extension, last_digits, visible};
 use crate::{input::InputError, units::NodeId};
 
 pub use correspond::{DEFAULT_LANDMARK_NODES, LandmarkSelection, correspondences_from_landmarks};
+pub(super) use points::read as read_points;
 pub use sequence::{LandmarkFrame, LandmarkSequence};
 
 /// Points of the scheme.
@@ -54,6 +58,8 @@ pub struct LandmarkTrack {
     pub lost: Vec<u32>,
     /// Confidence under which a frame counted as lost.
     pub least_confidence: f64,
+    /// Frames per second by the column `timestamp`.
+    pub fps: Option<f64>,
 }
 
 /// Landmarks that do not read or do not serve.
@@ -123,15 +129,26 @@ pub enum LandmarksError {
         /// What should be there.
         expected: &'static str,
     },
-    /// A table of more than one face.
-    #[error("{}: frame {frame} has {faces} faces; keep the rows of one `face_id`", path.display())]
-    SeveralFaces {
+    /// A face that the table does not have.
+    #[error("{}: no row has the `face_id` {face}; there are {}", path.display(), crate::output::listed(found, 10))]
+    NoSuchFace {
         /// The file.
         path: PathBuf,
-        /// The first such frame.
-        frame: u32,
-        /// Faces in it.
-        faces: usize,
+        /// The face asked for.
+        face: String,
+        /// The faces there are.
+        found: Vec<String>,
+    },
+    /// Points that are shares of the picture, whose size is not told.
+    #[error(
+        "{}, line {line}: the points are shares of the picture's width and height (0 to 1); add the columns `width` and `height`, px, or \
+         multiply by them", path.display()
+    )]
+    Normalized {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
     },
     /// A folder with more than one set of landmarks.
     #[error("{}: more than one set of landmarks: {}; name one in the manifest's column `landmarks`, or leave one in the folder", folder.display(), found.join(", "))]
@@ -314,13 +331,22 @@ pub fn read_landmarks(path: &Path) -> Result<LandmarkTrack, LandmarksError> {
 /// # Errors
 /// As [`read_landmarks`].
 pub fn read_landmarks_with(path: &Path, least_confidence: f64) -> Result<LandmarkTrack, LandmarksError> {
+    read_face(path, least_confidence, None)
+}
+
+/// [`read_landmarks_with`] of the face with a `face_id`; by default of the one that is found in most frames, of equals the largest.
+///
+/// # Errors
+/// As [`read_landmarks`], and [`LandmarksError::NoSuchFace`].
+pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Result<LandmarkTrack, LandmarksError> {
     let files = landmark_files(path)?;
-    let mut track = LandmarkTrack { path: path.to_owned(), files, frames: BTreeMap::new(), lost: Vec::new(), least_confidence };
+    let (frames, lost) = (BTreeMap::new(), Vec::new());
+    let mut track = LandmarkTrack { path: path.to_owned(), files, frames, lost, least_confidence, fps: None };
     match &track.files[..] {
         [] => {}
         [file] if file == path || has_extension(file, &["csv"]) => {
             let file = file.clone();
-            table::read(&file, &mut track)?;
+            table::read(&file, face, &mut track)?;
         }
         files => {
             for file in files {

@@ -1,10 +1,10 @@
-//! Tables: a row per frame, columns by name.
+//! Tables: a row per frame and face, columns by name.
 
 use std::{collections::BTreeMap, path::Path};
 
 use nalgebra::Point2;
 
-use super::{Form, LANDMARK_COUNT, LandmarkTrack, LandmarksError, form_of};
+use super::{Form, LANDMARK_COUNT, LandmarkTrack, LandmarksError, form_of, mediapipe};
 use crate::{
     input::{CsvFile, CsvRow, InputError, InputErrorKind},
     text::excerpt,
@@ -26,66 +26,151 @@ fn points(csv: &CsvFile) -> Vec<(usize, usize)> {
     if own.is_empty() { columns("_") } else { own }
 }
 
-/// Reads a table into `track`.
-pub(super) fn read(path: &Path, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
+/// Columns beside the points.
+struct Columns {
+    points: Vec<(usize, usize)>,
+    confidence: Option<usize>,
+    success: Option<usize>,
+    face: Option<usize>,
+    timestamp: Option<usize>,
+    /// Width and height of the picture, px.
+    size: Option<(usize, usize)>,
+}
+
+/// A row as it was read.
+struct Row {
+    frame: u32,
+    face: String,
+    /// Seconds.
+    time: Option<f64>,
+    /// `None` for a face that was lost.
+    points: Option<Vec<Point2<f64>>>,
+}
+
+/// Reads a table into `track`: of several faces the one asked for, else the one that is found in most frames, of equals the largest.
+pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
     let csv = CsvFile::open(path)?;
-    let [frame_column] = csv.require(["frame"])?;
-    let columns = points(&csv);
-    if columns.len() != LANDMARK_COUNT {
-        return Err(LandmarksError::Count { path: path.to_owned(), found: columns.len() });
+    let [frame] = csv.require(["frame"])?;
+    let points = points(&csv);
+    if points.len() != LANDMARK_COUNT && !mediapipe::COUNTS.contains(&points.len()) {
+        return Err(LandmarksError::Count { path: path.to_owned(), found: points.len() });
     }
-    let [confidence, success, face] = ["confidence", "success", "face_id"].map(|name| csv.column(name));
-    let mut faces: BTreeMap<u32, Vec<String>> = BTreeMap::new();
+    let [confidence, success, face_id, timestamp] =
+        ["confidence", "success", "face_id", "timestamp"].map(|name| csv.column(name));
+    let size = ["", "image_"]
+        .iter()
+        .find_map(|start| Some((csv.column(&format!("{start}width"))?, csv.column(&format!("{start}height"))?)));
+    let columns = Columns { points, confidence, success, face: face_id, timestamp, size };
+    let mut rows = Vec::new();
     for row in csv.rows() {
         let row = row.map_err(|error| explained(error, ""))?;
-        let frame = row.whole_number(frame_column)?;
-        if let Some(face) = face {
-            let seen = faces.entry(frame).or_default();
-            seen.push(row.get(face).to_owned());
-            seen.dedup();
-            if seen.len() > 1 {
-                return Err(LandmarksError::SeveralFaces { path: path.to_owned(), frame, faces: seen.len() });
-            }
+        rows.push(read_row(&row, frame, &columns, track.least_confidence, path)?);
+    }
+    let mut faces: BTreeMap<String, Vec<Row>> = BTreeMap::new();
+    let all_rows = rows.len();
+    let unnumbered = all_rows > 1 && rows.iter().all(|row| row.frame == 0);
+    rows.into_iter().for_each(|row| faces.entry(row.face.clone()).or_default().push(row));
+    if unnumbered && faces.len() < all_rows {
+        // OpenFace's FaceLandmarkImg writes 0 for every picture: they are frames in the order of the rows.
+        faces.values_mut().for_each(|rows| (1..).zip(rows).for_each(|(number, row)| row.frame = number));
+    }
+    let ids: Vec<String> = faces.keys().cloned().collect();
+    let rows = match face.map(str::trim).filter(|face| !face.is_empty()) {
+        Some(face) => faces.remove(face).ok_or_else(|| LandmarksError::NoSuchFace {
+            path: path.to_owned(),
+            face: face.to_owned(),
+            found: ids,
+        })?,
+        None => longest(faces),
+    };
+    take(rows, path, track)
+}
+
+/// The rows of the face that is found in most frames, of equals the largest, of these the first.
+fn longest(faces: BTreeMap<String, Vec<Row>>) -> Vec<Row> {
+    let worth = |rows: &[Row]| {
+        let found = rows.iter().filter_map(|row| row.points.as_deref());
+        (found.clone().count(), found.map(extent).fold(0.0, f64::max))
+    };
+    let mut best: Option<((usize, f64), Vec<Row>)> = None;
+    for rows in faces.into_values() {
+        let worth = worth(&rows);
+        if best.as_ref().is_none_or(|(known, _)| worth.0 > known.0 || worth.0 == known.0 && worth.1 > known.1) {
+            best = Some((worth, rows));
         }
+    }
+    best.map(|(_, rows)| rows).unwrap_or_default()
+}
+
+/// Diagonal of the smallest box around points.
+fn extent(points: &[Point2<f64>]) -> f64 {
+    let Some(&first) = points.first() else { return 0.0 };
+    let (low, high) = points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
+    (high - low).norm()
+}
+
+/// Enters one face's rows.
+fn take(rows: Vec<Row>, path: &Path, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
+    let times: Vec<(u32, f64)> = rows.iter().filter_map(|row| Some((row.frame, row.time?))).collect();
+    if let (Some(&(first, start)), Some(&(last, end))) = (times.first(), times.last())
+        && last > first
+        && end > start
+    {
+        track.fps = Some(f64::from(last - first) / (end - start));
+    }
+    for Row { frame, points, .. } in rows {
         if track.frames.contains_key(&frame) || track.lost.contains(&frame) {
             return Err(LandmarksError::DuplicateFrame { path: path.to_owned(), frame });
         }
-        if is_lost(&row, confidence, success, &columns, track.least_confidence)? {
-            track.lost.push(frame);
-            continue;
+        match points {
+            Some(points) => {
+                track.frames.insert(frame, points);
+            }
+            None => track.lost.push(frame),
         }
-        let number = |column: usize| row.number(column).map_err(|error| explained(error, row.get(column)));
-        let mut points = Vec::with_capacity(LANDMARK_COUNT);
-        for &(x, y) in &columns {
-            points.push(Point2::new(number(x)?, number(y)?));
-        }
-        track.frames.insert(frame, points);
     }
     track.lost.sort_unstable();
     Ok(())
 }
 
+fn read_row(row: &CsvRow<'_>, frame: usize, columns: &Columns, least: f64, path: &Path) -> Result<Row, LandmarksError> {
+    let number = |column: usize| row.number(column).map_err(|error| explained(error, row.get(column)));
+    let face = columns.face.map(|k| row.get(k).to_owned()).unwrap_or_default();
+    let frame = row.whole_number(frame)?;
+    let time = columns.timestamp.filter(|&k| !row.get(k).is_empty()).map(number).transpose()?;
+    if is_lost(row, columns, least)? {
+        return Ok(Row { frame, face, time, points: None });
+    }
+    let mut points = Vec::with_capacity(columns.points.len());
+    for &(x, y) in &columns.points {
+        points.push(Point2::new(number(x)?, number(y)?));
+    }
+    if points.len() != LANDMARK_COUNT {
+        if mediapipe::is_normalized(&points) {
+            let (width, height) =
+                columns.size.ok_or_else(|| LandmarksError::Normalized { path: path.to_owned(), line: row.line() })?;
+            mediapipe::in_pixels(&mut points, number(width)?, number(height)?);
+        }
+        points = mediapipe::landmarks(&points);
+    }
+    Ok(Row { frame, face, time, points: Some(points) })
+}
+
 /// Whether a row says that the face was not found.
-fn is_lost(
-    row: &CsvRow<'_>,
-    confidence: Option<usize>,
-    success: Option<usize>,
-    columns: &[(usize, usize)],
-    least: f64,
-) -> Result<bool, LandmarksError> {
+fn is_lost(row: &CsvRow<'_>, columns: &Columns, least: f64) -> Result<bool, LandmarksError> {
     let given = |column: Option<usize>| column.filter(|&k| !row.get(k).is_empty());
     let number = |k: usize| row.number(k).map_err(|error| explained(error, row.get(k)));
-    if let Some(k) = given(success)
+    if let Some(k) = given(columns.success)
         && number(k)? <= 0.0
     {
         return Ok(true);
     }
-    if let Some(k) = given(confidence)
+    if let Some(k) = given(columns.confidence)
         && number(k)? < least
     {
         return Ok(true);
     }
-    Ok(columns.iter().all(|&(x, y)| row.get(x).is_empty() && row.get(y).is_empty()))
+    Ok(columns.points.iter().all(|&(x, y)| row.get(x).is_empty() && row.get(y).is_empty()))
 }
 
 /// An error of the table, with decimal commas named where they are the cause.

@@ -127,8 +127,63 @@ fn openface_reads_by_name_and_low_confidence_or_no_success_is_lost() {
     let path = folder.path().join("o.csv");
     fs::write(&path, open_face(&[(1, 0.98, 1), (2, 0.4, 1)])).unwrap();
     assert!(read_landmarks_with(&path, 0.3).unwrap().lost.is_empty());
-    let two = open_face(&[(1, 0.9, 1), (1, 0.9, 1)]).replacen("\n1, 0,", "\n1, 1,", 1);
-    assert!(csv(&two).unwrap_err().ends_with("frame 1 has 2 faces; keep the rows of one `face_id`"));
+}
+
+#[test]
+fn of_several_faces_the_longest_or_the_one_asked_for_is_read() {
+    // Face 1 is in frames 1 and 2, face 0 in frame 2 alone.
+    let two =
+        open_face(&[(1, 0.9, 1), (2, 0.9, 1), (2, 0.9, 1)]).replacen("\n1, 0,", "\n1, 1,", 1).replacen("\n2, 0,", "\n2, 1,", 1);
+    assert_eq!(csv(&two).unwrap().frames.keys().copied().collect::<Vec<_>>(), [1, 2]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("o.csv");
+    fs::write(&path, &two).unwrap();
+    let of = |face| read_face(&path, 0.5, Some(face)).map(|track| track.frames.len()).map_err(|e| e.to_string());
+    assert_eq!((of("0"), of("1")), (Ok(1), Ok(2)));
+    assert!(of("7").unwrap_err().ends_with("no row has the `face_id` 7; there are 0; 1"));
+}
+
+#[test]
+fn rows_of_frame_0_are_pictures_in_order_or_faces_of_one_picture() {
+    let pictures = csv(&open_face(&[(0, 0.9, 1), (0, 0.9, 0), (0, 0.9, 1)])).unwrap();
+    assert_eq!((pictures.frames.keys().copied().collect::<Vec<_>>(), pictures.lost), (vec![1, 3], vec![2]));
+    // Two faces of one picture: the second one is twice as large.
+    let text = open_face(&[(0, 0.9, 1), (0, 0.9, 1)]);
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let numbers: Vec<String> = lines[2].split(", ").map(str::to_owned).collect();
+    let larger = |k: usize, v: &String| match k {
+        1 => "1".to_owned(),
+        6.. => format!("{}", 2.0 * v.parse::<f64>().unwrap()),
+        _ => v.clone(),
+    };
+    lines[2] = numbers.iter().enumerate().map(|(k, v)| larger(k, v)).collect::<Vec<_>>().join(", ");
+    let faces = csv(&(lines.join("\n") + "\n")).unwrap();
+    assert_eq!(faces.frame(0).unwrap()[10], Point2::new(21.0, 21.0));
+}
+
+#[test]
+fn timestamps_tell_the_frame_rate() {
+    let text = open_face(&[(1, 0.9, 1), (5, 0.9, 1)]).replacen("5, 0, 0.04", "5, 0, 0.2", 1);
+    // Four frames in 0.16 seconds.
+    assert!((csv(&text).unwrap().fps.unwrap() - 25.0).abs() < 1e-9);
+    assert_eq!(csv(&open_face(&[(1, 0.9, 1), (2, 0.9, 1)])).unwrap().fps, None);
+}
+
+#[test]
+fn mediapipes_points_are_read_in_pixels_and_in_shares() {
+    let names: String = (0..478).map(|k| format!(",x{k},y{k},z{k}")).collect();
+    let row = |scale: f64, size: &str| {
+        let points: String = (0..478).map(|k| format!(",{},{},0", scale * f64::from(k), scale * f64::from(2 * k))).collect();
+        format!("1{size}{points}\n")
+    };
+    let pixels = csv(&format!("frame{names}\n{}", row(1.0, ""))).unwrap();
+    // The chin, landmark 8, is point 152.
+    assert_eq!(pixels.frame(1).unwrap()[8], Point2::new(152.0, 304.0));
+    let shares = csv(&format!("frame,width,height{names}\n{}", row(0.001, ",2000,1000"))).unwrap();
+    let chin = shares.frame(1).unwrap()[8];
+    assert!((chin.x - 303.5).abs() < 1e-9 && (chin.y - 303.5).abs() < 1e-9, "{chin}");
+    let unknown = csv(&format!("frame{names}\n{}", row(0.001, ""))).unwrap_err();
+    assert!(unknown.contains("line 2: the points are shares") && unknown.contains("`width`"), "{unknown}");
 }
 
 #[test]
@@ -204,6 +259,7 @@ fn numbers(frames: &[u32], lost: &[u32], first: Option<u32>, last: Option<u32>) 
         frames: frames.iter().map(|&f| (f, vec![Point2::origin(); 68])).collect(),
         lost: lost.to_vec(),
         least_confidence: 0.75,
+        fps: None,
     };
     let sequence = track.sequence(first, last).map_err(|e| e.to_string())?;
     Ok(sequence.frames.iter().map(|f| (f.number, f.points.is_some())).collect())

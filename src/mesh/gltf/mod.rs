@@ -38,7 +38,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.glb");
         fs::write(&path, bytes).unwrap();
-        read_gltf(&path)
+        read_gltf(&path, None, |_| false)
     }
 
     #[test]
@@ -67,6 +67,59 @@ mod tests {
         // Normals of the moved face minus those of the neutral one, of length 1 together.
         let normals: Vec<[f32; 3]> = reader.read_normals().unwrap().collect();
         assert!(normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-6));
+    }
+
+    /// The file with its JSON changed.
+    fn edited(change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
+        let whole = glb();
+        let length = u32::from_le_bytes(whole[12..16].try_into().unwrap()) as usize;
+        let mut root = serde_json::from_slice(&whole[20..20 + length]).unwrap();
+        change(&mut root);
+        let mut json = serde_json::to_vec(&root).unwrap();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let total = 20 + json.len() + whole.len() - 20 - length;
+        let mut bytes = whole[..8].to_vec();
+        bytes.extend((total as u32).to_le_bytes());
+        bytes.extend((json.len() as u32).to_le_bytes());
+        bytes.extend(&whole[16..20]);
+        bytes.extend(json);
+        bytes.extend(&whole[20 + length..]);
+        bytes
+    }
+
+    #[test]
+    fn of_several_meshes_the_one_with_the_wanted_targets_is_read() {
+        let bytes = edited(|root| {
+            let mut eye = root["meshes"][0].clone();
+            eye["name"] = "EyeLeft".into();
+            eye["extras"]["targetNames"] = serde_json::json!(["look"]);
+            eye["primitives"][0]["targets"].as_array_mut().unwrap().truncate(1);
+            root["meshes"][0]["name"] = "Face".into();
+            root["meshes"].as_array_mut().unwrap().insert(0, eye);
+        });
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("avatar.glb");
+        fs::write(&path, bytes).unwrap();
+        // Two targets are more than one, unless the one is what is wanted.
+        let face = read_gltf(&path, None, |_| false).unwrap();
+        assert_eq!((face.names.len(), &face.others[..]), (2, &["EyeLeft (1 targets)".to_owned()][..]));
+        assert_eq!(read_gltf(&path, None, |name| name == "look").unwrap().names, ["look"]);
+        assert_eq!(read_gltf(&path, Some("EyeLeft"), |_| false).unwrap().names, ["look"]);
+        let error = read_gltf(&path, Some("Nose"), |_| false).unwrap_err().to_string();
+        assert!(
+            error.contains("no mesh with morph targets is named `Nose`; there are EyeLeft (1 targets), Face (2 targets)"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn compressed_meshes_say_what_writes_them_plain_and_pictures_do_not_matter() {
+        let with = |key: &'static str, name: &'static str| edited(move |root| root[key] = serde_json::json!([name]));
+        for name in ["EXT_meshopt_compression", "KHR_draco_mesh_compression", "KHR_mesh_quantization"] {
+            let error = read(&with("extensionsUsed", name)).unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains("gltf-transform dequantize"), "{error}");
+        }
+        assert_eq!(read(&with("extensionsRequired", "EXT_texture_webp")).unwrap().names.len(), 2);
     }
 
     #[test]

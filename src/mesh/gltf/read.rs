@@ -1,4 +1,4 @@
-//! The first mesh with morph targets of a glTF or GLB file.
+//! A mesh with morph targets of a glTF or GLB file.
 
 use std::path::Path;
 
@@ -25,22 +25,39 @@ pub struct GltfMorphs {
     pub names: Vec<String>,
     /// Displacements of every vertex, target by target.
     pub targets: Vec<Vec<[f32; 3]>>,
+    /// The file's other meshes with morph targets, each with their number.
+    pub others: Vec<String>,
 }
 
-/// Reads the first mesh with morph targets. Transforms of nodes, normals and skins are not applied.
+/// Reads a mesh with morph targets: the one of this name, or the one that has most targets that count for `wanted`, of equals the one with
+/// most targets, the first of these. Transforms of nodes, normals and skins are not applied.
 ///
 /// # Errors
-/// [`MeshFileError`] for what is no glTF, has no morph targets or refers to data that is not there.
-pub fn read_gltf(path: &Path) -> Result<GltfMorphs, MeshFileError> {
+/// [`MeshFileError`] for what is no glTF, has no morph targets, no such mesh, is compressed, or refers to data that is not there.
+pub fn read_gltf(path: &Path, name: Option<&str>, wanted: impl Fn(&str) -> bool) -> Result<GltfMorphs, MeshFileError> {
     let bytes = crate::input::read(path).map_err(MeshFileError::io(path))?;
-    caught(|| parse(path, &bytes)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
+    caught(|| parse(path, &bytes, name, &wanted)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
 }
 
-fn parse(path: &Path, bytes: &[u8]) -> Result<GltfMorphs, MeshFileError> {
+/// Extensions that store a mesh in another way than is read here.
+const COMPRESSED: [&str; 4] =
+    ["EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_draco_mesh_compression", "KHR_mesh_quantization"];
+
+fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) -> bool) -> Result<GltfMorphs, MeshFileError> {
     let error = |reason: String| MeshFileError::format(path, reason);
     let invalid = |e: gltf::Error| error(format!("no valid glTF: {e}"));
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(invalid)?;
-    let root = document.into_json();
+    let mut root = document.into_json();
+    let used: Vec<&str> = root.extensions_used.iter().chain(&root.extensions_required).map(String::as_str).collect();
+    let compressed: Vec<&str> = COMPRESSED.into_iter().filter(|name| used.contains(name)).collect();
+    if !compressed.is_empty() {
+        return Err(error(format!(
+            "its meshes are stored with {}, which is not read: `gltf-transform dequantize IN.glb OUT.glb` writes them plain",
+            compressed.join(" and ")
+        )));
+    }
+    // Pictures are not looked at, however they are stored.
+    root.extensions_required.retain(|name| !name.contains("texture"));
     // The crate's validation takes the accessors of positions as given.
     let positions =
         root.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.attributes.get(&Checked::Valid(Semantic::Positions)));
@@ -49,8 +66,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<GltfMorphs, MeshFileError> {
     }
     let document = Document::from_json(root).map_err(invalid)?;
     let buffers = load_buffers(&document, blob, path)?;
-    let is_morphed = |mesh: &gltf::Mesh| mesh.primitives().any(|p| p.morph_targets().len() > 0);
-    let mesh = document.meshes().find(is_morphed).ok_or_else(|| error("no mesh with morph targets".to_owned()))?;
+    let (mesh, others) = choose(&document, name, wanted).map_err(error)?;
     let (mut positions, mut triangles, mut targets) = (Vec::new(), Vec::new(), Vec::<Vec<[f32; 3]>>::new());
     for primitive in mesh.primitives() {
         read_primitive(&primitive, &buffers, &mut positions, &mut triangles, &mut targets).map_err(error)?;
@@ -60,7 +76,37 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<GltfMorphs, MeshFileError> {
     for (name, target) in names.iter().zip(&targets) {
         check_finite(target).map_err(|e| error(format!("morph target `{name}`: {e}")))?;
     }
-    Ok(GltfMorphs { mesh, names, targets })
+    Ok(GltfMorphs { mesh, names, targets, others })
+}
+
+/// The mesh of a name, or the one with most targets that are wanted; and what is said of the other meshes with targets.
+fn choose<'d>(
+    document: &'d Document,
+    name: Option<&str>,
+    wanted: &dyn Fn(&str) -> bool,
+) -> Result<(gltf::Mesh<'d>, Vec<String>), String> {
+    let targets_of = |mesh: &gltf::Mesh| mesh.primitives().map(|p| p.morph_targets().len()).max().unwrap_or(0);
+    let morphed: Vec<gltf::Mesh> = document.meshes().filter(|mesh| targets_of(mesh) > 0).collect();
+    let name_of = |mesh: &gltf::Mesh| mesh.name().map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned);
+    let told = |mesh: &gltf::Mesh| format!("{} ({} targets)", excerpt(&name_of(mesh)), targets_of(mesh));
+    let chosen = match name {
+        Some(name) => morphed.iter().position(|mesh| name_of(mesh) == name).ok_or_else(|| {
+            let there: Vec<String> = morphed.iter().map(told).collect();
+            let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
+            format!("no mesh with morph targets is named `{}`; there are {there}", excerpt(name))
+        })?,
+        None => {
+            let worth = |mesh: &gltf::Mesh| {
+                let count = targets_of(mesh);
+                (target_names(mesh, count).iter().filter(|name| wanted(name)).count(), count)
+            };
+            // Of equals the first.
+            let best = (0..morphed.len()).rev().max_by_key(|&k| worth(&morphed[k]));
+            best.ok_or_else(|| "no mesh with morph targets".to_owned())?
+        }
+    };
+    let others = morphed.iter().enumerate().filter(|(k, _)| *k != chosen).map(|(_, mesh)| told(mesh)).collect();
+    Ok((morphed[chosen].clone(), others))
 }
 
 fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> Result<Vec<buffer::Data>, MeshFileError> {

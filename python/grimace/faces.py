@@ -1,0 +1,139 @@
+"""Faces found, and the wireframe fitted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Optional, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _grimace
+from ._options import options
+
+Picture = Union[str, "os.PathLike[str]", npt.ArrayLike]
+"""A file, or an array of uint8: rows x columns (grey) or rows x columns x 3 (RGB)."""
+
+NativeMarks = Union[str, list[tuple[str, float, float, bool, Optional[float]]], None]
+
+
+@dataclass(frozen=True)
+class Face:
+    """A face that was found."""
+
+    nodes: npt.NDArray[np.int64]
+    """Candide-3's numbers of the points, points."""
+    points: npt.NDArray[np.float64]
+    """Where they are, points x 2, px."""
+    expected_errors: npt.NDArray[np.float64]
+    """Half of such points are further off than this, half less; points, px."""
+    eye_distance: float
+    """Distance of the pupils, px."""
+    score: float
+    """The higher the more like a face; faces are above 0."""
+    expected_error: float
+    """Median expected error over the eye distance."""
+    trusted: bool
+    """Whether the points may be used without a look."""
+
+
+Marks = Union[
+    str,
+    "os.PathLike[str]",
+    Face,
+    Mapping[Union[int, str], Sequence[float]],
+    npt.ArrayLike,
+    Any,
+    None,
+]
+"""Marks on a picture: a correspondences file; a :class:`Face`; a mapping of node (0 to 112, or a feature point such as ``"8.3"``) to x, y in
+px; rows ``node, x, y``; a data frame with the columns of the file (``node,x,y[,kind,expected_error]``); or None to have them found."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The wireframe fitted to a face."""
+
+    nodes: npt.NDArray[np.float64]
+    """Every node, 113 x 2, px."""
+    marks: list[tuple[str, float, float]]
+    """The marks that it was fitted to: node, x, y, px."""
+    residuals: npt.NDArray[np.float64]
+    """Distance of each mark's node to the mark, px."""
+    warnings: list[str]
+    """What should be looked at."""
+    size: tuple[int, int]
+    """Width and height of the picture, px."""
+    eye_distance: float
+    """Distance of the pupils, px."""
+    roll: float
+    """Roll of the face, degrees; positive to the subject's right."""
+
+
+def native_picture(image: Picture) -> Any:
+    """A picture as the native half takes it."""
+    if isinstance(image, (str, os.PathLike)):
+        return image
+    array = np.asarray(image)
+    if array.dtype != np.uint8:
+        raise _grimace.InputError(f"a picture is an array of uint8 (0 to 255); this one is of {array.dtype}: scale and convert it")
+    return array
+
+
+def native_marks(marks: Marks) -> NativeMarks:
+    """Marks as the native half takes them."""
+    if marks is None:
+        return None
+    if isinstance(marks, (str, os.PathLike)):
+        return os.fspath(marks)
+    if isinstance(marks, Face):
+        return [
+            (str(node), float(x), float(y), False, float(error))
+            for node, (x, y), error in zip(marks.nodes, marks.points, marks.expected_errors)
+        ]
+    if isinstance(marks, Mapping):
+        return [(str(node), float(place[0]), float(place[1]), False, None) for node, place in marks.items()]
+    if hasattr(marks, "columns") and hasattr(marks, "itertuples"):
+        return [_mark_of_row(row) for row in marks.to_dict("records")]
+    rows = np.asarray(marks, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise _grimace.InputError(f"marks are rows of node, x, y; an array of shape {rows.shape} was given")
+    return [(str(int(node)), float(x), float(y), False, None) for node, x, y in rows]
+
+
+def _mark_of_row(row: Mapping[str, Any]) -> tuple[str, float, float, bool, Optional[float]]:
+    missing = [name for name in ("node", "x", "y") if name not in row]
+    if missing:
+        raise _grimace.InputError(f"marks need the columns node, x, y; {', '.join(missing)} is missing, found were {', '.join(map(str, row))}")
+    node, error = row["node"], row.get("expected_error")
+    known = error is not None and error == error and error != ""
+    return str(node), float(row["x"]), float(row["y"]), row.get("kind") == "hard", float(error) if known else None
+
+
+def locate(image: Picture, most_faces: int = 20, least_eye_distance: Optional[float] = None) -> list[Face]:
+    """The faces of a picture and their points, the largest first; an empty list where there is none.
+
+    ``least_eye_distance`` is the smallest distance of the pupils that is looked for, px; by default a share of the picture's longer side.
+    """
+    return [Face(**face) for face in _grimace.locate(native_picture(image), most_faces, least_eye_distance)]
+
+
+def read_marks(path: Union[str, "os.PathLike[str]"]) -> dict[int, tuple[float, float]]:
+    """The marks of a correspondences file: node to x, y, px."""
+    return {int(node): (x, y) for node, x, y, _, _ in _grimace.read_marks(path)}
+
+
+def fit(image: Picture, marks: Marks = None, *, method: str = "default", prior: Optional[str] = None, force: Optional[float] = None) -> Fit:
+    """Fits the wireframe to a neutral face seen from the front.
+
+    Without ``marks`` they are found. ``method`` is ``"default"``, or ``"kp"`` for Krinidis and Pitas to the letter. ``prior`` is ``"none"``,
+    ``"candide"``, ``"faces"`` or ``"auto"``; ``force`` the force on a marked node over the stiffness of a spring.
+
+    Raises :class:`FitError` for marks that determine no fit, :class:`LocateError` where none were given and none that are trusted found.
+    """
+    fitted = _grimace.fit(native_picture(image), native_marks(marks), options(method, fit={"prior": prior, "force": force}))
+    fitted["marks"] = [(node, x, y) for node, x, y, _, _ in fitted["marks"]]
+    del fitted["expected_errors"]
+    return Fit(**fitted)

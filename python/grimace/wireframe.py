@@ -1,0 +1,31 @@
+"""The wireframe Candide-3."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _grimace
+
+
+@dataclass(frozen=True)
+class Candide3:
+    """Candide-3, seen from the front."""
+
+    neutral: npt.NDArray[np.float64]
+    """Nodes of the canonical neutral face, nodes x 2, face units."""
+    triangles: npt.NDArray[np.int64]
+    """Nodes of each triangle, triangles x 3."""
+    edges: npt.NDArray[np.int64]
+    """Nodes of each edge, edges x 2."""
+    live: npt.NDArray[np.int64]
+    """Nodes in a triangle: those over which distances are measured."""
+
+
+@functools.lru_cache(maxsize=1)
+def candide3() -> Candide3:
+    """The wireframe that everything is fitted with."""
+    return Candide3(**_grimace.candide3())

@@ -1,0 +1,98 @@
+//! Marks of one picture, in every form that they come in.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point2;
+
+use super::{LANDMARK_COUNT, LandmarkSelection, LandmarksError, correspondences_from_landmarks, landmarks::read_points};
+use crate::{
+    correspondence::{Correspondence, CorrespondenceError, read_correspondences},
+    input::{CsvFile, InputError},
+    wireframe::Tables,
+};
+
+/// Marks that do not read.
+#[derive(Debug, thiserror::Error)]
+pub enum MarksFileError {
+    /// A table of nodes.
+    #[error(transparent)]
+    Correspondences(#[from] CorrespondenceError),
+    /// A `.pts` file, or landmarks that lack a node that was asked for.
+    #[error(transparent)]
+    Landmarks(#[from] LandmarksError),
+    /// A table of points.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// Landmarks that are not 68.
+    #[error("{}: {found} landmarks; the points 0 to 67 were expected, each once", path.display())]
+    Count {
+        /// The file.
+        path: PathBuf,
+        /// Landmarks found.
+        found: usize,
+    },
+}
+
+/// Reads the marks of a picture: `node,x,y[,kind,expected_error]`; or 68 landmarks, as `point,x,y` with points 0 to 67 or as a `.pts` file,
+/// of which `selection` takes those that are nodes.
+///
+/// # Errors
+/// [`MarksFileError`] for a file that is none of these or does not read.
+pub fn read_marks(
+    path: &Path,
+    selection: &LandmarkSelection,
+    tables: &Tables,
+    node_count: usize,
+) -> Result<Vec<Correspondence>, MarksFileError> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pts")) {
+        return Ok(correspondences_from_landmarks(&read_points(path)?, tables, selection)?);
+    }
+    let file = CsvFile::open(path)?;
+    if file.column("node").is_some() || file.column("point").is_none() {
+        return Ok(read_correspondences(path, tables, node_count)?);
+    }
+    let [point, x, y] = file.require(["point", "x", "y"])?;
+    let mut points = vec![None; LANDMARK_COUNT];
+    for row in file.rows() {
+        let row = row?;
+        let number = row.whole_number(point)? as usize;
+        let slot = points.get_mut(number).ok_or_else(|| row.field_error(point, "a landmark from 0 to 67"))?;
+        *slot = Some(Point2::new(row.number(x)?, row.number(y)?));
+    }
+    let found = points.iter().flatten().count();
+    let points: Option<Vec<Point2<f64>>> = points.into_iter().collect();
+    let points = points.ok_or_else(|| MarksFileError::Count { path: path.to_owned(), found })?;
+    Ok(correspondences_from_landmarks(&points, tables, selection)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn marks_read_alike_in_every_form() {
+        let folder = tempfile::tempdir().unwrap();
+        let tables = Tables::candide3();
+        let read = |name: &str, text: String| {
+            let path = folder.path().join(name);
+            fs::write(&path, text).unwrap();
+            read_marks(&path, &LandmarkSelection::Default, &tables, 113).map_err(|e| e.to_string())
+        };
+        let points: String = (0..68).map(|k| format!("{k},{},{}\n", 10 * k, k * k)).collect();
+        // A .pts file counts pixels from 1.
+        let pts: String = (0..68).map(|k| format!("{} {}\n", 10 * k + 1, k * k + 1)).collect();
+        let of_table = read("points.csv", format!("point,x,y\n{points}")).unwrap();
+        let of_pts = read("face.pts", format!("version: 1\nn_points: 68\n{{\n{pts}}}\n")).unwrap();
+        assert_eq!(of_table, of_pts);
+        // The chin, node 10, is landmark 8.
+        let chin = of_table.iter().find(|m| m.node.0 == 10).unwrap();
+        assert_eq!((chin.position.x, chin.position.y), (80.0, 64.0));
+        let nodes = read("nodes.csv", "node,x,y\n10,80,64\n".to_owned()).unwrap();
+        assert_eq!((nodes[0].node, nodes[0].position), (chin.node, chin.position));
+        assert!(read("few.csv", "point,x,y\n0,1,2\n".to_owned()).unwrap_err().contains("1 landmarks; the points 0 to 67"));
+        assert!(read("bad.pts", "hello\n".to_owned()).unwrap_err().contains("bad.pts, line 1"));
+        assert!(read("else.csv", "x,y\n1,2\n".to_owned()).unwrap_err().contains("has no column `node`"));
+    }
+}
