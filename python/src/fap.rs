@@ -103,6 +103,9 @@ pub fn fap_check(path: PathBuf) -> PyResult<String> {
     serde_json::to_string(&check_fap(&bytes)).map_err(to::<GrimaceError>)
 }
 
+/// FAP, frame and limit of a value that was limited.
+type Limited = (u8, usize, i32);
+
 /// The FAPs of a normalized model, as of the file that `run` writes; and FAP, frame and limit of values that were limited.
 #[pyfunction]
 pub fn fap_from_model<'py>(
@@ -111,7 +114,7 @@ pub fn fap_from_model<'py>(
     name: &str,
     fps: u32,
     between: usize,
-) -> PyResult<(Bound<'py, PyDict>, Vec<(u8, usize, i32)>)> {
+) -> PyResult<(Bound<'py, PyDict>, Vec<Limited>)> {
     let bench = bench(&default_options("default")?)?;
     let fapus = bench.normalizer().map_err(to::<FapError>)?.canonical().fapus;
     let model = model_of(&model)?;

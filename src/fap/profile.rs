@@ -28,6 +28,7 @@ pub enum Profile {
 
 /// What a profile's readers take.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::struct_excessive_bools)]
 pub(super) struct Rules {
     /// Version in the header.
     pub(super) version: &'static str,

@@ -3,7 +3,7 @@
 use opencv::{
     core::{Size, get_version_string},
     prelude::*,
-    videoio::{VideoWriter, registry},
+    videoio::{VideoWriter, get_backend_name, get_stream_backends},
 };
 
 use crate::encode::codecs;
@@ -14,8 +14,8 @@ const SIDE: i32 = 64;
 /// Lines that say it.
 pub fn lines() -> Vec<String> {
     let version = get_version_string().unwrap_or_else(|_| "of unknown version".to_owned());
-    let readers = registry::get_stream_backends().unwrap_or_default();
-    let names: Vec<String> = readers.iter().filter_map(|backend| registry::get_backend_name(backend).ok()).collect();
+    let readers = get_stream_backends().unwrap_or_default();
+    let names: Vec<String> = readers.iter().filter_map(|backend| get_backend_name(backend).ok()).collect();
     let mut lines = vec![format!("OpenCV {version}"), format!("videos are read by: {}", or_nothing(&names))];
     for format in ["mp4", "webm"] {
         let written = codecs(Some(format)).unwrap_or_default().iter().filter(|codec| writes(format, codec));
@@ -33,10 +33,11 @@ fn or_nothing(names: &[String]) -> String {
 fn writes(format: &str, codec: &[u8; 4]) -> bool {
     let Ok(folder) = tempfile::tempdir() else { return false };
     let path = folder.path().join(format!("film.{format}"));
+    let name = path.to_string_lossy().into_owned();
     let [a, b, c, d] = codec.map(char::from);
     let open = || -> opencv::Result<bool> {
         let fourcc = VideoWriter::fourcc(a, b, c, d)?;
-        VideoWriter::new(&path.to_string_lossy(), fourcc, 25.0, Size::new(SIDE, SIDE), true)?.is_opened()
+        VideoWriter::new(&name, fourcc, 25.0, Size::new(SIDE, SIDE), true)?.is_opened()
     };
     open().unwrap_or(false)
 }
