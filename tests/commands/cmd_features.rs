@@ -180,7 +180,7 @@ fn marks_that_fit_no_head_are_an_error() {
     let table = work.read("heads/A.csv");
     let ring = |k: usize, x: f64, y: f64| {
         let turn = k as f64 * 2.4;
-        if k % 3 == 0 { (x, y) } else { (320.0 + 140.0 * turn.cos(), 240.0 + 140.0 * turn.sin()) }
+        if k.is_multiple_of(3) { (x, y) } else { (320.0 + 140.0 * turn.cos(), 240.0 + 140.0 * turn.sin()) }
     };
     work.write("heads/A.csv", with_frame(&table, 1, ring));
     work.grimace("run heads -o out").exit(3);
