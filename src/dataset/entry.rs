@@ -164,7 +164,7 @@ impl SequenceEntry {
     /// Reads the landmarks; `None` for a sequence without.
     ///
     /// # Errors
-    /// As [`SequenceEntry::landmarks_path`] and [`read_landmarks`].
+    /// As [`SequenceEntry::landmarks_path`] and [`super::read_landmarks`].
     pub fn landmarks(&self) -> Result<Option<LandmarkTrack>, LandmarksError> {
         self.landmarks_path()?.map(|path| read_face(path, LEAST_CONFIDENCE, self.face_id())).transpose()
     }
