@@ -85,7 +85,7 @@ fn a_bad_row_costs_that_sequence_only() {
           S1,003,,,,\n\
           ../x,004,fear,,,\n\
           ..,005,fear,,,\n\
-          S1,006,fear,9,3,\n\
+          S1,006,fear,9,9,\n\
           S1,007,fear,one,3,\n\
           S1,008,fear,,,0\n\
           S1,009\n\
@@ -106,7 +106,7 @@ fn a_bad_row_costs_that_sequence_only() {
         ("S1", "003", "M, line 5: emotion is empty"),
         ("../x", "004", "M, line 6: subject is `../x`, with a path separator in it; results are named after it"),
         ("..", "005", "M, line 7: subject is `..`, which is a folder of its own; results are named after it"),
-        ("S1", "006", "M, line 8: first_frame is 9 and last_frame is 3; the apex must come after the neutral frame"),
+        ("S1", "006", "M, line 8: first_frame is 9 and last_frame is 9; neutral and apex frame must be two different ones"),
         ("S1", "007", "M, line 9: first_frame is `one`; a whole number of 0 or more was expected"),
         ("S1", "008", "M, line 10: fps is `0`; a positive number was expected"),
         ("", "", "M, line 11: the row has 2 fields where the header has 6"),
