@@ -8,7 +8,7 @@ fn completions_know_every_command_and_are_what_their_shell_reads() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         work.grimace(&format!("completions {shell}")).exit(0).prints(&["grimace", "synthesize", "completions", "profile"]);
     }
-    work.shell("grimace completions bash > grimace.bash && bash -n grimace.bash").exit(0);
+    work.shell("\"$GRIMACE\" completions bash > grimace.bash && bash -n grimace.bash").exit(0);
     work.grimace("completions tcsh").exit(2).says(&["bash", "zsh", "fish"]);
 }
 
