@@ -330,7 +330,7 @@ fn other_options_are_refused_without_force_and_the_difference_is_named() {
     work.grimace("run faces -o out").exit(0);
     let before = work.files("out");
     work.grimace("run faces -o out --alpha 0.2").exit(1).says(&["statistics", "0.1", "0.2", "--force"]);
-    work.grimace("run faces -o out --by sex").exit(1).says(&["by: [] there", "sex", "--force"]);
+    work.grimace("run faces -o out --by sex").exit(1).says(&["by: none there", "sex now", "--force"]);
     work.grimace("run faces -o out --window 0.2").exit(1).says(&["window", "0.2", "--force"]);
     assert_same_files(&before, &work.files("out"));
     // With --force tracks that do not depend on the option are kept.
