@@ -25,7 +25,7 @@ use indicatif::ProgressBar;
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, positive, stop_flag, words},
+    shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, file_name, positive, stop_flag, words},
 };
 
 /// Put an expression on a new face.
@@ -378,8 +378,4 @@ impl Job<'_> {
         }
         Ok(written.apex)
     }
-}
-
-fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

@@ -1,9 +1,6 @@
 //! `grimace learn`.
 
-use std::{
-    collections::BTreeSet,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeSet, path::PathBuf};
 
 use anyhow::Context;
 use clap::Subcommand;
@@ -16,7 +13,11 @@ use grimace::{
     output::MADE_BY,
 };
 
-use super::{Outcome, progress::frame_bar, shared::check_free};
+use super::{
+    Outcome,
+    progress::frame_bar,
+    shared::{LearnedFileArgs, check_free, file_name},
+};
 
 /// Learn what this program ships with, from your own data.
 #[derive(Debug, clap::Args)]
@@ -62,15 +63,8 @@ struct LocatorArgs {
     /// Threads; 0 for one per core
     #[arg(short, long, default_value_t = 0)]
     jobs: usize,
-    /// Whom to credit for the faces, and their licence; written into the file
-    #[arg(long, default_value = "", value_name = "TEXT")]
-    credit: String,
-    /// Write over a file that is there
-    #[arg(long)]
-    force: bool,
-    /// No summary
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    file: LearnedFileArgs,
 }
 
 /// Runs the command.
@@ -82,7 +76,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
-    check_free(&args.output, args.force)?;
+    check_free(&args.output, args.file.force)?;
     let options = LearnOptions {
         seed: args.seed,
         pictures: usize::from(args.pictures),
@@ -90,7 +84,7 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
     };
     let faces = read_faces(&args.faces, &options.leave_out)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.jobs).build()?;
-    let bar = frame_bar(args.quiet, Some(7));
+    let bar = frame_bar(args.file.quiet, Some(7));
     bar.set_style(indicatif::ProgressStyle::with_template("{bar:32.cyan/blue} {msg}  {elapsed} elapsed")?);
     let learned = pool.install(|| {
         learn_locator(&faces.faces, &options, &|part| {
@@ -105,16 +99,11 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
         blake3: faces.blake3,
         people: faces.faces.len(),
         left_out: options.leave_out.into_iter().collect(),
-        credit: args.credit.clone(),
+        credit: args.file.credit.clone(),
     };
     let bytes = learned.model.to_bytes(&origin)?;
     output::write_bytes(&args.output, &bytes).context("the model was not written")?;
-    if !args.quiet {
-        print_summary(&learned.summary, bytes.len());
-        if args.credit.is_empty() {
-            println!("note: no --credit; say whose faces these are before you pass the file on");
-        }
-    }
+    args.file.summarize(|| print_summary(&learned.summary, bytes.len()), "faces these are");
     Ok(Outcome::Done)
 }
 
@@ -141,12 +130,11 @@ fn print_summary(summary: &LearnSummary, size: usize) {
 
 /// The command without the folders of this machine.
 fn command(args: &LocatorArgs) -> String {
-    let name = |path: &Path| path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let left_out = if args.leave_out.is_empty() { String::new() } else { format!(" --leave-out {}", args.leave_out.join(",")) };
     format!(
         "grimace learn locator {} -o {} --pictures {} --seed {}{left_out}",
-        name(&args.faces),
-        name(&args.output),
+        file_name(&args.faces),
+        file_name(&args.output),
         args.pictures,
         args.seed
     )

@@ -1,6 +1,6 @@
 //! `grimace learn head`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use grimace::{
     output::MADE_BY,
@@ -9,7 +9,10 @@ use grimace::{
     wireframe::{Tables, Wireframe},
 };
 
-use super::{Outcome, shared::check_free};
+use super::{
+    Outcome,
+    shared::{LearnedFileArgs, check_free, file_name},
+};
 
 /// A three-dimensional head on Candide-3's nodes from a dense face model.
 #[derive(Debug, clap::Args)]
@@ -30,36 +33,22 @@ pub struct Args {
     /// Identity modes to learn from, counted from the first
     #[arg(long, default_value_t = IDENTITY_MODES)]
     modes: usize,
-    /// Whom to credit for the model, and its licence; written into the file
-    #[arg(long, default_value = "", value_name = "TEXT")]
-    credit: String,
-    /// Write over results that are there
-    #[arg(long)]
-    force: bool,
-    /// No summary
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    file: LearnedFileArgs,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    check_free(&args.output, args.force)?;
+    check_free(&args.output, args.file.force)?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let (head, blake3) = learn_head(&read_dense_faces(&args.folder, args.modes)?, args.modes, &wireframe, &tables)?;
     let command = format!("grimace learn head {} --modes {} -o {}", file_name(&args.folder), args.modes, file_name(&args.output));
     let origin =
-        HeadOrigin { made_by: MADE_BY.to_owned(), command, identity_modes: args.modes, blake3, credit: args.credit.clone() };
+        HeadOrigin { made_by: MADE_BY.to_owned(), command, identity_modes: args.modes, blake3, credit: args.file.credit.clone() };
     write_head(&args.output, &head, &origin)?;
-    if !args.quiet {
-        println!("{} nodes, {} identity modes, {} expressions", head.mean.len(), head.identity.len(), head.expressions.len());
-        if args.credit.is_empty() {
-            println!("note: no --credit; say whose model this is before you pass the file on");
-        }
-    }
+    args.file.summarize(
+        || println!("{} nodes, {} identity modes, {} expressions", head.mean.len(), head.identity.len(), head.expressions.len()),
+        "model this is",
+    );
     Ok(Outcome::Done)
-}
-
-/// Name of a file or folder, without the folders above it.
-fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

@@ -9,7 +9,10 @@ use grimace::{
     wireframe::{Tables, Wireframe},
 };
 
-use super::{Outcome, shared::check_free};
+use super::{
+    Outcome,
+    shared::{LearnedFileArgs, check_free, file_name},
+};
 
 /// Learn a shape prior for the fit.
 #[derive(Debug, clap::Args)]
@@ -35,29 +38,22 @@ pub struct Args {
     /// Modes to keep
     #[arg(long, default_value_t = DEFAULT_MODES)]
     modes: usize,
-    /// Whom to credit for the faces, and their licence; written into the file
-    #[arg(long, default_value = "", value_name = "TEXT")]
-    credit: String,
-    /// Write over results that are there
-    #[arg(long)]
-    force: bool,
-    /// No summary
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    file: LearnedFileArgs,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    check_free(&args.output, args.force)?;
+    check_free(&args.output, args.file.force)?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let (mut faces, mut sources, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
     for path in &args.landmarks {
         let read = read_neutral_faces(path, &args.state)?;
-        sources.push(FaceSource { name: file_name(path), faces: read.faces.len(), blake3: read.blake3 });
+        sources.push(FaceSource { name: name_of(path), faces: read.faces.len(), blake3: read.blake3 });
         faces.extend(read.faces);
         skipped.extend(read.skipped);
     }
-    if !args.quiet {
+    if !args.file.quiet {
         for (subject, reason) in &skipped {
             eprintln!("skipped {subject}: {reason}");
         }
@@ -68,22 +64,17 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         command: command(args),
         faces: faces.len(),
         sources,
-        credit: args.credit.clone(),
+        credit: args.file.credit.clone(),
     };
     write_prior(&args.output, &PriorFile::new(&prior, origin))?;
-    if !args.quiet {
-        println!("{} faces, {} modes", faces.len(), prior.modes.len());
-        if args.credit.is_empty() {
-            println!("note: no --credit; say whose faces these are before you pass the file on");
-        }
-    }
+    args.file.summarize(|| println!("{} faces, {} modes", faces.len(), prior.modes.len()), "faces these are");
     Ok(Outcome::Done)
 }
 
 /// The command without the folders of this machine.
 fn command(args: &Args) -> String {
     let mut words = vec!["grimace prior".to_owned()];
-    words.extend(args.landmarks.iter().map(|path| quoted(&file_name(path))));
+    words.extend(args.landmarks.iter().map(|path| quoted(&name_of(path))));
     words.push(format!("--state {} --modes {}", quoted(&args.state), args.modes));
     words.push(format!("-o {}", quoted(&file_name(&args.output))));
     words.join(" ")
@@ -93,8 +84,7 @@ fn quoted(word: &str) -> String {
     if word.contains(char::is_whitespace) { format!("'{word}'") } else { word.to_owned() }
 }
 
-/// Name of a file or folder, without the folders above it.
-fn file_name(path: &Path) -> String {
-    let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    full.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+/// Name of a file or folder, `.` as what it stands for.
+fn name_of(path: &Path) -> String {
+    file_name(&path.canonicalize().unwrap_or_else(|_| path.to_owned()))
 }

@@ -476,3 +476,34 @@ pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     .context("cannot watch for interruptions")?;
     Ok(stop)
 }
+
+/// What commands that learn a file to be passed on have in common.
+#[derive(Debug, clap::Args)]
+pub struct LearnedFileArgs {
+    /// Whom to credit for the data learned from, and their licence; written into the file
+    #[arg(long, default_value = "", value_name = "TEXT")]
+    pub credit: String,
+    /// Write over a file that is there
+    #[arg(long)]
+    pub force: bool,
+    /// No summary
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl LearnedFileArgs {
+    /// Prints a summary, and a note where nobody is credited for `whose`.
+    pub fn summarize(&self, summary: impl FnOnce(), whose: &str) {
+        if !self.quiet {
+            summary();
+            if self.credit.is_empty() {
+                println!("note: no --credit; say whose {whose} before you pass the file on");
+            }
+        }
+    }
+}
+
+/// Name of a file or folder, without the folders above it: what is written into results names no folder of this machine.
+pub fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

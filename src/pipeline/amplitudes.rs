@@ -11,7 +11,7 @@ use crate::{
     statistics::{
         LabelledModel, SequenceModel,
         amplitude::{
-            AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, PersonValue, adjust_amplitudes, amplitudes,
+            AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, Permutations, PersonValue, adjust_amplitudes, amplitudes,
             compare_amplitudes,
         },
         compare::{MAX_COMPARED_GROUPS, Strata, group_values, is_known, stream_of},
@@ -81,19 +81,12 @@ impl AmplitudeResults {
                         let stream = stream_of(&[(emotion, &a.group), (region.name(), &b.group)]);
                         let (options, compare) = (&bench.options.groups.amplitude, &bench.options.groups.compare);
                         let (of_a, of_b) = (people(of_a), people(of_b));
+                        let permutations = Permutations { count: compare.permutations, seed: compare.seed, stream };
                         all.comparisons.push(AmplitudeComparison {
                             emotion: emotion.clone(),
                             region: region.name(),
                             groups: [a.group.clone(), b.group.clone()],
-                            outcome: compare_amplitudes(
-                                &of_a,
-                                &of_b,
-                                strata,
-                                options,
-                                compare.permutations,
-                                compare.seed,
-                                stream,
-                            ),
+                            outcome: compare_amplitudes(&of_a, &of_b, strata, options, &permutations),
                         });
                     }
                 }

@@ -2,52 +2,45 @@
 //!
 //! The unknowns are those of [`HeadModel`]: coefficients of identity and the person's own offset of every node, and in every frame
 //! a pose and coefficients of expression; the neutral frame has no expression. What is seen is every node that the tracker placed, with
-//! a standard deviation by its state. The neutral frame gives a first head; then frames (pose and expression) and head (given
-//! those) are solved in turn, each by linear least squares with robust weights, so that frames seen from other sides improve the depth.
+//! a standard deviation by its state. The neutral frame gives a first head; then every turn is one Gauss-Newton step with robust weights of the
+//! frames given the head, of the head given the frames, and of the camera's distance given both, so that frames seen from other sides
+//! improve the depth. A mixture of the last turns ([`Mixture`]) starts the next one.
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Rotation3, Vector2, Vector3};
+use nalgebra::{DVector, Point2, Rotation3, Vector2, Vector3};
 
 use super::{
-    CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
+    HEAD_ES, HeadModel, HeadPose,
     frontal::visibility,
     mixture::Mixture,
-    solve::{Directions, Limit, Seen, Solved, robust, shape_with, solve},
+    observe::{FEWEST_SEEN, Frame, mark_shifts, observe, own_deviations, rough_pose},
+    person::{Head, View, log_distance_step},
+    solve::{Directions, Limit, Seen, Solved, shape_with, solve},
 };
 use crate::{
     fit::SpringError,
-    geometry::{Similarity, SimilarityError},
+    geometry::SimilarityError,
     model::ModelError,
-    normalize::stable_nodes,
-    track::{LossReason, NodeState, TrackedFrame},
+    track::{NodeState, TrackedFrame},
     units::NodeId,
     wireframe::Tables,
 };
 
-/// Standard deviation of a tracked node, model units: 1 % of the eye distance.
-const TRACKED: f64 = 0.006;
-/// The same of a node that the springs placed.
-const RECOVERED: f64 = 0.06;
-/// Standard deviation of each person's own offset of a node, beyond the modes: of a node that was marked, and of one that was not.
-const OWN_MARKED: f64 = 0.007;
-const OWN_FITTED: f64 = 0.04;
 /// Frames, evenly spread, that the head is learned from.
 const HEAD_FRAMES: usize = 9;
 /// Most turns of frames, head and camera.
 const TURNS: usize = 120;
-/// A turn that changes everything by less is the last: standard deviations, and [`PER_UNIT`] of the rest.
+/// A turn that changes everything by less is the last: standard deviations, and [`POSE_UNIT`] of the rest.
 const AT_REST: f64 = 0.003;
 /// What counts as one in poses: radians, logarithms of sizes, and distances in the image over the size.
-const PER_UNIT: f64 = 0.01;
+const POSE_UNIT: f64 = 0.01;
+/// The same of the logarithm of the camera's distance.
+const LOG_DISTANCE_UNIT: f64 = 0.1;
 /// The last step of a frame once the head is known: radians, logarithms, standard deviations.
 const FRAME_AT_REST: f64 = 1e-5;
 /// Steps of a frame at most, once the head is known.
 const FRAME_STEPS: usize = 20;
 /// Distances of the camera that a face may be seen from, eye distances.
 const DISTANCES: [f64; 2] = [4.0, 60.0];
-/// Standard deviation of the logarithm of the distance.
-const LOG_DISTANCE_DEVIATION: f64 = 1.0;
-/// Fewest nodes seen that give a pose.
-const FEWEST_SEEN: usize = 6;
 /// Visibility below which a node does not serve.
 const HIDDEN: f64 = 0.05;
 /// Median distance between seen and explained nodes, over the eye distance, beyond which no head explains them.
@@ -112,18 +105,6 @@ impl HeadFit {
     /// From a node to where its mark would be, px, in the frame of an index; zero for nodes without a mark.
     pub fn mark_shift(&self, frame: usize, node: usize) -> Vector2<f64> {
         self.mark_shifts.get(frame).and_then(|shifts| shifts.get(node)).copied().unwrap_or_else(Vector2::zeros)
-    }
-}
-
-/// What is seen of one frame.
-struct Frame {
-    number: u32,
-    seen: Vec<Seen>,
-}
-
-impl Frame {
-    fn is_seen(&self) -> bool {
-        self.seen.len() >= FEWEST_SEEN
     }
 }
 
@@ -290,7 +271,7 @@ impl Sequence<'_> {
     /// All that is sought as numbers of like size.
     fn numbers(&self, found: &Found) -> DVector<f64> {
         let mut numbers = found.head.in_deviations(self.own);
-        numbers.push(found.neutral_pose.distance.ln() / PER_UNIT / 10.0);
+        numbers.push(found.neutral_pose.distance.ln() / LOG_DISTANCE_UNIT);
         push_pose(&mut numbers, &found.neutral_pose);
         for frame in &found.frames {
             push_pose(&mut numbers, &frame.pose);
@@ -306,7 +287,7 @@ impl Sequence<'_> {
         for (offset, own) in found.head.own.iter_mut().zip(self.own) {
             offset.iter_mut().zip(&mut rest).for_each(|(o, number)| *o = number * own);
         }
-        let log_distance = rest.next().map_or(0.0, |number| number * PER_UNIT * 10.0);
+        let log_distance = rest.next().map_or(0.0, |number| number * LOG_DISTANCE_UNIT);
         set_pose(&mut found.neutral_pose, &mut rest);
         for frame in &mut found.frames {
             set_pose(&mut frame.pose, &mut rest);
@@ -391,70 +372,18 @@ impl Found {
     }
 }
 
-/// By how much the logarithm of the camera's distance is to change, all else given.
-fn log_distance_step(shape: &[Vector3<f64>], views: &[View<'_>]) -> f64 {
-    let precision = LOG_DISTANCE_DEVIATION.powi(-2);
-    let distance = views.first().map_or(CAMERA_DISTANCE * HEAD_ES, |view| view.pose.distance);
-    let mut normal = precision;
-    let mut right = -precision * (distance / (CAMERA_DISTANCE * HEAD_ES)).ln();
-    for view in views {
-        for s in view.seen {
-            let place = shape[s.node] + view.offsets.as_ref().map_or_else(Vector3::zeros, |o| o[s.node]);
-            let turned = view.pose.turned(&place);
-            let residual: Vector2<f64> = s.at - view.pose.image_of(&turned);
-            let deviation = s.deviation * view.pose.scale;
-            let weight = robust(residual.norm() / deviation) / (deviation * deviation);
-            let slope = view.pose.distance_slope(&turned);
-            normal += weight * slope.norm_squared();
-            right += weight * slope.dot(&residual);
-        }
-    }
-    right / normal
-}
-
 fn push_pose(numbers: &mut Vec<f64>, pose: &HeadPose) {
     let turn = pose.rotation.scaled_axis();
-    numbers.extend(turn.iter().map(|angle| angle / PER_UNIT));
-    numbers.push(pose.scale.ln() / PER_UNIT);
-    numbers.extend(pose.position.coords.iter().map(|at| at / pose.scale / PER_UNIT));
+    numbers.extend(turn.iter().map(|angle| angle / POSE_UNIT));
+    numbers.push(pose.scale.ln() / POSE_UNIT);
+    numbers.extend(pose.position.coords.iter().map(|at| at / pose.scale / POSE_UNIT));
 }
 
 fn set_pose(pose: &mut HeadPose, numbers: &mut impl Iterator<Item = f64>) {
-    let mut next = || numbers.next().unwrap_or(0.0) * PER_UNIT;
+    let mut next = || numbers.next().unwrap_or(0.0) * POSE_UNIT;
     pose.rotation = Rotation3::new(Vector3::new(next(), next(), next()));
     pose.scale = next().exp();
     pose.position = Point2::new(next(), next()) * pose.scale;
-}
-
-/// How far every node's mark lies from its node, px, in every frame: as in the neutral one, turned and sized with the face.
-///
-/// A node that was fitted need not lie where its mark is, and moves as the mark would. Nodes without a mark, and those that were
-/// corrected by hand, have no shift.
-fn mark_shifts(
-    model: &HeadModel,
-    tables: &Tables,
-    track: &[TrackedFrame],
-    marks: &[(NodeId, Point2<f64>)],
-) -> Vec<Vec<Vector2<f64>>> {
-    let count = model.node_count();
-    let Some(neutral) = track.first() else { return Vec::new() };
-    let mut shifts = vec![Vector2::zeros(); count];
-    for (node, at) in marks.iter().filter(|(node, _)| node.index() < count.min(neutral.nodes.len())) {
-        let fitted = &neutral.nodes[node.index()];
-        if fitted.state != NodeState::Corrected {
-            shifts[node.index()] = at - fitted.position;
-        }
-    }
-    let stable = stable_nodes(tables, count);
-    let turned = |frame: &TrackedFrame| {
-        let pick = |frame: &TrackedFrame| -> Vec<Point2<f64>> {
-            stable.iter().filter_map(|&k| frame.nodes.get(k).map(|n| n.position)).collect()
-        };
-        let moved = Similarity::fit(&pick(neutral), &pick(frame), None).unwrap_or_else(|_| Similarity::identity());
-        let origin = moved.apply(&Point2::origin());
-        shifts.iter().map(|&shift| moved.apply(&Point2::from(shift)) - origin).collect()
-    };
-    track.iter().map(turned).collect()
 }
 
 /// `count` of `of` frames, evenly spread, the last among them.
@@ -462,147 +391,7 @@ fn spread(of: usize, count: usize) -> Vec<usize> {
     if of <= count { (0..of).collect() } else { (1..=count).map(|k| k * of / count - 1).collect() }
 }
 
-fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2<f64>]) -> Result<Frame, PoseError> {
-    if frame.nodes.len() != model.node_count() {
-        let (found, expected) = (frame.nodes.len(), model.node_count());
-        return Err(PoseError::NodeCount { frame: frame.number, found, expected });
-    }
-    let iris = |k: usize| model.irises.iter().flatten().any(|n| n.index() == k);
-    let mut seen = Vec::new();
-    for node in &model.live {
-        let k = node.index();
-        let tracked = &frame.nodes[k];
-        let deviation = match tracked.state {
-            NodeState::Follows | NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) => continue,
-            NodeState::Recovered(_) => RECOVERED,
-            _ => TRACKED,
-        };
-        if !iris(k) {
-            seen.push(Seen { node: k, at: tracked.position + shifts[k], deviation });
-        }
-    }
-    Ok(Frame { number: frame.number, seen })
-}
-
-/// Standard deviation of each person's own offset by node.
-fn own_deviations(model: &HeadModel, neutral: &TrackedFrame) -> Vec<f64> {
-    let own = |k: usize| match neutral.nodes[k].state {
-        NodeState::Marked | NodeState::Corrected | NodeState::Tracked => OWN_MARKED,
-        _ => OWN_FITTED,
-    };
-    (0..model.node_count()).map(own).collect()
-}
-
-/// A frontal pose by the similarity of the points that expressions do not move.
-fn rough_pose(model: &HeadModel, tables: &Tables, frame: &TrackedFrame) -> Result<HeadPose, PoseError> {
-    let stable = stable_nodes(tables, model.node_count());
-    let face: Vec<Point2<f64>> = stable.iter().map(|&k| frontal(model, k)).collect();
-    let seen: Vec<Point2<f64>> = stable.iter().map(|&k| frame.nodes[k].position).collect();
-    Ok(pose_of(&Similarity::fit(&face, &seen, None)?))
-}
-
-/// A node of the mean head from the front, y down.
-fn frontal(model: &HeadModel, k: usize) -> Point2<f64> {
-    Point2::new(model.mean[k].x, -model.mean[k].y)
-}
-
-/// The frontal pose of a similarity from the frontal head to the image, y down in both.
-fn pose_of(placed: &Similarity) -> HeadPose {
-    HeadPose {
-        // The similarity turns with y down.
-        rotation: HeadPose::rotation_of(0.0, 0.0, -placed.angle.to_degrees()),
-        scale: placed.scale,
-        position: placed.apply(&Point2::origin()),
-        distance: CAMERA_DISTANCE * HEAD_ES,
-    }
-}
-
 fn residual(shape: &[Vector3<f64>], pose: &HeadPose, seen: &[Seen]) -> f64 {
     let mut distances: Vec<f64> = seen.iter().map(|s| (s.at - pose.image_of(&pose.turned(&shape[s.node]))).norm()).collect();
     crate::robust::median(&mut distances).unwrap_or(0.0)
-}
-
-/// One frame as seen by the head: its pose and the offsets of its expression.
-struct View<'a> {
-    seen: &'a [Seen],
-    pose: HeadPose,
-    offsets: Option<Vec<Vector3<f64>>>,
-}
-
-/// A person's head.
-#[derive(Clone)]
-struct Head {
-    coefficients: DVector<f64>,
-    own: Vec<Vector3<f64>>,
-}
-
-/// What the views say of the place of one node: `sum J'J` and `sum J'(seen - explained)`, weighted.
-#[derive(Clone, Copy)]
-struct Evidence {
-    normal: Matrix3<f64>,
-    right: Vector3<f64>,
-}
-
-impl Head {
-    /// Coefficients and own offsets, each over its standard deviation.
-    fn in_deviations(&self, own: &[f64]) -> Vec<f64> {
-        let offsets = self.own.iter().zip(own).flat_map(|(offset, own)| [offset.x / own, offset.y / own, offset.z / own]);
-        self.coefficients.iter().copied().chain(offsets).collect()
-    }
-
-    fn shape(&self, model: &HeadModel) -> Vec<Vector3<f64>> {
-        let mut shape = shape_with(&model.mean, &model.identity, &self.coefficients);
-        shape.iter_mut().zip(&self.own).for_each(|(x, own)| *x += own);
-        shape
-    }
-
-    /// Solves for the head given poses and expressions.
-    ///
-    /// The person's own offsets are integrated out of the system for the coefficients: a node whose views determine it by `H` counts
-    /// with `(H^-1 + own^2)^-1`.
-    fn improve(&mut self, model: &HeadModel, views: &[View<'_>], own: &[f64]) {
-        let shape = self.shape(model);
-        let nothing = Evidence { normal: Matrix3::zeros(), right: Vector3::zeros() };
-        let mut evidence = vec![nothing; model.node_count()];
-        for view in views {
-            for s in view.seen {
-                let place = shape[s.node] + view.offsets.as_ref().map_or_else(Vector3::zeros, |o| o[s.node]);
-                let turned = view.pose.turned(&place);
-                let residual: Vector2<f64> = s.at - view.pose.image_of(&turned);
-                let deviation = s.deviation * view.pose.scale;
-                let weight = robust(residual.norm() / deviation.hypot(own[s.node] * view.pose.scale)) / (deviation * deviation);
-                let slope: Matrix2x3<f64> = view.pose.slope(&turned) * view.pose.rotation.matrix();
-                evidence[s.node].normal += slope.transpose() * slope * weight;
-                evidence[s.node].right += slope.transpose() * residual * weight;
-            }
-        }
-        let count = model.identity.len();
-        let mut normal = DMatrix::<f64>::identity(count, count);
-        let mut right = -self.coefficients.clone();
-        for (k, e) in evidence.iter().enumerate() {
-            // With precision p = 1 / own^2 the offset's best answer is (H + p)^-1 (b - p r); what is left for the coefficients:
-            let precision = own[k].powi(-2);
-            let Some(inverse) = (e.normal + Matrix3::identity() * precision).try_inverse() else { continue };
-            let counted = e.normal - e.normal * inverse * e.normal;
-            let pulled = e.right - e.normal * inverse * (e.right - self.own[k] * precision);
-            for i in 0..count {
-                let along = counted * model.identity[i][k];
-                right[i] += model.identity[i][k].dot(&pulled);
-                for j in 0..=i {
-                    normal[(i, j)] += along.dot(&model.identity[j][k]);
-                }
-            }
-        }
-        normal.fill_upper_triangle_with_lower_triangle();
-        let Some(step) = normal.cholesky().map(|factor| factor.solve(&right)) else { return };
-        for (k, e) in evidence.iter().enumerate() {
-            let precision = own[k].powi(-2);
-            let moved: Vector3<f64> = model.identity.iter().zip(step.iter()).map(|(d, c)| d[k] * *c).sum();
-            if let Some(inverse) = (e.normal + Matrix3::identity() * precision).try_inverse() {
-                let change = inverse * (e.right - e.normal * moved - self.own[k] * precision);
-                self.own[k] += change;
-            }
-        }
-        self.coefficients += step;
-    }
 }

@@ -22,6 +22,8 @@ mod frontal;
 mod head;
 mod learn;
 mod mixture;
+mod observe;
+mod person;
 mod solve;
 
 pub use camera::{CAMERA_DISTANCE, HEAD_ES, HeadPose};

@@ -10,9 +10,9 @@
 //!    speech, which go up and down within that time, disappear, expressions stay.
 //! 3. The **activity** of a frame is the Euclidean norm of what is left. A stretch above [`SegmentOptions::low`] that reaches
 //!    [`SegmentOptions::high`] is an expression, one that sinks below half of its peak in between is several.
-//! 4. The **apex** is the frame with the largest activity before opening, eyes left out; **onset** and **offset** are where that activity
-//!    leaves and reaches the rest. The **neutral** frame is the calmest frame of the rest just before the onset, or, where the recording
-//!    begins with the expression or follows on another one without a rest, the first one after the offset.
+//! 4. The **apex** is the first frame with (nearly) the largest activity before opening, eyes left out; **onset** and **offset** are where
+//!    that activity leaves and reaches what it is around the expression. The **neutral** frame is the calmest frame of the rest just before
+//!    the onset, or, where the recording begins with the expression or follows on another one without a rest, of that behind the offset.
 
 mod rest;
 mod signal;
@@ -23,8 +23,16 @@ use crate::features::{ACTION_UNITS, FrameFeatures, LIPS_PART};
 
 pub use rest::densest;
 
-/// Action units that do not count: blinks, and lips that part, which other units say, too.
-const LEFT_OUT: [u8; 2] = [45, LIPS_PART];
+/// Weight of an intensity in the activity. Blinks do not count, nor lips that part, which other units say, too; eyes that widen and a chin
+/// that rises count half, for turns of the head look like them.
+fn weight(number: u8) -> f64 {
+    match number {
+        45 | LIPS_PART => 0.0,
+        5 | 17 => 0.5,
+        _ => 1.0,
+    }
+}
+
 /// Action units of the eyes, which do not say where an apex is: people blink in the middle of a smile.
 const EYES: [u8; 3] = [5, 6, 7];
 
@@ -78,7 +86,7 @@ pub struct SegmentOptions {
 
 impl Default for SegmentOptions {
     fn default() -> Self {
-        Self { shortest: 0.36, high: 2.4, low: 1.2, rest: 1.0 }
+        Self { shortest: 0.36, high: 2.4, low: 1.2, rest: 1.6 }
     }
 }
 
@@ -173,15 +181,23 @@ pub enum SegmentError {
 const LEAST_REST: f64 = 0.4;
 /// Seconds at least from the start to the end of what is segmented.
 const SHORTEST_PIECE: f64 = 1.0;
-/// Share of the activity at the apex at which it begins and ends.
+/// Share of the way from the least activity near an apex to that at the apex at which it begins and ends.
 const EDGE: f64 = 0.1;
+/// Seconds to either side of an apex in which the least activity is looked for.
+const NEAR: f64 = 2.0;
+/// The apex is the first frame of those before the largest activity that have this share of it: expressions that are held fade slowly.
+const AT_APEX: f64 = 0.985;
+/// Most change of the activity of a face at rest, over these seconds to either side.
+const STILL: (f64, f64) = (0.4, 0.12);
+/// A rest behind an expression is taken for the one before it where it is calmer by more than this share of what is a rest.
+const CALMER: f64 = 0.5;
 /// Share of the strength of the stronger of two expressions below which the activity falls between them.
 const VALLEY: f64 = 0.5;
 /// Opening of the eyes, over that at rest, from which they count as open.
 const OPEN: f32 = 0.8;
 /// Share of the activity at the apex from which a frame counts as apex.
 const NEAR_APEX: f64 = 0.95;
-/// Seconds before the onset among which the neutral frame is the calmest.
+/// Seconds before an onset, or behind an offset, among which the neutral frame is the calmest.
 const MOMENT: f64 = 0.6;
 /// An expression goes up once and down once. Way that the activity goes over its height, above which it is speech.
 const MOST_WAY: f64 = 4.5;
@@ -195,9 +211,12 @@ pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> 
     if (usable as f64) < SHORTEST_PIECE * fps {
         return Err(SegmentError::TooFew { found: usable, frames: frames.len() });
     }
-    let counted: Vec<usize> =
-        ACTION_UNITS.iter().enumerate().filter(|(_, u)| !LEFT_OUT.contains(&u.number)).map(|(k, _)| k).collect();
-    let channels: Vec<Vec<f64>> = counted.iter().map(|&k| signal::smooth(&signal::held(frames, k), fps)).collect();
+    let counted: Vec<usize> = (0..ACTION_UNITS.len()).filter(|&k| weight(ACTION_UNITS[k].number) > 0.0).collect();
+    let weighted = |&k: &usize| {
+        let weight = weight(ACTION_UNITS[k].number);
+        signal::smooth(&signal::held(frames, k), fps).into_iter().map(|value| value * weight).collect()
+    };
+    let channels: Vec<Vec<f64>> = counted.iter().map(weighted).collect();
     let vectors: Vec<Vec<f32>> = (0..frames.len()).map(|t| channels.iter().map(|channel| channel[t] as f32).collect()).collect();
     let eyes = open_eyes(frames);
     let may_rest = |t: usize| frames[t].reason.is_none() && eyes[t];
@@ -223,7 +242,12 @@ pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> 
     let is_eye = |place: usize| counted.get(place).is_some_and(|&k| EYES.contains(&ACTION_UNITS[k].number));
     let activity = signal::norm(&above, |place| !is_eye(place));
     let runs = split_runs(&signal::runs(&lasting, options.low), &lasting, options.high);
-    let is_rest: Vec<bool> = (0..frames.len()).map(|t| may_rest(t) && activity[t] <= options.rest).collect();
+    let (change, around) = (STILL.0, ((STILL.1 * fps).round() as usize).max(1));
+    let is_still = |t: usize| {
+        let (before, after) = (t.saturating_sub(around), (t + around).min(frames.len() - 1));
+        (activity[after] - activity[before]).abs() <= change
+    };
+    let is_rest: Vec<bool> = (0..frames.len()).map(|t| may_rest(t) && activity[t] <= options.rest && is_still(t)).collect();
     let found = Found { activity: &activity, lasting: &lasting, is_rest: &is_rest, options, frames, fps };
     let mut expressions = Vec::new();
     let mut without_rest = Vec::new();
@@ -294,18 +318,23 @@ impl Found<'_> {
     /// The expression of a run; `free` is what lies between the runs around it. `None` for speech, the apex where there is no rest.
     fn expression(&self, run: &Run, free: (usize, usize)) -> Result<Option<Expression>, usize> {
         let at = |t: usize| self.activity[t];
-        let apex = run.clone().max_by(|&a, &b| at(a).total_cmp(&at(b)).then(b.cmp(&a))).unwrap_or(*run.start());
-        let strength = at(apex);
-        let edge = (EDGE * strength).max(0.5 * self.options.rest);
-        let onset = (free.0..apex).rev().find(|&t| at(t) <= edge).unwrap_or(free.0.min(apex));
-        let offset = (apex..free.1).find(|&t| at(t) <= edge).unwrap_or(free.1.saturating_sub(1).max(apex));
+        let peak = run.clone().max_by(|&a, &b| at(a).total_cmp(&at(b)).then(b.cmp(&a))).unwrap_or(*run.start());
+        let strength = at(peak);
+        let apex = (*run.start()..=peak).rev().take_while(|&t| at(t) >= AT_APEX * strength).last().unwrap_or(peak);
+        let near = self.frames_in(NEAR);
+        let edge = |range: std::ops::Range<usize>| {
+            let least = range.map(at).fold(strength, f64::min);
+            least + EDGE * (strength - least)
+        };
+        let rising = edge(free.0.max(apex.saturating_sub(near))..apex);
+        let falling = edge(peak..free.1.min(peak + near));
+        let onset = (free.0..apex).rev().find(|&t| at(t) <= rising).unwrap_or(free.0.min(apex));
+        let offset = (peak..free.1).find(|&t| at(t) <= falling).unwrap_or(free.1.saturating_sub(1).max(peak));
         let way: f64 = self.activity[onset..=offset].windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
         if way > MOST_WAY * strength {
             return Ok(None);
         }
-        let before = (free.0..=onset).rev().find(|&t| self.is_rest[t]).map(|last| self.calmest(last, free.0, onset));
-        let after = || (offset..free.1).find(|&t| self.is_rest[t]);
-        let neutral = before.or_else(after).ok_or(apex)?;
+        let neutral = self.neutral(onset, offset, free).ok_or(apex)?;
         let span = neutral.min(apex)..=neutral.max(apex);
         let usable = span.clone().filter(|&t| self.frames[t].reason.is_none()).count() as f64 / span.count() as f64;
         let lasting = self.lasting[run.clone()].iter().copied().fold(0.0, f64::max) / self.options.high;
@@ -314,12 +343,31 @@ impl Found<'_> {
         Ok(Some(Expression { neutral, onset, apex, offset, strength, confidence }))
     }
 
-    /// The calmest frame of the rest that ends with `last`, among those of a moment before the onset.
-    fn calmest(&self, last: usize, from: usize, onset: usize) -> usize {
-        let reach = ((MOMENT * self.fps).round() as usize).max(1);
-        let first = from.max(onset.saturating_sub(reach)).min(last);
-        let rest = (first..=last).rev().take_while(|&t| self.is_rest[t]);
-        rest.min_by(|&a, &b| self.activity[a].total_cmp(&self.activity[b])).unwrap_or(last)
+    fn frames_in(&self, seconds: f64) -> usize {
+        ((seconds * self.fps).round() as usize).max(1)
+    }
+
+    /// The calmest frame of the moment of rest before an onset, or of the one behind an offset; `None` without a rest.
+    fn neutral(&self, onset: usize, offset: usize, free: (usize, usize)) -> Option<usize> {
+        let moment = self.frames_in(MOMENT);
+        let calmest = |rest: &mut dyn Iterator<Item = usize>| rest.min_by(|&a, &b| self.activity[a].total_cmp(&self.activity[b]));
+        let last = (free.0..=onset).rev().find(|&t| self.is_rest[t]);
+        let before = last.and_then(|last| {
+            let first = free.0.max(onset.saturating_sub(moment)).min(last);
+            calmest(&mut (first..=last).rev().take_while(|&t| self.is_rest[t]))
+        });
+        let first = (offset..free.1).find(|&t| self.is_rest[t]);
+        let after = first.and_then(|first| {
+            let end = free.1.min(offset + moment).max(first + 1);
+            calmest(&mut (first..end).take_while(|&t| self.is_rest[t]))
+        });
+        match (before, after) {
+            (Some(before), Some(after)) => {
+                let is_calmer = self.activity[after] + CALMER * self.options.rest < self.activity[before];
+                Some(if is_calmer { after } else { before })
+            }
+            (before, after) => before.or(after),
+        }
     }
 }
 

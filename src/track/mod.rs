@@ -279,25 +279,8 @@ pub trait PointTracker {
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError>;
 }
 
-impl<T: PointTracker + ?Sized> PointTracker for &mut T {
-    fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
-        (**self).advance(frame)
-    }
-
-    fn gradients(&self, slot: Slot, window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
-        (**self).gradients(slot, window_px, points)
-    }
-
-    fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
-        (**self).patch(slot, points, margin, smoothing)
-    }
-
-    fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
-        (**self).find(from, to, window_px, levels, probes)
-    }
-}
-
-impl<T: PointTracker + ?Sized> PointTracker for Box<T> {
+/// Through `&mut T` and `Box<T>`.
+impl<P: std::ops::DerefMut<Target: PointTracker>> PointTracker for P {
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
         (**self).advance(frame)
     }

@@ -102,9 +102,7 @@ pub fn compare_amplitudes(
     b: &[PersonValue],
     strata: Option<&Strata>,
     options: &AmplitudeOptions,
-    permutations: usize,
-    seed: u64,
-    stream: u32,
+    permutations: &Permutations,
 ) -> Result<AmplitudeTest, String> {
     let smaller = a.len().min(b.len());
     if smaller < LEAST_PEOPLE {
@@ -113,24 +111,38 @@ pub fn compare_amplitudes(
     let of_b: BTreeMap<&str, f64> = b.iter().map(|p| (p.subject.as_str(), p.value)).collect();
     let pairs: Vec<(f64, f64)> = a.iter().filter_map(|p| Some((p.value, *of_b.get(p.subject.as_str())?))).collect();
     match pairs.len() {
-        0 => independent(a, b, strata, options, permutations, seed, stream),
-        n if n == smaller => paired(&pairs, options, permutations, seed, stream),
+        0 => independent(a, b, strata, options, permutations),
+        n if n == smaller => paired(&pairs, options, permutations),
         n => Err(format!("{n} people are in both groups and others in one; compare different people, or the same people twice")),
     }
 }
 
-/// Random numbers of one unit of work; the high bit is the bootstrap's.
-fn generator(seed: u64, stream: u32, unit: usize) -> ChaCha8Rng {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    random.set_stream((1 << 62) | (u64::from(stream) << 30) | unit as u64);
-    random
+/// The draws of a permutation test.
+#[derive(Clone, Copy, Debug)]
+pub struct Permutations {
+    /// Draws beside what was observed.
+    pub count: usize,
+    /// Seed of the analysis.
+    pub seed: u64,
+    /// Number of the comparison: each has random numbers of its own.
+    pub stream: u32,
 }
 
-/// Share of the draws, with the observed one, whose difference is at least as large.
-fn share_at_least(observed: f64, permutations: usize, draw: impl Fn(usize) -> f64 + Sync) -> f64 {
-    let slack = 1e-10 * observed.abs();
-    let at_least = (0..permutations).into_par_iter().filter(|&unit| draw(unit).abs() >= observed.abs() - slack).count();
-    (1 + at_least) as f64 / (1 + permutations) as f64
+impl Permutations {
+    /// Share of the draws, with the observed one, whose difference is at least as large. `draw` gets random numbers of its own for each.
+    fn share_at_least(&self, observed: f64, draw: impl Fn(ChaCha8Rng) -> f64 + Sync) -> f64 {
+        let slack = 1e-10 * observed.abs();
+        let is_as_large = |&unit: &usize| draw(self.generator(unit)).abs() >= observed.abs() - slack;
+        let at_least = (0..self.count).into_par_iter().filter(is_as_large).count();
+        (1 + at_least) as f64 / (1 + self.count) as f64
+    }
+
+    /// Random numbers of one draw; the high bit is the bootstrap's.
+    fn generator(&self, unit: usize) -> ChaCha8Rng {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        random.set_stream((1 << 62) | (u64::from(self.stream) << 30) | unit as u64);
+        random
+    }
 }
 
 /// People in each group for a two-sided test at 5 % of an effect of `effect` standard deviations (Lehr's form of the normal
@@ -179,9 +191,7 @@ fn independent(
     b: &[PersonValue],
     strata: Option<&Strata>,
     options: &AmplitudeOptions,
-    permutations: usize,
-    seed: u64,
-    stream: u32,
+    permutations: &Permutations,
 ) -> Result<AmplitudeTest, String> {
     let values: Vec<f64> = a.iter().chain(b).map(|p| p.value).collect();
     let (of_a, of_b) = values.split_at(a.len());
@@ -203,8 +213,7 @@ fn independent(
     let total: f64 = values.iter().sum();
     let difference_of = |sum: f64| sum / na - (total - sum) / nb;
     let observed = difference_of(of_a.iter().sum());
-    let p = share_at_least(observed, permutations, |unit| {
-        let mut random = generator(seed, stream, unit);
+    let p = permutations.share_at_least(observed, |mut random| {
         let mut sum = 0.0;
         for (places, first) in &blocks {
             let mut places = places.clone();
@@ -220,13 +229,7 @@ fn independent(
     finished([a.len(), b.len()], false, [of_a, of_b], ((ea + eb).sqrt(), freedom, pooled), small_sample, p, options)
 }
 
-fn paired(
-    pairs: &[(f64, f64)],
-    options: &AmplitudeOptions,
-    permutations: usize,
-    seed: u64,
-    stream: u32,
-) -> Result<AmplitudeTest, String> {
+fn paired(pairs: &[(f64, f64)], options: &AmplitudeOptions, permutations: &Permutations) -> Result<AmplitudeTest, String> {
     let (of_a, of_b): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
     let differences: Vec<f64> = pairs.iter().map(|(a, b)| a - b).collect();
     let n = pairs.len() as f64;
@@ -235,8 +238,7 @@ fn paired(
     if deviation <= ROUNDING * scale {
         return Err("all people differ by the same amount; a test needs people who differ".to_owned());
     }
-    let p = share_at_least(mean(&differences), permutations, |unit| {
-        let mut random = generator(seed, stream, unit);
+    let p = permutations.share_at_least(mean(&differences), |mut random| {
         differences.iter().map(|d| if random.random::<bool>() { *d } else { -d }).sum::<f64>() / n
     });
     let small_sample = 1.0 - 3.0 / (4.0 * (n - 1.0) - 1.0);
@@ -295,7 +297,7 @@ mod tests {
     const B: [f64; 7] = [0.71, 0.95, 0.62, 1.10, 0.84, 0.55, 0.99];
 
     fn compared(a: &[PersonValue], b: &[PersonValue]) -> Result<AmplitudeTest, String> {
-        compare_amplitudes(a, b, None, &AmplitudeOptions::default(), 19_999, 1, 0)
+        compare_amplitudes(a, b, None, &AmplitudeOptions::default(), &Permutations { count: 19_999, seed: 1, stream: 0 })
     }
 
     fn close(found: f64, expected: f64) {
