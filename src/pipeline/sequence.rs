@@ -224,8 +224,9 @@ fn track_frames(
     let fitted = bench.fitter.fit(&bench.wireframe, &source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
     let frames = std::iter::once(Ok(first)).chain(frames);
     let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
-        let fatal = matches!(error, TrackError::Interrupted);
-        SequenceFailure { fatal, ..SequenceFailure::at(Stage::Track)(error) }
+        let is_interrupted = matches!(error, TrackError::Interrupted);
+        let failure = SequenceFailure::at(Stage::Track)(error);
+        SequenceFailure { fatal: failure.fatal || is_interrupted, ..failure }
     })?;
     let info = TrackInfo {
         schema_version: TRACK_SCHEMA,
@@ -357,4 +358,43 @@ pub fn overlay_pictures(
 pub fn overlay_path(folder: &Path, id: &SequenceId, number: u32) -> PathBuf {
     // Not the name of a Cohn-Kanade frame, lest a picture replace the frame it shows.
     folder.join(format!("{id}_{number:08}_overlay.png"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{io::Error, path::Path};
+
+    use super::*;
+    use crate::{
+        dataset::Dataset,
+        pipeline::PipelineOptions,
+        sequence::{DecodeError, read_first_frame},
+    };
+
+    #[test]
+    fn a_later_frame_that_the_disk_does_not_give_is_the_machines_fault() {
+        let dataset = Dataset::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated")).unwrap();
+        let bench = Workbench::new(None, PipelineOptions::default()).unwrap();
+        let entry = &dataset.sequences[0];
+        let frames = entry.frames().unwrap();
+        let marks =
+            entry.correspondences(frames.neutral_number(), &bench.tables, bench.wireframe.node_count(), &bench.options.marks);
+        let first = read_first_frame(&frames).unwrap();
+        let source = SequenceSource {
+            id: entry.id.clone(),
+            emotion: entry.emotion.clone(),
+            metadata: BTreeMap::new(),
+            frames,
+            marks: marks.unwrap(),
+            marks_from: "file".to_owned(),
+            fps: None,
+        };
+        let track = |code: i32| {
+            let unread = SequenceError::Decode { path: "a.png".into(), source: DecodeError::Io(Error::from_raw_os_error(code)) };
+            track_frames(&source, &bench, None, &mut [Ok(first.clone()), Err(unread)].into_iter(), |_| true).unwrap_err()
+        };
+        // EIO, and ENOENT: a file that is not there is the sequence's own.
+        assert!(track(5).fatal && track(5).reason.starts_with(MACHINE));
+        assert!(!track(2).fatal);
+    }
 }

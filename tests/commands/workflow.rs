@@ -86,3 +86,33 @@ fn batches_of_sequences_give_the_same_bytes_in_fewer_jobs() {
     assert!(work.path("flow.workflow/part-2-of-2").exists());
     assert_same_files(&work.files("plain"), &work.files("flow"));
 }
+
+/// A real Slurm cluster of this machine (`scripts/with_slurm`). Without Slurm or the executor's plugin it says loudly that it was skipped.
+#[test]
+fn on_a_slurm_cluster_it_gives_the_bytes_of_a_plain_run() {
+    let Some(snakemake) = snakemake() else { return };
+    let with_slurm = root().join("scripts/with_slurm");
+    let cluster = Command::new(&with_slurm).arg("true").output().unwrap();
+    if cluster.status.code() == Some(77) {
+        return eprintln!("SKIPPED the workflow on Slurm: {}", String::from_utf8_lossy(&cluster.stderr).trim());
+    }
+    assert!(cluster.status.success(), "{}", String::from_utf8_lossy(&cluster.stderr));
+    let help = Command::new(&snakemake).arg("--help").output().unwrap();
+    if !String::from_utf8_lossy(&help.stdout).contains("--slurm-status-command") {
+        return eprintln!("SKIPPED the workflow on Slurm: no snakemake-executor-plugin-slurm; scripts/test_slurm installs it");
+    }
+    let work = Work::with_faces();
+    work.grimace(&format!("run faces -o plain {OPTIONS}")).exit(0);
+    let mut command = Command::new(with_slurm);
+    command.current_dir(work.path(".")).arg(snakemake);
+    command.arg("--snakefile").arg(root().join("workflow/Snakefile"));
+    command.arg("--workflow-profile").arg(root().join("workflow/profiles/slurm"));
+    // The cluster keeps no accounts, and is looked at often.
+    command.args(["--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2"]);
+    command.args(["--seconds-between-status-checks", "2", "--jobs", "2", "--config", "dataset=faces", "out=flow", "threads=1"]);
+    command.arg(format!("grimace={}", crate::common::grimace().display())).arg(format!("options={OPTIONS}")).arg("batch=4");
+    let ran = command.output().unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    assert!(work.path("flow.workflow/part-2-of-2").exists());
+    assert_same_files(&work.files("plain"), &work.files("flow"));
+}

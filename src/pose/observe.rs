@@ -1,0 +1,123 @@
+//! What a track says of a head: the nodes seen in every frame with their expected errors, and a first pose.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose, PoseError, solve::Seen};
+use crate::{
+    geometry::Similarity,
+    normalize::stable_nodes,
+    track::{LossReason, NodeState, TrackedFrame},
+    units::NodeId,
+    wireframe::Tables,
+};
+
+/// Standard deviation of a tracked node, model units: 1 % of the eye distance.
+const TRACKED: f64 = 0.006;
+/// The same of a node that the springs placed.
+const RECOVERED: f64 = 0.06;
+/// Standard deviation of each person's own offset of a node, beyond the modes: of a node that was marked, and of one that was not.
+const OWN_MARKED: f64 = 0.007;
+const OWN_FITTED: f64 = 0.04;
+/// Fewest nodes seen that give a pose.
+pub(super) const FEWEST_SEEN: usize = 6;
+/// What is seen of one frame.
+pub(super) struct Frame {
+    pub number: u32,
+    pub seen: Vec<Seen>,
+}
+
+impl Frame {
+    pub fn is_seen(&self) -> bool {
+        self.seen.len() >= FEWEST_SEEN
+    }
+}
+
+/// How far every node's mark lies from its node, px, in every frame: as in the neutral one, turned and sized with the face.
+///
+/// A node that was fitted need not lie where its mark is, and moves as the mark would. Nodes without a mark, and those that were
+/// corrected by hand, have no shift.
+pub(super) fn mark_shifts(
+    model: &HeadModel,
+    tables: &Tables,
+    track: &[TrackedFrame],
+    marks: &[(NodeId, Point2<f64>)],
+) -> Vec<Vec<Vector2<f64>>> {
+    let count = model.node_count();
+    let Some(neutral) = track.first() else { return Vec::new() };
+    let mut shifts = vec![Vector2::zeros(); count];
+    for (node, at) in marks.iter().filter(|(node, _)| node.index() < count.min(neutral.nodes.len())) {
+        let fitted = &neutral.nodes[node.index()];
+        if fitted.state != NodeState::Corrected {
+            shifts[node.index()] = at - fitted.position;
+        }
+    }
+    let stable = stable_nodes(tables, count);
+    let turned = |frame: &TrackedFrame| {
+        let pick = |frame: &TrackedFrame| -> Vec<Point2<f64>> {
+            stable.iter().filter_map(|&k| frame.nodes.get(k).map(|n| n.position)).collect()
+        };
+        let moved = Similarity::fit(&pick(neutral), &pick(frame), None).unwrap_or_else(|_| Similarity::identity());
+        let origin = moved.apply(&Point2::origin());
+        shifts.iter().map(|&shift| moved.apply(&Point2::from(shift)) - origin).collect()
+    };
+    track.iter().map(turned).collect()
+}
+
+/// The nodes that the tracker placed, each where its mark would be.
+///
+/// # Errors
+/// [`PoseError::NodeCount`] for a frame of another wireframe.
+pub(super) fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2<f64>]) -> Result<Frame, PoseError> {
+    if frame.nodes.len() != model.node_count() {
+        let (found, expected) = (frame.nodes.len(), model.node_count());
+        return Err(PoseError::NodeCount { frame: frame.number, found, expected });
+    }
+    let iris = |k: usize| model.irises.iter().flatten().any(|n| n.index() == k);
+    let mut seen = Vec::new();
+    for node in &model.live {
+        let k = node.index();
+        let tracked = &frame.nodes[k];
+        let deviation = match tracked.state {
+            NodeState::Follows | NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) => continue,
+            NodeState::Recovered(_) => RECOVERED,
+            _ => TRACKED,
+        };
+        if !iris(k) {
+            seen.push(Seen { node: k, at: tracked.position + shifts[k], deviation });
+        }
+    }
+    Ok(Frame { number: frame.number, seen })
+}
+
+/// Standard deviation of each person's own offset by node.
+pub(super) fn own_deviations(model: &HeadModel, neutral: &TrackedFrame) -> Vec<f64> {
+    let own = |k: usize| match neutral.nodes[k].state {
+        NodeState::Marked | NodeState::Corrected | NodeState::Tracked => OWN_MARKED,
+        _ => OWN_FITTED,
+    };
+    (0..model.node_count()).map(own).collect()
+}
+
+/// A frontal pose by the similarity of the points that expressions do not move.
+pub(super) fn rough_pose(model: &HeadModel, tables: &Tables, frame: &TrackedFrame) -> Result<HeadPose, PoseError> {
+    let stable = stable_nodes(tables, model.node_count());
+    let face: Vec<Point2<f64>> = stable.iter().map(|&k| frontal(model, k)).collect();
+    let seen: Vec<Point2<f64>> = stable.iter().map(|&k| frame.nodes[k].position).collect();
+    Ok(pose_of(&Similarity::fit(&face, &seen, None)?))
+}
+
+/// A node of the mean head from the front, y down.
+fn frontal(model: &HeadModel, k: usize) -> Point2<f64> {
+    Point2::new(model.mean[k].x, -model.mean[k].y)
+}
+
+/// The frontal pose of a similarity from the frontal head to the image, y down in both.
+fn pose_of(placed: &Similarity) -> HeadPose {
+    HeadPose {
+        // The similarity turns with y down.
+        rotation: HeadPose::rotation_of(0.0, 0.0, -placed.angle.to_degrees()),
+        scale: placed.scale,
+        position: placed.apply(&Point2::origin()),
+        distance: CAMERA_DISTANCE * HEAD_ES,
+    }
+}
