@@ -18,6 +18,7 @@ use crate::{
     columnar::ColumnarModels,
     dataset::{Dataset, read_landmarks},
     fap::{read_fap, read_tidy_csv},
+    features::read_blendshapes,
     fit::{read_correspondences, read_neutral_faces, read_prior},
     mesh::{gltf::read_gltf, read_npy_indices, read_npy_rows, read_obj, read_ply},
     pipeline::{RunJson, load_columnar, read_model},
@@ -56,7 +57,7 @@ const fn binary(name: &'static str, file: &'static str, read: fn(&Path) -> Outco
 }
 
 /// All readers.
-pub static TARGETS: [Target; 27] = [
+pub static TARGETS: [Target; 29] = [
     text("fap", "a.fap", |p| said(read_fap(p))),
     text("fap_table", "a.csv", |p| said(read_tidy_csv(p, 25.0))),
     text("wireframe", "a.wfm", |p| said(read_wfm(p))),
@@ -78,6 +79,8 @@ pub static TARGETS: [Target; 27] = [
     text("fap_motion", "a.fap", |p| said(read_motion(p, bank(), None))),
     text("recipes", "a.csv", |p| said(read_recipes(p, bank().names()))),
     text("feature_points", "a.csv", |p| said(crate::synthesis::read_feature_points(p, bank().mesh().vertex_count()))),
+    text("blendshapes", "a.json", |p| said(read_blendshapes(p))),
+    text("blendshape_table", "a.csv", |p| said(read_blendshapes(p))),
     text("run_record", "run.json", |p| match fs::read(p) {
         Ok(bytes) => said(serde_json::from_slice::<RunJson>(&bytes)),
         Err(error) => Err(error.to_string()),

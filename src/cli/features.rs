@@ -1,9 +1,9 @@
 //! `grimace features`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use grimace::{
-    features::{ActionUnit, ColumnNames, write_features},
+    features::{ActionUnit, ColumnNames, read_blendshapes, write_features},
     normalize::NormalizeOptions,
     normalize::PoseMode,
     output::count,
@@ -23,6 +23,7 @@ use super::{
 Example:
   grimace features results/tracks -o features
   grimace features results/tracks -o openface --names openface
+  grimace features results/tracks/S005_001.csv -o compared --blendshapes mediapipe.json
 
 Writes SUBJECT_SEQUENCE.csv for every track: pose of the head in degrees, action units AU.._r (0 to 5) with presence _c and expected error \
 _e, openings of eyes and mouth, FAPs; and beside it a .json with the units. `run` writes the same into OUT/features.")]
@@ -39,6 +40,10 @@ pub struct Args {
     /// Action units to write, such as AU04,AU12; all of them where none is named
     #[arg(long, value_name = "AU", value_delimiter = ',')]
     units: Vec<ActionUnit>,
+    /// MediaPipe's blendshapes of the same frames, as further columns mediapipe_jawOpen ...: its results as .json, or a .csv with frame and columns
+    /// named as they are; for several tracks a folder with SUBJECT_SEQUENCE.json or .csv of each
+    #[arg(long, value_name = "FILE|DIR")]
+    blendshapes: Option<PathBuf>,
     /// Threads; 0 for one per processor
     #[arg(short = 'j', long, default_value_t = 0)]
     threads: usize,
@@ -60,6 +65,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let normalize = NormalizeOptions { pose: PoseMode::Full, ..NormalizeOptions::default() };
     let bench = args.general.workbench(PipelineOptions { normalize, ..PipelineOptions::default() })?;
     let files = track_files(&args.tracks)?;
+    anyhow::ensure!(
+        files.len() == 1 || args.blendshapes.as_ref().is_none_or(|path| path.is_dir()),
+        "--blendshapes: for {} tracks give a folder with SUBJECT_SEQUENCE.json or .csv of each",
+        files.len()
+    );
     anyhow::ensure!(!files.is_empty(), "no track files among what was given; a track is a .csv as `grimace run` writes it");
     let results: Vec<anyhow::Result<()>> = files.par_iter().map(|path| one(path, args, &bench)).collect();
     let mut failed = 0;
@@ -81,7 +91,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     })
 }
 
-fn one(path: &std::path::Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
+fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let track = read_track(path)?;
     let info = read_track_info(path)?;
     let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
@@ -97,6 +107,16 @@ fn one(path: &std::path::Path, args: &Args, bench: &Workbench) -> anyhow::Result
         Names::Grimace => ColumnNames::Grimace,
         Names::Openface => ColumnNames::OpenFace,
     };
-    write_features(&target, &features, info.and_then(|info| info.fps), names)?;
+    let blendshapes = args.blendshapes.as_deref().and_then(|path| blendshapes_of(path, &id.to_string()));
+    let beside = blendshapes.map(|path| read_blendshapes(&path)?.beside(&features)).transpose()?;
+    write_features(&target, &features, info.and_then(|info| info.fps), names, beside.as_ref())?;
     Ok(())
+}
+
+/// The file of a track's blendshapes; of a folder the one with the track's name, `None` where it has none.
+fn blendshapes_of(path: &Path, id: &str) -> Option<PathBuf> {
+    if !path.is_dir() {
+        return Some(path.to_owned());
+    }
+    ["json", "jsonl", "csv"].iter().map(|end| path.join(format!("{id}.{end}"))).find(|path| path.exists())
 }

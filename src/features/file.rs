@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{FrameFeatures, action_units::ACTION_UNITS, in_time, openface};
+use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, in_time, openface};
 use crate::{
     fap::FapCatalog,
     output::{self, OutputError, nine_digits, write_records},
@@ -108,7 +108,7 @@ pub enum ColumnNames {
     OpenFace,
 }
 
-/// Writes `STEM.csv` and beside it `STEM.json` with the units.
+/// Writes `STEM.csv`, with the columns of `beside` after its own, and `STEM.json` with the units.
 ///
 /// # Errors
 /// [`OutputError`] when a file cannot be written.
@@ -117,13 +117,19 @@ pub fn write_features(
     features: &[FrameFeatures],
     fps: Option<f64>,
     names: ColumnNames,
+    beside: Option<&ColumnsBeside>,
 ) -> Result<FeatureHashes, OutputError> {
-    let ((header, rows), units) = match names {
+    let ((mut header, mut rows), mut units) = match names {
         ColumnNames::Grimace => (features_csv(features, fps), features_units()),
         ColumnNames::OpenFace => {
             (openface::table(features, fps), openface::ABOUT.iter().map(|&(k, v)| (k.to_owned(), v.to_owned())).collect())
         }
     };
+    if let Some(beside) = beside {
+        header.extend_from_slice(&beside.header);
+        rows.iter_mut().zip(&beside.rows).for_each(|(row, beside)| row.extend_from_slice(beside));
+        units.insert("mediapipe_*".to_owned(), "score of MediaPipe's blendshape, 0 to 1".to_owned());
+    }
     let csv = write_records(path, header, rows)?;
     let units_of_faces: BTreeMap<String, &str> = ACTION_UNITS.iter().map(|u| (format!("AU{:02}", u.number), u.name)).collect();
     let about =

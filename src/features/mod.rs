@@ -4,6 +4,7 @@
 //! canonical face; so people of other sizes and proportions have comparable values.
 
 mod action_units;
+mod blendshapes;
 mod course;
 mod file;
 mod openface;
@@ -22,6 +23,7 @@ use crate::{
 };
 
 pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART, UnknownActionUnit};
+pub use blendshapes::{Blendshapes, BlendshapesError, COEFFICIENTS, ColumnsBeside, read_blendshapes};
 pub use course::{COURSE_POINTS, Course};
 pub use file::{ColumnNames, FeatureHashes, features_csv, features_units, write_features};
 

@@ -103,7 +103,7 @@ pub(super) fn write_measured(
 ) -> Result<BTreeMap<String, String>, SequenceFailure> {
     let id = &info.id;
     let [csv, json, fap] = measured_files(id);
-    let hashes = write_features(&out.join(&csv), features, info.fps, ColumnNames::Grimace);
+    let hashes = write_features(&out.join(&csv), features, info.fps, ColumnNames::Grimace, None);
     let hashes = hashes.map_err(SequenceFailure::at(Stage::Write))?;
     let faps = fap_sequence(features, &id.to_string(), info.fps.unwrap_or(f64::from(bench.options.fap.fps)));
     let profile = bench.options.fap.profile;

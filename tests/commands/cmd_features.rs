@@ -189,3 +189,25 @@ fn marks_that_fit_no_head_are_an_error() {
     assert!(failure["reason"].contains("frame 1") || failure["stage"] == "fit", "{failure:?}");
     assert!(failure["reason"].len() > 20, "{failure:?}");
 }
+
+#[test]
+fn blendshapes_of_mediapipe_stand_beside_the_action_units() {
+    let work = Work::new();
+    dataset(&work, &[("A", 0.0, 0.8), ("B", 5.0, 0.4)]);
+    work.grimace("run heads -o out").exit(0);
+    let result =
+        |smile: f64| format!(r#"{{"faceBlendshapes":[{{"categories":[{{"categoryName":"mouthSmileLeft","score":{smile}}}]}}]}}"#);
+    work.write("theirs/A_1.json", format!("[{},{},{}]", result(0.0), result(0.4), result(0.8)));
+    work.grimace("features out/tracks -o compared --blendshapes theirs").exit(0);
+    let rows = work.rows("compared/A_1.csv");
+    assert_eq!([0, 1, 2].map(|k| number(&rows[k], "mediapipe_mouthSmileLeft")), [0.0, 0.4, 0.8]);
+    assert!(number(&rows[2], "AU12_r") > number(&rows[0], "AU12_r"));
+    assert!(work.read("compared/A_1.json").contains("mediapipe_*"));
+    // Who was not measured by them has our columns only.
+    assert!(!work.rows("compared/B_1.csv")[0].contains_key("mediapipe_mouthSmileLeft"));
+    let said = work.grimace("features out/tracks -o more --blendshapes theirs/A_1.json").exit(1);
+    assert!(said.stderr.contains("for 2 tracks give a folder"), "{}", said.stderr);
+    work.write("short.json", format!("[{}]", result(0.0)));
+    let said = work.grimace("features out/tracks/A_1.csv -o more --blendshapes short.json").exit(1);
+    assert!(said.stderr.contains("1 results without frame numbers where the track has 3 frames"), "{}", said.stderr);
+}

@@ -1,0 +1,322 @@
+//! Blendshapes that `MediaPipe`'s face landmarker measured of the same frames, to stand beside ours in the table.
+//!
+//! Read as a table (`frame` and columns named as the blendshapes), or as the results themselves in JSON: one, an array, or one after the other,
+//! each with `faceBlendshapes` (JavaScript) or `face_blendshapes` (Python). Of several faces the first counts. Results without `frame` are
+//! those of the track's frames in their order.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+};
+
+use serde::Deserialize;
+
+use super::{FrameFeatures, in_time};
+use crate::{
+    input::{CsvFile, InputError},
+    output::nine_digits,
+    text::message,
+};
+
+/// The 52 blend shape coefficients in the order of Apple's face capture files.
+pub const COEFFICIENTS: [&str; 52] = [
+    "eyeBlinkLeft",
+    "eyeLookDownLeft",
+    "eyeLookInLeft",
+    "eyeLookOutLeft",
+    "eyeLookUpLeft",
+    "eyeSquintLeft",
+    "eyeWideLeft",
+    "eyeBlinkRight",
+    "eyeLookDownRight",
+    "eyeLookInRight",
+    "eyeLookOutRight",
+    "eyeLookUpRight",
+    "eyeSquintRight",
+    "eyeWideRight",
+    "jawForward",
+    "jawRight",
+    "jawLeft",
+    "jawOpen",
+    "mouthClose",
+    "mouthFunnel",
+    "mouthPucker",
+    "mouthRight",
+    "mouthLeft",
+    "mouthSmileLeft",
+    "mouthSmileRight",
+    "mouthFrownLeft",
+    "mouthFrownRight",
+    "mouthDimpleLeft",
+    "mouthDimpleRight",
+    "mouthStretchLeft",
+    "mouthStretchRight",
+    "mouthRollLower",
+    "mouthRollUpper",
+    "mouthShrugLower",
+    "mouthShrugUpper",
+    "mouthPressLeft",
+    "mouthPressRight",
+    "mouthLowerDownLeft",
+    "mouthLowerDownRight",
+    "mouthUpperUpLeft",
+    "mouthUpperUpRight",
+    "browDownLeft",
+    "browDownRight",
+    "browInnerUp",
+    "browOuterUpLeft",
+    "browOuterUpRight",
+    "cheekPuff",
+    "cheekSquintLeft",
+    "cheekSquintRight",
+    "noseSneerLeft",
+    "noseSneerRight",
+    "tongueOut",
+];
+
+/// What `MediaPipe` has in place of `tongueOut`.
+const NEUTRAL: &str = "_neutral";
+
+/// Blendshapes that do not read, or not beside a track.
+#[derive(Debug, thiserror::Error)]
+pub enum BlendshapesError {
+    /// The table does not read.
+    #[error(transparent)]
+    Table(#[from] InputError),
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// No results of a face landmarker.
+    #[error("{}: not MediaPipe's results in JSON: {reason}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// No blendshape among what was read.
+    #[error("{}: no blendshapes; expected {what}", path.display())]
+    None {
+        /// The file.
+        path: PathBuf,
+        /// What was looked for.
+        what: &'static str,
+    },
+    /// A frame that is there twice.
+    #[error("{}: frame {frame} is there twice", path.display())]
+    DuplicateFrame {
+        /// The file.
+        path: PathBuf,
+        /// Frame number.
+        frame: u32,
+    },
+    /// Results that are not numbered and do not go with the frames.
+    #[error("{}: {found} results without frame numbers where the track has {expected} frames", path.display())]
+    Count {
+        /// The file.
+        path: PathBuf,
+        /// Results.
+        found: usize,
+        /// Frames of the track.
+        expected: usize,
+    },
+}
+
+/// Number of a frame, where it is said, and scores by name.
+type Row = (Option<u32>, BTreeMap<String, f64>);
+
+/// Scores of blendshapes, 0 to 1, frame by frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blendshapes {
+    path: PathBuf,
+    names: Vec<String>,
+    frames: Vec<Row>,
+}
+
+/// Columns that stand beside those of a feature file, frames by ascending number.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColumnsBeside {
+    pub(super) header: Vec<String>,
+    pub(super) rows: Vec<Vec<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Part {
+    Many(Vec<Measured>),
+    One(Measured),
+}
+
+/// A result of the face landmarker.
+#[derive(Deserialize)]
+struct Measured {
+    frame: Option<u32>,
+    #[serde(alias = "faceBlendshapes", alias = "face_blendshapes")]
+    blendshapes: Vec<Face>,
+}
+
+/// Blendshapes of a face, as JavaScript and Python have them.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Face {
+    Named { categories: Vec<Category> },
+    Bare(Vec<Category>),
+}
+
+#[derive(Deserialize)]
+struct Category {
+    #[serde(alias = "categoryName", alias = "category_name")]
+    name: String,
+    score: f64,
+}
+
+/// Reads blendshapes: JSON by the extension `.json` or `.jsonl`, else a table.
+///
+/// # Errors
+/// [`BlendshapesError`] for a file that is neither, or holds none of the 52 coefficients.
+pub fn read_blendshapes(path: &Path) -> Result<Blendshapes, BlendshapesError> {
+    let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json") || e.eq_ignore_ascii_case("jsonl"));
+    let frames = if is_json { from_json(path)? } else { from_table(path)? };
+    let held: BTreeSet<&String> = frames.iter().flat_map(|(_, scores)| scores.keys()).collect();
+    // In the one order, whatever the file has.
+    let names: Vec<String> =
+        COEFFICIENTS.iter().chain([&NEUTRAL]).map(|&name| name.to_owned()).filter(|name| held.contains(name)).collect();
+    if names.is_empty() {
+        let what = if is_json { "`faceBlendshapes` with scores such as jawOpen" } else { "columns such as jawOpen" };
+        return Err(BlendshapesError::None { path: path.to_owned(), what });
+    }
+    let mut numbers = BTreeSet::new();
+    if let Some(frame) = frames.iter().filter_map(|(number, _)| *number).find(|&number| !numbers.insert(number)) {
+        return Err(BlendshapesError::DuplicateFrame { path: path.to_owned(), frame });
+    }
+    Ok(Blendshapes { path: path.to_owned(), names, frames })
+}
+
+/// The name among [`COEFFICIENTS`], or `_neutral`, that a name is.
+fn known(name: &str) -> Option<&'static str> {
+    COEFFICIENTS.into_iter().chain([NEUTRAL]).find(|known| known.eq_ignore_ascii_case(name.trim()))
+}
+
+fn from_table(path: &Path) -> Result<Vec<Row>, BlendshapesError> {
+    let csv = CsvFile::open(path)?;
+    let [frame] = csv.require(["frame"])?;
+    let columns: Vec<(usize, &str)> = csv.header().iter().enumerate().filter_map(|(k, name)| Some((k, known(name)?))).collect();
+    let mut frames = Vec::new();
+    for row in csv.rows() {
+        let row = row?;
+        let mut scores = BTreeMap::new();
+        for &(k, name) in columns.iter().filter(|(k, _)| !row.get(*k).is_empty()) {
+            scores.insert(name.to_owned(), row.number(k)?);
+        }
+        frames.push((Some(row.whole_number(frame)?), scores));
+    }
+    Ok(frames)
+}
+
+fn from_json(path: &Path) -> Result<Vec<Row>, BlendshapesError> {
+    let bytes = crate::input::read(path).map_err(|source| BlendshapesError::Io { path: path.to_owned(), source })?;
+    let mut frames = Vec::new();
+    for part in serde_json::Deserializer::from_slice(&bytes).into_iter::<Part>() {
+        let part =
+            part.map_err(|e| BlendshapesError::Json { path: path.to_owned(), reason: message(&e.to_string()).into_owned() })?;
+        let measured = match part {
+            Part::Many(measured) => measured,
+            Part::One(measured) => vec![measured],
+        };
+        for Measured { frame, blendshapes } in measured {
+            // A frame without a face has none.
+            let scores = match blendshapes.into_iter().next() {
+                Some(Face::Named { categories } | Face::Bare(categories)) => categories,
+                None => Vec::new(),
+            };
+            let scores = scores.into_iter().filter_map(|c| Some((known(&c.name)?.to_owned(), c.score))).collect();
+            frames.push((frame, scores));
+        }
+    }
+    Ok(frames)
+}
+
+impl Blendshapes {
+    /// Names of the blendshapes, in the order of [`COEFFICIENTS`].
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Columns `mediapipe_NAME` beside those of frames, rows by ascending frame number.
+    ///
+    /// # Errors
+    /// As [`Blendshapes::scores`].
+    pub fn beside(&self, features: &[FrameFeatures]) -> Result<ColumnsBeside, BlendshapesError> {
+        let numbers: Vec<u32> = in_time(features).iter().map(|f| f.frame).collect();
+        let header = self.names.iter().map(|name| format!("mediapipe_{}", name.trim_start_matches('_'))).collect();
+        let field = |score: Option<f64>| score.map(nine_digits).unwrap_or_default();
+        let rows = self.scores(&numbers)?.into_iter().map(|row| row.into_iter().map(field).collect()).collect();
+        Ok(ColumnsBeside { header, rows })
+    }
+
+    /// Scores in the frames of these numbers, one row a frame in the order of [`Blendshapes::names`]; `None` where nothing was measured.
+    ///
+    /// # Errors
+    /// [`BlendshapesError::Count`] for results without numbers that are more or fewer than the frames.
+    pub fn scores(&self, numbers: &[u32]) -> Result<Vec<Vec<Option<f64>>>, BlendshapesError> {
+        let row = |scores: Option<&BTreeMap<String, f64>>| {
+            self.names.iter().map(|name| scores.and_then(|s| s.get(name)).copied()).collect::<Vec<_>>()
+        };
+        if self.frames.iter().all(|(number, _)| number.is_none()) {
+            if self.frames.len() != numbers.len() {
+                return Err(BlendshapesError::Count {
+                    path: self.path.clone(),
+                    found: self.frames.len(),
+                    expected: numbers.len(),
+                });
+            }
+            return Ok(self.frames.iter().map(|(_, scores)| row(Some(scores))).collect());
+        }
+        let by_number: BTreeMap<u32, _> = self.frames.iter().filter_map(|(number, scores)| Some(((*number)?, scores))).collect();
+        Ok(numbers.iter().map(|number| row(by_number.get(number).copied())).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(name: &str, text: &str) -> Result<Blendshapes, BlendshapesError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        read_blendshapes(&path)
+    }
+
+    #[test]
+    fn results_of_javascript_and_python_and_a_table_are_the_same() {
+        let javascript = r#"[{"faceLandmarks":[],"faceBlendshapes":[{"categories":[{"index":0,"score":0.25,"categoryName":"_neutral",
+            "displayName":""},{"index":25,"score":0.5,"categoryName":"jawOpen"}],"headIndex":-1}]},{"faceBlendshapes":[]}]"#;
+        let python = r#"{"face_blendshapes":[[{"category_name":"jawOpen","score":0.5},{"category_name":"_neutral","score":0.25}]]}
+            {"face_blendshapes":[]}"#;
+        let expected = vec![vec![Some(0.5), Some(0.25)], vec![None, None]];
+        for (name, text) in [("a.json", javascript), ("a.jsonl", python)] {
+            let found = read(name, text).unwrap();
+            assert_eq!(found.names(), ["jawOpen", "_neutral"]);
+            assert_eq!(found.scores(&[3, 4]).unwrap(), expected);
+            assert!(matches!(found.scores(&[3]), Err(BlendshapesError::Count { found: 2, expected: 1, .. })));
+        }
+        let table = read("a.csv", "frame,JawOpen,_neutral,width\n4,,,640\n3,0.5,0.25,640\n").unwrap();
+        assert_eq!(table.scores(&[3, 4, 5]).unwrap(), [expected[0].clone(), expected[1].clone(), expected[1].clone()]);
+    }
+
+    #[test]
+    fn what_holds_no_blendshapes_is_refused_with_the_reason() {
+        let said = |name: &str, text: &str| read(name, text).unwrap_err().to_string();
+        assert!(said("a.csv", "frame,x0\n1,2\n").contains("columns such as jawOpen"));
+        assert!(said("a.csv", "frame,jawOpen\n1,wide\n").contains("line 2"));
+        assert!(said("a.json", "{\"faceLandmarks\":[]}").contains("blendshapes"));
+        assert!(said("a.json", "[]").contains("faceBlendshapes"));
+        assert!(said("a.csv", "frame,jawOpen\n1,0.5\n1,0.5\n").contains("frame 1 is there twice"));
+    }
+}
