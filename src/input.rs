@@ -23,6 +23,12 @@ pub enum InputErrorKind {
     /// No header line.
     #[error("is empty; a header line was expected")]
     Empty,
+    /// A file of another kind.
+    #[error("is a {what}; a table in CSV was expected")]
+    NotText {
+        /// What it is by its first bytes.
+        what: &'static str,
+    },
     /// Bytes that are not UTF-8.
     #[error("byte {byte} of the line is not UTF-8; save the file as UTF-8 text")]
     NotUtf8 {
@@ -93,6 +99,16 @@ impl fmt::Display for LineSuffix {
     }
 }
 
+/// First bytes of files that are taken for tables, and what they are.
+const KINDS: [(&[u8], &str); 6] = [
+    (b"\xFF\xD8\xFF", "JPEG picture"),
+    (b"\x89PNG", "PNG picture"),
+    (b"PK\x03\x04", "ZIP archive or a spreadsheet's own file"),
+    (b"%PDF", "PDF document"),
+    (b"PAR1", "Parquet file"),
+    (b"\x1F\x8B", "compressed file"),
+];
+
 /// Most columns that a message names.
 const MOST_NAMES: usize = 20;
 
@@ -162,6 +178,9 @@ impl CsvFile {
     /// As [`CsvFile::open`].
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, InputError> {
         let error = |line, kind| InputError { path: path.to_owned(), line, kind };
+        if let Some((_, what)) = KINDS.iter().find(|(start, _)| bytes.starts_with(start)) {
+            return Err(error(None, InputErrorKind::NotText { what }));
+        }
         let mark: &[u8] = b"\xEF\xBB\xBF";
         let start = if bytes.starts_with(mark) { mark.len() } else { 0 };
         let mut lines = Lines { bytes: &bytes, offset: start, line: 1 };
@@ -386,6 +405,10 @@ mod tests {
         assert!(super::tests::file(b"a,b,a\n").unwrap_err().to_string().contains("column `a` twice"));
         assert!(super::tests::file(b"\n \n").unwrap_err().to_string().contains("is empty"));
         assert!(super::tests::file(b"a,b,,\n").is_ok(), "columns without a name do not collide");
+        assert_eq!(
+            super::tests::file(b"\xFF\xD8\xFF\xE0").unwrap_err().to_string(),
+            "a.csv: is a JPEG picture; a table in CSV was expected"
+        );
     }
 
     #[test]

@@ -310,6 +310,9 @@ fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
     if is_csv(&args.input) {
         // The table has no frame rate: it gets the output's, so that nothing is interpolated.
         let sequence = read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(DEFAULT_FPS)))?;
+        if args.fps.is_none() {
+            note(&format!("a table has no frame rate: {DEFAULT_FPS} frames per second, unless --fps says another"));
+        }
         return Ok((sequence, Profile::default()));
     }
     let bytes = bytes_of(&args.input)?;

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::{
     Outcome,
-    shared::{GeneralArgs, set_threads},
+    shared::{GeneralArgs, about, set_threads},
 };
 
 /// A row for every frame of tracks.
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for (path, result) in files.iter().zip(&results) {
         if let Err(error) = result {
             failed += 1;
-            eprintln!("failed: {}: {}", path.display(), super::chain(error));
+            eprintln!("failed: {}", about(path)(&super::chain(error)));
         }
     }
     if !args.general.quiet {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use grimace::{
-    dataset::{UNKNOWN_EMOTION, manifest_path, propose_manifest},
+    dataset::{DatasetError, UNKNOWN_EMOTION, manifest_path, propose_manifest},
     output::count,
 };
 
@@ -37,7 +37,15 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let path = manifest_path(&args.folder);
     check_free(&path, args.force)?;
-    let mut manifest = propose_manifest(&args.folder)?;
+    let folder = args.folder.display();
+    anyhow::ensure!(args.folder.is_dir(), "{folder}: there is no such folder; give the one that holds the sequences");
+    let mut manifest = propose_manifest(&args.folder).map_err(|error| match error {
+        DatasetError::NothingFound { root } => anyhow::anyhow!(
+            "{}: nothing found that could be a sequence: no video, and no folder with two pictures or more",
+            root.display()
+        ),
+        other => other.into(),
+    })?;
     if let Some(people) = &args.people {
         manifest.join_people(people)?;
     }

@@ -232,7 +232,8 @@ fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Re
         }
         let marks = match (&args.correspondences, args.neutral_frame) {
             (Some(marks), Some(frame)) => {
-                let read = marks_or_found(Some(marks), bench, || anyhow::bail!("no frame is needed for marks that are given"))?;
+                let read =
+                    marks_or_found(Some(marks), bench, marks, || anyhow::bail!("no frame is needed for marks that are given"))?;
                 Some((frame, read))
             }
             _ => None,

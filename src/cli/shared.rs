@@ -363,9 +363,9 @@ impl AnalysisArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
-    /// Marks of a sequence or picture that has no correspondences: `auto` takes its landmarks, or finds marks in the neutral frame where
-    /// there are none; `default` (eye corners, mouth corners, chin), `high`, `all`, or a list of nodes such as 20,23,53,56,31,64,10 take
-    /// such landmarks and find nothing
+    /// Marks of a sequence or picture that has no correspondences: `auto` takes all its landmarks, each by its expected error, or finds marks in
+    /// the neutral frame where there are none; `default` (eye corners, mouth corners, chin), `high`, `all`, or a list of nodes such as
+    /// 20,23,53,56,31,64,10 take such landmarks and find nothing
     #[arg(long, default_value = "auto", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
     /// Least confidence, 0 to 1, at which a frame of a landmark file that tells one counts; frames under it are lost
@@ -439,15 +439,16 @@ pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The marks of a file; found in the frame where no file is given.
+/// The marks of a file; found in the frame of `picture` where no file is given.
 pub fn marks_or_found(
     path: Option<&Path>,
     bench: &Workbench,
+    picture: &Path,
     frame: impl FnOnce() -> anyhow::Result<Frame>,
 ) -> anyhow::Result<Vec<Correspondence>> {
     match path {
         Some(path) => Ok(read_marks(path, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?),
-        None => Ok(found_marks(&frame()?, bench)?),
+        None => found_marks(&frame()?, bench).map_err(|error| about(picture)(&error)),
     }
 }
 

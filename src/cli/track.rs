@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let bench = args.general.workbench(options)?;
     let frames = list_frames(&args.sequence, args.first_frame, args.last_frame)?;
-    let marks = marks_or_found(args.correspondences.as_deref(), &bench, || Ok(read_first_frame(&frames)?))?;
+    let marks = marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok(read_first_frame(&frames)?))?;
     let source = SequenceSource {
         id: id_of(&args.output),
         emotion: args.emotion.trim().to_lowercase(),

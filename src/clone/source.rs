@@ -9,7 +9,7 @@ use crate::{
     fap::{FapNumber, FapSequence, read_fap},
     geometry::Similarity,
     model::{DynamicExpressionModel, FrameExpressionModel},
-    normalize::{NormalizeOptions, Normalizer, stable_nodes},
+    normalize::{EyeCorners, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
     track::{TrackedFrame, read_track, read_track_info, track_model},
     units::{FaceUnit, Px},
@@ -117,14 +117,11 @@ impl SourceMotion {
         let upright = normalizer.upright(&model)?;
         let fapus = Fapus::measure(&face.tables.fapus, &upright[0])
             .map_err(|source| CloneError::Fapus { what: "the source's neutral face", source })?;
-        let stable = stable_nodes(&face.tables, face.wireframe.node_count());
-        let pick = |nodes: &[Point2<f64>]| stable.iter().map(|&k| nodes[k]).collect::<Vec<_>>();
-        let neutral = pick(model.neutral().nodes());
-        let head = model
-            .frames()
-            .iter()
-            .map(|f| Similarity::fit(&neutral, &pick(f.nodes()), None).unwrap_or_else(|_| Similarity::identity()))
-            .collect();
+        let corners = EyeCorners::new(&face.tables, face.wireframe.node_count());
+        let neutral = model.neutral().nodes();
+        let head =
+            model.frames().iter().map(|f| corners.similarity(neutral, f.nodes()).unwrap_or_else(|_| Similarity::identity()));
+        let head = head.collect();
         Ok(Self {
             name: name.to_owned(),
             kind: SourceKind::Track,

@@ -92,7 +92,10 @@ pub enum BlendshapesError {
         source: std::io::Error,
     },
     /// No results of a face landmarker.
-    #[error("{}: not MediaPipe's results in JSON: {reason}", path.display())]
+    #[error(
+        "{}: not MediaPipe's results in JSON (`faceBlendshapes` or `face_blendshapes` with names and scores): {reason}",
+        path.display()
+    )]
     Json {
         /// The file.
         path: PathBuf,
@@ -315,7 +318,7 @@ mod tests {
         let said = |name: &str, text: &str| read(name, text).unwrap_err().to_string();
         assert!(said("a.csv", "frame,x0\n1,2\n").contains("columns such as jawOpen"));
         assert!(said("a.csv", "frame,jawOpen\n1,wide\n").contains("line 2"));
-        assert!(said("a.json", "{\"faceLandmarks\":[]}").contains("blendshapes"));
+        assert!(said("a.json", "{\"faceLandmarks\":[]}").contains("`face_blendshapes` with names and scores"));
         assert!(said("a.json", "[]").contains("faceBlendshapes"));
         assert!(said("a.csv", "frame,jawOpen\n1,0.5\n1,0.5\n").contains("frame 1 is there twice"));
     }

@@ -98,7 +98,7 @@ fn and_others(nodes: &[NodeId]) -> String {
 pub enum FitWarning {
     /// A mark that is far from where the others expect it, but may be right.
     #[error(
-        "node {node}, marked at ({x:.1}, {y:.1}), lies {percent:.0} % of the eye distance from where the other marks expect it; look at it"
+        "the mark of node {node} at ({x:.1}, {y:.1}) lies {percent:.0} % of the eye distance from where the other marks expect it; look at it"
     )]
     Doubtful {
         /// The node.

@@ -186,7 +186,10 @@ impl Fitter {
         let nodes = self.springs.deform(wireframe, &rest, &targets)?;
         let upright = frontal.iter().map(|p| flip(image_from_face.apply(p))).collect();
         let view = Frontal::new(wireframe, &frontal, upright);
-        let warned = strays.iter().map(|s| doubtful(&marks[s.index], s.distance)).collect();
+        // A mark that tells its error may be off by some of it.
+        let may_be_off = |m: &Correspondence| m.expected_error.map_or(0.0, |e| WITHIN_ERRORS * e / eye_distance);
+        let strays = strays.iter().filter(|s| s.distance > may_be_off(&marks[s.index]));
+        let warned = strays.map(|s| doubtful(&marks[s.index], s.distance)).collect();
         let (nodes, warnings) = match unfold(&self.springs, wireframe, &rest, &targets, &nodes, &view)? {
             Some(unfolded) => choose(marks, nodes, unfolded, eye_distance, warned)?,
             None => (nodes, warned),
@@ -243,6 +246,8 @@ impl Fitter {
     }
 }
 
+/// Expected errors that a mark may be off without a word: of normal errors one in 2000 is further.
+const WITHIN_ERRORS: f64 = 4.0;
 /// Distance over the eye distance beyond which no mark is given up for a triangle.
 const GIVEN_UP: f64 = 0.3;
 /// Distance over the eye distance at which a mark that was left behind should be looked at.

@@ -17,7 +17,7 @@ use crate::{
     wireframe::{Fapus, FapusError, Tables, Wireframe},
 };
 
-pub use orientation::stable_nodes;
+pub use orientation::{EyeCorners, stable_nodes};
 pub use time::{Resample, resample};
 
 /// Frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
@@ -207,6 +207,22 @@ mod tests {
         assert_relative_eq!(offsets[16], Vector2::zeros(), epsilon = 1e-9);
         // Frame 2 of 5 is frame 4 of 9: half the motion.
         assert_relative_eq!(model.neutral_offsets(2)[31].x, 25.6, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn a_nose_that_is_drawn_down_leaves_the_head_its_size() {
+        let mut frames = track(2, 0.0, |_| Similarity::identity()).frames().to_vec();
+        let mut nodes = frames[1].nodes().to_vec();
+        // The lower edge of the nose's bone and the mouth corners, 5 % of the eye distance down.
+        [92, 93, 94, 31, 64].iter().for_each(|&k: &usize| nodes[k].y += 5.0);
+        frames[1] = FrameExpressionModel::new(nodes);
+        let model = normalized(&DynamicExpressionModel::new(frames).unwrap());
+        let offsets = model.neutral_offsets(4);
+        // Eye corners, the sides of the face, the top of the head.
+        for k in [20, 53, 23, 56, 29, 62, 0] {
+            assert!(offsets[k].norm() < 1e-6, "node {k} moves by {}", offsets[k]);
+        }
+        assert!(offsets[31].y < -40.0);
     }
 
     #[test]

@@ -117,12 +117,18 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         ));
     }
     let much = |c: &&Clamped| (c.value - f64::from(c.limit)).abs() >= NOTABLE_CLAMP;
-    let clamped: BTreeSet<u8> = classes.iter().flat_map(|c| c.clamped.iter().filter(much).map(|c| c.fap.get())).collect();
+    let clamped: Vec<String> = classes
+        .iter()
+        .filter_map(|c| {
+            let faps: BTreeSet<u8> = c.clamped.iter().filter(much).map(|c| c.fap.get()).collect();
+            let list = faps.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            (!list.is_empty()).then(|| format!("FAP {list} of {}", c.stem))
+        })
+        .collect();
     if !clamped.is_empty() {
-        let list = clamped.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!(
-            "values outside the standard's range were clamped, see `clamped` in representatives/*.json: FAP {list}"
-        ));
+        let list = listed(&clamped, MOST_NAMED);
+        warnings
+            .push(format!("values outside the standard's range were clamped, see `clamped` in representatives/*.json: {list}"));
     }
     warnings
 }

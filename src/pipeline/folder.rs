@@ -77,6 +77,10 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
             fs::create_dir_all(out).map_err(error)?;
             return Ok(None);
         }
+        Err(e) if e.kind() == io::ErrorKind::NotADirectory => {
+            let reason = "is a file; results go into a folder of their own";
+            return Err(error(io::Error::new(io::ErrorKind::NotADirectory, reason)).into());
+        }
         Err(e) => return Err(error(e).into()),
     };
     let record = out.join(RUN_JSON);

@@ -23,7 +23,7 @@ const FEWEST: [u16; 13] = [20, 23, 53, 56, 31, 64, 10, 15, 16, 17, 48, 49, 50];
 #[derive(Debug, thiserror::Error)]
 pub enum FoundMarksError {
     /// No face.
-    #[error("no marks are set and no face was found in the neutral frame; mark it with `grimace annotate`")]
+    #[error("no marks are set and no face was found in the neutral frame; if there is one, mark it with `grimace annotate`")]
     NoFace,
     /// A face that is read with large errors.
     #[error(

@@ -214,7 +214,11 @@ fn marks_of(
     let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
         CorrespondenceSource::None if bench.options.marks == LandmarkSelection::Auto => {
             let frame = read_first_frame(frames).map_err(SequenceFailure::at(Stage::Track))?;
-            let marks = found_marks(&frame, bench).map_err(SequenceFailure::at(Stage::Fit))?;
+            let named = |failure: SequenceFailure| match frames.files().first() {
+                Some(file) => SequenceFailure { reason: format!("{}: {}", file.display(), failure.reason), ..failure },
+                None => failure,
+            };
+            let marks = found_marks(&frame, bench).map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
             return Ok((marks, "found"));
         }
         CorrespondenceSource::Landmarks(_) => "landmarks",

@@ -6,7 +6,7 @@ use super::{HeadFit, HeadModel, HeadPose};
 use crate::{
     fit::{Pull, SpringError, Springs, Target},
     geometry::Similarity,
-    normalize::stable_nodes,
+    normalize::EyeCorners,
     track::{LossReason, NodeState, TrackedFrame},
     wireframe::{Tables, Wireframe},
 };
@@ -63,12 +63,6 @@ fn turn_degrees(a: &HeadPose, b: &HeadPose) -> f64 {
     direction(a).angle(&direction(b)).to_degrees()
 }
 
-/// The similarity from a frame to the neutral one by the points that expressions do not move; none where they determine none.
-fn still_similarity(stable: &[usize], neutral: &TrackedFrame, frame: &TrackedFrame) -> Similarity {
-    let pick = |frame: &TrackedFrame| -> Vec<Point2<f64>> { stable.iter().map(|&k| frame.nodes[k].position).collect() };
-    Similarity::fit(&pick(frame), &pick(neutral), None).unwrap_or_else(|_| Similarity::identity())
-}
-
 /// The nodes of all frames as the same head would show them looking into the same camera: px of the size of the neutral frame, y
 /// down.
 ///
@@ -87,7 +81,9 @@ pub fn frontalized(
     springs: &Springs,
 ) -> Result<Vec<Vec<Point2<f64>>>, SpringError> {
     let Some(neutral_pose) = fit.poses.first() else { return Ok(Vec::new()) };
-    let stable = stable_nodes(tables, wireframe.node_count());
+    let corners = EyeCorners::new(tables, wireframe.node_count());
+    let seen_in = |frame: &TrackedFrame| -> Vec<Point2<f64>> { frame.nodes.iter().map(|n| n.position).collect() };
+    let seen_neutral = track.first().map(&seen_in).unwrap_or_default();
     let front = HeadPose { rotation: untrusted_turn(neutral_pose), ..*neutral_pose };
     let mut neutral: Vec<Point2<f64>> = Vec::new();
     // Marks and not nodes are followed, and what they moved moves the nodes: see `mark_shifts`.
@@ -98,7 +94,7 @@ pub fn frontalized(
         let turn = turn_degrees(neutral_pose, pose);
         let turned_share = turn * turn / (turn * turn + SMALL_TURN * SMALL_TURN);
         // Without a turn of the head a similarity takes the frame onto the neutral one.
-        let still = still_similarity(&stable, &track[0], frame);
+        let still = corners.similarity(&seen_in(frame), &seen_neutral).unwrap_or_else(|_| Similarity::identity());
         let carried = |k: usize, seen: Point2<f64>| {
             let turned = front.project(&pose.back(&seen, pose.turned(&shape[k]).z));
             let at_rest = still.apply(&seen);

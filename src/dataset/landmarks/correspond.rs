@@ -12,7 +12,7 @@ use crate::{
     wireframe::{LandmarkConfidence, LandmarkRow, Tables},
 };
 
-/// Nodes fitted from landmarks by default: outer and inner eye corners (left 20, 23, right 53, 56), mouth corners (left 31,
+/// Seven nodes that are easily marked by hand: outer and inner eye corners (left 20, 23, right 53, 56), mouth corners (left 31,
 /// right 64), chin (10).
 pub const DEFAULT_LANDMARK_NODES: [NodeId; 7] =
     [NodeId(20), NodeId(23), NodeId(53), NodeId(56), NodeId(31), NodeId(64), NodeId(10)];
@@ -21,7 +21,7 @@ pub const DEFAULT_LANDMARK_NODES: [NodeId; 7] =
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LandmarkSelection {
-    /// Those of [`DEFAULT_LANDMARK_NODES`]; where there are no landmarks either, marks are found in the picture.
+    /// All of high and medium confidence, each by its expected error; where there are no landmarks either, marks are found in the picture.
     #[default]
     Auto,
     /// Those of [`DEFAULT_LANDMARK_NODES`].
@@ -119,9 +119,9 @@ pub fn correspondences_from_landmarks(
     };
     let at_least = |least| marks.iter().filter(|mark| mark.1 >= least).map(|mark| mark.2).collect();
     match selection {
-        LandmarkSelection::Auto | LandmarkSelection::Default => of_nodes(&DEFAULT_LANDMARK_NODES),
+        LandmarkSelection::Default => of_nodes(&DEFAULT_LANDMARK_NODES),
         LandmarkSelection::Nodes(nodes) => of_nodes(nodes),
         LandmarkSelection::High => Ok(at_least(LandmarkConfidence::High)),
-        LandmarkSelection::HighAndMedium => Ok(at_least(LandmarkConfidence::Medium)),
+        LandmarkSelection::Auto | LandmarkSelection::HighAndMedium => Ok(at_least(LandmarkConfidence::Medium)),
     }
 }

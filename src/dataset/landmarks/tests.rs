@@ -93,6 +93,7 @@ fn landmarks_become_correspondences() {
     // Counted in ibug68.csv: 21 rows are high; 32 are medium, one of them (27, the nasion) lies between two nodes.
     let (high, all) = (nodes(LandmarkSelection::High), nodes(LandmarkSelection::HighAndMedium));
     assert_eq!((high.len(), all.len()), (21, 21 + 32 - 1));
+    assert_eq!(nodes(LandmarkSelection::Auto), all);
     assert!(all.iter().all(|&(_, landmark)| landmark as u8 != 27 && landmark as u8 != 1));
     let error = correspondences_from_landmarks(&points, &tables, &LandmarkSelection::Nodes(vec![NodeId(0)])).unwrap_err();
     assert!(error.to_string().starts_with("no landmark marks node 0; nodes with one are 62 61 63"), "{error}");

@@ -259,7 +259,11 @@ fn tracked_stretches(
     while let Some(stretch) = waiting.pop_front() {
         let named = format!("frames {} to {}", number(stretch.first), number(stretch.last));
         if ((stretch.last - stretch.first + 1) as f64) < SHORTEST * survey.fps {
-            notes.push(format!("{named}: too short for a rest and an expression"));
+            let (frames, least) = (stretch.last - stretch.first + 1, (SHORTEST * survey.fps).ceil());
+            notes.push(format!(
+                "{named}: too short for a rest and an expression: {frames} frames, {least} at least at {} frames per second",
+                survey.fps
+            ));
             continue;
         }
         let given = recording.marks.as_ref().and_then(|(frame, marks)| {

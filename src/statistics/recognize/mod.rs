@@ -62,6 +62,14 @@ pub enum RecognizeError {
         /// People.
         found: usize,
     },
+    /// A label that nobody shows once its only person is left out.
+    #[error(
+        "`{label}` is shown by one person: left out in turn, nobody shows it; two people at least are needed for every label"
+    )]
+    OnePerson {
+        /// The label.
+        label: String,
+    },
     /// Models of another shape.
     #[error("{id}: {found} displacement vectors where the others have {expected}; normalize all sequences with the same options")]
     Shape {
@@ -132,6 +140,13 @@ impl Recognizer {
         let people: BTreeSet<&str> = models.iter().map(|(m, _)| m.id.subject.as_str()).collect();
         if people.len() < 3 {
             return Err(RecognizeError::TooFewPeople { found: people.len() });
+        }
+        let shown_by = |label: &str| {
+            let people = models.iter().filter(|(_, l)| *l == label).map(|(m, _)| m.id.subject.as_str());
+            people.collect::<BTreeSet<_>>().len()
+        };
+        if let Some(label) = labels.iter().find(|label| shown_by(label) < 2) {
+            return Err(RecognizeError::OnePerson { label: label.clone() });
         }
         let place: BTreeMap<&str, usize> = people.into_iter().enumerate().map(|(k, s)| (s, k)).collect();
         let data: Vec<DVector<f64>> = models.par_iter().map(|(m, _)| vector(m, live)).collect();
@@ -357,5 +372,9 @@ mod tests {
         assert!(two.to_string().starts_with("2 people; people are left out in turn"), "{two}");
         let one: Vec<_> = people(4, 1.0, 1).into_iter().filter(|(_, label)| *label == "fear").collect();
         assert!(recognizer(&one).unwrap_err().to_string().starts_with("1 label; recognition"));
+        let alone: Vec<_> =
+            people(4, 1.0, 1).into_iter().enumerate().filter(|(k, (_, label))| *label == "fear" || *k < 2).collect();
+        let alone: Vec<_> = alone.into_iter().map(|(_, model)| model).collect();
+        assert!(recognizer(&alone).unwrap_err().to_string().starts_with("`anger` is shown by one person"));
     }
 }
