@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     input::{CsvFile, InputError},
     output::{OutputError, nine_digits, write_durable},
+    text::excerpt,
     units::NodeId,
     wireframe::{Tables, parse_node_or_feature_point},
 };
@@ -85,6 +86,18 @@ pub enum CorrespondenceError {
         /// What was found and what was expected.
         reason: String,
     },
+    /// Points of several faces, as `grimace locate` writes them.
+    #[error("{file}, line {line}: points of another {what} than in the lines before ({other}); keep the rows of one {what}")]
+    Several {
+        /// The file.
+        file: String,
+        /// Line of the first row of another one, from 1.
+        line: usize,
+        /// `picture` or `face`.
+        what: &'static str,
+        /// What the column says there, shortened and printable.
+        other: String,
+    },
     /// A node in two rows.
     #[error("{file}, line {line}: node {node} stands in line {first_line} already; keep one of the two")]
     DuplicateNode {
@@ -161,11 +174,19 @@ fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Corres
     let kind_column = csv.column("kind");
     let error_column = csv.column("expected_error");
     let file = || csv.path().display().to_string();
+    // What `locate` writes is of any number of pictures and faces.
+    let of_what = [("image", "picture"), ("face", "face")].map(|(name, what)| (csv.column(name), what));
+    let mut first: Option<[String; 2]> = None;
     let mut line_of = BTreeMap::new();
     let mut correspondences = Vec::new();
     for row in csv.rows() {
         let row = row?;
         let line = row.line();
+        let of_row = of_what.map(|(column, _)| column.map(|k| row.get(k).to_owned()).unwrap_or_default());
+        let of_first = first.get_or_insert_with(|| of_row.clone());
+        if let Some(k) = (0..of_row.len()).find(|&k| of_row[k] != of_first[k]) {
+            return Err(CorrespondenceError::Several { file: file(), line, what: of_what[k].1, other: excerpt(&of_row[k]) });
+        }
         let node = parse_node_or_feature_point(row.get(node_column), tables, node_count)
             .map_err(|reason| CorrespondenceError::Node { file: file(), line, reason })?;
         let position = Point2::new(row.number(x_column)?, row.number(y_column)?);
@@ -292,6 +313,10 @@ mod tests {
         );
         assert!(message(b"node,x,y,kind\n1,2,3,soft\n").contains("kind is `soft`; `mark` or `hard` was expected"));
         assert!(message(b"").contains("is empty"));
+        assert_eq!(
+            message(b"image,face,node,x,y\na.jpg,1,31,2,3\nb.jpg,1,31,2,3\n"),
+            "C.csv, line 3: points of another picture than in the lines before (b.jpg); keep the rows of one picture"
+        );
         assert!(message(b"node,x,y\n\xE9,2,3\n").contains("not UTF-8"));
     }
 

@@ -221,6 +221,9 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     let mut files = Vec::new();
     for path in &args.files {
         let (unreadable, mut findings, lips) = match grimace::input::read_or_stdin(path) {
+            Ok(bytes) if bytes.starts_with(b"frame,") => {
+                (Some("a table in CSV, no .fap file; `grimace fap convert` makes one of it".to_owned()), Vec::new(), Vec::new())
+            }
             Ok(bytes) => (None, check_fap(&bytes), if args.strict { check_lips(&bytes) } else { Vec::new() }),
             Err(error) => (Some(error.to_string()), Vec::new(), Vec::new()),
         };

@@ -53,6 +53,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !args.quiet {
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
         println!("{}: {}", path.display(), count(manifest.rows.len(), "sequence", "sequences"));
+        if !manifest.left_out.is_empty() {
+            println!("note: left out, with fewer than two pictures: {}", manifest.left_out.join(", "));
+        }
         if open > 0 {
             println!("note: the emotion of {} is not known; fill in what stands as `?`", count(open, "sequence", "sequences"));
         }

@@ -64,6 +64,8 @@ pub struct ProposedManifest {
     pub person_columns: Vec<String>,
     /// Subjects that the table of people lacks.
     pub unknown_people: Vec<String>,
+    /// Folders that hold no sequence, relative to the manifest: empty ones, and those with a single picture.
+    pub left_out: Vec<String>,
 }
 
 /// Proposes a manifest for a folder: of Cohn-Kanade's layout with its labels, else of every folder of two images or more and every video
@@ -80,14 +82,14 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
         Err(DatasetError::NoEmotionFolder { .. }) => None,
         Err(error) => return Err(error),
     };
-    let rows = match labelled {
-        Some(dataset) => of_dataset(root, &dataset),
+    let (rows, left_out) = match labelled {
+        Some(dataset) => (of_dataset(root, &dataset), Vec::new()),
         None => of_folders(root)?,
     };
     if rows.is_empty() {
         return Err(DatasetError::NothingFound { root: root.to_owned() });
     }
-    Ok(ProposedManifest { rows, person_columns: Vec::new(), unknown_people: Vec::new() })
+    Ok(ProposedManifest { rows, person_columns: Vec::new(), unknown_people: Vec::new(), left_out })
 }
 
 impl ProposedManifest {
@@ -165,10 +167,12 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> Vec<ProposedRow> {
     dataset.sequences.iter().map(row).collect()
 }
 
-fn of_folders(root: &Path) -> Result<Vec<ProposedRow>, DatasetError> {
-    let mut found = Vec::new();
-    look_into(root, 0, &mut found)?;
+fn of_folders(root: &Path) -> Result<(Vec<ProposedRow>, Vec<String>), DatasetError> {
+    let (mut found, mut left_out) = (Vec::new(), Vec::new());
+    look_into(root, 0, &mut found, &mut left_out)?;
     found.sort();
+    left_out.sort();
+    let left_out = left_out.iter().map(|path| relative(root, path)).collect();
     let names: Vec<Vec<String>> = found.iter().map(|path| names(root, path)).collect();
     // A folder that holds everything, such as `videos`, says nothing.
     let first = names.first().and_then(|n| n.first());
@@ -189,19 +193,22 @@ fn of_folders(root: &Path) -> Result<Vec<ProposedRow>, DatasetError> {
     };
     let mut rows: Vec<ProposedRow> = found.iter().zip(&names).map(row).collect();
     rows.sort_by(|a, b| (&a.subject, &a.sequence).cmp(&(&b.subject, &b.sequence)));
-    Ok(rows)
+    Ok((rows, left_out))
 }
 
-/// Folders of images and videos in a folder and below.
-fn look_into(folder: &Path, level: usize, found: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
+/// Folders of images and videos in a folder and below, and folders with nothing or a single picture in them.
+fn look_into(folder: &Path, level: usize, found: &mut Vec<PathBuf>, left_out: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
     let entries = visible(folder).map_err(|reason| DatasetError::Io { path: folder.to_owned(), reason })?;
     let paths: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).collect();
-    if paths.iter().filter(|path| is_picture(path)).count() >= 2 {
+    let pictures = paths.iter().filter(|path| is_picture(path)).count();
+    if pictures >= 2 {
         found.push(folder.to_owned());
+    } else if pictures == 1 || paths.is_empty() {
+        left_out.push(folder.to_owned());
     }
     found.extend(paths.iter().filter(|path| path.is_file() && is_video(path)).cloned());
     if level < MOST_LEVELS {
-        paths.iter().filter(|path| path.is_dir()).try_for_each(|path| look_into(path, level + 1, found))?;
+        paths.iter().filter(|path| path.is_dir()).try_for_each(|path| look_into(path, level + 1, found, left_out))?;
     }
     Ok(())
 }
@@ -312,6 +319,14 @@ mod tests {
         fs::write(&people, "subject,gender\nX,f\n").unwrap();
         assert!(manifest.join_people(&people).unwrap_err().to_string().contains("none of its subjects"));
         assert!(propose_manifest(&folder.path().join("cohn-kanade/S005/001")).is_ok(), "a folder of images is one sequence");
+    }
+
+    #[test]
+    fn folders_that_hold_no_sequence_are_named() {
+        let folder = folder(&["anna/smile/1.png", "anna/smile/2.png", "ben/fear/1.png"]);
+        fs::create_dir(folder.path().join("carl")).unwrap();
+        let manifest = propose_manifest(folder.path()).unwrap();
+        assert_eq!((manifest.rows.len(), manifest.left_out), (1, vec!["ben/fear".to_owned(), "carl".to_owned()]));
     }
 
     #[test]
