@@ -44,7 +44,7 @@ def test_a_track_is_near_the_truth(smile, sample):
     first = np.array([truth[1, node] for node in live])
     moved = smile.positions[-1, live] - smile.positions[0, live]
     off = np.hypot(*(moved - (last - first)).T)
-    # Seven marks leave most nodes beside their places, and these move a little differently: 1.3 % of the eye distance off on the mean.
+    # Eleven marks leave most nodes beside their places, and these move a little differently: 1.3 % of the eye distance off on the mean.
     eyes = smile.info["summary"]["eye_distance_px"]
     assert off.mean() < 0.02 * eyes < np.hypot(*moved.T).max()
 

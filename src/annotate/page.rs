@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::{overlay::legend, pipeline::Workbench, track::NodeState, units::NodeId};
+use crate::{dataset::DEFAULT_LANDMARK_NODES, overlay::legend, pipeline::Workbench, track::NodeState, units::NodeId};
 
 /// Suggested nodes, best first.
 const SUGGESTED: &str = include_str!("../../candide/suggested_marks.csv");
@@ -14,8 +14,8 @@ const MARKABLE: &str = include_str!("../../candide/markable_nodes.csv");
 /// Feature contours as node chains, as in the report.
 const CONTOURS: &str = include_str!("../report/assets/contours.csv");
 
-/// Marks that are asked for, best first, before the page says that it is enough.
-const ASKED_FOR: usize = 7;
+/// Marks that are asked for before the page says that it is enough: with these the suggested nodes begin.
+const ASKED_FOR: usize = DEFAULT_LANDMARK_NODES.len();
 
 /// Name, type and content of every file of the page.
 const FILES: [(&str, &str, &str); 10] = [
@@ -139,7 +139,7 @@ mod tests {
         let bench = Workbench::new(None, PipelineOptions::default()).unwrap();
         let setup = setup(&bench, "marks", "faces");
         let suggested = setup["suggested"].as_array().unwrap();
-        assert_eq!((suggested.len(), suggested[0].as_u64()), (15, Some(64)));
+        assert_eq!((suggested.len(), suggested[0].as_u64()), (15, Some(20)));
         for node in suggested {
             let node = &setup["nodes"][node.as_u64().unwrap() as usize];
             assert!(node["markable"] == true && node["live"] == true && node["name"].as_str().unwrap().len() > 5, "{node}");

@@ -137,7 +137,9 @@ impl Cascades {
             return Err(CascadeError::DoesNotLoad { path });
         }
         let pupil = |fp: &str| fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)).unwrap_or_default().to_vec();
-        Ok(Self { folder, companion: None, mean: ShapePrior::faces().mean, pupils: ["3.5", "3.6"].map(pupil) })
+        // Where people set marks, not networks.
+        let [_, by_hand] = ShapePrior::faces();
+        Ok(Self { folder, companion: None, mean: by_hand.mean, pupils: ["3.5", "3.6"].map(pupil) })
     }
 
     /// What the cascades see in a picture.

@@ -6,6 +6,7 @@
 //!
 //! The wireframe of the result is in image space: here the y axis is flipped.
 
+mod clicks;
 mod error;
 mod mistakes;
 mod prior;
@@ -19,6 +20,7 @@ use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use self::{
+    clicks::soft_deviation,
     mistakes::PlausibleFaces,
     unfold::{Frontal, Unfolded, unfold},
 };
@@ -31,8 +33,8 @@ pub use crate::correspondence::{
 pub use error::{FitError, FitWarning};
 pub(crate) use prior::mirror_nodes;
 pub use prior::{
-    DEFAULT_MODES, Explanation, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces, PRIOR_SCHEMA,
-    PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
+    DEFAULT_MODES, Explanation, FacePoints, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces,
+    PRIOR_SCHEMA, PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
 };
 pub(crate) use skyline::{BlockPlaces, Layout, Skyline};
 pub use spring::{Pull, SpringError, Springs, Target};
@@ -145,16 +147,16 @@ impl Fitter {
         let priors = match &options.prior {
             PriorKind::None => vec![],
             PriorKind::Candide => vec![candide()],
-            PriorKind::Faces => vec![ShapePrior::faces()],
+            PriorKind::Faces => ShapePrior::faces().to_vec(),
             PriorKind::Auto => {
-                let faces = Some(ShapePrior::faces()).filter(|p| p.mean.len() == wireframe.node_count());
-                faces.into_iter().chain([candide()]).collect()
+                let faces = ShapePrior::faces().into_iter().filter(|p| p.mean.len() == wireframe.node_count());
+                faces.chain([candide()]).collect()
             }
             PriorKind::File(LoadedPrior { prior, .. }) => prior.iter().map(|p| ShapePrior::clone(p)).collect(),
         };
         let known: Vec<ShapePrior> = match &options.prior {
-            PriorKind::File(_) => priors.iter().cloned().chain([ShapePrior::faces()]).collect(),
-            _ => vec![ShapePrior::faces()],
+            PriorKind::File(_) => priors.iter().cloned().chain(ShapePrior::faces()).collect(),
+            _ => ShapePrior::faces().to_vec(),
         };
         let plausible = PlausibleFaces::new(wireframe, &known, EYE_DISTANCE);
         Self { springs: Springs::new(wireframe), priors, plausible, options }
@@ -178,10 +180,10 @@ impl Fitter {
         let source: Vec<_> = marks.iter().map(|m| frontal[m.node.index()]).collect();
         let image_from_face = Similarity::fit(&source, &seen, None)?;
         let strays = self.plausible.check(marks, &seen)?;
-        let placed = self.expected(marks, &seen, count)?;
+        let eye_distance = image_from_face.scale * EYE_DISTANCE;
+        let placed = self.expected(marks, &seen, eye_distance, count)?;
         let placed = placed.unwrap_or_else(|| frontal.iter().map(|p| image_from_face.apply(p)).collect());
         let rest: Vec<_> = placed.into_iter().map(flip).collect();
-        let eye_distance = image_from_face.scale * EYE_DISTANCE;
         let targets: Vec<_> = marks.iter().map(|m| self.target(m, eye_distance)).collect();
         let nodes = self.springs.deform(wireframe, &rest, &targets)?;
         let upright = frontal.iter().map(|p| flip(image_from_face.apply(p))).collect();
@@ -205,10 +207,13 @@ impl Fitter {
     }
 
     /// The face that the priors expect for the marks at `seen` (y up), in the space of `seen`; `None` without a prior.
+    ///
+    /// A mark's error is the one that it tells, else that of a person's click on such a feature.
     fn expected(
         &self,
         marks: &[Correspondence],
         seen: &[Point2<f64>],
+        eye_distance: f64,
         count: usize,
     ) -> Result<Option<Vec<Point2<f64>>>, FitError> {
         if let PriorKind::File(LoadedPrior { blake3, prior: None }) = &self.options.prior {
@@ -221,7 +226,12 @@ impl Fitter {
             return Ok(None);
         }
         let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
-        let deviations: Vec<_> = marks.iter().map(|m| m.expected_error.map(|e| e / MEDIAN_OVER_DEVIATION)).collect();
+        let deviation = |mark: &Correspondence| match (mark.expected_error, mark.kind) {
+            (Some(error), _) => Some(error / MEDIAN_OVER_DEVIATION),
+            (None, MarkKind::Mark) => soft_deviation(mark.node).map(|deviation| deviation * eye_distance),
+            (None, MarkKind::Hard) => None,
+        };
+        let deviations: Vec<_> = marks.iter().map(deviation).collect();
         let explained = self.priors.iter().map(|p| p.explain_by_errors(&nodes, seen, &deviations));
         let faces = explained.collect::<Result<Vec<_>, _>>()?;
         let shares = prior::shares(&faces);

@@ -97,11 +97,11 @@ fn a_whole_session_by_clicks_and_keys() {
     open(&browser, &server, (1280, 720));
     no_proposals(&browser);
     assert_eq!((text(&browser, "sequence"), text(&browser, "left")), ("S001_005".into(), "2 of 2 left".into()));
-    assert_eq!((text(&browser, "step"), text(&browser, "target")), ("Mark 1 of 7".into(), "Right mouth corner".into()));
+    assert_eq!((text(&browser, "step"), text(&browser, "target")), ("Mark 1 of 11".into(), "Left eye: outer corner".into()));
 
-    // Seven marks by clicks; from the third on the wireframe is there and moves.
+    // Eleven marks by clicks; from the third on the wireframe is there and moves.
     let mut wires = Vec::new();
-    for count in 1..=7 {
+    for count in 1..=11 {
         let node = asked(&browser).unwrap();
         browser.click(place(&browser, truth("S001_005", node)));
         wait(&browser, &format!("document.querySelectorAll('.pin.mark').length === {count}"));
@@ -121,7 +121,7 @@ fn a_whole_session_by_clicks_and_keys() {
     assert_eq!((asked(&browser), text(&browser, "target")), (None, "All marked".into()));
     saved(&browser);
     let file = rows(&work, "S001/005");
-    assert_eq!(file.len(), 7);
+    assert_eq!(file.len(), 11);
     for (node, x, y, kind) in &file {
         let (tx, ty) = truth("S001_005", *node);
         // A click meets a pixel of the window, which is less than half a pixel of the image.
@@ -198,7 +198,7 @@ fn a_whole_session_by_clicks_and_keys() {
     wait(&browser, "document.getElementById('sequence').textContent === 'S002_007'");
     assert_eq!(text(&browser, "left"), "1 of 2 left");
     no_proposals(&browser);
-    for count in 1..=7 {
+    for count in 1..=11 {
         let node = asked(&browser).unwrap();
         let (tx, ty) = truth("S002_007", node);
         browser.press(" ");
@@ -213,7 +213,7 @@ fn a_whole_session_by_clicks_and_keys() {
         sleep(Duration::from_millis(30));
     }
     saved(&browser);
-    assert_eq!((rows(&work, "S002/007").len(), text(&browser, "left").as_str()), (7, "0 of 2 left"));
+    assert_eq!((rows(&work, "S002/007").len(), text(&browser, "left").as_str()), (11, "0 of 2 left"));
     browser.press(&ENTER.to_string());
     wait(&browser, "document.getElementById('ask').open");
     assert_eq!(text(&browser, "ask-title"), "Nothing left to mark");
@@ -222,7 +222,7 @@ fn a_whole_session_by_clicks_and_keys() {
     // Reloaded, it is there again.
     let shown = wire(&browser);
     browser.post("/refresh", &json!({}));
-    wait(&browser, "document.querySelectorAll('.pin.mark').length === 7");
+    wait(&browser, "document.querySelectorAll('.pin.mark').length === 11");
     wait(&browser, &format!("document.querySelector('#wire .contour').getAttribute('d') === {}", json!(shown)));
     browser.no_errors();
 
@@ -258,8 +258,8 @@ fn a_whole_session_by_clicks_and_keys() {
 fn proposals_count_only_once_accepted() {
     let work = unmarked(&["S001_005"]);
     let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
-    // Of the landmarks only those count that are proposed: eye corners, mouth corners, chin, by their node.
-    let nodes = [(45, 20), (42, 23), (36, 53), (39, 56), (54, 31), (48, 64), (8, 10)];
+    // Of the landmarks only those count that are proposed: eye corners, mouth corners, chin, ends of the brows, by their node.
+    let nodes = [(45, 20), (42, 23), (36, 53), (39, 56), (54, 31), (48, 64), (8, 10), (26, 15), (22, 17), (17, 48), (21, 50)];
     let point = |k: u64| nodes.iter().find(|(l, _)| *l == k).map_or((1.0, 1.0), |&(_, node)| truth("S001_005", node));
     let points: String = (0..68).map(|k| format!(",{},{}", point(k).0, point(k).1)).collect();
     work.write("faces/S001/005/landmarks.csv", format!("frame{header}\n1{points}\n"));
@@ -267,22 +267,22 @@ fn proposals_count_only_once_accepted() {
     let server = Server::start(&work, "faces");
     let browser = Browser::start();
     open(&browser, &server, (1280, 720));
-    wait(&browser, "document.querySelectorAll('.pin.proposal').length === 7");
-    assert!(text(&browser, "proposal-text").starts_with("7 points proposed from the dataset’s landmarks"));
+    wait(&browser, "document.querySelectorAll('.pin.proposal').length === 11");
+    assert!(text(&browser, "proposal-text").starts_with("11 points proposed from the dataset’s landmarks"));
     wait(&browser, "document.querySelector('#wire').classList.contains('faint')");
     assert_eq!(text(&browser, "left"), "1 of 1 left");
     browser.screenshot("annotate-proposed", false);
     assert!(!work.path("faces/S001/005/correspondences.csv").exists());
     // One alone by a click on it, all others with a key.
     browser.click(place(&browser, mark(&browser, "proposal", 10)));
-    wait(&browser, "document.querySelectorAll('.pin.proposal').length === 6");
+    wait(&browser, "document.querySelectorAll('.pin.proposal').length === 10");
     saved(&browser);
     assert_eq!(rows(&work, "S001/005").len(), 1);
     browser.press("a");
     wait(&browser, "document.querySelectorAll('.pin.proposal').length === 0");
-    wait(&browser, "document.querySelectorAll('.pin.mark').length === 7");
+    wait(&browser, "document.querySelectorAll('.pin.mark').length === 11");
     saved(&browser);
-    assert_eq!(rows(&work, "S001/005").len(), 7);
+    assert_eq!(rows(&work, "S001/005").len(), 11);
     browser.no_errors();
 }
 

@@ -437,7 +437,7 @@ fn proposals_come_from_landmarks_and_missing_cascades_are_explained() {
     work.write("faces/manifest.csv", format!("{manifest}{row}\n"));
     let server = Server::start(&work, "faces --cascades .");
     let proposed = server.get("api/sequences/S001_005/proposals").ok();
-    assert_eq!((&proposed["source"], proposed["marks"].as_array().unwrap().len()), (&json!("landmarks"), 7));
+    assert_eq!((&proposed["source"], proposed["marks"].as_array().unwrap().len()), (&json!("landmarks"), 11));
     // Landmark 8, from 0, is the chin, node 10.
     let chin = proposed["marks"].as_array().unwrap().iter().find(|mark| mark["node"] == 10).unwrap();
     assert_eq!((&chin["x"], &chin["y"], &chin["kind"]), (&json!(8.0), &json!(18.0), &json!("mark")), "{chin}");

@@ -50,7 +50,7 @@ fn a_track_has_every_node_of_every_frame_and_says_what_it_was_made_from() {
     assert_eq!((&info["subject"], &info["sequence"], &info["emotion"]), (&"S001".into(), &"005".into(), &"happiness".into()));
     assert_eq!(info["image_size"], serde_json::json!({ "width": 200, "height": 160 }));
     assert_eq!(info["source"][5], "S001_005_00000006.png");
-    assert_eq!(info["marks"].as_array().unwrap().len(), 7);
+    assert_eq!(info["marks"].as_array().unwrap().len(), 11);
     assert_eq!(info["fps"], 25.0);
     assert!(info["units"]["x"].as_str().unwrap().starts_with("px"));
     assert!(["good", "look_again"].contains(&info["summary"]["verdict"].as_str().unwrap()));

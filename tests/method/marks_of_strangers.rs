@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use grimace::{
     dataset::{Dataset, LandmarkSelection, correspondences_from_landmarks},
-    fit::{Correspondence, FitOptions, Fitter, ShapePrior, read_neutral_faces, validate_correspondences},
+    fit::{Correspondence, FacePoints, FitOptions, Fitter, ShapePrior, read_neutral_faces, validate_correspondences},
     units::NodeId,
     wireframe::{Tables, Wireframe},
 };
@@ -41,7 +41,10 @@ fn real_faces(tables: &Tables) -> Vec<Face> {
     }
     for state in ["neutral", "smiling"] {
         let read = read_neutral_faces(people, state).unwrap().faces;
-        faces.extend(read.iter().map(|f| of_landmarks(format!("{} {state}", f.name), &f.landmarks, tables)));
+        for face in read {
+            let FacePoints::Landmarks(landmarks) = &face.points else { unreachable!("a file of landmarks") };
+            faces.push(of_landmarks(format!("{} {state}", face.name), landmarks, tables));
+        }
     }
     for entry in Dataset::open(Path::new("../shared/data/sequences")).unwrap().sequences {
         let track = entry.landmarks().unwrap().unwrap();
@@ -51,11 +54,12 @@ fn real_faces(tables: &Tables) -> Vec<Face> {
     faces
 }
 
-/// Faces of both priors: each mode at three standard deviations, and all at random with a total of three.
+/// Faces of every prior: each mode at three standard deviations, and all at random with a total of three.
 fn extreme_faces(wireframe: &Wireframe) -> Vec<Face> {
     let mut faces = Vec::new();
     let mut random = ChaCha8Rng::seed_from_u64(3);
-    for (name, prior) in [("faces", ShapePrior::faces()), ("candide", ShapePrior::candide(wireframe))] {
+    let [networks, by_hand] = ShapePrior::faces();
+    for (name, prior) in [("faces", networks), ("by hand", by_hand), ("candide", ShapePrior::candide(wireframe))] {
         let count = prior.modes.len();
         let mut all: Vec<Vec<f64>> = Vec::new();
         for j in 0..count {

@@ -12,10 +12,24 @@ use crate::{
     wireframe::{LandmarkConfidence, LandmarkRow, Tables},
 };
 
-/// Seven nodes that are easily marked by hand: outer and inner eye corners (left 20, 23, right 53, 56), mouth corners (left 31,
-/// right 64), chin (10).
-pub const DEFAULT_LANDMARK_NODES: [NodeId; 7] =
-    [NodeId(20), NodeId(23), NodeId(53), NodeId(56), NodeId(31), NodeId(64), NodeId(10)];
+/// Eleven nodes that are easily marked by hand: outer and inner eye corners (left 20, 23, right 53, 56), mouth corners (left 31,
+/// right 64), chin (10), outer and inner ends of the brows (left 15, 17, right 48, 50).
+///
+/// Chosen by the error of the motion that they lead to; `candide/README.md` has the figures. Without the brows, brow nodes lie on the
+/// forehead or the lid and follow still skin; the tops of the brows (16, 49) add nothing to their ends.
+pub const DEFAULT_LANDMARK_NODES: [NodeId; 11] = [
+    NodeId(20),
+    NodeId(23),
+    NodeId(53),
+    NodeId(56),
+    NodeId(31),
+    NodeId(64),
+    NodeId(10),
+    NodeId(15),
+    NodeId(17),
+    NodeId(48),
+    NodeId(50),
+];
 
 /// Which landmarks become correspondences. Interpolated ones (confidence low, or between two nodes) never do.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,7 +1,7 @@
-//! Neutral faces as landmarks, from a CSV file or a dataset.
+//! Neutral faces as landmarks or as nodes, from a CSV file or a dataset.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::{BTreeMap, BTreeSet, btree_map::Entry},
     path::{Path, PathBuf},
 };
 
@@ -10,15 +10,25 @@ use nalgebra::Point2;
 use crate::{
     dataset::{Dataset, DatasetError, LANDMARK_COUNT, SequenceEntry},
     input::{CsvFile, InputError},
+    units::NodeId,
 };
 
-/// The landmarks of one neutral face.
+/// What is known of one neutral face.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeutralFace {
     /// Who, for messages.
     pub name: String,
-    /// 68 landmarks (iBUG order), px, y down.
-    pub landmarks: Vec<Point2<f64>>,
+    /// Where its features are.
+    pub points: FacePoints,
+}
+
+/// Points of a face, px, y down.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FacePoints {
+    /// 68 landmarks (iBUG order).
+    Landmarks(Vec<Point2<f64>>),
+    /// Some of the wireframe's nodes, each once.
+    Nodes(Vec<(NodeId, Point2<f64>)>),
 }
 
 /// The faces of one file or dataset.
@@ -67,6 +77,20 @@ pub enum FacesError {
         /// Line of the first.
         first_line: usize,
     },
+    /// A node twice in one face.
+    #[error("{}, line {line}: node {node} of {name} stands in line {first_line} already", path.display())]
+    NodeTwice {
+        /// The file.
+        path: PathBuf,
+        /// Line of the second row.
+        line: usize,
+        /// Whose face.
+        name: String,
+        /// The node.
+        node: NodeId,
+        /// Line of the first.
+        first_line: usize,
+    },
     /// No row in the wanted state.
     #[error("{}: no row has the state `{state}`; there are {}", path.display(), list(found))]
     NoSuchState {
@@ -87,6 +111,8 @@ fn list(states: &BTreeSet<String>) -> String {
 ///
 /// - A CSV file with the columns `x0,y0,...,x67,y67` and one of `person`, `subject` and `frame` to name the face; every row is one
 ///   face. With a column `state`, only the rows of the state `state`.
+/// - A CSV file with the columns `node,x,y`, one of `person`, `subject` and `image`, and perhaps `face`, as `grimace locate` writes it:
+///   every row is one node of a face.
 /// - A dataset (a folder, or its `manifest.csv`) with landmarks: the neutral frame of each subject's first sequence that has one.
 ///
 /// # Errors
@@ -97,7 +123,13 @@ pub fn read_neutral_faces(path: &Path, state: &str) -> Result<NeutralFaces, Face
     }
     let csv = CsvFile::open(path)?;
     let is_manifest = ["subject", "sequence", "emotion"].iter().all(|name| csv.column(name).is_some());
-    if is_manifest { read_dataset(path) } else { read_csv(&csv, state) }
+    if is_manifest {
+        read_dataset(path)
+    } else if csv.column("node").is_some() {
+        read_nodes(&csv)
+    } else {
+        read_csv(&csv, state)
+    }
 }
 
 fn read_csv(csv: &CsvFile, state: &str) -> Result<NeutralFaces, FacesError> {
@@ -130,12 +162,43 @@ fn read_csv(csv: &CsvFile, state: &str) -> Result<NeutralFaces, FacesError> {
         for &(x, y) in &columns {
             landmarks.push(Point2::new(row.number(x)?, row.number(y)?));
         }
-        faces.push(NeutralFace { name, landmarks });
+        faces.push(NeutralFace { name, points: FacePoints::Landmarks(landmarks) });
     }
     if faces.is_empty() && state_column.is_some() {
         return Err(FacesError::NoSuchState { path: csv.path().to_owned(), state: state.to_owned(), found: states });
     }
     Ok(with_hash(faces, Vec::new()))
+}
+
+fn read_nodes(csv: &CsvFile) -> Result<NeutralFaces, FacesError> {
+    let [node_column, x, y] = csv.require(["node", "x", "y"])?;
+    let name_column = ["person", "subject", "image"].iter().find_map(|name| csv.column(name));
+    let name_column = name_column.ok_or_else(|| FacesError::NoName { path: csv.path().to_owned() })?;
+    let face_column = csv.column("face");
+    let mut order = Vec::new();
+    let mut points: BTreeMap<String, Vec<(NodeId, Point2<f64>)>> = BTreeMap::new();
+    let mut lines: BTreeMap<(String, NodeId), usize> = BTreeMap::new();
+    for row in csv.rows() {
+        let row = row?;
+        let number = row.whole_number(node_column)?;
+        let node = NodeId(u16::try_from(number).map_err(|_| row.field_error(node_column, "the number of a node"))?);
+        let whose = row.get(name_column);
+        let name = face_column.map_or_else(|| whose.to_owned(), |k| format!("{whose}, face {}", row.get(k)));
+        match lines.entry((name.clone(), node)) {
+            Entry::Occupied(first) => {
+                let (path, first_line) = (csv.path().to_owned(), *first.get());
+                return Err(FacesError::NodeTwice { path, line: row.line(), name, node, first_line });
+            }
+            Entry::Vacant(free) => drop(free.insert(row.line())),
+        }
+        let of_face = points.entry(name.clone()).or_insert_with(|| {
+            order.push(name);
+            Vec::new()
+        });
+        of_face.push((node, Point2::new(row.number(x)?, row.number(y)?)));
+    }
+    let face = |name: String| points.remove(&name).map(|nodes| NeutralFace { name, points: FacePoints::Nodes(nodes) });
+    Ok(with_hash(order.into_iter().filter_map(face).collect(), Vec::new()))
 }
 
 fn read_dataset(path: &Path) -> Result<NeutralFaces, FacesError> {
@@ -164,7 +227,7 @@ fn neutral_face(entry: &SequenceEntry) -> Result<NeutralFace, String> {
     let track = entry.landmarks().map_err(|e| e.to_string())?.ok_or("the manifest names no landmarks")?;
     let frames = entry.frames().map_err(|e| e.to_string())?;
     let landmarks = track.frame(frames.neutral_number()).map_err(|e| e.to_string())?.to_vec();
-    Ok(NeutralFace { name: entry.id.subject.clone(), landmarks })
+    Ok(NeutralFace { name: entry.id.subject.clone(), points: FacePoints::Landmarks(landmarks) })
 }
 
 /// Faces with the hash of their names and numbers: the same faces have the same hash, wherever they were read from.
@@ -173,9 +236,16 @@ fn with_hash(faces: Vec<NeutralFace>, skipped: Vec<(String, String)>) -> Neutral
     for face in &faces {
         hasher.update(&(face.name.len() as u64).to_le_bytes());
         hasher.update(face.name.as_bytes());
-        for p in &face.landmarks {
+        let mut add = |p: &Point2<f64>| {
             hasher.update(&p.x.to_le_bytes());
             hasher.update(&p.y.to_le_bytes());
+        };
+        match &face.points {
+            FacePoints::Landmarks(landmarks) => landmarks.iter().for_each(add),
+            FacePoints::Nodes(nodes) => nodes.iter().for_each(|(node, p)| {
+                add(&Point2::new(f64::from(node.0), f64::NAN));
+                add(p);
+            }),
         }
     }
     NeutralFaces { faces, skipped, blake3: hasher.finalize().to_hex().to_string() }
@@ -200,8 +270,27 @@ mod tests {
     fn rows_of_the_wanted_state_are_faces() {
         let read_faces = read("person,state", &["A,neutral", "A,smiling", "B,neutral"], 68).unwrap();
         assert_eq!(read_faces.faces.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["A", "B"]);
-        assert_eq!(read_faces.faces[1].landmarks[67], Point2::new(67.0, 134.0));
+        let FacePoints::Landmarks(landmarks) = &read_faces.faces[1].points else { panic!("no landmarks") };
+        assert_eq!(landmarks[67], Point2::new(67.0, 134.0));
         assert_eq!(read("frame", &["1", "2"], 68).unwrap().faces.len(), 2);
+    }
+
+    #[test]
+    fn rows_of_one_face_are_its_nodes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            read_neutral_faces(&path, "neutral").map_err(|e| e.to_string())
+        };
+        let found = read("image,face,node,x,y,expected_error\nb.png,1,20,5,6,1\nb.png,2,20,7,8,1\nb.png,1,53,1,2,1\n").unwrap();
+        assert_eq!(found.faces.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["b.png, face 1", "b.png, face 2"]);
+        let nodes = [(NodeId(20), Point2::new(5.0, 6.0)), (NodeId(53), Point2::new(1.0, 2.0))];
+        assert_eq!(found.faces[0].points, FacePoints::Nodes(nodes.to_vec()));
+        let twice = read("person,node,x,y\nA,20,5,6\nA,20,7,8\n").unwrap_err();
+        assert!(twice.ends_with("line 3: node 20 of A stands in line 2 already"), "{twice}");
+        assert!(read("who,node,x,y\nA,20,5,6\n").unwrap_err().contains("no column `person`, `subject` or"));
+        assert!(read("person,node,x,y\nA,70000,5,6\n").unwrap_err().contains("70000"));
     }
 
     #[test]

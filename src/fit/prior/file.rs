@@ -20,8 +20,9 @@ const DECIMALS: f64 = 1e5;
 /// The unit of every length in the file.
 const UNITS: &str = "Candide-3 model unit in face space: x to the subject's left, y up, eye distance about 0.6";
 
-/// The prior that comes with the program.
-const EMBEDDED: &str = include_str!("../../../candide/face_prior.json");
+/// The priors that come with the program.
+const EMBEDDED: [&str; 2] =
+    [include_str!("../../../candide/face_prior.json"), include_str!("../../../candide/face_prior_by_hand.json")];
 
 /// What a prior was learned from: one file or dataset.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -212,10 +213,12 @@ pub fn write_prior(path: &Path, file: &PriorFile) -> Result<(), OutputError> {
     })
 }
 
-/// The prior that comes with the program.
-pub(super) fn embedded() -> ShapePrior {
-    let file: PriorFile = serde_json::from_str(EMBEDDED).unwrap_or_else(|error| unreachable!("embedded prior: {error}"));
-    file.prior().unwrap_or_else(|reason| unreachable!("embedded prior: {reason}"))
+/// The priors that come with the program.
+pub(super) fn embedded() -> [ShapePrior; 2] {
+    EMBEDDED.map(|text| {
+        let file: PriorFile = serde_json::from_str(text).unwrap_or_else(|error| unreachable!("embedded prior: {error}"));
+        file.prior().unwrap_or_else(|reason| unreachable!("embedded prior: {reason}"))
+    })
 }
 
 #[cfg(test)]
@@ -278,10 +281,12 @@ mod tests {
     }
 
     #[test]
-    fn the_shipped_prior_names_its_credit_and_how_it_was_made() {
-        let file: PriorFile = serde_json::from_str(EMBEDDED).unwrap();
-        assert!(file.origin.credit.contains("DeBruine") && file.origin.credit.contains("CC BY 4.0"));
-        assert!(file.origin.command.starts_with("grimace prior "));
-        assert_eq!(file.origin.faces, file.origin.sources.iter().map(|s| s.faces).sum::<usize>());
+    fn the_shipped_priors_name_their_credit_and_how_they_were_made() {
+        for text in EMBEDDED {
+            let file: PriorFile = serde_json::from_str(text).unwrap();
+            assert!(file.origin.credit.contains("DeBruine") && file.origin.credit.contains("CC BY 4.0"));
+            assert!(file.origin.command.starts_with("grimace prior "));
+            assert_eq!(file.origin.faces, file.origin.sources.iter().map(|s| s.faces).sum::<usize>());
+        }
     }
 }

@@ -1,8 +1,8 @@
-//! Learning a shape prior from landmarks of neutral faces.
+//! Learning a shape prior from points of neutral faces.
 //!
-//! 1. Every face is completed to all nodes: the landmarks that stand for one node (confidence high and medium) place Candide-3 with
-//!    its shape units; the iris boxes follow the similarity of the eye's own landmarks; the springs carry all other nodes, the
-//!    landmarks being hard positions.
+//! 1. Every face is completed to all nodes: its known nodes (of landmarks those that stand for one node, confidence high and medium) place
+//!    Candide-3 with its shape units; iris boxes that are not known follow the similarity of the eye's lids; the springs carry all other
+//!    nodes, the known ones being hard positions.
 //! 2. Every face is joined by its mirror image: the mean is symmetric, and left and right do not differ by chance.
 //! 3. The faces are aligned by similarity on the landmarks of eyes and nose (generalized Procrustes), the mean on Candide-3.
 //! 4. The principal components of the live nodes are the modes; what they leave is the residual of each node.
@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::{DMatrix, Point2, SymmetricEigen, Vector2};
 
-use super::{FACES_MARK_DEVIATION, NeutralFace, ShapePrior};
+use super::{FACES_MARK_DEVIATION, FacePoints, NeutralFace, ShapePrior};
 use crate::{
     dataset::{LandmarkSelection, LandmarksError, correspondences_from_landmarks},
     fit::{Pull, SpringError, Springs, Target},
@@ -67,6 +67,16 @@ pub enum LearnError {
         /// Which.
         source: Box<LandmarksError>,
     },
+    /// A face with a node that the wireframe does not have.
+    #[error("{name}: there is no node {node}; there are {count}")]
+    NoSuchNode {
+        /// The face.
+        name: String,
+        /// The node.
+        node: NodeId,
+        /// Nodes of the wireframe.
+        count: usize,
+    },
     /// A face that the springs do not complete.
     #[error("{name}: {source}")]
     Springs {
@@ -93,7 +103,7 @@ pub enum LearnError {
     },
 }
 
-/// Learns a prior of `modes` modes from neutral faces (68 landmarks each, px, y down).
+/// Learns a prior of `modes` modes from neutral faces (px, y down).
 ///
 /// # Errors
 /// [`LearnError`] for fewer than [`MINIMUM_FACES`] faces, more modes than faces allow, or a face that does not place the wireframe.
@@ -166,7 +176,7 @@ fn follow(wireframe: &Wireframe, mode: &mut [Vector2<f64>]) {
     mode.iter_mut().zip(points).for_each(|(v, p)| *v = p.coords);
 }
 
-/// Completes landmarks to all nodes.
+/// Completes faces to all nodes.
 struct Completion<'a> {
     wireframe: &'a Wireframe,
     tables: &'a Tables,
@@ -197,10 +207,20 @@ impl<'a> Completion<'a> {
     /// All nodes of a face, in face space and roughly Candide's place and size.
     fn complete(&self, face: &NeutralFace) -> Result<Vec<Point2<f64>>, LearnError> {
         let placement = |source| LearnError::Placement { name: face.name.clone(), source };
-        let marks = correspondences_from_landmarks(&face.landmarks, self.tables, &LandmarkSelection::HighAndMedium)
-            .map_err(|source| LearnError::Landmarks { name: face.name.clone(), source: Box::new(source) })?;
-        let nodes: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
-        let seen: Vec<Point2<f64>> = marks.iter().map(|m| Point2::new(m.position.x, -m.position.y)).collect();
+        let known = match &face.points {
+            FacePoints::Landmarks(landmarks) => {
+                let marks = correspondences_from_landmarks(landmarks, self.tables, &LandmarkSelection::HighAndMedium)
+                    .map_err(|source| LearnError::Landmarks { name: face.name.clone(), source: Box::new(source) })?;
+                marks.iter().map(|m| (m.node, m.position)).collect()
+            }
+            FacePoints::Nodes(nodes) => nodes.clone(),
+        };
+        let count = self.wireframe.node_count();
+        if let Some(&(node, _)) = known.iter().find(|(n, _)| n.index() >= count) {
+            return Err(LearnError::NoSuchNode { name: face.name.clone(), node, count });
+        }
+        let (nodes, seen): (Vec<NodeId>, Vec<Point2<f64>>) =
+            known.into_iter().map(|(node, p)| (node, Point2::new(p.x, -p.y))).unzip();
         let found = self.candide.explain(&nodes, &seen).map_err(placement)?;
         if found.marks_from_face.angle.abs() > std::f64::consts::FRAC_PI_2 {
             let degrees = found.marks_from_face.angle.to_degrees();
@@ -219,7 +239,8 @@ impl<'a> Completion<'a> {
             let pairs = lids.iter().filter_map(|n| Some((self.frontal[n.index()], place[n.index()]?)));
             let (from, to): (Vec<_>, Vec<_>) = pairs.unzip();
             let moved = Similarity::fit(&from, &to, None).map_err(placement)?;
-            targets.extend(iris.iter().map(|&n| hard(n, moved.apply(&self.frontal[n.index()]))));
+            let unknown = iris.iter().filter(|n| place[n.index()].is_none());
+            targets.extend(unknown.map(|&n| hard(n, moved.apply(&self.frontal[n.index()]))));
         }
         self.springs
             .deform(self.wireframe, &found.shape, &targets)
@@ -325,7 +346,7 @@ mod tests {
             let side = if matches!(row.landmark, 48 | 54) { wide * p.x.signum() } else { 0.0 };
             Point2::new(300.0 + 100.0 * p.x + side, 200.0 - 100.0 * p.y)
         });
-        NeutralFace { name: name.to_string(), landmarks: landmarks.collect() }
+        NeutralFace { name: name.to_string(), points: FacePoints::Landmarks(landmarks.collect()) }
     }
 
     #[test]
@@ -361,6 +382,23 @@ mod tests {
     }
 
     #[test]
+    fn nodes_teach_what_landmarks_do_and_unknown_ones_are_refused() {
+        let (w, tables) = (Wireframe::candide3(), Tables::candide3());
+        let as_nodes = |face: NeutralFace| {
+            let FacePoints::Landmarks(landmarks) = &face.points else { unreachable!() };
+            let marks = correspondences_from_landmarks(landmarks, &tables, &LandmarkSelection::HighAndMedium).unwrap();
+            NeutralFace { points: FacePoints::Nodes(marks.iter().map(|m| (m.node, m.position)).collect()), ..face }
+        };
+        let faces: Vec<_> = (0..10).map(|i| face(i, i as f64)).collect();
+        let mut nodes: Vec<_> = faces.iter().cloned().map(as_nodes).collect();
+        assert_eq!(learn_prior(&w, &tables, &nodes, 3).unwrap(), learn_prior(&w, &tables, &faces, 3).unwrap());
+        let FacePoints::Nodes(of_one) = &mut nodes[4].points else { unreachable!() };
+        of_one[0].0 = NodeId(113);
+        let error = learn_prior(&w, &tables, &nodes, 3).unwrap_err().to_string();
+        assert_eq!(error, "4: there is no node 113; there are 113");
+    }
+
+    #[test]
     fn too_few_faces_or_too_many_modes_are_refused() {
         let (w, tables) = (Wireframe::candide3(), Tables::candide3());
         let faces: Vec<_> = (0..10).map(|i| face(i, i as f64)).collect();
@@ -368,9 +406,13 @@ mod tests {
         assert!(error(&faces[..9], 3).starts_with("9 faces; a prior needs at least 10"));
         assert_eq!(error(&faces, 10), "10 modes from 10 faces; 1 to 9 can be learned");
         let mut upside_down = faces.clone();
-        upside_down[3].landmarks.iter_mut().for_each(|p| *p = -*p);
+        let change = |faces: &mut [NeutralFace], f: fn(&mut Point2<f64>)| match &mut faces[3].points {
+            FacePoints::Landmarks(landmarks) => landmarks.iter_mut().for_each(f),
+            FacePoints::Nodes(_) => unreachable!(),
+        };
+        change(&mut upside_down, |p| *p = -*p);
         assert!(error(&upside_down, 3).starts_with("3: the face stands upside down"));
-        upside_down[3].landmarks.iter_mut().for_each(|p| *p = Point2::origin());
+        change(&mut upside_down, |p| *p = Point2::origin());
         assert!(error(&upside_down, 3).starts_with("3: the landmarks do not determine a placement"));
     }
 }

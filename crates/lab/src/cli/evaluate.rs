@@ -227,7 +227,7 @@ struct SimulationArgs {
     /// Size of the frames, px
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = size, conflicts_with = "dataset")]
     size: (u32, u32),
-    /// Standard deviation of the marks where a sequence starts from seven of them, px
+    /// Standard deviation of the marks where a sequence starts from them, px
     #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = grimace::cli::shared::not_negative, conflicts_with = "dataset")]
     marks_noise: f64,
 }

@@ -146,7 +146,7 @@ impl Bench<'_> {
         let neutral = &truth[0];
         let Some(eye_distance) = eye_distance_px(self.tables, neutral) else { return Ok(Vec::new()) };
         let mut out = Vec::new();
-        for start in [Start::Landmarks, Start::Seven] {
+        for start in [Start::Landmarks, Start::Marks] {
             let fitted = self.fitter.fit(self.wireframe, &self.marks(start, neutral, condition, subject))?;
             let frames = (1..).zip(&images).map(|(number, image)| Ok(Frame::new(number, image.clone())));
             let Ok(track) = track_sequence(self.wireframe, &self.plan, &fitted, frames, &self.options.track, |_| true) else {
@@ -178,7 +178,7 @@ impl Bench<'_> {
         let hard = |&node: &NodeId| Correspondence::hard(node, neutral[node.index()]);
         match start {
             Start::Landmarks => live.iter().map(hard).collect(),
-            Start::Seven => {
+            Start::Marks => {
                 let truth = |&node: &NodeId| TruthNode { node, position: neutral[node.index()], inner: true };
                 let truth = live.iter().map(truth).collect();
                 let person = Person::new(String::new(), f64::NAN, truth, condition.simulation.seed, subject);

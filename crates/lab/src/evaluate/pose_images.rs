@@ -8,8 +8,9 @@ use super::{
     EvaluateError,
     pose::{PoseStudyOptions, PoseTrial, SeenCase, Still, TurnCase, case, failed, judge},
 };
-use crate::simulate::{Emotion, MARKED_NODES, SimulateOptions, SimulatedSequence, Subject, TurnCourse};
+use crate::simulate::{Emotion, SimulateOptions, SimulatedSequence, Subject, TurnCourse};
 use grimace::{
+    dataset::DEFAULT_LANDMARK_NODES,
     fit::Correspondence,
     pipeline::{SequenceFailure, Workbench},
     report::Stage,
@@ -41,7 +42,7 @@ const CASES: [TurnCase; 8] = [
 /// Number of sequences of each head.
 pub const IMAGE_SEQUENCES: usize = CASES.len() * EMOTIONS.len();
 
-/// Makes the study: the people of a simulation (an orthographic camera), marked exactly at seven nodes.
+/// Makes the study: the people of a simulation (an orthographic camera), marked exactly at the default nodes.
 ///
 /// # Errors
 /// [`EvaluateError`] when a sequence fails.
@@ -90,8 +91,8 @@ fn one_sequence(
     let subject = Subject::new(&simulated, head as u32)?;
     let sequence = SimulatedSequence::new(&subject, emotion, &simulated)?;
     let neutral = sequence.nodes(0);
-    let mark = |&k: &u16| Correspondence::mark(NodeId(k), neutral[usize::from(k)]);
-    let marks: Vec<Correspondence> = MARKED_NODES.iter().map(mark).collect();
+    let mark = |&node: &NodeId| Correspondence::mark(node, neutral[node.index()]);
+    let marks: Vec<Correspondence> = DEFAULT_LANDMARK_NODES.iter().map(mark).collect();
     let fitted = full.fitter().fit(&full.wireframe, &marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?;
     let images = (1..)
         .zip(0..options.frames)

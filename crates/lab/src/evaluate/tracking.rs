@@ -36,7 +36,7 @@ pub enum Start {
     /// All known nodes of the neutral frame as hard positions; the error is that of the position.
     Landmarks,
     /// A fit to a few marks; the error is that of the offset from neutral.
-    Seven,
+    Marks,
 }
 
 /// What is compared and how.
@@ -46,7 +46,7 @@ pub struct TrackingOptions {
     pub start: Start,
     /// Trackers.
     pub variants: Vec<TrackerVariant>,
-    /// Nodes marked with [`Start::Seven`].
+    /// Nodes marked with [`Start::Marks`].
     pub marks: Vec<NodeId>,
     /// Standard deviation of those marks in simulated sequences, px.
     pub marks_noise_px: f64,
@@ -316,7 +316,7 @@ impl Bench<'_> {
                     let (found, start) = (nodes[node.index()], neutral[node.index()].position);
                     let px = match self.options.start {
                         Start::Landmarks => (found.position - truth).norm(),
-                        Start::Seven => {
+                        Start::Marks => {
                             let Some(true_neutral) = true_neutral.and_then(|neutral| neutral[i]) else { continue };
                             ((found.position - start) - (truth - true_neutral)).norm()
                         }
@@ -400,7 +400,7 @@ impl Bench<'_> {
         let eye_distance = whole.and_then(|nodes| eye_distance_px(self.tables, &nodes));
         let marks = match self.options.start {
             Start::Landmarks => at_start.iter().map(|&(node, position)| hard(node, position)).collect(),
-            Start::Seven => {
+            Start::Marks => {
                 let node = |&(node, position): &(NodeId, Point2<f64>)| TruthNode { node, position, inner: true };
                 let truth = at_start.iter().map(node).collect();
                 let person = Person::new(String::new(), eye_distance.unwrap_or(f64::NAN), truth, self.options.seed, index as u32);
@@ -423,7 +423,7 @@ impl Bench<'_> {
         };
         let marks = match self.options.start {
             Start::Landmarks => nodes.iter().map(|c| hard(c.node, points[c.landmark])).collect(),
-            Start::Seven => {
+            Start::Marks => {
                 let selection = LandmarkSelection::Nodes(self.options.marks.clone());
                 correspondences_from_landmarks(points, self.tables, &selection)?
             }

@@ -19,13 +19,11 @@ use super::{
     random::{Purpose, generator},
 };
 use grimace::{
-    dataset::MANIFEST_NAME,
+    dataset::{DEFAULT_LANDMARK_NODES, MANIFEST_NAME},
     output::{FolderRecord, OutputError, csv_into, csv_writer, nine_digits, write_json},
     wireframe::{LandmarkRow, Tables},
 };
 
-/// Nodes that are marked on the neutral frame: corners of the eyes, corners of the mouth, chin.
-pub const MARKED_NODES: [u16; 7] = [20, 23, 53, 56, 31, 64, 10];
 /// The record of the files written, by which a later simulation knows what it may remove.
 const RECORD_NAME: &str = "simulate.b3";
 /// Version of the layout of a simulated dataset.
@@ -269,12 +267,12 @@ fn marks(nodes: &[Point2<f64>], options: &SimulateOptions, (subject, code): (u32
         let z: f64 = StandardNormal.sample(&mut random);
         z * options.marks_noise_px
     };
-    MARKED_NODES
+    DEFAULT_LANDMARK_NODES
         .iter()
         .map(|&node| {
-            let p = nodes[usize::from(node)];
+            let p = nodes[node.index()];
             let (x, y) = (p.x + error(), p.y + error());
-            MarkRow { node, x: nine_digits(x), y: nine_digits(y) }
+            MarkRow { node: node.0, x: nine_digits(x), y: nine_digits(y) }
         })
         .collect()
 }

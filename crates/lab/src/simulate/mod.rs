@@ -44,7 +44,6 @@ mod texture;
 pub use camera::CameraOptions;
 pub use dataset::{DatasetSummary, simulate_dataset};
 pub use expression::faps_without_unit;
-pub use files::MARKED_NODES;
 pub use grimace::wireframe::Emotion;
 pub use motion::{Course, HeadPose};
 pub use neutral::{UnitScope, neutral_nodes, performed_nodes};

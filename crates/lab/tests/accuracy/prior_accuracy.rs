@@ -1,12 +1,16 @@
 //! How near the fit comes to whole faces from a few marks, with each shape prior: real people the priors were not learned from, and
 //! simulated people. Errors are means of distances over the eye distance (between the pupils), in percent.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use grimace::{
     dataset::{DEFAULT_LANDMARK_NODES, Dataset, LandmarkSelection, correspondences_from_landmarks},
     fit::{
-        Correspondence, DEFAULT_MODES, FitOptions, Fitter, LoadedPrior, PriorKind, learn_prior, read_neutral_faces, read_prior,
+        Correspondence, DEFAULT_MODES, FacePoints, FitOptions, Fitter, LoadedPrior, NeutralFace, PriorKind, learn_prior,
+        read_neutral_faces, read_prior,
     },
     units::NodeId,
     wireframe::{Tables, Wireframe},
@@ -16,7 +20,7 @@ use nalgebra::{Point2, Vector2};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Seven marks and eight more: brow ends and tops, lips, nose base, jaw.
+/// Corners of eyes and mouth, the chin, and eight more: brow ends and tops, lips, nose base, jaw.
 const FIFTEEN: [u16; 15] = [20, 23, 53, 56, 31, 64, 10, 15, 48, 16, 49, 7, 8, 6, 30];
 
 /// Standard deviation of a mark's error on simulated people, px.
@@ -28,7 +32,7 @@ const SIMULATED_PEOPLE: u32 = 40;
 /// the nodes are used.
 const REDUCTION: u32 = 4;
 
-fn seven() -> Vec<NodeId> {
+fn eleven() -> Vec<NodeId> {
     DEFAULT_LANDMARK_NODES.to_vec()
 }
 
@@ -64,7 +68,6 @@ fn mean_error(prior: &PriorKind, faces: &[Face], marked: &[NodeId]) -> f64 {
 }
 
 struct Face {
-    name: String,
     /// Marks at every node that any test marks.
     marks: Vec<Correspondence>,
     truth: Vec<(NodeId, Point2<f64>)>,
@@ -95,33 +98,43 @@ fn real_faces() -> Option<Vec<Face>> {
             tables.landmarks.iter().filter(|r| r.landmark >= 17 && r.nodes.len() == 1).map(|r| r.nodes[0].0).collect();
         let truth = marks.iter().filter(|m| inner.contains(&m.node)).map(|m| (m.node, m.position)).collect();
         let eye_distance = (mean_of(&points[36..42]) - mean_of(&points[42..48])).norm();
-        faces.push(Face { name: entry.id.subject, marks, truth, leave_out_marks: true, eye_distance });
+        faces.push(Face { marks, truth, leave_out_marks: true, eye_distance });
     }
     Some(faces)
 }
 
-/// Points of the hand-set 189 that stand for the seven marks: eye corners, mouth corners, chin.
-const BY_HAND: [(u16, usize); 7] = [(53, 18), (56, 22), (23, 23), (20, 27), (64, 87), (31, 93), (10, 129)];
+/// The 90 people's nodes where their hand-set points are, by `candide/locator_points.csv`, with the distance of the pupils.
+fn set_by_hand() -> Option<Vec<(NeutralFace, f64)>> {
+    let root = crate::common::root();
+    let path = &root.join("../shared/data/people/delineation189.csv");
+    if !path.is_file() {
+        eprintln!("SKIPPED: no ../shared/data/people; marks set by hand were not tried");
+        return None;
+    }
+    let rows = |path: &Path| -> Vec<BTreeMap<String, String>> {
+        csv::ReaderBuilder::new().flexible(true).from_path(path).unwrap().deserialize().collect::<Result<_, _>>().unwrap()
+    };
+    let numbers = |text: &str| text.split_whitespace().map(|word| word.parse::<f64>().unwrap()).collect::<Vec<_>>();
+    let points = rows(&root.join("candide/locator_points.csv"));
+    let people = rows(path).into_iter().filter(|row| row["state"] == "neutral");
+    let face = |row: BTreeMap<String, String>| {
+        let at = |k: usize| Point2::new(row[&format!("x{k}")].parse().unwrap(), row[&format!("y{k}")].parse().unwrap());
+        let nodes = points.iter().filter(|point| !point["node"].is_empty()).map(|point| {
+            let shares = numbers(&point["sources"]).into_iter().zip(numbers(&point["weights"]));
+            let place: Vector2<f64> = shares.map(|(k, share)| at(k as usize).coords * share).sum();
+            (NodeId(point["node"].parse().unwrap()), Point2::from(place))
+        });
+        let pupils: f64 = (at(0) - at(1)).norm();
+        (NeutralFace { name: row["person"].clone(), points: FacePoints::Nodes(nodes.collect()) }, pupils)
+    };
+    Some(people.map(face).collect())
+}
 
-/// The same faces with the seven marks set by hand (by the authors of the set), compared at the same landmarks.
-fn marked_by_hand(faces: Vec<Face>) -> Vec<Face> {
-    let root = &crate::common::root().join("../shared/data/sequences");
-    faces
-        .into_iter()
-        .map(|face| {
-            let text = std::fs::read_to_string(root.join(&face.name).join("delineation189.csv")).unwrap();
-            let points: BTreeMap<usize, Point2<f64>> = text
-                .lines()
-                .skip(1)
-                .map(|line| {
-                    let values: Vec<f64> = line.split(',').map(|v| v.parse().unwrap()).collect();
-                    (values[0] as usize, Point2::new(values[1], values[2]))
-                })
-                .collect();
-            let mark = |(node, point)| Correspondence::mark(NodeId(node), points[&point]);
-            Face { marks: BY_HAND.map(mark).to_vec(), ..face }
-        })
-        .collect()
+/// Marked at any node that is known, and compared at the others.
+fn as_face((face, eye_distance): &(NeutralFace, f64)) -> Face {
+    let FacePoints::Nodes(nodes) = &face.points else { unreachable!("nodes set by hand") };
+    let marks = nodes.iter().map(|&(node, position)| Correspondence::mark(node, position)).collect();
+    Face { marks, truth: nodes.clone(), leave_out_marks: true, eye_distance: *eye_distance }
 }
 
 /// Simulated people at 640x480, marks with Gaussian noise; compared at all live nodes.
@@ -144,51 +157,72 @@ fn simulated_faces(marked: &[NodeId]) -> Vec<Face> {
             let truth = wireframe.live_nodes().iter().map(|&n| (n, nodes[n.index()])).collect();
             let pupil = |corners: [usize; 4]| mean_of(&corners.map(|n| nodes[n]));
             let eye_distance = (pupil([67, 68, 71, 72]) - pupil([69, 70, 73, 74])).norm();
-            Face { name: index.to_string(), marks, truth, leave_out_marks: false, eye_distance }
+            Face { marks, truth, leave_out_marks: false, eye_distance }
         })
         .collect()
 }
 
 #[test]
 fn the_fit_reaches_its_goals_on_real_and_simulated_people() {
-    let (few, many) = (seven(), fifteen());
+    let (few, many) = (eleven(), fifteen());
     let (simulated_few, simulated_many) = (simulated_faces(&few), simulated_faces(&many));
     let real = real_faces();
-    let by_hand = real_faces().map(marked_by_hand);
     println!("mean error, % of the eye distance");
-    println!("prior    simulated 7  simulated 15  real 7  real 15  by hand 7");
+    println!("prior    simulated 11  simulated 15  real 11  real 15");
     let row = |name: &str, prior: &PriorKind| {
         let simulated = (mean_error(prior, &simulated_few, &few), mean_error(prior, &simulated_many, &many));
         let real = real.as_ref().map(|faces| (mean_error(prior, faces, &few), mean_error(prior, faces, &many)));
-        let hand = by_hand.as_ref().map(|faces| mean_error(prior, faces, &few));
         let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.2}"));
         println!(
-            "{name:8} {:>11.2}  {:>12.2}  {:>6}  {:>7}  {:>9}",
+            "{name:8} {:>12.2}  {:>12.2}  {:>7}  {:>7}",
             simulated.0,
             simulated.1,
             cell(real.map(|r| r.0)),
-            cell(real.map(|r| r.1)),
-            cell(hand)
+            cell(real.map(|r| r.1))
         );
-        (simulated, real, hand)
+        (simulated, real)
     };
-    let (springs, springs_real, springs_hand) = row("none", &PriorKind::None);
-    let (candide, candide_real, _) = row("candide", &PriorKind::Candide);
-    let (_, faces_real, faces_hand) = row("faces", &PriorKind::Faces);
-    let (auto, auto_real, auto_hand) = row("auto", &PriorKind::Auto);
+    let (springs, springs_real) = row("none", &PriorKind::None);
+    let (candide, candide_real) = row("candide", &PriorKind::Candide);
+    let (_, faces_real) = row("faces", &PriorKind::Faces);
+    let (auto, auto_real) = row("auto", &PriorKind::Auto);
     // The goals, for the default; the priors made for one population keep them on theirs with room to spare.
     assert_eq!(PriorKind::default(), PriorKind::Auto);
-    assert!(auto.0 <= 3.5 && auto.1 <= 2.5, "{auto:?}");
+    assert!(auto.0 <= 2.5 && auto.1 <= 2.5, "{auto:?}");
+    assert!(auto.0 < springs.0 && auto.1 < springs.1, "{auto:?} is no better than no prior, {springs:?}");
     assert!(candide.0 <= 3.0 && candide.0 < springs.0 && candide.1 < springs.1, "{candide:?}");
     if let (Some(springs), Some(candide), Some(faces), Some(auto)) = (springs_real, candide_real, faces_real, auto_real) {
         assert!(auto.0 <= 2.2, "{auto:?}");
         assert!(faces.0 <= 2.2 && faces.0 < candide.0 && faces.0 < springs.0, "{faces:?}");
         assert!(faces.1 < faces.0);
     }
-    // Marks set by hand differ from the landmarks by more than a mark's error: the chin alone by 8 %. Still, the learned face helps.
-    if let (Some(springs), Some(faces), Some(auto)) = (springs_hand, faces_hand, auto_hand) {
-        assert!(faces <= auto && auto < 0.6 * springs, "{faces} {auto} {springs}");
-    }
+}
+
+/// What people call the end of a brow or the tip of a chin is not what networks do: with marks set by hand the prior that was learned from
+/// such marks serves, on people left out; and the default takes it.
+#[test]
+fn marks_set_by_hand_are_served_by_what_was_learned_from_such() {
+    let Some(people) = set_by_hand() else { return };
+    let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+    let eleven = eleven();
+    let learned_from: Vec<_> = people.iter().step_by(2).map(|(face, _)| face.clone()).collect();
+    let prior = learn_prior(&wireframe, &tables, &learned_from, DEFAULT_MODES).unwrap();
+    let prior = PriorKind::File(LoadedPrior { blake3: String::new(), prior: Some(std::sync::Arc::new(prior)) });
+    let others: Vec<Face> = people.iter().skip(1).step_by(2).map(as_face).collect();
+    let everybody: Vec<Face> = people.iter().map(as_face).collect();
+    println!("set by hand, 11 marks, mean error of the other nodes, % of the eye distance");
+    let of = |name: &str, prior: &PriorKind, faces: &[Face]| {
+        let error = mean_error(prior, faces, &eleven);
+        println!("{name:45} {error:>6.2}");
+        error
+    };
+    let springs = of("none, 45 people", &PriorKind::None, &others);
+    let candide = of("candide, the same", &PriorKind::Candide, &others);
+    let learned = of("learned from 45 others, the same", &prior, &others);
+    assert!(learned < 4.5 && learned < 0.7 * springs && learned < 0.7 * candide, "{learned} {springs} {candide}");
+    let springs = of("none, all 90", &PriorKind::None, &everybody);
+    let auto = of("auto, all 90 (of whom it was learned)", &PriorKind::Auto, &everybody);
+    assert!(auto < 0.7 * springs, "{auto} {springs}");
 }
 
 /// Also a prior learned afresh from half of the people serves on the other half.
@@ -210,38 +244,39 @@ fn a_prior_learned_from_some_people_serves_for_others() {
     let faces: Vec<Face> = others
         .into_iter()
         .map(|(_, face)| {
-            let points = &face.landmarks;
+            let FacePoints::Landmarks(points) = &face.points else { unreachable!("a file of landmarks") };
             let marks = correspondences_from_landmarks(points, &tables, &LandmarkSelection::HighAndMedium).unwrap();
             let truth = marks.iter().filter(|m| inner(m.node)).map(|m| (m.node, m.position)).collect();
             let eye_distance = (mean_of(&points[36..42]) - mean_of(&points[42..48])).norm();
-            Face { name: face.name, marks, truth, leave_out_marks: true, eye_distance }
+            Face { marks, truth, leave_out_marks: true, eye_distance }
         })
         .collect();
-    let error = mean_error(&prior, &faces, &seven());
-    println!("learned from 45 people, 7 marks on 45 others: {error:.2} % of the eye distance");
+    let error = mean_error(&prior, &faces, &eleven());
+    println!("learned from 45 people, 11 marks on 45 others: {error:.2} % of the eye distance");
     assert!(error <= 2.2, "{error}");
 }
 
-/// The shipped file is what the command written in it makes.
+/// The shipped files are what the commands written in them make.
 #[test]
-fn the_shipped_prior_can_be_made_again() {
+fn the_shipped_priors_can_be_made_again() {
     let path = &crate::common::root().join("../shared/data/people/landmarks68.csv");
-    if !path.is_file() {
-        eprintln!("SKIPPED: no ../shared/data/people; the shipped prior was not made again");
-        return;
-    }
-    let (shipped, _) = read_prior(&crate::common::root().join("candide/face_prior.json")).unwrap();
-    let people = read_neutral_faces(path, "neutral").unwrap().faces;
-    let made = learn_prior(&Wireframe::candide3(), &Tables::candide3(), &people, DEFAULT_MODES).unwrap();
-    assert_eq!(shipped.modes.len(), made.modes.len());
-    // Rounded to 1e-5 in the file.
-    let near = |a: &[f64; 2], b: &[f64; 2]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1.1e-5);
-    for (k, (a, b)) in shipped.mean.iter().zip(&made.mean).enumerate() {
-        assert!(near(&[a.x, a.y], &[b.x, b.y]), "mean of node {k}");
-    }
-    for (j, (shipped, made)) in shipped.modes.iter().zip(&made.modes).enumerate() {
-        for (k, (a, b)) in shipped.iter().zip(made).enumerate() {
-            assert!(near(&[a.x, a.y], &[b.x, b.y]), "mode {j}, node {k}");
+    let Some(by_hand) = set_by_hand() else { return };
+    let by_hand: Vec<_> = by_hand.into_iter().map(|(face, _)| face).collect();
+    for (name, people) in
+        [("face_prior.json", read_neutral_faces(path, "neutral").unwrap().faces), ("face_prior_by_hand.json", by_hand)]
+    {
+        let (shipped, _) = read_prior(&crate::common::root().join("candide").join(name)).unwrap();
+        let made = learn_prior(&Wireframe::candide3(), &Tables::candide3(), &people, DEFAULT_MODES).unwrap();
+        assert_eq!(shipped.modes.len(), made.modes.len());
+        // Rounded to 1e-5 in the file; the points set by hand to 1e-3 px before.
+        let near = |a: &[f64; 2], b: &[f64; 2]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-5);
+        for (k, (a, b)) in shipped.mean.iter().zip(&made.mean).enumerate() {
+            assert!(near(&[a.x, a.y], &[b.x, b.y]), "{name}: mean of node {k}");
+        }
+        for (j, (shipped, made)) in shipped.modes.iter().zip(&made.modes).enumerate() {
+            for (k, (a, b)) in shipped.iter().zip(made).enumerate() {
+                assert!(near(&[a.x, a.y], &[b.x, b.y]), "{name}: mode {j}, node {k}");
+            }
         }
     }
 }

@@ -33,7 +33,7 @@ Examples:
   grimace evaluate confidence -o confidence
   grimace evaluate confidence faces -o confidence --by kind --start landmarks
 
-Without a DATASET, simulated people are tracked (clean and hard, at full and at half size; from exact positions and from seven marks), \
+Without a DATASET, simulated people are tracked (clean and hard, at full and at half size; from exact positions and from the default marks), \
 weights and calibration are fitted and written to track_confidence.csv, and judged by people that were not among them: expected and true \
 median error by quintile in confidence_quintiles.csv and confidence.svg, verdicts in verdicts.csv. With a DATASET the model that is \
 shipped is judged by its landmarks or exact positions.")]
@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         judged(&condition.name, &|s| s.condition == condition.name, &confidence);
     }
     judged("from exact positions", &|s| s.start == Start::Landmarks, &confidence);
-    judged("from seven marks", &|s| s.start == Start::Seven, &confidence);
+    judged("from marks", &|s| s.start == Start::Marks, &confidence);
     judged("all, model as shipped", &|_| true, Confidence::shipped());
     let title = "Expected and true error of tracked nodes, held-out people";
     folder.figure("confidence.svg", &calibration_chart(title, expected_of_samples(&held_out, &confidence)))?;

@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let found = found?;
         let table = suggested_table(&found);
         folder.table("suggested_marks.csv", &table)?;
-        folder.print("Suggested marks, the first 5 to 8 of", &table);
+        folder.print("Suggested marks, best first", &table);
         choices[0] = MarkChoice::fixed("suggested", found.iter().map(|m| m.node).collect());
     }
     let counts: Vec<usize> = args.counts.iter().map(|&c| usize::from(c)).collect();

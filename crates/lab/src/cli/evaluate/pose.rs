@@ -29,7 +29,7 @@ pub struct Args {
     /// Folder of the face model
     #[arg(value_name = "MODEL", required_unless_present = "images")]
     folder: Option<PathBuf>,
-    /// Through images instead of landmarks: simulated people, rendered, marked at seven nodes and tracked
+    /// Through images instead of landmarks: simulated people, rendered, marked at the default nodes and tracked
     #[arg(long, conflicts_with_all = ["folder", "camera", "noise", "first_mode", "spread"])]
     images: bool,
     /// Number of heads

@@ -25,7 +25,7 @@ use grimace::cli::{
 #[command(after_help = "\
 Examples:
   grimace evaluate tracking -o tracking-error --subjects 4 --hard
-  grimace evaluate tracking faces -o tracking-error --by kind --start seven
+  grimace evaluate tracking faces -o tracking-error --by kind --start marks
   grimace evaluate tracking -o ablation --variants narrow:window=0.08 --variants stiff:force=10,extreme=4
   grimace evaluate tracking -o paper --method kp
   grimace evaluate tracking -o mine --truth S005_001_by_hand.csv --tracks before:old/S005_001.csv --tracks now:results/tracks/S005_001.csv
@@ -38,13 +38,13 @@ tracking_last.csv, each sequence in tracking_sequences.csv. A sequence that fail
 pub struct Args {
     /// Dataset with 68-point landmarks; simulated sequences without
     dataset: Option<PathBuf>,
-    /// Start from all known nodes of the neutral frame and measure positions, or from a fit to seven marks and measure offsets from neutral
+    /// Start from all known nodes of the neutral frame and measure positions, or from a fit to the default marks and measure offsets from neutral
     #[arg(long, value_enum, default_value_t = StartWord::Landmarks)]
     start: StartWord,
     /// Column of the manifest to group by
     #[arg(long, value_name = "COLUMN", requires = "dataset")]
     by: Option<String>,
-    /// Nodes or feature points marked with `--start seven`
+    /// Nodes or feature points marked with `--start marks`
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     marks: Vec<String>,
     /// A further tracker: a name and options of the tracker that differ; may be given several times
@@ -77,7 +77,8 @@ pub struct Args {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum StartWord {
     Landmarks,
-    Seven,
+    #[value(alias = "seven")]
+    Marks,
 }
 
 /// A name and a path.
@@ -92,7 +93,7 @@ impl From<StartWord> for Start {
     fn from(word: StartWord) -> Self {
         match word {
             StartWord::Landmarks => Self::Landmarks,
-            StartWord::Seven => Self::Seven,
+            StartWord::Marks => Self::Marks,
         }
     }
 }
@@ -191,7 +192,7 @@ fn write(folder: &mut Folder, result: &TrackingResult, failures: &[Failed], star
     }
     let what = match start {
         Start::Landmarks => "position error",
-        Start::Seven => "error of the offset from neutral",
+        Start::Marks => "error of the offset from neutral",
     };
     for (g, group) in records.groups.iter().enumerate() {
         if records.errors.iter().any(|e| e.group == g) {

@@ -83,7 +83,7 @@ impl<'a> KpFigures<'a> {
                 emotion: entry.emotion.clone(),
                 track,
                 frames,
-                marks: seven(marks.collect()),
+                marks: default_marks(marks.collect()),
             });
         }
         if performances.is_empty() {
@@ -315,8 +315,8 @@ impl<'a> KpFigures<'a> {
     }
 }
 
-/// The seven marks of the default, where a sequence has them; else those it has.
-fn seven(marks: Vec<Correspondence>) -> Vec<Correspondence> {
+/// The default marks, where a sequence has them; else those it has.
+fn default_marks(marks: Vec<Correspondence>) -> Vec<Correspondence> {
     let chosen: Vec<Correspondence> = marks.iter().filter(|m| DEFAULT_LANDMARK_NODES.contains(&m.node)).copied().collect();
     if chosen.len() >= 5 { chosen } else { marks }
 }
