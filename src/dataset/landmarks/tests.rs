@@ -86,9 +86,11 @@ fn landmarks_become_correspondences() {
         let marks = correspondences_from_landmarks(&points, &tables, &selection).unwrap();
         marks.iter().map(|c| (c.node.0, c.position.x)).collect()
     };
-    // Landmarks, from 0: outer eye corners 45 L, 36 R; inner 42 L, 39 R; mouth corners 54 L, 48 R; chin 8.
-    let default = [(20, 45.0), (23, 42.0), (53, 36.0), (56, 39.0), (31, 54.0), (64, 48.0), (10, 8.0)];
-    assert_eq!(nodes(LandmarkSelection::Default), default);
+    // Landmarks, from 0: outer eye corners 45 L, 36 R; inner 42 L, 39 R; mouth corners 54 L, 48 R; chin 8; brows' ends 26 and
+    // 22 L, 17 and 21 R.
+    let corners = [(20, 45.0), (23, 42.0), (53, 36.0), (56, 39.0), (31, 54.0), (64, 48.0), (10, 8.0)];
+    let brows = [(15, 26.0), (17, 22.0), (48, 17.0), (50, 21.0)];
+    assert_eq!(nodes(LandmarkSelection::Default), [&corners[..], &brows].concat());
     assert_eq!(nodes(LandmarkSelection::Nodes(vec![NodeId(10), NodeId(20)])), [(10, 8.0), (20, 45.0)]);
     // Counted in ibug68.csv: 21 rows are high; 32 are medium, one of them (27, the nasion) lies between two nodes.
     let (high, all) = (nodes(LandmarkSelection::High), nodes(LandmarkSelection::HighAndMedium));
