@@ -26,9 +26,10 @@ Example:
   grimace fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png
 
 marks.csv has the columns node,x,y: a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3, and its place in pixels, the \
-centre of the top-left pixel being 0,0. Left and right are the subject's own. 5 to 8 marks make a good fit:
+centre of the top-left pixel being 0,0. Left and right are the subject's own. 5 to 8 marks make a fit, these eleven a good one:
   20, 23  left eye, outer and inner corner      31, 64  left and right corner of the mouth
   53, 56  right eye, outer and inner corner     10      lowest point of the chin
+  15, 17  left brow, outer and inner end        48, 50  right brow, outer and inner end
 In the picture marks are yellow rings and fitted nodes blue dots; small images are enlarged in it.")]
 pub struct Args {
     /// Image of a neutral, frontal face
@@ -99,7 +100,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             println!("note: {warning}");
         }
         if marks.len() < 5 {
-            println!("note: 5 to 8 marks make a good fit");
+            println!("note: 5 to 8 marks make a fit, those that `grimace fit --help` names a good one");
         }
     }
     Ok(Outcome::Done)
