@@ -23,8 +23,8 @@ Example:
 
 LANDMARKS is a CSV file with the columns x0,y0,...,x67,y67 (68 points in the iBUG order, pixels, y down) and a column person, subject or \
 frame; every row is one face, and where there is a column state only the rows of --state are taken. It may also be a table of nodes \
-(person,node,x,y, or what `grimace locate` wrote), or a dataset whose manifest names landmarks: the neutral frame of each subject. Take one neutral face of each person; 10 are the least, 50 and more make \
-a good prior. The file holds a mean face and its modes, no one's own landmarks.")]
+(person,node,x,y, or what `grimace locate` wrote), or a dataset whose manifest names landmarks: the neutral frame of each subject. \
+Take one neutral face of each person; 10 are the least, 50 and more make a good prior. The file holds a mean face and its modes, no one's own landmarks.")]
 pub struct Args {
     /// Landmarks of neutral faces: CSV files or datasets
     #[arg(required = true, value_name = "LANDMARKS")]

@@ -364,7 +364,7 @@ impl AnalysisArgs {
 #[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
     /// Marks of a sequence or picture that has no correspondences: `auto` takes all its landmarks, each by its expected error, or finds marks in
-    /// the neutral frame where there are none; `default` (eye corners, mouth corners, chin), `high`, `all`, or a list of nodes such as
+    /// the neutral frame where there are none; `default` (corners of eyes and mouth, chin, ends of the brows), `high`, `all`, or a list of nodes such as
     /// 20,23,53,56,31,64,10 take such landmarks and find nothing
     #[arg(long, default_value = "auto", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
