@@ -144,19 +144,20 @@ impl Fitter {
     /// A fitter for a wireframe.
     pub fn new(wireframe: &Wireframe, options: FitOptions) -> Self {
         let candide = || ShapePrior::candide(wireframe);
+        let faces = ShapePrior::faces();
         let priors = match &options.prior {
             PriorKind::None => vec![],
             PriorKind::Candide => vec![candide()],
-            PriorKind::Faces => ShapePrior::faces().to_vec(),
+            PriorKind::Faces => faces.to_vec(),
             PriorKind::Auto => {
-                let faces = ShapePrior::faces().into_iter().filter(|p| p.mean.len() == wireframe.node_count());
-                faces.chain([candide()]).collect()
+                let of_nodes = faces.iter().filter(|p| p.mean.len() == wireframe.node_count());
+                of_nodes.cloned().chain([candide()]).collect()
             }
             PriorKind::File(LoadedPrior { prior, .. }) => prior.iter().map(|p| ShapePrior::clone(p)).collect(),
         };
         let known: Vec<ShapePrior> = match &options.prior {
-            PriorKind::File(_) => priors.iter().cloned().chain(ShapePrior::faces()).collect(),
-            _ => ShapePrior::faces().to_vec(),
+            PriorKind::File(_) => priors.iter().cloned().chain(faces).collect(),
+            _ => faces.to_vec(),
         };
         let plausible = PlausibleFaces::new(wireframe, &known, EYE_DISTANCE);
         Self { springs: Springs::new(wireframe), priors, plausible, options }
