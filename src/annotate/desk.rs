@@ -324,7 +324,7 @@ impl Desk {
         if let Err(error) = validate_correspondences(&marks, request.width, request.height) {
             return Fit::Problem { problem: error.to_string(), node: None };
         }
-        match self.bench.fitter().fit(&self.bench.wireframe, &marks) {
+        match self.bench.fit(&marks) {
             Ok(fitted) => Fit::Fitted {
                 nodes: fitted.model.nodes().iter().map(|p| [hundredth(p.x), hundredth(p.y)]).collect(),
                 residuals: fitted.residuals.iter().map(|r| hundredth(*r)).collect(),

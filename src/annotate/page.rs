@@ -2,15 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::{dataset::DEFAULT_LANDMARK_NODES, overlay::legend, pipeline::Workbench, track::NodeState, units::NodeId};
+use crate::{
+    dataset::DEFAULT_LANDMARK_NODES,
+    overlay::legend,
+    pipeline::Workbench,
+    track::NodeState,
+    units::NodeId,
+    wireframe::{markable_nodes, suggested_marks},
+};
 
-/// Suggested nodes, best first.
-const SUGGESTED: &str = include_str!("../../candide/suggested_marks.csv");
-/// Nodes that a person can mark in an image, with their names.
-const MARKABLE: &str = include_str!("../../candide/markable_nodes.csv");
 /// Feature contours as node chains, as in the report.
 const CONTOURS: &str = include_str!("../report/assets/contours.csv");
 
@@ -64,7 +67,7 @@ pub fn setup(bench: &Workbench, mode: &str, title: &str) -> Value {
             _ => None,
         })
         .collect();
-    let names = names();
+    let names: BTreeMap<NodeId, &str> = markable_nodes().iter().map(|m| (m.node, m.description.as_str())).collect();
     let live = bench.wireframe.live_nodes();
     let node = |(k, p): (usize, &nalgebra::Point2<f64>)| {
         let id = NodeId(k as u16);
@@ -74,7 +77,7 @@ pub fn setup(bench: &Workbench, mode: &str, title: &str) -> Value {
             id,
             x: p.x,
             y: -p.y,
-            name: names.get(&id).cloned().unwrap_or_else(fallback),
+            name: names.get(&id).map_or_else(fallback, |&name| name.to_owned()),
             fp: row.map(|row| row.fp.to_string()),
             region: bench.tables.region(id),
             live: live.contains(&id),
@@ -101,25 +104,9 @@ fn state((state, [red, green, blue]): (NodeState, [u8; 3])) -> Value {
     json!({ "name": state.name(), "colour": format!("#{red:02x}{green:02x}{blue:02x}") })
 }
 
-/// Names of the markable nodes.
-fn names() -> BTreeMap<NodeId, String> {
-    #[derive(Deserialize)]
-    struct Row {
-        node: u16,
-        description: String,
-    }
-    let rows = csv::Reader::from_reader(MARKABLE.as_bytes()).into_deserialize::<Row>();
-    rows.flatten().map(|row| (NodeId(row.node), row.description)).collect()
-}
-
 /// Suggested nodes, best first, as far as the wireframe has them.
 fn suggested(node_count: usize) -> Vec<NodeId> {
-    #[derive(Deserialize)]
-    struct Row {
-        node: u16,
-    }
-    let rows = csv::Reader::from_reader(SUGGESTED.as_bytes()).into_deserialize::<Row>();
-    rows.flatten().map(|row| NodeId(row.node)).filter(|n| n.index() < node_count).collect()
+    suggested_marks().iter().map(|m| m.node).filter(|n| n.index() < node_count).collect()
 }
 
 /// Chains of nodes of a weight, as far as the wireframe has them.

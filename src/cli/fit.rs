@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let in_file = || args.correspondences.as_ref().unwrap_or(&args.image).display().to_string();
     let size = frame.size();
     validate_correspondences(&marks, size.width, size.height).with_context(in_file)?;
-    let fitted = bench.fitter().fit(&bench.wireframe, &marks).with_context(in_file)?;
+    let fitted = bench.fit(&marks).with_context(in_file)?;
     let nodes = neutral_nodes(&bench.wireframe, &fitted);
     let rows = nodes.iter().enumerate().map(|(node, n)| Row {
         node,

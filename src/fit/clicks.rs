@@ -1,13 +1,6 @@
 //! How precisely a person can set a mark.
 
-use std::{collections::BTreeMap, sync::OnceLock};
-
-use serde::Deserialize;
-
-use crate::units::NodeId;
-
-/// Nodes that a person can mark, with the standard deviation of a careful click.
-const MARKABLE: &str = include_str!("../../candide/markable_nodes.csv");
+use crate::{units::NodeId, wireframe::markable_nodes};
 
 /// Standard deviations up to here, over the eye distance, are those of any mark: what priors take for granted.
 const SHARP: f64 = 0.016;
@@ -17,19 +10,7 @@ const SHARP: f64 = 0.016;
 /// `None` where a mark is as good as any. Along a soft contour people differ by 3 to 6 % of the eye distance; a fit that took such marks for
 /// exact would explain the difference by another face.
 pub(super) fn soft_deviation(node: NodeId) -> Option<f64> {
-    #[derive(Deserialize)]
-    struct Row {
-        node: u16,
-        sd_percent_es: f64,
-    }
-    static SOFT: OnceLock<BTreeMap<NodeId, f64>> = OnceLock::new();
-    let soft = SOFT.get_or_init(|| {
-        let rows = csv::Reader::from_reader(MARKABLE.as_bytes()).into_deserialize::<Row>();
-        let read = |row: Result<Row, csv::Error>| row.unwrap_or_else(|error| unreachable!("embedded table: {error}"));
-        let deviations = rows.map(read).map(|row| (NodeId(row.node), row.sd_percent_es / 100.0));
-        deviations.filter(|(_, deviation)| *deviation > SHARP).collect()
-    });
-    soft.get(&node).copied()
+    markable_nodes().iter().find(|m| m.node == node).map(|m| m.deviation_es).filter(|&deviation| deviation > SHARP)
 }
 
 #[cfg(test)]

@@ -38,9 +38,9 @@ use crate::{
     dataset::{LEAST_CONFIDENCE, LandmarkSelection, may_publish},
     fap::Profile,
     features::{FeatureMeter, FrameFeatures, Measured},
-    fit::{FitOptions, Fitter, SpringError},
+    fit::{Correspondence, FitError, FitOptions, FittedWireframe, Fitter, SpringError},
     model::DynamicExpressionModel,
-    normalize::{NormalizeOptions, Normalizer},
+    normalize::{NormalizeOptions, Normalizer, PoseMode},
     output::MADE_BY,
     pose::{HeadFit, HeadFitter, PoseError},
     report::{Failure, Stage},
@@ -255,6 +255,17 @@ impl Workbench {
     /// Fits heads to tracks.
     pub fn head_fitter(&self) -> &HeadFitter {
         self.head.get_or_init(|| HeadFitter::new(&self.wireframe, &self.tables))
+    }
+
+    /// The wireframe fitted to the marks of a neutral frame; of a head that is turned in it, unless only roll is to be taken out.
+    ///
+    /// # Errors
+    /// [`FitError`].
+    pub fn fit(&self, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
+        match self.options.normalize.pose {
+            PoseMode::Full => self.head_fitter().fit_neutral(&self.fitter, &self.wireframe, marks),
+            PoseMode::Roll => self.fitter.fit(&self.wireframe, marks),
+        }
     }
 
     /// Head, poses and expressions of a track, with the marks of its neutral frame as far as they are known.

@@ -221,7 +221,7 @@ fn track_frames(
     let first = first.map_err(SequenceFailure::at(Stage::Track))?;
     let size = first.size();
     validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
-    let fitted = bench.fitter.fit(&bench.wireframe, &source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
+    let fitted = bench.fit(&source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
     let frames = std::iter::once(Ok(first)).chain(frames);
     let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
         let is_interrupted = matches!(error, TrackError::Interrupted);

@@ -12,7 +12,7 @@ use super::{
     HEAD_ES, HeadModel, HeadPose,
     frontal::visibility,
     mixture::Mixture,
-    observe::{FEWEST_SEEN, Frame, mark_shifts, observe, own_deviations, rough_pose},
+    observe::{FEWEST_SEEN, Frame, Own, mark_shifts, observe, own_offsets, rough_pose},
     person::{Head, View, log_distance_step},
     solve::{Directions, Limit, Seen, Solved, shape_with, solve},
 };
@@ -135,7 +135,7 @@ pub fn fit_head(
         (0..model.node_count()).map(|k| frames[1..].iter().any(|f| f.seen.iter().any(|s| s.node == k))).collect();
     let is_marked = |k: usize| matches!(neutral.nodes[k].state, NodeState::Marked | NodeState::Corrected);
     frames[0].seen.retain(|s| is_marked(s.node) || is_followed[s.node]);
-    let own = own_deviations(model, neutral);
+    let own = own_offsets(model, neutral);
     let start = rough_pose(model, tables, neutral)?;
     let sequence = Sequence {
         model,
@@ -181,7 +181,7 @@ pub fn follow_head(
 struct Sequence<'a> {
     model: &'a HeadModel,
     frames: &'a [Frame],
-    own: &'a [f64],
+    own: &'a [Own],
     /// Where the head, or what is followed of it, is looked for first.
     start: HeadPose,
     expression: Directions,
@@ -224,7 +224,7 @@ impl Sequence<'_> {
     /// A first head from the neutral frame, where the person's own offsets count as noise, and first frames from the ones before them.
     /// Frames that no pose explains are no longer chosen.
     fn first_head(&self, first: &Frame, chosen: &mut Vec<&Frame>) -> Result<Found, PoseError> {
-        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(self.own[s.node]), ..*s };
+        let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(self.own[s.node].deviation), ..*s };
         let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
         let start = Solved { pose: self.start, coefficients: DVector::zeros(self.model.identity.len()) };
         let limit = Limit { steps: FRAME_STEPS, at_rest: AT_REST };
@@ -285,7 +285,8 @@ impl Sequence<'_> {
         let mut rest = numbers.as_slice().iter().copied();
         found.head.coefficients.iter_mut().zip(&mut rest).for_each(|(c, number)| *c = number);
         for (offset, own) in found.head.own.iter_mut().zip(self.own) {
-            offset.iter_mut().zip(&mut rest).for_each(|(o, number)| *o = number * own);
+            let mut next = || rest.next().unwrap_or(0.0);
+            *offset = own.spread * Vector3::new(next(), next(), next());
         }
         let log_distance = rest.next().map_or(0.0, |number| number * LOG_DISTANCE_UNIT);
         set_pose(&mut found.neutral_pose, &mut rest);

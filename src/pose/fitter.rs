@@ -2,9 +2,9 @@
 
 use nalgebra::Point2;
 
-use super::{HeadFit, HeadModel, HeadPose, PoseError, fit_head, follow_head, frontalized};
+use super::{HeadFit, HeadModel, HeadPose, PoseError, fit_head, fit_turned, follow_head, frontalized};
 use crate::{
-    fit::Springs,
+    fit::{Correspondence, FitError, FittedWireframe, Fitter, Springs},
     model::{DynamicExpressionModel, FrameExpressionModel},
     track::TrackedFrame,
     units::{NodeId, Px},
@@ -32,6 +32,19 @@ impl HeadFitter {
     /// The head model.
     pub fn model(&self) -> &HeadModel {
         &self.model
+    }
+
+    /// The wireframe fitted to the marks of a face that may be turned: [`fit_turned`].
+    ///
+    /// # Errors
+    /// [`FitError`].
+    pub fn fit_neutral(
+        &self,
+        fitter: &Fitter,
+        wireframe: &Wireframe,
+        marks: &[Correspondence],
+    ) -> Result<FittedWireframe, FitError> {
+        fit_turned(&self.model, fitter, wireframe, marks)
     }
 
     /// Head, poses and expressions of tracked frames, the neutral one first, with the marks on it.

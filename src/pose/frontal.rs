@@ -28,12 +28,6 @@ const SEEN: f64 = 0.98;
 /// By the angle between its normal and the line of sight; nodes at the outline, which are edge-on from the front already, count from
 /// where they are from the front.
 pub fn visibility(model: &HeadModel, shape: &[Vector3<f64>], pose: &HeadPose) -> Vec<f64> {
-    let mut normals = vec![Vector3::zeros(); shape.len()];
-    for &[a, b, c] in &model.triangles {
-        let [p, q, r] = [a, b, c].map(|n| shape[n.index()]);
-        let normal: Vector3<f64> = (q - p).cross(&(r - p));
-        [a, b, c].iter().for_each(|n| normals[n.index()] += normal);
-    }
     let seen = |normal: &Vector3<f64>| {
         let length = normal.norm();
         if length < 1e-12 {
@@ -43,7 +37,18 @@ pub fn visibility(model: &HeadModel, shape: &[Vector3<f64>], pose: &HeadPose) ->
         let edge = EDGE_ON.min(normal.z / length);
         (1.0 + (turned - edge) / FADING).clamp(0.0, 1.0)
     };
-    normals.iter().map(seen).collect()
+    normals(model, shape).iter().map(seen).collect()
+}
+
+/// Normals of the nodes of a head, of any length, out of it; zero for a node in no triangle.
+pub(super) fn normals(model: &HeadModel, shape: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let mut normals = vec![Vector3::zeros(); shape.len()];
+    for &[a, b, c] in &model.triangles {
+        let [p, q, r] = [a, b, c].map(|n| shape[n.index()]);
+        let normal: Vector3<f64> = (q - p).cross(&(r - p));
+        [a, b, c].iter().for_each(|n| normals[n.index()] += normal);
+    }
+    normals
 }
 
 /// The part of the neutral frame's yaw and pitch that is left in the models.

@@ -25,6 +25,7 @@ mod mixture;
 mod observe;
 mod person;
 mod solve;
+mod turned;
 
 pub use camera::{CAMERA_DISTANCE, HEAD_ES, HeadPose};
 pub use file::{HEAD_SCHEMA, HeadFileError, HeadOrigin, write_head};
@@ -33,3 +34,4 @@ pub use fitter::HeadFitter;
 pub use frontal::{frontalized, visibility};
 pub use head::{HeadModel, NamedOffsets};
 pub use learn::{DenseFaces, IDENTITY_MODES, LearnHeadError, LearnedHead, bind_nodes, learn_head};
+pub use turned::fit_turned;

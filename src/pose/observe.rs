@@ -1,8 +1,8 @@
 //! What a track says of a head: the nodes seen in every frame with their expected errors, and a first pose.
 
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
-use super::{CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose, PoseError, solve::Seen};
+use super::{CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose, PoseError, frontal::normals, solve::Seen};
 use crate::{
     geometry::Similarity,
     normalize::stable_nodes,
@@ -15,9 +15,11 @@ use crate::{
 const TRACKED: f64 = 0.006;
 /// The same of a node that the springs placed.
 const RECOVERED: f64 = 0.06;
-/// Standard deviation of each person's own offset of a node, beyond the modes: of a node that was marked, and of one that was not.
-const OWN_MARKED: f64 = 0.007;
-const OWN_FITTED: f64 = 0.04;
+/// Standard deviation of each person's own offset of a node that was marked, beyond the modes.
+pub(super) const OWN_MARKED: f64 = 0.007;
+/// The same of one that was not, along the skin and across it: such a node may lie on another place of the skin, but it lies on the skin.
+const OWN_ALONG: f64 = 0.04;
+const OWN_ACROSS: f64 = 0.02;
 /// Fewest nodes seen that give a pose.
 pub(super) const FEWEST_SEEN: usize = 6;
 /// What is seen of one frame.
@@ -89,13 +91,34 @@ pub(super) fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2
     Ok(Frame { number: frame.number, seen })
 }
 
-/// Standard deviation of each person's own offset by node.
-pub(super) fn own_deviations(model: &HeadModel, neutral: &TrackedFrame) -> Vec<f64> {
-    let own = |k: usize| match neutral.nodes[k].state {
-        NodeState::Marked | NodeState::Corrected | NodeState::Tracked => OWN_MARKED,
-        _ => OWN_FITTED,
+/// How each person's own offset of a node is distributed: normal, with mean 0.
+#[derive(Clone, Copy)]
+pub(super) struct Own {
+    /// The largest standard deviation.
+    pub deviation: f64,
+    /// Square root of the covariance, its inverse, and the inverse of the covariance.
+    pub spread: Matrix3<f64>,
+    pub per_spread: Matrix3<f64>,
+    pub precision: Matrix3<f64>,
+}
+
+impl Own {
+    /// Standard deviations along a surface with a normal of length 1, and across it.
+    fn new(along: f64, across: f64, normal: &Vector3<f64>) -> Self {
+        let across_share = normal * normal.transpose();
+        let along_share = Matrix3::identity() - across_share;
+        let with = |power: i32| along_share * along.powi(power) + across_share * across.powi(power);
+        Self { deviation: along.max(across), spread: with(1), per_spread: with(-1), precision: with(-2) }
+    }
+}
+
+/// Each person's own offset by node.
+pub(super) fn own_offsets(model: &HeadModel, neutral: &TrackedFrame) -> Vec<Own> {
+    let own = |(k, normal): (usize, &Vector3<f64>)| match neutral.nodes[k].state {
+        NodeState::Marked | NodeState::Corrected | NodeState::Tracked => Own::new(OWN_MARKED, OWN_MARKED, &Vector3::z()),
+        _ => Own::new(OWN_ALONG, OWN_ACROSS, &normal.try_normalize(1e-12).unwrap_or_else(Vector3::z)),
     };
-    (0..model.node_count()).map(own).collect()
+    normals(model, &model.mean).iter().enumerate().map(own).collect()
 }
 
 /// A frontal pose by the similarity of the points that expressions do not move.
@@ -107,12 +130,12 @@ pub(super) fn rough_pose(model: &HeadModel, tables: &Tables, frame: &TrackedFram
 }
 
 /// A node of the mean head from the front, y down.
-fn frontal(model: &HeadModel, k: usize) -> Point2<f64> {
+pub(super) fn frontal(model: &HeadModel, k: usize) -> Point2<f64> {
     Point2::new(model.mean[k].x, -model.mean[k].y)
 }
 
 /// The frontal pose of a similarity from the frontal head to the image, y down in both.
-fn pose_of(placed: &Similarity) -> HeadPose {
+pub(super) fn pose_of(placed: &Similarity) -> HeadPose {
     HeadPose {
         // The similarity turns with y down.
         rotation: HeadPose::rotation_of(0.0, 0.0, -placed.angle.to_degrees()),

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
+    observe::Own,
     solve::{Seen, robust, shape_with},
 };
 
@@ -43,8 +44,8 @@ struct Evidence {
 
 impl Head {
     /// Coefficients and own offsets, each over its standard deviation.
-    pub fn in_deviations(&self, own: &[f64]) -> Vec<f64> {
-        let offsets = self.own.iter().zip(own).flat_map(|(offset, own)| [offset.x / own, offset.y / own, offset.z / own]);
+    pub fn in_deviations(&self, own: &[Own]) -> Vec<f64> {
+        let offsets = self.own.iter().zip(own).flat_map(|(offset, own)| <[f64; 3]>::from(own.per_spread * offset));
         self.coefficients.iter().copied().chain(offsets).collect()
     }
 
@@ -57,8 +58,8 @@ impl Head {
     /// Solves for the head given poses and expressions.
     ///
     /// The person's own offsets are integrated out of the system for the coefficients: a node whose views determine it by `H` counts
-    /// with `(H^-1 + own^2)^-1`.
-    pub fn improve(&mut self, model: &HeadModel, views: &[View<'_>], own: &[f64]) {
+    /// with `(H^-1 + C)^-1`, C the covariance of its own offset.
+    pub fn improve(&mut self, model: &HeadModel, views: &[View<'_>], own: &[Own]) {
         let shape = self.shape(model);
         let nothing = Evidence { normal: Matrix3::zeros(), right: Vector3::zeros() };
         let mut evidence = vec![nothing; model.node_count()];
@@ -66,7 +67,8 @@ impl Head {
             for s in view.seen {
                 let (turned, residual) = view.explained(&shape, s);
                 let deviation = s.deviation * view.pose.scale;
-                let weight = robust(residual.norm() / deviation.hypot(own[s.node] * view.pose.scale)) / (deviation * deviation);
+                let weight =
+                    robust(residual.norm() / deviation.hypot(own[s.node].deviation * view.pose.scale)) / (deviation * deviation);
                 let slope: Matrix2x3<f64> = view.pose.slope(&turned) * view.pose.rotation.matrix();
                 evidence[s.node].normal += slope.transpose() * slope * weight;
                 evidence[s.node].right += slope.transpose() * residual * weight;
@@ -76,11 +78,11 @@ impl Head {
         let mut normal = DMatrix::<f64>::identity(count, count);
         let mut right = -self.coefficients.clone();
         for (k, e) in evidence.iter().enumerate() {
-            // With precision p = 1 / own^2 the offset's best answer is (H + p)^-1 (b - p r); what is left for the coefficients:
-            let precision = own[k].powi(-2);
-            let Some(inverse) = (e.normal + Matrix3::identity() * precision).try_inverse() else { continue };
+            // With precision P = C^-1 the offset's best answer is (H + P)^-1 (b - P r); what is left for the coefficients:
+            let precision = own[k].precision;
+            let Some(inverse) = (e.normal + precision).try_inverse() else { continue };
             let counted = e.normal - e.normal * inverse * e.normal;
-            let pulled = e.right - e.normal * inverse * (e.right - self.own[k] * precision);
+            let pulled = e.right - e.normal * inverse * (e.right - precision * self.own[k]);
             for i in 0..count {
                 let along = counted * model.identity[i][k];
                 right[i] += model.identity[i][k].dot(&pulled);
@@ -92,10 +94,10 @@ impl Head {
         normal.fill_upper_triangle_with_lower_triangle();
         let Some(step) = normal.cholesky().map(|factor| factor.solve(&right)) else { return };
         for (k, e) in evidence.iter().enumerate() {
-            let precision = own[k].powi(-2);
+            let precision = own[k].precision;
             let moved: Vector3<f64> = model.identity.iter().zip(step.iter()).map(|(d, c)| d[k] * *c).sum();
-            if let Some(inverse) = (e.normal + Matrix3::identity() * precision).try_inverse() {
-                let change = inverse * (e.right - e.normal * moved - self.own[k] * precision);
+            if let Some(inverse) = (e.normal + precision).try_inverse() {
+                let change = inverse * (e.right - e.normal * moved - precision * self.own[k]);
                 self.own[k] += change;
             }
         }

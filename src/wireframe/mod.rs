@@ -3,6 +3,7 @@
 mod expression;
 mod face;
 mod fapu;
+mod marks;
 mod tables;
 mod wfm;
 
@@ -17,6 +18,7 @@ pub use expression::{
 };
 pub use face::Face;
 pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError};
+pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};
 

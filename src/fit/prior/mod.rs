@@ -172,10 +172,11 @@ impl ShapePrior {
     }
 }
 
-/// Shares of competing explanations: proportional to their evidence, equal before the marks are seen, adding up to 1.
-pub(super) fn shares(explanations: &[Explanation]) -> Vec<f64> {
-    let best = explanations.iter().map(|e| e.log_evidence).fold(f64::NEG_INFINITY, f64::max);
-    let weights: Vec<f64> = explanations.iter().map(|e| (e.log_evidence - best).exp()).collect();
+/// Shares of competing explanations: proportional to their evidence times their odds before the marks are seen, adding up to 1.
+pub(super) fn shares(explanations: &[Explanation], log_odds: &[f64]) -> Vec<f64> {
+    let posterior: Vec<f64> = explanations.iter().zip(log_odds).map(|(e, odds)| e.log_evidence + odds).collect();
+    let best = posterior.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let weights: Vec<f64> = posterior.iter().map(|p| (p - best).exp()).collect();
     let total: f64 = weights.iter().sum();
     weights.iter().map(|w| w / total).collect()
 }
@@ -221,7 +222,9 @@ mod tests {
         stiff.deviations[0] = 0.01;
         assert!(evidence(&prior) > evidence(&stiff));
         let both = [&prior, &larger].map(|p| p.explain(&NODES, &seen).unwrap());
-        assert_relative_eq!(shares(&both)[0], 0.5, epsilon = 1e-9);
+        assert_relative_eq!(shares(&both, &[0.0, 0.0])[0], 0.5, epsilon = 1e-9);
+        // e to 1 before the marks are seen.
+        assert_relative_eq!(shares(&both, &[1.0, 0.0])[0], 0.731_058_578_630, epsilon = 1e-9);
     }
 
     #[test]

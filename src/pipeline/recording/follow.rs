@@ -84,8 +84,7 @@ pub(super) fn follow(
     validate_correspondences(start.marks, survey.size.width, survey.size.height)
         .map_err(|e| RecordingError::Marks { frame: survey.numbers[start.place], reason: e.to_string() })?;
     let fitted = bench
-        .fitter()
-        .fit(&bench.wireframe, start.marks)
+        .fit(start.marks)
         .map_err(|e| RecordingError::Marks { frame: survey.numbers[start.place], reason: e.to_string() })?;
     let eye_distance = eye_distance_px(&bench.tables, fitted.model.nodes()).unwrap_or(1.0);
     let options = &bench.options.track;

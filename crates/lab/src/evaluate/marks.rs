@@ -9,86 +9,19 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::Deserialize;
 
 use super::{Cell, EvaluateError, FitMethod, MarkNoise, Person, Population, Table, fit::person_errors};
 use grimace::{
     dataset::DEFAULT_LANDMARK_NODES,
-    units::{FeaturePoint, NodeId},
-    wireframe::{Region, Tables, Wireframe},
+    units::NodeId,
+    wireframe::{MarkableNode, Region, SuggestedMark, Tables, Wireframe, markable_nodes, suggested_marks},
 };
-
-const MARKABLE: &str = include_str!("../../../../candide/markable_nodes.csv");
-const SUGGESTED: &str = include_str!("../../../../candide/suggested_marks.csv");
 
 /// Length of the suggested order.
 pub const SUGGESTED_COUNT: usize = 15;
 
 /// Fewest marks that determine a fit.
 const FEWEST: usize = 3;
-
-/// A node at a feature that a person can click.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MarkableNode {
-    /// The node.
-    pub node: NodeId,
-    /// Standard deviation of a careful person's mark, in x and in y, over the eye distance.
-    pub deviation_es: f64,
-    /// The feature in words; left and right are the subject's own.
-    pub description: String,
-}
-
-/// One of the suggested marks.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SuggestedMark {
-    /// Place in the order, from 1.
-    pub rank: usize,
-    /// The node.
-    pub node: NodeId,
-    /// Its MPEG-4 feature point, where it is one by itself.
-    pub fp: Option<FeaturePoint>,
-    /// Error with the marks up to this one, percent of the eye distance; `None` for fewer than three.
-    pub error_after: Option<f64>,
-    /// The feature in words.
-    pub description: String,
-}
-
-fn rows<T: for<'de> Deserialize<'de>>(name: &str, text: &str) -> Vec<T> {
-    let rows: Result<_, _> = csv::Reader::from_reader(text.as_bytes()).deserialize().collect();
-    rows.unwrap_or_else(|error| unreachable!("embedded table {name}: {error}"))
-}
-
-/// The nodes that a person can mark, from `candide/markable_nodes.csv`.
-pub fn markable_nodes() -> Vec<MarkableNode> {
-    #[derive(Deserialize)]
-    struct Row {
-        node: u16,
-        sd_percent_es: f64,
-        description: String,
-    }
-    let node = |r: Row| MarkableNode { node: NodeId(r.node), deviation_es: r.sd_percent_es / 100.0, description: r.description };
-    rows("markable_nodes.csv", MARKABLE).into_iter().map(node).collect()
-}
-
-/// The suggested marks in order, from `candide/suggested_marks.csv`; the first eleven are the default ones.
-pub fn suggested_marks() -> Vec<SuggestedMark> {
-    #[derive(Deserialize)]
-    struct Row {
-        rank: usize,
-        node: u16,
-        fp: String,
-        error_after_percent_es: Option<f64>,
-        description: String,
-    }
-    let mark = |r: Row| SuggestedMark {
-        rank: r.rank,
-        node: NodeId(r.node),
-        fp: r.fp.parse().ok(),
-        error_after: r.error_after_percent_es,
-        description: r.description,
-    };
-    rows("suggested_marks.csv", SUGGESTED).into_iter().map(mark).collect()
-}
 
 /// A way to choose which nodes are marked.
 #[derive(Clone, Debug, PartialEq)]

@@ -65,10 +65,7 @@ pub use figures::{
 pub use fit::{FitArea, FitMethod, FitRow, FitStudy, chart_of_choices, chart_of_methods, evaluate_fit, fit_table};
 pub use groups::{GroupStudy, GroupStudyError, GroupStudyOptions, GroupTrial, IntervalTrial, evaluate_groups, wilson};
 pub use locate::{GROSS, LocatedPerson, evaluate_locate, locate_calibration, locate_failures, locate_table};
-pub use marks::{
-    MarkChoice, MarkableNode, SUGGESTED_COUNT, SuggestedMark, markable_nodes, standard_choices, suggest_marks, suggested_marks,
-    suggested_table,
-};
+pub use marks::{MarkChoice, SUGGESTED_COUNT, standard_choices, suggest_marks, suggested_table};
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::{
-    EvaluateError, MarkableNode,
+    EvaluateError,
     truth::{compared_nodes, group_of, landmark_eye_distance},
 };
 use crate::simulate::{SimulateOptions, neutral_nodes};
@@ -18,7 +18,7 @@ use grimace::{
     input::CsvFile,
     track::eye_distance_px,
     units::NodeId,
-    wireframe::{Tables, Wireframe},
+    wireframe::{MarkableNode, Tables, Wireframe},
 };
 
 /// Name of the simulated people.

@@ -93,7 +93,7 @@ fn one_sequence(
     let neutral = sequence.nodes(0);
     let mark = |&node: &NodeId| Correspondence::mark(node, neutral[node.index()]);
     let marks: Vec<Correspondence> = DEFAULT_LANDMARK_NODES.iter().map(mark).collect();
-    let fitted = full.fitter().fit(&full.wireframe, &marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?;
+    let fitted = full.fit(&marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?;
     let images = (1..)
         .zip(0..options.frames)
         .map(|(number, k)| Ok(Frame::new(number, DynamicImage::ImageRgb8(sequence.image(k)).to_luma8())));

@@ -1,0 +1,164 @@
+//! The neutral face of a head that is turned: marks carried to the front, fitted there, and carried back.
+//!
+//! What a fit knows of faces it knows from the front. On a head that is turned by 20 degrees the places between the marks are
+//! not those: the far cheek is narrow, the nose stands aside. Marks tell the turn (an outer eye corner lies deeper than an inner one, on
+//! both sides alike), and with a turn and the head's depth every place can be carried to the front and back.
+
+use nalgebra::{DVector, Point2, Vector3};
+
+use super::{
+    HEAD_ES, HeadModel, HeadPose,
+    observe::{OWN_MARKED, frontal, pose_of},
+    solve::{Directions, Limit, Seen, Solved, shape_with, solve},
+};
+use crate::{
+    fit::{Correspondence, FitError, FittedWireframe, Fitter, mark_deviation},
+    geometry::Similarity,
+    wireframe::Wireframe,
+};
+
+/// Fewest marks that tell a turn.
+const FEWEST_MARKS: usize = 7;
+/// Standard deviation of a sharp mark, over the eye distance.
+const SHARP: f64 = 0.012;
+/// Yaw, degrees: the marks of a frontal head may say the first; from the second on a turn counts whole. Of 90 people who look into the camera
+/// eleven marks set by hand say a yaw of 2.1 degrees (root mean square) and at most 6.2. A pitch they do not tell from a long chin or low
+/// brows: of the same people they say 11 degrees, with a standard deviation of 8.
+const TURNED: [f64; 2] = [7.0, 10.0];
+
+/// A fit of a face that may be turned to one side: as [`Fitter::fit`] of one that looks into the camera or has fewer than seven marks.
+///
+/// # Errors
+/// As [`Fitter::fit`].
+pub fn fit_turned(
+    model: &HeadModel,
+    fitter: &Fitter,
+    wireframe: &Wireframe,
+    marks: &[Correspondence],
+) -> Result<FittedWireframe, FitError> {
+    let plain = fitter.fit(wireframe, marks)?;
+    if marks.len() < FEWEST_MARKS || wireframe.node_count() != model.node_count() {
+        return Ok(plain);
+    }
+    let Some(view) = Turned::of(model, marks) else { return Ok(plain) };
+    let to_front = |m: &Correspondence| Correspondence { position: view.to_front(m.node.index(), m.position), ..m.clone() };
+    let frontal_marks: Vec<Correspondence> = marks.iter().map(to_front).collect();
+    // Marks that no frontal face has are left as they are.
+    let Ok(from_front) = fitter.fit(wireframe, &frontal_marks) else { return Ok(plain) };
+    let nodes = from_front.model.nodes().iter().enumerate();
+    let rest: Vec<Point2<f64>> = nodes.map(|(k, at)| view.from_front(k, *at)).collect();
+    Ok(fitter.fit_at_rest(wireframe, marks, &rest).unwrap_or(plain))
+}
+
+/// A head as it is seen and as it would be seen from the front.
+struct Turned {
+    shape: Vec<Vector3<f64>>,
+    seen: HeadPose,
+    front: HeadPose,
+}
+
+impl Turned {
+    /// What marks say of the head; `None` when they may be those of a frontal one.
+    fn of(model: &HeadModel, marks: &[Correspondence]) -> Option<Self> {
+        let face: Vec<Point2<f64>> = marks.iter().map(|m| frontal(model, m.node.index())).collect();
+        let at: Vec<Point2<f64>> = marks.iter().map(|m| m.position).collect();
+        let start = pose_of(&Similarity::fit(&face, &at, None).ok()?);
+        let eye_distance = start.scale * HEAD_ES;
+        let seen = |m: &Correspondence| Seen {
+            node: m.node.index(),
+            at: m.position,
+            deviation: OWN_MARKED.hypot(mark_deviation(m, eye_distance).unwrap_or(SHARP * eye_distance) / start.scale),
+        };
+        let seen: Vec<Seen> = marks.iter().map(seen).collect();
+        let identity = Directions::new(&model.identity, model.node_count());
+        let start = Solved { pose: start, coefficients: DVector::zeros(model.identity.len()) };
+        let solved = solve(&model.mean, &identity, &seen, start, Limit { steps: 60, at_rest: 1e-4 })?;
+        let [yaw, pitch, roll] = solved.pose.degrees();
+        let share = ((yaw.abs() - TURNED[0]) / (TURNED[1] - TURNED[0])).clamp(0.0, 1.0);
+        let shape = shape_with(&model.mean, &model.identity, &solved.coefficients);
+        let rotation = HeadPose::rotation_of(yaw * (1.0 - share), pitch, roll);
+        (share > 0.0).then(|| Self { shape, seen: solved.pose, front: HeadPose { rotation, ..solved.pose } })
+    }
+
+    fn to_front(&self, node: usize, at: Point2<f64>) -> Point2<f64> {
+        self.front.project(&self.seen.back(&at, self.seen.turned(&self.shape[node]).z))
+    }
+
+    fn from_front(&self, node: usize, at: Point2<f64>) -> Point2<f64> {
+        self.seen.project(&self.front.back(&at, self.front.turned(&self.shape[node]).z))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::{
+        dataset::DEFAULT_LANDMARK_NODES,
+        fit::FitOptions,
+        pose::{CAMERA_DISTANCE, visibility},
+        wireframe::Face,
+    };
+
+    /// Places of all nodes of a head, 100 px a unit, and the default marks on it.
+    fn seen(model: &HeadModel, shape: &[Vector3<f64>], yaw: f64, pitch: f64) -> (Vec<Point2<f64>>, HeadPose) {
+        let pose = HeadPose {
+            rotation: HeadPose::rotation_of(yaw, pitch, 3.0),
+            scale: 100.0,
+            position: Point2::new(320.0, 240.0),
+            distance: CAMERA_DISTANCE * HEAD_ES,
+        };
+        assert_eq!(shape.len(), model.node_count());
+        (shape.iter().map(|x| pose.project(&Point3::from(*x))).collect(), pose)
+    }
+
+    fn marks(nodes: &[Point2<f64>]) -> Vec<Correspondence> {
+        DEFAULT_LANDMARK_NODES.iter().map(|&node| Correspondence::mark(node, nodes[node.index()])).collect()
+    }
+
+    fn setup() -> (Wireframe, HeadModel, Fitter) {
+        let Face { wireframe, tables } = Face::candide3();
+        let model = HeadModel::shipped(&wireframe, &tables);
+        let fitter = Fitter::new(&wireframe, FitOptions::default());
+        (wireframe, model, fitter)
+    }
+
+    #[test]
+    fn a_frontal_face_is_fitted_as_ever() {
+        let (wireframe, model, fitter) = setup();
+        let (nodes, _) = seen(&model, &model.mean, 2.0, -2.0);
+        let marks = marks(&nodes);
+        let fitted = fit_turned(&model, &fitter, &wireframe, &marks).unwrap();
+        assert_eq!(fitted, fitter.fit(&wireframe, &marks).unwrap());
+    }
+
+    #[test]
+    fn on_a_turned_head_the_nodes_between_the_marks_are_nearer() {
+        let (wireframe, model, fitter) = setup();
+        // A person that the mean is not: half a deviation along two modes.
+        let shape: Vec<_> =
+            (0..model.node_count()).map(|k| model.mean[k] + (model.identity[0][k] - model.identity[1][k]) * 0.5).collect();
+        for (yaw, pitch) in [(20.0, 0.0), (-20.0, 5.0), (15.0, -5.0)] {
+            let (nodes, pose) = seen(&model, &shape, yaw, pitch);
+            let marks = marks(&nodes);
+            let visible = visibility(&model, &shape, &pose);
+            let live: Vec<usize> = wireframe.live_nodes().iter().map(|n| n.index()).filter(|&k| visible[k] > 0.5).collect();
+            let error = |fitted: &FittedWireframe| {
+                live.iter().map(|&k| (fitted.model.nodes()[k] - nodes[k]).norm()).sum::<f64>() / live.len() as f64
+            };
+            let turned = error(&fit_turned(&model, &fitter, &wireframe, &marks).unwrap());
+            let plain = error(&fitter.fit(&wireframe, &marks).unwrap());
+            assert!(turned < 0.6 * plain, "{yaw} {pitch}: {turned} px, {plain} px");
+        }
+    }
+
+    #[test]
+    fn marks_that_cannot_be_fitted_are_refused_as_ever() {
+        let (wireframe, model, fitter) = setup();
+        let (nodes, _) = seen(&model, &model.mean, 20.0, 0.0);
+        let mut marks = marks(&nodes);
+        marks.truncate(2);
+        assert_eq!(fit_turned(&model, &fitter, &wireframe, &marks), Err(FitError::TooFewMarks { found: 2 }));
+    }
+}
