@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use grimace::{
     clone::{CloneError as LibraryError, CloneOptions, SourceMotion, Target, clone_expression},
+    interpolation::FPS,
     pipeline::found_marks,
     sequence::Frame,
     synthesis::{self, Animation, Bank, SynthesisOptions, Synthesizer, read_motion},
@@ -145,7 +146,7 @@ pub fn synthesize<'py>(
         };
         let motion = read_motion(&motion, &bank, scale).map_err(to::<SynthesisError>)?;
         let motion = motion.as_animated(between, noise);
-        let fps = fps.or(motion.fps).unwrap_or(synthesis::DEFAULT_FPS);
+        let fps = fps.or(motion.fps).unwrap_or(f64::from(FPS));
         let synthesizer = Synthesizer::new(&bank, wanted).map_err(to::<SynthesisError>)?;
         let (done, total) = (AtomicUsize::new(0), Some(motion.frames.len()));
         let answers = synthesizer.animate(&motion.frames, || caller.progress(done.fetch_add(1, Ordering::Relaxed) + 1, total));
