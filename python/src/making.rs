@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use grimace::{
+use grimace::internal::{
     clone::{CloneError as LibraryError, CloneOptions, SourceMotion, Target, clone_expression},
     interpolation::FPS,
     pipeline::found_marks,
@@ -38,7 +38,7 @@ pub enum MotionSource<'py> {
 
 const NAME: &str = "motion";
 
-fn source_of(source: &MotionSource<'_>, bench: &grimace::pipeline::Workbench) -> PyResult<SourceMotion> {
+fn source_of(source: &MotionSource<'_>, bench: &grimace::internal::pipeline::Workbench) -> PyResult<SourceMotion> {
     let motion = match source {
         MotionSource::File(path) => SourceMotion::read(path, bench),
         MotionSource::Model(model) => SourceMotion::from_model(NAME, &model_of(model)?, bench),

@@ -1,6 +1,6 @@
 //! `grimace features` and the features of a run: what a user types, and what comes out.
 
-use grimace::{
+use grimace::internal::{
     pose::{HEAD_ES, HeadModel, HeadPose},
     wireframe::{Tables, Wireframe},
 };

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use super::{Cell, EvaluateError, FitMethod, MarkNoise, Person, Population, Table, fit::person_errors};
-use grimace::{
+use grimace::internal::{
     dataset::DEFAULT_LANDMARK_NODES,
     units::{FeaturePoint, NodeId},
     wireframe::{Region, Tables, Wireframe},

@@ -8,7 +8,7 @@ use std::{
 use nalgebra::{Point2, Vector2};
 
 use super::EvaluateError;
-use grimace::{
+use grimace::internal::{
     dataset::{LANDMARK_COUNT, SequenceEntry},
     input::InputError,
     positions::{PositionRow, PositionTable},
