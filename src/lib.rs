@@ -131,7 +131,7 @@ mod modules {
 }
 
 // Modules that the facade does not show.
-#[allow(unused_imports)]
+#[allow(unused_imports, clippy::wildcard_imports)]
 use modules::*;
 
 /// What the command line, `grimace-lab`, the Python package, tests and fuzzing need beyond the facade: without any promise. It changes
@@ -144,8 +144,8 @@ pub mod internal {
     pub use crate::modules::{cli, fuzzing};
     pub use crate::modules::{
         clone, companion, correspondence, dataset, fap, features, fit, geometry, input, interpolation, locate, mesh, model,
-        normalize, output, overlay, pipeline, plausible, pose, positions, render, report, segment, sequence, statistics,
-        synthesis, track, units, warp, wireframe,
+        normalize, output, overlay, pipeline, plausible, player, pose, positions, render, report, segment, sequence, statistics,
+        synthesis, text, track, units, warp, wireframe,
     };
 }
 

@@ -69,9 +69,9 @@ impl SourceMotion {
             "csv" => {
                 let table = PositionTable::open(path).map_err(TrackFileError::from)?;
                 let expected = face.wireframe.node_count();
-                let check = |found: usize| match found == expected {
-                    true => Ok(()),
-                    false => Err(CloneError::Topology { what: path.display().to_string(), found, expected }),
+                let check = |found: usize| {
+                    let what = || path.display().to_string();
+                    if found == expected { Ok(()) } else { Err(CloneError::Topology { what: what(), found, expected }) }
                 };
                 if table.is_track() {
                     let frames = read_track(path)?;
