@@ -1,11 +1,12 @@
 //! Statistics of one class against the least that any of it could cost: the bare sum of all pairwise distances.
 //!
 //! `cargo bench --bench statistics` measures both for N'' = 50, 200 and 1000 models of Candide-3 (N' = 5 frames, N = 104 live nodes).
+#![allow(missing_docs, clippy::pedantic)]
 
 use std::{collections::BTreeMap, hint::black_box, time::Duration};
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use grimace::{
+use grimace::internal::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     statistics::{ClassLabel, MedianKind, SequenceModel, StatisticsOptions, representative},
     units::SequenceId,

@@ -1,9 +1,12 @@
 //! Time of one search with its dense surface, and of an animation to glTF, on the embedded bank (23,424 vertices).
+#![allow(missing_docs, clippy::pedantic)]
 
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use grimace::synthesis::{Animation, FpMotion, RegionScheme, Solver, SynthesisOptions, Synthesizer, candide_bank, candide_study};
+use grimace::internal::synthesis::{
+    Animation, FpMotion, RegionScheme, Solver, SynthesisOptions, Synthesizer, candide_bank, candide_study,
+};
 
 fn search(c: &mut Criterion) {
     let (bank, unseen) = candide_study(1).unwrap();

@@ -214,6 +214,12 @@ impl CsvFile {
         self.header.iter().position(|n| n == name)
     }
 
+    /// Index of a column, in letters of either case; the one spelled as asked for is preferred.
+    #[must_use]
+    pub fn column_of_any_case(&self, name: &str) -> Option<usize> {
+        self.column(name).or_else(|| self.header.iter().position(|n| n.eq_ignore_ascii_case(name)))
+    }
+
     /// Places of columns that must be there.
     ///
     /// # Errors

@@ -54,6 +54,19 @@
 //!
 //! `examples/` goes on from here; `docs/architecture.md` says how the modules lie on each other.
 //!
+//! # The modules in order
+//!
+//! | for | modules |
+//! | --- | --- |
+//! | numbers with units, the wireframe, models | [`units`] [`geometry`] [`wireframe`] [`model`] [`correspondence`] |
+//! | what a user brings | [`dataset`] [`sequence`] |
+//! | the method's steps | [`locate`] [`fit`] [`track`] [`normalize`] [`statistics`] [`fap`] [`pose`] [`features`] [`segment`] |
+//! | pictures and surfaces | [`mesh`] [`synthesis`] [`clone`](mod@clone) |
+//! | all of it at once | [`pipeline`] |
+//!
+//! These are the library's promise. What `grimace-lab`, the Python package and the command line need beyond it stands in a hidden module,
+//! `internal`, which may change in any version.
+//!
 //! Axes and units are those of [`units`]. Left and right are always the subject's own.
 //!
 //! # References
@@ -62,70 +75,189 @@
 //! - **\[Candide-3\]** J. Ahlberg: *Candide-3 - an updated parameterised face*, report LiTH-ISY-R-2326, 2001.
 //! - **\[MPEG-4\]** ISO/IEC 14496-2 (Visual), Annex C: FAPs, FAPUs, feature points.
 //! - **\[Bouguet\]** J.-Y. Bouguet: *Pyramidal implementation of the Lucas Kanade feature tracker*, Intel, 1999.
-#![deny(unsafe_code)]
-#![warn(missing_docs, clippy::pedantic)]
 // Tests compare exact values on purpose.
 #![cfg_attr(test, allow(clippy::unreadable_literal, clippy::items_after_statements, clippy::format_collect))]
-#![allow(
-    clippy::module_name_repetitions,
-    clippy::many_single_char_names,
-    clippy::float_cmp,
-    clippy::needless_for_each,
-    clippy::neg_cmp_op_on_partial_ord,
-    clippy::similar_names,
-    clippy::must_use_candidate,
-    clippy::return_self_not_must_use,
-    clippy::cast_precision_loss,
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss
-)]
 
 // The command line uses the library by its outer name.
 extern crate self as grimace;
 
-#[cfg(feature = "annotate")]
-pub mod annotate;
-#[cfg(feature = "tool")]
+/// All modules, at home. Within the library each is known by its name alone, whether the facade shows it or not.
+#[path = "."]
+mod modules {
+    #[cfg(feature = "annotate")]
+    pub mod annotate;
+    #[cfg(feature = "tool")]
+    #[allow(missing_docs, clippy::pedantic)]
+    pub mod cli;
+    pub mod clone;
+    #[cfg(feature = "columnar")]
+    pub mod columnar;
+    pub mod companion;
+    pub mod correspondence;
+    pub mod dataset;
+    pub mod fap;
+    pub mod features;
+    pub mod fit;
+    pub mod foreign;
+    pub mod formula;
+    #[cfg(feature = "tool")]
+    pub mod fuzzing;
+    pub mod geometry;
+    pub mod input;
+    pub mod interpolation;
+    pub mod locate;
+    pub mod mesh;
+    pub mod model;
+    pub mod normalize;
+    pub mod output;
+    pub mod overlay;
+    pub mod pipeline;
+    pub mod plausible;
+    pub mod player;
+    pub mod pose;
+    pub mod positions;
+    pub mod render;
+    pub mod report;
+    pub mod robust;
+    pub mod segment;
+    pub mod sequence;
+    pub mod statistics;
+    pub mod synthesis;
+    pub mod text;
+    pub mod track;
+    pub mod units;
+    pub mod warp;
+    pub mod wireframe;
+}
+
+// Modules that the facade does not show.
+#[allow(unused_imports, clippy::wildcard_imports)]
+use modules::*;
+
+/// What the command line, `grimace-lab`, the Python package, tests and fuzzing need beyond the facade: without any promise. It changes
+/// from one version to the next.
 #[doc(hidden)]
-#[allow(missing_docs, clippy::pedantic)]
-pub mod cli;
-pub mod clone;
-#[cfg(feature = "columnar")]
-pub mod columnar;
-#[doc(hidden)]
-pub mod companion;
-pub mod correspondence;
-pub mod dataset;
-pub mod fap;
-pub mod features;
-pub mod fit;
-mod foreign;
-mod formula;
-#[cfg(feature = "tool")]
-#[doc(hidden)]
-pub mod fuzzing;
-pub mod geometry;
-pub mod input;
-pub mod locate;
-pub mod mesh;
-pub mod model;
-pub mod normalize;
-pub mod output;
-pub mod overlay;
-pub mod pipeline;
-pub mod plausible;
-pub mod player;
-pub mod pose;
-pub mod render;
-pub mod report;
-pub mod robust;
-pub mod segment;
-pub mod sequence;
-pub mod statistics;
-pub mod synthesis;
-pub mod text;
-pub mod track;
-pub mod units;
-pub mod warp;
-pub mod wireframe;
+pub mod internal {
+    #[cfg(feature = "columnar")]
+    pub use crate::modules::columnar;
+    #[cfg(feature = "tool")]
+    pub use crate::modules::{cli, fuzzing};
+    pub use crate::modules::{
+        clone, companion, correspondence, dataset, fap, features, fit, geometry, input, interpolation, locate, mesh, model,
+        normalize, output, overlay, pipeline, plausible, player, pose, positions, render, report, segment, sequence, statistics,
+        synthesis, text, track, units, warp, wireframe,
+    };
+}
+
+/// A module of the facade: what it shows of the module of that name. The library itself sees all of it by the same path.
+macro_rules! facade {
+    ($(#[$about:meta])* $module:ident: $($shown:tt)*) => {
+        $(#[$about])*
+        pub mod $module {
+            #[doc(inline)]
+            pub use crate::modules::$module::{$($shown)*};
+            #[allow(unused_imports)]
+            pub(crate) use crate::modules::$module::*;
+        }
+    };
+}
+
+facade! {
+    /// Ground: units of length as types, and the names of nodes, feature points and sequences.
+    units: FaceUnit, FeaturePoint, NodeId, ParseFeaturePointError, Px, SequenceId, Unit
+}
+facade! {
+    /// Ground: transforms of points.
+    geometry: Similarity, SimilarityError
+}
+facade! {
+    /// Ground: a wireframe with its tables ([`Face`](wireframe::Face)); Candide-3 comes along, another is read from a `.wfm` file.
+    wireframe: Axis, Face, Fapu, FapuDefinition, Fapus, FapusError, FeaturePointRow, MotionUnit, Region, TableError, Tables,
+    UnitKind, WfmError, WfmErrorKind, WfmSection, Wireframe, WireframeError, read_wfm, write_wfm
+}
+facade! {
+    /// Ground: frame and dynamic facial expression models \[KP, section 1 and eq. 2\].
+    model: DynamicExpressionModel, FrameExpressionModel, ModelError
+}
+facade! {
+    /// Ground: marked points of the neutral frame, `node,x,y`.
+    correspondence: Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
+    validate_correspondences, write_correspondences
+}
+facade! {
+    /// Sources: what a user brings. Sequences with their emotions, frames, landmarks.
+    dataset: CorrespondenceSource, Dataset, DatasetError, FailedEntry, FrameFile, FrameSource, FramesError, LandmarkFrame,
+    LandmarkSelection, LandmarkSequence, LandmarkTrack, LandmarksError, RowError, SequenceEntry, SkippedEntry,
+    correspondences_from_landmarks, list_frames, read_landmarks
+}
+facade! {
+    /// Sources: frames in order, decoded.
+    sequence: DecodeError, Frame, ImageSize, SequenceError, SequenceReader, read_first_frame, read_frame
+}
+facade! {
+    /// Method: faces and their marks found in pictures.
+    locate: LocateOptions, LocatedFace, LocatedPoint, Locator
+}
+facade! {
+    /// Method: the wireframe fitted to marked points \[KP, section 2\].
+    fit: FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFile, PriorFileError, PriorKind, ShapePrior,
+    SpringError, Springs, read_prior
+}
+facade! {
+    /// Method: the wireframe tracked from the neutral to the apex frame \[KP, section 3\], by a
+    /// [`PointTracker`](track::PointTracker) or by landmarks.
+    track: AlignOptions, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, PointTracker, Probe, Slot, Track,
+    TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackSummary, TrackedFrame, TrackedNode, read_track,
+    read_track_info, summarize, track_model, track_sequence, track_with, write_track
+}
+facade! {
+    /// Method: five frames, upright, in face units \[KP, section 4.1\].
+    normalize: CANONICAL_ES, Canonical, FRAMES_PER_MODEL, NormalizeError, NormalizeOptions, Normalizer, PoseMode, Resample, SizeMode
+}
+facade! {
+    /// Method: the representative of the models of one expression: trimming, generalized median, dispersion \[KP, sections 4.2 to 4.4\];
+    /// how people vary around it, and which expression a model shows.
+    statistics: ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
+    TrimLevel, TrimmingRow, Weighting, representative, bootstrap::DispersionInterval, compare::{CompareOptions, Comparison,
+    compare}, distance::{DisplacementFields, vector_distance}, recognize::{RecognizeError, Recognized, Recognizer},
+    variation::{Component, Variation, VariationError}
+}
+facade! {
+    /// Method: facial animation parameters of MPEG-4, and their files.
+    fap: Clamped, ConvertError, Directionality, FapCatalog, FapFile, FapFrame, FapMask, FapNumber, FapReadError, FapRow,
+    FapSequence, FapWriteError, FapWriteErrorKind, Finding, FrontalRating, HighLevelField, InterpolateError, Motion,
+    ParseFapNumberError, ParseMaskError, Profile, Rule, Severity, TidyError, ValueFormat, check_fap, measure_faps, read_fap,
+    read_tidy_csv, write_fap, write_fap_as, write_tidy_csv
+}
+facade! {
+    /// Method: the head in three dimensions, its pose, and the camera's distance.
+    pose: HeadFit, HeadFitter, HeadModel, HeadPose, PoseError
+}
+facade! {
+    /// Method: action units and FAPs of every frame of a track.
+    features: ActionUnit, ActionUnits, FeatureMeter, FeaturesError, FrameFeatures, Intensity, Measured
+}
+facade! {
+    /// Method: rests and expressions in a whole recording.
+    segment: Expression, Phase, RecordedFrame, SegmentError, SegmentOptions, Segmentation, segment
+}
+facade! {
+    /// Making: triangle meshes and their files.
+    mesh: MeshError, MeshFileError, TriangleMesh, read_obj, read_ply, write_obj, write_ply
+}
+facade! {
+    /// Making: dense surfaces from a bank of expressions \[ZL\].
+    synthesis: Bank, BankError, BankInfo, BuildOptions, BuildSummary, Composition, Crossover, FeaturePointVertex, FpMotion,
+    FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Solution, Solver, SynthesisError, SynthesisOptions, Synthesizer,
+    build_bank, candide_bank, read_motion
+}
+facade! {
+    /// Making: an expression on a new face, with its texture \[KP, section 5\].
+    clone: Clone, CloneError, CloneFrame, CloneOptions, Course, Details, Ease, Moment, Rescale, SourceKind, SourceMotion, Target,
+    Teeth, Timing, clone_expression
+}
+facade! {
+    /// Tool: the main job, stage by stage, from a dataset to representatives, FAP files and a report; the files of models.
+    pipeline: Event, FapOptions, ModelFileError, PipelineOptions, RunError, RunSummary, Workbench, WorkbenchError, read_model, run,
+    write_model
+}

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    grimace::cli::main()
+    grimace::internal::cli::main()
 }

@@ -4,7 +4,7 @@
 
 use std::sync::LazyLock;
 
-use grimace::fuzzing::{Target, target};
+use grimace::internal::fuzzing::{Target, target};
 
 static READER: LazyLock<&Target> = LazyLock::new(|| target(env!("CARGO_BIN_NAME")).expect("a reader of the target's name"));
 

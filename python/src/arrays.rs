@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use grimace::{
+use grimace::internal::{
     correspondence::{Correspondence, MarkKind},
     dataset::{LandmarkSelection, read_marks},
     model::{DynamicExpressionModel, FrameExpressionModel},

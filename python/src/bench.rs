@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use grimace::{
+use grimace::internal::{
     normalize::Canonical,
     pipeline::{Method, PipelineOptions, Workbench},
     wireframe::Face,

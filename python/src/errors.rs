@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use grimace::{pipeline::SequenceFailure, report::Stage};
+use grimace::internal::{pipeline::SequenceFailure, report::Stage};
 use pyo3::{PyTypeInfo, create_exception, exceptions::PyException, prelude::*};
 
 create_exception!(grimace, GrimaceError, PyException, "Something that grimace cannot do, with the reason.");

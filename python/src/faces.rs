@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use grimace::{
+use grimace::internal::{
     correspondence::{Correspondence, MarkKind, validate_correspondences},
     locate::{LocateOptions, Locator},
     track::eye_distance_px,

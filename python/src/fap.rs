@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use grimace::fap::{
+use grimace::internal::fap::{
     FapCatalog, FapFrame, FapNumber, FapSequence, Profile, ValueFormat, check_fap, name_token, read_fap, write_fap_as,
 };
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
@@ -99,7 +99,7 @@ pub fn fap_write(
 /// What is found in a file: JSON, as of `grimace fap check --json`.
 #[pyfunction]
 pub fn fap_check(path: PathBuf) -> PyResult<String> {
-    let bytes = grimace::input::read(&path).map_err(|e| to::<InputError>(format!("{}: {e}", path.display())))?;
+    let bytes = grimace::internal::input::read(&path).map_err(|e| to::<InputError>(format!("{}: {e}", path.display())))?;
     serde_json::to_string(&check_fap(&bytes)).map_err(to::<GrimaceError>)
 }
 

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use grimace::{
+use grimace::internal::{
     clone::{CloneError as LibraryError, CloneOptions, SourceMotion, Target, clone_expression},
+    interpolation::FPS,
     pipeline::found_marks,
     sequence::Frame,
     synthesis::{self, Animation, Bank, SynthesisOptions, Synthesizer, read_motion},
@@ -37,7 +38,7 @@ pub enum MotionSource<'py> {
 
 const NAME: &str = "motion";
 
-fn source_of(source: &MotionSource<'_>, bench: &grimace::pipeline::Workbench) -> PyResult<SourceMotion> {
+fn source_of(source: &MotionSource<'_>, bench: &grimace::internal::pipeline::Workbench) -> PyResult<SourceMotion> {
     let motion = match source {
         MotionSource::File(path) => SourceMotion::read(path, bench),
         MotionSource::Model(model) => SourceMotion::from_model(NAME, &model_of(model)?, bench),
@@ -145,7 +146,7 @@ pub fn synthesize<'py>(
         };
         let motion = read_motion(&motion, &bank, scale).map_err(to::<SynthesisError>)?;
         let motion = motion.as_animated(between, noise);
-        let fps = fps.or(motion.fps).unwrap_or(synthesis::DEFAULT_FPS);
+        let fps = fps.or(motion.fps).unwrap_or(f64::from(FPS));
         let synthesizer = Synthesizer::new(&bank, wanted).map_err(to::<SynthesisError>)?;
         let (done, total) = (AtomicUsize::new(0), Some(motion.frames.len()));
         let answers = synthesizer.animate(&motion.frames, || caller.progress(done.fetch_add(1, Ordering::Relaxed) + 1, total));

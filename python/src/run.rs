@@ -5,7 +5,7 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-use grimace::pipeline::{self, Event, RunError as LibraryError, RunSummary};
+use grimace::internal::pipeline::{self, Event, RunError as LibraryError, RunSummary};
 use pyo3::{exceptions::PyKeyboardInterrupt, prelude::*, types::PyDict};
 
 use crate::{

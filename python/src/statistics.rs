@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use grimace::{
+use grimace::internal::{
     statistics::{
         self, ClassLabel, SequenceModel,
         compare::{CompareOptions, Comparison, adjust},

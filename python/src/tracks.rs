@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use grimace::{
+use grimace::internal::{
     dataset::{FrameSource, list_frames},
     pipeline::{self, SequenceFailure, SequenceSource, Workbench, id_of, normalize_track, track_one, track_pictures},
     plausible::FaceSize,
@@ -51,7 +51,7 @@ impl Track {
     fn read(path: PathBuf) -> PyResult<Self> {
         let frames = read_track(&path).map_err(to::<InputError>)?;
         let info = read_track_info(&path).map_err(to::<InputError>)?;
-        let size = info.as_ref().map_or(grimace::sequence::ImageSize { width: 0, height: 0 }, |i| i.image_size);
+        let size = info.as_ref().map_or(grimace::internal::sequence::ImageSize { width: 0, height: 0 }, |i| i.image_size);
         Ok(Self { track: tracking::Track { size, frames }, info })
     }
 

@@ -35,7 +35,7 @@ use std::{
 use crate::{dataset::DatasetError, pipeline::Workbench, units::SequenceId};
 
 pub use found::Accepted;
-pub use proposals::{CASCADE_FOLDERS, CascadeError, Cascades, ProposalSource, ProposedMarks, propose_from_cascades};
+pub use proposals::{CascadeError, Cascades, ProposalSource, ProposedMarks};
 use request::RequestError;
 use security::Guard;
 

@@ -12,6 +12,7 @@ use grimace::{
         FapFile, FapMask, FapReadError, FapSequence, FapSummary, Finding, Profile, SequenceSummary, Severity, ValueFormat,
         check_fap, check_lips, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
     },
+    interpolation::FPS,
     output::nine_digits,
 };
 use serde::Serialize;
@@ -20,8 +21,6 @@ use super::Outcome;
 
 /// Version of the JSON that `info` and `check` print.
 const SCHEMA_VERSION: u32 = 1;
-/// Frame rate of a CSV table when nothing is said.
-const DEFAULT_FPS: u32 = 25;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -312,9 +311,9 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
 fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
     if is_csv(&args.input) {
         // The table has no frame rate: it gets the output's, so that nothing is interpolated.
-        let sequence = read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(DEFAULT_FPS)))?;
+        let sequence = read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(FPS)))?;
         if args.fps.is_none() {
-            note(&format!("a table has no frame rate: {DEFAULT_FPS} frames per second, unless --fps says another"));
+            note(&format!("a table has no frame rate: {FPS} frames per second, unless --fps says another"));
         }
         return Ok((sequence, Profile::default()));
     }

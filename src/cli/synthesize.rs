@@ -8,11 +8,12 @@ use std::{
 use clap::ValueEnum;
 use grimace::{
     input::file_blake3,
+    interpolation::FPS,
     output::{MADE_BY, count, listed, write_json},
     synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, DEFAULT_FPS, FrameAnswer, GENERATIONS, GaOptions, Motion, OVERLAP,
-        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
-        jump, read_motion,
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, OVERLAP, RegionScheme,
+        SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth, jump,
+        read_motion,
     },
 };
 use serde_json::json;
@@ -244,7 +245,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
     anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
     let motion = motion.as_animated(args.time.between.map(usize::from), Some(noise));
-    let fps = args.time.fps.or(motion.fps).unwrap_or(DEFAULT_FPS);
+    let fps = args.time.fps.or(motion.fps).unwrap_or(f64::from(FPS));
 
     let synthesizer = Synthesizer::new(&bank, options)?;
     let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));

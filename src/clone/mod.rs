@@ -39,7 +39,7 @@ pub use picture::{Sheet, animated_gif, animated_png, at_height};
 pub use render::{Clone, CloneFrame, CloneOptions, clone_expression};
 pub use source::{LID_PAIRS, SourceKind, SourceMotion, lid_gaps};
 pub use target::{Rescale, Target};
-pub use timing::{Ease, Moment, Timing};
+pub use timing::{Course, Ease, Moment, Timing};
 
 /// Why an expression cannot be cloned.
 #[derive(Debug, thiserror::Error)]

@@ -11,7 +11,8 @@ use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{EyeCorners, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
-    track::{TrackedFrame, read_track, read_track_info, track_model},
+    positions::PositionTable,
+    track::{TrackFileError, TrackedFrame, read_track, read_track_info, track_model},
     units::{FaceUnit, Px},
     wireframe::{Face, Fapus},
 };
@@ -66,13 +67,15 @@ impl SourceMotion {
                 Self::from_fap(&name, &file.sequence, face).map_err(|error| with_path(error, path))?
             }
             "csv" => {
-                let frames = read_track(path)?;
+                let table = PositionTable::open(path).map_err(TrackFileError::from)?;
                 let expected = face.wireframe.node_count();
-                let found = frames.first().map_or(0, |f| f.nodes.len());
-                if found != expected {
-                    return Err(CloneError::Topology { what: path.display().to_string(), found, expected });
-                }
-                if has_states(path) {
+                let check = |found: usize| {
+                    let what = || path.display().to_string();
+                    if found == expected { Ok(()) } else { Err(CloneError::Topology { what: what(), found, expected }) }
+                };
+                if table.is_track() {
+                    let frames = read_track(path)?;
+                    check(frames.first().map_or(0, |f| f.nodes.len()))?;
                     let mut motion = Self::from_track(&name, &frames, face)?;
                     if let Some(info) = read_track_info(path)? {
                         motion.fps = info.fps;
@@ -80,12 +83,11 @@ impl SourceMotion {
                     }
                     motion
                 } else {
-                    let frame = |f: &TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
-                    let model = DynamicExpressionModel::new(frames.iter().map(frame).collect())?;
+                    let model = table.model().map_err(TrackFileError::from)?;
+                    check(model.node_count())?;
                     let implausible = |source| CloneError::Implausible { path: path.to_owned(), source };
-                    FaceSize::CANONICAL
-                        .check_neutral(frames.first().map_or(0, |f| f.number), model.neutral().nodes())
-                        .map_err(implausible)?;
+                    let first = table.rows().next().and_then(Result::ok).map_or(0, |row| row.frame);
+                    FaceSize::CANONICAL.check_neutral(first, model.neutral().nodes()).map_err(implausible)?;
                     Self::from_model(&name, &model, face)?
                 }
             }
@@ -223,14 +225,6 @@ fn canonical_neutral(face: &Face) -> Result<FrameExpressionModel<FaceUnit>, Clon
 fn canonical_fapus(face: &Face) -> Result<Fapus, CloneError> {
     let normalizer = normalizer(face)?;
     Ok(normalizer.canonical().fapus)
-}
-
-/// Whether the header of a file of node positions has states: a track in pixels, not a model in face units.
-fn has_states(path: &Path) -> bool {
-    use std::io::BufRead;
-    let mut header = String::new();
-    let read = crate::input::open_file(path).and_then(|file| std::io::BufReader::new(file).read_line(&mut header));
-    read.is_ok() && header.trim().split(',').any(|column| column.trim() == "state")
 }
 
 fn with_path(error: CloneError, path: &Path) -> CloneError {

@@ -250,7 +250,7 @@ fn check_frontal(upright: &[Point2<f64>]) -> Result<(), CloneError> {
 mod tests {
     use super::*;
     use crate::{
-        clone::timing::Moment,
+        clone::Moment,
         model::FrameExpressionModel,
         track::{NodeState, TrackedFrame, TrackedNode},
         wireframe::Wireframe,

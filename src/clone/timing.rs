@@ -4,12 +4,13 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::{CloneError, SourceKind, SourceMotion};
-use crate::geometry::Similarity;
+use crate::{
+    geometry::Similarity,
+    interpolation::{FPS, cubic, slopes},
+};
 
 /// Most frames of a clone.
 pub const MAX_FRAMES: usize = 20_000;
-/// Frames per second where neither source nor user says.
-pub const DEFAULT_FPS: f64 = 25.0;
 /// Seconds from neutral to apex of a representative, which has no time of its own.
 pub const MODEL_SECONDS: f64 = 1.0;
 
@@ -71,7 +72,7 @@ impl Timing {
     /// [`CloneError::TooManyFrames`].
     pub fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
         let steps = (source.frame_count() - 1) as f64;
-        let fps = self.fps.or(source.fps).unwrap_or(DEFAULT_FPS);
+        let fps = self.fps.or(source.fps).unwrap_or(f64::from(FPS));
         let count = (self.duration.unwrap_or(source.seconds()) * fps).round().max(1.0) + 1.0;
         if !(count <= MAX_FRAMES as f64) {
             return Err(CloneError::TooManyFrames { frames: count, most: MAX_FRAMES });
@@ -82,7 +83,8 @@ impl Timing {
             let forth = places.clone();
             places.extend(forth[1..forth.len() - 1].iter().rev());
         }
-        Ok((fps, places.into_iter().map(|place| source.at(place)).collect()))
+        let course = source.course();
+        Ok((fps, places.into_iter().map(|place| course.at(place)).collect()))
     }
 }
 
@@ -91,28 +93,57 @@ impl SourceMotion {
     pub fn seconds(&self) -> f64 {
         match self.kind {
             SourceKind::Model => MODEL_SECONDS,
-            _ => (self.frame_count() - 1) as f64 / self.fps.unwrap_or(DEFAULT_FPS),
+            _ => (self.frame_count() - 1) as f64 / self.fps.unwrap_or(f64::from(FPS)),
         }
     }
 
-    /// The motion at a place between frames: a cubic through the frames that does not overshoot (Fritsch and Carlson) for every
-    /// coordinate.
+    /// The motion at all times.
+    pub fn course(&self) -> Course<'_> {
+        let count = self.offsets.first().map_or(0, Vec::len);
+        let mut slopes_of = vec![vec![Vector2::zeros(); count]; self.frame_count()];
+        for node in 0..count {
+            for axis in 0..2 {
+                let keys: Vec<Option<f64>> = self.offsets.iter().map(|frame| Some(frame[node][axis])).collect();
+                for (frame, slope) in slopes_of.iter_mut().zip(slopes(&keys)) {
+                    frame[node][axis] = slope;
+                }
+            }
+        }
+        Course { motion: self, slopes: slopes_of }
+    }
+
+    /// The motion at a place between frames; for many of them, [`SourceMotion::course`].
     pub fn at(&self, place: f64) -> Moment {
-        let last = self.frame_count() - 1;
+        self.course().at(place)
+    }
+}
+
+/// A motion at all times: every coordinate on the curve of [`crate::interpolation`].
+#[derive(Clone, Debug)]
+pub struct Course<'m> {
+    motion: &'m SourceMotion,
+    /// Slopes of the offsets at every frame.
+    slopes: Vec<Vec<Vector2<f64>>>,
+}
+
+impl Course<'_> {
+    /// The motion at a place between frames, from 0; places outside are those of the first and of the last frame.
+    pub fn at(&self, place: f64) -> Moment {
+        let Self { motion, slopes } = self;
+        let last = motion.frame_count() - 1;
         let place = place.clamp(0.0, last as f64);
         let nearest = place.round() as usize;
         let i = (place.floor() as usize).min(last.saturating_sub(1));
         let t = place - i as f64;
         if (place - nearest as f64).abs() < 1e-9 || last == 0 {
-            return Moment { offsets: self.offsets[nearest].clone(), head: self.head[nearest], nearest };
+            return Moment { offsets: motion.offsets[nearest].clone(), head: motion.head[nearest], nearest };
         }
-        let frame = |k: isize| &self.offsets[k.clamp(0, last as isize) as usize];
-        let k = i as isize;
-        let (a, b, c, d) = (frame(k - 1), frame(k), frame(k + 1), frame(k + 2));
-        let offsets = (0..b.len())
-            .map(|n| Vector2::new(cubic([a[n].x, b[n].x, c[n].x, d[n].x], t), cubic([a[n].y, b[n].y, c[n].y, d[n].y], t)))
-            .collect();
-        let (p, q) = (self.head[i], self.head[i + 1]);
+        let between = |node: usize, axis: usize| {
+            let pair = |frames: &[Vec<Vector2<f64>>]| (frames[i][node][axis], frames[i + 1][node][axis]);
+            cubic(pair(&motion.offsets), pair(slopes), t)
+        };
+        let offsets = (0..motion.offsets[i].len()).map(|n| Vector2::new(between(n, 0), between(n, 1))).collect();
+        let (p, q) = (motion.head[i], motion.head[i + 1]);
         let mix = |p: f64, q: f64| p + (q - p) * t;
         let head = Similarity {
             scale: mix(p.scale, q.scale),
@@ -121,14 +152,4 @@ impl SourceMotion {
         };
         Moment { offsets, head, nearest }
     }
-}
-
-/// Monotone cubic between the second and the third of four values.
-fn cubic([a, b, c, d]: [f64; 4], t: f64) -> f64 {
-    let slope = |before: f64, after: f64| {
-        if before * after <= 0.0 { 0.0 } else { 2.0 * before * after / (before + after) }
-    };
-    let (m, n) = (slope(b - a, c - b), slope(c - b, d - c));
-    let (t2, t3) = (t * t, t * t * t);
-    b * (2.0 * t3 - 3.0 * t2 + 1.0) + m * (t3 - 2.0 * t2 + t) + c * (3.0 * t2 - 2.0 * t3) + n * (t3 - t2)
 }

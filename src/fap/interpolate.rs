@@ -1,13 +1,12 @@
-//! Frames between frames: monotone cubic interpolation (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980) of every FAP.
+//! Frames between frames of FAPs, each on the curve of [`crate::interpolation`].
 //!
-//! Between two frames a value never leaves the range of these two, so nothing overshoots, an eye that closes does not open first,
-//! and a limit that the frames keep is kept between them. A FAP is interpolated only where both neighbours set it. FAPs 1 and 2
-//! are codes: they keep the fields of the frame before.
+//! A FAP is interpolated only where both neighbours set it. FAPs 1 and 2 are codes: they keep the fields of the frame before.
 
 use super::{
     catalog::FapNumber,
     sequence::{FapFrame, FapSequence},
 };
+use crate::interpolation::{Curve, Moment};
 
 /// Most frames that interpolation makes: four hours at 25 frames per second, 400 MB.
 pub const MAX_FRAMES: usize = 360_000;
@@ -70,68 +69,21 @@ impl FapSequence {
             return Err(InterpolateError::TooManyFrames { frames: frame_count });
         }
         let last = frame_count as usize - 1;
-        // Frame k lies at k * steps / last of the old frames: whole part and remainder are exact.
-        let place = |k: usize| (k * steps / last, (k * steps % last) as f64 / last as f64);
+        let moment = |k: usize| Moment::of_frame(k, last, steps);
         let mut frames = vec![FapFrame::default(); last + 1];
         for (k, frame) in frames.iter_mut().enumerate() {
             for fap in [FapNumber::VISEME, FapNumber::EXPRESSION] {
-                frame.set_fields(fap, from[place(k).0].fields(fap).map(<[i32]>::to_vec));
+                frame.set_fields(fap, from[moment(k).key].fields(fap).map(<[i32]>::to_vec));
             }
         }
         for fap in FapNumber::low_level() {
-            let keys: Vec<Option<f64>> = from.iter().map(|frame| frame.value(fap)).collect();
-            let slopes = slopes(&keys);
+            let curve = Curve::through(from.iter().map(|frame| frame.value(fap)).collect());
             for (k, frame) in frames.iter_mut().enumerate() {
-                let (i, u) = place(k);
-                let value = if u == 0.0 {
-                    keys[i]
-                } else {
-                    keys[i].zip(keys[i + 1]).map(|values| cubic(values, (slopes[i], slopes[i + 1]), u))
-                };
-                frame.set_value(fap, value);
+                frame.set_value(fap, curve.at(moment(k)));
             }
         }
         Ok(Self { frames, ..self.clone() })
     }
-}
-
-/// Slopes at the keys, in value per key step, that make the cubic monotone between keys.
-///
-/// A key that is not set has slope 0 and ends the curve on either side.
-fn slopes(keys: &[Option<f64>]) -> Vec<f64> {
-    let secants: Vec<Option<f64>> = keys.windows(2).map(|pair| Some(pair[1]? - pair[0]?)).collect();
-    let secant = |i: Option<usize>| i.and_then(|i| secants.get(i).copied().flatten());
-    let mut slopes: Vec<f64> = (0..keys.len())
-        .map(|k| match (secant(k.checked_sub(1)), secant(Some(k))) {
-            (Some(before), Some(after)) if before * after <= 0.0 => 0.0,
-            (Some(before), Some(after)) => f64::midpoint(before, after),
-            (Some(only), None) | (None, Some(only)) => only,
-            (None, None) => 0.0,
-        })
-        .collect();
-    for (i, secant) in secants.iter().enumerate() {
-        let Some(delta) = *secant else { continue };
-        if delta == 0.0 {
-            slopes[i] = 0.0;
-            slopes[i + 1] = 0.0;
-            continue;
-        }
-        // Slopes over the secant must stay within the circle of radius 3.
-        let (alpha, beta) = (slopes[i] / delta, slopes[i + 1] / delta);
-        let length = alpha.hypot(beta);
-        if length > 3.0 {
-            slopes[i] = 3.0 * alpha / length * delta;
-            slopes[i + 1] = 3.0 * beta / length * delta;
-        }
-    }
-    slopes
-}
-
-/// The cubic Hermite curve at `u` in (0, 1), between two values with their slopes.
-fn cubic((from, to): (f64, f64), (slope_from, slope_to): (f64, f64), u: f64) -> f64 {
-    let v = 1.0 - u;
-    let value = from * (1.0 + 2.0 * u) * v * v + slope_from * u * v * v + to * u * u * (3.0 - 2.0 * u) - slope_to * u * u * v;
-    value.clamp(from.min(to), from.max(to)) // against rounding errors only
 }
 
 #[cfg(test)]
@@ -179,15 +131,6 @@ mod tests {
         assert_eq!(between(&[0.0, 8.0, 8.0], 1), [0.0, 5.0, 8.0, 8.0, 8.0]);
         // A peak: keys 0, 4, 0. The slope at the peak is 0, at the ends 4 and -4: 2 + 4/8 = 2.5 on either side.
         assert_eq!(between(&[0.0, 4.0, 0.0], 1), [0.0, 2.5, 4.0, 2.5, 0.0]);
-    }
-
-    #[test]
-    fn steep_slopes_are_cut_to_the_circle() {
-        // Keys 0, 1, 21: secants 1, 20; slopes 1, 10.5, 20. First step: (alpha, beta) = (1, 10.5), cut to length 3.
-        let slopes = slopes(&[Some(0.0), Some(1.0), Some(21.0)]);
-        assert_relative_eq!(slopes[0].hypot(slopes[1]), 3.0, epsilon = 1e-12);
-        assert_relative_eq!(slopes[1] / slopes[0], 10.5, epsilon = 1e-12);
-        assert_eq!(slopes[2], 20.0);
     }
 
     #[test]

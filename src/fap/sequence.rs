@@ -94,7 +94,7 @@ impl FapSequence {
 /// Whatever is not so becomes `_`.
 ///
 /// ```
-/// assert_eq!(grimace::fap::name_token("joy (young)"), "joy_(young)");
+/// assert_eq!(grimace::internal::fap::name_token("joy (young)"), "joy_(young)");
 /// ```
 pub fn name_token(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_graphic() { c } else { '_' };

@@ -26,7 +26,7 @@ use self::{
 };
 use crate::{geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};
 
-pub use crate::correspondence::{
+pub use super::correspondence::{
     COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences,
 };

@@ -39,6 +39,7 @@ use crate::{
     fap::Profile,
     features::{FeatureMeter, FrameFeatures, Measured},
     fit::{Correspondence, FitError, FitOptions, FittedWireframe, Fitter, SpringError},
+    interpolation::{FPS, FRAMES_BETWEEN},
     model::DynamicExpressionModel,
     normalize::{NormalizeOptions, Normalizer, PoseMode},
     output::MADE_BY,
@@ -78,12 +79,6 @@ pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use variation::{Curve, EmotionVariation, SHOWN_COMPONENTS, SHOWN_DEVIATIONS};
 pub use write::write_analysis;
-
-/// Frames between two key frames of a FAP file: 5 key frames give 25 frames.
-pub const FAP_FRAMES_BETWEEN: usize = 5;
-
-/// Frame rate of a FAP file where nothing else is asked for.
-pub const FAP_FPS: u32 = 25;
 
 /// Options of every stage: one struct per stage.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -160,7 +155,7 @@ pub struct FapOptions {
 
 impl Default for FapOptions {
     fn default() -> Self {
-        Self { between: FAP_FRAMES_BETWEEN, fps: FAP_FPS, profile: Profile::default() }
+        Self { between: FRAMES_BETWEEN, fps: FPS, profile: Profile::default() }
     }
 }
 

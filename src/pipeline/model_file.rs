@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::{
-    model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
+    model::DynamicExpressionModel,
     output::{OutputError, nine_digits, write_hashed},
     plausible::{FaceSize, Implausible},
+    positions::{PositionTable, PositionsError},
     units::FaceUnit,
 };
 
@@ -28,17 +29,9 @@ pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Res
 /// A model file that does not read.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelFileError {
-    /// It does not read as a table of `frame,node,x,y`.
+    /// It does not read as a table of `frame,node,x,y` with whole frames.
     #[error(transparent)]
-    Table(#[from] crate::track::TrackFileError),
-    /// Its frames do not make a model.
-    #[error("{}: {source}", path.display())]
-    Model {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: ModelError,
-    },
+    Positions(#[from] PositionsError),
     /// It moves as no face does.
     #[error("{}, {source}", path.display())]
     Implausible {
@@ -54,10 +47,7 @@ pub enum ModelFileError {
 /// # Errors
 /// [`ModelFileError`] with the line.
 pub fn read_model(path: &Path) -> Result<DynamicExpressionModel<FaceUnit>, ModelFileError> {
-    let frames = crate::track::read_track(path)?;
-    let frame = |f: crate::track::TrackedFrame| FrameExpressionModel::new(f.nodes.iter().map(|n| n.position).collect());
-    let model = DynamicExpressionModel::new(frames.into_iter().map(frame).collect());
-    let model = model.map_err(|source| ModelFileError::Model { path: path.to_owned(), source })?;
+    let model = PositionTable::open(path).map_err(PositionsError::from)?.model()?;
     let checked = FaceSize::CANONICAL.check_model(&model);
     checked.map_err(|source| ModelFileError::Implausible { path: path.to_owned(), source })?;
     Ok(model)

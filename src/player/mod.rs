@@ -16,7 +16,6 @@ use minijinja::{
 };
 use serde::Serialize;
 
-pub use names::fap_in_words;
 pub use payload::{Face as PlayerFace, PlayerError, payload};
 
 use crate::{clone::SourceMotion, wireframe::Face};

@@ -91,7 +91,7 @@ pub struct ReportData<'a> {
     pub fapus: Fapus,
     /// FAP values at the apex of every representative (same order).
     pub apex_faps: Vec<Vec<ApexFap>>,
-    /// The data of a player of every representative (same order) on one face, as [`crate::player::payload`] makes it; `None` for none.
+    /// The data of a player of every representative (same order) on one face, as the module `player` makes it; `None` for none.
     pub player: Option<serde_json::Value>,
     /// Whose face that is.
     pub face: String,

@@ -10,6 +10,7 @@ use crate::{
     normalize::NormalizeError,
     output::OutputError,
     plausible::Implausible,
+    positions::PositionsError,
     track::TrackFileError,
     units::FeaturePoint,
     wireframe::FapusError,
@@ -147,6 +148,9 @@ pub enum SynthesisError {
     /// A track that does not read.
     #[error(transparent)]
     Track(#[from] TrackFileError),
+    /// A model that does not read.
+    #[error(transparent)]
+    Positions(#[from] PositionsError),
     /// A track that cannot be normalized.
     #[error("{}: {source}", path.display())]
     Normalize {

@@ -47,7 +47,7 @@ pub use feature_points::{
 pub use file::{BANK_VERSION, write as write_bank};
 pub use fitness::fitness;
 pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
-pub use motion::{BETWEEN, DEFAULT_FPS, Motion, MotionKind, NOISE, read_motion};
+pub use motion::{Motion, MotionKind, NOISE, read_motion};
 pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};
 pub use regions::{OVERLAP, RegionScheme, Regions};
 pub use scene::{FaceScene, View};

@@ -12,9 +12,11 @@ use super::{Bank, FpMotion, SynthesisError};
 use crate::{
     fap::{FapCatalog, offsets_from_frame, read_fap},
     input::CsvFile,
-    model::{DynamicExpressionModel, FrameExpressionModel},
+    interpolation::{Curve, FRAMES_BETWEEN, Moment},
+    model::DynamicExpressionModel,
     normalize::{Canonical, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
+    positions::PositionTable,
     text::excerpt,
     track::{read_track, read_track_info, track_model},
     units::{FaceUnit, FeaturePoint, NodeId},
@@ -50,20 +52,14 @@ pub struct Motion {
     pub scale: Option<[f64; 5]>,
 }
 
-/// Frames between two key frames of a representative: 5 make 25 frames of its 5, as in its FAP file.
-pub const BETWEEN: usize = 5;
-
-/// Frames per second where a motion does not say.
-pub const DEFAULT_FPS: f64 = 25.0;
-
 /// Share of the farthest motion that tracking may give a point at rest.
 pub const NOISE: f64 = 0.05;
 
 impl Motion {
-    /// The motion as it is animated: by default [`BETWEEN`] frames between the key frames of a model and none between others', and
+    /// The motion as it is animated: by default [`FRAMES_BETWEEN`] frames between the key frames of a model and none between others', and
     /// [`NOISE`] taken for rest but for feature points that a CSV file gives.
     pub fn as_animated(&self, between: Option<usize>, noise: Option<f64>) -> Self {
-        let between = between.unwrap_or(if self.kind == MotionKind::Model { BETWEEN } else { 0 });
+        let between = between.unwrap_or(if self.kind == MotionKind::Model { FRAMES_BETWEEN } else { 0 });
         self.without_noise(noise.unwrap_or_else(|| self.default_noise())).with_frames_between(between)
     }
 
@@ -72,23 +68,28 @@ impl Motion {
         if self.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE }
     }
 
-    /// The motion with `between` frames put between every two, on straight lines.
+    /// The motion with `between` frames put between every two, every coordinate on the curve of [`crate::interpolation`], as in the FAP
+    /// file of the same motion. A feature point is known only between two frames that know it.
     pub fn with_frames_between(&self, between: usize) -> Self {
-        let mut frames = Vec::new();
-        for pair in self.frames.windows(2) {
-            for step in 0..=between {
-                let share = step as f64 / (between + 1) as f64;
-                let mix = |(a, b): (&Option<Vector3<f64>>, &Option<Vector3<f64>>)| Some(a.as_ref()?.lerp(b.as_ref()?, share));
-                let offsets = pair[0].offsets.iter().zip(&pair[1].offsets).map(mix).collect();
-                frames.push(if step == 0 {
-                    pair[0].clone()
-                } else {
-                    FpMotion { offsets, planar: pair[0].planar || pair[1].planar }
-                });
-            }
+        let steps = self.frames.len().saturating_sub(1);
+        let last = steps.saturating_mul(between.saturating_add(1));
+        if last == 0 || between == 0 {
+            return self.clone();
         }
-        frames.extend(self.frames.last().cloned());
-        Self { frames, ..self.clone() }
+        let count = self.frames.first().map_or(0, |f| f.offsets.len());
+        let curve =
+            |point: usize, axis: usize| Curve::through(self.frames.iter().map(|f| Some(f.offsets[point]?[axis])).collect());
+        let curves: Vec<[Curve; 3]> = (0..count).map(|point| [0, 1, 2].map(|axis| curve(point, axis))).collect();
+        let frames = (0..=last).map(|k| {
+            let moment = Moment::of_frame(k, last, steps);
+            if moment.share == 0.0 {
+                return self.frames[moment.key].clone();
+            }
+            let point = |[x, y, z]: &[Curve; 3]| Some(Vector3::new(x.at(moment)?, y.at(moment)?, z.at(moment)?));
+            let planar = self.frames[moment.key].planar || self.frames[moment.key + 1].planar;
+            FpMotion { offsets: curves.iter().map(point).collect(), planar }
+        });
+        Self { frames: frames.collect(), ..self.clone() }
     }
 
     /// The motion with feature points at rest that move less than `share` of the farthest moving one, each judged by its largest offset
@@ -129,7 +130,7 @@ pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motio
         } else if file.column("state").is_some() {
             read_track_motion(path, &BankFace::new(bank, scale)?)?
         } else if file.column("node").is_some() {
-            read_model(&file, &BankFace::new(bank, scale)?)?
+            read_model(file, &BankFace::new(bank, scale)?)?
         } else {
             let found = excerpt(&file.header().join(","));
             let reason = format!(
@@ -192,19 +193,10 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
     Ok(Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, scale: None })
 }
 
-fn read_model(file: &CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
-    let [frame, node, x, y] = file.require(["frame", "node", "x", "y"])?;
-    let mut frames: BTreeMap<u32, Vec<nalgebra::Point2<f64>>> = BTreeMap::new();
-    for row in file.rows() {
-        let row = row?;
-        let nodes = frames.entry(row.whole_number(frame)?).or_default();
-        if row.whole_number(node)? as usize != nodes.len() {
-            return Err(row.field_error(node, "every frame with all nodes from 0 in order").into());
-        }
-        nodes.push(nalgebra::Point2::new(row.number(x)?, row.number(y)?));
-    }
-    let model = DynamicExpressionModel::new(frames.into_values().map(FrameExpressionModel::new).collect())?;
-    face.motion(MotionKind::Model, &model, None, file.path())
+fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
+    let table = PositionTable::new(file)?;
+    let model = table.model()?;
+    face.motion(MotionKind::Model, &model, None, table.path())
 }
 
 fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
@@ -395,11 +387,15 @@ mod tests {
     }
 
     #[test]
-    fn frames_in_between_lie_on_lines() {
+    fn frames_in_between_lie_on_the_curve_of_fap_files() {
         let motion = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,3,6\n").unwrap().with_frames_between(2);
         let x: Vec<f64> = motion.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();
         assert_eq!(motion.frames.len(), 4);
         (0..4).for_each(|k| assert_relative_eq!(x[k], k as f64, epsilon = 1e-12));
+        // Keys 0, 8, 8: half-way of the first step 5, as a FAP of the same keys has it; the second is flat.
+        let keys = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,8,-8\n2,8.4,8,-8\n").unwrap().with_frames_between(1);
+        let offsets: Vec<_> = keys.frames.iter().map(|f| f.offsets[0].unwrap()).map(|o| (o.x, o.y)).collect();
+        assert_eq!(offsets, [(0.0, 0.0), (5.0, -5.0), (8.0, -8.0), (8.0, -8.0), (8.0, -8.0)]);
         // 8.3 goes 0.1 at most where 8.4 goes 6.7: less than 5 %.
         let noisy = read("frame,fp,dx,dy\n0,8.4,0,0\n0,8.3,0.1,0\n1,8.4,3,6\n1,8.3,0,0.1\n").unwrap();
         let quiet = noisy.without_noise(0.05);

@@ -8,15 +8,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::{Corrections, TrackFileError, TrackInfo, TrackedFrame, corrections_of, read_track};
 use crate::{
     input::CsvFile,
     output::{OutputError, nine_digits, write_durable},
+    positions::{PositionRow, PositionTable},
     sequence::ImageSize,
-    units::NodeId,
     wireframe::Wireframe,
 };
 
@@ -61,14 +60,10 @@ pub fn read_corrections(track: &Path) -> Result<Option<SavedCorrections>, TrackF
         Err(source) => return Err(TrackFileError::Io { path, source }),
     };
     let blake3 = blake3::hash(&bytes).to_hex().to_string();
-    let csv = CsvFile::from_bytes(&path, bytes)?;
-    let [frame, node, x, y] = csv.require(["frame", "node", "x", "y"])?;
     let mut corrections = Corrections::new();
-    for row in csv.rows() {
-        let row = row?;
-        let id = u16::try_from(row.whole_number(node)?).map_err(|_| row.field_error(node, "the number of a node"))?;
-        let place = Point2::new(row.number(x)?, row.number(y)?);
-        corrections.entry(row.whole_number(frame)?).or_default().insert(NodeId(id), place);
+    for row in PositionTable::new(CsvFile::from_bytes(&path, bytes)?)?.rows() {
+        let PositionRow { frame, node, position, .. } = row?;
+        corrections.entry(frame).or_default().insert(node, position);
     }
     Ok(Some(SavedCorrections { corrections, blake3 }))
 }
@@ -142,8 +137,13 @@ pub fn fitting_corrections(
 mod tests {
     use std::{collections::BTreeMap, fs};
 
+    use nalgebra::Point2;
+
     use super::*;
-    use crate::track::{NodeState, TrackedNode};
+    use crate::{
+        track::{NodeState, TrackedNode},
+        units::NodeId,
+    };
 
     fn corrections() -> Corrections {
         let nodes = |list: &[(u16, f64)]| list.iter().map(|&(n, x)| (NodeId(n), Point2::new(x, 2.5))).collect::<BTreeMap<_, _>>();

@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 use super::{NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode};
 use crate::{
     fit::FitOptions,
-    input::InputError,
+    input::{CsvFile, InputError},
     output::{self, OutputError, nine_digits},
+    positions::{PositionRow, PositionTable, PositionsError},
     sequence::ImageSize,
-    text::excerpt,
     units::{NodeId, SequenceId},
 };
 
@@ -104,63 +104,20 @@ pub enum TrackFileError {
         /// Why.
         source: std::io::Error,
     },
-    /// A table of corrections that does not read.
+    /// A table that does not read.
     #[error(transparent)]
     Table(#[from] InputError),
-    /// Not CSV.
-    #[error("{}: {source}", path.display())]
-    Csv {
-        /// The file.
-        path: PathBuf,
-        /// Why, with the line.
-        source: csv::Error,
-    },
-    /// A column that a track needs is not there.
-    #[error("{}:{line}: no column `{column}`; a track has frame,node,x,y,state,residual, found {found}", path.display())]
-    Column {
-        /// The file.
-        path: PathBuf,
-        /// Line of the header, from 1.
-        line: u64,
-        /// The column.
-        column: &'static str,
-        /// The header found, shortened.
-        found: String,
-    },
-    /// A value that does not read.
-    #[error("{}:{line}: {column} is `{value}`: {expected}", path.display())]
-    Value {
+    /// Positions that make no track.
+    #[error(transparent)]
+    Positions(#[from] PositionsError),
+    /// A node's state that is none.
+    #[error("{}, line {line}: {reason}", path.display())]
+    State {
         /// The file.
         path: PathBuf,
         /// Line, from 1.
-        line: u64,
-        /// Column.
-        column: &'static str,
-        /// What stands there.
-        value: String,
-        /// What should stand there.
-        expected: String,
-    },
-    /// A frame without all nodes, or nodes out of order.
-    #[error("{}:{line}: node {found} where node {expected} of frame {frame} was expected; every frame lists all nodes from 0 in order", path.display())]
-    Order {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: u64,
-        /// Frame number.
-        frame: u32,
-        /// Node found.
-        found: usize,
-        /// Node expected.
-        expected: usize,
-    },
-    /// Frames with differing node counts, or fewer than two.
-    #[error("{}: {reason}", path.display())]
-    Frames {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
+        line: usize,
+        /// What stands there, and what states there are.
         reason: String,
     },
     /// The `.json` does not read.
@@ -265,80 +222,23 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
 /// # Errors
 /// As [`read_track`].
 pub fn parse_track(path: &Path, bytes: &[u8]) -> Result<Vec<TrackedFrame>, TrackFileError> {
-    let csv_error = |source| TrackFileError::Csv { path: path.to_owned(), source };
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
-    let header = reader.headers().map_err(csv_error)?.clone();
-    let column = |name: &str| header.iter().position(|h| h.eq_ignore_ascii_case(name));
-    let needed = |name: &'static str| {
-        let found = || excerpt(&header.iter().collect::<Vec<_>>().join(","));
-        let line = header.position().map_or(1, csv::Position::line);
-        column(name).ok_or_else(|| TrackFileError::Column { path: path.to_owned(), line, column: name, found: found() })
-    };
-    let (frame_at, node_at, x_at, y_at) = (needed("frame")?, needed("node")?, needed("x")?, needed("y")?);
-    let (state_at, residual_at, expected_at) = (column("state"), column("residual"), column("expected_error"));
-
-    let mut frames: Vec<TrackedFrame> = Vec::new();
-    let mut record = csv::StringRecord::new();
-    while reader.read_record(&mut record).map_err(csv_error)? {
-        let line = record.position().map_or(0, csv::Position::line);
-        let bad = |column: &'static str, value: &str, expected: &str| TrackFileError::Value {
-            path: path.to_owned(),
-            line,
-            column,
-            value: excerpt(value),
-            expected: expected.to_owned(),
-        };
-        let text = |at: usize| record.get(at).unwrap_or("");
-        let whole =
-            |at: usize, column| text(at).parse::<u32>().map_err(|_| bad(column, text(at), "expected a whole number from 0"));
-        let number = |at: usize, column| match text(at).parse::<f64>() {
-            Ok(value) if value.is_finite() => Ok(value),
-            _ => Err(bad(column, text(at), "expected a finite number")),
-        };
-        let (frame, node) = (whole(frame_at, "frame")?, whole(node_at, "node")? as usize);
-        let position = Point2::new(number(x_at, "x")?, number(y_at, "y")?);
-        let state = match state_at.map(text) {
+    let table = PositionTable::new(CsvFile::from_bytes(path, bytes.to_vec())?)?;
+    let (state, residual, expected) = (table.column("state"), table.column("residual"), table.column("expected_error"));
+    let frames = table.frames(|PositionRow { position, row, .. }| {
+        let state = match state.map(|at| row.get(at)) {
             None | Some("") => NodeState::Tracked,
-            Some(word) => word.parse().map_err(|e: String| bad("state", word, &e))?,
-        };
-        let optional = |at: Option<usize>, column| match at {
-            Some(at) if !text(at).is_empty() => number(at, column).map(Some),
-            _ => Ok(None),
-        };
-        let residual = optional(residual_at, "residual")?;
-        let expected_error = optional(expected_at, "expected_error")?;
-        if frames.last().is_none_or(|f| f.number != frame) {
-            frames.push(TrackedFrame { number: frame, nodes: Vec::new() });
-        }
-        if let Some(current) = frames.last_mut() {
-            let expected = current.nodes.len();
-            if node != expected {
-                return Err(TrackFileError::Order { path: path.to_owned(), line, frame, found: node, expected });
+            Some(word) => {
+                let at = |reason| TrackFileError::State { path: path.to_owned(), line: row.line(), reason };
+                word.parse().map_err(at)?
             }
-            current.nodes.push(TrackedNode { expected_error, ..TrackedNode::new(position, state, residual) });
-        }
-    }
-    check_frames(&frames).map_err(|reason| TrackFileError::Frames { path: path.to_owned(), reason })?;
-    Ok(frames)
-}
-
-fn check_frames(frames: &[TrackedFrame]) -> Result<(), String> {
-    let [first, _, ..] = frames else {
-        return Err(format!("a track needs at least 2 frames, from neutral to apex; found {}", frames.len()));
-    };
-    for pair in frames.windows(2) {
-        if pair[1].number <= pair[0].number {
-            return Err(format!("frame {} follows frame {}; frames must ascend", pair[1].number, pair[0].number));
-        }
-    }
-    match frames.iter().find(|f| f.nodes.len() != first.nodes.len()) {
-        Some(odd) => {
-            let (n, expected) = (odd.nodes.len(), first.nodes.len());
-            Err(format!("frame {} has {n} nodes where frame {} has {expected}", odd.number, first.number))
-        }
-        None => Ok(()),
-    }
+        };
+        let optional = |at: Option<usize>| at.filter(|&at| !row.get(at).is_empty()).map(|at| row.number(at)).transpose();
+        Ok::<_, TrackFileError>(TrackedNode {
+            expected_error: optional(expected)?,
+            ..TrackedNode::new(*position, state, optional(residual)?)
+        })
+    })?;
+    Ok(frames.into_iter().map(|(number, nodes)| TrackedFrame { number, nodes }).collect())
 }
 
 #[cfg(test)]
@@ -403,14 +303,11 @@ mod tests {
     #[test]
     fn bad_rows_are_named_by_line_and_value() {
         let message = |text: &str| read(text).unwrap_err().to_string();
-        assert!(message("frame,node,x\n1,0,1\n").contains("no column `y`"));
-        assert!(message("frame,node,x,y\n1,0,1,nan\n").contains("t.csv:2: y is `nan`"));
-        assert!(message("frame,node,x,y\n1,0,1,1\n1,2,1,1\n").contains("node 2 where node 1 of frame 1"));
-        assert!(message("frame,node,x,y,state\n1,0,1,1,lost\n").contains("`lost` is not a node state"));
-        assert!(message("frame,node,x,y\n1,0,1,1\n").contains("at least 2 frames"));
-        assert!(message("frame,node,x,y\n2,0,1,1\n1,0,1,1\n").contains("frames must ascend"));
-        assert!(message("frame,node,x,y\n1,0,1,1\n2,0,1,1\n2,1,1,1\n").contains("frame 2 has 2 nodes"));
+        assert!(message("frame,node,x\n1,0,1\n").contains("t.csv, line 1: has no column `y`"));
+        assert!(message("frame,node,x,y\n1,0,1,nan\n").contains("t.csv, line 2: y is `nan`"));
+        assert!(message("frame,node,x,y,state\n1,0,1,1,lost\n").contains("t.csv, line 2: `lost` is not a node state"));
         assert!(message("frame,node,x,y,expected_error\n1,0,1,1,much\n").contains("expected_error is `much`"));
-        assert!(message("").contains("t.csv:1: no column `frame`"));
+        assert!(message("frame,node,x,y\n2,0,1,1\n1,0,1,1\n").contains("frames must ascend"));
+        assert!(message("").contains("t.csv: is empty"));
     }
 }

@@ -19,7 +19,7 @@
 //! with ground truth. Nothing here depends on OpenCV, on threads or on chance.
 //!
 //! ```
-//! # use grimace::{warp::{MouthInside, Texture, Warp}, wireframe::Wireframe};
+//! # use grimace::{internal::warp::{MouthInside, Texture, Warp}, wireframe::Wireframe};
 //! # use nalgebra::{Point2, Vector2};
 //! # let photograph = image::RgbImage::new(160, 200);
 //! let neutral: Vec<Point2<f64>> =

@@ -1,4 +1,5 @@
 //! The page of `annotate` and the report in a real browser.
+#![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../annotation/mod.rs"]
 mod annotation;

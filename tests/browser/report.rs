@@ -7,7 +7,7 @@ use std::{fs, thread::sleep, time::Duration};
 
 use crate::driver::{Browser, keep, wait};
 use crate::report_data::Fixture;
-use grimace::report::{Stage, render_html};
+use grimace::internal::report::{Stage, render_html};
 use serde_json::json;
 
 /// Writes a report and shows it.

@@ -86,10 +86,10 @@ fn a_bad_track_costs_that_track() {
     let ran = work.grimace("analyze out/tracks -o again").exit(3).prints(&["7 tracks, 6 failed"]);
     ran.says(&[
         "S001_005.csv: frame 6 has 106 nodes where frame 1 has 113",
-        "state is `lucky`: `lucky` is not a node state; the states are marked,",
-        "S002_005.csv:1: no column `y`",
-        "x is `NaN`: expected a finite number",
-        "S003_005.csv:1: no column `frame`",
+        "`lucky` is not a node state; the states are marked,",
+        "S002_005.csv, line 1: has no column `y`",
+        "x is `NaN`; a finite number was expected",
+        "S003_005.csv: is empty; a header line was expected",
         "alone_1.csv: the emotion is not known; give --dataset",
     ]);
     assert_eq!(work.rows("again/failures.csv").len(), 6);

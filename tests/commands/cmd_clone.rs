@@ -3,7 +3,7 @@
 use std::io::Cursor;
 
 use crate::common::{Ran, Work};
-use grimace::fap::{FapNumber, read_fap};
+use grimace::internal::fap::{FapNumber, read_fap};
 use image::{DynamicImage, ImageFormat, RgbImage};
 
 /// A folder with S001's happiness as `faces`, its track as `S001_005.csv`, and S002's neutral frame as `target.png` with `marks.csv`.

@@ -1,6 +1,6 @@
 //! `grimace features` and the features of a run: what a user types, and what comes out.
 
-use grimace::{
+use grimace::internal::{
     pose::{HEAD_ES, HeadModel, HeadPose},
     wireframe::{Tables, Wireframe},
 };
@@ -124,7 +124,7 @@ fn a_head_that_is_turned_too_far_is_said_and_not_measured_silently() {
 fn what_is_no_track_or_no_face_is_refused_by_name() {
     let work = Work::new();
     work.write("x.csv", "frame,node,x\n1,0,3\n");
-    work.grimace("features x.csv -o out").exit(1).says(&["x.csv:1: no column `y`"]);
+    work.grimace("features x.csv -o out").exit(1).says(&["x.csv, line 1: has no column `y`"]);
     work.grimace("features nothing -o out").exit(1).says(&["nothing"]);
     // A table of OpenFace without its landmarks.
     work.write("heads/manifest.csv", "subject,sequence,emotion,frames\nA,1,anger,A.csv\n");

@@ -194,7 +194,7 @@ fn an_image_that_is_none_is_refused() {
 #[test]
 fn a_wireframe_of_one_s_own_is_used_and_one_cut_in_the_middle_refused() {
     let work = work();
-    let wfm = grimace::wireframe::write_wfm(&grimace::wireframe::Wireframe::candide3());
+    let wfm = grimace::internal::wireframe::write_wfm(&grimace::internal::wireframe::Wireframe::candide3());
     let half: Vec<&str> = wfm.lines().take(wfm.lines().count() / 2).collect();
     work.write("own.wfm", &wfm).write("half.wfm", half.join("\n")).write("torn.wfm", &wfm[..wfm.len() / 2 - 3]);
     work.grimace("fit neutral.png -c marks.csv -o built-in.csv").exit(0);
@@ -262,7 +262,7 @@ fn landmarks_are_marks_too() {
             [numbers[1], numbers[2]]
         })
         .collect();
-    let face = grimace::wireframe::Face::candide3();
+    let face = grimace::internal::wireframe::Face::candide3();
     let mut points = vec![nodes[10]; 68];
     for row in &face.tables.landmarks {
         if let [(node, _)] = row.nodes[..] {

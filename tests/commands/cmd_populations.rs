@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use crate::common::{Work, assert_same_files};
-use grimace::wireframe::{Tables, Wireframe};
+use grimace::internal::wireframe::{Tables, Wireframe};
 
 /// Landmarks of Candide-3 in an image of about 500 px, its mouth corners moved by `smile` px out and up.
 fn face(smile: f64) -> Vec<(f64, f64)> {
     let frontal = Wireframe::candide3().frontal();
     let landmarks = Tables::candide3().landmarks;
-    let place = |(k, row): (usize, &grimace::wireframe::LandmarkRow)| {
+    let place = |(k, row): (usize, &grimace::internal::wireframe::LandmarkRow)| {
         let sum = row.nodes.iter().map(|(n, w)| frontal[n.index()].coords * *w).sum::<nalgebra::Vector2<f64>>();
         let (dx, dy) = match k {
             48 | 60 => (-smile, -smile),

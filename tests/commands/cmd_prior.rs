@@ -7,7 +7,7 @@ use std::{
 };
 
 use assert_cmd::Command;
-use grimace::{
+use grimace::internal::{
     units::NodeId,
     wireframe::{Tables, Wireframe},
 };

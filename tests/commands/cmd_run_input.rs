@@ -1,7 +1,7 @@
 //! `grimace run` over datasets of every form, and over bad ones: what is read, what is refused, and what the refusal says.
 
 use crate::common::{FACES, Work, assert_same_files};
-use grimace::wireframe::{LandmarkRow, Tables};
+use grimace::internal::wireframe::{LandmarkRow, Tables};
 
 /// A manifest of the sequences S001_005 and S002_005 with default places.
 const PLAIN: &str = "subject,sequence,emotion\nS001,005,happiness\nS002,005,happiness\n";

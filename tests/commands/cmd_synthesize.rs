@@ -9,7 +9,7 @@ fn report(work: &Work, folder: &str) -> Value {
 
 /// A representative in face units: Candide-3's nodes, the mouth corners going up and out over five frames.
 fn representative() -> String {
-    let wireframe = grimace::wireframe::Wireframe::candide3();
+    let wireframe = grimace::internal::wireframe::Wireframe::candide3();
     let mut text = String::from("frame,node,x,y\n");
     for frame in 0..5 {
         for (node, point) in wireframe.frontal().iter().enumerate() {
@@ -98,7 +98,7 @@ fn every_solver_and_format_runs_and_truth_is_compared() {
     assert!(report(&work, "rbf")["surface_error"]["mean"].as_f64().unwrap() > 0.1);
     work.grimace("synthesize -b candide -m m.csv -o meshes --format obj,ply --regions 2").exit(0);
     let (obj, ply) = (work.path("meshes/obj/frame_001.obj"), work.path("meshes/ply/frame_001.ply"));
-    let (obj, ply) = (grimace::mesh::read_obj(&obj).unwrap(), grimace::mesh::read_ply(&ply).unwrap());
+    let (obj, ply) = (grimace::internal::mesh::read_obj(&obj).unwrap(), grimace::internal::mesh::read_ply(&ply).unwrap());
     assert_eq!(obj, ply);
     assert_eq!(obj.vertex_count(), 23_424);
     work.grimace("synthesize -b candide -m m.csv -o x --truth rbf/synthesis.json").exit(1).says(&["no .npy array"]);

@@ -1,4 +1,5 @@
 //! The commands end to end, as a user calls them.
+#![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../annotation/mod.rs"]
 mod annotation;

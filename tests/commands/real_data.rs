@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::common::Work;
-use grimace::fap::{FapNumber, read_fap};
+use grimace::internal::fap::{FapNumber, read_fap};
 
 fn sequences() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/sequences");

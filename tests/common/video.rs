@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 
-use grimace::companion::{
+use grimace::internal::companion::{
     Answer, Companion,
     wire::{Reply, Request},
 };

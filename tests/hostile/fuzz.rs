@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use grimace::fuzzing::{TARGETS, Target, dictionary, mutate, target};
+use grimace::internal::fuzzing::{TARGETS, Target, dictionary, mutate, target};
 
 /// Executions of a reader of texts in the ordinary tests; others get a tenth.
 const EXECUTIONS: u64 = 1000;
@@ -150,7 +150,7 @@ fn no_hostile_file_ends_a_reader() {
 #[test]
 #[ignore = "writes into fuzz/seeds"]
 fn write_seeds() {
-    use grimace::{
+    use grimace::internal::{
         columnar::{ColumnarRow, ColumnarWriter},
         units::SequenceId,
     };
@@ -170,7 +170,7 @@ fn write_seeds() {
     for name in ["small.jpg", "deep.png"] {
         image.save(at("picture", name)).unwrap();
     }
-    let names = grimace::synthesis::candide_bank().unwrap().names().to_vec();
+    let names = grimace::internal::synthesis::candide_bank().unwrap().names().to_vec();
     let recipes = format!("member,shape,weight\nsmile,{},0.5\nsmile,{},0.25\nfrown,{},-1\n", names[0], names[1], names[0]);
     fs::write(at("recipes", "two.csv"), recipes).unwrap();
     let source = tempfile::tempdir().unwrap();
@@ -178,6 +178,10 @@ fn write_seeds() {
     fs::write(source.path().join("neutral.obj"), mesh(1.0)).unwrap();
     fs::write(source.path().join("smile.obj"), mesh(1.5)).unwrap();
     fs::write(source.path().join("feature_points.csv"), "fp,vertex\n8.3,1\n8.4,2\n").unwrap();
-    grimace::synthesis::build_bank(source.path(), &at("bank", "tetra.bank"), &grimace::synthesis::BuildOptions::default())
-        .unwrap();
+    grimace::internal::synthesis::build_bank(
+        source.path(),
+        &at("bank", "tetra.bank"),
+        &grimace::internal::synthesis::BuildOptions::default(),
+    )
+    .unwrap();
 }

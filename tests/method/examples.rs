@@ -13,7 +13,7 @@ mod own_statistics;
 #[path = "../../examples/point_tracker.rs"]
 mod point_tracker;
 
-use grimace::{
+use grimace::internal::{
     fap::{FapNumber, read_fap},
     track::{LossReason, NodeState},
 };

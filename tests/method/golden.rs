@@ -13,7 +13,7 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use crate::common::{Files, files_in};
-use grimace::{
+use grimace::internal::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     pipeline::{AnalyzedModel, PipelineOptions, Workbench, analyze, write_analysis},
     statistics::{MedianKind, SequenceModel, StatisticsOptions},

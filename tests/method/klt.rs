@@ -1,6 +1,6 @@
 //! Our KLT beside OpenCV's.
 
-use grimace::{
+use grimace::internal::{
     sequence::Frame,
     track::{Found, Klt, OpenCvKlt, PointTracker, Probe, Slot},
 };

@@ -16,10 +16,12 @@ const LAYERS: [(&str, &[&str]); 5] = [
             "formula",
             "foreign",
             "input",
+            "interpolation",
             "output",
             "companion",
             "wireframe",
             "model",
+            "positions",
             "correspondence",
         ],
     ),
@@ -123,4 +125,24 @@ fn a_wrong_import_is_found_and_named() {
     assert!(names("pipeline").is_empty());
     let tests = "use crate::units;\n#[cfg(test)]\nmod tests {\n    use crate::cli;\n}\n";
     assert!(wrong("fit", tests).is_empty());
+}
+
+/// The names that the facade of a library's text shows, by module.
+fn shown(text: &str) -> Vec<String> {
+    let blocks = text.split("\nfacade! {\n").skip(1).filter_map(|block| block.split_once("\n}").map(|(block, _)| code(block)));
+    let names = blocks.flat_map(|block| {
+        let (module, shown) = block.split_once(':').expect("a module and its names");
+        let module = module.trim().to_owned();
+        let name = |part: &str| part.rsplit("::").next().map(str::trim).filter(|n| !n.is_empty()).map(str::to_owned);
+        let names: Vec<String> = shown.split([',', '{', '}']).filter_map(name).collect();
+        names.into_iter().map(move |name| format!("{module}::{name}"))
+    });
+    names.collect()
+}
+
+#[test]
+fn the_facade_stays_small() {
+    let shown = shown(&fs::read_to_string(root().join("src/lib.rs")).unwrap());
+    assert!(shown.iter().any(|name| name == "fit::Fitter") && shown.iter().any(|name| name == "statistics::CompareOptions"));
+    assert!((150..250).contains(&shown.len()), "{} names", shown.len());
 }

@@ -1,4 +1,5 @@
 //! The library from outside: golden files, properties that hold across modules, the tracker without images, the report as text.
+#![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use grimace::{
+use grimace::internal::{
     dataset::{Dataset, LandmarkSelection, correspondences_from_landmarks},
     fit::{Correspondence, FacePoints, FitOptions, Fitter, ShapePrior, read_neutral_faces, validate_correspondences},
     units::NodeId,

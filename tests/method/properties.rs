@@ -1,6 +1,6 @@
 //! Properties that hold across modules, over random faces and motions.
 
-use grimace::{
+use grimace::internal::{
     dataset::LandmarkSelection,
     fap::{FapCatalog, FapNumber, FapSequence, Motion, read_fap, write_fap},
     fit::{Correspondence, FitOptions, Fitter, PriorKind, read_correspondences, write_correspondences},

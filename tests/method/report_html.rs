@@ -1,7 +1,7 @@
 //! The report as text: what it holds, that it is safe, small and the same every time.
 
 use crate::report_data::Fixture;
-use grimace::report::{Stage, render_html};
+use grimace::internal::report::{Stage, render_html};
 
 /// The embedded data, parsed.
 fn payload(html: &str) -> serde_json::Value {

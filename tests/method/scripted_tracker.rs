@@ -2,7 +2,7 @@
 //!
 //! The face is Candide-3 with its pupils 100 px apart, so that options relative to the eye distance are in hundredths of a pixel.
 
-use grimace::{
+use grimace::internal::{
     fit::FittedWireframe,
     geometry::Similarity,
     model::FrameExpressionModel,

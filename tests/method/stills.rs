@@ -2,7 +2,7 @@
 
 use std::{fs, io::Cursor};
 
-use grimace::sequence::{DecodeError, GrayDecoder, read_colour};
+use grimace::internal::sequence::{DecodeError, GrayDecoder, read_colour};
 use image::{DynamicImage, GrayImage, ImageFormat, RgbImage};
 use opencv::{
     core::{Mat, Vector},

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use grimace::{
+use grimace::internal::{
     clone::Target,
     dataset::{Dataset, LandmarkSelection},
     fit::Correspondence,
@@ -34,7 +34,7 @@ fn data(name: &str) -> Option<PathBuf> {
 /// Offsets of the nodes at the apex of an emotion, or with the eyes closed, in model units of face space.
 fn offsets(bench: &Workbench, emotion: Option<Emotion>) -> Vec<Vector2<f64>> {
     let mut offsets = vec![Vector2::zeros(); bench.wireframe.node_count()];
-    let fapus = grimace::wireframe::Fapus::measure(&bench.tables.fapus, &bench.wireframe.frontal()).unwrap();
+    let fapus = grimace::internal::wireframe::Fapus::measure(&bench.tables.fapus, &bench.wireframe.frontal()).unwrap();
     let mut add = |unit: ExpressionUnit, weight: f64| {
         for candidate in bench.wireframe.action_units() {
             let length = match (unit, &candidate.kind) {
@@ -112,7 +112,8 @@ fn portraits_move_without_holes_and_without_touching_the_background() {
         let stem = path.file_stem().unwrap().to_string_lossy().into_owned();
         let marks = folder.join(format!("{stem}_landmarks68_auto.csv"));
         for selection in [LandmarkSelection::Default, LandmarkSelection::HighAndMedium] {
-            let marks = grimace::dataset::read_marks(&marks, &selection, &bench.tables, bench.wireframe.node_count()).unwrap();
+            let marks =
+                grimace::internal::dataset::read_marks(&marks, &selection, &bench.tables, bench.wireframe.node_count()).unwrap();
             check(&format!("{stem} {selection:?}"), read_colour(path).unwrap(), &marks, &bench);
         }
         count += 1;
@@ -140,12 +141,12 @@ fn first_frames_of_sequences_move_without_holes_and_without_touching_the_backgro
 
 #[test]
 fn the_warp_of_a_grey_picture_is_grey() {
-    let nodes: Vec<Point2<f64>> = grimace::wireframe::Wireframe::candide3()
+    let nodes: Vec<Point2<f64>> = grimace::internal::wireframe::Wireframe::candide3()
         .vertices()
         .iter()
         .map(|v| Point2::new(80.0 + 60.0 * v.x, 90.0 - 60.0 * v.y))
         .collect();
-    let warp = grimace::warp::Warp::new(&nodes).unwrap();
+    let warp = grimace::internal::warp::Warp::new(&nodes).unwrap();
     let grey = image::GrayImage::from_fn(160, 190, |x, y| image::Luma([(x * 3 + y * 2) as u8]));
     let mut moved = nodes.clone();
     moved[31].x += 3.0;

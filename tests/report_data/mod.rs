@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use grimace::{
+use grimace::internal::{
     fap::{FapCatalog, FapNumber, FapSequence, Motion},
     model::{DynamicExpressionModel, FrameExpressionModel},
     report::{ApexFap, Failure, ReportData, Stage},
@@ -34,7 +34,7 @@ pub struct Fixture {
     pub title: String,
     pub representatives: Vec<Representative>,
     pub tracks: Vec<TrackQuality>,
-    pub courses: BTreeMap<SequenceId, grimace::features::Course>,
+    pub courses: BTreeMap<SequenceId, grimace::internal::features::Course>,
     pub failures: Vec<Failure>,
     pub wireframe: Wireframe,
     pub tables: Tables,

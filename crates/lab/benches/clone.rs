@@ -3,10 +3,11 @@
 //! `cargo bench --bench clone` prepares a simulated face of 640x480 and renders an expression over and over: node positions to
 //! finished picture (the field, the triangles, the openings). Machines are noisy, so the figure to quote is the best of the rounds;
 //! the median stands beside it. Preparing a face (mesh and weights) is timed apart.
+#![allow(missing_docs, clippy::pedantic)]
 
 use std::time::Instant;
 
-use grimace::warp::{MouthInside, Texture, Warp};
+use grimace::internal::warp::{MouthInside, Texture, Warp};
 use grimace_lab::simulate::{Emotion, SimulateOptions, simulate_sequence};
 
 /// Rounds.

@@ -1,11 +1,12 @@
 //! Groups and scale: the permutation test of two groups of 50, and the statistics of many models in memory.
 //!
 //! `cargo bench --bench populations`. Larger numbers, with memory, are measured by `grimace evaluate scale`.
+#![allow(missing_docs, clippy::pedantic)]
 
 use std::{collections::BTreeMap, hint::black_box, time::Duration};
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use grimace::{
+use grimace::internal::{
     statistics::{
         ClassLabel, MedianKind, StatisticsOptions,
         compare::{CompareOptions, test},

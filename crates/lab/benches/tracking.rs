@@ -5,10 +5,11 @@
 //! - **tracked**: fit, decode, pyramids, KLT, forward-backward check, re-deformation, and the track file written.
 //!
 //! Machines drift, so the figure to quote is the median of the ratios of neighbouring runs.
+#![allow(missing_docs, clippy::pedantic)]
 
 use std::{fs, path::Path, time::Instant};
 
-use grimace::{
+use grimace::internal::{
     dataset::{FrameSource, list_frames},
     fit::read_correspondences,
     pipeline::{PipelineOptions, SequenceSource, Workbench, track_one},

@@ -1,4 +1,5 @@
 //! The `grimace-lab` command: what `grimace simulate` and `grimace evaluate` start.
+#![allow(missing_docs, clippy::pedantic)]
 
 mod cli;
 

@@ -3,7 +3,7 @@
 
 use std::{ffi::OsString, path::Path};
 
-use grimace::companion::wire::Reply;
+use grimace::internal::companion::wire::Reply;
 use opencv::{
     core::Mat,
     imgproc::{COLOR_BGR2GRAY, COLOR_BGR2RGB, COLOR_GRAY2RGB, cvt_color_def},

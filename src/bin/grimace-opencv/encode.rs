@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 
-use grimace::companion::wire::{Reply, Request};
+use grimace::internal::companion::wire::{Reply, Request};
 use opencv::{
     core::{Mat, Size, Vec3b},
     imgproc::{COLOR_RGB2BGR, cvt_color_def},

@@ -2,7 +2,7 @@
 
 use std::{ffi::OsString, path::Path};
 
-use grimace::companion::wire::{FaceBoxes, Reply};
+use grimace::internal::companion::wire::{FaceBoxes, Reply};
 use opencv::{
     core::{Mat, Rect, Size, Vector},
     imgproc::equalize_hist,

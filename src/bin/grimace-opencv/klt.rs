@@ -3,7 +3,7 @@
 
 use std::{ffi::OsString, rc::Rc};
 
-use grimace::companion::wire::{Pixels, Reply, Request};
+use grimace::internal::companion::wire::{Pixels, Reply, Request};
 use opencv::{
     core::{BORDER_CONSTANT, BORDER_REFLECT_101, Mat, Point2f, Size, TermCriteria, TermCriteria_Type, Vector},
     video::{OPTFLOW_USE_INITIAL_FLOW, build_optical_flow_pyramid, calc_optical_flow_pyr_lk},

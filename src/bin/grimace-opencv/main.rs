@@ -1,9 +1,9 @@
 //! `grimace-opencv`: what `grimace` needs OpenCV for, in a program of its own. `grimace` starts it when a video is read or written, when
 //! OpenCV's KLT is asked for, and when the page of `annotate` proposes marks by Haar cascades.
 //!
-//! It is told what to do by its arguments, speaks the language of [`grimace::companion::wire`] on its standard input and output, and
+//! It is told what to do by its arguments, speaks the language of [`grimace::internal::companion::wire`] on its standard input and output, and
 //! ends when its input does.
-#![deny(unsafe_code)]
+#![allow(missing_docs, clippy::pedantic)]
 
 mod about;
 mod decode;
@@ -14,7 +14,7 @@ mod talk;
 
 use std::{ffi::OsString, process::ExitCode};
 
-use grimace::companion::wire::{Reply, VERSION};
+use grimace::internal::companion::wire::{Reply, VERSION};
 
 use self::talk::Talk;
 

@@ -5,7 +5,7 @@ use std::{
     io::{self, BufReader, BufWriter, Read, Stdin, Write},
 };
 
-use grimace::companion::wire::{self, Message, Pixels, Request};
+use grimace::internal::companion::wire::{self, Message, Pixels, Request};
 use serde::Serialize;
 
 /// Largest picture that is taken, pixels: `grimace` has its own limit.

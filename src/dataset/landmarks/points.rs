@@ -11,7 +11,7 @@ use crate::text::excerpt;
 const PTS_FIRST_PIXEL: f64 = 1.0;
 
 /// The points of a file, by its content.
-pub(in crate::dataset) fn read(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksError> {
+pub(in super::super) fn read(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksError> {
     let bytes = crate::input::read(path).map_err(|reason| LandmarksError::Io { path: path.to_owned(), reason })?;
     let text = String::from_utf8_lossy(&bytes);
     let text = text.trim_start_matches('\u{FEFF}');

@@ -9,7 +9,7 @@ use super::{
     faces::{TrainingFace, within},
     scenery::{Canvas, background},
 };
-use crate::locate::{
+use crate::modules::locate::{
     PUPILS,
     picture::Picture,
     points,

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::locate::{
+use crate::modules::locate::{
     expect::Reading,
     expect::{SIGNS, signs},
     model::ErrorModel,

@@ -9,7 +9,7 @@ use super::{
     ridge::{FOLDS, among_numbers, among_samples, centre_rows},
     scenery::faceless,
 };
-use crate::locate::{
+use crate::modules::locate::{
     cells::Patch,
     picture::Picture,
     shape::{Placement, Point, Shape, distance},
@@ -243,7 +243,7 @@ pub fn window_at(picture: &Picture, placement: Placement) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::locate::template::placement_of;
+    use crate::modules::locate::template::placement_of;
 
     #[test]
     fn a_window_cut_out_is_the_window_of_the_grid() {

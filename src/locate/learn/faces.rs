@@ -9,7 +9,7 @@ use image::RgbImage;
 
 use crate::{
     input::{CsvFile, InputError},
-    locate::{
+    modules::locate::{
         PUPILS, points,
         shape::{Point, Shape, distance},
     },

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::calibrate::JudgedReading;
-use crate::locate::{expect::signs, model::ErrorModel, points};
+use crate::modules::locate::{expect::signs, model::ErrorModel, points};
 
 /// Errors of one part of the face, percent of the eye distance.
 #[derive(Clone, Debug, PartialEq)]

@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// Folder of what is found in recordings, in the folder of a run.
-pub(in crate::pipeline) const SEGMENTS_FOLDER: &str = "segments";
+pub(in super::super) const SEGMENTS_FOLDER: &str = "segments";
 
 /// Whether a row is a recording that is to be cut.
 fn is_recording(entry: &SequenceEntry) -> bool {
@@ -25,7 +25,7 @@ fn is_recording(entry: &SequenceEntry) -> bool {
 }
 
 /// Replaces every recording of a dataset by its sequences. What was found in it before is used again where nothing changed.
-pub(in crate::pipeline) fn expand(
+pub(in super::super) fn expand(
     dataset: &mut Dataset,
     out: &Path,
     bench: &Workbench,

@@ -31,7 +31,7 @@ use crate::{
     track::TrackError,
 };
 
-pub(in crate::pipeline) use expand::{SEGMENTS_FOLDER, expand};
+pub(super) use expand::{SEGMENTS_FOLDER, expand};
 pub use files::{
     ManifestColumns, RecordingFiles, SEGMENT_COLUMNS, SegmentRow, recording_inputs_blake3, reuse_recording, write_recording,
     write_segments,

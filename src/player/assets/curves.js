@@ -31,7 +31,7 @@ class Curves {
     const steps = Math.min(240, Math.max(24, 8 * motion.last));
     this.shown.forEach((fap, k) => {
       const points = Array.from({ length: steps + 1 }, (_, i) => {
-        const y = h / 2 - (motion.value(fap.values, (motion.last * i) / steps) / top) * (h / 2);
+        const y = h / 2 - (motion.value(fap, (motion.last * i) / steps) / top) * (h / 2);
         return `${((w * i) / steps).toFixed(1)} ${y.toFixed(1)}`;
       });
       this.svg.append(vectorNode("path", { d: `M${points.join("L")}`, class: `gp-curve gp-c${k}` }));
@@ -50,7 +50,7 @@ class Curves {
     this.cursor.setAttribute("x1", x);
     this.cursor.setAttribute("x2", x);
     for (const fap of this.shown) {
-      const value = Math.round(gain * this.motion.value(fap.values, share * this.motion.last));
+      const value = Math.round(gain * this.motion.value(fap, share * this.motion.last));
       fap.output.textContent = String(value).replace("-", "−");
     }
   }

@@ -11,12 +11,34 @@ const smoothStep = (from, to, value) => {
   return t * t * (3 - 2 * t);
 };
 
-/** Monotone cubic between the second and the third of four values, as `clone` has it. */
-function cubic(a, b, c, d, t) {
-  const slope = (before, after) => (before * after <= 0 ? 0 : (2 * before * after) / (before + after));
-  const m = slope(b - a, c - b), n = slope(c - b, d - c);
-  const t2 = t * t, t3 = t2 * t;
-  return b * (2 * t3 - 3 * t2 + 1) + m * (t3 - 2 * t2 + t) + c * (3 * t2 - 2 * t3) + n * (t3 - t2);
+/** Slopes that make the cubic monotone between keys (Fritsch and Carlson), as `interpolation.rs` has them: of `width` curves at once. */
+function slopesOf(keys, width) {
+  const slopes = new Float32Array(keys.length), last = keys.length - width;
+  for (let n = 0; n < width; n++) {
+    const secant = (k) => keys[k + width] - keys[k];
+    for (let k = n; k <= last + n && last > 0; k += width) {
+      if (k < width) slopes[k] = secant(k);
+      else if (k >= last) slopes[k] = secant(k - width);
+      else slopes[k] = secant(k - width) * secant(k) <= 0 ? 0 : (secant(k - width) + secant(k)) / 2;
+    }
+    for (let k = n; k < last; k += width) {
+      const delta = secant(k);
+      if (delta === 0) slopes[k] = slopes[k + width] = 0;
+      else {
+        const length = Math.hypot(slopes[k], slopes[k + width]) / Math.abs(delta);
+        if (length > 3) {
+          slopes[k] *= 3 / length;
+          slopes[k + width] *= 3 / length;
+        }
+      }
+    }
+  }
+  return slopes;
+}
+/** The cubic between two keys with their slopes. */
+function cubic(from, to, m, n, t) {
+  const v = 1 - t;
+  return from * (1 + 2 * t) * v * v + m * t * v * v + to * t * t * (3 - 2 * t) - n * t * t * v;
 }
 
 class Motion {
@@ -25,28 +47,29 @@ class Motion {
     Object.assign(this, { frames: entry.frames, fapus: entry.fapus, lids: entry.lids });
     this.offsets = scaled(entry.offsets);
     this.width = this.offsets.length / this.frames;
-    this.faps = entry.faps.map(([number, values]) => ({ number, values: scaled(values) }));
+    this.slopes = slopesOf(this.offsets, this.width);
+    this.faps = entry.faps.map(([number, packed]) => {
+      const values = scaled(packed);
+      return { number, values, slopes: slopesOf(values, 1) };
+    });
   }
   get last() {
     return this.frames - 1;
   }
   /** Offsets at a place between frames, 0 to `last`, into `out`. */
   at(place, out) {
-    const { offsets, width, last } = this;
+    const { offsets, slopes, width, last } = this;
     place = clamp(place, 0, last);
     const i = Math.min(Math.floor(place), Math.max(last - 1, 0)), t = place - i;
-    const row = (k) => clamp(k, 0, last) * width;
-    const [a, b, c, d] = [row(i - 1), row(i), row(i + 1), row(i + 2)];
-    for (let n = 0; n < width; n++) {
-      out[n] = t === 0 ? offsets[b + n] : cubic(offsets[a + n], offsets[b + n], offsets[c + n], offsets[d + n], t);
+    for (let n = 0, a = i * width, b = a + width; n < width; n++, a++, b++) {
+      out[n] = t === 0 ? offsets[a] : cubic(offsets[a], offsets[b], slopes[a], slopes[b], t);
     }
     return out;
   }
   /** Value of a FAP's curve at a place. */
-  value(values, place) {
-    const at = (k) => values[clamp(k, 0, this.last)];
-    const i = Math.min(Math.floor(place), Math.max(this.last - 1, 0));
-    return cubic(at(i - 1), at(i), at(i + 1), at(i + 2), place - i);
+  value({ values, slopes }, place) {
+    const i = Math.min(Math.floor(place), Math.max(this.last - 1, 0)), t = place - i;
+    return t === 0 ? values[i] : cubic(values[i], values[i + 1], slopes[i], slopes[i + 1], t);
   }
   /** Where it is, in words. */
   placeText(place) {

@@ -23,7 +23,7 @@
 //! **Verdict.** Two groups differ by E as a whole, or by the node that stands out most; [`Tested::p_either`] is the chance of either,
 //! corrected for there being two ways.
 //!
-//! **Many tests.** Holm's step-down over all pairs compared in one analysis ([`holm`]); over the nodes of one pair the
+//! **Many tests.** Holm's step-down over all pairs compared in one analysis (`holm`); over the nodes of one pair the
 //! distribution of the largest standardized `E_k` (Westfall & Young's single step), so that naming a node wrongly has the stated
 //! chance for the pair as a whole.
 //!

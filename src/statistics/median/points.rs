@@ -116,7 +116,7 @@ impl<'a> PointSet<'a> {
     }
 
     /// A set of points that are known to be at least one and finite, with weights that are one for each, finite and positive.
-    pub(in crate::statistics) fn known(points: &'a [Vector2<f64>], weights: Option<&'a [f64]>) -> Self {
+    pub(in super::super) fn known(points: &'a [Vector2<f64>], weights: Option<&'a [f64]>) -> Self {
         let total_weight = weights.map_or(points.len() as f64, |weights| CompensatedSum::of(weights.iter().copied()));
         Self { points, weights, total_weight }
     }

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::nonnegative::minimize;
-use crate::synthesis::{fitness::fitness, target::Goal};
+use crate::synthesis::{Goal, fitness};
 
 /// Which weights are allowed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -20,7 +20,7 @@ use std::{
 };
 
 use anyhow::Context;
-use grimace::{
+use grimace::internal::{
     output::{write_bytes, write_json},
     units::NodeId,
     wireframe::{Tables, Wireframe, parse_node_or_feature_point},
@@ -32,7 +32,7 @@ use grimace_lab::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use grimace::cli::{
+use grimace::internal::cli::{
     Outcome,
     shared::{set_threads, thread_count},
 };
@@ -228,7 +228,7 @@ struct SimulationArgs {
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = size, conflicts_with = "dataset")]
     size: (u32, u32),
     /// Standard deviation of the marks where a sequence starts from them, px
-    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = grimace::cli::shared::not_negative, conflicts_with = "dataset")]
+    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative, conflicts_with = "dataset")]
     marks_noise: f64,
 }
 

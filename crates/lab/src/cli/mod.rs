@@ -2,12 +2,12 @@
 
 /// Prints a line like `std`'s macro of this name, which panics when nobody reads on.
 macro_rules! println {
-    ($($arg:tt)*) => { ::grimace::cli::print::line(format_args!($($arg)*)) };
+    ($($arg:tt)*) => { ::grimace::internal::cli::print::line(format_args!($($arg)*)) };
 }
 
 /// Prints a line to standard error without a panic when that is not possible.
 macro_rules! eprintln {
-    ($($arg:tt)*) => { ::grimace::cli::print::error_line(format_args!($($arg)*)) };
+    ($($arg:tt)*) => { ::grimace::internal::cli::print::error_line(format_args!($($arg)*)) };
 }
 
 mod evaluate;
@@ -24,7 +24,7 @@ struct Cli {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
-    pictures: grimace::cli::shared::PictureArgs,
+    pictures: grimace::internal::cli::shared::PictureArgs,
 }
 
 const AFTER_HELP: &str = "\
@@ -46,7 +46,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     cli.pictures.apply();
-    grimace::cli::exit_code(match cli.command {
+    grimace::internal::cli::exit_code(match cli.command {
         Command::Simulate(args) => simulate::run(args),
         Command::Evaluate(args) => evaluate::run(&args),
     })

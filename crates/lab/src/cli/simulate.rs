@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::Context;
 use clap::ValueEnum;
-use grimace::{
+use grimace::internal::{
     fap::read_fap,
     output::count,
     wireframe::{Tables, Wireframe},
@@ -21,7 +21,7 @@ use grimace_lab::simulate::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 
-use grimace::cli::{Outcome, shared::thread_count};
+use grimace::internal::cli::{Outcome, shared::thread_count};
 
 /// Subjects that are rendered by default.
 const RENDERED_SUBJECTS: u32 = 4;

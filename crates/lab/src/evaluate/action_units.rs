@@ -13,7 +13,7 @@ use super::{
     heads::{Camera, Faces},
     pose::{failed, tracked},
 };
-use grimace::{
+use grimace::internal::{
     dataset::{LandmarkFrame, LandmarkSequence},
     features::{ACTION_UNITS, FULL},
     pipeline::{SequenceFailure, Workbench},

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{Cell, LabelledSequence, Recognition, RecognizedSequence, Table, wilson};
-use grimace::{
+use grimace::internal::{
     statistics::recognize::{RecognizeError, Recognized, Recognizer},
     wireframe::Wireframe,
 };

@@ -15,7 +15,7 @@ use super::{
     clone_quality::{Likeness, likeness},
     truth::{compared_nodes, group_of, landmark_eye_distance},
 };
-use grimace::{
+use grimace::internal::{
     clone::{CloneOptions, Details, SourceMotion, Target, clone_expression},
     dataset::{Dataset, LandmarkSelection, SequenceEntry},
     fit::FittedWireframe,
@@ -186,7 +186,7 @@ fn landmark_warp(
     target: &Target,
     bench: &Workbench,
 ) -> Result<RgbImage, String> {
-    use grimace::fit::{Pull, Springs, Target as Pulled};
+    use grimace::internal::fit::{Pull, Springs, Target as Pulled};
     let start = target.fitted.model.nodes();
     let pulled: Vec<Pulled> = compared_nodes(&bench.tables)
         .iter()
@@ -204,7 +204,7 @@ fn landmark_warp(
 
 /// Convex hull of points.
 fn hull(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
-    grimace::warp::convex_hull(points.to_vec())
+    grimace::internal::warp::convex_hull(points.to_vec())
 }
 
 /// The mean over the sequences of each group: SSIM, how far of the way from the neutral copy to 1, PSNR, node error.

@@ -9,7 +9,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::{Cell, ErrorSummary, EvaluateError, Table};
 use crate::simulate::{Emotion, SimulateOptions, UnitScope, performed_nodes};
-use grimace::{
+use grimace::internal::{
     clone::{Rescale, SourceMotion, Target},
     fit::FittedWireframe,
     geometry::Similarity,

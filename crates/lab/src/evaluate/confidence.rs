@@ -11,7 +11,7 @@ use super::{
     Cell, ErrorSummary, EvaluateError, LineChart, MarkNoise, Person, Records, Series, Start, Table, TruthNode, percentile,
 };
 use crate::simulate::{Emotion, SimulateOptions, SimulatedFrame, SimulatedSequence, Subject};
-use grimace::{
+use grimace::internal::{
     fit::{Correspondence, Fitter},
     sequence::Frame,
     track::{
@@ -82,7 +82,7 @@ pub struct SampledSequence {
     /// Mean true error at the last frame over the eye distance, all live nodes.
     pub last_error: f64,
     /// The frames as tracked, for the verdict.
-    frames: Vec<grimace::track::TrackedFrame>,
+    frames: Vec<grimace::internal::track::TrackedFrame>,
 }
 
 /// Simulates and tracks every subject and emotion of every condition. `progress` is called from any thread when a sequence is done and

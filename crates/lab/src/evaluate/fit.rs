@@ -8,7 +8,7 @@ use nalgebra::Point2;
 use rayon::prelude::*;
 
 use super::{Cell, ErrorSummary, EvaluateError, LineChart, MarkChoice, MarkNoise, Person, Population, Series, Table};
-use grimace::{
+use grimace::internal::{
     fit::{Correspondence, FitError, FitOptions, Fitter, PriorKind},
     geometry::Similarity,
     units::NodeId,

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Instant};
 use rayon::prelude::*;
 
 use super::{Cell, Spread, SyntheticPeople, Table};
-use grimace::{
+use grimace::internal::{
     model::ModelError,
     statistics::{
         ClassLabel, SequenceModel, StatisticsError, StatisticsOptions,

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::EvaluateError;
-use grimace::{pose::HeadPose, synthesis::read_dense_faces};
+use grimace::internal::{pose::HeadPose, synthesis::read_dense_faces};
 
 /// Distance of the pupils in the pictures, px.
 const ES_PX: f64 = 110.0;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use grimace::locate::{LEAST_SCORE, LocateOptions, LocatedFace, Locator, PUPILS, learn::TrainingFace, points};
+use grimace::internal::locate::{LEAST_SCORE, LocateOptions, LocatedFace, Locator, PUPILS, learn::TrainingFace, points};
 use nalgebra::Point2;
 use rayon::prelude::*;
 

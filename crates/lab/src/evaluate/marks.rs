@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::{Cell, EvaluateError, FitMethod, MarkNoise, Person, Population, Table, fit::person_errors};
-use grimace::{
+use grimace::internal::{
     dataset::DEFAULT_LANDMARK_NODES,
     units::NodeId,
     wireframe::{MarkableNode, Region, SuggestedMark, Tables, Wireframe, markable_nodes, suggested_marks},

@@ -38,7 +38,7 @@ mod variant;
 use std::path::PathBuf;
 
 use crate::simulate::SimulateError;
-use grimace::{
+use grimace::internal::{
     clone::CloneError,
     dataset::{DatasetError, LandmarksError},
     fit::FitError,

@@ -12,7 +12,7 @@ use super::{
     truth::{compared_nodes, group_of, landmark_eye_distance},
 };
 use crate::simulate::{SimulateOptions, neutral_nodes};
-use grimace::{
+use grimace::internal::{
     dataset::{Dataset, DatasetError, LANDMARK_COUNT, SequenceEntry},
     fit::Correspondence,
     input::CsvFile,

@@ -15,7 +15,7 @@ use super::{
     Cell, EvaluateError, Table,
     heads::{Camera, Faces},
 };
-use grimace::{
+use grimace::internal::{
     dataset::{LandmarkFrame, LandmarkSequence},
     model::DynamicExpressionModel,
     normalize::{FRAMES_PER_MODEL, PoseMode},

@@ -9,7 +9,7 @@ use super::{
     pose::{PoseStudyOptions, PoseTrial, SeenCase, Still, TurnCase, case, failed, judge},
 };
 use crate::simulate::{Emotion, SimulateOptions, SimulatedSequence, Subject, TurnCourse};
-use grimace::{
+use grimace::internal::{
     dataset::DEFAULT_LANDMARK_NODES,
     fit::Correspondence,
     pipeline::{SequenceFailure, Workbench},

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::{Cell, Table};
-use grimace::{
+use grimace::internal::{
     statistics::{
         ClassLabel, EMOTIONS, SequenceModel, StatisticsError, StatisticsOptions, distance::DisplacementFields, representative,
     },
@@ -305,7 +305,7 @@ mod tests {
     use nalgebra::{Point2, Vector2};
 
     use super::*;
-    use grimace::model::{DynamicExpressionModel, FrameExpressionModel};
+    use grimace::internal::model::{DynamicExpressionModel, FrameExpressionModel};
 
     /// A model in which every node moves by the vector, from Candide-3's frontal view.
     fn sequence(subject: &str, label: &str, x: f64, y: f64) -> LabelledSequence {

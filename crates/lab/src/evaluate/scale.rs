@@ -9,7 +9,7 @@ use std::{
 use rayon::prelude::*;
 
 use super::{Cell, SyntheticPeople, Table};
-use grimace::{
+use grimace::internal::{
     columnar::{ColumnarError, ColumnarModels, ColumnarRow, ColumnarWriter},
     normalize::FRAMES_PER_MODEL,
     statistics::{
@@ -155,7 +155,7 @@ pub fn evaluate_scale(
     Ok(rows)
 }
 
-type ColumnarClassRef<'a> = grimace::columnar::ColumnarClass<'a>;
+type ColumnarClassRef<'a> = grimace::internal::columnar::ColumnarClass<'a>;
 
 /// Starts the measurement of the largest resident memory anew, where the system can.
 fn reset_peak() {

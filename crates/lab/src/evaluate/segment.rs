@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{Cell, Table};
-use grimace::{
+use grimace::internal::{
     input::{CsvFile, InputError},
     pipeline::SegmentedRecording,
     segment::Phase,

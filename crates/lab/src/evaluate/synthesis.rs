@@ -8,7 +8,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::{Cell, EvaluateError, LineChart, Series, Table};
-use grimace::{
+use grimace::internal::{
     mesh::TriangleMesh,
     synthesis::{
         Bank, Crossover, FpBasis, FpMotion, FrameAnswer, GaOptions, Goal, RegionScheme, Regions, Run, Solver, SynthesisOptions,
@@ -139,7 +139,7 @@ pub fn evaluate_crossovers(
         let all: Vec<&Run> = runs.iter().flatten().collect();
         let length = all.iter().map(|r| r.history.len()).min().unwrap_or(0);
         let history = (0..length).map(|g| {
-            let values = |pick: fn(&grimace::synthesis::Generation) -> f64| {
+            let values = |pick: fn(&grimace::internal::synthesis::Generation) -> f64| {
                 mean(&all.iter().map(|r| pick(&r.history[g])).collect::<Vec<_>>())
             };
             (values(|g| g.best), values(|g| g.offspring))

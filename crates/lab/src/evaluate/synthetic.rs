@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
 use serde::{Deserialize, Serialize};
 
-use grimace::{
+use grimace::internal::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{CANONICAL_ES, FRAMES_PER_MODEL},
     statistics::distance::DisplacementFields,
@@ -165,8 +165,12 @@ impl SyntheticPeople {
     /// The model of [`SyntheticPeople::frames`].
     ///
     /// # Errors
-    /// [`grimace::model::ModelError`] for a strength that is not finite.
-    pub fn model(&self, person: u64, strength: f64) -> Result<DynamicExpressionModel<FaceUnit>, grimace::model::ModelError> {
+    /// [`grimace::internal::model::ModelError`] for a strength that is not finite.
+    pub fn model(
+        &self,
+        person: u64,
+        strength: f64,
+    ) -> Result<DynamicExpressionModel<FaceUnit>, grimace::internal::model::ModelError> {
         DynamicExpressionModel::new(self.frames(person, strength).into_iter().map(FrameExpressionModel::new).collect())
     }
 }

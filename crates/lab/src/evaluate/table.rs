@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, path::Path};
 
-use grimace::output::{OutputError, nine_digits, write_atomic};
+use grimace::internal::output::{OutputError, nine_digits, write_atomic};
 
 /// One cell.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,7 +68,7 @@ impl Table {
     /// [`OutputError`] when the file cannot be written.
     pub fn write_csv(&self, path: &Path) -> Result<(), OutputError> {
         write_atomic(path, |writer| {
-            let mut csv = grimace::output::csv_writer(writer);
+            let mut csv = grimace::internal::output::csv_writer(writer);
             csv.write_record(&self.header)?;
             for row in &self.rows {
                 csv.write_record(row.iter().map(Cell::csv))?;

@@ -20,7 +20,7 @@ use super::{
     truth::{TruthFrames, compared_nodes, group_of, landmark_eye_distance, read_truth, truth_path},
 };
 use crate::simulate::{CameraOptions, Emotion, SimulateOptions, SimulatedSequence, Subject};
-use grimace::{
+use grimace::internal::{
     dataset::{Dataset, DatasetError, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
     fit::{Correspondence, Fitter},
     sequence::{Frame, SequenceError, SequenceReader},

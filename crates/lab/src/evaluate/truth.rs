@@ -8,9 +8,10 @@ use std::{
 use nalgebra::{Point2, Vector2};
 
 use super::EvaluateError;
-use grimace::{
+use grimace::internal::{
     dataset::{LANDMARK_COUNT, SequenceEntry},
-    input::{CsvFile, InputError},
+    input::InputError,
+    positions::{PositionRow, PositionTable},
     units::{NodeId, SequenceId},
     wireframe::{LandmarkConfidence, Tables},
 };
@@ -139,21 +140,18 @@ pub type TruthFrames = BTreeMap<u32, Vec<Option<Point2<f64>>>>;
 /// # Errors
 /// [`TruthError`] for a file that does not read, a node that is not there or is there twice, or no positions.
 pub fn read_truth(path: &Path, node_count: usize) -> Result<TruthFrames, TruthError> {
-    let csv = CsvFile::open(path)?;
-    let [frame, node, x, y] = csv.require(["frame", "node", "x", "y"])?;
     let mut frames = TruthFrames::new();
-    for row in csv.rows() {
-        let row = row?;
-        let number = row.whole_number(node)?;
-        let frame = row.whole_number(frame)?;
+    for row in PositionTable::open(path)?.rows() {
+        let PositionRow { frame, node, position, row } = row?;
+        let number = u32::from(node.0);
         let nodes = frames.entry(frame).or_insert_with(|| vec![None; node_count]);
-        let Some(place) = nodes.get_mut(number as usize) else {
+        let Some(known) = nodes.get_mut(node.index()) else {
             return Err(TruthError::NoSuchNode { path: path.to_owned(), line: row.line(), node: number, count: node_count });
         };
-        if place.is_some() {
+        if known.is_some() {
             return Err(TruthError::Twice { path: path.to_owned(), line: row.line(), frame, node: number });
         }
-        *place = Some(Point2::new(row.number(x)?, row.number(y)?));
+        *known = Some(position);
     }
     if frames.is_empty() {
         return Err(TruthError::Empty { path: path.to_owned() });

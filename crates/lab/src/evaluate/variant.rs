@@ -6,7 +6,7 @@ use nalgebra::Point2;
 use serde_json::Value;
 
 use super::EvaluateError;
-use grimace::{
+use grimace::internal::{
     fit::FittedWireframe,
     sequence::{Frame, SequenceError},
     track::{

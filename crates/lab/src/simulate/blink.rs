@@ -61,7 +61,7 @@ pub fn close_lids(neutral: &[Point3<f64>], offsets: &mut [Vector3<f64>], closure
 mod tests {
     use super::*;
     use crate::simulate::Emotion;
-    use grimace::wireframe::Wireframe;
+    use grimace::internal::wireframe::Wireframe;
 
     #[test]
     fn lids_shut_in_the_middle_and_are_open_at_both_ends() {

@@ -7,7 +7,7 @@ use std::{
 
 use rayon::prelude::*;
 
-use grimace::output::FolderRecord;
+use grimace::internal::output::FolderRecord;
 
 use super::{
     Cohort, Emotion, Sex, SimulateError, SimulateOptions, SimulatedSequence, Subject,

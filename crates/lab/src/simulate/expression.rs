@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 
-use grimace::{
+use grimace::internal::{
     fap::{FapFrame, FapNumber, FapSequence},
     wireframe::{Emotion, ExpressionUnit, Fapu, Fapus, UnitKind, Wireframe, expressions, find_unit, settle_offsets},
 };
@@ -112,7 +112,7 @@ fn fap_of(kind: &UnitKind) -> Option<(FapNumber, Fapu)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use grimace::wireframe::Tables;
+    use grimace::internal::wireframe::Tables;
 
     /// Inner upper lip nodes with their lower twins.
     const LIP_TWINS: [(u16, u16); 3] = [(87, 40), (81, 83), (82, 84)];

@@ -18,7 +18,7 @@ use super::{
     options::FrameFormat,
     random::{Purpose, generator},
 };
-use grimace::{
+use grimace::internal::{
     dataset::{DEFAULT_LANDMARK_NODES, MANIFEST_NAME},
     output::{FolderRecord, OutputError, csv_into, csv_writer, nine_digits, write_json},
     wireframe::{LandmarkRow, Tables},
@@ -195,7 +195,7 @@ pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateErro
             record.write(&format!("{landmarks}/{name}_landmarks.txt"), |writer| writer.write_all(text.as_bytes()))?;
             // The label stands at the apex.
             if frame + 1 == options.frames {
-                let code = grimace::dataset::emotion_code(&performance.emotion)
+                let code = grimace::internal::dataset::emotion_code(&performance.emotion)
                     .ok_or_else(|| SimulateError::NoCode { emotion: performance.emotion.clone() })?;
                 let label = format!("   {}\n", exponential(f64::from(code)));
                 record.write(&format!("{labels}/{name}_emotion.txt"), |writer| writer.write_all(label.as_bytes()))?;

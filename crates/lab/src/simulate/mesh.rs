@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 
-use grimace::{units::NodeId, wireframe::Wireframe};
+use grimace::internal::{units::NodeId, wireframe::Wireframe};
 
 /// Rounds of refinement: each cuts every triangle in four.
 const ROUNDS: usize = 2;

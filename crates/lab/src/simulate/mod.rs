@@ -1,6 +1,6 @@
 //! Synthetic sequences with exact ground truth: textured, lit Candide-3 faces that go from neutral to a full expression.
 //!
-//! Identity is a sum of Candide's shape units, expression a sum of its action units ([`grimace::wireframe::expressions`]), both seeded. A face is
+//! Identity is a sum of Candide's shape units, expression a sum of its action units ([`grimace::internal::wireframe::expressions`]), both seeded. A face is
 //! drawn as a painted plane under an inverse warp that is exact at every node: the pixel at a node's true position shows the
 //! texture of that node. Eyeballs and the inside of the mouth are drawn through the openings between lids and lips; eyeballs do
 //! not deform. Hair, ears, neck and clothes continue the same surface, so the face has no border.
@@ -44,7 +44,7 @@ mod texture;
 pub use camera::CameraOptions;
 pub use dataset::{DatasetSummary, simulate_dataset};
 pub use expression::faps_without_unit;
-pub use grimace::wireframe::Emotion;
+pub use grimace::internal::wireframe::Emotion;
 pub use motion::{Course, HeadPose};
 pub use neutral::{UnitScope, neutral_nodes, performed_nodes};
 pub use options::{DatasetLayout, FrameFormat, SimulateError, SimulateOptions, TurnCourse};

@@ -7,7 +7,7 @@ use super::{
     Emotion, SimulateOptions, TurnCourse,
     random::{Purpose, generator},
 };
-use grimace::geometry::Similarity;
+use grimace::internal::geometry::Similarity;
 
 /// Share of the image height that one model unit takes.
 const PX_PER_UNIT: f64 = 0.335;

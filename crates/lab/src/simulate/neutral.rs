@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Vector3};
 
 use super::{Emotion, SimulateError, SimulateOptions, motion::Course, subject::identity};
-use grimace::wireframe::{ExpressionUnit, Fapus, Tables, Wireframe, expressions, find_unit, keep_lips_apart};
+use grimace::internal::wireframe::{ExpressionUnit, Fapus, Tables, Wireframe, expressions, find_unit, keep_lips_apart};
 
 /// Exact image positions (pixels) of all N nodes of subject number `subject` (from 0) in the neutral frame of an emotion's sequence.
 ///

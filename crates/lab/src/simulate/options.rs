@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::{CameraOptions, Emotion, PortraitError};
-use grimace::{output::OutputError, wireframe::FapusError};
+use grimace::internal::{output::OutputError, wireframe::FapusError};
 
 /// File format of the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -1,4 +1,4 @@
-//! Photographs animated: a portrait's wireframe goes through a known expression and the texture engine ([`grimace::warp`]) moves the
+//! Photographs animated: a portrait's wireframe goes through a known expression and the texture engine ([`grimace::internal::warp`]) moves the
 //! picture with it.
 //!
 //! The nodes of a frame are those at which the engine put the skin, not those it was asked for: they are exact whatever it smoothed.
@@ -22,7 +22,7 @@ use super::{
     portrait::{Portrait, PortraitError},
     subject::place_followers,
 };
-use grimace::{
+use grimace::internal::{
     fap::FapSequence,
     geometry::Similarity,
     warp::{MouthInside, WarpError},

@@ -6,7 +6,7 @@ use image::RgbImage;
 use nalgebra::{Point2, Point3, Vector2};
 
 use super::subject::place_followers;
-use grimace::{
+use grimace::internal::{
     dataset::{
         Dataset, DatasetError, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkSelection, LandmarksError, MANIFEST_NAME,
         correspondences_from_landmarks, read_landmarks,

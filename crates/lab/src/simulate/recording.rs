@@ -26,7 +26,7 @@ use super::{
     render::{Film, render},
     subject::place_followers,
 };
-use grimace::{
+use grimace::internal::{
     fap::{FapFrame, FapNumber},
     output::{FolderRecord, csv_into},
     wireframe::Wireframe,

@@ -14,7 +14,7 @@ use super::{
     render::{Film, render},
     subject::{Subject, place_followers},
 };
-use grimace::wireframe::Wireframe;
+use grimace::internal::wireframe::Wireframe;
 
 /// One frame: what a camera sees, and what is true.
 #[derive(Clone, Debug, PartialEq)]

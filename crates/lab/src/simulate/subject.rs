@@ -12,7 +12,7 @@ use super::{
     render::Surface,
     texture::{Texture, paint},
 };
-use grimace::wireframe::{Fapus, Tables, Wireframe};
+use grimace::internal::wireframe::{Fapus, Tables, Wireframe};
 
 /// Mean and standard deviation of each of Candide-3's shape units in the simulated population, by unit number. The means round
 /// Candide's angular default face: eyes narrower and more open, so that the iris fills them as it does in people, brows a

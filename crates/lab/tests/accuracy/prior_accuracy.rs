@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use grimace::{
+use grimace::internal::{
     dataset::{DEFAULT_LANDMARK_NODES, Dataset, LandmarkSelection, correspondences_from_landmarks},
     fit::{
         Correspondence, DEFAULT_MODES, FacePoints, FitOptions, Fitter, LoadedPrior, NeutralFace, PriorKind, learn_prior,

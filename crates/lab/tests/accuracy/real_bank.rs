@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use grimace::synthesis::{
+use grimace::internal::synthesis::{
     Bank, BuildOptions, Crossover, FpMotion, GaOptions, OVERLAP, PerformanceOptions, RegionScheme, Regions, Solver,
     SynthesisOptions, Synthesizer, arkit, build_bank, choose_members, choose_targets, mix, mix_bank, perform, recipe_motions,
 };

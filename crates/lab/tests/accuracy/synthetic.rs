@@ -1,7 +1,7 @@
 //! The whole pipeline against the truth of simulated sequences.
 
 use crate::common::Work;
-use grimace::{
+use grimace::internal::{
     fap::{FapNumber, read_fap},
     fit::FittedWireframe,
     geometry::Similarity,
@@ -88,7 +88,7 @@ fn the_representative_of_identical_subjects_is_that_subject() {
     simulate_dataset(&options, &work.path("faces"), true, |_, _| {}).unwrap();
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let model = truth(&work, "faces/truth/S001_005.csv");
-    let mark = |n: &grimace::units::NodeId| {
+    let mark = |n: &grimace::internal::units::NodeId| {
         let p: Point2<f64> = model.neutral().node(*n).unwrap();
         format!("{n},{},{},hard\n", p.x, p.y)
     };

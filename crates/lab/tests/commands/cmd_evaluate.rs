@@ -124,7 +124,8 @@ fn people_from_landmarks_are_compared_at_the_landmarks_that_were_not_marked() {
 
 /// Three people whose landmarks are Candide's own nodes at different sizes, the nose of each out of place.
 fn write_people(path: &Path) {
-    let (wireframe, tables) = (grimace::wireframe::Wireframe::candide3(), grimace::wireframe::Tables::candide3());
+    let (wireframe, tables) =
+        (grimace::internal::wireframe::Wireframe::candide3(), grimace::internal::wireframe::Tables::candide3());
     let frontal = wireframe.frontal();
     let mut text = format!("person,{}\n", (0..68).map(|k| format!("x{k},y{k}")).collect::<Vec<_>>().join(","));
     for (name, scale) in [("A", 100.0), ("B", 150.0), ("C", 220.0)] {
@@ -392,8 +393,8 @@ fn confidence_is_learned_judged_and_reproducible() {
         assert!(fs::read(one.join(file)).unwrap() == fs::read(two.join(file)).unwrap(), "{file}");
     }
     let table = fs::read_to_string(one.join("track_confidence.csv")).unwrap();
-    let learned = grimace::track::Confidence::parse(&table).unwrap();
-    assert_ne!(&learned, grimace::track::Confidence::shipped());
+    let learned = grimace::internal::track::Confidence::parse(&table).unwrap();
+    assert_ne!(&learned, grimace::internal::track::Confidence::shipped());
     let mut reader = csv::Reader::from_path(one.join("confidence_quintiles.csv")).unwrap();
     let rows: Vec<_> = reader.records().map(Result::unwrap).filter(|r| &r[0] == "all").collect();
     assert_eq!(rows.len(), 5);

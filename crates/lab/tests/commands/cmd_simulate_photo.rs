@@ -33,7 +33,7 @@ static PHOTO: LazyLock<Photo> = LazyLock::new(|| {
         .iter()
         .fold("node,x,y\n".to_owned(), |text, &n: &usize| format!("{text}{n},{},{}\n", neutral.nodes[n].x, neutral.nodes[n].y));
     fs::write(path.join("anna_correspondences.csv"), rows).unwrap();
-    let tables = grimace::wireframe::Tables::candide3();
+    let tables = grimace::internal::wireframe::Tables::candide3();
     let points = tables.landmarks.iter().enumerate().fold("point,x,y\n".to_owned(), |text, (k, row)| {
         let at = |axis: usize| row.nodes.iter().map(|(n, w)| neutral.nodes[n.index()][axis] * w).sum::<f64>();
         format!("{text}{k},{},{}\n", at(0), at(1))

@@ -1,4 +1,5 @@
 //! `grimace simulate` and `grimace evaluate` end to end, as a user calls them.
+#![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../../../../tests/common/mod.rs"]
 mod common;

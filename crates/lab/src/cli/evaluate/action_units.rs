@@ -2,12 +2,12 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::pipeline::{PipelineOptions, Workbench};
+use grimace::internal::pipeline::{PipelineOptions, Workbench};
 use grimace_lab::evaluate::{ActionUnitOptions, action_unit_table, evaluate_action_units, judged_mean};
 use serde_json::json;
 
 use super::{CommonArgs, bar};
-use grimace::cli::{Outcome, shared::stop_flag};
+use grimace::internal::cli::{Outcome, shared::stop_flag};
 
 /// How right the intensities of action units are.
 #[derive(Debug, clap::Args)]
@@ -23,22 +23,22 @@ pub struct Args {
     #[arg(value_name = "MODEL")]
     folder: PathBuf,
     /// Number of heads
-    #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::cli::shared::count(1, 10_000))]
+    #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::internal::cli::shared::count(1, 10_000))]
     heads: usize,
     /// First identity mode that the heads are made of; 15 leaves out those that the head model was learned from
     #[arg(long, default_value_t = 15, value_name = "MODE")]
     first_mode: usize,
     /// Frames per head
-    #[arg(long, default_value_t = 120, value_name = "N", value_parser = grimace::cli::shared::count(10, 100_000))]
+    #[arg(long, default_value_t = 120, value_name = "N", value_parser = grimace::internal::cli::shared::count(10, 100_000))]
     frames: usize,
     /// Standard deviation of the landmarks' error, px
-    #[arg(long, default_value_t = 0.4, value_name = "PX", value_parser = grimace::cli::shared::not_negative)]
+    #[arg(long, default_value_t = 0.4, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative)]
     noise: f64,
     /// Largest yaw and pitch, degrees
-    #[arg(long, default_value_t = 10.0, value_name = "DEGREES", value_parser = grimace::cli::shared::not_negative)]
+    #[arg(long, default_value_t = 10.0, value_name = "DEGREES", value_parser = grimace::internal::cli::shared::not_negative)]
     turn: f64,
     /// Distance of the camera at 110 px between the pupils, px
-    #[arg(long, default_value_t = 1200.0, value_name = "PX", value_parser = grimace::cli::shared::positive)]
+    #[arg(long, default_value_t = 1200.0, value_name = "PX", value_parser = grimace::internal::cli::shared::positive)]
     camera: f64,
     #[command(flatten)]
     common: CommonArgs,

@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::{
+use grimace::internal::{
     clone::CloneOptions,
     pipeline::{PipelineOptions, Workbench},
 };
@@ -13,7 +13,7 @@ use grimace_lab::{
 use serde_json::json;
 
 use super::{CommonArgs, bar};
-use grimace::cli::{
+use grimace::internal::cli::{
     Outcome,
     shared::{FitArgs, MarksArgs, TrackArgs, stop_flag},
 };
@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     };
     let stop = stop_flag()?;
-    let total = grimace::dataset::Dataset::open(dataset)?.sequences.len();
+    let total = grimace::internal::dataset::Dataset::open(dataset)?.sequences.len();
     let bar = bar(args.common.quiet, "self-cloning", total);
     let progress = || {
         bar.inc(1);

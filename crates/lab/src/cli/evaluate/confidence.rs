@@ -3,7 +3,7 @@
 use std::{path::PathBuf, sync::atomic::Ordering};
 
 use anyhow::Context;
-use grimace::{
+use grimace::internal::{
     dataset::DEFAULT_LANDMARK_NODES,
     fit::Fitter,
     output::write_bytes,
@@ -21,7 +21,7 @@ use grimace_lab::{
 use serde_json::json;
 
 use super::{CommonArgs, Folder, SimulationArgs, bar, nodes, tracking::StartWord};
-use grimace::cli::{
+use grimace::internal::cli::{
     Outcome,
     shared::{FitArgs, TrackArgs, stop_flag},
 };
@@ -147,7 +147,7 @@ fn judge_dataset(
     fitter: &Fitter,
     wireframe: &Wireframe,
     tables: &Tables,
-    marks: Vec<grimace::units::NodeId>,
+    marks: Vec<grimace::internal::units::NodeId>,
 ) -> anyhow::Result<Outcome> {
     let Some(dataset) = &args.dataset else { return Ok(Outcome::Failed) };
     let (cases, mut failures) = dataset_cases(dataset, args.by.as_deref())?;

@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, path::PathBuf, sync::atomic::Ordering};
 
-use grimace::{
+use grimace::internal::{
     cli::{
         Outcome,
         shared::{MethodArgs, stop_flag},

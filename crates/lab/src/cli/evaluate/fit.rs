@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::wireframe::{Tables, Wireframe};
+use grimace::internal::wireframe::{Tables, Wireframe};
 use grimace_lab::{
     evaluate::{
         Cell, FitMethod, FitRow, FitStudy, MarkChoice, Population, Table, chart_of_choices, chart_of_methods, evaluate_fit,
@@ -14,7 +14,7 @@ use grimace_lab::{
 use serde_json::json;
 
 use super::{CommonArgs, bar, file_word, nodes};
-use grimace::cli::{Outcome, shared::stop_flag};
+use grimace::internal::cli::{Outcome, shared::stop_flag};
 
 /// Number of marks that the printed tables are about, besides every number in the files.
 const PRINTED_COUNTS: [usize; 4] = [5, 7, 8, 15];
@@ -40,7 +40,7 @@ pub struct Args {
     #[arg(long, default_value_t = 200, value_name = "N")]
     subjects: u32,
     /// Standard deviation of the error of a mark on simulated people, px
-    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = grimace::cli::shared::not_negative)]
+    #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative)]
     marks_noise: f64,
     /// Numbers of marks
     #[arg(long, value_delimiter = ',', value_name = "LIST", default_value = "3,4,5,6,7,8,9,10,11,12,13,14,15",

@@ -1,6 +1,6 @@
 //! `grimace evaluate groups`.
 
-use grimace::{
+use grimace::internal::{
     cli::{Outcome, shared::words},
     statistics::bootstrap::LEAST_PEOPLE,
 };

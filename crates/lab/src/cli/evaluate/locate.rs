@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use grimace::{
+use grimace::internal::{
     cli::Outcome,
     input::CsvFile,
     locate::{Locator, Model, learn::read_faces},

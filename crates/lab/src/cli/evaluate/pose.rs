@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::{
+use grimace::internal::{
     normalize::NormalizeOptions,
     normalize::PoseMode,
     pipeline::{PipelineOptions, Workbench},
@@ -13,7 +13,7 @@ use grimace_lab::evaluate::{
 use serde_json::json;
 
 use super::{CommonArgs, bar};
-use grimace::cli::{Outcome, shared::stop_flag};
+use grimace::internal::cli::{Outcome, shared::stop_flag};
 
 /// How much of a turning head is left in the models, and how right its pose is.
 #[derive(Debug, clap::Args)]
@@ -33,22 +33,22 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["folder", "camera", "noise", "first_mode", "spread"])]
     images: bool,
     /// Number of heads
-    #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::cli::shared::count(1, 10_000))]
+    #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::internal::cli::shared::count(1, 10_000))]
     heads: usize,
     /// First identity mode that the heads are made of; 15 leaves out those that the head model was learned from
     #[arg(long, default_value_t = 0, value_name = "MODE")]
     first_mode: usize,
     /// Standard deviation of the weights of the identity modes
-    #[arg(long, default_value_t = 0.6, value_name = "SD", value_parser = grimace::cli::shared::not_negative)]
+    #[arg(long, default_value_t = 0.6, value_name = "SD", value_parser = grimace::internal::cli::shared::not_negative)]
     spread: f64,
     /// Frames per sequence
-    #[arg(long, default_value_t = 9, value_name = "N", value_parser = grimace::cli::shared::count(2, 10_000))]
+    #[arg(long, default_value_t = 9, value_name = "N", value_parser = grimace::internal::cli::shared::count(2, 10_000))]
     frames: usize,
     /// Distances of the camera at 110 px between the pupils, px; several separated by commas
-    #[arg(long, default_value = "1200", value_name = "PX", value_delimiter = ',', value_parser = grimace::cli::shared::positive)]
+    #[arg(long, default_value = "1200", value_name = "PX", value_delimiter = ',', value_parser = grimace::internal::cli::shared::positive)]
     camera: Vec<f64>,
     /// Standard deviation of the landmarks' error, px
-    #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = grimace::cli::shared::not_negative)]
+    #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative)]
     noise: f64,
     #[command(flatten)]
     common: CommonArgs,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use grimace::{
+use grimace::internal::{
     dataset::Dataset,
     output::write_bytes,
     pipeline::{NONE_LEVEL, PipelineOptions, Workbench, load_tracks, track_files},
@@ -10,7 +10,7 @@ use grimace::{
 use grimace_lab::evaluate::{LabelledSequence, evaluate_discriminants, evaluate_recognition};
 use serde_json::json;
 
-use grimace::cli::{Outcome, shared::ModelArgs};
+use grimace::internal::cli::{Outcome, shared::ModelArgs};
 
 use super::{CommonArgs, bar};
 
@@ -43,7 +43,8 @@ pub struct Args {
 /// Runs the experiment.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    let (normalize, statistics) = (args.models.normalize_of(grimace::pipeline::Method::Default), args.models.statistics());
+    let (normalize, statistics) =
+        (args.models.normalize_of(grimace::internal::pipeline::Method::Default), args.models.statistics());
     let options = PipelineOptions { normalize, statistics, ..PipelineOptions::default() };
     let bench = Workbench::new(None, options)?;
     let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
@@ -55,7 +56,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let known = models.iter().flat_map(|m| m.metadata.keys()).any(|column| *column == args.label);
     anyhow::ensure!(args.label == "emotion" || known, "no sequence has a column `{}`", args.label);
-    let label = |m: &grimace::pipeline::AnalyzedModel| match args.label.as_str() {
+    let label = |m: &grimace::internal::pipeline::AnalyzedModel| match args.label.as_str() {
         "emotion" => m.emotion.clone(),
         column => m.metadata.get(column).cloned().unwrap_or_default(),
     };

@@ -3,7 +3,7 @@
 use grimace_lab::evaluate::{ScaleOptions, evaluate_scale, growth_exponent, scale_table};
 use serde_json::json;
 
-use grimace::cli::{
+use grimace::internal::cli::{
     Outcome,
     shared::{alpha, memory},
 };

@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::{
+use grimace::internal::{
     cli::{Outcome, shared::stop_flag},
     dataset::{Dataset, list_frames},
     pipeline::{PipelineOptions, Recording, RecordingError, Workbench, segment_recording},
@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let recordings: Vec<_> = dataset.sequences.iter().filter_map(|entry| Some((entry, truth.get(&entry.id)?))).collect();
     anyhow::ensure!(!recordings.is_empty(), "{}: no recording whose truth is known", args.dataset.display());
     let bar = bar(args.common.quiet, "recordings", recordings.len());
-    let one = |(entry, truth): &(&grimace::dataset::SequenceEntry, &grimace_lab::evaluate::RecordingTruth)| {
+    let one = |(entry, truth): &(&grimace::internal::dataset::SequenceEntry, &grimace_lab::evaluate::RecordingTruth)| {
         let recording = Recording {
             stem: entry.id.sequence.clone(),
             frames: list_frames(&entry.frames_path, None, None)?,

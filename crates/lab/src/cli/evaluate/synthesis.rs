@@ -2,7 +2,9 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::synthesis::{BOUND_STARTS, Bank, Crossover, GENERATIONS, GaOptions, OVERLAP, TOURNAMENT_SIZE, choose_targets};
+use grimace::internal::synthesis::{
+    BOUND_STARTS, Bank, Crossover, GENERATIONS, GaOptions, OVERLAP, TOURNAMENT_SIZE, choose_targets,
+};
 use grimace_lab::evaluate::{
     Cell, SynthesisStudy, SynthesisTarget, Table, crossover_table, error_chart, evaluate_crossovers, evaluate_solvers,
     history_chart, solver_table, time_solvers, time_table,
@@ -10,7 +12,7 @@ use grimace_lab::evaluate::{
 use serde_json::json;
 
 use super::{CommonArgs, bar};
-use grimace::cli::{Outcome, bank, shared::stop_flag};
+use grimace::internal::cli::{Outcome, bank, shared::stop_flag};
 
 /// Fitness, surface error and time of every solver.
 #[derive(Debug, clap::Args)]
@@ -132,7 +134,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             "feature_points": bank.feature_points().iter().map(|p| p.fp.to_string()).collect::<Vec<_>>() },
         "targets": names,
     });
-    let whole = solvers.iter().filter(|r| r.scheme == grimace::synthesis::RegionScheme::Whole);
+    let whole = solvers.iter().filter(|r| r.scheme == grimace::internal::synthesis::RegionScheme::Whole);
     let errors: serde_json::Map<_, _> = whole.map(|r| (r.solver.name().to_owned(), json!(r.mean_error()))).collect();
     folder.finish("synthesis", args.bank.as_deref(), args.common.seed, options, json!({ "mean_surface_error": errors }))?;
     Ok(Outcome::Done)
@@ -141,7 +143,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// The bank, and the expressions that are not in it.
 fn banks(args: &Args) -> anyhow::Result<(Bank, Bank)> {
     let Some(path) = &args.bank else {
-        return Ok(grimace::synthesis::candide_study(args.common.seed)?);
+        return Ok(grimace::internal::synthesis::candide_study(args.common.seed)?);
     };
     let bank = bank::open(path)?;
     if let Some(path) = &args.unseen {

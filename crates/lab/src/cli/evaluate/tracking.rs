@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::{
+use grimace::internal::{
     dataset::DEFAULT_LANDMARK_NODES,
     fit::Fitter,
     wireframe::{Tables, Wireframe},
@@ -15,7 +15,7 @@ use grimace_lab::evaluate::{
 use serde_json::{Value, json};
 
 use super::{CommonArgs, Folder, SimulationArgs, bar, file_word, nodes};
-use grimace::cli::{
+use grimace::internal::cli::{
     Outcome,
     shared::{FitArgs, MethodArgs, TrackArgs, stop_flag},
 };

@@ -7,7 +7,7 @@ use nalgebra::Point2;
 
 use super::{Plate, PlateContent, failed, sheet};
 use crate::evaluate::{Cell, EvaluateError, FitMethod, Table};
-use grimace::{
+use grimace::internal::{
     clone::{Rescale, SourceMotion, Target},
     dataset::{DEFAULT_LANDMARK_NODES, Dataset, FrameSource},
     fit::{Correspondence, FitOptions, Fitter, PriorKind},

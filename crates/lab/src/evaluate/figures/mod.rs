@@ -7,7 +7,7 @@ mod zl;
 use image::RgbImage;
 
 use super::{EvaluateError, LineChart, Table};
-use grimace::{clone::Sheet, render::Labelled};
+use grimace::internal::{clone::Sheet, render::Labelled};
 
 pub use kp::{KpFigures, PUBLISHED_DISPERSIONS};
 pub use scaling::{ScalingRow, scaling_rows, scaling_table};

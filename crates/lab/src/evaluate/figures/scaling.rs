@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Vector2};
 
 use super::super::{Cell, EvaluateError, MarkChoice, MarkNoise, Person, Population, Table};
-use grimace::{
+use grimace::internal::{
     fit::{FIT_FORCE, FitOptions, Fitter, PriorKind, Pull, Springs, Target},
     geometry::Similarity,
     wireframe::Wireframe,

@@ -6,7 +6,7 @@ use super::{Plate, PlateContent, failed, sheet};
 use crate::evaluate::{
     Cell, EvaluateError, LineChart, Series, SynthesisStudy, SynthesisTarget, Table, crossover_table, evaluate_crossovers,
 };
-use grimace::{
+use grimace::internal::{
     render::{Canvas, Shade, Vertex},
     synthesis::{
         Bank, Crossover, FaceScene, FpBasis, FpMotion, GaOptions, Goal, OVERLAP, RegionScheme, Regions, Solver, SynthesisOptions,
@@ -78,7 +78,7 @@ pub fn zl_plates(
     let basis = FpBasis::new(bank);
     if let Some(goal) = Goal::new(&basis, &motion, |_| true) {
         let run = evolve(&goal, &ga, 0, 0, 0);
-        let curve = |name: &str, pick: fn(&grimace::synthesis::Generation) -> f64| Series {
+        let curve = |name: &str, pick: fn(&grimace::internal::synthesis::Generation) -> f64| Series {
             name: name.to_owned(),
             points: run.history.iter().enumerate().map(|(g, h)| (g as f64, pick(h))).collect(),
         };
@@ -208,7 +208,7 @@ fn asymmetric_plate(
     for pair in targets.windows(2).step_by(2).take(3) {
         let [a, b] = [&pair[0], &pair[1]];
         let (right, left) = (FpMotion::of_surface(bank, a.truth), FpMotion::of_surface(bank, b.truth));
-        let of_point = |(k, p): (usize, &grimace::synthesis::FeaturePointVertex)| {
+        let of_point = |(k, p): (usize, &grimace::internal::synthesis::FeaturePointVertex)| {
             let is_left = bank.mesh().positions()[p.vertex as usize][0] > middle;
             if is_left { left.offsets[k] } else { right.offsets[k] }
         };
@@ -230,7 +230,7 @@ fn coloured(bank: &Bank, regions: &Regions) -> RgbImage {
     let middle = [f32::midpoint(low[0], high[0]), f32::midpoint(low[1], high[1])];
     let scale = 0.9 * SIDE as f32 / (high[0] - low[0]).max(high[1] - low[1]);
     let half = SIDE as f32 / 2.0;
-    let normals = grimace::mesh::vertex_normals(mesh.positions(), mesh.triangles());
+    let normals = grimace::internal::mesh::vertex_normals(mesh.positions(), mesh.triangles());
     let corner = |v: u32| {
         let (p, normal) = (mesh.positions()[v as usize], normals[v as usize]);
         Vertex { at: [half + (p[0] - middle[0]) * scale, half - (p[1] - middle[1]) * scale, p[2] * scale], normal, model: p }

@@ -1,0 +1,145 @@
+//! The course in time between key frames, one for everything that moves: FAP files, clones, synthesized surfaces, the player.
+//!
+//! Monotone cubic interpolation of every coordinate: F. N. Fritsch, R. E. Carlson, *Monotone piecewise cubic interpolation*, SIAM J.
+//! Numer. Anal. 17, 1980. Between two keys a value never leaves the range of these two, so nothing overshoots, an eye that closes does
+//! not open first, and a limit that the keys keep is kept between them. A scaled motion has the scaled course, so that a FAP file and
+//! the clone of one representative agree in every frame. `player/assets/motion.js` repeats it: who changes one changes the other.
+
+/// Frames put between two key frames of a representative where nothing else is asked for: 5 make 25 frames of its 5.
+pub const FRAMES_BETWEEN: usize = 5;
+
+/// Frames per second where neither motion nor user says.
+pub const FPS: u32 = 25;
+
+/// A moment between key frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Moment {
+    /// The key before it, or at it.
+    pub key: usize,
+    /// Share of the way to the next key, 0 to 1, 1 excluded.
+    pub share: f64,
+}
+
+impl Moment {
+    /// Frame `k` of `last` + 1 frames at equal steps over `steps` + 1 keys: whole part and remainder are exact.
+    ///
+    /// # Panics
+    /// If `last` is 0 (a programmer's error).
+    pub fn of_frame(k: usize, last: usize, steps: usize) -> Self {
+        Self { key: k * steps / last, share: (k * steps % last) as f64 / last as f64 }
+    }
+}
+
+/// Slopes at the keys, in value per key step, that make the cubic monotone between keys.
+///
+/// A key that is not set has slope 0 and ends the curve on either side.
+pub(crate) fn slopes(keys: &[Option<f64>]) -> Vec<f64> {
+    let secants: Vec<Option<f64>> = keys.windows(2).map(|pair| Some(pair[1]? - pair[0]?)).collect();
+    let secant = |i: Option<usize>| i.and_then(|i| secants.get(i).copied().flatten());
+    let mut slopes: Vec<f64> = (0..keys.len())
+        .map(|k| match (secant(k.checked_sub(1)), secant(Some(k))) {
+            (Some(before), Some(after)) if before * after <= 0.0 => 0.0,
+            (Some(before), Some(after)) => f64::midpoint(before, after),
+            (Some(only), None) | (None, Some(only)) => only,
+            (None, None) => 0.0,
+        })
+        .collect();
+    for (i, secant) in secants.iter().enumerate() {
+        let Some(delta) = *secant else { continue };
+        if delta == 0.0 {
+            slopes[i] = 0.0;
+            slopes[i + 1] = 0.0;
+            continue;
+        }
+        // Slopes over the secant must stay within the circle of radius 3.
+        let (alpha, beta) = (slopes[i] / delta, slopes[i + 1] / delta);
+        let length = alpha.hypot(beta);
+        if length > 3.0 {
+            slopes[i] = 3.0 * alpha / length * delta;
+            slopes[i + 1] = 3.0 * beta / length * delta;
+        }
+    }
+    slopes
+}
+
+/// The cubic Hermite curve at the share `u` of the way, 0 to 1, between two values with their slopes.
+pub(crate) fn cubic((from, to): (f64, f64), (slope_from, slope_to): (f64, f64), u: f64) -> f64 {
+    let v = 1.0 - u;
+    let value = from * (1.0 + 2.0 * u) * v * v + slope_from * u * v * v + to * u * u * (3.0 - 2.0 * u) - slope_to * u * u * v;
+    value.clamp(from.min(to), from.max(to)) // against rounding errors only
+}
+
+/// A value over time by its keys.
+#[derive(Clone, Debug)]
+pub(crate) struct Curve {
+    keys: Vec<Option<f64>>,
+    slopes: Vec<f64>,
+}
+
+impl Curve {
+    /// The curve through keys; one that is not set ends it on either side.
+    pub fn through(keys: Vec<Option<f64>>) -> Self {
+        Self { slopes: slopes(&keys), keys }
+    }
+
+    /// The value at a moment: a key's own, or between keys that are both set; `None` elsewhere.
+    pub fn at(&self, moment: Moment) -> Option<f64> {
+        let Moment { key, share } = moment;
+        let from = self.keys.get(key).copied().flatten()?;
+        if share == 0.0 {
+            return Some(from);
+        }
+        let to = self.keys.get(key + 1).copied().flatten()?;
+        Some(cubic((from, to), (self.slopes[key], self.slopes[key + 1]), share))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    fn curve(keys: &[f64]) -> Curve {
+        Curve::through(keys.iter().copied().map(Some).collect())
+    }
+
+    fn at(curve: &Curve, key: usize, share: f64) -> Option<f64> {
+        curve.at(Moment { key, share })
+    }
+
+    #[test]
+    fn a_curve_by_hand() {
+        // Keys 0, 8, 8: secants 8, 0. Slopes: the first key has 8, the others 0 (flat after). Half-way of the first step:
+        // (0 + 8)/2 + (8 - 0)/8 = 5; the second step is flat.
+        let flat = curve(&[0.0, 8.0, 8.0]);
+        assert_eq!([at(&flat, 0, 0.0), at(&flat, 0, 0.5), at(&flat, 1, 0.5), at(&flat, 2, 0.0)], [0.0, 5.0, 8.0, 8.0].map(Some));
+        // Past the last key there is nothing.
+        assert_eq!([at(&flat, 2, 0.5), at(&flat, 3, 0.0)], [None, None]);
+    }
+
+    #[test]
+    fn a_scaled_motion_has_the_scaled_course() {
+        let (one, scaled) = (curve(&[0.0, 1.0, 21.0, 20.0]), curve(&[0.0, -2.0, -42.0, -40.0]));
+        for key in 0..3 {
+            assert_relative_eq!(at(&one, key, 0.3).unwrap() * -2.0, at(&scaled, key, 0.3).unwrap(), epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn steep_slopes_are_cut_to_the_circle() {
+        // Keys 0, 1, 21: secants 1, 20; slopes 1, 10.5, 20. First step: (alpha, beta) = (1, 10.5), cut to length 3.
+        let slopes = slopes(&[Some(0.0), Some(1.0), Some(21.0)]);
+        assert_relative_eq!(slopes[0].hypot(slopes[1]), 3.0, epsilon = 1e-12);
+        assert_relative_eq!(slopes[1] / slopes[0], 10.5, epsilon = 1e-12);
+        assert_eq!(slopes[2], 20.0);
+    }
+
+    #[test]
+    fn frames_lie_exactly_on_their_keys() {
+        // 9 frames over 5 keys: every second is a key.
+        assert_eq!(Moment::of_frame(4, 8, 4), Moment { key: 2, share: 0.0 });
+        assert_eq!(Moment::of_frame(5, 8, 4), Moment { key: 2, share: 0.5 });
+        assert_eq!(Moment::of_frame(8, 8, 4), Moment { key: 4, share: 0.0 });
+    }
+}
