@@ -9,8 +9,8 @@ use std::{
 use anyhow::Context;
 use grimace::{
     clone::{
-        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, Details, Ease, Film, Rescale, Sheet, SourceMotion, Target, Teeth,
-        Timing, clone_expression, encode_png, write_clone,
+        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, Film, Rescale, SKIN_SUFFIX, Sheet,
+        Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
     dataset::{PUBLISH_COLUMN, list_frames, may_publish, read_marks},
     output::{MADE_BY, write_atomic},
@@ -107,6 +107,10 @@ struct LookArgs {
     /// Carry the source's folds and wrinkles over, with a strength (1 if none is given)
     #[arg(long, num_args = 0..=1, default_missing_value = "1", value_parser = positive, value_name = "STRENGTH")]
     wrinkles: Option<f64>,
+    /// Folds that grow with the expression, as people of a class have them on the mean: `auto` takes those that `run` wrote beside a
+    /// representative (NAME_skin.png), `none` none, a representative (NAME.csv) those beside it, whatever the motion is
+    #[arg(long, default_value = "auto", value_name = "auto|none|NAME.csv")]
+    skin: SkinChoice,
     /// What shows in an open mouth: `auto` takes the source's where its frames are given and draws upper teeth otherwise, `drawn`
     /// always draws them, `dark` is always dark
     #[arg(long, default_value = "auto", value_parser = words::<Teeth>(&["auto", "drawn", "dark"]))]
@@ -114,6 +118,66 @@ struct LookArgs {
     /// Films in one file beside the frames: gif, apng, mp4, webm, several separated by commas
     #[arg(long, value_delimiter = ',', value_parser = film, value_name = "FORMAT")]
     film: Vec<Film>,
+}
+
+/// Whose skin a clone gets.
+#[derive(Clone, Debug)]
+enum SkinChoice {
+    Auto,
+    None,
+    Of(PathBuf),
+}
+
+impl std::str::FromStr for SkinChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "auto" => Self::Auto,
+            "none" => Self::None,
+            path => Self::Of(PathBuf::from(path)),
+        })
+    }
+}
+
+/// The skin of a class, with its representative.
+struct SourceSkin {
+    path: PathBuf,
+    skin: Skin,
+    representative: SourceMotion,
+}
+
+/// The skin that goes with a source, if there is one.
+fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Workbench) -> anyhow::Result<Option<SourceSkin>> {
+    let beside =
+        |csv: &Path| csv.with_file_name(format!("{}{SKIN_SUFFIX}", csv.file_stem().unwrap_or_default().to_string_lossy()));
+    let (path, representative) = match choice {
+        SkinChoice::None => return Ok(None),
+        SkinChoice::Auto => {
+            let picture = beside(path);
+            if motion.kind != SourceKind::Model || !picture.is_file() {
+                return Ok(None);
+            }
+            (picture, motion.clone())
+        }
+        SkinChoice::Of(csv) => {
+            let representative = SourceMotion::read(csv, bench)?;
+            anyhow::ensure!(
+                representative.kind == SourceKind::Model,
+                "--skin {}: is no representative; give the .csv that `run` wrote, with its {SKIN_SUFFIX} beside it",
+                csv.display()
+            );
+            let picture = beside(csv);
+            anyhow::ensure!(
+                picture.is_file(),
+                "{}: is not there; `run` writes it where at least {} people of a class have pictures that show folds",
+                picture.display(),
+                grimace::clone::LEAST_SKIN_PEOPLE
+            );
+            (picture, representative)
+        }
+    };
+    Ok(Some(SourceSkin { skin: Skin::read(&path)?, path, representative }))
 }
 
 fn film(text: &str) -> Result<Film, String> {
@@ -131,6 +195,7 @@ struct Source<'a> {
     path: &'a Path,
     motion: SourceMotion,
     pictures: Option<Vec<RgbImage>>,
+    skin: Option<SourceSkin>,
 }
 
 /// Runs the command.
@@ -248,7 +313,8 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 );
             }
             let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion)).transpose()?;
-            Ok(Source { path, motion, pictures })
+            let skin = skin_of(&args.look.skin, path, &motion, bench)?;
+            Ok(Source { path, motion, pictures, skin })
         };
         match read() {
             Ok(source) => {
@@ -290,6 +356,14 @@ fn pictures(folder: &Path, motion: &SourceMotion) -> anyhow::Result<Vec<RgbImage
     Ok(read.into_iter().map(|(_, picture)| picture).collect())
 }
 
+/// What a person should know of FAPs that were cut.
+fn cut_said(cut: &[CutFap]) -> Option<String> {
+    let one = |c: &CutFap| format!("{} ({} of {})", c.fap, c.shown, c.asked);
+    let list = cut.iter().map(one).collect::<Vec<_>>().join(", ");
+    (!cut.is_empty())
+        .then(|| format!("skin would fold over, or lips or lids pass through each other: less is shown of FAP {list}"))
+}
+
 /// One target in work.
 struct Job<'a> {
     args: &'a Args,
@@ -324,7 +398,11 @@ impl Job<'_> {
             Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
             None => None,
         };
-        let clone = clone_expression(&source.motion, target, details.as_ref(), self.options, self.bench)?;
+        let mut clone = clone_expression(&source.motion, target, details.as_ref(), self.options, self.bench)?;
+        let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
+        if let Some(skin) = &skin {
+            clone = clone.with_skin(skin, &source.motion)?;
+        }
         let info = CloneInfo {
             schema_version: CLONE_SCHEMA,
             made_by: MADE_BY,
@@ -343,6 +421,10 @@ impl Job<'_> {
             faps_not_shown: Vec::new(),
             frames_unfolded: 0,
             faps_limited: 0,
+            faps_cut: Vec::new(),
+            skin: source.skin.as_ref().map(|s| file_name(&s.path)),
+            skin_blake3: source.skin.as_ref().and_then(|s| file_blake3(&s.path)),
+            wrinkles_light_share: details.as_ref().filter(|_| self.options.wrinkles > 0.0).map(Details::light_share),
         };
         let films = self.args.look.film.as_slice();
         let force = self.args.general.force;
@@ -367,6 +449,9 @@ impl Job<'_> {
                 target.name,
                 folder.display()
             );
+        }
+        if let Some(said) = cut_said(&written.faps_cut) {
+            self.bar.suspend(|| eprintln!("{} on {}: {said}", source.motion.name, target.name));
         }
         for name in &written.kept {
             self.bar.suspend(|| {

@@ -30,19 +30,28 @@ pub enum Teeth {
 /// Smoothing of the two pictures before their ratio is taken, over the eye distance.
 const SMOOTHING: f64 = 0.010;
 /// Grey levels added to both before the ratio: noise in the dark is no wrinkle.
-const FLOOR: f32 = 12.0;
+pub(super) const FLOOR: f32 = 12.0;
 /// Limit that the logarithm of a ratio approaches.
 const LOG_LIMIT: f32 = 0.38;
 /// Width of what counts as light and not as a wrinkle, over the eye distance, and the share of it that is taken out.
 const SLOW: (f64, f32) = (0.20, 0.75);
 /// Slope of the logarithm of grey levels per eye distance at which the ratio is trusted by half: in the neutral frame, and in the
 /// other one, where wrinkles are edges as well, but not such as hair.
-const EDGE: f32 = 6.0;
-const MOVED_EDGE: f32 = 14.0;
+pub(super) const EDGE: f32 = 6.0;
+pub(super) const MOVED_EDGE: f32 = 14.0;
 /// How far an edge spoils what is around it, over the eye distance.
 const EDGE_REACH: f64 = 0.022;
 /// Share of the ratio that is applied to lips, whose colour and shine is everybody's own.
 const LIPS: f32 = 0.35;
+/// How much brighter than its surroundings (logarithm) a place of the source may be before it counts as shine, and where it wholly does:
+/// shine goes with the skin's oil and the lamp, not with the expression.
+const SHINE: (f64, f64) = (0.16, 0.40);
+/// Width of what counts as the light of a face, over the eye distance.
+const LIGHT: f64 = 0.35;
+/// Likeness (correlation) of the light on two faces up to which a fold keeps the least share of its strength, from which on all of it,
+/// and that share: lit from the other side a furrow is bright where the source's is dark.
+const LIGHT_ALIKE: (f64, f64) = (0.0, 0.75);
+const LEAST_ALIKE: f64 = 0.35;
 /// Least and greatest factor on the light of a source's teeth: they must not glare.
 const LIGHT_LIMITS: (f32, f32) = (0.6, 1.15);
 /// Width of the fade at the border of the face, over the eye distance.
@@ -63,6 +72,8 @@ pub struct Details {
     mask: Vec<f32>,
     /// Brightness of the target over that of the source.
     light: f32,
+    /// Share of the strength that the likeness of their light allows.
+    alike: f32,
     sigma_px: f64,
 }
 
@@ -90,12 +101,14 @@ impl Details {
             placements,
             frames,
             light: 1.0,
+            alike: 1.0,
             sigma_px,
         };
         details.neutral = details.carried(target, 0);
+        let own = grey(&target.picture);
+        details.alike = light_alike(&own, &details.neutral, &details.mask, target);
         let smoothed = smooth(&details.neutral, target.picture.width(), target.picture.height(), sigma_px);
         distrust_edges(&mut details.mask, &smoothed, EDGE, target);
-        let own = grey(&target.picture);
         let (mut of_target, mut of_source) = (0.0_f64, 0.0_f64);
         for ((&m, &t), &s) in details.mask.iter().zip(&own).zip(&details.neutral) {
             of_target += f64::from(m * t);
@@ -114,7 +127,12 @@ impl Details {
         grey(&picture)
     }
 
-    /// The target's texture with the wrinkles of a frame, `strength` 1 as the source has them.
+    /// Share of the wrinkles' strength that the likeness of the light on source and target allows, 0 to 1.
+    pub fn light_share(&self) -> f64 {
+        f64::from(self.alike)
+    }
+
+    /// The target's texture with the wrinkles of a frame, `strength` 1 as the source has them where the light is alike.
     pub fn texture(&self, target: &Target, frame: usize, strength: f64) -> Texture {
         let mut picture = target.picture.clone();
         let (width, height) = picture.dimensions();
@@ -126,11 +144,18 @@ impl Details {
         let weighted: Vec<f32> = logs.iter().zip(&mask).map(|(l, m)| l * m).collect();
         let slow_px = SLOW.0 * target.warp().eye_distance();
         let (sums, weights) = (smooth(&weighted, width, height, slow_px), smooth(&mask, width, height, slow_px));
+        // The surroundings are those of the neutral frame, which does not shine where the other one does.
+        let around = smooth(&neutral, width, height, slow_px);
+        let strength = strength as f32 * self.alike;
         for (k, pixel) in picture.pixels_mut().enumerate() {
             let share = mask[k];
             if share > 0.0 {
-                let log = logs[k] - SLOW.1 * sums[k] / weights[k].max(1e-3);
-                let factor = (LOG_LIMIT * (log / LOG_LIMIT).tanh() * share * strength as f32).exp();
+                let mut log = logs[k] - SLOW.1 * sums[k] / weights[k].max(1e-3);
+                if log > 0.0 {
+                    let above = ((moved[k] + FLOOR) / (around[k] + FLOOR)).ln();
+                    log *= 1.0 - smooth_step(SHINE.0, SHINE.1, f64::from(above)) as f32;
+                }
+                let factor = (LOG_LIMIT * (log / LOG_LIMIT).tanh() * share * strength).exp();
                 pixel.0 = pixel.0.map(|c| (f32::from(c) * factor).round().clamp(0.0, 255.0) as u8);
             }
         }
@@ -151,8 +176,11 @@ impl Details {
 
 /// Lowers a mask near strong edges of a smoothed picture in the geometry of the target, by half at the slope `edge`.
 fn distrust_edges(mask: &mut [f32], smoothed: &[f32], edge: f32, target: &Target) {
-    let (width, height) = target.picture.dimensions();
-    let unit = target.warp().eye_distance();
+    distrust_edges_of(mask, smoothed, edge, target.picture.dimensions(), target.warp().eye_distance());
+}
+
+/// [`distrust_edges`] in a picture of another size, with px between the eyes.
+pub(super) fn distrust_edges_of(mask: &mut [f32], smoothed: &[f32], edge: f32, (width, height): (u32, u32), unit: f64) {
     let logs: Vec<f32> = smoothed.iter().map(|v| (v + FLOOR).ln()).collect();
     let (w, h) = (width as usize, height as usize);
     let mut slopes = vec![0.0; logs.len()];
@@ -167,6 +195,37 @@ fn distrust_edges(mask: &mut [f32], smoothed: &[f32], edge: f32, target: &Target
     for (share, slope) in mask.iter_mut().zip(slopes) {
         *share /= 1.0 + slope / (edge * edge);
     }
+}
+
+/// Share of the strength of wrinkles that the likeness of the light on two faces allows: the correlation of their slow courses of
+/// brightness over the skin.
+fn light_alike(own: &[f32], other: &[f32], mask: &[f32], target: &Target) -> f32 {
+    let (width, height) = target.picture.dimensions();
+    let sigma = LIGHT * target.warp().eye_distance();
+    let weights = smooth(mask, width, height, sigma);
+    let course = |levels: &[f32]| -> Vec<f32> {
+        let weighted: Vec<f32> = levels.iter().zip(mask).map(|(l, m)| (l + FLOOR).ln() * m).collect();
+        smooth(&weighted, width, height, sigma).iter().zip(&weights).map(|(s, w)| s / w.max(1e-3)).collect()
+    };
+    let (a, b) = (course(own), course(other));
+    let total: f64 = mask.iter().map(|&m| f64::from(m)).sum::<f64>().max(1e-9);
+    let mean = |values: &[f32]| values.iter().zip(mask).map(|(v, m)| f64::from(v * m)).sum::<f64>() / total;
+    let (of_a, of_b) = (mean(&a), mean(&b));
+    let (mut both, mut square_a, mut square_b) = (0.0, 0.0, 0.0);
+    for ((a, b), m) in a.iter().zip(&b).zip(mask) {
+        let (a, b, m) = (f64::from(*a) - of_a, f64::from(*b) - of_b, f64::from(*m));
+        both += m * a * b;
+        square_a += m * a * a;
+        square_b += m * b * b;
+    }
+    let correlation = both / (square_a * square_b).sqrt().max(1e-12);
+    (LEAST_ALIKE + (1.0 - LEAST_ALIKE) * smooth_step(LIGHT_ALIKE.0, LIGHT_ALIKE.1, correlation)) as f32
+}
+
+/// 0 below `from`, 1 above `to`, smooth between.
+fn smooth_step(from: f64, to: f64, value: f64) -> f64 {
+    let t = ((value - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
 }
 
 /// The inside of the mouth as the warp wants it.
@@ -190,10 +249,12 @@ fn grey(picture: &RgbImage) -> Vec<f32> {
 }
 
 /// 1 on the face, fading to 0 at its border and at the eyes, whose lids hide other things on every face.
-fn mask(target: &Target) -> Vec<f32> {
-    let (width, height) = target.picture.dimensions();
-    let unit = target.warp().eye_distance();
-    let nodes = target.fitted.model.nodes();
+pub(super) fn mask(target: &Target) -> Vec<f32> {
+    mask_of(target.fitted.model.nodes(), target.warp().eye_distance(), target.picture.dimensions(), LIPS)
+}
+
+/// [`mask`] for nodes in a picture, with the share that lips have.
+pub(super) fn mask_of(nodes: &[Point2<f64>], unit: f64, (width, height): (u32, u32), lip_share: f32) -> Vec<f32> {
     let outline: Vec<Point2<f64>> = OUTLINE.iter().map(|&n| nodes[n]).collect();
     let lips: Vec<Point2<f64>> = LIP_OUTLINE.iter().map(|&n| nodes[n]).collect();
     let eyes: Vec<Vec<Point2<f64>>> = EYES.iter().map(|eye| eye.iter().map(|&n| nodes[n]).collect()).collect();
@@ -206,7 +267,7 @@ fn mask(target: &Target) -> Vec<f32> {
             let border = (depth / (FADE * unit)).min(1.0);
             let off_eye = (-eye / (0.06 * unit)).clamp(0.0, 1.0);
             let off_lips = (-inside_depth(&lips, &point) / (0.05 * unit)).clamp(0.0, 1.0) as f32;
-            *value = (border * border * (3.0 - 2.0 * border) * off_eye) as f32 * (LIPS + (1.0 - LIPS) * off_lips);
+            *value = (border * border * (3.0 - 2.0 * border) * off_eye) as f32 * (lip_share + (1.0 - lip_share) * off_lips);
         }
     }
     mask
@@ -220,7 +281,7 @@ const LIP_OUTLINE: [usize; 10] = [31, 79, 33, 7, 66, 80, 64, 86, 8, 85];
 const EYES: [[usize; 8]; 2] = [[20, 97, 21, 105, 23, 107, 22, 99], [53, 98, 54, 106, 56, 108, 55, 100]];
 
 /// Distance of a point from a polygon's border, positive inside.
-fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
+pub(super) fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     let mut odd = false;
     let mut nearest = f64::INFINITY;
     for (k, a) in polygon.iter().enumerate() {
@@ -236,7 +297,7 @@ fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
 }
 
 /// Gaussian smoothing, separable, the border's values going on beyond it.
-fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> Vec<f32> {
+pub(super) fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> Vec<f32> {
     let radius = (3.0 * sigma_px).ceil().max(1.0) as i64;
     let kernel: Vec<f32> = (-radius..=radius).map(|d| (-(d as f64).powi(2) / (2.0 * sigma_px * sigma_px)).exp() as f32).collect();
     let sum: f32 = kernel.iter().sum();

@@ -13,6 +13,7 @@ mod fap_motion;
 mod output;
 mod picture;
 mod render;
+mod skin;
 mod source;
 mod target;
 mod timing;
@@ -34,9 +35,12 @@ use crate::{
 };
 
 pub use detail::{Details, Teeth};
-pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, Film, WrittenClone, encode_png, write_clone};
+pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, Film, WrittenClone, encode_png, write_clone};
 pub use picture::{Sheet, animated_gif, animated_png, at_height};
 pub use render::{Clone, CloneFrame, CloneOptions, clone_expression};
+pub use skin::{
+    ClonedSkin, LEAST_SKIN_PEOPLE, MOST_SKIN_PEOPLE, NoSkin, SKIN_LOG_LIMIT, SKIN_SUFFIX, Skin, SkinLayout, SkinSample,
+};
 pub use source::{LID_PAIRS, SourceKind, SourceMotion, lid_gaps};
 pub use target::{Rescale, Target};
 pub use timing::{Course, Ease, Moment, Timing};
@@ -153,6 +157,18 @@ pub enum CloneError {
     /// A picture does not read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
+    /// A picture that is no skin of a representative.
+    #[error("{}: is {width}x{height} px; the skin of a representative, as `run` writes it, has {}x{}", path.display(), expected.0, expected.1)]
+    SkinSize {
+        /// The file.
+        path: PathBuf,
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// What it should have.
+        expected: (u32, u32),
+    },
     /// Wrinkles or teeth of a source without frames.
     #[error("{0}")]
     NoSourceFrames(String),

@@ -10,9 +10,9 @@ use serde::Serialize;
 
 use super::{Clone, CloneError, CloneOptions, Sheet, SourceMotion, picture};
 use crate::{
-    fap::{Clamped, ConvertError, FapCatalog, FapSequence, Profile, ValueFormat, write_fap_as},
+    fap::{Clamped, ConvertError, FapCatalog, FapSequence, Motion, Profile, ValueFormat, unlimited_faps, write_fap_as},
     fit::{FitOptions, MarkKind},
-    model::DynamicExpressionModel,
+    model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, SizeMode},
     output::{FolderRecord, MADE_BY, write_atomic, write_bytes, write_json},
     overlay::draw_overlay,
@@ -69,7 +69,33 @@ pub struct CloneInfo {
     pub frames_unfolded: usize,
     /// FAP values beyond the standard's range that were set to its limit.
     pub faps_limited: usize,
+    /// FAPs whose motion the warp made smaller, because no skin does it without folding over or lips and lids would pass through each other.
+    pub faps_cut: Vec<CutFap>,
+    /// The file whose skin grows with the expression.
+    pub skin: Option<String>,
+    /// BLAKE3 of that file.
+    pub skin_blake3: Option<String>,
+    /// Share of the strength of `--wrinkles` that the likeness of the light on source and target allowed.
+    pub wrinkles_light_share: Option<f64>,
 }
+
+/// A FAP whose motion was cut, where it was asked for most.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CutFap {
+    /// Its number.
+    pub fap: u8,
+    /// Frame of the clone, from 1.
+    pub frame: usize,
+    /// Value asked of the target, FAP units.
+    pub asked: f64,
+    /// Value that the clone shows.
+    pub shown: f64,
+}
+
+/// A FAP is cut when what it lacks is more than this share of what was asked, and more than this many units (angles: 1e-5 rad).
+const CUT_SHARE: f64 = 0.04;
+const CUT_UNITS: f64 = 12.0;
+const CUT_ANGLE: f64 = 500.0;
 
 /// Where a clone is written, and what besides the frames.
 #[derive(Clone, Copy, Debug)]
@@ -95,6 +121,8 @@ pub struct WrittenClone {
     pub apex: RgbImage,
     /// Frames of an earlier clone that were changed since: they were kept.
     pub kept: Vec<String>,
+    /// FAPs whose motion was cut.
+    pub faps_cut: Vec<CutFap>,
 }
 
 /// The record of the frames written.
@@ -163,6 +191,8 @@ pub fn write_clone(
     let (csv, mut track_info) = track_info(files, clone, source, &frames, &info, face);
     write_track(&csv, &frames, &mut track_info)?;
     let (faps, clamped) = fap_of(&model, clone, source, face)?;
+    let asked = clone.asked(source, face)?.into_iter().map(FrameExpressionModel::new).collect();
+    info.faps_cut = faps_cut(&DynamicExpressionModel::new(asked)?, &model, face)?;
     let faps = faps.for_profile(profile).map_err(ConvertError::from)?;
     write_fap_as(&folder.join("clone.fap"), &faps, profile, ValueFormat::Integer)?;
     info.fps = clone.fps;
@@ -181,7 +211,7 @@ pub fn write_clone(
     }
     sheet.push_row(shown.into_values().collect());
     write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(), writer))?;
-    Ok(WrittenClone { apex: apex_picture, kept })
+    Ok(WrittenClone { apex: apex_picture, kept, faps_cut: info.faps_cut })
 }
 
 /// Frames from the first to the last, evenly.
@@ -265,6 +295,37 @@ fn fap_of(
     // FAP files have whole frame rates.
     let fps = clone.fps.round().clamp(1.0, 1000.0) as u32;
     Ok(FapSequence::from_model(&normalized, &normalizer.canonical().fapus, FapCatalog::mpeg4(), &name, fps, 0)?)
+}
+
+/// FAPs of the model `shown` that are smaller than those of the model `asked`, each where it is asked for most.
+fn faps_cut(
+    asked: &DynamicExpressionModel<crate::units::Px>,
+    shown: &DynamicExpressionModel<crate::units::Px>,
+    face: &Face,
+) -> Result<Vec<CutFap>, CloneError> {
+    let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
+    let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
+    let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
+    let catalog = FapCatalog::mpeg4();
+    let fapus = normalizer.canonical().fapus;
+    let (asked, shown) = (normalizer.normalize_every_frame(asked)?, normalizer.normalize_every_frame(shown)?);
+    let mut most: BTreeMap<u8, CutFap> = BTreeMap::new();
+    for frame in 0..asked.frame_count().min(shown.frame_count()) {
+        let asked = unlimited_faps(&asked.neutral_offsets(frame), &fapus, catalog)?;
+        let shown = unlimited_faps(&shown.neutral_offsets(frame), &fapus, catalog)?;
+        for ((fap, asked), (_, shown)) in asked.into_iter().zip(shown) {
+            let known = most.get(&fap.get()).map_or(0.0, |cut| cut.asked.abs());
+            if asked.abs() > known {
+                most.insert(fap.get(), CutFap { fap: fap.get(), frame: frame + 1, asked: asked.round(), shown: shown.round() });
+            }
+        }
+    }
+    let is_cut = |cut: &CutFap| {
+        let lacking = cut.asked.abs() - cut.shown * cut.asked.signum();
+        let is_angle = catalog.rows().iter().any(|r| r.number.get() == cut.fap && r.motion.is_some_and(Motion::is_angle));
+        lacking > CUT_SHARE * cut.asked.abs() && lacking > if is_angle { CUT_ANGLE } else { CUT_UNITS }
+    };
+    Ok(most.into_values().filter(is_cut).collect())
 }
 
 /// Writes a picture as PNG, quickly.

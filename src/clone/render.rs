@@ -3,7 +3,7 @@
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
-use super::{CloneError, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail};
+use super::{CloneError, ClonedSkin, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail};
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     units::Px,
@@ -48,6 +48,8 @@ pub struct CloneFrame {
     pub deformation: Deformation,
     /// The source's frame nearest in time.
     pub nearest: usize,
+    /// How far the skin has gone the way of its class: 0 without one.
+    pub skin: f64,
 }
 
 /// A source on a target: the motion, from which the pictures are rendered one by one.
@@ -55,6 +57,7 @@ pub struct CloneFrame {
 pub struct Clone<'a> {
     target: &'a Target,
     details: Option<&'a Details>,
+    skin: Option<&'a ClonedSkin>,
     options: CloneOptions,
     /// Frames per second.
     pub fps: f64,
@@ -78,20 +81,48 @@ pub fn clone_expression<'a>(
         .iter()
         .map(|moment| {
             let nodes = target.nodes_at(source, moment, options.rescale, options.emphasis, options.head, face);
-            Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest })
+            Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, skin: 0.0 })
         })
         .collect::<Result<_, CloneError>>()?;
-    Ok(Clone { target, details, options: *options, fps, frames })
+    Ok(Clone { target, details, skin: None, options: *options, fps, frames })
+}
+
+impl<'a> Clone<'a> {
+    /// The clone with the skin of a class, which grows with the motion. The wrinkles of a source's own frames, where they are asked for, go
+    /// before it.
+    ///
+    /// # Errors
+    /// As [`clone_expression`].
+    pub fn with_skin(mut self, skin: &'a ClonedSkin, source: &SourceMotion) -> Result<Self, CloneError> {
+        let (_, moments) = self.options.timing.moments(source)?;
+        for (frame, moment) in self.frames.iter_mut().zip(&moments) {
+            frame.skin = skin.growth(source, moment, self.options.emphasis);
+        }
+        self.skin = Some(skin);
+        Ok(self)
+    }
 }
 
 impl Clone<'_> {
+    /// Where the nodes were asked to be in each frame; the warp may have cut a motion that no skin makes.
+    ///
+    /// # Errors
+    /// As [`clone_expression`].
+    pub fn asked(&self, source: &SourceMotion, face: &Face) -> Result<Vec<Vec<nalgebra::Point2<f64>>>, CloneError> {
+        let CloneOptions { rescale, emphasis, head, .. } = self.options;
+        let (_, moments) = self.options.timing.moments(source)?;
+        Ok(moments.iter().map(|moment| self.target.nodes_at(source, moment, rescale, emphasis, head, face)).collect())
+    }
+
     /// Renders one frame.
     ///
     /// # Panics
     /// If there is no such frame (a programmer's error).
     pub fn picture(&self, frame: usize) -> RgbImage {
-        let CloneFrame { deformation, nearest } = &self.frames[frame];
-        let (warp, plain) = (self.target.warp(), self.target.texture());
+        let CloneFrame { deformation, nearest, skin } = &self.frames[frame];
+        let grown = self.skin.filter(|_| self.options.wrinkles <= 0.0 || self.details.is_none());
+        let grown = grown.and_then(|s| s.texture(self.target, *skin));
+        let (warp, plain) = (self.target.warp(), grown.as_ref().unwrap_or(self.target.texture()));
         let teeth = self.options.teeth;
         let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(None, teeth)) };
         let mouth = if teeth == Teeth::Auto { details.mouth(*nearest) } else { None };

@@ -106,8 +106,8 @@ impl Target {
         if fapus.es < LEAST_EYE_DISTANCE {
             return Err(CloneError::TooSmall { eye_distance: fapus.es, least: LEAST_EYE_DISTANCE });
         }
-        let warp = Warp::new(nodes)?;
         let texture = Texture::new(&picture);
+        let warp = Warp::new(nodes)?.with_eyes(&texture);
         let lid_gaps = lid_gaps(&upright);
         Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
     }

@@ -109,6 +109,30 @@ pub fn measure_faps(
     Ok(key_frames(model, fapus, catalog)?.0)
 }
 
+/// FAP values of the neutral offsets of one frame, neither limited to the standard's ranges nor rounded; `fapus` as in
+/// [`FapSequence::from_model`].
+///
+/// # Errors
+/// As [`measure_faps`].
+pub fn unlimited_faps(
+    offsets: &[Vector2<f64>],
+    fapus: &Fapus,
+    catalog: &FapCatalog,
+) -> Result<Vec<(FapNumber, f64)>, ConvertError> {
+    Ok(values(offsets, fapus, catalog)?.into_iter().map(|(row, value)| (row.number, value)).collect())
+}
+
+/// Values of all FAPs that a frontal view measures and the standard has a range for.
+fn values<'a>(offsets: &[Vector2<f64>], fapus: &Fapus, catalog: &'a FapCatalog) -> Result<Vec<(&'a FapRow, f64)>, ConvertError> {
+    let mut found = Vec::new();
+    for row in catalog.rows().iter().filter(|row| row.frontal.is_measured() && row.range.is_some()) {
+        let Some(scale) = Scale::of(row, fapus)? else { continue };
+        let shift = mean_offset(row, &row.nodes, offsets)? - mean_offset(row, &row.relative_to, offsets)?;
+        found.push((row, scale.value(along(scale.axis, shift))));
+    }
+    Ok(found)
+}
+
 /// FAP values of every frame of a model, limited to their ranges but not rounded, and what that limited.
 fn key_frames(
     model: &DynamicExpressionModel<FaceUnit>,
@@ -117,12 +141,9 @@ fn key_frames(
 ) -> Result<(Vec<FapFrame>, Vec<Clamped>), ConvertError> {
     let (mut frames, mut clamped) = (Vec::with_capacity(model.frame_count()), Vec::new());
     for index in 0..model.frame_count() {
-        let offsets = model.neutral_offsets(index);
         let mut frame = FapFrame::default();
-        for row in catalog.rows().iter().filter(|row| row.frontal.is_measured()) {
-            let Some((scale, (min, max))) = Scale::of(row, fapus)?.zip(row.range) else { continue };
-            let shift = mean_offset(row, &row.nodes, &offsets)? - mean_offset(row, &row.relative_to, &offsets)?;
-            let value = scale.value(along(scale.axis, shift));
+        for (row, value) in values(&model.neutral_offsets(index), fapus, catalog)? {
+            let Some((min, max)) = row.range else { continue };
             let limited = value.clamp(f64::from(min), f64::from(max));
             if value.round() != limited.round() {
                 let limit = if value > limited { max } else { min };

@@ -15,7 +15,7 @@ use super::{
     variation::{EmotionVariation, variations},
 };
 use crate::{
-    clone::CloneError,
+    clone::{CloneError, NoSkin, Skin},
     fap::{Clamped, ConvertError, FapSequence, FapWriteError},
     features::Course,
     model::ModelError,
@@ -108,6 +108,8 @@ pub struct AnalyzedClass {
     pub subjects: usize,
     /// Bootstrap interval of its dispersion; only where there are groups, and people enough.
     pub interval: Option<DispersionInterval>,
+    /// What its expression does to the skin, or why that is not known; of no people before a run has looked at pictures.
+    pub skin: Result<Skin, NoSkin>,
 }
 
 /// Everything that statistics make of a set of models.

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::{AnalysisError, AnalyzedClass, FapOptions, Workbench};
 use crate::{
+    clone::NoSkin,
     fap::{Clamped, FapCatalog, FapSequence},
     output::listed,
     statistics::{
@@ -24,7 +25,8 @@ pub(super) fn class(
 ) -> Result<AnalyzedClass, AnalysisError> {
     let FapOptions { fps, between, .. } = bench.options.fap;
     let (fap, clamped) = FapSequence::from_model(&representative.model, fapus, FapCatalog::mpeg4(), &stem, fps, between)?;
-    Ok(AnalyzedClass { representative, stem, fap, clamped, subjects, interval })
+    let skin = Err(NoSkin::TooFewPeople { found: 0 });
+    Ok(AnalyzedClass { representative, stem, fap, clamped, subjects, interval, skin })
 }
 
 /// Stem of a class's files, different from all `stems` so far on every file system.

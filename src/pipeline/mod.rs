@@ -23,6 +23,7 @@ mod recording;
 mod run;
 mod sequence;
 mod showcase;
+mod skins;
 mod tracks;
 mod units;
 mod variation;

@@ -20,6 +20,7 @@ use super::{
     folder::{RUN_JSON, new_record, open},
     ledger::Ledger,
     parts::PARTS_FOLDER,
+    skins::{collect_skins, picture_sources},
     variation::model_names,
     work::{Collected, Planned, Worked, collect, plan_all, process_all, sequence_files},
     write::{TABLES, class_files, write_failures},
@@ -235,6 +236,7 @@ pub fn run(
     let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay, stop }, &event)?;
     event(Event::Analyzing);
 
+    let pictures = picture_sources(&planned, bench);
     let Collected { models, failures, tracked, reused, mut outputs, notes } = collect(planned, results, &mut record)?;
     said.extend(notes);
     if models.is_empty() {
@@ -252,7 +254,12 @@ pub fn run(
         let hash = super::write_columnar(&out.join("models.parquet"), &models).map_err(AnalysisError::from)?;
         outputs.insert("models.parquet".to_owned(), hash.to_hex().to_string());
     }
-    let analysis = Analysis { tracked_here: true, ..analyze_with(models, failures, bench, Some(out))? };
+    let mut analysis = Analysis { tracked_here: true, ..analyze_with(models, failures, bench, Some(out))? };
+    let flat = collect_skins(&mut analysis, &pictures, out, stop);
+    analysis.warnings.extend(flat);
+    if stop.load(Ordering::Relaxed) {
+        return Err(RunError::Interrupted);
+    }
     said.extend(ledger.claim(&analysis.classes.iter().flat_map(|class| class_files(&class.stem)).collect::<Vec<_>>())?);
     let written = write_analysis(&analysis, out, &record.dataset, bench)?;
     ledger.wrote(&written)?;

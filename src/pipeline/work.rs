@@ -73,6 +73,14 @@ impl Planned<'_> {
     pub fn metadata(&self) -> BTreeMap<String, String> {
         self.entry.map(|e| e.metadata.clone()).unwrap_or_default()
     }
+
+    /// Its images, if it is driven by such.
+    pub fn images(&self) -> Option<&SequenceSource> {
+        match &self.source {
+            Ok((Source::Images(source), _)) => Some(source),
+            _ => None,
+        }
+    }
 }
 
 /// One processed sequence.

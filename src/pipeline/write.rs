@@ -15,6 +15,7 @@ use super::{
     variation::{shown_bands, write_variations},
 };
 use crate::{
+    clone::{NoSkin, SKIN_SUFFIX},
     fap::{self, ConvertError, FapCatalog, FapNumber, Motion, ValueFormat},
     output::{self, OutputError, nine_digits, write_records},
     report::{ApexFap, GroupsData, ReportData, VariationData, mean_course_svg, render_html},
@@ -49,6 +50,12 @@ struct RepresentativeJson<'a> {
     node_dispersion: &'a [f64],
     /// Values that the standard's ranges changed in the FAP file.
     clamped: Vec<ClampedValue>,
+    /// People whose skin the picture beside it is the mean of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    skin_people: Option<usize>,
+    /// Why there is no such picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    no_skin: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -80,7 +87,7 @@ pub fn write_analysis(
     let mut files = BTreeMap::new();
     let mut wrote = |name: &str, hash: blake3::Hash| files.insert(name.to_owned(), hash.to_hex().to_string());
     for class in &analysis.classes {
-        let [csv, json, fap, picture] = class_files(&class.stem);
+        let [csv, json, fap, picture, skin_file] = class_files(&class.stem);
         wrote(&csv, write_model(&out.join(&csv), &class.representative.model)?);
         let value = representative_json(class, bench);
         wrote(&json, output::write_hashed(&out.join(&json), |writer| output::json_into(writer, &value))?);
@@ -89,6 +96,9 @@ pub fn write_analysis(
         wrote(&fap, fap::write_fap_as(&out.join(&fap), &written, profile, ValueFormat::Integer)?);
         if let Some(svg) = mean_course_svg(&class.representative, &analysis.courses) {
             wrote(&picture, output::write_hashed(&out.join(&picture), |writer| writer.write_all(svg.as_bytes()))?);
+        }
+        if let Ok(skin) = &class.skin {
+            wrote(&skin_file, output::write_hashed(&out.join(&skin_file), |writer| skin.write(writer))?);
         }
     }
     wrote("statistics.csv", write_statistics(&out.join("statistics.csv"), analysis, bench)?);
@@ -117,9 +127,10 @@ pub fn write_analysis(
 }
 
 /// Names of what [`write_analysis`] writes beside the tables of [`TABLES`].
-pub(super) fn class_files(stem: &str) -> [String; 4] {
+pub(super) fn class_files(stem: &str) -> [String; 5] {
     let (model, about) = (format!("representatives/{stem}.csv"), format!("representatives/{stem}.json"));
-    [model, about, format!("fap/{stem}.fap"), format!("features/{stem}.svg")]
+    let skin = format!("representatives/{stem}{SKIN_SUFFIX}");
+    [model, about, format!("fap/{stem}.fap"), format!("features/{stem}.svg"), skin]
 }
 
 /// Names of the tables and the report.
@@ -171,6 +182,9 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
             .iter()
             .map(|c| ClampedValue { fap: c.fap.get(), key_frame: c.frame, measured: c.value, written: c.limit })
             .collect(),
+        skin_people: class.skin.as_ref().ok().map(|skin| skin.people),
+        // Who analyzes tracks has no pictures to say anything of.
+        no_skin: class.skin.as_ref().err().filter(|why| **why != NoSkin::TooFewPeople { found: 0 }).map(ToString::to_string),
     }
 }
 

@@ -56,6 +56,16 @@ impl Layer {
         });
     }
 
+    /// Gives every pixel that the outline touches its colour.
+    pub fn paint(&mut self, colour: impl Fn(Point2<f64>) -> [f32; 3]) {
+        for (k, pixel) in self.pixels.iter_mut().enumerate() {
+            if self.coverage.data()[k] > 0 {
+                let (x, y) = (k as u32 % self.width, k as u32 / self.width);
+                *pixel = (colour(Point2::new(f64::from(self.left + x), f64::from(self.top + y))), true);
+            }
+        }
+    }
+
     /// Gives the pixels that the outline touches, but no triangle has its centre in, the colour of their neighbours.
     pub fn spread(&mut self) {
         let before = self.pixels.clone();

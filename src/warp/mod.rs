@@ -12,8 +12,8 @@
 //!    the face (see `field`). Solved once for a face; a frame is one product.
 //! 3. *Texture*: each small triangle is filled from where it lies on the photograph, by bicubic sampling; triangles that do not move
 //!    are not touched, so a still face gives the photograph back to the bit.
-//! 4. *Openings*: the eyeball stays behind the lids (a closing lid covers the iris, it does not squeeze it) and turns with the iris
-//!    nodes; lips open onto the inside of a mouth.
+//! 4. *Openings*: the eyeball stays behind the lids (a closing lid covers the iris, it does not squeeze it), has a round iris that is
+//!    found in the photograph, and turns with the iris nodes; lips open onto the inside of a mouth.
 //!
 //! The positions that vertices and nodes have in a frame are known exactly ([`Deformation::node`], [`Warp::map`]), which makes frames
 //! with ground truth. Nothing here depends on OpenCV, on threads or on chance.
@@ -35,6 +35,7 @@
 //! ```
 
 mod audit;
+mod eyeball;
 mod field;
 mod folds;
 mod layer;
@@ -51,6 +52,7 @@ mod sample;
 use nalgebra::{Point2, Vector2};
 
 use self::{
+    eyeball::Eyeball,
     field::Weights,
     layout::{Frame, OPENINGS},
     mesh::Mesh,
@@ -108,6 +110,8 @@ pub struct Warp {
     is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
+    /// Eyeballs found in the photograph, one for each opening; none for the mouth, and for an eye in which no iris was found.
+    eyes: Vec<Option<Eyeball>>,
 }
 
 /// Where everything is in one frame.
@@ -171,6 +175,7 @@ impl Warp {
             is_flat: vec![false; triangles],
             reference_nodes,
             neighbours,
+            eyes: Vec::new(),
         };
         let identity = Similarity::identity();
         warp.source = warp.solve(&warp.mesh.vertices, &warp.reference_nodes, &warp.nodes, &identity);
@@ -193,6 +198,21 @@ impl Warp {
             return Err(WarpError::Folded);
         }
         Ok(warp)
+    }
+
+    /// The warp with the eyeballs that the photograph shows as layers of their own: irises stay round behind lids that move.
+    /// Without them, and for an eye in which no iris is found, what lies between the lids is stretched where they open further.
+    #[must_use]
+    pub fn with_eyes(mut self, photograph: &Texture) -> Self {
+        let find = |opening| Eyeball::find(&self, opening, photograph);
+        self.eyes = self.mesh.openings.iter().map(find).collect();
+        self
+    }
+
+    /// Centre and radius (px) of the iris found in each eye, the subject's left one first; `None` before [`Warp::with_eyes`], and
+    /// where none was found.
+    pub fn irises(&self) -> [Option<(Point2<f64>, f64)>; 2] {
+        [1, 2].map(|k: usize| self.eyes.get(k)?.as_ref().map(|eye| (eye.centre, eye.radius)))
     }
 
     /// The nodes as given.

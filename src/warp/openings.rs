@@ -5,6 +5,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     Deformation, MouthInside, Texture, Warp,
+    eyeball::{Eyeball, Turned},
     layer::Layer,
     layout::{OPENINGS, Opening, OpeningNodes},
     mesh::{OpeningMesh, distance_to_line},
@@ -12,6 +13,7 @@ use super::{
     mouth::{self, Arches},
     sample,
 };
+use crate::geometry::Similarity;
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
 const CLOSING: f64 = 0.35;
@@ -57,19 +59,58 @@ pub fn draw(
                 mouth::own(warp, opening, texture, deformation, &mut layer);
             }
         }
-        _ => {
-            let behind = behind(warp, opening, deformation);
-            for (triangle, corners) in opening.triangles.iter().zip(&behind) {
-                let from = triangle.map(|v| warp.source[v as usize]);
-                layer.fill(*corners, from, |at, _| texture.sample(at));
+        _ => match eyeball(warp, opening) {
+            Some(eye) => {
+                let turned = turned(warp, opening, deformation);
+                let back = turned.head.inverse();
+                layer.paint(|at| eye.colour(at, &turned, &back, texture));
             }
-        }
+            None => {
+                let behind = behind(warp, opening, deformation);
+                for (triangle, corners) in opening.triangles.iter().zip(&behind) {
+                    let from = triangle.map(|v| warp.source[v as usize]);
+                    layer.fill(*corners, from, |at, _| texture.sample(at));
+                }
+            }
+        },
     }
     layer.spread();
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
         lashes(warp, opening, texture, vertices, gap, frame);
     }
+}
+
+/// The eyeball found behind an opening.
+fn eyeball<'a>(warp: &'a Warp, opening: &OpeningMesh) -> Option<&'a Eyeball> {
+    let place = warp.mesh.openings.iter().position(|o| o.opening == opening.opening)?;
+    warp.eyes.get(place)?.as_ref()
+}
+
+/// Where an eyeball is in a frame. It is as large and as much turned as the head is, by the line between the eyes; the corners of its own
+/// eye, which a squint moves, only say where it is.
+fn turned(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Turned {
+    let nodes = nodes_of(opening);
+    let middle = |points: &[Point2<f64>], eye: &OpeningNodes| {
+        nalgebra::center(&points[usize::from(eye.upper[0])], &points[usize::from(eye.upper[4])])
+    };
+    let eyes = |points: &[Point2<f64>]| [middle(points, &OPENINGS[1]), middle(points, &OPENINGS[2])];
+    let head = Similarity::fit(&eyes(&warp.nodes), &eyes(&deformation.nodes), None).unwrap_or_else(|_| Similarity::identity());
+    let off = middle(&deformation.nodes, nodes) - head.apply(&middle(&warp.nodes, nodes));
+    let head = Similarity { translation: head.translation + off, ..head };
+    let iris = |points: &[Point2<f64>]| {
+        Point2::from(
+            nodes.iris.iter().map(|&n| points[usize::from(n)].coords).sum::<Vector2<f64>>() / nodes.iris.len().max(1) as f64,
+        )
+    };
+    let gaze = iris(&deformation.nodes) - head.apply(&iris(&warp.nodes));
+    let at = |edge: &[u32]| edge.iter().map(|&v| deformation.vertices[v as usize]).collect::<Vec<_>>();
+    let opened = [(&opening.upper, -1.0), (&opening.lower, 1.0)]
+        .into_iter()
+        .flat_map(|(edge, sign)| edge.iter().map(move |&v| (v as usize, sign)))
+        .map(|(v, sign)| sign * (warp.frame.height(&deformation.vertices[v]) - warp.frame.height(&head.apply(&warp.source[v]))))
+        .fold(0.0, f64::max);
+    Turned { head, gaze, lid: at(&opening.upper), opened: opened / warp.frame.eye_distance }
 }
 
 /// Whether what lies behind an opening has not moved.

@@ -1,0 +1,291 @@
+//! What an expression does to the skin of many people: their mean expression ratio image.
+//!
+//! A representative is where nodes go; folds, furrows and shadows go with none. As Liu, Shan and Zhang (*Expressive expression mapping
+//! with ratio images*, SIGGRAPH 2001) do for one person, the grey levels of a person's apex frame are divided by those of the neutral
+//! frame at the same point of the skin. Both are first carried onto one layout, the wireframe seen from the front, so that people can be
+//! averaged: every pixel is the mean of the logarithms of their ratios without the upper and the lower quarter of them, drawn towards 0 the
+//! less sure it is. Slow changes (light, exposure) are taken out, and what is not skin, or lies elsewhere on every face (eyes, lips, brows,
+//! nostrils, hair), counts for nothing.
+
+use std::{io, path::Path};
+
+use image::{GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
+use nalgebra::{Point2, Vector2};
+
+use super::{
+    CloneError, SourceMotion, Target,
+    detail::{self, inside_depth, smooth},
+    timing::Moment,
+};
+use crate::{
+    warp::{Texture, Warp},
+    wireframe::Wireframe,
+};
+
+/// Size of the layout, px.
+const SIZE: (u32, u32) = (128, 176);
+/// Place of the wireframe's origin in it, and px for each of its units: the eyes are 60 px apart.
+const ORIGIN: (f64, f64) = (63.5, 85.0);
+const SCALE: f64 = 100.0;
+/// Logarithm of a ratio that the file's 255 stands for; 128 is none, 1 its negative.
+pub const SKIN_LOG_LIMIT: f32 = 0.4;
+/// End of its file's name, after the representative's stem.
+pub const SKIN_SUFFIX: &str = "_skin.png";
+/// Fewest people whose mean is taken: of fewer it would be somebody's own face.
+pub const LEAST_SKIN_PEOPLE: usize = 5;
+/// Most people of a class whose frames are read.
+pub const MOST_SKIN_PEOPLE: usize = 64;
+/// Least root mean square of a mean, as a logarithm: less is no shading, but what warping and noise leave.
+const LEAST_SHADING: f64 = 0.010;
+/// Least eye distance of a picture that shows folds, px.
+const LEAST_EYE_DISTANCE: f64 = 40.0;
+/// Smoothing of both pictures before their ratio is taken, and width of what counts as light, over the eye distance.
+const SMOOTHING: f64 = 0.014;
+const SLOW: f64 = 0.30;
+/// Standard errors that a pixel's mean counts half at.
+const SHRINK: f32 = 1.5;
+/// Weight under which a person's pixel does not count.
+const LEAST_WEIGHT: f32 = 0.25;
+/// Room around the brows that is not skin, over the eye distance.
+const BROW_ROOM: f64 = 0.05;
+/// The brows: upper edge from the outer to the inner end, then the lower edge back.
+const BROWS: [[usize; 4]; 2] = [[15, 16, 17, 18], [48, 49, 50, 51]];
+/// The underside of the nose: nostrils lie elsewhere on every face.
+const NOSTRILS: [usize; 3] = [26, 6, 59];
+
+/// A mean expression ratio image: logarithms of ratios on the layout.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Skin {
+    /// Row by row.
+    logs: Vec<f32>,
+    /// People it is the mean of; 0 where it was read from a file.
+    pub people: usize,
+}
+
+/// One person's ratios on the layout, with weights.
+#[derive(Clone, Debug)]
+pub struct SkinSample {
+    logs: Vec<f32>,
+    weights: Vec<f32>,
+}
+
+/// Why people have no mean skin.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoSkin {
+    /// Too few people with pictures.
+    #[error("{found} of at least {LEAST_SKIN_PEOPLE} people have pictures that show folds")]
+    TooFewPeople {
+        /// People with pictures.
+        found: usize,
+    },
+    /// Nothing that people have in common.
+    #[error("the pictures have no shading in common (root mean square {:.4} of at least {LEAST_SHADING})", shading)]
+    NoShading {
+        /// Root mean square of the mean's logarithms.
+        shading: f64,
+    },
+}
+
+/// The layout that people are compared on.
+#[derive(Debug)]
+pub struct SkinLayout {
+    warp: Warp,
+    mask: Vec<f32>,
+}
+
+impl SkinLayout {
+    /// The layout of Candide-3; `None` if the wireframe cannot be warped, which Candide-3 can.
+    pub fn new() -> Option<Self> {
+        let nodes = layout_nodes();
+        let warp = Warp::new(&nodes).ok()?;
+        let unit = warp.eye_distance();
+        let mut mask = detail::mask_of(&nodes, unit, SIZE, 0.0);
+        let polygon = |list: &[usize]| list.iter().map(|&n| nodes[n]).collect::<Vec<_>>();
+        let hidden: Vec<Vec<Point2<f64>>> = BROWS.iter().map(|b| polygon(b)).chain([polygon(&NOSTRILS)]).collect();
+        for (k, value) in mask.iter_mut().enumerate() {
+            let point = Point2::new(f64::from(k as u32 % SIZE.0), f64::from(k as u32 / SIZE.0));
+            let depth = hidden.iter().map(|h| inside_depth(h, &point)).fold(f64::NEG_INFINITY, f64::max);
+            *value *= (-depth / (BROW_ROOM * unit)).clamp(0.0, 1.0) as f32;
+        }
+        Some(Self { warp, mask })
+    }
+
+    /// What the skin of one person does from the neutral to the apex frame, each with its nodes (px); `None` for a face too small to
+    /// show it, or nodes that are no face.
+    pub fn measure(&self, neutral: (&RgbImage, &[Point2<f64>]), apex: (&RgbImage, &[Point2<f64>])) -> Option<SkinSample> {
+        let unit = self.warp.eye_distance();
+        let [neutral, apex] = [neutral, apex].map(|(picture, nodes)| self.carried(picture, nodes));
+        let (neutral, apex) = (neutral?, apex?);
+        let sigma = (SMOOTHING * unit).max(0.5);
+        let [neutral, apex] = [neutral, apex].map(|levels| smooth(&levels, SIZE.0, SIZE.1, sigma));
+        let mut weights = self.mask.clone();
+        detail::distrust_edges_of(&mut weights, &neutral, detail::EDGE, SIZE, unit);
+        detail::distrust_edges_of(&mut weights, &apex, detail::MOVED_EDGE, SIZE, unit);
+        let logs: Vec<f32> = apex.iter().zip(&neutral).map(|(a, n)| ((a + detail::FLOOR) / (n + detail::FLOOR)).ln()).collect();
+        let weighted: Vec<f32> = logs.iter().zip(&weights).map(|(l, w)| l * w).collect();
+        let slow = SLOW * unit;
+        let (sums, totals) = (smooth(&weighted, SIZE.0, SIZE.1, slow), smooth(&weights, SIZE.0, SIZE.1, slow));
+        let logs = logs.iter().zip(sums.iter().zip(&totals)).map(|(l, (s, t))| l - s / t.max(1e-3)).collect();
+        Some(SkinSample { logs, weights })
+    }
+
+    /// Grey levels of a picture on the layout.
+    fn carried(&self, picture: &RgbImage, nodes: &[Point2<f64>]) -> Option<Vec<f32>> {
+        let unit = self.warp.eye_distance();
+        let middle = |a: usize, b: usize| Some(nalgebra::center(nodes.get(a)?, nodes.get(b)?));
+        let eyes = (middle(20, 23)? - middle(53, 56)?).norm();
+        if !(eyes >= LEAST_EYE_DISTANCE) {
+            return None;
+        }
+        // As large as the layout: finer detail would be seen here and there only.
+        let (width, height) = picture.dimensions();
+        let factor = (unit / eyes).min(1.0);
+        let side = |s: u32| (f64::from(s) * factor).round().max(1.0) as u32;
+        let grey = image::imageops::grayscale(picture);
+        let small = if factor < 1.0 {
+            image::imageops::resize(&grey, side(width), side(height), image::imageops::FilterType::Triangle)
+        } else {
+            grey
+        };
+        let (sx, sy) = (f64::from(small.width()) / f64::from(width), f64::from(small.height()) / f64::from(height));
+        let there: Vec<Point2<f64>> = nodes.iter().map(|p| Point2::new((p.x + 0.5) * sx - 0.5, (p.y + 0.5) * sy - 0.5)).collect();
+        let placement = self.warp.place(&there).ok()?;
+        let mut layout = RgbImage::new(SIZE.0, SIZE.1);
+        self.warp.unwarp(&Texture::from_gray(&small), &placement, &mut layout);
+        Some(layout.pixels().map(|p| f32::from(p.0[0])).collect())
+    }
+}
+
+fn layout_nodes() -> Vec<Point2<f64>> {
+    Wireframe::candide3().vertices().iter().map(|v| Point2::new(ORIGIN.0 + SCALE * v.x, ORIGIN.1 - SCALE * v.y)).collect()
+}
+
+impl Skin {
+    /// The robust mean of people, one sample each.
+    ///
+    /// # Errors
+    /// [`NoSkin`].
+    pub fn mean(samples: &[&SkinSample]) -> Result<Self, NoSkin> {
+        let people = samples.len();
+        if people < LEAST_SKIN_PEOPLE {
+            return Err(NoSkin::TooFewPeople { found: people });
+        }
+        let mut logs = vec![0.0_f32; (SIZE.0 * SIZE.1) as usize];
+        let (mut square, mut weight) = (0.0, 0.0);
+        let mut values: Vec<(f32, f32)> = Vec::with_capacity(people);
+        for (k, log) in logs.iter_mut().enumerate() {
+            values.clear();
+            values.extend(samples.iter().map(|s| (s.logs[k], s.weights[k])).filter(|v| v.1 >= LEAST_WEIGHT));
+            // Where most people have hair or an edge, the others are not everybody.
+            if values.len() < LEAST_SKIN_PEOPLE.max(people / 2) {
+                continue;
+            }
+            values.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let cut = values.len() / 4;
+            let kept = &values[cut..values.len() - cut];
+            let total: f32 = kept.iter().map(|v| v.1).sum();
+            let mean = kept.iter().map(|v| v.0 * v.1).sum::<f32>() / total;
+            let share = total / kept.len() as f32;
+            // Half the distance of the quartiles over its value for a normal distribution.
+            let spread = (kept[kept.len() - 1].0 - kept[0].0) / 1.349;
+            let error = SHRINK * spread / (values.len() as f32).sqrt();
+            let sure = mean * mean / (mean * mean + error * error).max(1e-12);
+            *log = (mean * sure * share).clamp(-SKIN_LOG_LIMIT, SKIN_LOG_LIMIT);
+            square += f64::from(share * *log * *log);
+            weight += f64::from(share);
+        }
+        let shading = (square / weight.max(1e-9)).sqrt();
+        if !(shading >= LEAST_SHADING) {
+            return Err(NoSkin::NoShading { shading });
+        }
+        Ok(Self { logs: smooth(&logs, SIZE.0, SIZE.1, 0.7), people })
+    }
+
+    /// The picture as it is written: 128 is no change, 1 and 255 are factors of exp(-0.4) and exp(0.4).
+    pub fn picture(&self) -> GrayImage {
+        let byte = |log: f32| (128.0 + (log / SKIN_LOG_LIMIT * 127.0).round()).clamp(1.0, 255.0) as u8;
+        GrayImage::from_fn(SIZE.0, SIZE.1, |x, y| image::Luma([byte(self.logs[(y * SIZE.0 + x) as usize])]))
+    }
+
+    /// Writes the picture as PNG.
+    ///
+    /// # Errors
+    /// [`io::Error`] when `writer` takes no more.
+    pub fn write(&self, writer: &mut dyn io::Write) -> io::Result<()> {
+        PngEncoder::new(writer)
+            .write_image(self.picture().as_raw(), SIZE.0, SIZE.1, image::ExtendedColorType::L8)
+            .map_err(io::Error::other)
+    }
+
+    /// Reads a picture that [`Skin::write`] wrote.
+    ///
+    /// # Errors
+    /// [`CloneError`] for a file that is no picture, or one of another size.
+    pub fn read(path: &Path) -> Result<Self, CloneError> {
+        let picture = image::imageops::grayscale(&crate::sequence::read_colour(path)?);
+        if picture.dimensions() != SIZE {
+            let (width, height) = picture.dimensions();
+            return Err(CloneError::SkinSize { path: path.to_owned(), width, height, expected: SIZE });
+        }
+        let log = |&byte: &u8| (f32::from(byte) - 128.0) / 127.0 * SKIN_LOG_LIMIT;
+        Ok(Self { logs: picture.as_raw().iter().map(log).collect(), people: 0 })
+    }
+}
+
+/// The skin of a class on a target: how it looks, and how far a motion has gone towards it.
+#[derive(Debug)]
+pub struct ClonedSkin {
+    /// Logarithms of factors, one for each pixel of the target's photograph.
+    logs: Vec<f32>,
+    /// Apex offsets of the class's representative over its eye separation.
+    apex: Vec<Vector2<f64>>,
+}
+
+/// Most of a skin that is applied: a motion stronger than the class's own has no deeper folds than this.
+const MOST_SKIN: f64 = 1.3;
+/// Share of a skin under which none is applied.
+const LEAST_SKIN: f64 = 0.01;
+
+impl ClonedSkin {
+    /// Carries the skin of a class onto a target; `representative` is the class's own motion.
+    ///
+    /// # Errors
+    /// [`CloneError::Warp`] never for a target that could be made.
+    pub fn new(target: &Target, skin: &Skin, representative: &SourceMotion) -> Result<Self, CloneError> {
+        let (width, height) = target.picture.dimensions();
+        let mut carried = RgbImage::from_pixel(width, height, image::Rgb([128; 3]));
+        let placement = target.warp().place(&layout_nodes())?;
+        target.warp().unwarp(&Texture::from_gray(&skin.picture()), &placement, &mut carried);
+        let mask = detail::mask(target);
+        let log = |(p, share): (&image::Rgb<u8>, &f32)| {
+            if *share > 0.0 { (f32::from(p.0[0]) - 128.0) / 127.0 * SKIN_LOG_LIMIT } else { 0.0 }
+        };
+        let logs = carried.pixels().zip(&mask).map(log).collect();
+        let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
+        Ok(Self { logs, apex })
+    }
+
+    /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
+    pub fn growth(&self, source: &SourceMotion, moment: &Moment, emphasis: f64) -> f64 {
+        let (mut along, mut whole) = (0.0, 0.0);
+        for (offset, apex) in moment.offsets.iter().zip(&self.apex) {
+            along += (offset / source.fapus.es).dot(apex);
+            whole += apex.norm_squared();
+        }
+        if whole > 0.0 { (emphasis * along / whole).clamp(0.0, MOST_SKIN) } else { 0.0 }
+    }
+
+    /// The target's texture with the skin grown to a share of the class's; `None` where there is none yet.
+    pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
+        (growth >= LEAST_SKIN).then(|| {
+            let mut picture = target.picture.clone();
+            for (pixel, &log) in picture.pixels_mut().zip(&self.logs) {
+                if log != 0.0 {
+                    let factor = (log * growth as f32).exp();
+                    pixel.0 = pixel.0.map(|c| (f32::from(c) * factor).round().clamp(0.0, 255.0) as u8);
+                }
+            }
+            Texture::new(&picture)
+        })
+    }
+}

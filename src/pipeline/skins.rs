@@ -1,0 +1,100 @@
+//! The mean expression ratio image of every class, from the neutral and the apex pictures of its people.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use rayon::prelude::*;
+
+use super::{Analysis, AnalyzedClass, Workbench, work::Planned};
+use crate::{
+    clone::{LEAST_SKIN_PEOPLE, MOST_SKIN_PEOPLE, NoSkin, Skin, SkinLayout, SkinSample},
+    dataset::FrameSource,
+    output::listed,
+    sequence::read_colour_frames,
+    track::{TrackedFrame, neutral_first, read_track, read_track_info},
+    units::SequenceId,
+};
+
+/// Most classes that a warning names.
+const MOST_NAMED: usize = 6;
+
+/// Frames of the sequences whose pictures may be shown: a mean of faces is a picture of faces.
+pub(super) fn picture_sources(planned: &[Planned<'_>], bench: &Workbench) -> BTreeMap<SequenceId, FrameSource> {
+    let shown = planned.iter().filter_map(|item| {
+        let source = item.images()?;
+        bench.options.shows(&source.metadata).then(|| (item.id.clone(), source.frames.clone()))
+    });
+    shown.collect()
+}
+
+/// Gives every class its skin, or the reason why it has none; returns what a person should know.
+///
+/// One sequence of each person is read, of [`MOST_SKIN_PEOPLE`] people of a class at most, so that time and memory are bounded however many
+/// there are. A picture that does not read any more leaves its person out.
+pub(super) fn collect_skins(
+    analysis: &mut Analysis,
+    sources: &BTreeMap<SequenceId, FrameSource>,
+    out: &Path,
+    stop: &AtomicBool,
+) -> Vec<String> {
+    let chosen: Vec<Vec<SequenceId>> = analysis.classes.iter().map(|class| one_of_each(class, sources)).collect();
+    let Some(layout) = chosen.iter().any(|ids| ids.len() >= LEAST_SKIN_PEOPLE).then(SkinLayout::new).flatten() else {
+        for (class, ids) in analysis.classes.iter_mut().zip(&chosen) {
+            class.skin = Err(NoSkin::TooFewPeople { found: ids.len() });
+        }
+        return Vec::new();
+    };
+    let mut flat = Vec::new();
+    let mut from = 0;
+    while from < analysis.classes.len() {
+        // The classes of one emotion are of the same sequences.
+        let emotion = analysis.classes[from].representative.label.emotion.clone();
+        let count = analysis.classes[from..].iter().take_while(|c| c.representative.label.emotion == emotion).count();
+        let needed = chosen[from..from + count].iter().filter(|ids| ids.len() >= LEAST_SKIN_PEOPLE).flatten();
+        let ids: Vec<&SequenceId> = needed.collect::<BTreeSet<_>>().into_iter().collect();
+        let measure = |id: &&SequenceId| {
+            let sample = if stop.load(Ordering::Relaxed) { None } else { measured(&layout, sources.get(id)?, out, id) };
+            sample.map(|sample| ((*id).clone(), sample))
+        };
+        let samples: BTreeMap<SequenceId, SkinSample> = ids.par_iter().filter_map(measure).collect();
+        for (class, ids) in analysis.classes[from..from + count].iter_mut().zip(&chosen[from..]) {
+            let own: Vec<&SkinSample> = ids.iter().filter_map(|id| samples.get(id)).collect();
+            class.skin = Skin::mean(&own);
+            if matches!(class.skin, Err(NoSkin::NoShading { .. })) {
+                flat.push(class.stem.clone());
+            }
+        }
+        from += count;
+    }
+    let warning = || {
+        format!(
+            "no folds in common, so no representatives/*_skin.png (the reason is in the .json): {}",
+            listed(&flat, MOST_NAMED)
+        )
+    };
+    if flat.is_empty() { Vec::new() } else { vec![warning()] }
+}
+
+/// The first sequence with pictures of each person of a class, in order.
+fn one_of_each(class: &AnalyzedClass, sources: &BTreeMap<SequenceId, FrameSource>) -> Vec<SequenceId> {
+    let mut first: BTreeMap<&str, &SequenceId> = BTreeMap::new();
+    for id in class.representative.sequences.iter().filter(|id| sources.contains_key(id)) {
+        let known = first.entry(&id.subject).or_insert(id);
+        *known = id.min(known);
+    }
+    first.into_values().take(MOST_SKIN_PEOPLE).cloned().collect()
+}
+
+/// What the skin of one sequence does.
+fn measured(layout: &SkinLayout, source: &FrameSource, out: &Path, id: &SequenceId) -> Option<SkinSample> {
+    let path = out.join(format!("tracks/{id}.csv"));
+    let frames = neutral_first(read_track(&path).ok()?, read_track_info(&path).ok()?.and_then(|info| info.neutral_frame));
+    let (first, last) = (frames.first()?, frames.last()?);
+    let pictures = read_colour_frames(source, &[first.number, last.number]).ok()?;
+    let nodes = |frame: &TrackedFrame| frame.nodes.iter().map(|n| n.position).collect::<Vec<_>>();
+    let picture = |frame: &TrackedFrame| pictures.iter().find(|(number, _)| *number == frame.number).map(|(_, p)| p);
+    layout.measure((picture(first)?, &nodes(first)), (picture(last)?, &nodes(last)))
+}

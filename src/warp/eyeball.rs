@@ -1,0 +1,361 @@
+//! The eyeballs of a photograph as layers of their own.
+//!
+//! A wireframe knows an iris as a box of four nodes, and skin that is stretched from lid to lid makes a shield of it. So the iris is
+//! looked for in the picture, as the circle across whose left and right arcs it grows brightest (Daugman's integro-differential
+//! operator, *High confidence visual recognition of persons*, PAMI 1993, over the arcs that no lid covers; a human iris is nearly the same
+//! share of the distance of the eyes in everybody). What the photograph hides under the lids is filled: the white by a smooth course
+//! from corner to corner, the iris by its mirror image and its mean colours around the centre. In a frame the white stays with the
+//! skull, the iris turns over it with the gaze, and the lids cover both. What the photograph shows is shown as it is there.
+
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Matrix3, Point2, Vector2, Vector3};
+
+use super::{
+    Texture, Warp,
+    layout::OPENINGS,
+    mesh::{OpeningMesh, distance_to_line, inside},
+    openings::smooth_step,
+};
+use crate::geometry::Similarity;
+
+/// Radius of an iris, over the eye distance: expected (11.7 of 63 mm), and the deviation at which it costs one unit of score.
+const RADIUS: (f64, f64) = (0.092, 0.009);
+/// Radii that are tried, over the eye distance.
+const RADII: (f64, f64) = (0.074, 0.112);
+/// How far around the iris nodes the centre is looked for, over the eye distance: across and along the face's vertical.
+const REACH: (f64, f64) = (0.09, 0.06);
+/// Steps of the search, over the eye distance: first, and around the best.
+const STEPS: (f64, f64) = (0.012, 0.004);
+/// Score (share of the brightness of the white) that a unit of each prior costs.
+const PRIOR: f64 = 0.03;
+/// Deviation of the centre from the iris nodes that costs one unit of score, over the eye distance.
+const CENTRE: f64 = 0.05;
+/// Least rise of brightness across the outline, as a share of the white's, for a circle to be believed.
+const LEAST_RISE: f64 = 0.05;
+/// Half the width of the arcs to the left and right that are looked at.
+const ARC: f64 = 0.8;
+/// Places on each arc.
+const PLACES: usize = 11;
+/// Where the iris ends and the white is whole, over its radius.
+const LIMBUS: (f64, f64) = (1.03, 1.20);
+/// Band along the lids where the photograph shows lashes and their shadow, over the eye distance: not trusted once the lid has gone.
+const LASHES: f64 = 0.035;
+/// Depth of the shadow that the upper lid throws on what is filled, and its width over the eye distance.
+const SHADOW: (f64, f64) = (0.42, 0.035);
+/// Room around the lids that a patch has, over the eye distance.
+const ROOM: f64 = 0.16;
+/// Turn of the gaze, over the eye distance, at which the iris stands wholly on its own.
+const TURNED: f64 = 0.015;
+
+/// An eyeball on its photograph.
+#[derive(Clone, Debug)]
+pub struct Eyeball {
+    /// Centre of the iris, px.
+    pub centre: Point2<f64>,
+    /// Radius of the iris, px.
+    pub radius: f64,
+    left: i64,
+    top: i64,
+    width: usize,
+    height: usize,
+    /// The white as it is behind iris and lids, and the iris as it is behind the lids; row by row.
+    white: Vec<[f32; 3]>,
+    iris: Vec<[f32; 3]>,
+    /// Distance from the lids, px, positive between them.
+    depth: Vec<f32>,
+    eye_distance: f64,
+}
+
+/// Where an eyeball is in a frame.
+#[derive(Clone, Debug)]
+pub struct Turned {
+    /// From the photograph to the frame, without the gaze.
+    pub head: Similarity,
+    /// Motion of the iris on top, px of the frame.
+    pub gaze: Vector2<f64>,
+    /// Upper lid in the frame.
+    pub lid: Vec<Point2<f64>>,
+    /// How far lids went away from where they are on the photograph, over the eye distance.
+    pub opened: f64,
+}
+
+impl Eyeball {
+    /// Finds the eyeball behind an opening; `None` when the picture shows no iris.
+    pub fn find(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> Option<Self> {
+        let nodes = OPENINGS.iter().find(|o| o.opening == opening.opening)?;
+        let unit = warp.frame.eye_distance;
+        let sum: Vector2<f64> = nodes.iris.iter().map(|&n| warp.nodes[usize::from(n)].coords).sum();
+        let expected = Point2::from(sum / nodes.iris.len().max(1) as f64);
+        let lower = opening.lower[1..opening.lower.len() - 1].iter().rev();
+        let outline: Vec<Point2<f64>> = opening.upper.iter().chain(lower).map(|&v| warp.source[v as usize]).collect();
+        let (mut low, mut high) = (expected, expected);
+        for p in &outline {
+            (low, high) = (low.inf(p), high.sup(p));
+        }
+        let size = texture.dimensions();
+        let clip = |v: f64, size: u32| v.clamp(0.0, f64::from(size)) as i64;
+        let room = ROOM * unit;
+        let (left, top) = (clip(low.x - room, size.0), clip(low.y - room, size.1));
+        let (right, bottom) = (clip(high.x + room + 1.0, size.0), clip(high.y + room + 1.0, size.1));
+        let (width, height) = (usize::try_from(right - left).ok()?, usize::try_from(bottom - top).ok()?);
+        if width < 3 || height < 3 {
+            return None;
+        }
+        let mut closed = outline.clone();
+        closed.extend(outline.first());
+        let at = |k: usize| Point2::new((left + (k % width) as i64) as f64, (top + (k / width) as i64) as f64);
+        let depth: Vec<f32> = (0..width * height)
+            .map(|k| {
+                let distance = distance_to_line(&closed, &at(k)) as f32;
+                if inside(&outline, &at(k)) { distance } else { -distance }
+            })
+            .collect();
+        let photograph: Vec<[f32; 3]> = (0..width * height).map(|k| texture.sample(at(k))).collect();
+        let mut eye = Self {
+            centre: expected,
+            radius: RADIUS.0 * unit,
+            left,
+            top,
+            width,
+            height,
+            white: Vec::new(),
+            iris: Vec::new(),
+            depth,
+            eye_distance: unit,
+        };
+        (eye.centre, eye.radius) = eye.search(&photograph, warp.frame.down.into_inner())?;
+        eye.white = eye.filled_white(&photograph, warp.frame.down.into_inner());
+        eye.iris = eye.filled_iris(&photograph, warp.frame.down.into_inner());
+        Some(eye)
+    }
+
+    /// Centre and radius of the iris.
+    fn search(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Option<(Point2<f64>, f64)> {
+        let unit = self.eye_distance;
+        let across = Vector2::new(down.y, -down.x);
+        let levels: Vec<f32> = photograph.iter().map(luma).collect();
+        let mut shown: Vec<f32> = levels.iter().zip(&self.depth).filter(|(_, d)| **d > 0.0).map(|(l, _)| *l).collect();
+        if shown.len() < 12 {
+            return None;
+        }
+        shown.sort_by(f32::total_cmp);
+        let white = f64::from(shown[shown.len() * 9 / 10].max(8.0));
+        let expected = self.centre;
+        let level = |p: Point2<f64>| Some(f64::from(self.sampled(&levels, p, |l| [*l, 0.0, 0.0])?[0]));
+        let step = (0.018 * unit).max(0.8);
+        let rise = |centre: Point2<f64>, radius: f64| {
+            let mut sides = [(0.0, 0.0); 2];
+            for (side, sum) in sides.iter_mut().enumerate() {
+                for k in 0..PLACES {
+                    let angle = ARC * (2.0 * k as f64 / (PLACES - 1) as f64 - 1.0) + 2.0 * FRAC_PI_2 * side as f64;
+                    let direction = across * angle.cos() + down * angle.sin();
+                    let [within, beyond] = [radius - step, radius + step].map(|r| centre + direction * r);
+                    if self.depth_at(within) > 0.008 * unit
+                        && self.depth_at(beyond) > 0.008 * unit
+                        && let (Some(a), Some(b)) = (level(within), level(beyond))
+                    {
+                        *sum = (sum.0 + (b - a) / white, sum.1 + 1.0);
+                    }
+                }
+            }
+            // Half of the two arcs at least, and of each a little; where one side is hidden by the corner the other one counts.
+            let count = sides[0].1 + sides[1].1;
+            (count >= PLACES as f64 * 0.7).then(|| (sides[0].0 + sides[1].0) / count)
+        };
+        let score = |centre: Point2<f64>, radius: f64| {
+            let off = (centre - expected).norm() / (CENTRE * unit);
+            let size = (radius / unit - RADIUS.0) / RADIUS.1;
+            Some(rise(centre, radius)? - PRIOR * (off * off + size * size))
+        };
+        let mut best: Option<(f64, Point2<f64>, f64)> = None;
+        let look = |centre: Point2<f64>, radius: f64, best: &mut Option<(f64, Point2<f64>, f64)>| {
+            if let Some(found) = score(centre, radius)
+                && best.as_ref().is_none_or(|b| found > b.0)
+            {
+                *best = Some((found, centre, radius));
+            }
+        };
+        let counts = |reach: f64, step: f64| (reach / step).ceil() as i32;
+        let radii = counts(RADII.1 - RADII.0, STEPS.0);
+        for i in -counts(REACH.0, STEPS.0)..=counts(REACH.0, STEPS.0) {
+            for j in -counts(REACH.1, STEPS.0)..=counts(REACH.1, STEPS.0) {
+                for r in 0..=radii {
+                    let centre = expected + (across * f64::from(i) + down * f64::from(j)) * (STEPS.0 * unit);
+                    look(centre, (RADII.0 + f64::from(r) * (RADII.1 - RADII.0) / f64::from(radii)) * unit, &mut best);
+                }
+            }
+        }
+        let (_, centre, radius) = best?;
+        for i in -3..=3 {
+            for j in -3..=3 {
+                for r in -3..=3 {
+                    let tried = (radius / unit + f64::from(r) * STEPS.1).clamp(RADII.0, RADII.1) * unit;
+                    look(centre + (across * f64::from(i) + down * f64::from(j)) * (STEPS.1 * unit), tried, &mut best);
+                }
+            }
+        }
+        let (_, centre, radius) = best?;
+        (rise(centre, radius)? >= LEAST_RISE).then_some((centre, radius))
+    }
+
+    /// Place of the pixel `k` of the patch, px.
+    fn at(&self, k: usize) -> Point2<f64> {
+        Point2::new((self.left + (k % self.width) as i64) as f64, (self.top + (k / self.width) as i64) as f64)
+    }
+
+    /// Values of a patch between its pixels; `None` outside.
+    fn sampled<T>(&self, values: &[T], p: Point2<f64>, of: impl Fn(&T) -> [f32; 3]) -> Option<[f32; 3]> {
+        let (x, y) = (p.x - self.left as f64, p.y - self.top as f64);
+        let inside = x >= 0.0 && y >= 0.0 && x <= (self.width - 1) as f64 && y <= (self.height - 1) as f64;
+        if !inside {
+            return None;
+        }
+        let (left, top) = ((x as usize).min(self.width - 2), (y as usize).min(self.height - 2));
+        let (fx, fy) = ((x - left as f64) as f32, (y - top as f64) as f32);
+        let mut sum = [0.0; 3];
+        for (dx, dy, share) in
+            [(0, 0, (1.0 - fx) * (1.0 - fy)), (1, 0, fx * (1.0 - fy)), (0, 1, (1.0 - fx) * fy), (1, 1, fx * fy)]
+        {
+            let value = of(values.get((top + dy) * self.width + left + dx)?);
+            (0..3).for_each(|c| sum[c] += share * value[c]);
+        }
+        Some(sum)
+    }
+
+    /// Distance from the lids of the photograph, px, positive between them.
+    fn depth_at(&self, p: Point2<f64>) -> f64 {
+        self.sampled(&self.depth, p, |d| [*d, 0.0, 0.0]).map_or(f64::NEG_INFINITY, |d| f64::from(d[0]))
+    }
+
+    /// The white without iris and lids: a parabola from corner to corner through the whitest that the photograph shows.
+    fn filled_white(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Vec<[f32; 3]> {
+        let across = Vector2::new(down.y, -down.x);
+        let along = |k: usize| (self.at(k) - self.centre).dot(&across) / (4.0 * self.radius);
+        // Skin is redder and lashes are darker than the white.
+        let whiteness = |c: &[f32; 3]| luma(c) - 0.8 * (c[0] - c[1]).max(0.0);
+        let candidates = |beyond: f64| -> Vec<usize> {
+            let is_white = |k: &usize| {
+                f64::from(self.depth[*k]) > 0.018 * self.eye_distance && (self.at(*k) - self.centre).norm() > beyond * self.radius
+            };
+            let mut found: Vec<usize> = (0..photograph.len()).filter(is_white).collect();
+            found.sort_by(|&a, &b| whiteness(&photograph[b]).total_cmp(&whiteness(&photograph[a])));
+            found.truncate((found.len() * 3).div_ceil(5));
+            found
+        };
+        let mut chosen = candidates(LIMBUS.1 + 0.1);
+        if chosen.len() < 8 {
+            chosen = candidates(1.0);
+        }
+        let mut normal = Matrix3::identity() * (0.02 * chosen.len().max(1) as f64);
+        let mut right = [Vector3::zeros(); 3];
+        let mean: [f64; 3] = std::array::from_fn(|c| {
+            chosen.iter().map(|&k| f64::from(photograph[k][c])).sum::<f64>() / chosen.len().max(1) as f64
+        });
+        for &k in &chosen {
+            let u = along(k);
+            let row = Vector3::new(1.0, u, u * u);
+            normal += row * row.transpose();
+            for c in 0..3 {
+                right[c] += row * (f64::from(photograph[k][c]) - mean[c]);
+            }
+        }
+        let inverse = normal.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let courses = right.map(|r| inverse * r);
+        let limits: [(f64, f64); 3] = std::array::from_fn(|c| {
+            let mut values: Vec<f64> = chosen.iter().map(|&k| f64::from(photograph[k][c])).collect();
+            values.sort_by(f64::total_cmp);
+            let at = |share: usize| values.get(values.len() * share / 10).copied().unwrap_or(200.0);
+            (at(1), at(9))
+        });
+        (0..photograph.len())
+            .map(|k| {
+                let u = along(k);
+                let row = Vector3::new(1.0, u, u * u);
+                std::array::from_fn(|c| (mean[c] + courses[c].dot(&row)).clamp(limits[c].0, limits[c].1) as f32)
+            })
+            .collect()
+    }
+
+    /// The iris without lids: its mirror image where the photograph shows that, else the mean colour at the distance from the centre.
+    fn filled_iris(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Vec<[f32; 3]> {
+        let band = LASHES * self.eye_distance;
+        let bin = (self.radius / 16.0).max(0.5);
+        let last = (LIMBUS.1 * self.radius / bin).ceil() as usize;
+        let mut rings = vec![([0.0_f64; 3], 0.0_f64); last + 1];
+        for (k, colour) in photograph.iter().enumerate() {
+            let distance = (self.at(k) - self.centre).norm() / bin;
+            if distance < last as f64 && f64::from(self.depth[k]) > band {
+                let (near, share) = (distance as usize, distance.fract());
+                for (ring, share) in [(near, 1.0 - share), (near + 1, share)] {
+                    (0..3).for_each(|c| rings[ring].0[c] += share * f64::from(colour[c]));
+                    rings[ring].1 += share;
+                }
+            }
+        }
+        // From the outside in: a ring that is hidden has the colour of the next one that is not.
+        let mut colours: Vec<Option<[f32; 3]>> =
+            rings.iter().map(|(sum, count)| (*count > 0.5).then(|| sum.map(|s| (s / count) as f32))).collect();
+        let mut known = colours.iter().flatten().next().copied();
+        for colour in &mut colours {
+            known = colour.or(known);
+            *colour = known;
+        }
+        let ring = |distance: f64| {
+            let place = (distance / bin).min(last as f64 - 1.0).max(0.0);
+            let [a, b] = [place as usize, place as usize + 1].map(|k| colours[k].unwrap_or([60.0; 3]));
+            let t = place.fract() as f32;
+            std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t)
+        };
+        (0..photograph.len())
+            .map(|k| {
+                let from_centre = self.at(k) - self.centre;
+                let mean: [f32; 3] = ring(from_centre.norm());
+                let mirrored = self.at(k) - down * (2.0 * from_centre.dot(&down));
+                let share = smooth_step(0.5 * band, 1.2 * band, self.depth_at(mirrored)) as f32;
+                match self.sampled(photograph, mirrored, |c| *c) {
+                    Some(seen) if share > 0.0 => std::array::from_fn(|c| mean[c] + (seen[c] - mean[c]) * 0.8 * share),
+                    _ => mean,
+                }
+            })
+            .collect()
+    }
+
+    /// Colour of a pixel of a frame between the lids.
+    pub fn colour(&self, at: Point2<f64>, turned: &Turned, back: &Similarity, texture: &Texture) -> [f32; 3] {
+        let (still, moved) = (back.apply(&at), back.apply(&(at - turned.gaze)));
+        let band = LASHES * self.eye_distance * smooth_step(0.0, 0.03, turned.opened);
+        let shade = if turned.opened > 0.0 {
+            let depth = distance_to_line(&turned.lid, &at) / (SHADOW.1 * self.eye_distance);
+            1.0 - SHADOW.0 * (-depth * depth).exp()
+        } else {
+            1.0
+        };
+        let trust = |p: Point2<f64>| {
+            if turned.opened > 0.0 { smooth_step(-0.5, 0.5 + band, self.depth_at(p)) as f32 } else { 1.0 }
+        };
+        let iris_at = |p: Point2<f64>| 1.0 - smooth_step(LIMBUS.0, LIMBUS.1, (p - self.centre).norm() / self.radius) as f32;
+        let mix = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share);
+        let fill = |patch: &[[f32; 3]], p: Point2<f64>| {
+            self.sampled(patch, p, |c| *c).unwrap_or_else(|| texture.sample(p)).map(|c| c * shade as f32)
+        };
+        let seen = trust(still);
+        let whole = if seen < 1.0 {
+            mix(mix(fill(&self.white, still), fill(&self.iris, still), iris_at(still)), texture.sample(still), seen)
+        } else {
+            texture.sample(still)
+        };
+        let turn = smooth_step(0.0, TURNED, turned.gaze.norm() / self.eye_distance) as f32;
+        if turn <= 0.0 {
+            return whole;
+        }
+        let white = mix(fill(&self.white, still), texture.sample(still), seen * (1.0 - iris_at(still)));
+        let iris = iris_at(moved);
+        let under = if iris > 0.0 { mix(fill(&self.iris, moved), texture.sample(moved), trust(moved)) } else { white };
+        mix(whole, mix(white, under, iris), turn)
+    }
+}
+
+fn luma([r, g, b]: &[f32; 3]) -> f32 {
+    0.3 * r + 0.59 * g + 0.11 * b
+}
