@@ -1,6 +1,6 @@
 //! `grimace fit`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
@@ -40,8 +40,8 @@ pub struct Args {
     /// Positions of all nodes: node,x,y,state,residual
     #[arg(short, long, value_name = "FIT.csv")]
     output: PathBuf,
-    /// Picture of the wireframe on the image, PNG
-    #[arg(long, value_name = "PNG")]
+    /// Picture of the wireframe on the image: a .png file, or a folder for one of the image's name
+    #[arg(long, value_name = "PNG|DIR")]
     overlay: Option<PathBuf>,
     #[command(flatten)]
     method: MethodArgs,
@@ -60,10 +60,20 @@ struct Row {
     residual: String,
 }
 
+/// The file of the picture: as named, or of the image's name in a folder, which is what has no extension.
+fn overlay_file(path: &Path, image: &Path) -> PathBuf {
+    if path.is_dir() || path.extension().is_none() {
+        path.join(format!("{}.png", image.file_stem().unwrap_or_default().to_string_lossy()))
+    } else {
+        path.to_owned()
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     args.general.check_free(&args.output)?;
-    if let Some(path) = &args.overlay {
+    let overlay = args.overlay.as_deref().map(|path| overlay_file(path, &args.image));
+    if let Some(path) = &overlay {
         args.general.check_free(path)?;
     }
     let bench =
@@ -83,7 +93,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         residual: n.residual.map(nine_digits).unwrap_or_default(),
     });
     output::write_csv(&args.output, rows)?;
-    if let Some(path) = &args.overlay {
+    if let Some(path) = &overlay {
         let points: Vec<_> = marks.iter().map(|m| m.position).collect();
         output::write_bytes(path, &png_bytes(&draw_overlay(&frame, &bench.wireframe, &nodes, &points))?)?;
     }

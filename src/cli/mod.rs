@@ -16,6 +16,7 @@ pub mod bank;
 mod clone;
 mod fap;
 mod features;
+mod figures;
 mod fit;
 mod init;
 mod lab;
@@ -84,6 +85,8 @@ enum Command {
     Fap(fap::Args),
     /// A row for every frame of tracks: pose, FAPs, action units.
     Features(features::Args),
+    /// The figures of a finished run as SVG and PDF, with captions.
+    Figures(figures::Args),
     /// Find expressions in whole recordings, and propose sequences from neutral to apex.
     Segment(segment::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
@@ -166,6 +169,7 @@ pub fn main() -> ExitCode {
         Command::Init(args) => init::run(&args),
         Command::Annotate(args) => annotate::run(&args),
         Command::Features(args) => features::run(&args),
+        Command::Figures(args) => figures::run(&args),
         Command::Segment(args) => segment::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Track(args) => track::run(&args),

@@ -8,13 +8,14 @@ use grimace::{
     dataset::{LandmarkSelection, read_marks},
     output,
     pipeline::{PipelineOptions, Workbench, found_marks, showcase_target},
-    player::{PlayerFace, Shown, page},
+    player::{PlayerFace, PlayerHead, Shown, page},
     sequence::{read_colour, read_frame},
+    synthesis::read_motion,
 };
 
 use super::{
-    Outcome,
-    shared::{FitArgs, GeneralArgs},
+    Outcome, bank,
+    shared::{FitArgs, GeneralArgs, about},
 };
 
 /// Heights of the picture of a face in the page, px.
@@ -27,6 +28,7 @@ Examples:
   grimace play results/representatives/*.csv -o player.html
   grimace play results/representatives/anger.csv smile.fap results/tracks/S005_001.csv --portrait anna.jpg -c anna.csv -o anna.html
   grimace play results/fap/*.fap --portrait anna.jpg ben.png -o both.html
+  grimace play results/representatives/*.csv --bank candide -o head.html
 
 The page is one file that needs nothing else and sends nothing anywhere. It plays every motion on every face, two of them side by side \
 if asked, stronger or weaker, slower or faster; it draws the FAPs over time, moves the face by single FAPs, and saves frames as PNG. \
@@ -41,6 +43,9 @@ pub struct Args {
     /// Marked points on each portrait, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the portraits if none is given
     #[arg(short, long, num_args = 1.., requires = "portrait", value_name = "C.csv")]
     correspondences: Vec<PathBuf>,
+    /// Dense head to play on, too, or instead of a portrait: a bank file, or `candide` for the embedded one
+    #[arg(short, long, value_name = "BANK")]
+    bank: Option<PathBuf>,
     /// The page
     #[arg(short, long, value_name = "PLAYER.html")]
     output: PathBuf,
@@ -77,14 +82,22 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         [first, .., last] => format!("{first} to {last}"),
         [] => String::new(),
     };
-    let html = page(&title, &shown, &faces, &bench)?;
+    let dense = args.bank.as_deref().map(bank::open).transpose()?;
+    let name = args.bank.as_deref().and_then(Path::file_stem).unwrap_or_default().to_string_lossy().into_owned();
+    let mut heads = Vec::new();
+    if let Some(dense) = &dense {
+        let read = |path: &PathBuf| read_motion(path, dense, None).map_err(|e| about(path)(&e));
+        let motions = args.motions.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+        heads.push(PlayerHead { label: &name, bank: dense, motions });
+    }
+    let html = page(&title, &shown, &faces, &heads, &bench)?;
     output::write_bytes(&args.output, html.as_bytes())?;
     if !args.general.quiet {
         let count = output::count;
         println!(
             "{} on {}: {} ({:.1} MB)",
             count(motions.len(), "motion", "motions"),
-            count(faces.len(), "face", "faces"),
+            count(faces.len() + heads.len(), "face", "faces"),
             args.output.display(),
             html.len() as f64 / 1e6
         );
@@ -107,6 +120,9 @@ fn labels(paths: &[PathBuf], motions: &[SourceMotion]) -> Vec<String> {
 
 /// The faces and what they are called.
 fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target)>> {
+    if args.portrait.is_empty() && args.bank.is_some() {
+        return Ok(Vec::new());
+    }
     if args.portrait.is_empty() {
         return Ok(vec![("a simulated person".to_owned(), showcase_target(bench)?)]);
     }

@@ -311,14 +311,14 @@ pub struct AnalysisArgs {
     /// Interpolated frames between two of the five key frames of a FAP file
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
     between: u16,
-    /// Photograph that the report shows the representatives on, instead of a simulated person; needs --report-marks
-    #[arg(long, requires = "report_marks", value_name = "IMAGE")]
-    report_face: Option<PathBuf>,
-    /// Marked points on that photograph: node,x,y, or 68 landmarks as point,x,y
-    #[arg(long, requires = "report_face", value_name = "C.csv")]
-    report_marks: Option<PathBuf>,
+    /// Neutral photograph, frontal, that the report shows the representatives on, instead of a simulated person
+    #[arg(long, alias = "report-face", value_name = "PORTRAIT")]
+    portrait: Option<PathBuf>,
+    /// Marked points on the portrait: node,x,y, or 68 landmarks as point,x,y; found in it if none are given
+    #[arg(short, long, alias = "report-marks", requires = "portrait", value_name = "C.csv")]
+    correspondences: Option<PathBuf>,
     /// Wireframes only: no picture of a person in the report or beside it
-    #[arg(long, conflicts_with = "report_face")]
+    #[arg(long, conflicts_with = "portrait")]
     no_faces: bool,
     /// Frame rate of the FAP files
     #[arg(long, default_value_t = FapOptions::default().fps, value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -341,8 +341,8 @@ impl AnalysisArgs {
         options.normalize = self.models.normalize_of(method);
         options.statistics = self.models.statistics_of(method);
         options.by.clone_from(&self.by);
-        if let (Some(image), Some(marks)) = (&self.report_face, &self.report_marks) {
-            options.report_face = ReportFace::photograph(image, marks);
+        if let Some(portrait) = &self.portrait {
+            options.report_face = ReportFace::photograph(portrait, self.correspondences.as_deref());
         }
         options.columnar = self.columnar;
         options.no_faces = self.no_faces;
@@ -420,7 +420,7 @@ impl GeneralArgs {
         let bench = Workbench::new(self.wireframe.as_deref(), options)?;
         // A face that does not serve is said before hours of tracking, not after.
         if let ReportFace::Photograph { image, .. } = &bench.options.report_face {
-            showcase_target(&bench).with_context(|| format!("--report-face {}", image.display()))?;
+            showcase_target(&bench).with_context(|| format!("--portrait {}", image.display()))?;
         }
         Ok(bench)
     }

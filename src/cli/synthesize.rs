@@ -13,7 +13,7 @@ use grimace::{
     synthesis::{
         Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, OVERLAP, RegionScheme,
         SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth, jump,
-        read_motion,
+        read_motion, write_gltf,
     },
 };
 use serde_json::json;
@@ -28,12 +28,13 @@ const EXAMPLE: &str = "\
 Examples:
   grimace synthesize --bank candide --motion results/representatives/happiness.csv -o happiness
   grimace synthesize --bank face.bank --motion results/fap/surprise.fap --regions 4 -o surprise
+  grimace synthesize --bank candide --motion results/representatives/*.csv --loop -o all
   grimace synthesize --bank face.bank --motion points.csv --solver ga --crossover line --seed 3 --history -o points
 
 The motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,...), a .fap file, or a CSV \
 file frame,fp,dx,dy,dz in the bank's unit (dz empty or missing for motion in the plane). The first three are seen from the front: they \
-are compared in the x-y plane and scaled by the facial animation units of the bank. Writes into OUT: animation.glb (morph targets with \
-the members' names), weights.csv, fitness.csv, synthesis.json, contact_sheet.png, turntable.png, turntable.gif, arkit.csv where the \
+are compared in the x-y plane and scaled by the facial animation units of the bank. Writes into OUT: animation.glb (metres; morph targets with \
+the members' names, one animation for each motion), weights.csv, fitness.csv, synthesis.json, contact_sheet.png, turntable.png, turntable.gif, arkit.csv where the \
 shapes have ARKit names, and on request surface.npy, obj/, ply/ and history.csv.";
 
 /// Dense animation from the motion of feature points.
@@ -43,9 +44,10 @@ pub struct Args {
     /// Bank file, or `candide` for the embedded bank
     #[arg(short, long, value_name = "BANK")]
     bank: PathBuf,
-    /// Representative, model, track, .fap file or CSV of feature point motions
-    #[arg(short, long, value_name = "FILE")]
-    motion: PathBuf,
+    /// Representatives, models, tracks, .fap files or CSV files of feature point motions; of several, one animation.glb has an animation each, and
+    /// the other files are in a folder each
+    #[arg(short, long, required = true, num_args = 1.., value_name = "FILE")]
+    motion: Vec<PathBuf>,
     /// Folder of the results; must be new or empty
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
@@ -182,6 +184,9 @@ struct TimeArgs {
     /// a CSV file of feature points
     #[arg(long, value_name = "SHARE")]
     noise: Option<f64>,
+    /// Hold the last frame for half a second and go back to the first: it plays round and round without a jump
+    #[arg(long = "loop")]
+    there_and_back: bool,
     /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units
     #[arg(long, value_parser = positive, value_name = "FACTOR")]
     scale: Option<f64>,
@@ -240,32 +245,83 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let out = &args.output;
     let occupied = out.is_file() || std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
     anyhow::ensure!(args.force || !occupied, "{} is not empty; choose a new folder, or --force to write into it", out.display());
+    let several = args.motion.len() > 1;
+    anyhow::ensure!(args.truth.is_none() || !several, "--truth is of one motion, and there are {}", args.motion.len());
     let bank = bank::open(&args.bank)?;
-    let motion = read_motion(&args.motion, &bank, args.time.scale).map_err(|e| about(&args.motion)(&e))?;
-    let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
-    anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
-    let motion = motion.as_animated(args.time.between.map(usize::from), Some(noise));
-    let fps = args.time.fps.or(motion.fps).unwrap_or(f64::from(FPS));
-
     let synthesizer = Synthesizer::new(&bank, options)?;
-    let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));
-    let answers = synthesizer.animate(&motion.frames, || bar.inc(1));
-    bar.finish_and_clear();
-    let name = args.motion.file_stem().unwrap_or_default().to_string_lossy();
-    let animation = Animation { synthesizer: &synthesizer, motions: &motion.frames, answers: &answers, name: &name, fps };
-    let errors = args.truth.as_ref().map(|path| compare_with_truth(&animation, path)).transpose()?;
-    let files = write(args, &animation)?;
-    let report = Report::new(&animation, errors.as_deref());
-    write_json(&out.join("synthesis.json"), &report.json(args, &motion, noise, &animation, &files))?;
-    if !args.quiet {
-        report.print(&motion, &bank, out);
+    let mut played: Vec<Played> = Vec::new();
+    for path in &args.motion {
+        let motion = Played::new(path, args, &synthesizer)?;
+        let twin = played.iter().find(|p| p.name == motion.name);
+        anyhow::ensure!(twin.is_none(), "{}: an animation of this name is there already; rename the file", path.display());
+        played.push(motion);
+    }
+    let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer)).collect();
+    if args.format.contains(&Format::Glb) {
+        write_gltf(&out.join("animation.glb"), &animations)?;
+    }
+    for (one, animation) in played.iter().zip(&animations) {
+        let folder = if several { out.join(&one.name) } else { out.clone() };
+        let errors = args.truth.as_ref().map(|path| compare_with_truth(animation, path)).transpose()?;
+        let files = write(args, animation, &folder)?;
+        let report = Report::new(animation, errors.as_deref());
+        write_json(&folder.join("synthesis.json"), &report.json(args, one, animation, &files))?;
+        if !args.quiet {
+            if several {
+                println!("{}:", one.name);
+            }
+            report.print(&one.motion, &bank, &folder);
+            say_what_viewers_clamp(args, animation);
+        }
     }
     Ok(Outcome::Done)
 }
 
-/// Writes the files asked for; their names.
-fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<String>> {
-    let out = &args.output;
+/// A motion and what the bank makes of it.
+struct Played<'a> {
+    path: &'a Path,
+    name: String,
+    motion: Motion,
+    noise: f64,
+    fps: f64,
+    answers: Vec<FrameAnswer>,
+}
+
+impl<'a> Played<'a> {
+    fn new(path: &'a Path, args: &Args, synthesizer: &Synthesizer<'_>) -> anyhow::Result<Self> {
+        /// How long the last frame is held on the way there and back, s.
+        const HOLD_S: f64 = 0.5;
+        let motion = read_motion(path, synthesizer.bank(), args.time.scale).map_err(|e| about(path)(&e))?;
+        let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
+        anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
+        let mut motion = motion.as_animated(args.time.between.map(usize::from), Some(noise));
+        let fps = args.time.fps.or(motion.fps).unwrap_or(f64::from(FPS));
+        if args.time.there_and_back {
+            motion = motion.there_and_back((HOLD_S * fps).round() as usize);
+        }
+        let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));
+        let answers = synthesizer.animate(&motion.frames, || bar.inc(1));
+        bar.finish_and_clear();
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Self { path, name, motion, noise, fps, answers })
+    }
+
+    fn animation<'s>(&'s self, synthesizer: &'s Synthesizer<'s>) -> Animation<'s> {
+        Animation { synthesizer, motions: &self.motion.frames, answers: &self.answers, name: &self.name, fps: self.fps }
+    }
+}
+
+/// Says that viewers show weights below 0 as 0.
+fn say_what_viewers_clamp(args: &Args, animation: &Animation<'_>) {
+    let below = |a: &&FrameAnswer| a.weights.iter().flatten().any(|w| *w < 0.0);
+    let frames = animation.answers.iter().filter(below).count();
+    if frames > 0 && args.format.contains(&Format::Glb) {
+        println!("weights below 0 in {}: Blender and other viewers take them as 0", count(frames, "frame", "frames"));
+    }
+}
+
+/// Writes the files asked for, but for the glTF, into a folder; their names.
+fn write(args: &Args, animation: &Animation<'_>, out: &Path) -> anyhow::Result<BTreeSet<String>> {
     let mut files = BTreeSet::new();
     let mut file = |name: &str| -> PathBuf {
         files.insert(name.to_owned());
@@ -273,7 +329,12 @@ fn write(args: &Args, animation: &Animation<'_>) -> anyhow::Result<BTreeSet<Stri
     };
     for format in &args.format {
         match format {
-            Format::Glb => animation.write_gltf(&file("animation.glb"))?,
+            // It is there already: one for all motions.
+            Format::Glb => {
+                if out == args.output {
+                    let _ = file("animation.glb");
+                }
+            }
             Format::Npy => animation.write_npy(&file("surface.npy"))?,
             Format::Obj => animation.write_meshes(&file("obj"), false)?,
             Format::Ply => animation.write_meshes(&file("ply"), true)?,
@@ -359,15 +420,8 @@ impl Report {
         }
     }
 
-    fn json(
-        &self,
-        args: &Args,
-        motion: &Motion,
-        noise: f64,
-        animation: &Animation<'_>,
-        files: &BTreeSet<String>,
-    ) -> serde_json::Value {
-        let bank = animation.synthesizer.bank();
+    fn json(&self, args: &Args, played: &Played<'_>, animation: &Animation<'_>, files: &BTreeSet<String>) -> serde_json::Value {
+        let (bank, motion) = (animation.synthesizer.bank(), &played.motion);
         let text = |p: &Path| p.file_name().unwrap_or(p.as_os_str()).to_string_lossy().into_owned();
         json!({
             "schema_version": SCHEMA_VERSION,
@@ -377,8 +431,8 @@ impl Report {
                 "vertices": bank.vertex_count(), "members": bank.member_count(), "feature_points": bank.feature_points().len(),
             },
             "motion": {
-                "file": text(&args.motion), "blake3": file_blake3(&args.motion), "kind": motion.kind, "fps": animation.fps,
-                "bank_units_per_face_unit": motion.scale, "noise": noise,
+                "file": text(played.path), "blake3": file_blake3(played.path), "kind": motion.kind, "fps": animation.fps,
+                "bank_units_per_face_unit": motion.scale, "noise": played.noise,
                 "ignored_feature_points": motion.ignored.iter().map(ToString::to_string).collect::<Vec<_>>(),
             },
             "units": {

@@ -197,8 +197,8 @@ pub enum CloneError {
         /// Why.
         reason: String,
     },
-    /// The simulated face of the report could not be made.
-    #[error("the simulated face: {0}")]
+    /// The face to show expressions on could not be made.
+    #[error("the face to show them on: {0}")]
     Showcase(String),
     /// The user asked to stop.
     #[error("interrupted")]

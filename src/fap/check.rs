@@ -56,8 +56,7 @@ fn lips(findings: &mut Findings, catalog: &FapCatalog, frames: &[(usize, FapFram
             (None, Some((line, _))) => (*line, outer, inner),
             _ => continue,
         };
-        let message =
-            || format!("FAP {still} is 0 or unset throughout while FAP {moving} moves; Xface copies it: write both lips");
+        let message = || format!("0 or unset throughout while FAP {moving} moves; Xface copies it: write both lips");
         findings.warning(line, format!("FAP {still}"), Rule::LipsMirrored, message);
     }
 }

@@ -22,6 +22,7 @@ mod writer;
 
 pub use catalog::{Directionality, FapCatalog, FapNumber, FapRow, FrontalRating, HighLevelField, Motion, ParseFapNumberError};
 pub use check::{check_fap, check_lips};
+pub(crate) use convert::FAP_UNITS_PER_FAPU;
 pub use convert::{Clamped, ConvertError, PartialOffset, measure_faps, offsets_from_frame, unlimited_faps};
 pub use finding::{Finding, Rule, Severity};
 pub use interpolate::{InterpolateError, MAX_FRAMES};

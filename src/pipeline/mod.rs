@@ -7,6 +7,7 @@ mod classes;
 mod columnar;
 mod corrected;
 mod divide;
+mod figures;
 mod files;
 mod folder;
 mod found;
@@ -59,6 +60,7 @@ pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyz
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
 pub use divide::{Plan, run_emotion, run_part, run_plan};
+pub use figures::{Figure, FigureAbout, FiguresError, figures_of, write_figures};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
 pub use landmarks::fit_landmarks;

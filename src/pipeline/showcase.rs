@@ -6,7 +6,7 @@ use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{SequenceFailure, SequenceSource, Workbench, file_blake3};
+use super::{SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks};
 use crate::{
     clone::{CloneError, SourceMotion, Target},
     dataset::{LandmarkSelection, read_marks},
@@ -16,7 +16,7 @@ use crate::{
     overlay::thumbnail,
     player::{PlayerError, PlayerFace, Shown, payload},
     report::Stage,
-    sequence::{read_colour, read_colour_frames},
+    sequence::{read_colour, read_colour_frames, read_frame},
     statistics::Representative,
     track::TrackedFrame,
     warp::NODE_COUNT,
@@ -33,8 +33,8 @@ pub enum ReportFace {
     Photograph {
         /// The photograph.
         image: PathBuf,
-        /// Its marks.
-        correspondences: PathBuf,
+        /// Its marks; found in it if there are none.
+        correspondences: Option<PathBuf>,
         /// BLAKE3 of both, so that another picture under the same name is another option.
         blake3: [Option<String>; 2],
     },
@@ -42,9 +42,9 @@ pub enum ReportFace {
 
 impl ReportFace {
     /// A photograph and its marks.
-    pub fn photograph(image: &Path, correspondences: &Path) -> Self {
-        let blake3 = [file_blake3(image), file_blake3(correspondences)];
-        Self::Photograph { image: image.to_owned(), correspondences: correspondences.to_owned(), blake3 }
+    pub fn photograph(image: &Path, correspondences: Option<&Path>) -> Self {
+        let blake3 = [file_blake3(image), correspondences.and_then(file_blake3)];
+        Self::Photograph { image: image.to_owned(), correspondences: correspondences.map(Path::to_owned), blake3 }
     }
 }
 
@@ -68,8 +68,11 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
     match &bench.options.report_face {
         ReportFace::Photograph { image, correspondences, .. } => {
             let picture = read_colour(image)?;
-            let marks =
-                read_marks(correspondences, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?;
+            let nodes = bench.wireframe.node_count();
+            let marks = match correspondences {
+                Some(marks) => read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, nodes)?,
+                None => found_marks(&read_frame(image)?, bench).map_err(|e| CloneError::Showcase(e.to_string()))?,
+            };
             Target::new(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks, bench.fitter(), bench)
         }
         ReportFace::Simulated => {

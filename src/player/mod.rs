@@ -5,6 +5,7 @@
 //! triangle on a canvas. What the page holds is numbers and pictures ([`payload`]); its scripts (`assets/`) are those of the report,
 //! too.
 
+mod head;
 mod names;
 mod pack;
 mod payload;
@@ -16,6 +17,7 @@ use minijinja::{
 };
 use serde::Serialize;
 
+pub use head::Head as PlayerHead;
 pub use payload::{Face as PlayerFace, PlayerError, payload};
 
 use crate::{clone::SourceMotion, wireframe::Face};
@@ -26,9 +28,10 @@ pub const STYLE: &str = include_str!("assets/player.css");
 const PAGE_STYLE: &str = include_str!("assets/page.css");
 const PAGE_SCRIPT: &str = include_str!("assets/page.js");
 /// The player's script, in parts that build on each other.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 7] = [
     include_str!("assets/motion.js"),
     include_str!("assets/rig.js"),
+    include_str!("assets/head.js"),
     include_str!("assets/gl.js"),
     include_str!("assets/flat.js"),
     include_str!("assets/curves.js"),
@@ -50,14 +53,25 @@ struct View<'a> {
     version: &'static str,
 }
 
-/// The page.
+/// The page, on faces and on dense heads.
 ///
 /// Every text is escaped; the data is embedded as JSON in which `<` is written `\u003c`. The same input gives the same bytes.
 ///
 /// # Errors
 /// [`PlayerError`] for a motion without FAPs to show or a picture that cannot be encoded.
-pub fn page(title: &str, motions: &[Shown], faces: &[PlayerFace], face: &Face) -> Result<String, PlayerError> {
-    let data = payload(motions, faces, face)?;
+pub fn page(
+    title: &str,
+    motions: &[Shown],
+    faces: &[PlayerFace],
+    heads: &[PlayerHead],
+    face: &Face,
+) -> Result<String, PlayerError> {
+    let mut data = payload(motions, faces, face)?;
+    if let Some(list) = data["faces"].as_array_mut() {
+        for dense in heads {
+            list.push(head::payload(dense, motions)?);
+        }
+    }
     let render = || -> Result<String, minijinja::Error> {
         let mut environment = Environment::new();
         environment.set_undefined_behavior(UndefinedBehavior::Strict);

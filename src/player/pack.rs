@@ -18,6 +18,14 @@ pub fn scaled(values: &[f64]) -> Value {
     json!({ "scale": scale, "values": BASE64_STANDARD.encode(bytes) })
 }
 
+/// Numbers at 8 bits, as [`scaled`]: for what is small beside what else moves.
+pub fn small(values: &[f64]) -> Value {
+    let most = values.iter().fold(0.0_f64, |most, v| if v.is_finite() { most.max(v.abs()) } else { most });
+    let scale = if most > 0.0 { most / f64::from(i8::MAX) } else { 1.0 };
+    let bytes: Vec<u8> = values.iter().flat_map(|v| ((v / scale).round() as i8).to_le_bytes()).collect();
+    json!({ "scale": scale, "values": BASE64_STANDARD.encode(bytes) })
+}
+
 /// Numbers at 32 bits.
 pub fn single(values: impl IntoIterator<Item = f64>) -> Value {
     let bytes: Vec<u8> = values.into_iter().flat_map(|v| (v as f32).to_le_bytes()).collect();

@@ -47,6 +47,14 @@ pub enum PlayerError {
         /// Why.
         reason: String,
     },
+    /// A dense head.
+    #[error("{name}: {reason}")]
+    Head {
+        /// The head.
+        name: String,
+        /// Why.
+        reason: String,
+    },
     /// The page does not render (a programmer's error).
     #[error("cannot make the page: {0}")]
     Page(String),

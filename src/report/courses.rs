@@ -1,10 +1,15 @@
 //! Action units and head pose over time, as pictures: the mean of every class with its interval, and every sequence.
 
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::collections::BTreeMap;
 
+use nalgebra::Point2;
 use serde::Serialize;
 
-use super::{ReportData, view::group_text};
+use super::{
+    ReportData,
+    drawing::{Anchor, Colour, Drawing, Pen},
+    view::group_text,
+};
 use crate::{
     features::{ACTION_UNITS, COURSE_POINTS, Course},
     statistics::Representative,
@@ -21,6 +26,10 @@ const MOST_SEQUENCES: usize = 240;
 const INTERVAL: f64 = 1.96;
 /// Largest intensity.
 const TOP: f64 = 5.0;
+/// Size of a class's picture, of its title in a file of its own, and of its text, px.
+const SIZE: (f64, f64) = (460.0, 210.0);
+const TITLE: f64 = 22.0;
+const TEXT: f64 = 10.5;
 
 /// What the template shows.
 #[derive(Serialize)]
@@ -70,7 +79,7 @@ pub(super) fn view(data: &ReportData<'_>) -> Option<CoursesView> {
         let (emotion, group) = (class.label.emotion.clone(), group_text(&class.label));
         let label = if group.is_empty() { emotion.clone() } else { format!("{emotion}, {group}") };
         let picture =
-            picture(&curves, (0.0, TOP), &format!("Mean intensities of action units over time, {label}"), (460.0, 210.0));
+            chart(&curves, (0.0, TOP), SIZE).inline("course", &format!("Mean intensities of action units over time, {label}"));
         let members = of[..shown].iter().map(|(id, course)| member(id, course)).collect();
         classes.push(ClassView { label, emotion, group, sequences: of.len(), picture, members });
     }
@@ -78,17 +87,25 @@ pub(super) fn view(data: &ReportData<'_>) -> Option<CoursesView> {
     (!classes.is_empty()).then_some(CoursesView { classes, more })
 }
 
-/// The picture of a class's mean intensities, as a file of its own; `None` where no sequence has a course.
-pub fn mean_course_svg(class: &Representative, courses: &BTreeMap<SequenceId, Course>) -> Option<String> {
-    let of: Vec<&Course> = class.sequences.iter().filter_map(|id| courses.get(id)).collect();
+/// The mean intensities of the action units of a class, as a drawing; `None` for no course.
+pub fn mean_course(of: &[&Course], label: &str) -> Option<Drawing> {
     if of.is_empty() {
         return None;
     }
-    let label = format!("Mean intensities of action units over time, {}", class.label.emotion);
-    let svg = picture(&mean_curves(&of), (0.0, TOP), &label, (460.0, 210.0));
-    let style = "<style>text{font:11px sans-serif;fill:#333}.axis{stroke:#666}.grid{stroke:#ddd}</style>";
-    let opened = svg.replacen("<svg ", "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"460\" height=\"210\" ", 1);
-    Some(opened.replacen('>', &format!(">{style}"), 1))
+    let chart = chart(&mean_curves(of), (0.0, TOP), SIZE);
+    let mut sheet = Drawing::new(SIZE.0, SIZE.1 + TITLE);
+    sheet.heading(8.0, 16.0, TEXT + 0.5, Anchor::Start, label);
+    sheet.place(&chart, [0.0, TITLE, SIZE.0, SIZE.1]);
+    Some(sheet)
+}
+
+/// The picture of a class's mean intensities, as a file of its own; `None` where no sequence has a course.
+pub fn mean_course_svg(class: &Representative, courses: &BTreeMap<SequenceId, Course>) -> Option<String> {
+    let of: Vec<&Course> = class.sequences.iter().filter_map(|id| courses.get(id)).collect();
+    let group = group_text(&class.label);
+    let label = if group.is_empty() { class.label.emotion.clone() } else { format!("{}, {group}", class.label.emotion) };
+    let drawing = mean_course(&of, &label)?;
+    Some(drawing.svg(&format!("Mean intensities of action units over time, {label}")))
 }
 
 fn courses<'a>(class: &'a Representative, all: &'a BTreeMap<SequenceId, Course>) -> Vec<(&'a SequenceId, &'a Course)> {
@@ -118,7 +135,7 @@ fn mean_curves(of: &[&Course]) -> Vec<Curve> {
 
 fn member(id: &SequenceId, course: &Course) -> MemberView {
     let size = (330.0, 130.0);
-    let units = picture(&mean_curves(&[course]), (0.0, TOP), &format!("Action units over time, {id}"), size);
+    let units = chart(&mean_curves(&[course]), (0.0, TOP), size).inline("course", &format!("Action units over time, {id}"));
     let angle = |k: usize, name: &str| Curve {
         name: name.to_owned(),
         values: course.pose.iter().map(|pose| f64::from(pose[k])).collect(),
@@ -127,66 +144,42 @@ fn member(id: &SequenceId, course: &Course) -> MemberView {
     let curves = [angle(0, "yaw"), angle(1, "pitch"), angle(2, "roll")];
     let largest = curves.iter().flat_map(|c| &c.values).fold(0.0_f64, |most, v| most.max(v.abs()));
     let limit = (largest / 10.0).ceil().max(1.0) * 10.0;
-    let pose = picture(&curves, (-limit, limit), &format!("Pose of the head over time in degrees, {id}"), (240.0, 130.0));
+    let pose = chart(&curves, (-limit, limit), (240.0, 130.0));
+    let pose = pose.inline("course", &format!("Pose of the head over time in degrees, {id}"));
     MemberView { id: id.to_string(), units, pose }
 }
 
-/// A line chart over time from 0 (neutral) to 1 (apex); colours are classes of the style sheet, `course-0` to `course-5`.
-fn picture(curves: &[Curve], (low, high): (f64, f64), label: &str, (width, height): (f64, f64)) -> String {
-    const COLOURS: [&str; CURVES] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
+/// A line chart over time from 0 (neutral) to 1 (apex).
+fn chart(curves: &[Curve], (low, high): (f64, f64), (width, height): (f64, f64)) -> Drawing {
+    const COLOURS: [Colour; CURVES] =
+        [[0x00, 0x72, 0xb2], [0xd5, 0x5e, 0x00], [0x00, 0x9e, 0x73], [0xcc, 0x79, 0xa7], [0xe6, 0x9f, 0x00], [0x56, 0xb4, 0xe9]];
     let names = if curves.iter().any(|c| c.name.len() > 6) { 172.0 } else { 54.0 };
     let (left, right, top, bottom) = (26.0, width - names, 8.0, height - 22.0);
     let x = |t: usize| left + (right - left) * t as f64 / (COURSE_POINTS - 1) as f64;
     let y = |value: f64| bottom - (bottom - top) * ((value - low) / (high - low)).clamp(0.0, 1.0);
-    let mut svg =
-        format!("<svg class=\"course\" viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"{}\">", escaped(label));
+    let mut chart = Drawing::new(width, height);
     for value in [low, f64::midpoint(low, high), high] {
-        let _ = write!(
-            svg,
-            "<line class=\"grid\" x1=\"{left:.1}\" x2=\"{right:.1}\" y1=\"{0:.1}\" y2=\"{0:.1}\"/><text x=\"{1:.1}\" y=\"{2:.1}\" \
-             text-anchor=\"end\">{3}</text>",
-            y(value),
-            left - 4.0,
-            y(value) + 3.5,
-            crate::output::nine_digits(value)
-        );
+        chart.polyline(Pen::line("grid", [0xdd; 3], 0.8), [Point2::new(left, y(value)), Point2::new(right, y(value))]);
+        chart.text(left - 4.0, y(value) + 3.5, TEXT, Anchor::End, crate::output::nine_digits(value).replace('-', "\u{2212}"));
     }
-    let _ = write!(
-        svg,
-        "<text x=\"{left:.1}\" y=\"{0:.1}\">neutral</text><text x=\"{right:.1}\" y=\"{0:.1}\" text-anchor=\"end\">apex</text>",
-        bottom + 15.0
-    );
-    let path = |points: &mut dyn Iterator<Item = (f64, f64)>| {
-        points.map(|(x, y)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ")
-    };
+    chart.text(left, bottom + 15.0, TEXT, Anchor::Start, "neutral");
+    chart.text(right, bottom + 15.0, TEXT, Anchor::End, "apex");
+    let point = |(t, value): (usize, f64)| Point2::new(x(t), y(value));
     for (curve, colour) in curves.iter().zip(COLOURS) {
         if !curve.interval.is_empty() {
             let ends = |sign: f64| curve.values.iter().zip(&curve.interval).map(move |(v, half)| v + sign * half).enumerate();
-            let mut around = ends(1.0).chain(ends(-1.0).collect::<Vec<_>>().into_iter().rev()).map(|(t, v)| (x(t), y(v)));
-            let _ = write!(svg, "<polygon points=\"{}\" fill=\"{colour}\" fill-opacity=\"0.16\"/>", path(&mut around));
+            let around = ends(1.0).chain(ends(-1.0).collect::<Vec<_>>().into_iter().rev()).map(point);
+            chart.polygon(Pen::area(colour).at(0.16), around);
         }
-        let mut line = curve.values.iter().enumerate().map(|(t, v)| (x(t), y(*v)));
-        let _ = write!(svg, "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.8\"/>", path(&mut line));
+        chart.polyline(Pen::line("", colour, 1.8), curve.values.iter().copied().enumerate().map(point));
     }
     for (k, (curve, colour)) in curves.iter().zip(COLOURS).enumerate() {
         let at = top + 10.0 + 15.0 * k as f64;
-        let _ = write!(
-            svg,
-            "<line x1=\"{0:.1}\" x2=\"{1:.1}\" y1=\"{2:.1}\" y2=\"{2:.1}\" stroke=\"{colour}\" stroke-width=\"2.4\"/><text x=\"{3:.1}\" \
-             y=\"{4:.1}\">{5}</text>",
-            right + 8.0,
-            right + 20.0,
-            at - 3.5,
-            right + 24.0,
-            at,
-            escaped(&curve.name)
-        );
+        let key = [right + 8.0, right + 20.0].map(|x| Point2::new(x, at - 3.5));
+        chart.polyline(Pen::line("", colour, 2.4), key);
+        chart.text(right + 24.0, at, TEXT, Anchor::Start, curve.name.as_str());
     }
-    svg + "</svg>"
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    chart
 }
 
 #[cfg(test)]
@@ -213,7 +206,7 @@ mod tests {
 
     #[test]
     fn texts_in_pictures_are_escaped() {
-        let svg = picture(&mean_curves(&[&course(3.0)]), (0.0, 5.0), "a <b> & \"c\"", (300.0, 100.0));
+        let svg = chart(&mean_curves(&[&course(3.0)]), (0.0, 5.0), (300.0, 100.0)).inline("course", "a <b> & \"c\"");
         assert!(svg.contains("aria-label=\"a &lt;b&gt; &amp; &quot;c&quot;\"") && !svg.contains("NaN"), "{svg}");
     }
 }

@@ -6,9 +6,9 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::{
-    GroupsData, ReportData,
+    GroupsData, ReportData, figures,
     numbers::{fixed, fixed_or_dash, length, rounded},
-    view::group_text,
+    view::{Fields, group_text},
 };
 use crate::{
     output::count,
@@ -73,6 +73,8 @@ struct TestRow {
     hopeless: bool,
     least_p: String,
     place: String,
+    /// How the first group differs from the second at the apex, in words.
+    direction: String,
 }
 
 #[derive(Serialize)]
@@ -84,12 +86,15 @@ struct Picture {
     nodes: usize,
     live: usize,
     place: String,
+    direction: String,
+    /// Where they differ.
+    map: String,
     effect: String,
     p_holm: String,
 }
 
 impl GroupsView {
-    pub(super) fn new(groups: &GroupsData<'_>, data: &ReportData<'_>) -> Self {
+    pub(super) fn new(groups: &GroupsData<'_>, data: &ReportData<'_>, fields: &Fields) -> Self {
         let significance = groups.options.compare.significance;
         let comparisons = groups.comparisons;
         let tested: Vec<(usize, &Comparison, &Tested)> =
@@ -112,8 +117,9 @@ impl GroupsView {
             })
             .collect();
         let tests_made = tested.len();
-        let differs = |t: &Tested| t.p_adjusted <= significance || t.p_either_adjusted <= significance;
+        let differs = |t: &Tested| groups_differ(t, significance);
         let place = |t: &Tested| places(t, data, significance);
+        let direction = |c: &Comparison, t: &Tested| directions_of(c, t, data, significance);
         let tests = tested.iter().map(|(_, c, t)| TestRow {
             emotion: c.emotion.clone(),
             groups: [group_values(&c.groups[0]), group_values(&c.groups[1])],
@@ -129,6 +135,7 @@ impl GroupsView {
             hopeless: t.least_p_adjusted > significance,
             least_p: p_text(t.least_p_adjusted, 0.0),
             place: if differs(t) { place(t) } else { String::new() },
+            direction: if differs(t) { direction(c, t) } else { String::new() },
         });
         let tests: Vec<TestRow> = tests.collect();
         let drawn: Vec<_> = tested.iter().filter(|(_, _, t)| differs(t)).collect();
@@ -140,6 +147,8 @@ impl GroupsView {
             nodes: t.node_p.iter().filter(|&&p| p <= significance).count(),
             live: t.node_p.len(),
             place: place(t),
+            direction: direction(c, t),
+            map: map_of(c, t, data, significance, fields),
             effect: percent(t.effect),
             p_holm: p_text(t.p_adjusted, 0.0),
         });
@@ -182,9 +191,40 @@ impl GroupsView {
     }
 }
 
-/// A share in percent with one decimal.
+/// Whether either test shows two groups to differ.
+fn groups_differ(t: &Tested, significance: f64) -> bool {
+    t.p_adjusted <= significance || t.p_either_adjusted <= significance
+}
+
+/// How the apex of the first group differs from the second's, by part of the face; empty where a representative is not there.
+fn directions_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance: f64) -> String {
+    let model = |group: &BTreeMap<String, String>| {
+        data.representatives.iter().find(|r| r.label.emotion == c.emotion && r.label.group == *group).map(|r| &r.model)
+    };
+    let (Some(a), Some(b)) = (model(&c.groups[0]), model(&c.groups[1])) else { return String::new() };
+    let live = data.wireframe.live_nodes();
+    let differing: Vec<NodeId> = live.iter().zip(&t.node_p).filter(|(_, p)| **p <= significance).map(|(n, _)| *n).collect();
+    let told = if differing.is_empty() { live } else { &differing };
+    figures::directions(a, b, told, data.tables).join("; ")
+}
+
+/// Where two groups differ, on the neutral of the first; empty where its representative is not there.
+fn map_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance: f64, drawn: &Fields) -> String {
+    let first = data.representatives.iter().find(|r| r.label.emotion == c.emotion && r.label.group == c.groups[0]);
+    let Some(first) = first else { return String::new() };
+    let live = data.wireframe.live_nodes();
+    let energies: BTreeMap<NodeId, f64> = live.iter().copied().zip(t.node_energy.iter().map(|e| e.max(0.0))).collect();
+    let energy = |n: NodeId| energies.get(&n).copied().unwrap_or(0.0);
+    let differing: Vec<NodeId> = live.iter().zip(&t.node_p).filter(|(_, p)| **p <= significance).map(|(n, _)| *n).collect();
+    let span = (0.0, figures::range(&energy, &drawn.lines).1);
+    let map = figures::map(&first.model, &energy, span, &differing, drawn.within, &drawn.lines);
+    let names = c.groups.each_ref().map(group_values);
+    map.inline("heat", &format!("Energy distance per node between {} and {}", names[0], names[1]))
+}
+
+/// An effect in percent: an estimate that may come out below nothing, of what cannot, is nothing.
 fn percent(share: f64) -> String {
-    format!("{} %", fixed(share * 100.0, 1))
+    format!("{} %", fixed(share.max(0.0) * 100.0, 1))
 }
 
 /// A p value; one that no split can undercut as `≤`.
@@ -225,7 +265,7 @@ pub(super) fn payload(groups: &GroupsData<'_>, data: &ReportData<'_>) -> Value {
         data.representatives.iter().position(|r| r.label.emotion == emotion && r.label.group == *group)
     };
     let pairs = groups.comparisons.pairs.iter().enumerate().filter_map(|(k, c)| {
-        let t = c.outcome.as_ref().ok().filter(|t| t.p_adjusted <= significance)?;
+        let t = c.outcome.as_ref().ok().filter(|t| groups_differ(t, significance))?;
         let differing: Vec<usize> = (0..t.node_p.len()).filter(|&k| t.node_p[k] <= significance).collect();
         let pair = json!({
             "a": place(&c.emotion, &c.groups[0])?,

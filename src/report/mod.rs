@@ -5,7 +5,9 @@
 //! on the input alone: no clock, no random names, lengths rounded to 0.01 face units.
 
 mod courses;
+pub mod drawing;
 mod failure;
+pub mod figures;
 mod groups;
 mod numbers;
 mod payload;
@@ -33,7 +35,7 @@ use crate::{
     wireframe::{Fapus, Tables, Wireframe},
 };
 
-pub use courses::mean_course_svg;
+pub use courses::{mean_course, mean_course_svg};
 pub use failure::{Failure, Stage};
 pub use variation::{BandCurve, VariationData};
 

@@ -108,16 +108,25 @@ fn wireframe(wireframe: &Wireframe) -> Value {
         "triangles": corners.collect::<Vec<_>>(),
         "shades": wireframe.triangles().iter().map(|t| shade(wireframe.vertices(), *t)).collect::<Vec<_>>(),
         "shadeCount": SHADES,
-        "contours": contours(&place, "strong"),
-        "fine": contours(&place, "fine"),
+        "contours": contours(wireframe, &place, "strong"),
+        "fine": contours(wireframe, &place, "fine"),
     })
 }
 
-/// Contours of a weight, those of which the wireframe has every node.
-fn contours(place: &BTreeMap<NodeId, usize>, weight: &str) -> Vec<Vec<usize>> {
-    let place_of = |node: &str| place.get(&NodeId(node.parse().ok()?)).copied();
+/// Contours of a weight by the places of their nodes.
+fn contours(wireframe: &Wireframe, place: &BTreeMap<NodeId, usize>, weight: &str) -> Vec<Vec<usize>> {
+    let chains = contour_chains(wireframe, weight);
+    chains.iter().filter_map(|chain| chain.iter().map(|n| place.get(n).copied()).collect()).collect()
+}
+
+/// Contours of a weight (`strong`, `fine`) as chains of nodes, those of which the wireframe has every node.
+pub(super) fn contour_chains(wireframe: &Wireframe, weight: &str) -> Vec<Vec<NodeId>> {
+    let live = |node: &str| {
+        let node = NodeId(node.parse().ok()?);
+        wireframe.live_nodes().contains(&node).then_some(node)
+    };
     let rows = CONTOURS.lines().skip(1).filter_map(|line| line.split_once(',')?.1.split_once(','));
-    rows.filter(|&(w, _)| w == weight).filter_map(|(_, nodes)| nodes.split_whitespace().map(place_of).collect()).collect()
+    rows.filter(|&(w, _)| w == weight).filter_map(|(_, nodes)| nodes.split_whitespace().map(live).collect()).collect()
 }
 
 /// Lambert shade of a neutral triangle under [`LIGHT`], 0 to `SHADES` - 1; windings do not matter.

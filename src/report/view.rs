@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::{
     Failure, ReportData,
     courses::{self, CoursesView},
+    figures::{self, FieldScale, Lines},
     groups::GroupsView,
     numbers::{MISSING, fixed, fixed_or_dash, ratio},
     payload::MOST_DOTS,
@@ -15,6 +16,7 @@ use crate::{
     output::count,
     statistics::{ClassLabel, Representative},
     track::{TrackQuality, Verdict},
+    units::NodeId,
     wireframe::Fapu,
 };
 
@@ -49,6 +51,8 @@ pub(super) struct View<'a> {
     look_again_count: String,
     table: DispersionTable<'a>,
     cards: Vec<Card>,
+    /// Drawn length over length of arrows, and the length of the measure.
+    arrows: [String; 2],
     track_count: String,
     fapus: Vec<(String, String)>,
     small_class: usize,
@@ -142,6 +146,55 @@ struct Card {
     has_bands: bool,
     /// Stem of its files, as a part of a link.
     stem: Option<String>,
+    fields: Vec<FieldView>,
+    /// The map of its dispersion; empty for a single sequence.
+    map: String,
+}
+
+/// A displacement field: its picture, and how far nodes go.
+#[derive(Serialize)]
+struct FieldView {
+    picture: String,
+    lengths: String,
+}
+
+/// What the drawings of all classes have in common.
+pub(super) struct Fields {
+    pub(super) lines: Lines,
+    scale: FieldScale,
+    pub(super) within: [f64; 4],
+}
+
+impl Fields {
+    fn new(data: &ReportData<'_>) -> Self {
+        let lines = Lines::new(data.wireframe);
+        let models = || data.representatives.iter().map(|r| &r.model);
+        Self { scale: FieldScale::of(models(), &lines), within: figures::view_box(models(), &lines), lines }
+    }
+
+    /// The dispersion of a class, over its own range.
+    fn map(&self, r: &Representative, label: &str) -> String {
+        let value = |n: NodeId| r.node_dispersion.get(n.index()).copied().unwrap_or(0.0);
+        let span = figures::range(&value, &self.lines);
+        let map = figures::map(&r.model, &value, span, &[], self.within, &self.lines);
+        map.inline("heat", &format!("Dispersion per node of {label}"))
+    }
+
+    /// The displacement fields of a class; the first holds the measure.
+    fn of(&self, r: &Representative, label: &str) -> Vec<FieldView> {
+        let view = |m: usize| {
+            let mut drawing = figures::field(&r.model, m, self.scale, self.within, &self.lines);
+            if m == 0 {
+                figures::draw_measure(&mut drawing, self.scale, self.within);
+            }
+            let (mean, longest) = figures::lengths(&r.model, m, &self.lines);
+            FieldView {
+                picture: drawing.inline("field", &format!("Displacement field of {label} from key frame {m} to {}", m + 1)),
+                lengths: format!("mean {}, longest {} face units", fixed(mean, 1), fixed(longest, 1)),
+            }
+        };
+        (0..r.model.frame_count() - 1).map(view).collect()
+    }
 }
 
 impl<'a> View<'a> {
@@ -160,6 +213,7 @@ impl<'a> View<'a> {
         if !look_again.is_empty() {
             summary.push(format!("{} to look at again", look_again.len()));
         }
+        let fields = Fields::new(data);
         let fapus = Fapu::LENGTHS.iter().filter_map(|&u| Some((format!("{u}0"), fixed(data.fapus.length(u)?, 1))));
         Self {
             title: &data.title,
@@ -171,7 +225,8 @@ impl<'a> View<'a> {
             look_again,
             look_again_count,
             table: DispersionTable::new(data.representatives),
-            cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data)).collect(),
+            cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data, &fields)).collect(),
+            arrows: [fields.scale.gain.to_string(), fields.scale.measure.to_string()],
             track_count: count(data.tracks.len(), "sequence", "sequences"),
             fapus: fapus.collect(),
             small_class: SMALL_CLASS,
@@ -179,7 +234,7 @@ impl<'a> View<'a> {
             stems_known: !data.stems.is_empty(),
             files: FILES.map(|(name, what)| [name, what]).to_vec(),
             face: &data.face,
-            groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data)),
+            groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data, &fields)),
             courses: courses::view(data),
         }
     }
@@ -233,7 +288,7 @@ impl Cell {
 }
 
 impl Card {
-    fn new(index: usize, r: &Representative, data: &ReportData<'_>) -> Self {
+    fn new(index: usize, r: &Representative, data: &ReportData<'_>, drawn: &Fields) -> Self {
         let group = group_text(&r.label);
         let emotion = r.label.emotion.clone();
         let label = if group.is_empty() { emotion.clone() } else { format!("{emotion}, {group}") };
@@ -243,6 +298,8 @@ impl Card {
         let per_field: Vec<String> =
             (0..fields).map(|m| r.trimming.iter().filter(|t| t.dropped && t.field == m).count().to_string()).collect();
         Self {
+            fields: drawn.of(r, &label),
+            map: if single { String::new() } else { drawn.map(r, &label) },
             anchor: format!("r{index}"),
             emotion,
             group,

@@ -5,7 +5,7 @@ use std::{borrow::Cow, path::Path};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{FaceScene, FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer, View};
+use super::{FaceScene, FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer, View, fapu_length};
 use crate::{
     mesh::{
         add,
@@ -15,6 +15,7 @@ use crate::{
     output::{OutputError, nine_digits, write_atomic, write_bytes},
     overlay::png_bytes,
     render::{Labelled, contact_sheet, gif_bytes},
+    wireframe::Fapu,
 };
 
 /// An animation: a synthesizer's answers to the frames of a motion.
@@ -30,6 +31,76 @@ pub struct Animation<'a> {
     pub name: &'a str,
     /// Frames per second.
     pub fps: f64,
+}
+
+/// Distance of the pupils of a head, m: the mean of grown people.
+const EYE_SEPARATION_M: f64 = 0.063;
+
+/// Writes animations of one bank by one scheme of regions as binary glTF, in metres at the size of a head: the members with a weight in any
+/// frame as morph targets under their names, shared by an animation each. With several regions there is a target for every member and
+/// region, `NAME.REGION`, that moves the vertices of the region by their share. A target whose weights pass 1 is larger by as much, and its
+/// weights smaller: viewers take weights from 0 to 1. Weights below 0 stay as they are. A surface without weights ([`Solver::Rbf`]) has
+/// a target for every frame.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), OutputError> {
+    let Some(first) = animations.first() else { return Ok(()) };
+    let (bank, regions) = (first.synthesizer.bank(), first.synthesizer.regions());
+    let metres = fapu_length(bank, Fapu::Es).map(|es| EYE_SEPARATION_M / es);
+    let times = |a: &Animation<'_>| (0..a.answers.len()).map(|frame| (frame as f64 / a.fps) as f32).collect::<Vec<f32>>();
+    if first.synthesizer.options().solver == Solver::Rbf {
+        let places: Vec<(usize, usize)> =
+            animations.iter().enumerate().flat_map(|(k, a)| (0..a.answers.len()).map(move |frame| (k, frame))).collect();
+        let targets: Vec<GltfTarget> =
+            (0..places.len()).map(|k| GltfTarget { name: format!("frame_{k:03}"), vertices: None }).collect();
+        let shown = |(k, a): (usize, &Animation<'_>)| {
+            let of = |frame: usize| places.iter().map(move |&place| f32::from(u8::from(place == (k, frame))));
+            let weights = (0..a.answers.len()).flat_map(of).collect();
+            GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights }
+        };
+        let shown: Vec<GltfAnimation> = animations.iter().enumerate().map(shown).collect();
+        let surface = |k: usize| Cow::Owned(animations[places[k].0].surface(places[k].1));
+        return write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &surface, &shown, metres));
+    }
+    // Least and largest weight of a target.
+    let span = |region: usize, member: usize| {
+        let weights = animations.iter().flat_map(|a| a.answers).map(move |a| a.weights[region][member]);
+        weights.fold((0.0_f64, 0.0_f64), |(low, high), w| (low.min(w), high.max(w)))
+    };
+    let pairs: Vec<(usize, usize, f64)> = (0..bank.member_count())
+        .flat_map(|member| (0..regions.count()).map(move |region| (member, region)))
+        .filter_map(|(member, region)| match span(region, member) {
+            (low, high) if low == 0.0 && high == 0.0 => None,
+            (low, high) => Some((member, region, if low < 0.0 { 1.0 } else { high.max(1.0) })),
+        })
+        .collect();
+    let names = regions.scheme().names();
+    let target = |&(member, region, _): &(usize, usize, f64)| {
+        let name = &bank.names()[member];
+        if regions.count() == 1 {
+            return GltfTarget { name: name.clone(), vertices: None };
+        }
+        let shares = regions.vertex_shares(region).iter().enumerate();
+        let vertices = shares.filter(|(_, share)| **share > 0.0).map(|(v, _)| v as u32).collect();
+        GltfTarget { name: format!("{name}.{}", names[region]), vertices: Some(vertices) }
+    };
+    let targets: Vec<GltfTarget> = pairs.iter().map(target).collect();
+    let displacements = |k: usize| -> Cow<'_, [[f32; 3]]> {
+        let (member, region, larger) = pairs[k];
+        let all = bank.displacements(member);
+        if regions.count() == 1 && larger <= 1.0 {
+            return Cow::Borrowed(all);
+        }
+        let larger = larger as f32;
+        Cow::Owned(all.iter().zip(regions.vertex_shares(region)).map(|(d, &share)| d.map(|c| c * share * larger)).collect())
+    };
+    let weights = |a: &Animation<'_>| {
+        let of = |a: &FrameAnswer| pairs.iter().map(|&(m, r, larger)| (a.weights[r][m] / larger) as f32).collect::<Vec<_>>();
+        GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights: a.answers.iter().flat_map(of).collect() }
+    };
+    let shown: Vec<GltfAnimation> = animations.iter().map(weights).collect();
+    write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &displacements, &shown, metres))
 }
 
 /// Frames whose surfaces are in memory at once while files are written.
@@ -54,55 +125,6 @@ impl Animation<'_> {
             }
         }
         Ok(())
-    }
-
-    /// Writes the animation as binary glTF: the members with a weight in any frame as morph targets under their names, and their weights
-    /// over time. With several regions there is a target for every member and region, `NAME.REGION`, that moves the vertices of the
-    /// region by their share. A surface without weights ([`Solver::Rbf`]) has a target for every frame.
-    ///
-    /// # Errors
-    /// [`OutputError`].
-    pub fn write_gltf(&self, path: &Path) -> Result<(), OutputError> {
-        let bank = self.synthesizer.bank();
-        let times_s = (0..self.answers.len()).map(|frame| (frame as f64 / self.fps) as f32).collect();
-        if self.synthesizer.options().solver == Solver::Rbf {
-            let frames = self.answers.len();
-            let targets: Vec<GltfTarget> =
-                (0..frames).map(|k| GltfTarget { name: format!("frame_{k:03}"), vertices: None }).collect();
-            let weights = (0..frames * frames).map(|k| f32::from(u8::from(k / frames == k % frames))).collect();
-            let animation = GltfAnimation { name: self.name.to_owned(), times_s, weights };
-            let surface = |frame: usize| Cow::Owned(self.surface(frame));
-            return write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &surface, Some(&animation)));
-        }
-        let regions = self.synthesizer.regions();
-        let used = |region: usize, member: usize| self.answers.iter().any(|a| a.weights[region][member] != 0.0);
-        let pairs: Vec<(usize, usize)> = (0..bank.member_count())
-            .flat_map(|member| (0..regions.count()).map(move |region| (member, region)))
-            .filter(|&(member, region)| used(region, member))
-            .collect();
-        let names = regions.scheme().names();
-        let target = |&(member, region): &(usize, usize)| {
-            let name = &bank.names()[member];
-            if regions.count() == 1 {
-                return GltfTarget { name: name.clone(), vertices: None };
-            }
-            let shares = regions.vertex_shares(region).iter().enumerate();
-            let vertices = shares.filter(|(_, share)| **share > 0.0).map(|(v, _)| v as u32).collect();
-            GltfTarget { name: format!("{name}.{}", names[region]), vertices: Some(vertices) }
-        };
-        let targets: Vec<GltfTarget> = pairs.iter().map(target).collect();
-        let displacements = |k: usize| -> Cow<'_, [[f32; 3]]> {
-            let (member, region) = pairs[k];
-            let all = bank.displacements(member);
-            if regions.count() == 1 {
-                return Cow::Borrowed(all);
-            }
-            Cow::Owned(all.iter().zip(regions.vertex_shares(region)).map(|(d, &share)| d.map(|c| c * share)).collect())
-        };
-        let weights =
-            self.answers.iter().flat_map(|a| pairs.iter().map(|&(member, region)| a.weights[region][member] as f32)).collect();
-        let animation = GltfAnimation { name: self.name.to_owned(), times_s, weights };
-        write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &displacements, Some(&animation)))
     }
 
     /// Writes `surface.npy`: frames x vertices x 3, displacements from neutral.

@@ -40,14 +40,14 @@ pub use crossover::Crossover;
 pub use dense::read_dense_faces;
 pub use embedded::{candide_bank, candide_expressions, candide_shapes, candide_study};
 pub use error::{BankError, SynthesisError};
-pub use export::{Animation, compare_with_truth, write_bank_picture, write_png};
+pub use export::{Animation, compare_with_truth, write_bank_picture, write_gltf, write_png};
 pub use feature_points::{
     place_feature_points, read_feature_points, read_landmark_vertices, skin_feature_points, write_feature_points,
 };
 pub use file::{BANK_VERSION, write as write_bank};
 pub use fitness::fitness;
 pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
-pub use motion::{Motion, MotionKind, NOISE, read_motion};
+pub use motion::{Motion, MotionKind, NOISE, fapu_length, read_motion};
 pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};
 pub use regions::{OVERLAP, RegionScheme, Regions};
 pub use scene::{FaceScene, View};

@@ -107,6 +107,16 @@ impl Motion {
         Self { frames: self.frames.iter().map(frame).collect(), ..self.clone() }
     }
 
+    /// The motion with its last frame held for so many frames more, and then back to its first frame, the last again.
+    pub fn there_and_back(&self, hold: usize) -> Self {
+        let mut frames = self.frames.clone();
+        if let Some(apex) = self.frames.last() {
+            frames.extend(std::iter::repeat_n(apex.clone(), hold));
+            frames.extend(self.frames.iter().rev().skip(1).cloned());
+        }
+        Self { frames, ..self.clone() }
+    }
+
     /// Whether nothing moves in any frame.
     pub fn is_still(&self) -> bool {
         self.frames.iter().all(|f| f.total_length() == 0.0)
@@ -313,6 +323,12 @@ fn scale_of(
             .to_owned(),
     })?;
     Ok(Fapu::LENGTHS.map(|fapu| ratio(fapu).unwrap_or(es)))
+}
+
+/// A FAPU length of a bank's face, in its unit; `None` where its feature points are not there.
+pub fn fapu_length(bank: &Bank, fapu: Fapu) -> Option<f64> {
+    let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
+    length(fapu, &at).filter(|length| *length > 0.0)
 }
 
 /// A FAPU length by feature points of the skin; the pupils stand halfway between the corners of their eye.

@@ -99,6 +99,19 @@ impl<'b> FaceScene<'b> {
         Self { bank, shades, eyes, openings, middle, reach }
     }
 
+    /// The eyeballs that the mesh itself has not: positions, triangles, centre, and radius of the iris.
+    pub fn eyes(&self) -> impl Iterator<Item = (&[[f32; 3]], &[[u32; 3]], [f32; 3], f32)> {
+        self.eyes.iter().filter_map(|prop| match prop.shade {
+            Shade::Eye { centre, iris } => Some((prop.positions.as_slice(), prop.triangles.as_slice(), centre, iris)),
+            _ => None,
+        })
+    }
+
+    /// The openings that are no eyes, as closed walks of vertices.
+    pub fn openings(&self) -> &[Vec<u32>] {
+        &self.openings
+    }
+
     /// Draws the face with displacements from neutral.
     pub fn draw(&self, displacements: &[[f32; 3]], view: View) -> RgbImage {
         self.canvas(displacements, view).picture()

@@ -108,3 +108,43 @@ fn with_reduced_motion_it_plays_once() {
     wait(&browser, "!P.playing");
     assert_eq!(browser.run("return P.share").as_f64(), Some(1.0));
 }
+
+#[test]
+fn a_dense_head_moves_by_motions_and_by_single_faps() {
+    let browser = Browser::start();
+    page(&browser);
+    let folder = browser.folder.path();
+    let run = Command::new(grimace())
+        .current_dir(folder)
+        .args(["play", "jaw.fap", "smile.fap", "--bank", "candide", "-o", "head.html"])
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let url = format!("file://{}", folder.join("head.html").display());
+    for url in [url.clone(), format!("{url}#canvas")] {
+        browser.go("about:blank");
+        browser.size(1280, 900);
+        ready(&browser, &url);
+        // Farthest that a vertex is from its place at rest, px.
+        let moved = || {
+            let script = "const r = P.views[0].rig; let most = 0; for (let k = 0; k < r.moved.length; k++) most = Math.max(most, Math.abs(r.moved[k] - r.rest[k])); return most";
+            browser.run(script).as_f64().unwrap()
+        };
+        assert!(moved() > 3.0, "the apex: {}", moved());
+        browser.press(&HOME.to_string());
+        assert!(moved() < 0.5, "neutral: {}", moved());
+        let set = "const s = document.querySelector('[data-fap=\"31\"]'); s.value = 400; s.dispatchEvent(new Event('input', {bubbles: true}))";
+        browser.run(set);
+        assert!(moved() > 1.0, "a single FAP: {}", moved());
+        browser.run("document.querySelector('.gp-reset').click()");
+        assert!(moved() < 0.5);
+        // It is drawn: more colours than a background has.
+        let colours = "const c = document.createElement('canvas'), v = P.views[0].stage.canvas; c.width = v.width; c.height = v.height;
+            const g = c.getContext('2d'); g.drawImage(v, 0, 0); const d = g.getImageData(0, 0, c.width, c.height).data; const seen = new Set();
+            for (let k = 0; k < d.length; k += 4) seen.add((d[k] << 16) + (d[k + 1] << 8) + d[k + 2]); return seen.size";
+        assert!(browser.run(colours).as_u64().unwrap() > 50);
+        browser.press(&END.to_string());
+        browser.screenshot("player-head", false);
+        no_errors(&browser);
+    }
+}

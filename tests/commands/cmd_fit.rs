@@ -92,6 +92,9 @@ fn results_are_not_written_over_without_force() {
     work.grimace("fit neutral.png -c marks.csv -o fit.csv").exit(1).says(&["fit.csv is there already", "--force"]);
     work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay fit.png").exit(1).says(&["fit.png is there already"]);
     assert!(!work.path("new.csv").exists());
+    // A folder, as of the other commands: the picture has the image's name.
+    work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay pictures").exit(0);
+    assert_eq!(work.files("pictures").into_keys().collect::<Vec<_>>(), ["neutral.png"]);
     work.grimace("fit neutral.png -c marks.csv -o fit.csv --force -q").exit(0);
     assert_eq!(work.rows("fit.csv").len(), 113);
 }

@@ -51,6 +51,21 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
 }
 
 #[test]
+fn a_page_plays_on_the_dense_head() {
+    let work = Work::new();
+    work.write("jaw.fap", jaw());
+    work.grimace("play jaw.fap --bank candide -o head.html").exit(0).prints(&["1 motion on 1 face: head.html"]);
+    let page = data(&work.read("head.html"));
+    let head = &page["faces"][0];
+    assert_eq!((head["kind"].as_str(), head["label"].as_str()), (Some("head"), Some("candide")));
+    assert_eq!(head["motions"][0]["frames"].as_u64(), Some(3));
+    // FAP 3 opens the jaw: it moves along y.
+    let faps = head["faps"].as_array().unwrap();
+    assert_eq!(faps.iter().find(|f| f["number"] == 3).unwrap()["axis"].as_u64(), Some(1));
+    work.grimace("play jaw.fap --bank gone.bank -o x.html").exit(1).says(&["gone.bank"]);
+}
+
+#[test]
 fn what_does_not_play_is_said() {
     let work = Work::new();
     work.write("notes.txt", "x").write("bad.fap", "no fap");

@@ -54,6 +54,44 @@ fn a_representative_drives_the_embedded_bank() {
 }
 
 #[test]
+fn several_motions_are_animations_of_one_file_in_metres_and_loop() {
+    let work = Work::new();
+    work.write("smile.csv", representative()).write("wide.csv", representative());
+    let options = "--loop --format glb --solver nnls --bound-starts 0";
+    work.grimace(&format!("synthesize -b candide -m smile.csv wide.csv {options} -c 2 -o out"))
+        .exit(0)
+        .prints(&["smile:", "wide:"]);
+    let (document, buffers, _) = gltf::import(work.path("out/animation.glb")).unwrap();
+    let names: Vec<_> = document.animations().map(|a| a.name().unwrap().to_owned()).collect();
+    assert_eq!(names, ["smile", "wide"]);
+    assert_eq!(document.meshes().count(), 1);
+    for animation in document.animations() {
+        let channel = animation.channels().next().unwrap();
+        let reader = channel.reader(|b| Some(&buffers[b.index()]));
+        // 25 frames there, half a second of 12.5 frames, 24 back.
+        assert_eq!(reader.read_inputs().unwrap().count(), 25 + 13 + 24);
+        let gltf::animation::util::ReadOutputs::MorphTargetWeights(weights) = reader.read_outputs().unwrap() else { panic!() };
+        let weights: Vec<f32> = weights.into_f32().collect();
+        assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)) && weights.iter().any(|w| *w > 0.1), "{weights:?}");
+        let targets = weights.len() / (25 + 13 + 24);
+        assert_eq!(weights[..targets], weights[weights.len() - targets..]);
+    }
+    // The pupils of a head are 63 mm apart: its face is about a quarter of a metre high.
+    let scale = document.nodes().next().unwrap().transform().decomposed().2[1];
+    let bounds = document.meshes().next().unwrap().primitives().next().unwrap().bounding_box();
+    let height = scale * (bounds.max[1] - bounds.min[1]);
+    assert!((0.15..0.35).contains(&height), "{height} m");
+    // What belongs to one motion has a folder each.
+    for name in names {
+        assert!(
+            work.path(&format!("out/{name}/weights.csv")).exists() && !work.path(&format!("out/{name}/animation.glb")).exists()
+        );
+        assert_eq!(report(&work, &format!("out/{name}"))["frames"], 62);
+    }
+    work.grimace(&format!("synthesize -b candide -m smile.csv smile.csv {options} -o twice")).exit(1).says(&["rename the file"]);
+}
+
+#[test]
 fn the_same_bytes_for_any_number_of_threads() {
     let work = Work::new();
     work.write("m.csv", representative());

@@ -13,6 +13,7 @@ mod cmd_clone;
 mod cmd_consent;
 mod cmd_fap;
 mod cmd_features;
+mod cmd_figures;
 mod cmd_fit;
 mod cmd_lab;
 mod cmd_locate;

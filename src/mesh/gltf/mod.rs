@@ -30,7 +30,7 @@ mod tests {
         let animation =
             GltfAnimation { name: "happiness".to_owned(), times_s: vec![0.0, 0.04], weights: vec![0.0, 0.0, 1.0, 0.5] };
         let mut bytes = Vec::new();
-        write_glb(&mut bytes, &mesh, &targets, &|k| Cow::Borrowed(&moves[k][..]), Some(&animation)).unwrap();
+        write_glb(&mut bytes, &mesh, &targets, &|k| Cow::Borrowed(&moves[k][..]), &[animation], Some(0.1)).unwrap();
         bytes
     }
 

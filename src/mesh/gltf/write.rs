@@ -44,7 +44,8 @@ const GLB_MAGIC: u32 = 0x4654_6C67;
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
 
-/// Writes a mesh, its morph targets (positions and normals) and, where given, an animation as binary glTF.
+/// Writes a mesh, its morph targets (positions and normals) and animations of their weights as binary glTF. `metres` are those of one unit
+/// of the mesh, in which glTF counts; `None` where they are not known.
 ///
 /// `displacements(k)` are those of target k, of every vertex. They are asked for twice and never kept: beside the mesh, one target
 /// at a time is in memory.
@@ -56,9 +57,10 @@ pub fn write_glb<'a>(
     mesh: &TriangleMesh,
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
-    animation: Option<&GltfAnimation>,
+    animations: &[GltfAnimation],
+    metres: Option<f64>,
 ) -> io::Result<()> {
-    let (root, bin_length) = document(mesh, targets, displacements, animation)?;
+    let (root, bin_length) = document(mesh, targets, displacements, animations, metres)?;
     let mut text = json::serialize::to_vec(&root).map_err(io::Error::from)?;
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() as u64 + 8 + bin_length;
@@ -95,7 +97,7 @@ pub fn write_glb<'a>(
             }
         }
     }
-    if let Some(animation) = animation {
+    for animation in animations {
         for number in animation.times_s.iter().chain(&animation.weights) {
             out.write_all(&number.to_le_bytes())?;
         }
@@ -211,7 +213,8 @@ fn document<'a>(
     mesh: &TriangleMesh,
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
-    animation: Option<&GltfAnimation>,
+    animations: &[GltfAnimation],
+    metres: Option<f64>,
 ) -> io::Result<(Root, u64)> {
     let count = mesh.vertex_count();
     let generator = Some(format!("grimace {}", env!("CARGO_PKG_VERSION")));
@@ -234,7 +237,7 @@ fn document<'a>(
         };
         morphs.push(MorphTarget { positions: Some(positions), normals: Some(normals), tangents: None });
     }
-    let sampler = animation.map(|animation| {
+    let sampler = |animation: &GltfAnimation| {
         let frames = animation.times_s.len();
         let view = builder.view(4 * frames as u64, None);
         let input = builder.accessor(Some(view), frames, ComponentType::F32, Type::Scalar);
@@ -245,7 +248,8 @@ fn document<'a>(
         let view = builder.view(4 * animation.weights.len() as u64, None);
         let output = builder.accessor(Some(view), animation.weights.len(), ComponentType::F32, Type::Scalar);
         Sampler { input, output, interpolation: Checked::Valid(Interpolation::Linear), extensions: None, extras: None }
-    });
+    };
+    let samplers: Vec<Sampler> = animations.iter().map(sampler).collect();
     let Builder { mut root, length } = builder;
     root.push(Buffer { byte_length: USize64(length), name: None, uri: None, extensions: None, extras: None });
     let material = root.push(Material {
@@ -278,10 +282,11 @@ fn document<'a>(
             extras: None,
         }],
     });
-    let node = root.push(Node { mesh: Some(mesh), name: Some("face".to_owned()), ..Node::default() });
+    let scale = metres.map(|m| [m as f32; 3]);
+    let node = root.push(Node { mesh: Some(mesh), name: Some("face".to_owned()), scale, ..Node::default() });
     let scene = root.push(Scene { nodes: vec![node], name: None, extensions: None, extras: None });
     root.scene = Some(scene);
-    if let (Some(animation), Some(sampler)) = (animation, sampler) {
+    for (animation, sampler) in animations.iter().zip(samplers) {
         let target = Target { node, path: Checked::Valid(Property::MorphTargetWeights), extensions: None, extras: None };
         root.push(Animation {
             name: Some(animation.name.clone()),

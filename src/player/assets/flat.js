@@ -43,6 +43,7 @@ class FlatStage {
       canvas.width = rig.width;
       canvas.height = rig.height;
     }
+    if (rig.kind === "head") return this.head(rig);
     context.drawImage(rig.image, 0, 0);
     const { vertices, moved, skin } = rig;
     const point = (list, v) => [list[2 * v], list[2 * v + 1]];
@@ -69,6 +70,43 @@ class FlatStage {
         line.forEach(([x, y], k) => (k ? context.lineTo(x + 0.5, y + 0.5) : context.moveTo(x + 0.5, y + 0.5)));
         context.stroke();
       }
+    }
+  }
+  /** A head from back to front, each triangle in one shade. */
+  head(rig) {
+    const { canvas, context } = this;
+    const style = (colour, light) => `rgb(${colour.map((c) => Math.round(255 * clamp(c * light, 0, 1))).join()})`;
+    context.fillStyle = style(HEAD_BACKGROUND, 1);
+    context.fillRect(0, 0, canvas.width, canvas.height);
+    const list = [];
+    const add = ({ moved: p, triangles, colours }, colour) => {
+      for (let k = 0; k < triangles.length; k += 3) {
+        const [a, b, c] = [3 * triangles[k], 3 * triangles[k + 1], 3 * triangles[k + 2]];
+        const u = [p[b] - p[a], p[b + 1] - p[a + 1], p[b + 2] - p[a + 2]], v = [p[c] - p[a], p[c + 1] - p[a + 1], p[c + 2] - p[a + 2]];
+        const n = [u[2] * v[1] - u[1] * v[2], u[0] * v[2] - u[2] * v[0], u[1] * v[0] - u[0] * v[1]];
+        if (n[2] <= 0) continue;
+        const size = Math.hypot(...n) || 1, key = Math.max((n[0] * HEAD_LIGHT[0] + n[1] * HEAD_LIGHT[1] + n[2] * HEAD_LIGHT[2]) / size, 0);
+        list.push({ z: p[a + 2] + p[b + 2] + p[c + 2], at: [p[a], p[a + 1], p[b], p[b + 1], p[c], p[c + 1]], style: style(colours ? [...colours.subarray(a, a + 3)] : colour, 0.34 + 0.72 * key) });
+      }
+    };
+    add(rig, HEAD_SKIN);
+    for (const eye of rig.eyes) add(eye);
+    for (const corners of rig.cavities()) {
+      for (let k = 0; k < corners.length; k += 3) {
+        const [a, b, c] = corners.slice(k, k + 3);
+        list.push({ z: a[2] + b[2] + c[2], at: [a[0], a[1], b[0], b[1], c[0], c[1]], style: style(HEAD_DARK, 1) });
+      }
+    }
+    list.sort((a, b) => a.z - b.z);
+    for (const { at: [ax, ay, bx, by, cx, cy], style: fill } of list) {
+      context.fillStyle = context.strokeStyle = fill;
+      context.beginPath();
+      context.moveTo(ax, ay);
+      context.lineTo(bx, by);
+      context.lineTo(cx, cy);
+      context.closePath();
+      context.fill();
+      context.stroke();
     }
   }
   mouth(rig, loose) {

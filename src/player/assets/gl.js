@@ -76,11 +76,23 @@ precision mediump float; varying vec2 p; uniform vec3 colour; uniform float shut
 void main() { float a = clamp(p.x, 0.0, 1.0);
   gl_FragColor = vec4(colour, shut * sqrt(4.0 * a * (1.0 - a)) * (1.0 - smoothstep(0.3, 1.0, abs(p.y)))); }`;
 
+// A head: z is towards the viewer, colours are of the light.
+const HEAD_VERTEX = `
+attribute vec3 at; attribute vec3 normal; attribute vec3 colour; uniform vec2 size; varying vec3 n; varying vec3 c;
+void main() { n = normal; c = colour; vec2 p = at.xy / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, -at.z / (4.0 * size.y), 1.0); }`;
+const HEAD_FRAGMENT = `
+precision mediump float; varying highp vec3 n; varying vec3 c; uniform vec3 light; uniform float lit;
+void main() {
+  highp vec3 m = normalize(n); float key = max(dot(m, light), 0.0), rim = 1.0 - abs(m.z);
+  vec3 shade = c * (0.34 + 0.72 * key) + 0.05 * pow(max(reflect(-light, m).z, 0.0), 18.0) - 0.10 * c * rim * rim;
+  gl_FragColor = vec4(mix(c, shade, lit), 1.0);
+}`;
+
 class GlStage {
   /** Throws where there is no WebGL. */
   constructor(canvas, teeth) {
     this.canvas = canvas;
-    this.gl = canvas.getContext("webgl", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
+    this.gl = canvas.getContext("webgl", { alpha: false, antialias: false, depth: true, preserveDrawingBuffer: true });
     if (!this.gl) throw new Error("no WebGL");
     this.teeth = teeth;
     this.setUp();
@@ -95,6 +107,7 @@ class GlStage {
     this.skin = this.program(SKIN_VERTEX, SKIN_FRAGMENT);
     this.mouth = this.program(MOUTH_VERTEX, MOUTH_FRAGMENT);
     this.lash = this.program(LASH_VERTEX, LASH_FRAGMENT);
+    this.head = this.program(HEAD_VERTEX, HEAD_FRAGMENT);
     this.pictures = new Map();
     this.around = null;
     this.buffers = new Map();
@@ -176,6 +189,7 @@ class GlStage {
       this.around = null;
     }
     gl.viewport(0, 0, canvas.width, canvas.height);
+    if (rig.kind === "head") return this.drawHead(rig);
     if (!this.pictures.has(rig)) this.pictures.set(rig, this.texture(rig.image));
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.pictures.get(rig));
@@ -205,6 +219,46 @@ class GlStage {
     }
     for (const opening of rig.openings.slice(1)) this.drawLashes(rig, opening);
     gl.disable(gl.BLEND);
+  }
+  drawHead(rig) {
+    const { gl, head } = this;
+    this.around = null;
+    gl.enable(gl.DEPTH_TEST);
+    gl.clearColor(...HEAD_BACKGROUND, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    this.use(head, rig);
+    this.uniform(head, "light", ...HEAD_LIGHT);
+    const solid = (name, { moved, normals, triangles, colours }, fixed) => {
+      this.uniform(head, "lit", 1);
+      this.buffer(`${name} at`, () => moved, gl.ARRAY_BUFFER, fixed);
+      this.attribute(head, "at", 3);
+      this.buffer(`${name} normal`, () => normals, gl.ARRAY_BUFFER, fixed);
+      this.attribute(head, "normal", 3);
+      if (colours) {
+        this.buffer(`${name} colour`, () => colours, gl.ARRAY_BUFFER, fixed);
+        this.attribute(head, "colour", 3);
+      } else this.plain(head, HEAD_SKIN);
+      this.buffer(`${name} ${rig.index}`, () => triangles, gl.ELEMENT_ARRAY_BUFFER, true);
+      gl.drawElements(gl.TRIANGLES, triangles.length, gl.UNSIGNED_SHORT, 0);
+    };
+    solid("head", rig, false);
+    rig.eyes.forEach((eye, k) => solid(`eye ${rig.index} ${k}`, eye, true));
+    this.uniform(head, "lit", 0);
+    for (const corners of rig.cavities()) {
+      this.plain(head, HEAD_DARK);
+      gl.disableVertexAttribArray(head.at("normal")[0]);
+      gl.vertexAttrib3f(head.at("normal")[0], 0, 0, 1);
+      this.buffer("cavity", () => Float32Array.from(corners.flat()));
+      this.attribute(head, "at", 3);
+      gl.drawArrays(gl.TRIANGLES, 0, corners.length);
+    }
+    gl.disable(gl.DEPTH_TEST);
+  }
+  /** One colour for all corners. */
+  plain(program, colour) {
+    const place = program.at("colour")[0];
+    this.gl.disableVertexAttribArray(place);
+    this.gl.vertexAttrib3f(place, ...colour);
   }
   drawMouth(rig, source) {
     const { gl, mouth } = this;

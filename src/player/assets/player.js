@@ -23,15 +23,15 @@ const loaded = (source) => new Promise((resolve, reject) => {
 class Shelf {
   constructor(data) {
     this.data = data;
-    this.motions = data.motions.map((entry) => new Motion(entry));
-    this.rigs = data.faces.map((entry, index) => Object.assign(new Rig(entry, data), { index }));
+    this.motions = data.motions.map((entry, index) => Object.assign(new Motion(entry), { index }));
+    this.rigs = data.faces.map((entry, index) => Object.assign(entry.kind === "head" ? new Head(entry) : new Rig(entry, data), { index }));
     this.faps = data.faps.map((entry) => ({ ...entry, angle: entry.unit.includes("rad"), offsets: scaled(entry.offsets) }));
     this.names = new Map(this.faps.map((entry) => [entry.number, entry]));
   }
   /** Decodes the pictures. */
   async ready() {
     this.teeth = { ...this.data.teeth, image: await loaded(this.data.teeth.picture) };
-    for (const rig of this.rigs) rig.image = await loaded(rig.picture);
+    for (const rig of this.rigs) if (rig.picture) rig.image = await loaded(rig.picture);
     return this;
   }
   /** A stage on a canvas: WebGL, or a plain canvas where there is none. */
@@ -51,7 +51,7 @@ class Shelf {
   /** A picture of a motion at its end, on a canvas of its own. */
   still(motion, rig, width) {
     this.spare ??= this.stage(node("canvas"));
-    rig.move([{ offsets: motion.at(motion.last, new Float32Array(motion.width)), source: motion, gain: 1 }]);
+    rig.move([{ offsets: motion.at(motion.last, new Float32Array(motion.width)), source: motion, place: motion.last, gain: 1 }]);
     this.spare.draw(rig);
     const picture = node("canvas", { width, height: Math.round((width * rig.height) / rig.width) });
     const context = picture.getContext("2d");
@@ -277,8 +277,9 @@ class FacePlayer {
   }
   parts(view) {
     const { motion, buffer } = view;
-    const parts = [{ offsets: motion.at(this.share * motion.last, buffer), source: motion, gain: this.gain }];
-    for (const [fap, value] of this.extra) parts.push({ offsets: fap.offsets, source: this.shelf.data.canonical, gain: value });
+    const place = this.share * motion.last;
+    const parts = [{ offsets: motion.at(place, buffer), source: motion, place, gain: this.gain }];
+    for (const [fap, value] of this.extra) parts.push({ offsets: fap.offsets, source: this.shelf.data.canonical, fap, gain: value });
     return parts;
   }
   draw() {

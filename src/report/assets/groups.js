@@ -20,13 +20,6 @@ function drawPair(figure) {
 
   const top = Math.max(...pair.energy, 1e-9);
   const box = slot("energy");
-  const { canvas, paint } = heatMap(box, neutral, pair.energy, commonBox, top);
-  const over = new Face(commonBox, `Energy distance per node between ${pair.names.join(" and ")}`, { shaded: false });
-  over.svg.classList.add("heat");
-  over.draw(neutral);
-  for (const k of pair.differing) over.svg.append(vector("circle", { class: "differs", cx: r1(neutral[2 * k]), cy: r1(neutral[2 * k + 1]), r: 13 }));
-  box.append(canvas, over.svg);
-  probeNodes(box, over.svg, neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(pair.energy[k], 2)} face units, p ${fixed(pair.p[k], 4)}`);
-  colorBar(slot("energybar"), top, "energy distance per node, face units");
-  repaint.push(paint);
+  probeNodes(box, $("svg", box), neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(pair.energy[k], 2)} face units, p ${fixed(pair.p[k], 4)}`);
+  colorBar(slot("energybar"), [0, top], "energy distance per node, face units");
 }

@@ -24,18 +24,11 @@ function drawCard(card) {
     moving.draw(positions(rep, player.time, player.gain));
     moving.ghost.setAttribute("d", player.ghost ? contours(neutral) : "");
   }));
-  const resizeFields = drawFields(slot("fields"), rep, $('[data-text="arrow-scale"]', card));
-  repaint.push(resizeFields);
+  probeFields(slot("fields"), rep);
   if (rep.nodeDispersion) {
     const box = slot("heat");
-    const { canvas, paint } = heatMap(box, neutral, rep.nodeDispersion, commonBox);
-    const over = new Face(commonBox, `Dispersion per node of ${name}`, { shaded: false });
-    over.svg.classList.add("heat");
-    over.draw(neutral);
-    box.append(canvas, over.svg);
-    probeNodes(box, over.svg, neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(rep.nodeDispersion[k], 1)} face units`);
-    colorBar(slot("colorbar"));
-    repaint.push(paint);
+    probeNodes(box, $("svg", box), neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(rep.nodeDispersion[k], 1)} face units`);
+    colorBar(slot("colorbar"), rangeOf(rep.nodeDispersion), "dispersion per node, face units");
     repaint.push(stripPlot(slot("distances"), distanceRows(rep), "distance d to the median, face units"));
     repaint.push(stripPlot(slot("trimming"), trimmingRows(rep), "distance d to the other models, face units", "tf"));
     const trimmed = slot("trimmed");

@@ -9,7 +9,7 @@ use super::{Plate, PlateContent, failed, sheet};
 use crate::evaluate::{Cell, EvaluateError, FitMethod, Table};
 use grimace::internal::{
     clone::{Rescale, SourceMotion, Target},
-    dataset::{DEFAULT_LANDMARK_NODES, Dataset, FrameSource},
+    dataset::{DEFAULT_LANDMARK_NODES, Dataset, FrameSource, may_publish},
     fit::{Correspondence, FitOptions, Fitter, PriorKind},
     input::CsvFile,
     model::DynamicExpressionModel,
@@ -53,7 +53,10 @@ impl Performance {
 pub struct KpFigures<'a> {
     bench: &'a Workbench,
     run: &'a Path,
+    /// Those whose people may be shown.
     performances: Vec<Performance>,
+    /// Sequences with a track, shown or not: what the representatives are made of.
+    tracked: usize,
     emotions: Vec<String>,
     /// Who is seen, for the captions.
     who: String,
@@ -67,7 +70,8 @@ impl<'a> KpFigures<'a> {
     pub fn new(dataset: &Path, run: &'a Path, who: &str, bench: &'a Workbench) -> Result<Self, EvaluateError> {
         let failed = failed("the figures of Krinidis and Pitas");
         let opened = Dataset::open(dataset).map_err(|e| failed(&e))?;
-        let mut performances = Vec::new();
+        let (mut performances, mut tracked) = (Vec::new(), 0);
+        let mut emotions: Vec<String> = Vec::new();
         for entry in &opened.sequences {
             let path = run.join(format!("tracks/{}.csv", entry.id));
             let Ok(frames) = entry.frames() else { continue };
@@ -76,6 +80,12 @@ impl<'a> KpFigures<'a> {
             }
             let track = read_track(&path).map_err(|e| failed(&e))?;
             let Some(info) = read_track_info(&path).map_err(|e| failed(&e))?.filter(|_| track.len() > 1) else { continue };
+            tracked += 1;
+            emotions.push(entry.emotion.clone());
+            // Who does not want to be shown counts in the representatives, and is in no figure.
+            if !may_publish(&entry.metadata) {
+                continue;
+            }
             let marks = info.marks.iter().map(|&(node, x, y, _)| Correspondence::mark(NodeId(node), Point2::new(x, y)));
             performances.push(Performance {
                 subject: entry.id.subject.clone(),
@@ -87,12 +97,11 @@ impl<'a> KpFigures<'a> {
             });
         }
         if performances.is_empty() {
-            return Err(failed(&"no sequence with pictures was tracked"));
+            return Err(failed(&"no sequence with pictures was tracked that may be shown"));
         }
-        let mut emotions: Vec<String> = performances.iter().map(|p| p.emotion.clone()).collect();
         emotions.sort();
         emotions.dedup();
-        Ok(Self { bench, run, performances, emotions, who: who.to_owned() })
+        Ok(Self { bench, run, performances, tracked, emotions, who: who.to_owned() })
     }
 
     /// All plates that these sequences allow; what they do not allow is in the second list, with the reason.
@@ -220,8 +229,7 @@ impl<'a> KpFigures<'a> {
         let caption = format!(
             "Frames 3 and 5 of the representative of each emotion, the generalized median after trimming at frame level: the model, and \
              on a simulated person's neutral picture. Made of {} sequences; {}.",
-            self.performances.len(),
-            self.who
+            self.tracked, self.who
         );
         Ok(Plate::new("kp_fig5", "KP, Fig. 5", caption, sheet(rows)))
     }

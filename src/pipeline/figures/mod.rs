@@ -1,0 +1,339 @@
+//! The figures of a finished run, as files: made from its results alone, so that what is published is what stands there.
+
+mod read;
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use self::read::{Class, Results};
+use super::{ModelFileError, Workbench};
+use crate::{
+    input::InputError,
+    output::{self, OutputError, count},
+    report::{
+        drawing::Drawing,
+        figures::{self, FieldScale, Lines, Model, StripRow, view_box},
+        mean_course,
+    },
+    statistics::compare::group_values,
+};
+
+/// Why figures cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum FiguresError {
+    /// Not a folder of results.
+    #[error("{}: there is no representative in it; give the folder that `run` or `analyze` wrote", path.display())]
+    NoResults {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// What describes a representative or a run does not read.
+    #[error("{}: {reason}", path.display())]
+    About {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A model of another wireframe.
+    #[error("{}: it has {found} nodes, the wireframe {expected}; give the --wireframe of the run", path.display())]
+    OtherWireframe {
+        /// The file.
+        path: PathBuf,
+        /// Its nodes.
+        found: usize,
+        /// Those of the wireframe.
+        expected: usize,
+    },
+    /// A model does not read.
+    #[error(transparent)]
+    Model(#[from] ModelFileError),
+    /// A table does not read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+/// A figure and what stands under it.
+#[derive(Debug)]
+pub struct Figure {
+    /// File name without extension.
+    pub name: String,
+    /// The drawing.
+    pub drawing: Drawing,
+    /// What is seen, and of whom.
+    pub about: FigureAbout,
+}
+
+/// A row of `captions.csv`.
+#[derive(Clone, Debug, Serialize)]
+pub struct FigureAbout {
+    /// Name of the files, without extension.
+    pub figure: String,
+    /// What kind of figure it is.
+    pub kind: &'static str,
+    /// Emotion; empty for all.
+    pub emotion: String,
+    /// Values of the columns grouped by; empty for all people.
+    pub group: String,
+    /// Sequences.
+    pub sequences: usize,
+    /// People.
+    pub people: usize,
+    /// Share of models trimmed.
+    pub alpha: f64,
+    /// How the representative was found.
+    pub method: String,
+    /// The caption.
+    pub caption: String,
+}
+
+/// Most courses of FAPs in one figure.
+const MOST_BANDS: usize = 6;
+
+/// All figures of the results in a folder.
+///
+/// # Errors
+/// [`FiguresError`] when there are no results, or a file of them does not read.
+pub fn figures_of(out: &Path, bench: &Workbench) -> Result<Vec<Figure>, FiguresError> {
+    let results = Results::read(out, bench)?;
+    let lines = Lines::new(&bench.wireframe);
+    let models = || results.classes.iter().map(|c| &c.model);
+    let (scale, within) = (FieldScale::of(models(), &lines), view_box(models(), &lines));
+    let mut figures = vec![overview(&results, &lines)];
+    for class in &results.classes {
+        figures.push(class.figure(
+            "fields",
+            "displacement fields",
+            figures::fields(&class.model, &class.label(), scale, within, &lines),
+            &format!(
+                "Displacement fields of {}: the motion of every node of the wireframe from each key frame to the next. Arrows are {} times as \
+                 long as the motion, the same in all figures of this run; nodes that hardly move have a dot or nothing.",
+                class.who(),
+                scale.gain
+            ),
+        ));
+        if class.about.sequences.len() > 1 {
+            figures.push(dispersion(class, &lines));
+            figures.push(class.figure("distances", "distances", distances(class), &distances_caption(class)));
+        }
+        if let Some(drawing) = mean_course(&class.courses.iter().collect::<Vec<_>>(), &class.label()) {
+            let what = "Intensities of the strongest action units (0 to 5) from the neutral to the apex frame";
+            let interval = if class.courses.len() > 1 { " with the 95 % interval of the mean" } else { "" };
+            let caption = format!("{what}, the mean of {}{interval}; {}.", people(class), class.label());
+            figures.push(class.figure("courses", "courses of action units", drawing, &caption));
+        }
+        if !class.bands.is_empty() {
+            let shown = class.bands.len().min(MOST_BANDS);
+            let drawing = figures::bands(&class.label(), &class.bands[..shown]);
+            let caption = format!(
+                "Courses of the {shown} FAPs that move most, over the key frames: {}, the mean, and between which values half and nine \
+                 tenths of the people lie, frame by frame; FAP units.",
+                class.who()
+            );
+            figures.push(class.figure("bands", "courses of FAPs", drawing, &caption));
+        }
+        if let Some([minus, mean, plus]) = &class.variation {
+            let drawing = figures::spread(&class.label(), minus, mean, plus, &lines);
+            let caption = format!(
+                "How {} differ most in {}: the apex of the mean, moved two standard deviations along the first principal component in either \
+                 direction.",
+                people(class),
+                class.label()
+            );
+            figures.push(class.figure("variation", "variation", drawing, &caption));
+        }
+    }
+    figures.extend(results.pairs.iter().filter_map(|pair| difference(pair, &results, bench, &lines)));
+    Ok(figures)
+}
+
+fn people(class: &Class) -> String {
+    count(class.about.subjects, "person", "people")
+}
+
+impl Class {
+    /// Emotion and group in words.
+    fn label(&self) -> String {
+        let group = group_values(&self.about.group);
+        if group.is_empty() { self.about.emotion.clone() } else { format!("{}, {group}", self.about.emotion) }
+    }
+
+    /// What the representative is.
+    fn who(&self) -> String {
+        let n = count(self.about.sequences.len(), "sequence", "sequences");
+        format!("the representative of {} ({n} of {}; {})", self.label(), people(self), self.method_text())
+    }
+
+    fn method_text(&self) -> String {
+        let a = &self.about;
+        let trimmed = if a.alpha > 0.0 {
+            format!(
+                "{} % of the models trimmed per {}",
+                a.alpha * 100.0,
+                if a.trim == "model" { "model" } else { "displacement field" }
+            )
+        } else {
+            "nothing trimmed".to_owned()
+        };
+        let run = if self.method.is_empty() { String::new() } else { format!(", method {}", self.method) };
+        format!("{} generalized median, {trimmed}, equal weight for every {}{run}", a.median, a.weighting)
+    }
+
+    fn figure(&self, kind: &str, kind_in_words: &'static str, drawing: Drawing, caption: &str) -> Figure {
+        const UNIT: &str = " A face unit is 1/1024 of the eye separation.";
+        const SIDES: &str = " The subject\u{2019}s left is on the right.";
+        let (unit, sides) = match kind {
+            "courses" | "bands" => ("", ""),
+            "distances" => (UNIT, ""),
+            "representatives" | "variation" => ("", SIDES),
+            _ => (UNIT, SIDES),
+        };
+        let name = format!("{kind}_{}", self.stem);
+        let about = FigureAbout {
+            figure: name.clone(),
+            kind: kind_in_words,
+            emotion: self.about.emotion.clone(),
+            group: group_values(&self.about.group),
+            sequences: self.about.sequences.len(),
+            people: self.about.subjects,
+            alpha: self.about.alpha,
+            method: self.method_text(),
+            caption: format!("{caption}{unit}{sides}"),
+        };
+        Figure { name, drawing, about }
+    }
+}
+
+/// All representatives at the apex.
+fn overview(results: &Results, lines: &Lines) -> Figure {
+    let models: Vec<(String, &Model)> = results.classes.iter().map(|c| (c.label(), &c.model)).collect();
+    let drawing = figures::representatives(&models, lines);
+    let whole = || results.classes.iter().filter(|c| c.about.group.is_empty());
+    let mut caption =
+        "The representative of every class at its apex, all at one scale, the neutral in grey behind it:".to_owned();
+    for (k, class) in results.classes.iter().enumerate() {
+        let n = count(class.about.sequences.len(), "sequence", "sequences");
+        caption += &format!("{} {} ({n} of {})", if k == 0 { "" } else { ";" }, class.label(), people(class));
+    }
+    let first = &results.classes[0];
+    let mut figure =
+        first.figure("representatives", "representatives", drawing, &format!("{caption}. Each is the {}.", first.method_text()));
+    "representatives".clone_into(&mut figure.name);
+    figure.about.figure.clone_from(&figure.name);
+    figure.about.emotion.clear();
+    figure.about.group.clear();
+    figure.about.sequences = whole().map(|c| c.about.sequences.len()).sum();
+    figure.about.people = results.people;
+    figure
+}
+
+fn dispersion(class: &Class, lines: &Lines) -> Figure {
+    let about = &class.about;
+    let drawing = figures::dispersion(&class.label(), &class.model, &about.node_dispersion, lines);
+    let number = |v: Option<f64>| v.map_or_else(|| "unknown".to_owned(), |v| format!("{v:.2}"));
+    let caption = format!(
+        "How far people scatter around {}: at each node the median over the models of the mean distance over the fields that were kept, over \
+         its own range, on a map even in lightness (viridis). Dispersion of the whole face {} face units after trimming, {} before.",
+        class.who(),
+        number(about.dispersion),
+        number(about.dispersion_untrimmed)
+    );
+    class.figure("dispersion", "dispersion", drawing, &caption)
+}
+
+fn distances(class: &Class) -> Drawing {
+    let about = &class.about;
+    let points = about.distances.values().flatten().map(|d| (*d, false)).collect();
+    let mut rows = vec![StripRow { label: "to the median".to_owned(), points, median: about.dispersion }];
+    for (frame, points) in &class.fields {
+        rows.push(StripRow { label: format!("field {frame} to {}", frame + 1), points: points.clone(), median: None });
+    }
+    figures::distances(&class.label(), &rows)
+}
+
+fn distances_caption(class: &Class) -> String {
+    format!(
+        "Distances of the models of {}. First row: to the representative over the fields each model was kept in; the line is the median, the \
+         dispersion. Other rows: mean distance to the other models in each displacement field, by which trimming drops.",
+        class.who()
+    )
+}
+
+/// Two groups, where their representatives are there.
+fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &Lines) -> Option<Figure> {
+    let of = |group: &str| {
+        results
+            .classes
+            .iter()
+            .find(|c| c.about.emotion == pair.emotion && !c.about.group.is_empty() && group_values(&c.about.group) == group)
+    };
+    let (a, b) = (of(&pair.groups[0])?, of(&pair.groups[1])?);
+    let differs = pair.p.is_some_and(|p| p <= results.significance);
+    let differing: Vec<_> =
+        pair.nodes.iter().filter(|(_, (_, p))| differs && *p <= results.significance).map(|(n, _)| *n).collect();
+    let told = if differing.is_empty() { bench.wireframe.live_nodes() } else { &differing };
+    let directions = figures::directions(&a.model, &b.model, told, &bench.tables);
+    let [first, second] = [pair.groups[0].as_str(), pair.groups[1].as_str()];
+    let words = if directions.is_empty() {
+        vec![format!("At the apex {first} and {second} look alike.")]
+    } else {
+        let mut lines = vec![format!("At the apex of {first}, compared with {second}:")];
+        lines.extend(directions.iter().cloned());
+        lines
+    };
+    let energy = |n| pair.nodes.get(&n).map_or(0.0, |(energy, _)| energy.max(0.0));
+    let title = format!("{}: {first} and {second}", pair.emotion);
+    let drawing = figures::difference(&title, [first, second], [&a.model, &b.model], &energy, &differing, &words, lines);
+    let verdict = match (pair.p, differs) {
+        (Some(p), true) => format!("The groups differ (p after Holm {p:.4})"),
+        (Some(p), false) => format!("The groups are not shown to differ (p after Holm {p:.4})"),
+        (None, _) => "The groups were not tested".to_owned(),
+    };
+    let in_words = if directions.is_empty() {
+        String::new()
+    } else {
+        format!(" At the apex of {first}, compared with {second}: {}.", directions.join("; "))
+    };
+    let doubt = if differs { "" } else { " A difference that is seen here may be chance." };
+    let effect = pair.effect.map(|e| format!(", effect {:.1} %", 100.0 * e.max(0.0))).unwrap_or_default();
+    let caption = format!(
+        "{}: {first} ({}) and {second} ({}). Left: their representatives at the apex. Right: energy distance of every node over its whole \
+         motion; rings: nodes that differ at {} % over all nodes of the pair ({}). {verdict}{effect}.{in_words}{doubt}",
+        pair.emotion,
+        people(a),
+        people(b),
+        100.0 * results.significance,
+        differing.len()
+    );
+    let mut figure = a.figure("difference", "difference between groups", drawing, &caption);
+    figure.name = format!("difference_{}_and_{}", a.stem, b.stem);
+    figure.about.figure.clone_from(&figure.name);
+    figure.about.group = format!("{first}; {second}");
+    figure.about.sequences += b.about.sequences.len();
+    figure.about.people += b.about.subjects;
+    Some(figure)
+}
+
+/// Writes every figure as SVG and PDF, and their captions as `captions.csv` and `captions.md`, into a folder.
+///
+/// # Errors
+/// [`FiguresError::Output`].
+pub fn write_figures(figures: &[Figure], folder: &Path) -> Result<(), FiguresError> {
+    for figure in figures {
+        let title = &figure.about.caption;
+        output::write_bytes(&folder.join(format!("{}.svg", figure.name)), figure.drawing.svg(title).as_bytes())?;
+        output::write_bytes(&folder.join(format!("{}.pdf", figure.name)), &figure.drawing.pdf(title))?;
+    }
+    output::write_csv(&folder.join("captions.csv"), figures.iter().map(|f| &f.about))?;
+    let mut text = String::from("# Figures\n");
+    for (k, figure) in figures.iter().enumerate() {
+        let of = &figure.about;
+        text += &format!("\n**Figure {}** (`{}.svg`, `{}.pdf`). {}\n", k + 1, figure.name, figure.name, of.caption);
+    }
+    output::write_bytes(&folder.join("captions.md"), text.as_bytes())?;
+    Ok(())
+}

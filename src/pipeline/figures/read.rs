@@ -1,0 +1,300 @@
+//! The results of a run, read back from its files.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+use serde::Deserialize;
+
+use super::FiguresError;
+use crate::{
+    fap::{FapCatalog, Motion},
+    features::{ACTION_UNITS, Course, FrameFeatures, Intensity},
+    input::CsvFile,
+    pipeline::{RunJson, Workbench, read_model},
+    report::figures::{BandFigure, Model},
+    statistics::compare::CompareOptions,
+    units::NodeId,
+};
+
+/// The JSON beside a representative, as far as figures need it.
+#[derive(Debug, Deserialize)]
+pub struct ClassJson {
+    pub emotion: String,
+    pub group: BTreeMap<String, String>,
+    pub sequences: Vec<String>,
+    pub alpha: f64,
+    pub median: String,
+    pub dispersion: Option<f64>,
+    pub dispersion_untrimmed: Option<f64>,
+    pub subjects: usize,
+    pub weighting: String,
+    pub trim: String,
+    pub distances: BTreeMap<String, Option<f64>>,
+    pub node_dispersion: Vec<f64>,
+}
+
+/// A representative and what belongs to it.
+pub struct Class {
+    pub stem: String,
+    pub about: ClassJson,
+    pub model: Model,
+    /// Name of the run's method; empty where none is told.
+    pub method: String,
+    /// Courses of its sequences, of those whose features are there.
+    pub courses: Vec<Course>,
+    /// Courses of FAPs, those that move most first; of whole emotions only.
+    pub bands: Vec<BandFigure>,
+    /// By displacement field: the distance of every model to the others, and whether it was dropped.
+    pub fields: BTreeMap<u32, Vec<(f64, bool)>>,
+    /// The models at -2, 0 and 2 standard deviations along the first component.
+    pub variation: Option<[Model; 3]>,
+}
+
+/// Two groups that were compared.
+pub struct Pair {
+    pub emotion: String,
+    pub groups: [String; 2],
+    /// p of either test after Holm; `None` where there was no test.
+    pub p: Option<f64>,
+    pub effect: Option<f64>,
+    /// Energy distance and p of every node.
+    pub nodes: BTreeMap<NodeId, (f64, f64)>,
+}
+
+/// Everything that figures are made of.
+pub struct Results {
+    /// At least one.
+    pub classes: Vec<Class>,
+    pub pairs: Vec<Pair>,
+    pub significance: f64,
+    /// People of all classes.
+    pub people: usize,
+}
+
+impl Results {
+    pub fn read(out: &Path, bench: &Workbench) -> Result<Self, FiguresError> {
+        let stems = stems(&out.join("representatives"));
+        if stems.is_empty() {
+            return Err(FiguresError::NoResults { path: out.to_owned() });
+        }
+        let run = out.join("run.json");
+        let run: Option<RunJson> = if run.exists() { Some(json(&run)?) } else { None };
+        let trimming = trimming(out)?;
+        let mut bands = bands(out)?;
+        let mut classes = Vec::new();
+        for stem in stems {
+            let path = out.join(format!("representatives/{stem}.csv"));
+            let model = read_model(&path)?;
+            let (found, expected) = (model.frames()[0].nodes().len(), bench.wireframe.node_count());
+            if found != expected {
+                return Err(FiguresError::OtherWireframe { path, found, expected });
+            }
+            let about: ClassJson = json(&path.with_extension("json"))?;
+            let mut courses = Vec::new();
+            for id in &about.sequences {
+                let path = out.join(format!("features/{id}.csv"));
+                if path.is_file() {
+                    courses.extend(course(&path)?);
+                }
+            }
+            let key = (about.emotion.clone(), about.group.values().cloned().collect::<Vec<_>>());
+            let variation = |part: &str| out.join(format!("variation/{stem}_{part}.csv"));
+            let parts = ["pc1_minus", "mean", "pc1_plus"].map(variation);
+            let variation = if parts.iter().all(|p| p.is_file()) {
+                let [minus, mean, plus] = parts;
+                Some([read_model(&minus)?, read_model(&mean)?, read_model(&plus)?])
+            } else {
+                None
+            };
+            classes.push(Class {
+                bands: if about.group.is_empty() { bands.remove(&about.emotion).unwrap_or_default() } else { Vec::new() },
+                fields: trimming.get(&key).cloned().unwrap_or_default(),
+                method: run.as_ref().map(|r| r.method.clone()).unwrap_or_default(),
+                variation,
+                courses,
+                stem,
+                about,
+                model,
+            });
+        }
+        // Whole emotions first, then groups, as the report has them.
+        classes.sort_by(|a, b| {
+            let key = |c: &Class| (c.about.emotion.clone(), c.about.group.clone());
+            key(a).cmp(&key(b))
+        });
+        let subjects = subjects(out)?;
+        let of = |id: &'_ String| subjects.get(id).cloned().unwrap_or_else(|| id.split('_').next().unwrap_or(id).to_owned());
+        let people = classes.iter().flat_map(|c| &c.about.sequences).map(of).collect::<BTreeSet<String>>().len();
+        let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
+        Ok(Self { pairs: pairs(out)?, classes, significance, people })
+    }
+}
+
+/// The subject of every sequence by its id, as far as tables tell.
+fn subjects(out: &Path) -> Result<BTreeMap<String, String>, FiguresError> {
+    let mut subjects = BTreeMap::new();
+    for name in ["trimming.csv", "verdicts.csv"] {
+        let path = out.join(name);
+        if !path.exists() {
+            continue;
+        }
+        let csv = CsvFile::open(&path)?;
+        let [id, subject] = csv.require(["id", "subject"])?;
+        for row in csv.rows() {
+            let row = row?;
+            subjects.insert(row.get(id).to_owned(), row.get(subject).to_owned());
+        }
+    }
+    Ok(subjects)
+}
+
+/// Names of the representatives, sorted.
+fn stems(folder: &Path) -> Vec<String> {
+    let entries = folder.read_dir().into_iter().flatten().flatten();
+    let csv =
+        entries.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "csv") && p.with_extension("json").is_file());
+    csv.filter_map(|p| Some(p.file_stem()?.to_str()?.to_owned())).collect::<BTreeSet<_>>().into_iter().collect()
+}
+
+fn json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T, FiguresError> {
+    let failed = |reason: String| FiguresError::About { path: path.to_owned(), reason };
+    let bytes = crate::input::read(path).map_err(|e| failed(e.to_string()))?;
+    serde_json::from_slice(&bytes).map_err(|e| failed(e.to_string()))
+}
+
+/// By emotion and group and displacement field: distances and whether they were dropped.
+type Trimming = BTreeMap<(String, Vec<String>), BTreeMap<u32, Vec<(f64, bool)>>>;
+
+fn trimming(out: &Path) -> Result<Trimming, FiguresError> {
+    let path = out.join("trimming.csv");
+    let mut trimming = Trimming::new();
+    if !path.exists() {
+        return Ok(trimming);
+    }
+    let csv = CsvFile::open(&path)?;
+    let [emotion, frame, distance, dropped, subject] = csv.require(["emotion", "frame", "distance", "dropped", "subject"])?;
+    for row in csv.rows() {
+        let row = row?;
+        // What follows the subject are the columns grouped by; empty values are of whole emotions.
+        let group: Vec<String> =
+            (subject + 1..csv.header().len()).map(|k| row.get(k).to_owned()).filter(|v| !v.is_empty()).collect();
+        let point = (row.number(distance)?, row.get(dropped) == "true");
+        trimming
+            .entry((row.get(emotion).to_owned(), group))
+            .or_default()
+            .entry(row.whole_number(frame)?)
+            .or_default()
+            .push(point);
+    }
+    Ok(trimming)
+}
+
+/// The courses of FAPs by emotion, those that move most first.
+fn bands(out: &Path) -> Result<BTreeMap<String, Vec<BandFigure>>, FiguresError> {
+    let path = out.join("bands.csv");
+    if !path.exists() {
+        return Ok(BTreeMap::new());
+    }
+    let csv = CsvFile::open(&path)?;
+    let [emotion, curve, number] = csv.require(["emotion", "curve", "number"])?;
+    let values = csv.require(["representative", "mean", "q05", "q25", "q50", "q75", "q95"])?;
+    let mut found: BTreeMap<(String, u32), Vec<[f64; 7]>> = BTreeMap::new();
+    for row in csv.rows() {
+        let row = row?;
+        if row.get(curve) != "fap" {
+            continue;
+        }
+        let mut of_frame = [0.0; 7];
+        for (value, column) in of_frame.iter_mut().zip(values) {
+            *value = row.number(column)?;
+        }
+        found.entry((row.get(emotion).to_owned(), row.whole_number(number)?)).or_default().push(of_frame);
+    }
+    let mut by_emotion: BTreeMap<String, Vec<(f64, BandFigure)>> = BTreeMap::new();
+    for ((emotion, number), rows) in found {
+        let row = FapCatalog::mpeg4().rows().iter().find(|row| u32::from(row.number.get()) == number);
+        let Some(row) = row.filter(|row| !row.motion.is_some_and(Motion::is_angle)) else { continue };
+        let size = rows.iter().map(|r| r[0].abs()).fold(0.0, f64::max);
+        let figure = BandFigure { label: format!("{number} {}", row.name), unit: row.unit_name(), rows };
+        by_emotion.entry(emotion).or_default().push((size, figure));
+    }
+    let sorted = |mut all: Vec<(f64, BandFigure)>| {
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        all.into_iter().map(|(_, figure)| figure).collect()
+    };
+    Ok(by_emotion.into_iter().map(|(emotion, all)| (emotion, sorted(all))).collect())
+}
+
+/// The course of a sequence from its features; `None` for less than two frames.
+fn course(path: &Path) -> Result<Option<Course>, FiguresError> {
+    let csv = CsvFile::open(path)?;
+    let [frame, yaw, pitch, roll] = csv.require(["frame", "pose_yaw", "pose_pitch", "pose_roll"])?;
+    let units: Vec<(u8, usize)> =
+        ACTION_UNITS.iter().filter_map(|u| Some((u.number, csv.column(&format!("AU{:02}_r", u.number))?))).collect();
+    if units.len() != ACTION_UNITS.len() {
+        return Ok(None);
+    }
+    let mut rows = Vec::new();
+    for row in csv.rows() {
+        let row = row?;
+        let mut action_units = Vec::new();
+        for &(number, column) in &units {
+            action_units.push(Intensity { number, value: row.number(column)?, expected_error: 0.0 });
+        }
+        rows.push(FrameFeatures {
+            frame: row.whole_number(frame)?,
+            confidence: 1.0,
+            reason: None,
+            pose: [row.number(yaw)?, row.number(pitch)?, row.number(roll)?],
+            position: nalgebra::Point2::origin(),
+            landmarks: Vec::new(),
+            eye_distance: 0.0,
+            faps: Vec::new(),
+            action_units,
+            eye_opening: [1.0; 2],
+            mouth_opening: 0.0,
+            iris: None,
+        });
+    }
+    Ok(Course::of(&rows))
+}
+
+fn pairs(out: &Path) -> Result<Vec<Pair>, FiguresError> {
+    let path = out.join("comparisons.csv");
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let nodes_path = out.join("comparison_nodes.csv");
+    let mut nodes: BTreeMap<[String; 3], BTreeMap<NodeId, (f64, f64)>> = BTreeMap::new();
+    if nodes_path.exists() {
+        let csv = CsvFile::open(&nodes_path)?;
+        let [emotion, a, b, node, energy, p] = csv.require(["emotion", "group_a", "group_b", "node", "energy", "p"])?;
+        for row in csv.rows() {
+            let row = row?;
+            let number = u16::try_from(row.whole_number(node)?).map_err(|_| row.field_error(node, "the number of a node"))?;
+            let key = [emotion, a, b].map(|c| row.get(c).to_owned());
+            nodes.entry(key).or_default().insert(NodeId(number), (row.number(energy)?, row.number(p)?));
+        }
+    }
+    let csv = CsvFile::open(&path)?;
+    let [emotion, a, b, effect, p] = csv.require(["emotion", "group_a", "group_b", "effect", "p_either_holm"])?;
+    let mut pairs = Vec::new();
+    for row in csv.rows() {
+        let row = row?;
+        let key = [emotion, a, b].map(|c| row.get(c).to_owned());
+        let optional = |column: usize| if row.get(column).is_empty() { Ok(None) } else { row.number(column).map(Some) };
+        let [emotion, first, second] = key.clone();
+        pairs.push(Pair {
+            emotion,
+            groups: [first, second],
+            p: optional(p)?,
+            effect: optional(effect)?,
+            nodes: nodes.remove(&key).unwrap_or_default(),
+        });
+    }
+    // Those without a test have nothing to show.
+    pairs.retain(|pair| pair.p.is_some());
+    Ok(pairs)
+}

@@ -1,0 +1,127 @@
+//! A dense head in the page: its mesh, the members of its bank, and how much of each a motion takes.
+
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+
+use super::{PlayerError, Shown, pack};
+use crate::{
+    fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapRow, Motion as FapMotion},
+    synthesis::{
+        Bank, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, Solver, SynthesisOptions, Synthesizer, fapu_length,
+        interpolate,
+    },
+    units::FeaturePoint,
+    wireframe::Axis,
+};
+
+/// Size of the picture, px.
+const SIZE: (u32, u32) = (480, 600);
+/// Share of the picture that the head takes.
+const FILLING: f64 = 0.92;
+/// Most vertices: indices of 16 bits reach no further, and pages get too large.
+const MOST_VERTICES: usize = 65_535;
+
+/// A dense head to play on.
+#[derive(Debug)]
+pub struct Head<'a> {
+    /// What people call it.
+    pub label: &'a str,
+    /// Its bank.
+    pub bank: &'a Bank,
+    /// The motions of the page (same order) of the bank's feature points.
+    pub motions: Vec<Motion>,
+}
+
+/// From the bank's unit, y up, to px, y down, depth towards the viewer.
+struct Camera {
+    middle: [f64; 3],
+    scale: f64,
+}
+
+impl Camera {
+    fn new(bank: &Bank) -> Self {
+        let [low, high] = bank.mesh().bounds();
+        let middle: [f64; 3] = std::array::from_fn(|k| f64::midpoint(f64::from(low[k]), f64::from(high[k])));
+        let size = |k: usize| f64::from(high[k] - low[k]).max(1e-9);
+        let scale = FILLING * (f64::from(SIZE.0) / size(0)).min(f64::from(SIZE.1) / size(1));
+        Self { middle, scale }
+    }
+
+    fn place(&self, p: [f32; 3]) -> [f64; 3] {
+        let [x, y, z] = std::array::from_fn(|k| (f64::from(p[k]) - self.middle[k]) * self.scale);
+        [f64::from(SIZE.0) / 2.0 + x, f64::from(SIZE.1) / 2.0 - y, z]
+    }
+
+    fn displacement(&self, d: [f32; 3]) -> [f64; 3] {
+        let [x, y, z] = d.map(|c| f64::from(c) * self.scale);
+        [x, -y, z]
+    }
+}
+
+/// The data of a head.
+///
+/// # Errors
+/// [`PlayerError::Head`] for a bank of too many vertices, and where its weights cannot be found.
+pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError> {
+    let bank = head.bank;
+    let failed = |reason: String| PlayerError::Head { name: head.label.to_owned(), reason };
+    if bank.vertex_count() > MOST_VERTICES {
+        return Err(failed(format!("{} vertices; a page takes {MOST_VERTICES}", bank.vertex_count())));
+    }
+    let camera = Camera::new(bank);
+    let scene = FaceScene::new(bank);
+    let weights = |motion: &Motion| -> Result<Value, PlayerError> {
+        let motion = motion.as_animated(Some(0), None);
+        // Key frames are too few to be smoothed in time.
+        let smoothing_frames = if motion.kind == MotionKind::Model { 0.0 } else { SMOOTHING_FRAMES };
+        let options = SynthesisOptions { solver: Solver::Nnls, bound_starts: 0, smoothing_frames, ..SynthesisOptions::default() };
+        let synthesizer = Synthesizer::new(bank, options).map_err(|e| failed(e.to_string()))?;
+        let answers = synthesizer.animate(&motion.frames, || {});
+        let flat: Vec<f64> = answers.iter().flat_map(|a| a.weights.first().cloned().unwrap_or_default()).collect();
+        Ok(json!({ "frames": motion.frames.len(), "weights": pack::scaled(&flat) }))
+    };
+    let member = |k: usize| pack::scaled(&bank.displacements(k).iter().flat_map(|&d| camera.displacement(d)).collect::<Vec<_>>());
+    let positions = |list: &[[f32; 3]]| pack::single(list.iter().flat_map(|&p| camera.place(p)));
+    let eyes = scene.eyes().map(|(positions_of, triangles, centre, iris)| {
+        let [x, y, _] = camera.place(centre);
+        json!({
+            "positions": positions(positions_of),
+            "triangles": pack::whole(triangles.iter().flatten().copied()),
+            "centre": [x, y],
+            "iris": f64::from(iris) * camera.scale,
+        })
+    });
+    Ok(json!({
+        "kind": "head",
+        "label": head.label,
+        "width": SIZE.0,
+        "height": SIZE.1,
+        "positions": positions(bank.mesh().positions()),
+        "triangles": pack::whole(bank.mesh().triangles().iter().flatten().copied()),
+        "eyes": eyes.collect::<Vec<_>>(),
+        "openings": scene.openings().iter().map(|walk| pack::whole(walk.iter().copied())).collect::<Vec<_>>(),
+        "members": (0..bank.member_count()).map(member).collect::<Vec<_>>(),
+        "motions": head.motions.iter().take(shown.len()).map(weights).collect::<Result<Vec<_>, _>>()?,
+        "faps": FapCatalog::mpeg4().rows().iter().filter_map(|row| fap(row, bank, &camera)).collect::<Vec<_>>(),
+    }))
+}
+
+/// What a FAP of 1 does to the head: its feature points go its way and the others rest; the skin between is interpolated. Its number, its
+/// axis, and the offsets along it. `None` for angles, for depth, and for what the bank has no feature point of.
+fn fap(row: &FapRow, bank: &Bank, camera: &Camera) -> Option<Value> {
+    let axis = row.motion.filter(|motion| !motion.is_angle()).and_then(FapMotion::frontal_axis)?;
+    let unit = row.sign * fapu_length(bank, row.fapu?)? / FAP_UNITS_PER_FAPU;
+    let moves = |fp: &FeaturePoint| row.feature_points.contains(fp);
+    if !bank.feature_points().iter().any(|p| moves(&p.fp)) {
+        return None;
+    }
+    let (way, along) = match axis {
+        Axis::X => (Vector3::x(), 0),
+        Axis::Y => (Vector3::y(), 1),
+        Axis::Z => return None,
+    };
+    let offset = |fp: &FeaturePoint| if moves(fp) { way * unit } else { Vector3::zeros() };
+    let motion = FpMotion { offsets: bank.feature_points().iter().map(|p| Some(offset(&p.fp))).collect(), planar: true };
+    let flat: Vec<f64> = interpolate(bank, &motion).into_iter().map(|d| camera.displacement(d)[along]).collect();
+    Some(json!({ "number": row.number.get(), "axis": along, "offsets": pack::small(&flat) }))
+}

@@ -1,0 +1,133 @@
+//! Drawings as SVG.
+
+use std::fmt::Write as _;
+
+use super::{Anchor, Drawing, Mark, Pen, Step, Text};
+
+/// Fonts of a file of its own; the PDF has the first.
+const FONTS: &str = "Helvetica, Arial, sans-serif";
+
+impl Drawing {
+    /// A file of its own, on white.
+    pub fn svg(&self, title: &str) -> String {
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0}\" height=\"{1}\" viewBox=\"{2} {3} {0} {1}\" font-family=\"{FONTS}\">\n\
+             <title>{4}</title>\n<rect x=\"{2}\" y=\"{3}\" width=\"{0}\" height=\"{1}\" fill=\"#fff\"/>\n",
+            number(self.width),
+            number(self.height),
+            number(self.left),
+            number(self.top),
+            escaped(title)
+        );
+        for mark in &self.marks {
+            match mark {
+                Mark::Path(pen, steps) => {
+                    let _ = writeln!(svg, "<path d=\"{}\"{}/>", data(steps, TENTHS), attributes(*pen));
+                }
+                Mark::Text(text) => {
+                    let weight = if text.bold { " font-weight=\"bold\"" } else { "" };
+                    let _ = writeln!(
+                        svg,
+                        "<text{}{weight} fill=\"{}\">{}</text>",
+                        place(text),
+                        hex(text.colour),
+                        escaped(&text.text)
+                    );
+                }
+            }
+        }
+        svg + "</svg>\n"
+    }
+
+    /// An element of a page, which draws it by its style sheet.
+    pub fn inline(&self, class: &str, label: &str) -> String {
+        // What is drawn in face units is shown at a tenth of that: whole numbers are as fine as the screen.
+        let steps_of = if self.width > LARGE { 1.0 } else { TENTHS };
+        let mut svg = format!(
+            "<svg class=\"{class}\" viewBox=\"{} {} {} {}\" role=\"img\" aria-label=\"{}\">",
+            number(self.left),
+            number(self.top),
+            number(self.width),
+            number(self.height),
+            escaped(label)
+        );
+        for mark in &self.marks {
+            let _ = match mark {
+                Mark::Path(pen, steps) if pen.class.is_empty() => {
+                    let d = data(steps, steps_of);
+                    write!(svg, "<path d=\"{d}\"{} vector-effect=\"non-scaling-stroke\"/>", attributes(*pen))
+                }
+                Mark::Path(pen, steps) => write!(svg, "<path class=\"{}\" d=\"{}\"/>", pen.class, data(steps, steps_of)),
+                Mark::Text(text) => write!(svg, "<text{}>{}</text>", place(text), escaped(&text.text)),
+            };
+        }
+        svg + "</svg>"
+    }
+}
+
+/// Width from which a drawing is one in face units.
+const LARGE: f64 = 1000.0;
+/// Parts of a px that are told.
+const TENTHS: f64 = 10.0;
+
+/// A number to a tenth.
+fn number(value: f64) -> String {
+    rounded(value, TENTHS)
+}
+
+/// A number in such parts of one.
+fn rounded(value: f64, parts: f64) -> String {
+    let rounded = (value * parts).round() / parts;
+    // Without a minus before nothing.
+    if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
+}
+
+fn data(steps: &[Step], parts: f64) -> String {
+    let n = |value: f64| rounded(value, parts);
+    let mut data = String::new();
+    for step in steps {
+        let _ = match step {
+            Step::Move(p) => write!(data, "M{} {}", n(p.x), n(p.y)),
+            Step::Line(p) => write!(data, "L{} {}", n(p.x), n(p.y)),
+            Step::Curve([a, b, c]) => write!(data, "C{} {} {} {} {} {}", n(a.x), n(a.y), n(b.x), n(b.y), n(c.x), n(c.y)),
+            Step::Close => write!(data, "Z"),
+        };
+    }
+    data
+}
+
+fn attributes(pen: Pen) -> String {
+    let fill = pen.fill.map_or_else(|| "none".to_owned(), hex);
+    let mut text = format!(" fill=\"{fill}\"");
+    if let Some((colour, width)) = pen.stroke {
+        let _ = write!(
+            text,
+            " stroke=\"{}\" stroke-width=\"{width}\" stroke-linejoin=\"round\" stroke-linecap=\"round\"",
+            hex(colour)
+        );
+    }
+    if pen.dashed {
+        text += " stroke-dasharray=\"5 4\"";
+    }
+    if pen.opacity < 1.0 {
+        let _ = write!(text, " opacity=\"{}\"", pen.opacity);
+    }
+    text
+}
+
+fn place(text: &Text) -> String {
+    let anchor = match text.anchor {
+        Anchor::Start => "",
+        Anchor::Middle => " text-anchor=\"middle\"",
+        Anchor::End => " text-anchor=\"end\"",
+    };
+    format!(" x=\"{}\" y=\"{}\" font-size=\"{}\"{anchor}", number(text.at.x), number(text.at.y), number(text.size))
+}
+
+fn hex([r, g, b]: [u8; 3]) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+pub(super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,70 @@
+//! `grimace figures` as a user runs it.
+
+use crate::common::Work;
+
+/// A run of three people with two emotions, grouped.
+fn work() -> Work {
+    let work = Work::with_sequences(&["S001_005", "S001_007", "S002_005", "S002_007", "S003_005", "S003_007"]);
+    work.grimace("run faces -o results --by cohort -q").exit(0);
+    work
+}
+
+#[test]
+fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
+    let work = work();
+    work.grimace("figures results -o figures").exit(0).prints(&["each as .svg and .pdf; captions: figures/captions.md"]);
+    let rows = work.rows("figures/captions.csv");
+    let of = |name: &str| rows.iter().find(|r| r["figure"] == name).unwrap_or_else(|| panic!("{name}: {rows:?}"));
+    for name in [
+        "representatives",
+        "fields_happiness",
+        "dispersion_happiness",
+        "distances_happiness",
+        "courses_happiness",
+        "bands_happiness",
+    ] {
+        let row = of(name);
+        let svg = work.read(&format!("figures/{name}.svg"));
+        assert!(svg.starts_with("<svg xmlns=") && svg.ends_with("</svg>\n") && !svg.contains("NaN"), "{name}");
+        assert!(work.files("figures")[&format!("{name}.pdf")].starts_with(b"%PDF-"), "{name}");
+        assert!(work.read("figures/captions.md").contains(&row["caption"]), "{name}");
+    }
+    // Three people smile once each; a tenth of three is none.
+    let happiness = of("fields_happiness");
+    assert_eq!((happiness["sequences"].as_str(), happiness["people"].as_str(), happiness["alpha"].as_str()), ("3", "3", "0.1"));
+    assert!(happiness["method"].contains("greedy generalized median, 10 % of the models trimmed per displacement field"));
+    assert!(
+        happiness["caption"].contains("3 sequences of 3 people")
+            && happiness["caption"].contains("The subject\u{2019}s left is on the right")
+    );
+    // Six sequences of three people in all.
+    assert_eq!((of("representatives")["sequences"].as_str(), of("representatives")["people"].as_str()), ("6", "3"));
+    // One sequence has no dispersion.
+    assert!(rows.iter().all(|r| r["figure"] != "dispersion_happiness_cohort-B"));
+    // Every field of the run is drawn on one scale.
+    let scale = |name: &str| {
+        let svg = work.read(&format!("figures/fields_{name}.svg"));
+        let at = svg.find("arrows are ").unwrap();
+        svg[at..at + 20].to_owned()
+    };
+    assert_eq!(scale("happiness"), scale("surprise"));
+
+    // The same input gives the same bytes; nothing is written over.
+    work.grimace("figures results -o again -q").exit(0).prints(&[]);
+    assert!(work.files("figures") == work.files("again"), "the same bytes");
+    work.grimace("figures results -o figures").exit(1).says(&["figures is not empty; --force"]);
+    work.grimace("figures results -o figures --force -q").exit(0);
+    // No picture of a face: wireframes only.
+    assert!(work.files("figures").values().all(|bytes| !bytes.windows(6).any(|w| w == b"<image" || w == b"/Image")));
+}
+
+#[test]
+fn what_is_no_run_is_said() {
+    let work = Work::new();
+    work.grimace("figures nothing -o figures").exit(1).says(&["nothing: there is no representative in it"]);
+    assert!(!work.path("figures").exists());
+    work.write("bad/representatives/anger.csv", "frame,node,x,y\n0,0,1,1\n1,0,1,1\n")
+        .write("bad/representatives/anger.json", "{");
+    work.grimace("figures bad -o figures").exit(1).says(&["anger.csv"]);
+    work.grimace("figures --help").exit(0).prints(&["grimace figures results -o figures"]);
+}
