@@ -387,3 +387,7 @@ impl Eyeball {
 fn luma([r, g, b]: &[f32; 3]) -> f32 {
     0.3 * r + 0.59 * g + 0.11 * b
 }
+
+#[cfg(test)]
+#[path = "eyeball_tests.rs"]
+mod tests;
