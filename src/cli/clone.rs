@@ -398,8 +398,8 @@ impl Job<'_> {
             Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
             None => None,
         };
-        let mut clone = clone_expression(&source.motion, target, details.as_ref(), self.options, self.bench)?;
         let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
+        let mut clone = clone_expression(&source.motion, target, details.as_ref(), self.options, self.bench)?;
         if let Some(skin) = &skin {
             clone = clone.with_skin(skin, &source.motion)?;
         }

@@ -289,3 +289,67 @@ impl ClonedSkin {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Similarity;
+
+    /// A grey face seen through a similarity, with a line across the left cheek that is darker by `fold`.
+    fn face(view: &Similarity, fold: f64, light: f64) -> (RgbImage, Vec<Point2<f64>>) {
+        let nodes: Vec<Point2<f64>> = layout_nodes().iter().map(|p| view.apply(p)).collect();
+        let back = view.inverse();
+        let picture = RgbImage::from_fn(400, 500, |x, y| {
+            let at = back.apply(&Point2::new(f64::from(x), f64::from(y)));
+            let dark = fold * (-((at.x - FOLD.0) / 2.5).powi(2) - ((at.y - FOLD.1) / 12.0).powi(2)).exp();
+            image::Rgb([((140.0 + light * at.y) * (1.0 - dark)).round() as u8; 3])
+        });
+        (picture, nodes)
+    }
+
+    /// On the subject's left cheek.
+    const FOLD: (f64, f64) = (96.0, 104.0);
+
+    fn sample(layout: &SkinLayout, scale: f64, fold: f64) -> SkinSample {
+        let view = Similarity { scale, angle: 0.05, translation: Vector2::new(20.0, 15.0) };
+        let ((neutral, nodes), (apex, _)) = (face(&view, 0.0, 0.0), face(&view, fold, 0.15));
+        layout.measure((&neutral, &nodes), (&apex, &nodes)).unwrap()
+    }
+
+    #[test]
+    fn a_fold_of_all_people_is_found_at_its_place_and_light_is_not() {
+        let layout = SkinLayout::new().unwrap();
+        let samples: Vec<SkinSample> = [1.6, 2.0, 1.8, 2.2, 1.7].iter().map(|&s| sample(&layout, s, 0.3)).collect();
+        let skin = Skin::mean(&samples.iter().collect::<Vec<_>>()).unwrap();
+        let at = |x: f64, y: f64| skin.logs[y as usize * SIZE.0 as usize + x as usize];
+        // A third of the way from 0.7 to the smoothed and thinned line of ln(0.7) = -0.36.
+        assert!(at(FOLD.0, FOLD.1) < -0.10, "{}", at(FOLD.0, FOLD.1));
+        let mirrored = 2.0 * ORIGIN.0 - FOLD.0;
+        assert!(at(mirrored, FOLD.1).abs() < 0.03, "{}", at(mirrored, FOLD.1));
+    }
+
+    #[test]
+    fn what_one_of_five_has_is_nobody_elses() {
+        let layout = SkinLayout::new().unwrap();
+        let folds = [0.0, 0.0, 0.4, 0.0, 0.0];
+        let samples: Vec<SkinSample> = folds.iter().map(|&f| sample(&layout, 1.8, f)).collect();
+        let all: Vec<&SkinSample> = samples.iter().collect();
+        assert!(matches!(Skin::mean(&all), Err(NoSkin::NoShading { .. })));
+        assert_eq!(Skin::mean(&all[..4]), Err(NoSkin::TooFewPeople { found: 4 }));
+    }
+
+    #[test]
+    fn a_skin_is_read_as_it_was_written() {
+        let mut logs = vec![0.0; (SIZE.0 * SIZE.1) as usize];
+        (logs[5], logs[9]) = (SKIN_LOG_LIMIT, -SKIN_LOG_LIMIT / 127.0);
+        let skin = Skin { logs, people: 7 };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("skin.png");
+        skin.write(&mut std::fs::File::create(&path).unwrap()).unwrap();
+        let read = Skin::read(&path).unwrap();
+        assert!(read.logs.iter().zip(&skin.logs).all(|(a, b)| (a - b).abs() < 1e-6));
+        assert_eq!(skin.picture().as_raw()[4..10], [128, 255, 128, 128, 128, 127]);
+        image::GrayImage::new(3, 3).save(&path).unwrap();
+        assert!(matches!(Skin::read(&path), Err(CloneError::SkinSize { width: 3, .. })));
+    }
+}

@@ -76,8 +76,38 @@ pub struct Turned {
     pub gaze: Vector2<f64>,
     /// Upper lid in the frame.
     pub lid: Vec<Point2<f64>>,
-    /// How far lids went away from where they are on the photograph, over the eye distance.
-    pub opened: f64,
+    /// Both lids as they are on the photograph, with how far each place went away from the other lid, over the eye distance.
+    pub edges: [Vec<(Point2<f64>, f64)>; 2],
+}
+
+impl Turned {
+    /// Whether a lid uncovers what the photograph does not show.
+    fn uncovers(&self) -> bool {
+        self.edges.iter().flatten().any(|e| e.1 > 0.0)
+    }
+
+    /// How much the photograph is to be trusted at a place of it that lies `depth` px between its lids: along a lid that went away it
+    /// shows lashes and their shadow.
+    fn trust(&self, p: Point2<f64>, depth: f64, eye_distance: f64) -> f32 {
+        let one = |edge: &[(Point2<f64>, f64)]| {
+            let mut nearest = (f64::INFINITY, 0.0);
+            for pair in edge.windows(2) {
+                let (a, along) = (pair[0].0, pair[1].0 - pair[0].0);
+                let t = ((p - a).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+                let distance = (p - a - along * t).norm();
+                if distance < nearest.0 {
+                    nearest = (distance, pair[0].1 + (pair[1].1 - pair[0].1) * t);
+                }
+            }
+            let (distance, opened) = nearest;
+            if opened <= 0.0 {
+                return 1.0;
+            }
+            let band = LASHES * eye_distance * smooth_step(0.0, 0.03, opened);
+            smooth_step(-0.5, 0.5 + band, if depth < 0.0 { -distance } else { distance })
+        };
+        one(&self.edges[0]).min(one(&self.edges[1])) as f32
+    }
 }
 
 impl Eyeball {
@@ -324,16 +354,14 @@ impl Eyeball {
     /// Colour of a pixel of a frame between the lids.
     pub fn colour(&self, at: Point2<f64>, turned: &Turned, back: &Similarity, texture: &Texture) -> [f32; 3] {
         let (still, moved) = (back.apply(&at), back.apply(&(at - turned.gaze)));
-        let band = LASHES * self.eye_distance * smooth_step(0.0, 0.03, turned.opened);
-        let shade = if turned.opened > 0.0 {
+        let uncovers = turned.uncovers();
+        let shade = if uncovers {
             let depth = distance_to_line(&turned.lid, &at) / (SHADOW.1 * self.eye_distance);
             1.0 - SHADOW.0 * (-depth * depth).exp()
         } else {
             1.0
         };
-        let trust = |p: Point2<f64>| {
-            if turned.opened > 0.0 { smooth_step(-0.5, 0.5 + band, self.depth_at(p)) as f32 } else { 1.0 }
-        };
+        let trust = |p: Point2<f64>| if uncovers { turned.trust(p, self.depth_at(p), self.eye_distance) } else { 1.0 };
         let iris_at = |p: Point2<f64>| 1.0 - smooth_step(LIMBUS.0, LIMBUS.1, (p - self.centre).norm() / self.radius) as f32;
         let mix = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share);
         let fill = |patch: &[[f32; 3]], p: Point2<f64>| {
@@ -359,3 +387,7 @@ impl Eyeball {
 fn luma([r, g, b]: &[f32; 3]) -> f32 {
     0.3 * r + 0.59 * g + 0.11 * b
 }
+
+#[cfg(test)]
+#[path = "eyeball_tests.rs"]
+mod tests;

@@ -105,12 +105,15 @@ fn turned(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Turn
     };
     let gaze = iris(&deformation.nodes) - head.apply(&iris(&warp.nodes));
     let at = |edge: &[u32]| edge.iter().map(|&v| deformation.vertices[v as usize]).collect::<Vec<_>>();
-    let opened = [(&opening.upper, -1.0), (&opening.lower, 1.0)]
-        .into_iter()
-        .flat_map(|(edge, sign)| edge.iter().map(move |&v| (v as usize, sign)))
-        .map(|(v, sign)| sign * (warp.frame.height(&deformation.vertices[v]) - warp.frame.height(&head.apply(&warp.source[v]))))
-        .fold(0.0, f64::max);
-    Turned { head, gaze, lid: at(&opening.upper), opened: opened / warp.frame.eye_distance }
+    let edge = |edge: &[u32], sign: f64| -> Vec<(Point2<f64>, f64)> {
+        let one = |&v: &u32| {
+            let (was, is) = (warp.source[v as usize], deformation.vertices[v as usize]);
+            let opened = sign * (warp.frame.height(&is) - warp.frame.height(&head.apply(&was)));
+            (was, opened / warp.frame.eye_distance)
+        };
+        edge.iter().map(one).collect()
+    };
+    Turned { head, gaze, lid: at(&opening.upper), edges: [edge(&opening.upper, -1.0), edge(&opening.lower, 1.0)] }
 }
 
 /// Whether what lies behind an opening has not moved.

@@ -25,6 +25,7 @@ mod cmd_prior;
 mod cmd_run;
 mod cmd_run_input;
 mod cmd_segment;
+mod cmd_skin;
 mod cmd_synthesize;
 mod cmd_track;
 mod real_data;

@@ -225,7 +225,8 @@ impl Portrait {
         let fitted = fitter.fit(wireframe, marks).map_err(|source| PortraitError::Fit { id: name(), source })?;
         let mut nodes = fitted.model.nodes().to_vec();
         give_brows_height(&mut nodes, &fitted.image_from_face, tables);
-        let warp = Warp::new(&nodes).map_err(|source| PortraitError::Warp { id: name(), source })?;
+        let texture = Texture::new(photograph);
+        let warp = Warp::new(&nodes).map_err(|source| PortraitError::Warp { id: name(), source })?.with_eyes(&texture);
         let face_from_image = fitted.image_from_face.inverse();
         let mut neutral: Vec<Point3<f64>> = nodes
             .iter()
@@ -239,7 +240,7 @@ impl Portrait {
         let flat: Vec<Point2<f64>> = neutral.iter().map(nalgebra::OPoint::xy).collect();
         let fapus = Fapus::measure(&tables.fapus, &flat).map_err(|source| PortraitError::Fapus { id: name(), source })?;
         let image_from_face = fitted.image_from_face;
-        Ok(Self { id: name(), image_from_face, neutral, fapus, warp, texture: Texture::new(photograph) })
+        Ok(Self { id: name(), image_from_face, neutral, fapus, warp, texture })
     }
 
     /// Name.

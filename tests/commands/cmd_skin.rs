@@ -1,0 +1,69 @@
+//! What expressions do to the skin: collected by `run`, put on by `clone`.
+
+use crate::common::{Work, files_in, root};
+use serde_json::Value;
+
+/// Four simulated people who smile, the first of them under a second name, too: five people.
+fn work() -> Work {
+    let work = Work::new();
+    for (name, bytes) in files_in(&root().join("fixtures/simulated")) {
+        if name.contains("/005/") {
+            work.write(&format!("faces/{name}"), bytes);
+        }
+    }
+    let row = |subject: &str, folder: &str| format!("{subject},005,happiness,{folder}/005,{folder}/005/correspondences.csv\n");
+    let rows: String = ["S001", "S002", "S003", "S004"].iter().map(|s| row(s, s)).chain([row("S005", "S001")]).collect();
+    work.write("faces/manifest.csv", format!("subject,sequence,emotion,frames,correspondences\n{rows}"));
+    work
+}
+
+fn json(work: &Work, name: &str) -> Value {
+    serde_json::from_slice(&work.bytes(name)).unwrap()
+}
+
+#[test]
+fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
+    let work = work();
+    work.grimace("run faces -o out -q").exit(0);
+    let skin = work.bytes("out/representatives/happiness_skin.png");
+    let about = json(&work, "out/representatives/happiness.json");
+    assert_eq!((&about["skin_people"], &about["no_skin"]), (&Value::from(5), &Value::Null));
+    assert!(json(&work, "out/run.json")["outputs"]["representatives/happiness_skin.png"].is_string());
+
+    let target = "--target faces/S002/005/S002_005_00000001.jpg --correspondences faces/S002/005/correspondences.csv --fps 4";
+    let clone = |source: &str, out: &str, more: &str| {
+        work.grimace(&format!("clone --source {source} {target} -o {out} {more} -q")).exit(0);
+        json(&work, &format!("{out}/clone.json"))
+    };
+    let last = |out: &str| work.bytes(&format!("{out}/frames/S002_005_00000001_00000005.png"));
+    assert_eq!(clone("out/representatives/happiness.csv", "with", "")["skin"], "happiness_skin.png");
+    assert_eq!(clone("out/representatives/happiness.csv", "without", "--skin none")["skin"], Value::Null);
+    assert_ne!(last("with"), last("without"));
+    let first = |out: &str| work.bytes(&format!("{out}/frames/S002_005_00000001_00000001.png"));
+    assert_eq!(first("with"), first("without"));
+
+    // A FAP file has no class of its own.
+    assert_eq!(clone("out/fap/happiness.fap", "fap", "")["skin"], Value::Null);
+    clone("out/fap/happiness.fap", "fap_with", "--skin out/representatives/happiness.csv");
+    assert_ne!(last("fap"), last("fap_with"));
+    work.grimace(&format!("clone --source out/fap/happiness.fap {target} -o x --skin out/fap/happiness.fap"))
+        .exit(1)
+        .says(&["is no representative"]);
+
+    // The same bytes again; and none where nobody is to be shown: the earlier one goes.
+    work.grimace("run faces -o again -q").exit(0);
+    assert_eq!(work.bytes("again/representatives/happiness_skin.png"), skin);
+    work.grimace("run faces -o again -q --no-faces --force").exit(0);
+    assert!(!work.files("again").contains_key("representatives/happiness_skin.png"));
+}
+
+#[test]
+fn four_people_have_no_skin_in_common_and_the_reason_is_said() {
+    let work = work();
+    let four: String = work.read("faces/manifest.csv").lines().take(5).map(|l| format!("{l}\n")).collect();
+    work.write("faces/manifest.csv", four);
+    work.grimace("run faces -o out -q").exit(0);
+    assert!(!work.files("out").contains_key("representatives/happiness_skin.png"));
+    let why = json(&work, "out/representatives/happiness.json")["no_skin"].clone();
+    assert!(why.as_str().unwrap().starts_with("4 of at least 5 people"), "{why}");
+}
