@@ -273,7 +273,7 @@ mod tests {
     fn every_contour_is_a_chain_of_candide3_edges() {
         let w = Wireframe::candide3();
         let place: BTreeMap<NodeId, usize> = w.live_nodes().iter().enumerate().map(|(k, &n)| (n, k)).collect();
-        let chains = [contours(&place, "strong"), contours(&place, "fine")].concat();
+        let chains = [contours(&w, &place, "strong"), contours(&w, &place, "fine")].concat();
         assert_eq!(chains.len(), CONTOURS.lines().count() - 1);
         for pair in chains.iter().flat_map(|chain| chain.windows(2)) {
             let (a, b) = (w.live_nodes()[pair[0]], w.live_nodes()[pair[1]]);

@@ -232,7 +232,7 @@ mod tests {
     #[test]
     fn a_file_says_its_colours_and_a_page_its_classes() {
         let (file, page) = (example().svg("A & B"), example().inline("wire", "A \"B\""));
-        assert!(file.contains(r#"<path d="M0 0L10 20" fill="none" stroke="#ff0000" stroke-width="2""#), "{file}");
+        assert!(file.contains(r##"<path d="M0 0L10 20" fill="none" stroke="#ff0000" stroke-width="2""##), "{file}");
         assert!(page.contains(r#"<path class="edges" d="M0 0L10 20"/>"#) && !page.contains("#ff0000"), "{page}");
         assert!(file.contains("a &lt;b&gt; &amp; \u{2212}1 ü") && file.contains("<title>A &amp; B</title>"));
         assert!(page.contains(r#"class="wire""#) && page.contains("aria-label=\"A &quot;B&quot;\""));
@@ -243,7 +243,7 @@ mod tests {
         let mut sheet = Drawing::new(300.0, 300.0);
         // 100 x 50 into 200 x 200: twice as large, 50 px below the top.
         assert_eq!(sheet.place(&example(), [100.0, 0.0, 200.0, 200.0]), 2.0);
-        assert!(sheet.svg("").contains(r#"d="M100 50L120 90" fill="none" stroke="#ff0000" stroke-width="2""#));
+        assert!(sheet.svg("").contains(r##"d="M100 50L120 90" fill="none" stroke="#ff0000" stroke-width="2""##));
     }
 
     #[test]
