@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use grimace::internal::synthesis::{
-    Animation, FpMotion, RegionScheme, Solver, SynthesisOptions, Synthesizer, candide_bank, candide_study,
+    Animation, FpMotion, RegionScheme, Solver, SynthesisOptions, Synthesizer, candide_bank, candide_study, write_gltf,
 };
 
 fn search(c: &mut Criterion) {
@@ -41,7 +41,7 @@ fn animation(c: &mut Criterion) {
             let answers = synthesizer.animate(black_box(&motions), || ());
             let animation =
                 Animation { synthesizer: &synthesizer, motions: &motions, answers: &answers, name: "bench", fps: 25.0 };
-            animation.write_gltf(&path).unwrap();
+            write_gltf(&path, &[animation]).unwrap();
         });
     });
     group.bench_function("the embedded bank", |b| b.iter(|| black_box(candide_bank().unwrap())));

@@ -291,7 +291,7 @@ mod tests {
 
     #[test]
     fn a_wireframe_without_the_nodes_has_no_contours() {
-        assert!(contours(&BTreeMap::from([(NodeId(0), 0)]), "strong").is_empty());
+        assert!(contours(&Wireframe::candide3(), &BTreeMap::from([(NodeId(0), 0)]), "strong").is_empty());
     }
 
     #[test]
