@@ -152,7 +152,7 @@ pub fn synthesize<'py>(
         let answers = synthesizer.animate(&motion.frames, || caller.progress(done.fetch_add(1, Ordering::Relaxed) + 1, total));
         if let Some(path) = gltf {
             let animation = Animation { synthesizer: &synthesizer, motions: &motion.frames, answers: &answers, name: NAME, fps };
-            animation.write_gltf(&path).map_err(to::<SynthesisError>)?;
+            synthesis::write_gltf(&path, &[animation]).map_err(to::<SynthesisError>)?;
         }
         let surface: Vec<f32> =
             answers.iter().zip(&motion.frames).flat_map(|(a, m)| synthesizer.surface(a, m)).flatten().collect();

@@ -48,8 +48,22 @@ fn drawn(nodes: &[Point2<f64>]) -> RgbImage {
     })
 }
 
-/// Largest deviation of the outline of an iris from a circle of its radius, as a share of it, and the share of the angles at which it
-/// shows between the lids.
+/// The circle nearest to points (I. Kasa's least squares): centre and radius.
+fn circle(points: &[Point2<f64>]) -> (Point2<f64>, f64) {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    let origin = points[0];
+    for p in points.iter().map(|p| p - origin) {
+        let row = Vector3::new(2.0 * p.x, 2.0 * p.y, 1.0);
+        normal += row * row.transpose();
+        right += row * p.norm_squared();
+    }
+    let found = normal.lu().solve(&right).unwrap();
+    let centre = Vector2::new(found.x, found.y);
+    (origin + centre, (found.z + centre.norm_squared()).sqrt())
+}
+
+/// Largest deviation of the outline of an iris from the circle nearest to it, as a share of its radius, and the share of the angles at
+/// which it shows between the lids.
 fn roundness(warp: &Warp, frame: &RgbImage, deformation: &super::super::Deformation, eye: usize, at: Point2<f64>) -> (f64, f64) {
     let opening = &warp.mesh.openings[eye];
     let lids: Vec<Point2<f64>> =
@@ -58,7 +72,7 @@ fn roundness(warp: &Warp, frame: &RgbImage, deformation: &super::super::Deformat
     let level = |p: Point2<f64>| f64::from(luma(&texture.sample(p)));
     let half = f64::midpoint(f64::from(luma(&WHITE.map(|c| c as f32))), f64::from(luma(&IRIS.map(|c| c as f32))));
     let expected = DRAWN * EYES;
-    let (mut worst, mut seen) = (0.0_f64, 0);
+    let mut outline = Vec::new();
     for k in 0..ANGLES {
         let angle = TAU * k as f64 / ANGLES as f64;
         let direction = Vector2::new(angle.cos(), angle.sin());
@@ -71,14 +85,19 @@ fn roundness(warp: &Warp, frame: &RgbImage, deformation: &super::super::Deformat
         if !free(expected * 1.25) {
             continue;
         }
-        seen += 1;
         let mut radius = 0.5 * expected;
         while radius < 2.0 * expected && level(at + direction * radius) < half {
             radius += 0.1;
         }
-        worst = worst.max((radius / expected - 1.0).abs());
+        outline.push(at + direction * radius);
     }
-    (worst, seen as f64 / ANGLES as f64)
+    if outline.len() < 6 {
+        return (0.0, 0.0);
+    }
+    let (middle, radius) = circle(&outline);
+    let deviation = |p: &Point2<f64>| ((p - middle).norm() / radius - 1.0).abs();
+    let worst = outline.iter().map(deviation).fold((radius / expected - 1.0).abs(), f64::max);
+    (worst, outline.len() as f64 / ANGLES as f64)
 }
 
 /// The nodes of the lids moved by so much of the eye distance down, both corners apart, and the irises by a gaze.
