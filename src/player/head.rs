@@ -7,8 +7,8 @@ use super::{PlayerError, Shown, pack};
 use crate::{
     fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapRow, Motion as FapMotion},
     synthesis::{
-        Bank, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, Solver, SynthesisOptions, Synthesizer, fapu_length,
-        interpolate,
+        Bank, DrawnEye, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, Solver, SynthesisOptions, Synthesizer,
+        fapu_length, interpolate,
     },
     units::FeaturePoint,
     wireframe::Axis,
@@ -82,10 +82,10 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
     };
     let member = |k: usize| pack::scaled(&bank.displacements(k).iter().flat_map(|&d| camera.displacement(d)).collect::<Vec<_>>());
     let positions = |list: &[[f32; 3]]| pack::single(list.iter().flat_map(|&p| camera.place(p)));
-    let eyes = scene.eyes().map(|(positions_of, triangles, centre, iris)| {
+    let eyes = scene.eyes().map(|DrawnEye { positions: places, triangles, centre, iris }| {
         let [x, y, _] = camera.place(centre);
         json!({
-            "positions": positions(positions_of),
+            "positions": positions(places),
             "triangles": pack::whole(triangles.iter().flatten().copied()),
             "centre": [x, y],
             "iris": f64::from(iris) * camera.scale,

@@ -41,12 +41,12 @@ pub fn fit_turned(
         return Ok(plain);
     }
     let Some(view) = Turned::of(model, marks) else { return Ok(plain) };
-    let to_front = |m: &Correspondence| Correspondence { position: view.to_front(m.node.index(), m.position), ..m.clone() };
+    let to_front = |m: &Correspondence| Correspondence { position: view.to_front(m.node.index(), m.position), ..*m };
     let frontal_marks: Vec<Correspondence> = marks.iter().map(to_front).collect();
     // Marks that no frontal face has are left as they are.
     let Ok(from_front) = fitter.fit(wireframe, &frontal_marks) else { return Ok(plain) };
     let nodes = from_front.model.nodes().iter().enumerate();
-    let rest: Vec<Point2<f64>> = nodes.map(|(k, at)| view.from_front(k, *at)).collect();
+    let rest: Vec<Point2<f64>> = nodes.map(|(k, at)| view.turn_back(k, *at)).collect();
     Ok(fitter.fit_at_rest(wireframe, marks, &rest).unwrap_or(plain))
 }
 
@@ -77,14 +77,14 @@ impl Turned {
         let share = ((yaw.abs() - TURNED[0]) / (TURNED[1] - TURNED[0])).clamp(0.0, 1.0);
         let shape = shape_with(&model.mean, &model.identity, &solved.coefficients);
         let rotation = HeadPose::rotation_of(yaw * (1.0 - share), pitch, roll);
-        (share > 0.0).then(|| Self { shape, seen: solved.pose, front: HeadPose { rotation, ..solved.pose } })
+        (share > 0.0).then_some(Self { shape, seen: solved.pose, front: HeadPose { rotation, ..solved.pose } })
     }
 
     fn to_front(&self, node: usize, at: Point2<f64>) -> Point2<f64> {
         self.front.project(&self.seen.back(&at, self.seen.turned(&self.shape[node]).z))
     }
 
-    fn from_front(&self, node: usize, at: Point2<f64>) -> Point2<f64> {
+    fn turn_back(&self, node: usize, at: Point2<f64>) -> Point2<f64> {
         self.seen.project(&self.front.back(&at, self.front.turned(&self.shape[node]).z))
     }
 }

@@ -50,7 +50,7 @@ pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
 pub use motion::{Motion, MotionKind, NOISE, fapu_length, read_motion};
 pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};
 pub use regions::{OVERLAP, RegionScheme, Regions};
-pub use scene::{FaceScene, View};
+pub use scene::{DrawnEye, FaceScene, View};
 pub use search::{BLX_ALPHA, GENERATIONS, GaOptions, Generation, Run, TOURNAMENT_SIZE, evolve};
 pub use solve::{Climb, Signs, Solution, Solver, best_member, bound, climb, genetic, interpolate, least_squares, refined};
 pub use surface::{surface, surface_error};

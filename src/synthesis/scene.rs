@@ -71,6 +71,19 @@ fn iris(bank: &Bank, eyeball: f32) -> f32 {
     (IRIS.0 * opening).min(IRIS.1 * eyeball)
 }
 
+/// An eyeball that is drawn into a mesh.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawnEye<'a> {
+    /// Its vertices.
+    pub positions: &'a [[f32; 3]],
+    /// Its triangles.
+    pub triangles: &'a [[u32; 3]],
+    /// Centre of the ball.
+    pub centre: [f32; 3],
+    /// Radius of the iris.
+    pub iris: f32,
+}
+
 impl<'b> FaceScene<'b> {
     /// Finds out what the parts of a bank's mesh are: a part without feature points that no member moves is an eyeball; a hole around
     /// the corners of an eye gets one where the mesh has none; other holes are openings.
@@ -99,10 +112,12 @@ impl<'b> FaceScene<'b> {
         Self { bank, shades, eyes, openings, middle, reach }
     }
 
-    /// The eyeballs that the mesh itself has not: positions, triangles, centre, and radius of the iris.
-    pub fn eyes(&self) -> impl Iterator<Item = (&[[f32; 3]], &[[u32; 3]], [f32; 3], f32)> {
+    /// The eyeballs that the mesh itself has not.
+    pub fn eyes(&self) -> impl Iterator<Item = DrawnEye<'_>> {
         self.eyes.iter().filter_map(|prop| match prop.shade {
-            Shade::Eye { centre, iris } => Some((prop.positions.as_slice(), prop.triangles.as_slice(), centre, iris)),
+            Shade::Eye { centre, iris } => {
+                Some(DrawnEye { positions: &prop.positions, triangles: &prop.triangles, centre, iris })
+            }
             _ => None,
         })
     }

@@ -59,20 +59,19 @@ pub fn draw(
                 mouth::own(warp, opening, texture, deformation, &mut layer);
             }
         }
-        _ => match eyeball(warp, opening) {
-            Some(eye) => {
+        _ => {
+            if let Some(eye) = eyeball(warp, opening) {
                 let turned = turned(warp, opening, deformation);
                 let back = turned.head.inverse();
                 layer.paint(|at| eye.colour(at, &turned, &back, texture));
-            }
-            None => {
+            } else {
                 let behind = behind(warp, opening, deformation);
                 for (triangle, corners) in opening.triangles.iter().zip(&behind) {
                     let from = triangle.map(|v| warp.source[v as usize]);
                     layer.fill(*corners, from, |at, _| texture.sample(at));
                 }
             }
-        },
+        }
     }
     layer.spread();
     layer.lay_on(frame);

@@ -2,7 +2,10 @@
 
 mod read;
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use serde::Serialize;
 
@@ -217,7 +220,8 @@ fn overview(results: &Results, lines: &Lines) -> Figure {
         "The representative of every class at its apex, all at one scale, the neutral in grey behind it:".to_owned();
     for (k, class) in results.classes.iter().enumerate() {
         let n = count(class.about.sequences.len(), "sequence", "sequences");
-        caption += &format!("{} {} ({n} of {})", if k == 0 { "" } else { ";" }, class.label(), people(class));
+        let separator = if k == 0 { "" } else { ";" };
+        let _ = write!(caption, "{separator} {} ({n} of {})", class.label(), people(class));
     }
     let first = &results.classes[0];
     let mut figure =
@@ -332,7 +336,7 @@ pub fn write_figures(figures: &[Figure], folder: &Path) -> Result<(), FiguresErr
     let mut text = String::from("# Figures\n");
     for (k, figure) in figures.iter().enumerate() {
         let of = &figure.about;
-        text += &format!("\n**Figure {}** (`{}.svg`, `{}.pdf`). {}\n", k + 1, figure.name, figure.name, of.caption);
+        let _ = writeln!(text, "\n**Figure {}** (`{}.svg`, `{}.pdf`). {}", k + 1, figure.name, figure.name, of.caption);
     }
     output::write_bytes(&folder.join("captions.md"), text.as_bytes())?;
     Ok(())

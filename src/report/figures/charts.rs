@@ -94,7 +94,7 @@ pub fn distances(title: &str, rows: &[StripRow]) -> Drawing {
         sheet.polyline(grid, [Point2::new(x(value), top), Point2::new(x(value), bottom)]);
         sheet.text(x(value), bottom + 13.0, SMALL, Anchor::Middle, format!("{value:.digits$}"));
     }
-    sheet.text((left + right) / 2.0, bottom + 28.0, SMALL, Anchor::Middle, "distance, face units");
+    sheet.text(f64::midpoint(left, right), bottom + 28.0, SMALL, Anchor::Middle, "distance, face units");
     for (k, row) in rows.iter().enumerate() {
         let middle = top + (k as f64 + 0.5) * HIGH;
         sheet.text(10.0, middle + 3.0, SMALL, Anchor::Start, row.label.as_str());

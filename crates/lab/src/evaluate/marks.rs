@@ -209,13 +209,13 @@ mod tests {
         let nodes = markable_nodes();
         let distinct: std::collections::BTreeSet<_> = nodes.iter().map(|m| m.node).collect();
         assert_eq!(distinct.len(), nodes.len());
-        for m in &nodes {
+        for m in nodes {
             assert!(wireframe.live_nodes().contains(&m.node), "{}", m.node);
             assert!((0.005..=0.1).contains(&m.deviation_es) && !m.description.is_empty(), "{}", m.node);
         }
         // A mirrored node is as easy to click.
         let frontal = wireframe.frontal();
-        for m in &nodes {
+        for m in nodes {
             let p = frontal[m.node.index()];
             let mirrored = |other: &&MarkableNode| {
                 let q = frontal[other.node.index()];
@@ -234,7 +234,7 @@ mod tests {
         let distinct: std::collections::BTreeSet<_> = marks.iter().map(|m| m.node).collect();
         assert_eq!(distinct.len(), SUGGESTED_COUNT);
         let tables = Tables::candide3();
-        for m in &marks {
+        for m in marks {
             assert!(markable.contains(&m.node) && !m.description.is_empty());
             assert_eq!(m.error_after.is_some(), m.rank >= 3);
             if let Some(fp) = m.fp {
