@@ -14,6 +14,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Multiplies the low-level FAPs of a file, within the ranges of the standard.
+///
+/// # Errors
+/// What the steps say.
 pub fn run(input: &Path, factor: f64, output: &Path) -> Result<(), Box<dyn Error>> {
     let file = read_fap(input)?;
     // Files of other programs are read tolerantly; what was tolerated is told.

@@ -23,6 +23,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Writes the expression in a folder of frames, neutral to apex, as a FAP file.
+///
+/// # Errors
+/// What the steps say.
 pub fn run(folder: &Path, fap: &Path) -> Result<(), Box<dyn Error>> {
     let Face { wireframe, tables } = Face::candide3();
 

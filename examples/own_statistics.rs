@@ -23,6 +23,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// The representative of smiles of some strengths: mouth corners (nodes 31 and 64) that go up and out over five frames.
+///
+/// # Errors
+/// What the steps say.
 pub fn run(strengths: &[f64]) -> Result<Representative, Box<dyn Error>> {
     let face = Face::candide3();
     // Models start from the canonical neutral: face units, x to the subject's left, y up, ES0 = 1024.

@@ -71,6 +71,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Tracks a folder of frames by a table of positions, one node of which is lost in every frame.
+///
+/// # Errors
+/// What the steps say.
 pub fn run(folder: &Path, table: &Path, lost: usize) -> Result<Track, Box<dyn Error>> {
     let mut positions = Positions::new();
     for row in csv::Reader::from_path(table)?.deserialize() {

@@ -140,8 +140,8 @@ fn irises_stay_round_within_a_tenth_when_lids_open_narrow_and_squint_and_the_gaz
     let motions = [
         ("wide", -0.09, 0.04, 0.0, none, 0.4),
         ("raised", -0.06, 0.0, 0.01, none, 0.3),
-        ("narrow", 0.03, 0.0, 0.0, none, 0.1),
-        ("squint", 0.02, -0.03, -0.02, none, 0.05),
+        ("narrow", 0.012, 0.0, 0.0, none, 0.08),
+        ("squint", 0.006, -0.006, -0.02, none, 0.08),
         ("to the side", -0.03, 0.01, 0.0, Vector2::new(0.05, 0.0), 0.15),
         ("down", -0.05, 0.05, 0.0, Vector2::new(-0.02, 0.04), 0.2),
     ];

@@ -146,7 +146,7 @@ pub fn suggest_marks(
     if candidates.len() < SUGGESTED_COUNT {
         return Err(EvaluateError::TooFewCandidates { found: candidates.len(), needed: SUGGESTED_COUNT });
     }
-    let search = Search { wireframe, populations, method, markable: &markable };
+    let search = Search { wireframe, populations, method, markable };
     let (mut done, total) = (0, SUGGESTED_COUNT - FEWEST);
     let mut step = || {
         done += 1;
@@ -260,7 +260,7 @@ mod tests {
         let method = FitMethod::similarity(&wireframe);
         let marks = suggest_marks(&wireframe, &tables, &people, &method, |_, _| true).unwrap();
         let markable = markable_nodes();
-        let search = Search { wireframe: &wireframe, populations: &people, method: &method, markable: &markable };
+        let search = Search { wireframe: &wireframe, populations: &people, method: &method, markable };
         let found: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
         let count = DEFAULT_LANDMARK_NODES.len();
         let sorted = |nodes: &[NodeId]| nodes.iter().copied().collect::<std::collections::BTreeSet<_>>();
