@@ -2,7 +2,7 @@
 //!
 //! A page holds motions ([`SourceMotion`]: representatives, tracks, FAP files) and faces ([`PlayerFace`]) and moves the one by the other
 //! while it is looked at: the nodes as `clone` places them, the mesh of [`crate::warp`] with its weights, drawn by WebGL, or triangle by
-//! triangle on a canvas. What the page holds is numbers and pictures ([`payload`]); its scripts (`assets/`) are those of the report,
+//! triangle on a canvas. What the page holds is numbers and pictures (`payload`); its scripts (`assets/`) are those of the report,
 //! too.
 
 mod head;
