@@ -8,9 +8,18 @@ fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
     work.grimace("run faces -o out").exit(0);
     let ran = work.grimace("analyze out/tracks -o again").exit(0);
     ran.prints(&["6 tracks, 0 failed", "3 sequences  again/fap/happiness.fap", "report: again/report.html"]);
-    for folder in ["models", "representatives"] {
-        assert_same_files(&work.files(&format!("out/{folder}")), &work.files(&format!("again/{folder}")));
-    }
+    assert_same_files(&work.files("out/models"), &work.files("again/models"));
+    // Only a run looks at pictures: it says why these few people have no skin in common.
+    let without_skin = |folder: &str| {
+        let mut files = work.files(folder);
+        for (_, bytes) in files.iter_mut().filter(|(name, _)| name.ends_with(".json")) {
+            let mut value: serde_json::Value = serde_json::from_slice(bytes).unwrap();
+            value.as_object_mut().unwrap().remove("no_skin");
+            *bytes = value.to_string().into_bytes();
+        }
+        files
+    };
+    assert_same_files(&without_skin("out/representatives"), &without_skin("again/representatives"));
     for file in ["fap/happiness.fap", "fap/surprise.fap", "features/happiness.svg"] {
         assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("again/{file}")), "{file}");
     }
