@@ -31,7 +31,7 @@
 //! let picture = warp.render(&Texture::new(&photograph), &frame, &MouthInside::Dark);
 //! assert_eq!(frame.node(31), smile[31]);
 //! # assert_eq!(picture.dimensions(), (160, 200));
-//! # Ok::<(), grimace::warp::WarpError>(())
+//! # Ok::<(), grimace::internal::warp::WarpError>(())
 //! ```
 
 mod audit;
