@@ -269,6 +269,18 @@ mod tests {
     }
 
     #[test]
+    fn what_another_writer_of_the_format_wrote_is_read() {
+        // Written by Python's safetensors: the tensors are in another order.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.bank");
+        fs::write(&path, include_bytes!("../../fuzz/seeds/bank/python.bank")).unwrap();
+        let bank = Bank::open(&path).unwrap();
+        assert!(bank.is_mapped());
+        assert_eq!(bank.displacements(0), [[0.0; 3], [0.0; 3], [0.0, 0.5, 0.0], [0.0; 3]]);
+        assert_eq!(bank.mesh().triangles(), [[0, 1, 2], [0, 2, 3], [0, 1, 3]]);
+    }
+
+    #[test]
     fn misaligned_tensors_are_copied() {
         let (_folder, path, bytes) = written();
         for blanks in 1..=4 {
