@@ -12,7 +12,7 @@ use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::{CloneError, SourceMotion, Target};
-use crate::warp::{MouthInside, Placement, Texture};
+use crate::warp::{MouthInside, Placement, Texture, smooth_step};
 
 /// What shows between open lips.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -220,12 +220,6 @@ fn light_alike(own: &[f32], other: &[f32], mask: &[f32], target: &Target) -> f32
     }
     let correlation = both / (square_a * square_b).sqrt().max(1e-12);
     (LEAST_ALIKE + (1.0 - LEAST_ALIKE) * smooth_step(LIGHT_ALIKE.0, LIGHT_ALIKE.1, correlation)) as f32
-}
-
-/// 0 below `from`, 1 above `to`, smooth between.
-fn smooth_step(from: f64, to: f64, value: f64) -> f64 {
-    let t = ((value - from) / (to - from)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 /// The inside of the mouth as the warp wants it.

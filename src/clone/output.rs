@@ -191,7 +191,7 @@ pub fn write_clone(
     let (csv, mut track_info) = track_info(files, clone, source, &frames, &info, face);
     write_track(&csv, &frames, &mut track_info)?;
     let (faps, clamped) = fap_of(&model, clone, source, face)?;
-    let asked = clone.asked(source, face)?.into_iter().map(FrameExpressionModel::new).collect();
+    let asked = clone.frames.iter().map(|frame| FrameExpressionModel::new(frame.asked.clone())).collect();
     info.faps_cut = faps_cut(&DynamicExpressionModel::new(asked)?, &model, face)?;
     let faps = faps.for_profile(profile).map_err(ConvertError::from)?;
     write_fap_as(&folder.join("clone.fap"), &faps, profile, ValueFormat::Integer)?;

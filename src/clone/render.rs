@@ -1,6 +1,7 @@
 //! A source on a target: the frames.
 
 use image::RgbImage;
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::{CloneError, ClonedSkin, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail};
@@ -48,6 +49,8 @@ pub struct CloneFrame {
     pub deformation: Deformation,
     /// The source's frame nearest in time.
     pub nearest: usize,
+    /// Where the nodes were asked to be; the warp may have cut a motion that no skin makes.
+    pub asked: Vec<Point2<f64>>,
     /// How far the skin has gone the way of its class: 0 without one.
     pub skin: f64,
 }
@@ -81,7 +84,7 @@ pub fn clone_expression<'a>(
         .iter()
         .map(|moment| {
             let nodes = target.nodes_at(source, moment, options.rescale, options.emphasis, options.head, face);
-            Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, skin: 0.0 })
+            Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, asked: nodes, skin: 0.0 })
         })
         .collect::<Result<_, CloneError>>()?;
     Ok(Clone { target, details, skin: None, options: *options, fps, frames })
@@ -104,22 +107,12 @@ impl<'a> Clone<'a> {
 }
 
 impl Clone<'_> {
-    /// Where the nodes were asked to be in each frame; the warp may have cut a motion that no skin makes.
-    ///
-    /// # Errors
-    /// As [`clone_expression`].
-    pub fn asked(&self, source: &SourceMotion, face: &Face) -> Result<Vec<Vec<nalgebra::Point2<f64>>>, CloneError> {
-        let CloneOptions { rescale, emphasis, head, .. } = self.options;
-        let (_, moments) = self.options.timing.moments(source)?;
-        Ok(moments.iter().map(|moment| self.target.nodes_at(source, moment, rescale, emphasis, head, face)).collect())
-    }
-
     /// Renders one frame.
     ///
     /// # Panics
     /// If there is no such frame (a programmer's error).
     pub fn picture(&self, frame: usize) -> RgbImage {
-        let CloneFrame { deformation, nearest, skin } = &self.frames[frame];
+        let CloneFrame { deformation, nearest, skin, .. } = &self.frames[frame];
         let grown = self.skin.filter(|_| self.options.wrinkles <= 0.0 || self.details.is_none());
         let grown = grown.and_then(|s| s.texture(self.target, *skin));
         let (warp, plain) = (self.target.warp(), grown.as_ref().unwrap_or(self.target.texture()));

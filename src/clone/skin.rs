@@ -29,6 +29,8 @@ const ORIGIN: (f64, f64) = (63.5, 85.0);
 const SCALE: f64 = 100.0;
 /// Logarithm of a ratio that the file's 255 stands for; 128 is none, 1 its negative.
 pub const SKIN_LOG_LIMIT: f32 = 0.4;
+/// Level of the file that stands for no change.
+const NO_CHANGE: u8 = 128;
 /// End of its file's name, after the representative's stem.
 pub const SKIN_SUFFIX: &str = "_skin.png";
 /// Fewest people whose mean is taken: of fewer it would be somebody's own face.
@@ -160,6 +162,11 @@ fn layout_nodes() -> Vec<Point2<f64>> {
     Wireframe::candide3().vertices().iter().map(|v| Point2::new(ORIGIN.0 + SCALE * v.x, ORIGIN.1 - SCALE * v.y)).collect()
 }
 
+/// The logarithm of a ratio that a level of the file stands for.
+fn log_of(level: u8) -> f32 {
+    (f32::from(level) - f32::from(NO_CHANGE)) / 127.0 * SKIN_LOG_LIMIT
+}
+
 impl Skin {
     /// The robust mean of people, one sample each.
     ///
@@ -203,7 +210,7 @@ impl Skin {
 
     /// The picture as it is written: 128 is no change, 1 and 255 are factors of exp(-0.4) and exp(0.4).
     pub fn picture(&self) -> GrayImage {
-        let byte = |log: f32| (128.0 + (log / SKIN_LOG_LIMIT * 127.0).round()).clamp(1.0, 255.0) as u8;
+        let byte = |log: f32| (f32::from(NO_CHANGE) + (log / SKIN_LOG_LIMIT * 127.0).round()).clamp(1.0, 255.0) as u8;
         GrayImage::from_fn(SIZE.0, SIZE.1, |x, y| image::Luma([byte(self.logs[(y * SIZE.0 + x) as usize])]))
     }
 
@@ -227,16 +234,15 @@ impl Skin {
             let (width, height) = picture.dimensions();
             return Err(CloneError::SkinSize { path: path.to_owned(), width, height, expected: SIZE });
         }
-        let log = |&byte: &u8| (f32::from(byte) - 128.0) / 127.0 * SKIN_LOG_LIMIT;
-        Ok(Self { logs: picture.as_raw().iter().map(log).collect(), people: 0 })
+        Ok(Self { logs: picture.as_raw().iter().map(|&level| log_of(level)).collect(), people: 0 })
     }
 }
 
 /// The skin of a class on a target: how it looks, and how far a motion has gone towards it.
 #[derive(Debug)]
 pub struct ClonedSkin {
-    /// Logarithms of factors, one for each pixel of the target's photograph.
-    logs: Vec<f32>,
+    /// Levels of the skin's picture, one for each pixel of the target's photograph; [`NO_CHANGE`] off the face.
+    levels: Vec<u8>,
     /// Apex offsets of the class's representative over its eye separation.
     apex: Vec<Vector2<f64>>,
 }
@@ -253,16 +259,14 @@ impl ClonedSkin {
     /// [`CloneError::Warp`] never for a target that could be made.
     pub fn new(target: &Target, skin: &Skin, representative: &SourceMotion) -> Result<Self, CloneError> {
         let (width, height) = target.picture.dimensions();
-        let mut carried = RgbImage::from_pixel(width, height, image::Rgb([128; 3]));
+        let mut carried = RgbImage::from_pixel(width, height, image::Rgb([NO_CHANGE; 3]));
         let placement = target.warp().place(&layout_nodes())?;
         target.warp().unwarp(&Texture::from_gray(&skin.picture()), &placement, &mut carried);
         let mask = detail::mask(target);
-        let log = |(p, share): (&image::Rgb<u8>, &f32)| {
-            if *share > 0.0 { (f32::from(p.0[0]) - 128.0) / 127.0 * SKIN_LOG_LIMIT } else { 0.0 }
-        };
-        let logs = carried.pixels().zip(&mask).map(log).collect();
+        let level = |(p, share): (&image::Rgb<u8>, &f32)| if *share > 0.0 { p.0[0] } else { NO_CHANGE };
+        let levels = carried.pixels().zip(&mask).map(level).collect();
         let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
-        Ok(Self { logs, apex })
+        Ok(Self { levels, apex })
     }
 
     /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
@@ -279,9 +283,10 @@ impl ClonedSkin {
     pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
         (growth >= LEAST_SKIN).then(|| {
             let mut picture = target.picture.clone();
-            for (pixel, &log) in picture.pixels_mut().zip(&self.logs) {
-                if log != 0.0 {
-                    let factor = (log * growth as f32).exp();
+            let factors: [f32; 256] = std::array::from_fn(|level| (log_of(level as u8) * growth as f32).exp());
+            for (pixel, &level) in picture.pixels_mut().zip(&self.levels) {
+                if level != NO_CHANGE {
+                    let factor = factors[usize::from(level)];
                     pixel.0 = pixel.0.map(|c| (f32::from(c) * factor).round().clamp(0.0, 255.0) as u8);
                 }
             }

@@ -15,6 +15,7 @@ use super::{
     Texture, Warp,
     layout::OPENINGS,
     mesh::{OpeningMesh, distance_to_line, inside},
+    mouth::luma,
     openings::smooth_step,
 };
 use crate::geometry::Similarity;
@@ -77,13 +78,16 @@ pub struct Turned {
     /// Upper lid in the frame.
     pub lid: Vec<Point2<f64>>,
     /// Both lids as they are on the photograph, with how far each place went away from the other lid, over the eye distance.
-    pub edges: [Vec<(Point2<f64>, f64)>; 2],
+    edges: [Vec<(Point2<f64>, f64)>; 2],
+    /// Whether a lid uncovers what the photograph does not show.
+    uncovers: bool,
 }
 
 impl Turned {
-    /// Whether a lid uncovers what the photograph does not show.
-    fn uncovers(&self) -> bool {
-        self.edges.iter().flatten().any(|e| e.1 > 0.0)
+    /// An eyeball as its fields say.
+    pub fn new(head: Similarity, gaze: Vector2<f64>, lid: Vec<Point2<f64>>, edges: [Vec<(Point2<f64>, f64)>; 2]) -> Self {
+        let uncovers = edges.iter().flatten().any(|e| e.1 > 0.0);
+        Self { head, gaze, lid, edges, uncovers }
     }
 
     /// How much the photograph is to be trusted at a place of it that lies `depth` px between its lids: along a lid that went away it
@@ -134,14 +138,6 @@ impl Eyeball {
         }
         let mut closed = outline.clone();
         closed.extend(outline.first());
-        let at = |k: usize| Point2::new((left + (k % width) as i64) as f64, (top + (k / width) as i64) as f64);
-        let depth: Vec<f32> = (0..width * height)
-            .map(|k| {
-                let distance = distance_to_line(&closed, &at(k)) as f32;
-                if inside(&outline, &at(k)) { distance } else { -distance }
-            })
-            .collect();
-        let photograph: Vec<[f32; 3]> = (0..width * height).map(|k| texture.sample(at(k))).collect();
         let mut eye = Self {
             centre: expected,
             radius: RADIUS.0 * unit,
@@ -151,9 +147,16 @@ impl Eyeball {
             height,
             white: Vec::new(),
             iris: Vec::new(),
-            depth,
+            depth: Vec::new(),
             eye_distance: unit,
         };
+        let places: Vec<Point2<f64>> = (0..width * height).map(|k| eye.at(k)).collect();
+        let depth = |at: &Point2<f64>| {
+            let distance = distance_to_line(&closed, at) as f32;
+            if inside(&outline, at) { distance } else { -distance }
+        };
+        eye.depth = places.iter().map(depth).collect();
+        let photograph: Vec<[f32; 3]> = places.iter().map(|at| texture.sample(*at)).collect();
         (eye.centre, eye.radius) = eye.search(&photograph, warp.frame.down.into_inner())?;
         eye.white = eye.filled_white(&photograph, warp.frame.down.into_inner());
         eye.iris = eye.filled_iris(&photograph, warp.frame.down.into_inner());
@@ -164,7 +167,7 @@ impl Eyeball {
     fn search(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Option<(Point2<f64>, f64)> {
         let unit = self.eye_distance;
         let across = Vector2::new(down.y, -down.x);
-        let levels: Vec<f32> = photograph.iter().map(luma).collect();
+        let levels: Vec<f32> = photograph.iter().map(|&c| luma(c)).collect();
         let mut shown: Vec<f32> = levels.iter().zip(&self.depth).filter(|(_, d)| **d > 0.0).map(|(l, _)| *l).collect();
         if shown.len() < 12 {
             return None;
@@ -263,7 +266,7 @@ impl Eyeball {
         let across = Vector2::new(down.y, -down.x);
         let along = |k: usize| (self.at(k) - self.centre).dot(&across) / (4.0 * self.radius);
         // Skin is redder and lashes are darker than the white.
-        let whiteness = |c: &[f32; 3]| luma(c) - 0.8 * (c[0] - c[1]).max(0.0);
+        let whiteness = |c: &[f32; 3]| luma(*c) - 0.8 * (c[0] - c[1]).max(0.0);
         let candidates = |beyond: f64| -> Vec<usize> {
             let is_white = |k: &usize| {
                 f64::from(self.depth[*k]) > 0.018 * self.eye_distance && (self.at(*k) - self.centre).norm() > beyond * self.radius
@@ -354,14 +357,13 @@ impl Eyeball {
     /// Colour of a pixel of a frame between the lids.
     pub fn colour(&self, at: Point2<f64>, turned: &Turned, back: &Similarity, texture: &Texture) -> [f32; 3] {
         let (still, moved) = (back.apply(&at), back.apply(&(at - turned.gaze)));
-        let uncovers = turned.uncovers();
-        let shade = if uncovers {
+        let shade = if turned.uncovers {
             let depth = distance_to_line(&turned.lid, &at) / (SHADOW.1 * self.eye_distance);
             1.0 - SHADOW.0 * (-depth * depth).exp()
         } else {
             1.0
         };
-        let trust = |p: Point2<f64>| if uncovers { turned.trust(p, self.depth_at(p), self.eye_distance) } else { 1.0 };
+        let trust = |p: Point2<f64>| if turned.uncovers { turned.trust(p, self.depth_at(p), self.eye_distance) } else { 1.0 };
         let iris_at = |p: Point2<f64>| 1.0 - smooth_step(LIMBUS.0, LIMBUS.1, (p - self.centre).norm() / self.radius) as f32;
         let mix = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share);
         let fill = |patch: &[[f32; 3]], p: Point2<f64>| {
@@ -382,10 +384,6 @@ impl Eyeball {
         let under = if iris > 0.0 { mix(fill(&self.iris, moved), texture.sample(moved), trust(moved)) } else { white };
         mix(whole, mix(white, under, iris), turn)
     }
-}
-
-fn luma([r, g, b]: &[f32; 3]) -> f32 {
-    0.3 * r + 0.59 * g + 0.11 * b
 }
 
 #[cfg(test)]

@@ -69,8 +69,8 @@ fn roundness(warp: &Warp, frame: &RgbImage, deformation: &super::super::Deformat
     let lids: Vec<Point2<f64>> =
         opening.upper.iter().chain(opening.lower.iter().rev()).map(|&v| deformation.vertices[v as usize]).collect();
     let texture = Texture::new(frame);
-    let level = |p: Point2<f64>| f64::from(luma(&texture.sample(p)));
-    let half = f64::midpoint(f64::from(luma(&WHITE.map(|c| c as f32))), f64::from(luma(&IRIS.map(|c| c as f32))));
+    let level = |p: Point2<f64>| f64::from(luma(texture.sample(p)));
+    let half = f64::midpoint(f64::from(luma(WHITE.map(|c| c as f32))), f64::from(luma(IRIS.map(|c| c as f32))));
     let expected = DRAWN * EYES;
     let mut outline = Vec::new();
     for k in 0..ANGLES {

@@ -62,6 +62,7 @@ use crate::geometry::Similarity;
 pub use audit::Audit;
 pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;
+pub(crate) use openings::smooth_step;
 pub use render::MouthInside;
 pub use rig::{Rig, RigOpening, teeth_picture};
 pub use sample::{Texture, resample};

@@ -269,7 +269,7 @@ fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)> {
 }
 
 /// Brightness of a colour.
-fn luma([r, g, b]: [f32; 3]) -> f32 {
+pub fn luma([r, g, b]: [f32; 3]) -> f32 {
     0.3 * r + 0.59 * g + 0.11 * b
 }
 

@@ -112,7 +112,7 @@ fn turned(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Turn
         };
         edge.iter().map(one).collect()
     };
-    Turned { head, gaze, lid: at(&opening.upper), edges: [edge(&opening.upper, -1.0), edge(&opening.lower, 1.0)] }
+    Turned::new(head, gaze, at(&opening.upper), [edge(&opening.upper, -1.0), edge(&opening.lower, 1.0)])
 }
 
 /// Whether what lies behind an opening has not moved.
