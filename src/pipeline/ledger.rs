@@ -114,9 +114,13 @@ impl Ledger {
     /// Removes the journal: `run.json` tells all of it.
     pub(super) fn close(self) {
         drop(self.journal);
-        // Left behind it only says again what run.json says.
-        let _ = fs::remove_file(self.out.join(JOURNAL));
+        remove_journal(&self.out);
     }
+}
+
+/// Removes the journal of a folder whose `run.json` is of a whole run, which tells all of it. Left behind it would only say so again.
+pub(super) fn remove_journal(out: &Path) {
+    let _ = fs::remove_file(out.join(JOURNAL));
 }
 
 /// Whether a file is a track of ours: its `.json` says so, which also `annotate` keeps up.

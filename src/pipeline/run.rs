@@ -18,7 +18,7 @@ use super::{
     analysis::{AnalysisError, analyze_with},
     file_blake3 as hash_of,
     folder::{RUN_JSON, new_record, open},
-    ledger::Ledger,
+    ledger::{Ledger, remove_journal},
     parts::PARTS_FOLDER,
     skins::{collect_skins, picture_sources},
     variation::model_names,
@@ -221,6 +221,8 @@ pub fn run(
         && overlay.is_none()
         && is_unchanged(earlier, &planned, &skipped, out)
     {
+        // A run that was killed between its record and this.
+        remove_journal(out);
         return Ok(summary_of(earlier));
     }
     let mut record = new_record(name, skipped, bench);

@@ -258,6 +258,10 @@ fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
     for name in mine {
         assert_eq!(work.bytes(&format!("out/{name}")), track, "{name}");
     }
+    // Killed between its last two steps, a run leaves its journal; the next one has nothing to do but that.
+    work.write("out/run.journal", "fap/joy.fap\t\n");
+    work.grimace("run faces -o out").exit(0);
+    assert!(!work.path("out/run.journal").exists() && work.path("out/fap/joy.fap").exists());
 }
 
 #[test]
