@@ -1,10 +1,11 @@
 //! Intensities of action units, by a small generative model.
 //!
 //! The neutral offsets of the nodes are a non-negative sum of expression shapes, each named after the action unit it stands for, and
-//! noise whose standard deviation at every node is the node's expected error. Left and right are unknowns of their own; an action unit is
-//! the mean of its sides. Shapes that are no action unit of the list (sideways jaw, puffed cheeks) explain their part and are not reported.
+//! noise whose standard deviation at every node is the node's expected error. Shapes are learned from a face model, left and right as
+//! unknowns of their own; beside them stand Candide's own action unit vectors, which whoever animates by Candide shows. An action unit
+//! is the mean of its sides and what its vector adds. Shapes that are no action unit of the list (sideways jaw, puffed cheeks) explain their part and are not reported.
 
-use nalgebra::{DMatrix, DVector, Point2, Vector2};
+use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
 
 use super::FeaturesError;
 use crate::{
@@ -13,7 +14,7 @@ use crate::{
     pose::HeadModel,
     text::excerpt,
     units::NodeId,
-    wireframe::Wireframe,
+    wireframe::{UnitKind, Wireframe},
 };
 
 /// An action unit of FACS and the shapes that stand for it.
@@ -85,13 +86,21 @@ impl std::str::FromStr for ActionUnit {
     }
 }
 
+/// Action units and the action unit vectors of Candide-3 that stand for them as well, both sides at once.
+const CANDIDE: [(u8, u16); 11] =
+    [(2, 5), (4, 3), (5, 10), (7, 7), (9, 8), (10, 0), (15, 14), (20, 2), (23, 9), (26, 11), (45, 6)];
 /// Shapes that are no action unit of the list but explain their part.
 const OTHERS: [&str; 7] = ["jawLeft", "jawRight", "jawForward", "mouthLeft", "mouthRight", "cheekPuff", "mouthShrugUpper"];
 
 /// Intensity of a shape at full strength, on the scale of 0 to 5.
 pub const FULL: f64 = 5.0;
-/// Standard deviation of a shape's strength before anything is seen.
-const STRENGTH: f64 = 0.7;
+/// Before anything is seen a shape's strength is mostly nothing and seldom much: its probability falls off as `exp(-RARITY x)`, which
+/// leaves what is seen to few shapes where a normal one would spread it over all that are alike.
+const RARITY: f64 = 1.0;
+/// The same of Candide's own vectors, which nobody's face was measured for: they are taken only where they explain much more.
+const CANDIDE_RARITY: f64 = 8.0;
+/// Strengths far beyond the full one are out of the question, too: standard deviation of a normal factor of that probability.
+const STRENGTH: f64 = 1.0;
 /// Turns of the non-negative solution.
 const TURNS: usize = 300;
 /// Median of the distance of a normal number from its mean.
@@ -122,8 +131,10 @@ impl Intensity {
 pub struct ActionUnits {
     /// Offsets of every node, face units, of each unknown.
     shapes: Vec<Vec<Vector2<f64>>>,
-    /// Unknowns of each action unit.
-    members: Vec<Vec<usize>>,
+    /// How seldom each unknown is strong.
+    rarities: Vec<f64>,
+    /// Unknowns of each action unit and the share of each in its strength: a half where another one is the other side.
+    members: Vec<Vec<(usize, f64)>>,
 }
 
 impl ActionUnits {
@@ -133,44 +144,57 @@ impl ActionUnits {
     /// [`FeaturesError`] when the head does not normalize.
     pub fn new(head: &HeadModel, wireframe: &Wireframe, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
         const PX: f64 = 100.0;
-        let (mut shapes, mut members) = (Vec::new(), Vec::new());
-        let listed = ACTION_UNITS.iter().map(|u| u.shapes).chain(OTHERS.iter().map(std::slice::from_ref));
-        for stems in listed {
-            let mut unknowns = Vec::new();
+        let canonical = |offset: &dyn Fn(usize) -> Vector3<f64>| -> Result<Vec<Vector2<f64>>, FeaturesError> {
+            let frame = |share: f64| {
+                let place = |k: usize| {
+                    let at = head.mean[k] + offset(k) * share;
+                    Point2::new(at.x * PX, -at.y * PX)
+                };
+                FrameExpressionModel::new((0..wireframe.node_count()).map(place).collect())
+            };
+            let model = normalizer.normalize_every_frame(&DynamicExpressionModel::new(vec![frame(0.0), frame(1.0)])?)?;
+            Ok(model.neutral_offsets(1))
+        };
+        let (mut shapes, mut rarities, mut members) = (Vec::new(), Vec::new(), Vec::new());
+        let listed = ACTION_UNITS.iter().map(|u| (u.number, u.shapes)).chain(OTHERS.iter().map(|s| (0, std::slice::from_ref(s))));
+        for (number, stems) in listed {
+            let first = shapes.len();
             for shape in &head.shapes {
                 let stem = shape.name.strip_suffix("_L").or_else(|| shape.name.strip_suffix("_R")).unwrap_or(&shape.name);
-                if !stems.contains(&stem) {
-                    continue;
+                if stems.contains(&stem) {
+                    shapes.push(canonical(&|k| shape.offsets[k])?);
                 }
-                let frame = |share: f64| {
-                    let place = |k: usize| {
-                        let at = head.mean[k] + shape.offsets[k] * share;
-                        Point2::new(at.x * PX, -at.y * PX)
-                    };
-                    FrameExpressionModel::new((0..wireframe.node_count()).map(place).collect())
-                };
-                let model = normalizer.normalize_every_frame(&DynamicExpressionModel::new(vec![frame(0.0), frame(1.0)])?)?;
-                unknowns.push(shapes.len());
-                shapes.push(model.neutral_offsets(1));
             }
+            rarities.resize(shapes.len(), RARITY);
+            let share = 1.0 / (shapes.len() - first).max(1) as f64;
+            let mut unknowns: Vec<(usize, f64)> = (first..shapes.len()).map(|i| (i, share)).collect();
+            for (_, vector) in CANDIDE.iter().filter(|(unit, _)| *unit == number) {
+                let kind = UnitKind::Action { number: *vector };
+                if let Some(unit) = wireframe.action_units().iter().find(|unit| unit.kind == kind) {
+                    let offset = |k: usize| unit.offsets.iter().filter(|(n, _)| n.index() == k).map(|(_, o)| *o).sum();
+                    unknowns.push((shapes.len(), 1.0));
+                    shapes.push(canonical(&offset)?);
+                }
+            }
+            rarities.resize(shapes.len(), CANDIDE_RARITY);
             members.push(unknowns);
         }
         members.truncate(ACTION_UNITS.len());
-        Ok(Self { shapes, members })
+        Ok(Self { shapes, rarities, members })
     }
 
     /// How far a jaw half dropped parts two nodes that lie above each other, face units.
     pub fn gap_of_jaw(&self, [above, below]: [usize; 2]) -> f64 {
         let jaw = ACTION_UNITS.iter().zip(&self.members).filter(|(unit, _)| unit.shapes.contains(&"jawOpen"));
-        let gap = |&i: &usize| self.shapes[i][above].y - self.shapes[i][below].y;
-        0.5 * jaw.flat_map(|(_, members)| members).map(gap).sum::<f64>()
+        let gap = |&(i, _): &(usize, f64)| self.shapes[i][above].y - self.shapes[i][below].y;
+        0.5 * jaw.filter_map(|(_, members)| members.first()).map(gap).sum::<f64>()
     }
 
     /// Intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
     pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
         let count = self.shapes.len();
         let mut normal = DMatrix::<f64>::identity(count, count) / (STRENGTH * STRENGTH);
-        let mut right = DVector::<f64>::zeros(count);
+        let mut right = DVector::<f64>::from_iterator(count, self.rarities.iter().map(|rarity| -rarity));
         for &(node, expected) in nodes {
             let k = node.index();
             let weight = (expected / MEDIAN).powi(-2);
@@ -185,13 +209,12 @@ impl ActionUnits {
         normal.fill_upper_triangle_with_lower_triangle();
         let strengths = non_negative(&normal, &right);
         let covariance = normal.cholesky().map(|factor| factor.inverse());
-        let one = |(unit, members): (&ActionUnit, &Vec<usize>)| {
-            let n = members.len().max(1) as f64;
-            let strength = members.iter().map(|&i| strengths[i]).sum::<f64>() / n;
+        let one = |(unit, members): (&ActionUnit, &Vec<(usize, f64)>)| {
+            let strength = members.iter().map(|&(i, share)| share * strengths[i]).sum::<f64>();
             // A unit that none of the shapes shows is not known at all.
             let covariance = covariance.as_ref().filter(|_| !members.is_empty());
             let variance = covariance.map_or(f64::INFINITY, |c| {
-                members.iter().flat_map(|&i| members.iter().map(move |&j| c[(i, j)])).sum::<f64>() / (n * n)
+                members.iter().flat_map(|&(i, a)| members.iter().map(move |&(j, b)| a * b * c[(i, j)])).sum::<f64>()
             });
             Intensity {
                 number: unit.number,
@@ -257,7 +280,8 @@ mod tests {
         };
         let mut offsets = vec![Vector2::zeros(); w.node_count()];
         for (unit, members) in ACTION_UNITS.iter().zip(&units.members) {
-            for &i in members {
+            // Both sides of the learned shapes, none of Candide's.
+            for &(i, _) in members.iter().filter(|(i, share)| *share < 1.0 || *i == members[0].0) {
                 offsets.iter_mut().zip(&units.shapes[i]).for_each(|(o, s)| *o += s * strength(unit.number));
             }
         }

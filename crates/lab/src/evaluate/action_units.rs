@@ -15,7 +15,7 @@ use super::{
 };
 use grimace::internal::{
     dataset::{LandmarkFrame, LandmarkSequence},
-    features::{ACTION_UNITS, FULL},
+    features::{ACTION_UNITS, ActionUnit, FULL, FrameFeatures, Intensity},
     pipeline::{SequenceFailure, Workbench},
     pose::PoseError,
     report::Stage,
@@ -114,30 +114,31 @@ pub fn evaluate_action_units(
         let fit = bench.fit_head(&track, &marks).map_err(pose_failed)?;
         let frontal = bench.frontal_model(&fit, &track).map_err(pose_failed)?;
         let features = bench.features(&track, &fit, &frontal).map_err(|reason| EvaluateError::Sequences { reason })?;
-        let trials = ACTION_UNITS.iter().zip(&strengths).enumerate().filter(|(_, (unit, _))| !unit.shapes.is_empty());
-        Ok(trials
-            .map(|(k, (unit, truth))| {
-                let measured: Vec<(f64, f64)> =
-                    features.iter().map(|f| (f.action_units[k].value, f.action_units[k].expected_error)).collect();
-                let off: Vec<f64> = measured.iter().zip(truth).map(|((value, _), s)| (value - FULL * s).abs()).collect();
-                let count = off.len() as f64;
-                ActionUnitTrial {
-                    number: unit.number,
-                    name: unit.name,
-                    head: h,
-                    correlation: correlation(&measured.iter().map(|(v, _)| *v).collect::<Vec<_>>(), truth),
-                    error: off.iter().sum::<f64>() / count,
-                    within: off.iter().zip(&measured).filter(|(off, (_, expected))| **off <= *expected).count() as f64 / count,
-                }
-            })
-            .collect())
+        let seen = ACTION_UNITS.iter().zip(&strengths).filter(|(unit, _)| !unit.shapes.is_empty());
+        Ok(seen.map(|(unit, truth)| judge(h, unit, truth, &features)).collect())
     };
     let trials = heads.par_iter().enumerate().map(one).collect::<Result<Vec<_>, _>>()?;
     Ok(trials.into_iter().flatten().collect())
 }
 
+/// Compares the intensities measured with the strengths that made the frames.
+pub(super) fn judge(head: usize, unit: &ActionUnit, truth: &[f64], features: &[FrameFeatures]) -> ActionUnitTrial {
+    let of = |f: &FrameFeatures| f.action_units.iter().find(|found| found.number == unit.number).copied();
+    let measured: Vec<Intensity> = features.iter().filter_map(of).collect();
+    let off: Vec<f64> = measured.iter().zip(truth).map(|(found, s)| (found.value - FULL * s).abs()).collect();
+    let count = off.len() as f64;
+    ActionUnitTrial {
+        number: unit.number,
+        name: unit.name,
+        head,
+        correlation: correlation(&measured.iter().map(|found| found.value).collect::<Vec<_>>(), truth),
+        error: off.iter().sum::<f64>() / count,
+        within: off.iter().zip(&measured).filter(|(off, found)| **off <= found.expected_error).count() as f64 / count,
+    }
+}
+
 /// The course of a strength: rest, and smooth bursts of random height; the first frame is neutral.
-fn bursts(frames: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
+pub(super) fn bursts(frames: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
     let mut course = vec![0.0; frames];
     let mut at = 2 + random.random_range(0..BURST.1);
     while at < frames {

@@ -8,6 +8,7 @@
 //! Results are [`Table`]s, written as CSV and as Markdown, and [`LineChart`]s, written as SVG. They follow from options, seed and
 //! data alone, never from the number of threads.
 
+mod action_unit_images;
 mod action_units;
 mod calibration;
 mod clone;
@@ -48,6 +49,7 @@ use grimace::internal::{
     synthesis::SynthesisError,
 };
 
+pub use action_unit_images::evaluate_action_units_in_images;
 pub use action_units::{ActionUnitOptions, ActionUnitTrial, action_unit_table, evaluate_action_units, judged_mean};
 pub use calibration::{Calibration, CalibrationClass, evaluate_discriminants};
 pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};

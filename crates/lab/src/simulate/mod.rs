@@ -40,6 +40,7 @@ mod render;
 mod sequence;
 mod subject;
 mod texture;
+mod units;
 
 pub use camera::CameraOptions;
 pub use dataset::{DatasetSummary, simulate_dataset};
@@ -53,3 +54,4 @@ pub use portrait::{Portrait, PortraitError, PortraitMarks, PortraitSource, portr
 pub use recording::{SimulatedRecording, TrueExpression, simulate_recordings};
 pub use sequence::{SimulatedFrame, SimulatedFrames, SimulatedSequence, render_frame, simulate_sequence};
 pub use subject::{Appearance, Cohort, Colour, Sex, Subject};
+pub use units::show_units;

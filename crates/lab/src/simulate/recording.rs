@@ -264,16 +264,27 @@ impl<S: Borrow<Subject>> SimulatedRecording<S> {
 
     /// Picture and nodes of a frame, `frame` in `0..frame_count()`.
     pub fn frame(&self, frame: usize) -> SimulatedFrame {
-        let who = self.subject.borrow();
         let t = frame as f64;
-        let (offsets, pose) = (self.offsets(t), self.pose(t));
-        let mut film = Film::new((self.options.width, self.options.height));
-        film.expose(&render(who, &who.texture.folded(&offsets), &offsets, &pose, (self.options.width, self.options.height)));
-        let image = develop(film.exposure(who.appearance().background), &self.options, who.index(), CODE, frame);
-        let mut nodes: Vec<Point3<f64>> = who.neutral().iter().zip(&offsets).map(|(n, d)| n + d).collect();
-        place_followers(&self.wireframe, &mut nodes);
-        SimulatedFrame { image, nodes: nodes.iter().map(|n| pose.project(n)).collect() }
+        see(self.subject.borrow(), &self.wireframe, &self.offsets(t), &self.pose(t), &self.options, frame)
     }
+}
+
+/// Picture and nodes of a person whose nodes are away from neutral by `offsets`.
+pub(super) fn see(
+    who: &Subject,
+    wireframe: &Wireframe,
+    offsets: &[Vector3<f64>],
+    pose: &HeadPose,
+    options: &SimulateOptions,
+    frame: usize,
+) -> SimulatedFrame {
+    let size = (options.width, options.height);
+    let mut film = Film::new(size);
+    film.expose(&render(who, &who.texture.folded(offsets), offsets, pose, size));
+    let image = develop(film.exposure(who.appearance().background), options, who.index(), CODE, frame);
+    let mut nodes: Vec<Point3<f64>> = who.neutral().iter().zip(offsets).map(|(n, d)| n + d).collect();
+    place_followers(wireframe, &mut nodes);
+    SimulatedFrame { image, nodes: nodes.iter().map(|n| pose.project(n)).collect() }
 }
 
 /// FAPs of a mouth that speaks.

@@ -3,7 +3,9 @@
 use std::{path::PathBuf, sync::atomic::Ordering};
 
 use grimace::internal::pipeline::{PipelineOptions, Workbench};
-use grimace_lab::evaluate::{ActionUnitOptions, action_unit_table, evaluate_action_units, judged_mean};
+use grimace_lab::evaluate::{
+    ActionUnitOptions, action_unit_table, evaluate_action_units, evaluate_action_units_in_images, judged_mean,
+};
 use serde_json::json;
 
 use super::{CommonArgs, bar};
@@ -14,14 +16,18 @@ use grimace::internal::cli::{Outcome, shared::stop_flag};
 #[command(after_help = "\
 Example:
   grimace evaluate action-units ict -o action-units
+  grimace evaluate action-units --images -o action-units-images
 
 Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show action units in bursts, several at once, while they \
 turn, seen in perspective as 68 landmarks, 110 px between the pupils. The table has the correlation over time of measured and true intensity, \
 the mean error on the scale of 0 to 5, and the share of frames within the expected error (half is right).")]
 pub struct Args {
     /// Folder of the face model
-    #[arg(value_name = "MODEL")]
-    folder: PathBuf,
+    #[arg(value_name = "MODEL", required_unless_present = "images")]
+    folder: Option<PathBuf>,
+    /// Through images instead of landmarks: simulated people who show Candide's own action units, rendered, marked and tracked
+    #[arg(long, conflicts_with_all = ["folder", "camera", "noise", "first_mode"])]
+    images: bool,
     /// Number of heads
     #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::internal::cli::shared::count(1, 10_000))]
     heads: usize,
@@ -59,10 +65,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let stop = stop_flag()?;
     let bar = bar(args.common.quiet, "measuring heads", args.heads);
-    let trials = evaluate_action_units(&args.folder, &bench, &options, || {
+    let tick = || {
         bar.inc(1);
         !stop.load(Ordering::SeqCst)
-    })?;
+    };
+    let trials = match &args.folder {
+        Some(folder) => evaluate_action_units(folder, &bench, &options, tick)?,
+        None => evaluate_action_units_in_images(&bench, &options, tick)?,
+    };
     bar.finish_and_clear();
     let table = action_unit_table(&trials);
     folder.table("action_units.csv", &table)?;
@@ -70,9 +80,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder
         .print(&format!("Action units against the strengths that made the faces; {mean:.3} on the mean of those judged"), &table);
     let written = json!({
-        "heads": args.heads, "first_mode": args.first_mode, "frames": args.frames, "noise_px": args.noise, "turn_degrees": args.turn,
+        "images": args.images, "heads": args.heads, "first_mode": args.first_mode, "frames": args.frames, "noise_px": args.noise, "turn_degrees": args.turn,
         "camera_px": args.camera,
     });
-    folder.finish("action-units", Some(&args.folder), options.seed, written, json!({ "mean_correlation": mean }))?;
+    folder.finish("action-units", args.folder.as_deref(), options.seed, written, json!({ "mean_correlation": mean }))?;
     Ok(Outcome::Done)
 }

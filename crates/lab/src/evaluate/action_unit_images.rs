@@ -1,0 +1,85 @@
+//! Action units through images: simulated people who show Candide's own, several at once, rendered, marked and tracked.
+
+use image::DynamicImage;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::{
+    EvaluateError,
+    action_units::{ActionUnitOptions, ActionUnitTrial, bursts, judge},
+    pose::failed,
+};
+use crate::simulate::{SimulateOptions, SimulatedFrame, Subject, show_units};
+use grimace::internal::{
+    dataset::DEFAULT_LANDMARK_NODES,
+    features::ACTION_UNITS,
+    fit::Correspondence,
+    pipeline::{SequenceFailure, Workbench},
+    pose::PoseError,
+    report::Stage,
+    sequence::Frame,
+    track::track_sequence,
+    units::NodeId,
+};
+
+/// Action units of FACS and Candide's vectors that show them.
+const UNITS: [(u8, u16); 8] = [(2, 5), (4, 3), (5, 10), (9, 8), (10, 0), (15, 14), (20, 2), (26, 11)];
+/// Blinks are drawn by the lids themselves.
+const BLINK: u8 = 45;
+/// Largest strength of a vector: all of Candide's at once tear a face apart.
+const STRONGEST: f64 = 0.6;
+
+/// Makes the study: people of a simulation (an orthographic camera), marked exactly at the default nodes, turning by `options.turn`.
+///
+/// # Errors
+/// [`EvaluateError`] when a sequence fails.
+pub fn evaluate_action_units_in_images(
+    bench: &Workbench,
+    options: &ActionUnitOptions,
+    tick: impl Fn() -> bool + Sync,
+) -> Result<Vec<ActionUnitTrial>, EvaluateError> {
+    let one = |head: usize| -> Result<Vec<ActionUnitTrial>, EvaluateError> {
+        if !tick() {
+            return Err(EvaluateError::Interrupted);
+        }
+        one_person(head, bench, options)
+    };
+    let trials = (0..options.heads).into_par_iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    Ok(trials.into_iter().flatten().collect())
+}
+
+fn one_person(head: usize, bench: &Workbench, options: &ActionUnitOptions) -> Result<Vec<ActionUnitTrial>, EvaluateError> {
+    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    random.set_stream(1 + head as u64);
+    let strengths: Vec<Vec<f64>> = UNITS.iter().map(|_| bursts(options.frames, &mut random)).collect();
+    let lids = bursts(options.frames, &mut random);
+    let phases: [f64; 2] = std::array::from_fn(|_| random.random_range(0.0..std::f64::consts::TAU));
+    let simulated = SimulateOptions { seed: options.seed, ..SimulateOptions::default() };
+    let who = Subject::new(&simulated, head as u32)?;
+    let seen = |m: usize| -> SimulatedFrame {
+        let units: Vec<(u16, f64)> = UNITS.iter().zip(&strengths).map(|((_, auv), s)| (*auv, STRONGEST * s[m])).collect();
+        // The neutral frame looks into the camera.
+        let begun = (m as f64 / 10.0).min(1.0);
+        let angle = |k: usize| options.turn * begun * (m as f64 / 18.0 + phases[k]).sin();
+        show_units(&who, &units, lids[m], [angle(0), angle(1)], &simulated, m)
+    };
+    let neutral = seen(0).nodes;
+    let marks: Vec<Correspondence> =
+        DEFAULT_LANDMARK_NODES.iter().map(|&node: &NodeId| Correspondence::mark(node, neutral[node.index()])).collect();
+    let fitted = bench.fit(&marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?;
+    let frames =
+        (1..).zip(0..options.frames).map(|(number, m)| Ok(Frame::new(number, DynamicImage::ImageRgb8(seen(m).image).to_luma8())));
+    let track = track_sequence(&bench.wireframe, bench.plan(), &fitted, frames, &bench.options.track, |_| true)
+        .map_err(|e| failed(&SequenceFailure::at(Stage::Track)(e)))?
+        .frames;
+    let places: Vec<_> = marks.iter().map(|m| (m.node, m.position)).collect();
+    let pose_failed = |e: PoseError| failed(&SequenceFailure::at(Stage::Normalize)(e));
+    let fit = bench.fit_head(&track, &places).map_err(pose_failed)?;
+    let frontal = bench.frontal_model(&fit, &track).map_err(pose_failed)?;
+    let features = bench.features(&track, &fit, &frontal).map_err(|reason| EvaluateError::Sequences { reason })?;
+    let shown = UNITS.iter().map(|(number, _)| *number).zip(&strengths).chain([(BLINK, &lids)]);
+    Ok(shown
+        .filter_map(|(number, truth)| Some(judge(head, ACTION_UNITS.iter().find(|u| u.number == number)?, truth, &features)))
+        .collect())
+}
