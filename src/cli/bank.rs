@@ -27,6 +27,8 @@ enum Action {
     Build(BuildArgs),
     /// Make expressions from a bank's shapes by weights.
     Mix(MixArgs),
+    /// Write a bank file of an older version anew.
+    Convert(ConvertArgs),
     /// What is in a bank, with a picture on request.
     Info(InfoArgs),
 }
@@ -124,6 +126,26 @@ struct MixArgs {
     force: bool,
 }
 
+/// Convert a bank.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace bank convert old.bank -o face.bank
+
+Bank files are safetensors: tensors `neutral` (V x 3), `triangles` (T x 3), `feature_points` (group, point, vertex) and `displacements` \
+(M x V x 3), and names, unit and credit as JSON in the metadata. Files of version 1 (grimace 0.1.0) are read, with a warning; this \
+writes what they hold in the present version.")]
+struct ConvertArgs {
+    /// Bank file of any version
+    bank: PathBuf,
+    /// Bank file to write
+    #[arg(short, long, value_name = "BANK")]
+    output: PathBuf,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+}
+
 /// Describe a bank.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -148,6 +170,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.action {
         Action::Build(args) => build(args),
         Action::Mix(args) => mix(args),
+        Action::Convert(args) => convert(args),
         Action::Info(args) => info(args),
     }
 }
@@ -155,12 +178,23 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// The word that stands for the embedded bank.
 pub const EMBEDDED: &str = "candide";
 
-/// Opens a bank file, or makes the embedded bank.
+/// Opens a bank file, or makes the embedded bank; warns of a file of an older version.
 pub fn open(path: &Path) -> anyhow::Result<Bank> {
     if path.as_os_str() == EMBEDDED && !path.is_file() {
         return Ok(synthesis::candide_bank()?);
     }
-    Bank::open(path).map_err(|e| about(path)(&e))
+    open_file(path)
+}
+
+fn open_file(path: &Path) -> anyhow::Result<Bank> {
+    let bank = Bank::open(path).map_err(|e| about(path)(&e))?;
+    if bank.is_old_file() {
+        let path = path.display();
+        eprintln!(
+            "warning: {path}: a bank file of version 1; `grimace bank convert {path} -o NEW.bank` writes it in the present version"
+        );
+    }
+    Ok(bank)
 }
 
 fn check_all_free(force: bool, files: &[Option<&Path>]) -> anyhow::Result<()> {
@@ -198,8 +232,7 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
 fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     check_all_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
     let embedded = args.shapes.as_os_str() == EMBEDDED && !args.shapes.is_file();
-    let shapes =
-        if embedded { synthesis::candide_shapes()? } else { Bank::open(&args.shapes).map_err(|e| about(&args.shapes)(&e))? };
+    let shapes = if embedded { synthesis::candide_shapes()? } else { open_file(&args.shapes)? };
     let (recipes, dominant) = match (&args.weights, args.performance) {
         (Some(path), _) => (read_recipes(path, shapes.names())?, 0),
         (None, models) => {
@@ -249,6 +282,14 @@ fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
+    check_free(&args.output, args.force)?;
+    let bank = Bank::open(&args.bank).map_err(|e| about(&args.bank)(&e))?;
+    bank.write(&args.output)?;
+    println!("{} members, {} vertices, written to {}", bank.member_count(), bank.vertex_count(), args.output.display());
+    Ok(Outcome::Done)
+}
+
 fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
     check_all_free(args.force, &[args.picture.as_deref(), args.save_feature_points.as_deref()])?;
     let bank = open(&args.bank)?;
@@ -268,7 +309,12 @@ fn print_info(bank: &Bank) {
     let bytes = 12 * bank.vertex_count() * bank.member_count();
     println!("vertices        {}", bank.vertex_count());
     println!("triangles       {}", bank.mesh().triangles().len());
-    println!("members         {} ({:.1} MB of displacements, mapped, not loaded)", bank.member_count(), bytes as f64 / 1e6);
+    println!(
+        "members         {} ({:.1} MB of displacements{})",
+        bank.member_count(),
+        bytes as f64 / 1e6,
+        if bank.is_mapped() { ", mapped, not loaded" } else { "" }
+    );
     println!("feature points  {}", bank.feature_points().len());
     println!("unit            {}", or_unknown(&info.unit));
     println!("source          {}", or_unknown(&info.source));

@@ -64,6 +64,7 @@ pub struct Bank {
     feature_points: Vec<FeaturePointVertex>,
     info: BankInfo,
     displacements: Displacements,
+    is_old_file: bool,
 }
 
 impl Bank {
@@ -97,11 +98,26 @@ impl Bank {
         displacements: Displacements,
     ) -> Result<Self, BankError> {
         check_head(&mesh, &names, &feature_points)?;
-        let bank = Self { mesh, names, feature_points, info, displacements };
+        let bank = Self { mesh, names, feature_points, info, displacements, is_old_file: false };
         for (member, name) in bank.names.iter().enumerate() {
             check_member(name, bank.displacements(member), &bank.mesh)?;
         }
         Ok(bank)
+    }
+
+    /// Marks a bank that was read from a file of version 1.
+    pub(super) fn of_old_file(self) -> Self {
+        Self { is_old_file: true, ..self }
+    }
+
+    /// Whether it was read from a file of version 1, which `grimace bank convert` writes anew.
+    pub fn is_old_file(&self) -> bool {
+        self.is_old_file
+    }
+
+    /// Whether the displacements are used where they are in their file.
+    pub fn is_mapped(&self) -> bool {
+        matches!(self.displacements, Displacements::Mapped(..))
     }
 
     /// Opens a bank file; the displacements stay in the file.

@@ -1,81 +1,74 @@
-//! The bank file, version 1. Little endian; every section starts at a multiple of 64 bytes, so that a mapped file is used in place.
+//! The bank file: safetensors, little endian, used in place.
 //!
-//! | bytes | content |
-//! | --- | --- |
-//! | 0 to 7 | `GRIMBANK` |
-//! | 8 to 15 | version 1, then the number 0x01020304 (byte order), u32 each |
-//! | 16 to 47 | V vertices, T triangles, M members, F feature points, u64 each |
-//! | 48 to 103 | offset and length of the description, offsets of positions, triangles, feature points, displacements; length of the file, u64 each |
-//! | 104 to 127 | zero |
+//! | tensor | type | shape | content |
+//! | --- | --- | --- | --- |
+//! | `neutral` | F32 | V x 3 | positions of the neutral mesh |
+//! | `triangles` | U32 | T x 3 | its triangles |
+//! | `feature_points` | U32 | F x 3 | group, point, vertex |
+//! | `displacements` | F32 | M x V x 3 | displacements from neutral, member by member |
 //!
-//! The description is JSON (`names` and [`BankInfo`]); positions are V x 3 f32; triangles T x 3 u32; feature points F x (u8 group, u8
-//! point, u16 zero, u32 vertex); displacements M x V x 3 f32, member by member.
+//! The format's `__metadata__` has one entry, `grimace`: JSON with `schema_version`, `names` of the members and [`BankInfo`]. Files of
+//! version 1 had a layout of their own and are still read ([`super::old_file`]).
 
-use std::{borrow::Cow, fs::File, io, path::Path};
+use std::{borrow::Cow, collections::HashMap, fs::File, io, path::Path};
 
 use memmap2::Mmap;
+use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::{Deserialize, Serialize};
 
 use super::{
     BankError,
     bank::{Bank, BankHead, BankInfo, Displacements, FeaturePointVertex, check_head, check_member},
+    old_file,
 };
 use crate::{mesh::TriangleMesh, output::write_atomic, units::FeaturePoint};
 
-const MAGIC: &[u8; 8] = b"GRIMBANK";
-/// Version of the layout.
-pub const BANK_VERSION: u32 = 1;
-const BYTE_ORDER: u32 = 0x0102_0304;
-const HEADER: u64 = 128;
-const ALIGNMENT: u64 = 64;
+/// Version of the bank file.
+pub const BANK_VERSION: u32 = 2;
+
+/// The entry of the metadata that is ours.
+const ENTRY: &str = "grimace";
+/// Longest header, bytes: what readers of the format take.
+const MOST_HEADER: usize = 100_000_000;
+/// The header's length stands in this many bytes before it, and tensors begin at a multiple of them.
+const WORD: usize = 8;
 
 #[derive(Serialize, Deserialize)]
 struct Description {
+    schema_version: u32,
     names: Vec<String>,
     #[serde(flatten)]
     info: BankInfo,
 }
 
-/// Offsets of a file, bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Layout {
-    counts: [u64; 4],
-    description: u64,
-    description_length: u64,
-    positions: u64,
-    triangles: u64,
-    feature_points: u64,
-    displacements: u64,
-    length: u64,
-}
-
-impl Layout {
-    /// The layout of V, T, M, F and a description's length; `None` when a length leaves `u64`.
-    fn new(counts: [u64; 4], description_length: u64) -> Option<Self> {
-        let [vertices, triangles, members, feature_points] = counts;
-        let align = |n: u64| n.checked_next_multiple_of(ALIGNMENT);
-        let positions_at = align(HEADER.checked_add(description_length)?)?;
-        let triangles_at = align(vertices.checked_mul(12)?.checked_add(positions_at)?)?;
-        let feature_points_at = align(triangles.checked_mul(12)?.checked_add(triangles_at)?)?;
-        let displacements = align(feature_points.checked_mul(8)?.checked_add(feature_points_at)?)?;
-        let length = vertices.checked_mul(12)?.checked_mul(members)?.checked_add(displacements)?;
-        Some(Self {
-            counts,
-            description: HEADER,
-            description_length,
-            positions: positions_at,
-            triangles: triangles_at,
-            feature_points: feature_points_at,
-            displacements,
-            length,
-        })
+/// The length and the header of a file, padded so that the tensors are aligned.
+fn header(head: &BankHead<'_>) -> io::Result<Vec<u8>> {
+    let description = Description { schema_version: BANK_VERSION, names: head.names.to_vec(), info: head.info.clone() };
+    // One entry: of several the order would be that of a hash table.
+    let entries = HashMap::from([(ENTRY.to_owned(), serde_json::to_string(&description)?)]);
+    let (vertices, members) = (head.mesh.vertex_count(), head.names.len());
+    let mut end = 0_usize;
+    let mut tensor = |name: &str, dtype: Dtype, shape: Vec<usize>| {
+        let size = shape.iter().try_fold(4_usize, |size, &n| size.checked_mul(n));
+        let begin = end;
+        end = size.and_then(|size| begin.checked_add(size)).ok_or_else(|| io::Error::other("the bank is too large"))?;
+        Ok::<_, io::Error>((name.to_owned(), TensorInfo { dtype, shape, data_offsets: (begin, end) }))
+    };
+    let tensors = vec![
+        tensor("neutral", Dtype::F32, vec![vertices, 3])?,
+        tensor("triangles", Dtype::U32, vec![head.mesh.triangles().len(), 3])?,
+        tensor("feature_points", Dtype::U32, vec![head.feature_points.len(), 3])?,
+        tensor("displacements", Dtype::F32, vec![members, vertices, 3])?,
+    ];
+    let metadata = Metadata::new(Some(entries), tensors).map_err(io::Error::other)?;
+    let mut text = serde_json::to_vec(&metadata)?;
+    text.resize(text.len().next_multiple_of(WORD), b' ');
+    if text.len() > MOST_HEADER {
+        return Err(io::Error::other(format!("names and weights of the members take more than {MOST_HEADER} bytes")));
     }
-
-    fn words(&self) -> [u64; 11] {
-        let [v, t, m, f] = self.counts;
-        let Self { description, description_length, positions, triangles, feature_points, displacements, length, .. } = *self;
-        [v, t, m, f, description, description_length, positions, triangles, feature_points, displacements, length]
-    }
+    let mut bytes = (text.len() as u64).to_le_bytes().to_vec();
+    bytes.append(&mut text);
+    Ok(bytes)
 }
 
 /// Writes a bank file, asking for one member's displacements after another and keeping none.
@@ -88,45 +81,21 @@ pub fn write<'a>(
     mut member: impl FnMut(usize) -> Result<Cow<'a, [[f32; 3]]>, BankError>,
 ) -> Result<(), BankError> {
     check_head(head.mesh, head.names, head.feature_points)?;
-    let description = Description { names: head.names.to_vec(), info: head.info.clone() };
     let mut failure = None;
     let written = write_atomic(path, |out| {
-        let text = serde_json::to_vec(&description).map_err(io::Error::from)?;
-        let counts = [head.mesh.vertex_count(), head.mesh.triangles().len(), head.names.len(), head.feature_points.len()];
-        let layout =
-            Layout::new(counts.map(|n| n as u64), text.len() as u64).ok_or_else(|| io::Error::other("the bank is too large"))?;
-        let mut place = 0;
-        let mut put = |at: u64, bytes: &[u8]| -> io::Result<()> {
-            let gap = [0; 2 * HEADER as usize];
-            out.write_all(&gap[..at.saturating_sub(place) as usize])?;
-            out.write_all(bytes)?;
-            place = at + bytes.len() as u64;
-            Ok(())
-        };
-        let mut header = MAGIC.to_vec();
-        header.extend([BANK_VERSION, BYTE_ORDER].iter().flat_map(|w| w.to_le_bytes()));
-        header.extend(layout.words().iter().flat_map(|w| w.to_le_bytes()));
-        put(0, &header)?;
-        put(layout.description, &text)?;
-        put(layout.positions, &float_bytes(head.mesh.positions()))?;
-        let triangles = head.mesh.triangles().as_flattened();
-        put(layout.triangles, &triangles.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())?;
-        let points = head.feature_points.iter().flat_map(|p| {
-            let [a, b, c, d] = p.vertex.to_le_bytes();
-            [p.fp.group, p.fp.point, 0, 0, a, b, c, d]
-        });
-        put(layout.feature_points, &points.collect::<Vec<u8>>())?;
-        let mut at = layout.displacements;
+        out.write_all(&header(head)?)?;
+        out.write_all(&float_bytes(head.mesh.positions()))?;
+        let corners = head.mesh.triangles().as_flattened();
+        let points = head.feature_points.iter().flat_map(|p| [u32::from(p.fp.group), u32::from(p.fp.point), p.vertex]);
+        out.write_all(&corners.iter().copied().chain(points).flat_map(u32::to_le_bytes).collect::<Vec<u8>>())?;
         for (k, name) in head.names.iter().enumerate() {
-            let values = match member(k).and_then(|m| check_member(name, &m, head.mesh).map(|()| m)) {
-                Ok(values) => values,
+            match member(k).and_then(|m| check_member(name, &m, head.mesh).map(|()| m)) {
+                Ok(values) => out.write_all(&float_bytes(&values))?,
                 Err(error) => {
                     failure = Some(error);
                     return Err(io::Error::other("a member failed"));
                 }
-            };
-            put(at, &float_bytes(&values))?;
-            at += 12 * values.len() as u64;
+            }
         }
         Ok(())
     });
@@ -144,56 +113,92 @@ fn float_bytes(values: &[[f32; 3]]) -> Cow<'_, [u8]> {
     }
 }
 
-/// Opens and checks a bank file.
+/// Opens and checks a bank file of this version, or of version 1.
 pub(super) fn open(path: &Path) -> Result<Bank, BankError> {
     let error = |reason: String| BankError::Format { path: path.to_owned(), reason };
     if cfg!(target_endian = "big") {
         return Err(error("bank files are little endian, this machine is not".to_owned()));
     }
     let file = crate::input::open_file(path).map_err(|e| error(e.to_string()))?;
-    if file.metadata().is_ok_and(|m| m.len() < HEADER || !m.is_file()) {
-        return Err(error(format!("it is shorter than the header of {HEADER} bytes")));
+    if file.metadata().is_ok_and(|m| m.len() < WORD as u64 || !m.is_file()) {
+        return Err(error("it is shorter than any bank file".to_owned()));
     }
     let map = map(&file).map_err(|e| error(e.to_string()))?;
-    let layout = read_layout(&map).map_err(error)?;
-    let section = |start: u64, length: u64| &map[start as usize..(start + length) as usize];
-    let description: Description = serde_json::from_slice(section(layout.description, layout.description_length))
-        .map_err(|e| error(format!("its description does not read: {e}")))?;
-    let [vertices, triangles, members, feature_points] = layout.counts;
-    if description.names.len() as u64 != members {
-        return Err(error(format!("it names {} members where {members} are stored", description.names.len())));
+    if map.starts_with(old_file::MAGIC) {
+        return old_file::read(map).map_err(error);
     }
-    let positions = bytemuck::cast_slice(section(layout.positions, 12 * vertices)).to_vec();
-    let corners = bytemuck::cast_slice(section(layout.triangles, 12 * triangles)).to_vec();
-    let points = section(layout.feature_points, 8 * feature_points).chunks_exact(8).map(|b| FeaturePointVertex {
-        fp: FeaturePoint { group: b[0], point: b[1] },
-        vertex: u32::from_le_bytes([b[4], b[5], b[6], b[7]]),
-    });
-    let points = points.collect();
-    let mesh = TriangleMesh::new(positions, corners).map_err(|e| error(e.to_string()))?;
-    let displacements = Displacements::Mapped(map, layout.displacements as usize);
-    Bank::from_parts(mesh, description.names, points, description.info, displacements).map_err(|e| error(e.to_string()))
+    read(map).map_err(error)
 }
 
-fn read_layout(bytes: &[u8]) -> Result<Layout, String> {
-    let word = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
-    let long = |at: usize| u64::from(word(at)) | u64::from(word(at + 4)) << 32;
-    if bytes.len() < HEADER as usize || !bytes.starts_with(MAGIC) {
-        return Err("it does not start with GRIMBANK; make one with `grimace bank build`".to_owned());
+/// Where the tensors begin, and the header.
+fn read_header(bytes: &[u8]) -> Result<(usize, Metadata), String> {
+    let none = "it is no bank: neither a safetensors file nor one that starts with GRIMBANK; make one with `grimace bank build`";
+    let (word, rest) = bytes.split_first_chunk::<WORD>().ok_or(none)?;
+    let length = usize::try_from(u64::from_le_bytes(*word)).ok().filter(|&n| n <= MOST_HEADER && n <= rest.len()).ok_or(none)?;
+    let text = &rest[..length];
+    if !text.starts_with(b"{") {
+        return Err(none.to_owned());
     }
-    if word(8) != BANK_VERSION {
-        return Err(format!("it is of version {}; this program reads version {BANK_VERSION}", word(8)));
+    let metadata: Metadata = serde_json::from_slice(text).map_err(|e| format!("its header does not read: {e}"))?;
+    let (found, expected) = (rest.len() - length, metadata.data_len());
+    if found != expected {
+        return Err(format!("its tensors have {found} bytes where {expected} were expected; it was cut or damaged"));
     }
-    if word(12) != BYTE_ORDER {
-        return Err("its byte order is not little endian".to_owned());
+    Ok((WORD + length, metadata))
+}
+
+fn read(map: Mmap) -> Result<Bank, String> {
+    let (start, metadata) = read_header(&map)?;
+    let text = metadata.metadata().as_ref().and_then(|entries| entries.get(ENTRY));
+    let text =
+        text.ok_or("its metadata has no entry `grimace`: it holds something else; make a bank with `grimace bank build`")?;
+    let described = |e: serde_json::Error| format!("its description does not read: {e}");
+    let version = serde_json::from_str::<serde_json::Value>(text).map_err(described)?.get("schema_version").cloned();
+    if version != Some(BANK_VERSION.into()) {
+        let found = version.map_or_else(|| "unknown".to_owned(), |v| crate::text::excerpt(&v.to_string()));
+        return Err(format!("it is of version {found}; this program reads versions 1 and {BANK_VERSION}"));
     }
-    let words: [u64; 11] = std::array::from_fn(|k| long(16 + 8 * k));
-    let layout = Layout::new([words[0], words[1], words[2], words[3]], words[5]).filter(|l| l.words() == words);
-    let layout = layout.ok_or("its header is damaged: counts and offsets do not fit together")?;
-    if layout.length != bytes.len() as u64 {
-        return Err(format!("it has {} bytes where {} were expected; it was cut or damaged", bytes.len(), layout.length));
-    }
-    Ok(layout)
+    let description: Description = serde_json::from_str(text).map_err(described)?;
+    // The bytes of a tensor of rows of three, checked: its type, its shape.
+    let tensor = |name: &str, dtype: Dtype, shape: &[Option<usize>]| {
+        let info = metadata.info(name).ok_or_else(|| format!("it has no tensor `{name}`"))?;
+        let fits = info.shape.len() == shape.len() && info.shape.iter().zip(shape).all(|(n, want)| want.is_none_or(|w| *n == w));
+        if info.dtype != dtype || !fits {
+            let want: Vec<String> = shape.iter().map(|n| n.map_or_else(|| "any".to_owned(), |n| n.to_string())).collect();
+            let (found, want) = (crate::text::excerpt(&format!("{:?}", info.shape)), want.join(", "));
+            return Err(format!("its tensor `{name}` is {:?} {found}; {dtype:?} [{want}] was expected", info.dtype));
+        }
+        let (begin, end) = info.data_offsets;
+        map.get(start + begin..start + end).ok_or_else(|| format!("its tensor `{name}` lies outside the file"))
+    };
+    let positions: Vec<[f32; 3]> = rows(tensor("neutral", Dtype::F32, &[None, Some(3)])?, f32::from_le_bytes);
+    let corners: Vec<[u32; 3]> = rows(tensor("triangles", Dtype::U32, &[None, Some(3)])?, u32::from_le_bytes);
+    let points: Vec<[u32; 3]> = rows(tensor("feature_points", Dtype::U32, &[None, Some(3)])?, u32::from_le_bytes);
+    let shape = [Some(description.names.len()), Some(positions.len()), Some(3)];
+    let values = tensor("displacements", Dtype::F32, &shape)?;
+    let byte = |n: u32| {
+        u8::try_from(n).map_err(|_| format!("its tensor `feature_points` has the group or point {n}; 0 to 255 was expected"))
+    };
+    let point = |[group, point, vertex]: [u32; 3]| {
+        Ok::<_, String>(FeaturePointVertex { fp: FeaturePoint { group: byte(group)?, point: byte(point)? }, vertex })
+    };
+    let points = points.into_iter().map(point).collect::<Result<Vec<_>, _>>()?;
+    let mesh = TriangleMesh::new(positions, corners).map_err(|e| e.to_string())?;
+    let displacements = if bytemuck::try_cast_slice::<u8, [f32; 3]>(values).is_ok() {
+        let at = values.as_ptr().addr() - map.as_ptr().addr();
+        Displacements::Mapped(map, at)
+    } else {
+        // A header that another program wrote need not leave them aligned.
+        Displacements::Owned(rows(values, f32::from_le_bytes))
+    };
+    Bank::from_parts(mesh, description.names, points, description.info, displacements).map_err(|e| e.to_string())
+}
+
+/// Rows of three numbers of four bytes each.
+fn rows<T>(bytes: &[u8], number: fn([u8; 4]) -> T) -> Vec<[T; 3]> {
+    let (numbers, _) = bytes.as_chunks::<4>();
+    let (rows, _) = numbers.as_chunks::<3>();
+    rows.iter().map(|row| row.map(number)).collect()
 }
 
 /// Maps a file for reading.
@@ -219,28 +224,72 @@ mod tests {
         (folder, path, bytes)
     }
 
-    #[test]
-    fn a_bank_reads_back_to_the_last_bit() {
-        let (_folder, path, _) = written();
-        let (bank, read) = (testing::bank(), Bank::open(&path).unwrap());
+    /// The file with another header of the same or another length.
+    fn with_header(bytes: &[u8], change: impl Fn(&str) -> String) -> Vec<u8> {
+        let (start, _) = read_header(bytes).unwrap();
+        let text = change(std::str::from_utf8(&bytes[WORD..start]).unwrap());
+        [&(text.len() as u64).to_le_bytes()[..], text.as_bytes(), &bytes[start..]].concat()
+    }
+
+    fn assert_same(read: &Bank, bank: &Bank) {
         assert_eq!(read.mesh(), bank.mesh());
         assert_eq!(read.names(), bank.names());
         assert_eq!(read.feature_points(), bank.feature_points());
         assert_eq!(read.info(), bank.info());
-        assert!((0..3).all(|m| read.displacements(m) == bank.displacements(m)));
+        assert!((0..bank.member_count()).all(|m| read.displacements(m) == bank.displacements(m)));
     }
 
     #[test]
-    fn sections_lie_where_the_format_says() {
+    fn a_bank_reads_back_to_the_last_bit() {
+        let (_folder, path, bytes) = written();
+        let read = Bank::open(&path).unwrap();
+        assert_same(&read, &testing::bank());
+        assert!(read.is_mapped() && !read.is_old_file());
+        // The same bank is the same bytes.
+        let again = path.with_extension("again");
+        read.write(&again).unwrap();
+        assert_eq!(fs::read(&again).unwrap(), bytes);
+    }
+
+    #[test]
+    fn any_reader_of_the_format_finds_the_tensors() {
         let (_folder, _, bytes) = written();
-        let long = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
-        assert_eq!(&bytes[..8], MAGIC);
-        assert_eq!([16, 24, 32, 40].map(long), [4, 2, 3, 3]);
-        // Displacements, the last section: 3 members of 4 vertices of 12 bytes.
-        assert_eq!(long(96), bytes.len() as u64);
-        assert_eq!(long(88), long(96) - 3 * 4 * 12);
-        assert!([64, 72, 80, 88].iter().all(|&at| long(at).is_multiple_of(ALIGNMENT)));
-        assert_eq!(bytes[long(88) as usize..][..4], 1.0_f32.to_le_bytes());
+        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        let shape = |name: &str| file.tensor(name).unwrap().shape().to_vec();
+        assert_eq!(shape("neutral"), [4, 3]);
+        assert_eq!(shape("triangles"), [2, 3]);
+        assert_eq!(shape("displacements"), [3, 4, 3]);
+        let displacements = file.tensor("displacements").unwrap();
+        assert_eq!(displacements.data()[..4], 1.0_f32.to_le_bytes());
+        // 8.4 at vertex 0, 8.3 at 1, 3.11 at 2.
+        let points: Vec<[u32; 3]> = rows(file.tensor("feature_points").unwrap().data(), u32::from_le_bytes);
+        assert_eq!(points, [[8, 4, 0], [8, 3, 1], [3, 11, 2]]);
+        // The tensors begin at a multiple of eight bytes.
+        assert!(read_header(&bytes).unwrap().0.is_multiple_of(WORD));
+    }
+
+    #[test]
+    fn what_another_writer_of_the_format_wrote_is_read() {
+        // Written by Python's safetensors: the tensors are in another order.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.bank");
+        fs::write(&path, include_bytes!("../../fuzz/seeds/bank/python.bank")).unwrap();
+        let bank = Bank::open(&path).unwrap();
+        assert!(bank.is_mapped());
+        assert_eq!(bank.displacements(0), [[0.0; 3], [0.0; 3], [0.0, 0.5, 0.0], [0.0; 3]]);
+        assert_eq!(bank.mesh().triangles(), [[0, 1, 2], [0, 2, 3], [0, 1, 3]]);
+    }
+
+    #[test]
+    fn misaligned_tensors_are_copied() {
+        let (_folder, path, bytes) = written();
+        for blanks in 1..=4 {
+            fs::write(&path, with_header(&bytes, |text| text.trim_end().to_owned() + &" ".repeat(blanks))).unwrap();
+            let length = read_header(&fs::read(&path).unwrap()).unwrap().0;
+            let read = Bank::open(&path).unwrap();
+            assert_same(&read, &testing::bank());
+            assert_eq!(read.is_mapped(), length.is_multiple_of(4), "{length}");
+        }
     }
 
     #[test]
@@ -251,26 +300,45 @@ mod tests {
             let error = Bank::open(&path).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         };
-        let with = |at: usize, byte: u8| {
+        let replaced = |from: &str, to: &str| {
+            with_header(&whole, |text| {
+                assert!(text.contains(from), "{text}");
+                text.replacen(from, to, 1)
+            })
+        };
+        says(b"hello", "shorter than any bank file");
+        says(b"hello world, hello", "it is no bank: neither a safetensors file nor one that starts with GRIMBANK");
+        says(&[0xFF; 64], "it is no bank");
+        says(&[&[0; 8][..], &[b'{'; 8]].concat(), "it is no bank");
+        says(&whole[..whole.len() - 1], "bytes where 252 were expected; it was cut or damaged");
+        says(&[&whole[..], &[0]].concat(), "it was cut or damaged");
+        says(&replaced("{", "["), "it is no bank");
+        says(&replaced("[4,3]", "[4,4]"), "its header does not read");
+        // Sizes whose product or sum leaves 64 bits.
+        says(&replaced("[4,3]", "[9223372036854775807,3]"), "its header does not read");
+        says(&replaced("[0,48]", "[0,18446744073709551615]"), "its header does not read");
+        says(&replaced("[0,48]", "[4,48]"), "its header does not read");
+        says(&replaced("\"neutral\"", "\"nobody\""), "it has no tensor `neutral`");
+        says(&replaced("\"F32\"", "\"I32\""), "its tensor `neutral` is I32 [4, 3]; F32 [any, 3] was expected");
+        says(&replaced("[3,4,3]", "[4,3,3]"), "its tensor `displacements` is F32 [4, 3, 3]; F32 [3, 4, 3] was expected");
+        says(&replaced("\"grimace\"", "\"another\""), "its metadata has no entry `grimace`");
+        says(
+            &replaced("schema_version\\\":2", "schema_version\\\":3"),
+            "it is of version 3; this program reads versions 1 and 2",
+        );
+        says(&replaced("\\\"names\\\"", "\\\"nobody\\\""), "its description does not read");
+        // 252 bytes: neutral 4 x 12, triangles 2 x 12, feature points 3 x 12, displacements 3 x 4 x 12.
+        let (start, _) = read_header(&whole).unwrap();
+        let with = |at: usize, value: [u8; 4]| {
             let mut bytes = whole.clone();
-            bytes[at] = byte;
+            bytes[at..at + 4].copy_from_slice(&value);
             bytes
         };
-        says(b"hello", "shorter than the header");
-        says(&with(0, b'X'), "does not start with GRIMBANK");
-        says(&with(8, 2), "version 2; this program reads version 1");
-        says(&with(12, 9), "byte order");
-        says(&with(16, 9), "counts and offsets do not fit");
-        says(&with(23, 255), "counts and offsets do not fit");
-        says(&whole[..whole.len() - 1], "it was cut or damaged");
-        says(&with(128, b'X'), "description does not read");
-        let last = whole.len() - 1;
-        let mut nan = whole.clone();
-        nan[last - 3..].copy_from_slice(&f32::NAN.to_le_bytes());
-        says(&nan, "member `out`: vertex 3 has a displacement that is not a finite number");
-        let mut wild = whole.clone();
-        wild[last - 3..].copy_from_slice(&1e30_f32.to_le_bytes());
-        says(&wild, "member `out`: vertex 3 is displaced by 1.000e30");
+        says(&with(start + 72, 300_u32.to_le_bytes()), "has the group or point 300");
+        says(&with(start + 48, 9_u32.to_le_bytes()), "vertex");
+        let last = whole.len() - 4;
+        says(&with(last, f32::NAN.to_le_bytes()), "member `out`: vertex 3 has a displacement that is not a finite number");
+        says(&with(last, 1e30_f32.to_le_bytes()), "member `out`: vertex 3 is displaced by 1.000e30");
         for length in (0..whole.len()).step_by(7) {
             fs::write(&path, &whole[..length]).unwrap();
             assert!(Bank::open(&path).is_err());

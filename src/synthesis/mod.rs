@@ -23,6 +23,7 @@ mod file;
 mod fitness;
 mod mix;
 mod motion;
+mod old_file;
 mod performance;
 mod random;
 mod regions;

@@ -1,6 +1,8 @@
 //! `grimace bank`: sources, mixing, what it says, and what it refuses.
 
-use crate::common::Work;
+use std::fs;
+
+use crate::common::{Work, root};
 
 /// A face of nine vertices in a folder of OBJ files: neutral, `smile` (corners up) and `open` (lower row down).
 fn meshes(work: &Work) {
@@ -92,6 +94,23 @@ fn shapes_mix_to_members() {
     let seeded = "bank mix shapes.bank --performance 40 --expressions mix.csv --members 6 --unseen rest.bank";
     work.grimace(&format!("{seeded} --seed 4 -o p.bank")).exit(0).prints(&["6 members", "34 members"]);
     work.grimace("bank info p.bank").exit(0).prints(&["laugh", "frame_0"]);
+}
+
+#[test]
+fn a_bank_file_of_version_1_is_read_with_a_warning_and_converted() {
+    let work = Work::new();
+    work.write("old.bank", fs::read(root().join("fuzz/seeds/bank/version-1.bank")).unwrap());
+    let ran = work.grimace("bank info old.bank").exit(0);
+    let ran = ran.prints(&["vertices        4", "members         1", "mapped", "smile                    0.5000"]);
+    ran.says(&["warning: old.bank: a bank file of version 1; `grimace bank convert old.bank -o NEW.bank`"]);
+    work.grimace("bank convert old.bank -o new.bank").exit(0).prints(&["1 members, 4 vertices, written to new.bank"]);
+    work.grimace("bank convert old.bank -o new.bank").exit(1).says(&["new.bank is there already; --force"]);
+    let ran = work.grimace("bank info new.bank").exit(0);
+    let ran = ran.prints(&["vertices        4", "members         1", "mapped", "smile                    0.5000"]);
+    assert!(!ran.stderr.contains("warning"), "{}", ran.stderr);
+    // A header, a length before it, and tensors that any reader of the format finds.
+    assert!(work.bytes("new.bank")[8..].starts_with(b"{\"__metadata__\":{\"grimace\":"));
+    work.grimace("bank convert meshes -o x.bank").exit(1).says(&["meshes"]);
 }
 
 #[test]

@@ -147,7 +147,7 @@ fn banks(args: &Args) -> anyhow::Result<(Bank, Bank)> {
     };
     let bank = bank::open(path)?;
     if let Some(path) = &args.unseen {
-        let unseen = Bank::open(path)?;
+        let unseen = bank::open(path)?;
         let same = unseen.mesh() == bank.mesh() && unseen.feature_points() == bank.feature_points();
         anyhow::ensure!(same, "{}: its neutral mesh or feature points are not those of the bank", path.display());
         return Ok((bank, unseen));
