@@ -14,12 +14,28 @@ use crate::{
 };
 
 /// Fewest correspondences a fit accepts; 5 to 8 is the working range [KP, section 2].
+///
+/// ```
+/// use grimace::correspondence::{MINIMUM_MARKS, MarksError, validate_correspondences};
+///
+/// assert_eq!(MINIMUM_MARKS, 3);
+/// assert_eq!(validate_correspondences(&[], 320, 320), Err(MarksError::TooFew { found: 0 }));
+/// ```
 pub const MINIMUM_MARKS: usize = 3;
 
 /// Marks are collinear when the smaller singular value of their centred positions is under this share of the larger one.
 pub const COLLINEAR_RATIO: f64 = 0.01;
 
 /// How strictly a node keeps to its correspondence.
+///
+/// ```
+/// use grimace::{correspondence::{Correspondence, MarkKind}, units::NodeId};
+/// use nalgebra::Point2;
+///
+/// let exact = Correspondence::hard(NodeId(10), Point2::new(149.5, 240.0));
+/// assert_eq!(exact.kind, MarkKind::Hard);
+/// assert_eq!(MarkKind::default().to_string(), "mark");
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MarkKind {
@@ -40,6 +56,15 @@ impl fmt::Display for MarkKind {
 }
 
 /// A marked image point tied to a node.
+///
+/// ```
+/// use grimace::{correspondence::{Correspondence, MarkKind}, units::NodeId};
+/// use nalgebra::Point2;
+///
+/// let chin = Correspondence::mark(NodeId(10), Point2::new(149.5, 240.0));
+/// assert_eq!((chin.kind, chin.expected_error), (MarkKind::Mark, None));
+/// assert_eq!(Correspondence::found(NodeId(10), chin.position, 2.5).expected_error, Some(2.5));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
     /// The node.
@@ -71,6 +96,17 @@ impl Correspondence {
 }
 
 /// A correspondence file that does not read.
+///
+/// ```
+/// use grimace::{correspondence::{CorrespondenceError, read_correspondences}, units::NodeId, wireframe::Tables};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("marks.csv");
+/// std::fs::write(&path, "node,x,y\n10,149,240\n8.3,180,200\n10,150,241\n")?;
+/// let error = read_correspondences(&path, &Tables::candide3(), 113).unwrap_err();
+/// assert!(matches!(error, CorrespondenceError::DuplicateNode { line: 4, node: NodeId(10), first_line: 2, .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum CorrespondenceError {
     /// The file, a row, or a number does not read, or a column is missing.
@@ -113,6 +149,16 @@ pub enum CorrespondenceError {
 }
 
 /// Why correspondences do not determine a fit to an image.
+///
+/// ```
+/// use grimace::{correspondence::{Correspondence, MarksError, validate_correspondences}, units::NodeId};
+/// use nalgebra::Point2;
+///
+/// // On one line, marks say nothing of the extent across it.
+/// let marks = [10, 20, 30].map(|k| Correspondence::mark(NodeId(k), Point2::new(f64::from(k), f64::from(k))));
+/// let error = validate_correspondences(&marks, 320, 320).unwrap_err();
+/// assert!(matches!(error, MarksError::Collinear { count: 3, .. }));
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MarksError {
     /// Too few.
@@ -162,6 +208,16 @@ pub enum MarksError {
 ///
 /// A node is a node number or an MPEG-4 feature point that is a single node ([`parse_node_or_feature_point`]). Order is kept.
 /// How many there are and where they lie is checked by [`validate_correspondences`].
+///
+/// ```
+/// use grimace::{correspondence::read_correspondences, units::NodeId, wireframe::Tables};
+///
+/// let path = "fixtures/simulated/S001/005/correspondences.csv";
+/// let marks = read_correspondences(path.as_ref(), &Tables::candide3(), 113)?;
+/// assert_eq!((marks.len(), marks[0].node), (11, NodeId(20)));
+/// assert_eq!((marks[0].position.x, marks[0].position.y), (214.112141, 135.557175));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`CorrespondenceError`] for a missing column, a text that is no finite number, a node that is not there or stands twice.
@@ -213,6 +269,17 @@ fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Corres
 /// Writes a correspondence file that [`read_correspondences`] reads: `node,x,y,kind`, sorted by node, 9 significant digits; with a column
 /// `expected_error` where a mark has one.
 ///
+/// ```
+/// use grimace::{correspondence::{Correspondence, write_correspondences}, units::NodeId};
+/// use nalgebra::Point2;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("marks.csv");
+/// write_correspondences(&path, &[Correspondence::mark(NodeId(10), Point2::new(149.5, 240.0))])?;
+/// assert_eq!(std::fs::read_to_string(&path)?, "node,x,y,kind\n10,149.5,240,mark\n");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`OutputError`] when the file cannot be written.
 pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) -> Result<(), OutputError> {
@@ -236,6 +303,17 @@ pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) ->
 /// Checks that correspondences, marks and hard positions together, determine a fit to an image of the given size in pixels.
 ///
 /// Pixels reach half a pixel around their centres: a mark must lie in [-0.5, width - 0.5] x [-0.5, height - 0.5].
+///
+/// ```
+/// use grimace::{correspondence::{Correspondence, validate_correspondences}, units::NodeId};
+/// use nalgebra::Point2;
+///
+/// let mark = |node, x, y| Correspondence::mark(NodeId(node), Point2::new(x, y));
+/// let marks = [mark(20, 214.0, 136.0), mark(53, 114.0, 140.0), mark(10, 165.0, 250.0)];
+/// assert!(validate_correspondences(&marks, 320, 320).is_ok());
+/// let error = validate_correspondences(&marks, 160, 160).unwrap_err();
+/// assert!(error.to_string().starts_with("node 20 is marked at (214, 136), outside the image of 160 x 160 pixels"));
+/// ```
 ///
 /// # Errors
 /// [`MarksError`] for fewer than [`MINIMUM_MARKS`], a node marked twice, a mark outside the image, or collinear marks

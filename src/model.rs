@@ -7,6 +7,15 @@ use nalgebra::{Point2, Vector2};
 use crate::units::{NodeId, Unit};
 
 /// The wireframe in one video frame: the position of every node, in unit `U`.
+///
+/// ```
+/// use grimace::{model::FrameExpressionModel, units::{NodeId, Px}};
+/// use nalgebra::Point2;
+///
+/// let frame = FrameExpressionModel::<Px>::new(vec![Point2::new(160.0, 40.0), Point2::new(180.0, 66.0)]);
+/// assert_eq!(frame.node(NodeId(1)), Some(Point2::new(180.0, 66.0)));
+/// assert_eq!(frame.node(NodeId(2)), None);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameExpressionModel<U: Unit> {
     nodes: Vec<Point2<f64>>,
@@ -36,6 +45,15 @@ impl<U: Unit> FrameExpressionModel<U> {
 }
 
 /// Why frame models do not make a dynamic model.
+///
+/// ```
+/// use grimace::{model::{DynamicExpressionModel, FrameExpressionModel, ModelError}, units::Px};
+/// use nalgebra::Point2;
+///
+/// let neutral = FrameExpressionModel::<Px>::new(vec![Point2::origin()]);
+/// let error = DynamicExpressionModel::new(vec![neutral]).unwrap_err();
+/// assert_eq!(error, ModelError::TooFewFrames { found: 1 });
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
     /// Fewer than two frames: nothing moves.
@@ -71,6 +89,17 @@ pub enum ModelError {
 /// The frame models of one sequence, from the neutral to the apex frame.
 ///
 /// At least two frames, all over the same nodes, all coordinates finite.
+///
+/// ```
+/// use grimace::{model::{DynamicExpressionModel, FrameExpressionModel}, units::Px};
+/// use nalgebra::{Point2, Vector2};
+///
+/// let frame = |x: f64| FrameExpressionModel::<Px>::new(vec![Point2::new(x, 0.0)]);
+/// let model = DynamicExpressionModel::new(vec![frame(0.0), frame(1.0), frame(3.0)])?;
+/// assert_eq!(model.displacement_field(1), [Vector2::new(2.0, 0.0)]);
+/// assert_eq!(model.neutral_offsets(2), [Vector2::new(3.0, 0.0)]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct DynamicExpressionModel<U: Unit> {
     frames: Vec<FrameExpressionModel<U>>,

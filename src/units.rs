@@ -9,16 +9,44 @@ use std::{fmt, str::FromStr};
 use serde::{Deserialize, Serialize};
 
 /// A unit of length that a model can be expressed in.
+///
+/// A unit of one's own keeps models of other lengths apart.
+/// ```
+/// use grimace::{model::FrameExpressionModel, units::Unit};
+/// use nalgebra::Point2;
+///
+/// #[derive(Clone, Copy)]
+/// struct Millimetre;
+///
+/// impl Unit for Millimetre {
+///     const NAME: &'static str = "mm";
+/// }
+///
+/// let frame = FrameExpressionModel::<Millimetre>::new(vec![Point2::new(31.5, 0.0)]);
+/// assert_eq!((frame.node_count(), Millimetre::NAME), (1, "mm"));
+/// ```
 pub trait Unit: Copy + Send + Sync + 'static {
     /// The unit as it is written in reports and JSON files.
     const NAME: &'static str;
 }
 
 /// Image pixels, y down.
+///
+/// ```
+/// use grimace::units::{Px, Unit};
+///
+/// assert_eq!(Px::NAME, "px");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Px;
 
 /// Face units: the canonical neutral Candide-3 scaled so that ES0 = 1024, y up.
+///
+/// ```
+/// use grimace::units::{FaceUnit, Unit};
+///
+/// assert_eq!(FaceUnit::NAME, "face unit (ES0/1024)");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaceUnit;
 
@@ -31,6 +59,14 @@ impl Unit for FaceUnit {
 }
 
 /// Index of a wireframe node, from 0, in the order of the wireframe file.
+///
+/// ```
+/// use grimace::units::NodeId;
+///
+/// let chin = NodeId(10);
+/// assert_eq!(chin.index(), 10);
+/// assert_eq!(format!("node {chin}"), "node 10");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct NodeId(pub u16);
@@ -49,6 +85,15 @@ impl fmt::Display for NodeId {
 }
 
 /// An MPEG-4 feature point, `group.point`, such as `8.3` (left mouth corner).
+///
+/// ```
+/// use grimace::units::FeaturePoint;
+///
+/// let left_corner_of_the_mouth: FeaturePoint = "8.3".parse()?;
+/// assert_eq!(left_corner_of_the_mouth, FeaturePoint { group: 8, point: 3 });
+/// assert_eq!(left_corner_of_the_mouth.to_string(), "8.3");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FeaturePoint {
     /// FDP group, 2 to 11.
@@ -64,6 +109,13 @@ impl fmt::Display for FeaturePoint {
 }
 
 /// A text that is not a feature point of the form `group.point`.
+///
+/// ```
+/// use grimace::units::FeaturePoint;
+///
+/// let error = "8.0".parse::<FeaturePoint>().unwrap_err();
+/// assert_eq!(error.to_string(), "`8.0` is not an MPEG-4 feature point such as `8.3`");
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not an MPEG-4 feature point such as `8.3`")]
 pub struct ParseFeaturePointError(pub String);
@@ -83,6 +135,13 @@ impl FromStr for FeaturePoint {
 }
 
 /// Identity of one sequence: who, and which recording.
+///
+/// ```
+/// use grimace::units::SequenceId;
+///
+/// let id = SequenceId { subject: "S001".to_owned(), sequence: "005".to_owned() };
+/// assert_eq!(id.to_string(), "S001_005");
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct SequenceId {
     /// Subject, as in the manifest or the folder name.

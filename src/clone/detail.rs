@@ -15,6 +15,14 @@ use super::{CloneError, SourceMotion, Target};
 use crate::warp::{MouthInside, Placement, Texture, smooth_step};
 
 /// What shows between open lips.
+///
+/// ```
+/// use grimace::clone::{CloneOptions, Teeth};
+///
+/// let options = CloneOptions { teeth: Teeth::Dark, ..CloneOptions::default() };
+/// assert_eq!(serde_json::to_value(options)?["teeth"], "dark");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Teeth {
@@ -60,6 +68,23 @@ const FADE: f64 = 0.30;
 const TEETH_GAP: f64 = 0.012;
 
 /// Wrinkles and teeth of a source's frames.
+///
+/// ```
+/// # use grimace::{clone as cloning, correspondence, fit, sequence};
+/// # let face = grimace::wireframe::Face::candide3();
+/// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
+/// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
+/// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
+/// # let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
+/// # let target = grimace::clone::Target::new("P01", picture, &marks, &fitter, &face)?;
+/// use grimace::clone::{CloneError, Details, SourceMotion};
+///
+/// // `target` is a portrait with its marks.
+/// // A FAP file has no pictures to take wrinkles from.
+/// let source = SourceMotion::read("fixtures/golden/fap/happiness.fap".as_ref(), &face)?;
+/// assert!(matches!(Details::new(&target, &source, vec![]), Err(CloneError::NoSourceFrames(_))));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Details {
     frames: Vec<RgbImage>,

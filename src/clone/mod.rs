@@ -46,6 +46,13 @@ pub use target::{Rescale, Target};
 pub use timing::{Course, Ease, Moment, Timing};
 
 /// Why an expression cannot be cloned.
+///
+/// ```
+/// use grimace::{clone::{CloneError, SourceMotion}, wireframe::Face};
+///
+/// let error = SourceMotion::read("holiday.jpg".as_ref(), &Face::candide3()).unwrap_err();
+/// assert!(matches!(error, CloneError::UnknownSource { path } if path == "holiday.jpg"));
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum CloneError {
     /// A motion that no face makes.

@@ -13,6 +13,13 @@ use crate::{
 };
 
 /// Options of cloning.
+///
+/// ```
+/// use grimace::clone::{CloneOptions, Teeth};
+///
+/// let options = CloneOptions { emphasis: 1.5, teeth: Teeth::Drawn, ..CloneOptions::default() };
+/// assert_eq!((options.wrinkles, options.head), (0.0, false));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CloneOptions {
     /// How offsets are scaled to the target's face.
@@ -43,6 +50,25 @@ impl Default for CloneOptions {
 }
 
 /// One frame of a clone.
+///
+/// ```
+/// # use grimace::{clone as cloning, correspondence, fit, sequence};
+/// # let face = grimace::wireframe::Face::candide3();
+/// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
+/// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
+/// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
+/// # let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
+/// # let target = grimace::clone::Target::new("P01", picture, &marks, &fitter, &face)?;
+/// use grimace::clone::{SourceMotion, clone_expression};
+///
+/// // `target` is a portrait with its marks.
+/// let source = SourceMotion::read("fixtures/golden/fap/happiness.fap".as_ref(), &face)?;
+/// let smiling = clone_expression(&source, &target, None, &Default::default(), &face)?;
+/// // In the picture, y goes down: the left corner of the mouth is higher in the last frame than in the first.
+/// let corner = |frame: usize| smiling.frames[frame].asked[31];
+/// assert!(corner(24).y < corner(0).y && smiling.frames[24].nearest == 24);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct CloneFrame {
     /// Where everything is.
@@ -56,6 +82,25 @@ pub struct CloneFrame {
 }
 
 /// A source on a target: the motion, from which the pictures are rendered one by one.
+///
+/// ```
+/// # use grimace::{clone as cloning, correspondence, fit, sequence};
+/// # let face = grimace::wireframe::Face::candide3();
+/// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
+/// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
+/// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
+/// # let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
+/// # let target = grimace::clone::Target::new("P01", picture, &marks, &fitter, &face)?;
+/// use grimace::clone::{SourceMotion, clone_expression};
+///
+/// // `target` is a portrait with its marks.
+/// let source = SourceMotion::read("fixtures/golden/fap/happiness.fap".as_ref(), &face)?;
+/// let smiling = clone_expression(&source, &target, None, &Default::default(), &face)?;
+/// // 25 frames a second, for one second; the last one has the size of the photograph.
+/// assert_eq!((smiling.fps, smiling.frames.len(), smiling.apex()), (25.0, 25, 24));
+/// assert_eq!(smiling.picture(24).dimensions(), (440, 560));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Clone<'a> {
     target: &'a Target,
@@ -69,6 +114,25 @@ pub struct Clone<'a> {
 }
 
 /// Computes the motion of a source on a target.
+///
+/// ```
+/// # use grimace::{clone as cloning, correspondence, fit, sequence};
+/// # let face = grimace::wireframe::Face::candide3();
+/// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
+/// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
+/// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
+/// # let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
+/// # let target = grimace::clone::Target::new("P01", picture, &marks, &fitter, &face)?;
+/// use grimace::clone::{CloneOptions, SourceMotion, clone_expression};
+///
+/// // `target` is a portrait with its marks.
+/// let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face)?;
+/// let options = CloneOptions { emphasis: 1.2, ..CloneOptions::default() };
+/// let smiling = clone_expression(&source, &target, None, &options, &face)?;
+/// let picture = smiling.picture(smiling.apex());
+/// assert_ne!(picture, target.picture);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`CloneError`] for too many frames.

@@ -18,6 +18,15 @@ use crate::{
 };
 
 /// What a motion was read from.
+///
+/// ```
+/// use grimace::{clone::{SourceKind, SourceMotion}, wireframe::Face};
+///
+/// let kind = |path: &str| SourceMotion::read(path.as_ref(), &Face::candide3()).map(|motion| motion.kind);
+/// assert_eq!(kind("fixtures/golden/fap/happiness.fap")?, SourceKind::Fap);
+/// assert_eq!(kind("fixtures/golden/representatives/happiness.csv")?, SourceKind::Model);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SourceKind {
     /// A tracked sequence, in pixels.
@@ -29,6 +38,15 @@ pub enum SourceKind {
 }
 
 /// The motion of one expression, free of the head: neutral offsets of all nodes over time.
+///
+/// ```
+/// use grimace::{clone::SourceMotion, track::read_track, wireframe::Face};
+///
+/// let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// let motion = SourceMotion::from_track("smile", &track, &Face::candide3())?;
+/// assert_eq!((motion.frame_count(), motion.apex(), motion.offsets[0][31].norm()), (10, 9, 0.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SourceMotion {
     /// Name for files and captions: the file's stem.

@@ -20,6 +20,25 @@ use crate::{
 };
 
 /// How offsets are scaled from the source's face to the target's.
+///
+/// ```
+/// # use grimace::{clone as cloning, correspondence, fit, sequence};
+/// # let face = grimace::wireframe::Face::candide3();
+/// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
+/// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
+/// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
+/// # let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
+/// # let target = grimace::clone::Target::new("P01", picture, &marks, &fitter, &face)?;
+/// use grimace::clone::{CloneOptions, Rescale, SourceMotion, clone_expression};
+///
+/// // `target` is a portrait with its marks.
+/// let source = SourceMotion::read("fixtures/golden/fap/happiness.fap".as_ref(), &face)?;
+/// let options = CloneOptions { rescale: Rescale::Uniform, ..CloneOptions::default() };
+/// let by_eyes = clone_expression(&source, &target, None, &options, &face)?;
+/// let by_regions = clone_expression(&source, &target, None, &Default::default(), &face)?;
+/// assert_ne!(by_eyes.frames[24].asked[31], by_regions.frames[24].asked[31]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rescale {
@@ -45,6 +64,19 @@ const MAX_HALF_RATIO: f64 = 1.9;
 const MIDLINE_DEPTH: f64 = 0.45;
 
 /// A neutral photograph, ready to be moved.
+///
+/// ```
+/// use grimace::{clone::Target, correspondence::read_correspondences, fit::Fitter, wireframe::Face};
+///
+/// let face = Face::candide3();
+/// let marks = read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113)?;
+/// let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
+/// let fitter = Fitter::new(&face.wireframe, Default::default());
+/// let target = Target::new("P01", picture, &marks, &fitter, &face)?;
+/// // Its eyes are about 110 px apart, on one height.
+/// assert!((target.fapus.es - 110.0).abs() < 10.0 && target.roll.to_degrees().abs() < 3.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Target {
     /// Name for files and captions.

@@ -15,6 +15,14 @@ pub const MAX_FRAMES: usize = 20_000;
 pub const MODEL_SECONDS: f64 = 1.0;
 
 /// How the motion starts and ends.
+///
+/// ```
+/// use grimace::clone::{Ease, Timing};
+///
+/// let timing = Timing { ease: Ease::InOut, ..Timing::default() };
+/// assert_eq!(serde_json::to_value(timing)?["ease"], "in-out");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ease {
@@ -42,6 +50,16 @@ impl Ease {
 }
 
 /// Frame rate, length and course of a clone.
+///
+/// ```
+/// use grimace::{clone::{SourceMotion, Timing}, wireframe::Face};
+///
+/// let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3())?;
+/// let timing = Timing { fps: Some(10.0), duration: Some(2.0), ..Timing::default() };
+/// let (fps, moments) = timing.moments(&motion)?;
+/// assert_eq!((fps, moments.len()), (10.0, 21));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
     /// Frames per second; the source's if `None`.
@@ -55,6 +73,15 @@ pub struct Timing {
 }
 
 /// The source at one point of time.
+///
+/// ```
+/// use grimace::{clone::{Moment, SourceMotion}, wireframe::Face};
+///
+/// let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3())?;
+/// let Moment { offsets, nearest, .. } = motion.at(3.2);
+/// assert_eq!((offsets.len(), nearest), (113, 3));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Moment {
     /// Neutral offsets, as in [`SourceMotion::offsets`].
@@ -119,6 +146,17 @@ impl SourceMotion {
 }
 
 /// A motion at all times: every coordinate on the curve of [`crate::interpolation`].
+///
+/// ```
+/// use grimace::{clone::SourceMotion, wireframe::Face};
+///
+/// let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3())?;
+/// let course = motion.course();
+/// // On a frame the course has the frame's own offsets, between frames it goes from one to the next.
+/// assert!((course.at(4.0).offsets[31] - motion.offsets[4][31]).norm() < 1e-9);
+/// assert!(course.at(3.5).offsets[31].y < course.at(4.0).offsets[31].y);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Course<'m> {
     motion: &'m SourceMotion,

@@ -14,6 +14,16 @@ use super::{
 use crate::{correspondence::Correspondence, units::SequenceId, wireframe::Tables};
 
 /// A sequence: who, which recording, which emotion, and where its files are. The files are looked up by the methods.
+///
+/// ```
+/// use grimace::dataset::Dataset;
+///
+/// let dataset = Dataset::open("fixtures/simulated".as_ref())?;
+/// let smile = dataset.sequences.iter().find(|entry| entry.id.to_string() == "S001_005").expect("S001_005");
+/// assert_eq!((smile.emotion.as_str(), smile.fps, smile.column("cohort")), ("happiness", Some(25.0), Some("A")));
+/// assert_eq!(smile.frames()?.files().len(), 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SequenceEntry {
     /// Subject and sequence.
@@ -53,6 +63,15 @@ pub fn may_publish(metadata: &BTreeMap<String, String>) -> bool {
 }
 
 /// Where the correspondences of a sequence come from.
+///
+/// ```
+/// use grimace::dataset::{CorrespondenceSource, Dataset};
+///
+/// let dataset = Dataset::open("fixtures/simulated".as_ref())?;
+/// let source = dataset.sequences[0].correspondence_source()?;
+/// assert!(matches!(source, CorrespondenceSource::File(path) if path.ends_with("S001/001/correspondences.csv")));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CorrespondenceSource {
     /// A file `node,x,y`.

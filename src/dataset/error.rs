@@ -6,6 +6,13 @@ use super::{FramesError, LandmarksError, MarksFileError};
 use crate::{input::InputError, text::excerpt, units::SequenceId};
 
 /// What is wrong with a dataset or one of its sequences.
+///
+/// ```
+/// use grimace::dataset::{Dataset, DatasetError};
+///
+/// let error = Dataset::open("no-such-folder".as_ref()).unwrap_err();
+/// assert!(matches!(error, DatasetError::NotFound { path } if path.ends_with("no-such-folder")));
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     /// No such file or folder.
@@ -153,6 +160,16 @@ pub enum DatasetError {
 }
 
 /// What is wrong with a row of a manifest.
+///
+/// ```
+/// use grimace::dataset::{Dataset, DatasetError, RowError};
+///
+/// let folder = tempfile::tempdir()?;
+/// std::fs::write(folder.path().join("manifest.csv"), "subject,sequence,emotion,frames\nP1,1,?,a\nP2,1,joy,b\n")?;
+/// let dataset = Dataset::open(folder.path())?;
+/// assert!(matches!(dataset.failures[0].error, DatasetError::Row { line: 2, problem: RowError::EmotionOpen, .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RowError {
     /// An emotion that is still to be filled in.

@@ -19,6 +19,17 @@ pub const FIRST_VIDEO_FRAME: u32 = 1;
 const MINIMUM_FRAMES: usize = 2;
 
 /// An image file and its frame number.
+///
+/// ```
+/// use grimace::dataset::{FrameFile, FrameSource, list_frames};
+///
+/// let FrameSource::Images(files) = list_frames("fixtures/simulated/S001/005".as_ref(), None, None)? else {
+///     panic!("a folder of images");
+/// };
+/// let FrameFile { number, path } = &files[9];
+/// assert!(*number == 10 && path.ends_with("S001_005_00000010.jpg"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameFile {
     /// The last number in the file's name.
@@ -28,6 +39,15 @@ pub struct FrameFile {
 }
 
 /// Where the frames of a sequence come from, neutral first, apex last, whichever of the two was recorded first.
+///
+/// ```
+/// use grimace::dataset::{FrameSource, list_frames};
+///
+/// let frames = list_frames("fixtures/simulated/S001/005".as_ref(), Some(3), Some(7))?;
+/// assert_eq!((frames.neutral_number(), frames.files().len()), (3, 5));
+/// assert!(matches!(frames, FrameSource::Images(_)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FrameSource {
     /// Image files by ascending number, or by descending number where the apex was recorded before the neutral frame; two at least.
@@ -69,6 +89,13 @@ impl FrameSource {
 }
 
 /// Why the frames of a sequence cannot be listed.
+///
+/// ```
+/// use grimace::dataset::{FramesError, list_frames};
+///
+/// let error = list_frames("fixtures/simulated/S001/005".as_ref(), None, Some(11)).unwrap_err();
+/// assert!(matches!(error, FramesError::NoSuchFrame { column: "last_frame", number: 11, first: 1, last: 10, .. }));
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FramesError {
     /// The folder cannot be listed.
@@ -160,6 +187,16 @@ pub enum FramesError {
 ///
 /// Hidden files and files that are no images are passed over. The number of an image is the last run of digits in its name
 /// before the extension; images are in the order of their numbers.
+///
+/// ```
+/// use grimace::dataset::list_frames;
+///
+/// let forward = list_frames("fixtures/simulated/S001/005".as_ref(), None, None)?;
+/// assert_eq!((forward.neutral_number(), forward.files().len()), (1, 10));
+/// let backward = list_frames("fixtures/simulated/S001/005".as_ref(), Some(10), Some(1))?;
+/// assert_eq!(backward.neutral_number(), 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`FramesError`] when there is no such folder or video, no image, an image without a number, a number that is there twice,

@@ -35,6 +35,15 @@ pub use marks::{MarksFileError, read_marks};
 pub const MANIFEST_NAME: &str = "manifest.csv";
 
 /// The sequences of a dataset.
+///
+/// ```
+/// use grimace::dataset::Dataset;
+///
+/// let dataset = Dataset::open("fixtures/simulated".as_ref())?;
+/// assert_eq!((dataset.sequences.len(), dataset.failures.len()), (24, 0));
+/// assert_eq!(dataset.sequences.iter().filter(|entry| entry.emotion == "happiness").count(), 4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Default)]
 pub struct Dataset {
     /// Folder that relative paths start from: the manifest's, or the one with the subjects' folders.
@@ -48,6 +57,19 @@ pub struct Dataset {
 }
 
 /// A row or folder that does not make a sequence.
+///
+/// A row that is wrong does not keep the others from being used.
+/// ```
+/// use grimace::dataset::{Dataset, FailedEntry};
+///
+/// let folder = tempfile::tempdir()?;
+/// std::fs::write(folder.path().join("manifest.csv"), "subject,sequence,emotion,frames\nP1,1,joy,a\nP2,1,,b\n")?;
+/// let dataset = Dataset::open(folder.path())?;
+/// let FailedEntry { subject, error, .. } = &dataset.failures[0];
+/// assert_eq!((dataset.sequences.len(), subject.as_str()), (1, "P2"));
+/// assert!(error.to_string().ends_with("manifest.csv, line 3: emotion is empty"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct FailedEntry {
     /// Subject as far as it could be read, else empty.
@@ -59,6 +81,22 @@ pub struct FailedEntry {
 }
 
 /// A sequence left out on purpose.
+///
+/// Cohn-Kanade has sequences without a label: no failure, but nothing to work on.
+/// ```
+/// use grimace::dataset::Dataset;
+///
+/// # let folder = tempfile::tempdir()?;
+/// # let frames = folder.path().join("cohn-kanade-images/S005/001");
+/// # std::fs::create_dir_all(&frames)?;
+/// # std::fs::create_dir_all(folder.path().join("Emotion/S005/001"))?;
+/// # for name in ["S005_001_00000001.png", "S005_001_00000002.png"] {
+/// #     std::fs::write(frames.join(name), "")?;
+/// # }
+/// // `folder` has two frames of S005 in sequence 001, and no emotion for it.
+/// assert_eq!(Dataset::open(folder.path())?.skipped[0].id.to_string(), "S005_001");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SkippedEntry {
     /// The sequence.

@@ -13,10 +13,26 @@ const FAPS: &str = include_str!("../../candide/faps.csv");
 const HIGH_LEVEL_FAPS: &str = include_str!("../../candide/high_level_faps.csv");
 
 /// Number of a FAP, 1 to 68.
+///
+/// ```
+/// use grimace::fap::FapNumber;
+///
+/// let jaw: FapNumber = "3".parse()?;
+/// assert_eq!((jaw.get(), jaw.index(), jaw.is_high_level()), (3, 2, false));
+/// assert_eq!((FapNumber::all().count(), FapNumber::low_level().count()), (68, 66));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FapNumber(u8);
 
 /// A number or text that names no FAP.
+///
+/// ```
+/// use grimace::fap::FapNumber;
+///
+/// let error = "69".parse::<FapNumber>().unwrap_err();
+/// assert_eq!(error.to_string(), "`69` is not a FAP number; FAPs are numbered 1 to 68");
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not a FAP number; FAPs are numbered 1 to 68")]
 pub struct ParseFapNumberError(pub String);
@@ -79,6 +95,14 @@ impl fmt::Display for FapNumber {
 }
 
 /// Whether a FAP moves both ways from neutral.
+///
+/// ```
+/// use grimace::fap::{Directionality, FapCatalog};
+///
+/// // The jaw only opens; the lower lip goes down and up.
+/// let [jaw, lip] = [3, 4].map(|k| FapCatalog::mpeg4().rows()[k - 1].directionality);
+/// assert_eq!([jaw, lip], [Some(Directionality::Unidirectional), Some(Directionality::Bidirectional)]);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum Directionality {
     /// Values are 0 or positive.
@@ -90,6 +114,14 @@ pub enum Directionality {
 }
 
 /// What a FAP moves along or about, in face axes.
+///
+/// ```
+/// use grimace::{fap::{FapCatalog, Motion}, wireframe::Axis};
+///
+/// let pitch = FapCatalog::mpeg4().row("48".parse()?).motion.expect("FAP 48 moves the head");
+/// assert_eq!((pitch, pitch.is_angle(), pitch.frontal_axis()), (Motion::Pitch, true, Some(Axis::Y)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Motion {
@@ -124,6 +156,15 @@ impl Motion {
 }
 
 /// How well a frontal 2-D wireframe measures a FAP.
+///
+/// ```
+/// use grimace::fap::{FapCatalog, FrontalRating};
+///
+/// let rating = |fap: &str| FapCatalog::mpeg4().row(fap.parse().expect("a number")).frontal;
+/// // From the front, the jaw's fall is seen, its thrust is not.
+/// assert_eq!([rating("3"), rating("14")], [FrontalRating::Yes, FrontalRating::No]);
+/// assert!(FrontalRating::Partial.is_measured() && !FrontalRating::Global.is_measured());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FrontalRating {
@@ -147,6 +188,15 @@ impl FrontalRating {
 }
 
 /// One FAP.
+///
+/// ```
+/// use grimace::{fap::{FapCatalog, FapRow}, units::NodeId};
+///
+/// let FapRow { name, nodes, range, .. } = FapCatalog::mpeg4().row("3".parse()?);
+/// assert_eq!((name.as_str(), &nodes[..], *range), ("open_jaw", &[NodeId(10)][..], Some((0, 4320))));
+/// assert_eq!(FapCatalog::mpeg4().row("3".parse()?).unit_name(), "MNS/1024");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapRow {
     /// Its number.
@@ -187,6 +237,13 @@ impl FapRow {
 }
 
 /// One integer of FAP 1 or 2.
+///
+/// ```
+/// use grimace::fap::{FapCatalog, FapNumber};
+///
+/// let first = FapCatalog::mpeg4().fields(FapNumber::VISEME).next().expect("FAP 1 has fields");
+/// assert_eq!((first.name.as_str(), first.range), ("viseme_select1", (0, 14)));
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HighLevelField {
     /// FAP 1 or 2.
@@ -198,6 +255,15 @@ pub struct HighLevelField {
 }
 
 /// The table of the 68 FAPs.
+///
+/// ```
+/// use grimace::fap::FapCatalog;
+///
+/// let catalog = FapCatalog::mpeg4();
+/// let jaw = catalog.row("3".parse()?);
+/// assert_eq!((catalog.rows().len(), jaw.name.as_str()), (68, "open_jaw"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapCatalog {
     rows: Vec<FapRow>,

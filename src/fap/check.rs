@@ -11,6 +11,15 @@ use super::{
 ///
 /// Findings are by line. An error means that the file does not read; a warning that some reader takes it otherwise than meant.
 /// Rules about values are checked on all frames that read, whatever else is wrong.
+///
+/// ```
+/// use grimace::fap::{Severity, check_fap};
+///
+/// let has_errors = |bytes: &[u8]| check_fap(bytes).iter().any(|finding| finding.severity == Severity::Error);
+/// assert!(!has_errors(&std::fs::read("fixtures/golden/fap/happiness.fap")?));
+/// assert!(has_errors(b"not a FAP file\n"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn check_fap(bytes: &[u8]) -> Vec<Finding> {
     let ParsedFap { frames, findings: mut all, .. } = parse_fap(bytes);
     let mut findings = Findings::default();

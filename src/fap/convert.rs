@@ -33,6 +33,22 @@ const EYEBALL_RADIUS_MM: f64 = 12.0;
 const INTERPUPILLARY_DISTANCE_MM: f64 = 63.0;
 
 /// A measured value outside the range of the standard, which was set to the limit.
+///
+/// ```
+/// use grimace::{fap::{Clamped, FapCatalog, FapSequence}, model::DynamicExpressionModel, normalize::Canonical};
+///
+/// # let face = grimace::wireframe::Face::candide3();
+/// let Canonical { neutral, fapus } = Canonical::new(&face.wireframe, &face.tables)?;
+/// // The chin goes down by five times the distance of mouth and nose: more than FAP 3 allows.
+/// # let mut open = neutral.nodes().to_vec();
+/// # open[10].y -= 5.0 * fapus.mns;
+/// # let open = grimace::model::FrameExpressionModel::new(open);
+/// let model = DynamicExpressionModel::new(vec![neutral, open])?;
+/// let (_, clamped) = FapSequence::from_model(&model, &fapus, FapCatalog::mpeg4(), "jaw", 25, 0)?;
+/// let Clamped { fap, frame, limit, .. } = clamped[0];
+/// assert_eq!((fap.get(), frame, limit), (3, 1, 4320));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clamped {
     /// The FAP.
@@ -46,6 +62,18 @@ pub struct Clamped {
 }
 
 /// Why a model has no FAP values.
+///
+/// ```
+/// use grimace::{fap::{ConvertError, FapCatalog, measure_faps}, normalize::Canonical, pipeline::read_model, wireframe::Fapus};
+///
+/// # let face = grimace::wireframe::Face::candide3();
+/// let model = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
+/// let fapus = Fapus { mw: 0.0, ..Canonical::new(&face.wireframe, &face.tables)?.fapus };
+/// let error = measure_faps(&model, &fapus, FapCatalog::mpeg4()).unwrap_err();
+/// assert_eq!(error.to_string(), "MW0 is 0; it must be positive to measure in it");
+/// assert!(matches!(error, ConvertError::Fapu { .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConvertError {
     /// The model lacks a node that a FAP is measured on.
@@ -98,6 +126,20 @@ impl FapSequence {
 
 /// FAP values of every frame of a normalized model, limited to the standard's ranges and not rounded; `fapus` as in
 /// [`FapSequence::from_model`].
+///
+/// ```
+/// use grimace::{fap::{FapCatalog, measure_faps}, normalize::Canonical, pipeline::read_model, wireframe::Face};
+///
+/// let face = Face::candide3();
+/// let fapus = Canonical::new(&face.wireframe, &face.tables)?.fapus;
+/// let model = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
+/// let frames = measure_faps(&model, &fapus, FapCatalog::mpeg4())?;
+/// // FAP 6 stretches the left corner of the lips: it rests in the first frame, and is pulled out in the last.
+/// let stretch = "6".parse()?;
+/// assert_eq!((frames.len(), frames[0].value(stretch)), (5, Some(0.0)));
+/// assert!(frames[4].value(stretch) > Some(50.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`ConvertError`] for a model without Candide-3's nodes, or FAPUs that are not positive.

@@ -5,6 +5,16 @@ use std::{collections::BTreeMap, fmt};
 use serde::Serialize;
 
 /// How bad a finding is.
+///
+/// ```
+/// use grimace::fap::{Severity, check_fap};
+///
+/// let bytes = std::fs::read_to_string("fixtures/golden/fap/happiness.fap")?.replace('\n', "\r\n");
+/// // Lines of Windows are read as meant.
+/// let findings = check_fap(bytes.as_bytes());
+/// assert!(!findings.is_empty() && findings.iter().all(|finding| finding.severity == Severity::Warning));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
@@ -24,6 +34,13 @@ impl fmt::Display for Severity {
 }
 
 /// A rule of the strict subset that every known reader takes.
+///
+/// ```
+/// use grimace::fap::{Rule, check_fap};
+///
+/// assert_eq!(check_fap(b"2.1 smile 25 1\n0 1\n0 5\n")[0].rule, Rule::MaskCount);
+/// assert_eq!(Rule::MaskCount.to_string(), "mask-count");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {
@@ -95,6 +112,17 @@ impl fmt::Display for Rule {
 }
 
 /// One thing found in a FAP file.
+///
+/// ```
+/// use grimace::fap::{Finding, Rule, check_fap};
+///
+/// // An editor has added an empty line behind the 51 there are.
+/// let bytes = std::fs::read("fixtures/golden/fap/happiness.fap")?;
+/// let findings = check_fap(&[&bytes[..], b"\n"].concat());
+/// let Finding { line, times, .. } = findings.iter().find(|finding| finding.rule == Rule::BlankLine).expect("a finding");
+/// assert_eq!((*line, *times), (52, 1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// Line, from 1; where the thing happens more than once, the first.

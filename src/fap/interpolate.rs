@@ -12,6 +12,14 @@ use crate::interpolation::{Curve, Moment};
 pub const MAX_FRAMES: usize = 360_000;
 
 /// Why frames cannot be interpolated.
+///
+/// ```
+/// use grimace::fap::{InterpolateError, read_fap};
+///
+/// let sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// assert_eq!(sequence.retimed(0.0), Err(InterpolateError::FrameRate { from: 25.0, to: 0.0 }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateError {
     /// The result would be too long.

@@ -8,6 +8,16 @@ use super::{
 };
 
 /// Which FAPs are written.
+///
+/// ```
+/// use grimace::fap::{FapMask, read_fap};
+///
+/// let mut sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// let lips: FapMask = "3-13".parse()?;
+/// sequence.apply_mask(&lips);
+/// assert_eq!((sequence.set_faps().len(), lips.to_string().as_str()), (11, "3-13"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum FapMask {
     /// All low-level FAPs, 3 to 68, and FAPs 1 and 2 where they are set.
@@ -20,6 +30,12 @@ pub enum FapMask {
 }
 
 /// A text that lists no FAPs.
+///
+/// ```
+/// use grimace::fap::{FapMask, ParseMaskError};
+///
+/// assert_eq!("13-3".parse::<FapMask>(), Err(ParseMaskError::Backwards("13-3".to_owned())));
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParseMaskError {
     /// Not a number within 1 and 68.

@@ -11,6 +11,17 @@ use super::{
 };
 
 /// Readers that a file is written for.
+///
+/// ```
+/// use grimace::fap::{Profile, read_fap};
+///
+/// let mut sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// sequence.fps = 50.0;
+/// // Greta plays 25 frames per second, whatever the file says.
+/// assert_eq!(Profile::Greta.fixed_fps(), Some(25));
+/// assert_eq!(sequence.for_profile(Profile::Greta)?.frames.len(), 13);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Profile {

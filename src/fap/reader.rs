@@ -25,6 +25,14 @@ const STREAMING_FRAME_COUNT: u64 = 10_000;
 const VALUE_LIMIT: f64 = i32::MAX as f64;
 
 /// A FAP file that was read.
+///
+/// ```
+/// use grimace::fap::read_fap;
+///
+/// let file = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?;
+/// assert_eq!((file.sequence.name.as_str(), file.findings.len()), ("happiness", 0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapFile {
     /// Its content.
@@ -34,6 +42,17 @@ pub struct FapFile {
 }
 
 /// A FAP file that was not read.
+///
+/// ```
+/// use grimace::fap::{FapReadError, read_fap};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("cut.fap");
+/// std::fs::write(&path, "2.1 smile 25 1\n0 0 1\n")?;
+/// let error = read_fap(&path).unwrap_err();
+/// assert!(matches!(error, FapReadError::Invalid { first, .. } if first.line == 2));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FapReadError {
     /// The file cannot be opened or read.
@@ -110,6 +129,14 @@ impl ParsedFap {
 }
 
 /// Reads a FAP file tolerantly.
+///
+/// ```
+/// use grimace::fap::read_fap;
+///
+/// let sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// assert_eq!((sequence.fps, sequence.frames.len(), sequence.seconds()), (25.0, 25, 1.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`FapReadError`] when the file cannot be read or its content is none that a known tool writes.

@@ -3,6 +3,18 @@
 use super::catalog::FapNumber;
 
 /// FAP values of one frame: absolute offsets from neutral. A FAP without a value is masked out.
+///
+/// ```
+/// use grimace::fap::{FapFrame, FapNumber};
+///
+/// let (jaw, mut frame) = ("3".parse()?, FapFrame::default());
+/// frame.set_value(jaw, Some(512.0));
+/// assert_eq!(frame.value(jaw), Some(512.0));
+/// // FAPs 1 and 2 are codes: they have fields, and no value.
+/// frame.set_fields(FapNumber::EXPRESSION, Some(vec![1, 40, 0, 0, 0, 0]));
+/// assert!(frame.value(FapNumber::EXPRESSION).is_none() && frame.is_set(FapNumber::EXPRESSION));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapFrame {
     values: [Option<f64>; FapNumber::COUNT],
@@ -49,6 +61,19 @@ impl FapFrame {
 }
 
 /// A FAP file in memory.
+///
+/// ```
+/// use grimace::fap::{FapFrame, FapSequence};
+///
+/// let (jaw, mut frames) = ("3".parse()?, vec![FapFrame::default(); 2]);
+/// frames[0].set_value(jaw, Some(0.0));
+/// frames[1].set_value(jaw, Some(1024.0));
+/// let sequence = FapSequence { version: "2.1".to_owned(), name: "jaw".to_owned(), fps: 25.0, frames };
+/// assert_eq!((sequence.set_faps(), sequence.seconds()), (vec![jaw], 0.08));
+/// let slower = sequence.with_frames_between(1)?;
+/// assert_eq!(slower.frames[1].value(jaw), Some(512.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapSequence {
     /// Version of the format, `2.0`, `2.1` or `2.2`.

@@ -10,6 +10,17 @@ use super::{
 use crate::output::{OutputError, write_hashed};
 
 /// How values are written.
+///
+/// ```
+/// use grimace::fap::{Profile, ValueFormat, read_fap, write_fap_as};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("smile.fap");
+/// let sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence.with_frames_between(1)?;
+/// write_fap_as(&path, &sequence, Profile::Xface, ValueFormat::Float)?;
+/// assert_eq!(read_fap(&path)?.sequence.frames, sequence.frames);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ValueFormat {
     /// Decimal integers, which every reader takes.
@@ -23,6 +34,17 @@ pub enum ValueFormat {
 const FPS_MAX: f64 = 32_767.0;
 
 /// What in a sequence cannot be written.
+///
+/// ```
+/// use grimace::fap::{FapWriteError, FapWriteErrorKind, read_fap, write_fap};
+///
+/// let folder = tempfile::tempdir()?;
+/// let mut sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// sequence.frames.clear();
+/// let error = write_fap(&folder.path().join("smile.fap"), &sequence).unwrap_err();
+/// assert!(matches!(error, FapWriteError::Content(FapWriteErrorKind::NoFrames)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FapWriteErrorKind {
     /// The name is not a token.
@@ -87,6 +109,17 @@ pub enum FapWriteErrorKind {
 }
 
 /// A FAP file that was not written.
+///
+/// ```
+/// use grimace::fap::{FapWriteError, read_fap, write_fap};
+///
+/// let folder = tempfile::tempdir()?;
+/// let mut sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// sequence.name = "two words".to_owned();
+/// let error = write_fap(&folder.path().join("smile.fap"), &sequence).unwrap_err();
+/// assert!(matches!(error, FapWriteError::Content(_)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FapWriteError {
     /// The sequence does not fit the format.
@@ -99,6 +132,17 @@ pub enum FapWriteError {
 
 /// Writes a FAP file that every known reader takes, whole or not at all.
 ///
+/// ```
+/// use grimace::fap::{read_fap, write_fap};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("copy.fap");
+/// let sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// write_fap(&path, &sequence)?;
+/// assert_eq!(std::fs::read(&path)?, std::fs::read("fixtures/golden/fap/happiness.fap")?);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`FapWriteError`] when a name, frame rate or value does not fit the strict subset, or the file cannot be written.
 pub fn write_fap(path: &Path, sequence: &FapSequence) -> Result<blake3::Hash, FapWriteError> {
@@ -106,6 +150,17 @@ pub fn write_fap(path: &Path, sequence: &FapSequence) -> Result<blake3::Hash, Fa
 }
 
 /// Writes a FAP file for the readers of a profile, whole or not at all; the BLAKE3 of its bytes.
+///
+/// ```
+/// use grimace::fap::{Profile, ValueFormat, read_fap, write_fap_as};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("visage.fap");
+/// let sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
+/// write_fap_as(&path, &sequence, Profile::Visage, ValueFormat::Integer)?;
+/// assert!(std::fs::read_to_string(&path)?.starts_with("2.2 happiness 25 25\n"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// As [`write_fap`].

@@ -18,6 +18,15 @@ use crate::{
 };
 
 /// An action unit of FACS and the shapes that stand for it.
+///
+/// ```
+/// use grimace::features::ActionUnit;
+///
+/// let smile: ActionUnit = "AU12".parse()?;
+/// assert_eq!((smile.number, smile.name), (12, "lip corner puller"));
+/// assert!("AU99".parse::<ActionUnit>().is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ActionUnit {
     /// Number in FACS.
@@ -109,6 +118,13 @@ const MEDIAN: f64 = 0.6745;
 const PRESENT: f64 = 1.0;
 
 /// The intensity of one action unit in one frame.
+///
+/// ```
+/// use grimace::features::Intensity;
+///
+/// let smile = Intensity { number: 12, value: 3.5, expected_error: 0.2 };
+/// assert!(smile.is_present() && !Intensity { value: 0.0, ..smile }.is_present());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intensity {
     /// Number in FACS.
@@ -127,6 +143,20 @@ impl Intensity {
 }
 
 /// The shapes over the nodes of the canonical face.
+///
+/// A face that does not move shows no action unit.
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// use grimace::{features::ActionUnits, normalize::Normalizer, pose::HeadModel};
+/// use nalgebra::Vector2;
+///
+/// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
+/// let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &normalizer)?;
+/// let nodes: Vec<_> = wireframe.live_nodes().iter().map(|node| (*node, 5.0)).collect();
+/// let found = units.intensities(&vec![Vector2::zeros(); 113], &nodes);
+/// assert!(found.iter().all(|unit| unit.value == 0.0 && !unit.is_present()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ActionUnits {
     /// Offsets of every node, face units, of each unknown.

@@ -38,6 +38,20 @@ const LIDS: [[usize; 2]; 2] = [[21, 22], [54, 55]];
 const LIPS: [usize; 2] = [87, 40];
 
 /// The values of one frame.
+///
+/// ```
+/// use grimace::{pipeline::Workbench, track::{read_track, track_model}};
+///
+/// let bench = Workbench::new(None, Default::default())?;
+/// let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// let fit = bench.fit_head(&track, &[])?;
+/// let rows = bench.features(&track, &fit, &bench.frontal_model(&fit, &track)?)?;
+/// let last = &rows[9];
+/// assert_eq!((last.frame, last.landmarks.len(), last.reason.as_deref()), (10, 68, None));
+/// // The subject looks into the camera.
+/// assert!(last.pose[0].abs() < 10.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameFeatures {
     /// Frame number.
@@ -68,6 +82,14 @@ pub struct FrameFeatures {
 }
 
 /// Why features cannot be measured.
+///
+/// ```
+/// use grimace::{features::FeaturesError, model::ModelError};
+///
+/// // It says what the step says that failed.
+/// let error = FeaturesError::from(ModelError::TooFewFrames { found: 1 });
+/// assert_eq!(error.to_string(), "a dynamic model needs at least 2 frames, found 1");
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FeaturesError {
     /// The track does not normalize.
@@ -82,6 +104,21 @@ pub enum FeaturesError {
 }
 
 /// The track that is measured.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// # let fitter = grimace::pose::HeadFitter::new(&wireframe, &tables);
+/// # let fit = fitter.fit(&tables, &track, &[])?;
+/// use grimace::{features::Measured, normalize::Normalizer};
+///
+/// // `track` holds the ten frames of a smile.
+/// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
+/// let model = normalizer.normalize_every_frame(&fitter.frontal((&wireframe, &tables), &fit, &track)?)?;
+/// let measured = Measured { track: &track, fit: &fit, model: &model };
+/// assert_eq!((measured.track.len(), measured.model.frame_count()), (10, 10));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy)]
 pub struct Measured<'a> {
     /// The tracked frames.
@@ -93,6 +130,23 @@ pub struct Measured<'a> {
 }
 
 /// Measures features of a face; holds what does not change from track to track.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// # let fitter = grimace::pose::HeadFitter::new(&wireframe, &tables);
+/// # let fit = fitter.fit(&tables, &track, &[])?;
+/// use grimace::{features::{FeatureMeter, Measured}, normalize::Normalizer};
+///
+/// // `track` holds the ten frames of a smile.
+/// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
+/// let model = normalizer.normalize_every_frame(&fitter.frontal((&wireframe, &tables), &fit, &track)?)?;
+/// let meter = FeatureMeter::new(fitter.model(), &wireframe, &normalizer)?;
+/// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model }, &normalizer, &tables)?;
+/// let smile = rows[9].action_units.iter().find(|unit| unit.number == 12).expect("AU12");
+/// assert!(smile.is_present());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct FeatureMeter {
     units: ActionUnits,

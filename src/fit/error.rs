@@ -4,6 +4,14 @@ use super::{MINIMUM_MARKS, SpringError};
 use crate::{geometry::SimilarityError, units::NodeId};
 
 /// Why a wireframe cannot be fitted.
+///
+/// ```
+/// use grimace::{fit::{FitError, Fitter}, wireframe::Face};
+///
+/// let Face { wireframe, .. } = Face::candide3();
+/// let error = Fitter::new(&wireframe, Default::default()).fit(&wireframe, &[]).unwrap_err();
+/// assert!(matches!(error, FitError::TooFewMarks { found: 0 }));
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
     /// Too few marks.
@@ -94,6 +102,21 @@ fn and_others(nodes: &[NodeId]) -> String {
 }
 
 /// What a fit has to say about marks that it did use.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// # let marks = folder.join("correspondences.csv");
+/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
+/// use grimace::{fit::{FitWarning, Fitter}, units::NodeId};
+///
+/// // `marks` are eleven points of a neutral frame.
+/// let mut moved = marks.clone();
+/// moved[0].position.x += 9.0;
+/// let fitted = Fitter::new(&wireframe, Default::default()).fit(&wireframe, &moved)?;
+/// assert!(matches!(fitted.warnings[0], FitWarning::Doubtful { node: NodeId(20), .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitWarning {
     /// A mark that is far from where the others expect it, but may be right.

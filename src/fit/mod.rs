@@ -53,6 +53,14 @@ pub(crate) const MEDIAN_OVER_DEVIATION: f64 = 1.177_410_022_515_474_7;
 const FORCE_SHARES: (f64, f64) = (0.02, 5.0);
 
 /// Which shape prior stands ahead of the springs.
+///
+/// ```
+/// use grimace::fit::{FitOptions, PriorKind};
+///
+/// assert_eq!(FitOptions::default().prior, PriorKind::Auto);
+/// assert_eq!(serde_json::to_string(&PriorKind::Candide)?, "\"candide\"");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PriorKind {
@@ -70,6 +78,16 @@ pub enum PriorKind {
 }
 
 /// A prior read from a file. It is known by the content of the file: only that is compared and written.
+///
+/// ```
+/// use grimace::fit::{FitOptions, LoadedPrior, PriorKind};
+///
+/// let loaded = LoadedPrior::read("candide/face_prior.json".as_ref())?;
+/// assert!(loaded.prior.is_some());
+/// let options = FitOptions { prior: PriorKind::File(loaded), ..FitOptions::default() };
+/// assert_ne!(options, FitOptions::default());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LoadedPrior {
     /// BLAKE3 of the file, in hexadecimal.
@@ -97,6 +115,14 @@ impl PartialEq for LoadedPrior {
 }
 
 /// Options of a fit.
+///
+/// ```
+/// use grimace::fit::{FitOptions, PriorKind};
+///
+/// // As in the paper: a similarity and springs, no prior knowledge of faces.
+/// let options = FitOptions { prior: PriorKind::None, ..FitOptions::default() };
+/// assert_eq!(options.force, 20.0);
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
     /// Gain of the force on a marked node over the stiffness of a spring, > 0.
@@ -112,6 +138,20 @@ impl Default for FitOptions {
 }
 
 /// A wireframe fitted to the neutral frame.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// # let marks = folder.join("correspondences.csv");
+/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
+/// use grimace::fit::Fitter;
+///
+/// // `marks` are eleven points of a neutral frame.
+/// let fitted = Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+/// assert_eq!((fitted.model.node_count(), fitted.residuals.len()), (113, marks.len()));
+/// assert!(fitted.warnings.is_empty() && fitted.residuals.iter().all(|px| *px < 2.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedWireframe {
     /// All node positions, px, y down.
@@ -127,6 +167,18 @@ pub struct FittedWireframe {
 }
 
 /// Fits wireframes of one topology; holds what does not change from face to face.
+///
+/// ```
+/// use grimace::{correspondence::read_correspondences, fit::{FitOptions, Fitter}, units::NodeId, wireframe::Face};
+///
+/// let Face { wireframe, tables } = Face::candide3();
+/// let marks = read_correspondences("fixtures/simulated/S001/005/correspondences.csv".as_ref(), &tables, 113)?;
+/// let fitted = Fitter::new(&wireframe, FitOptions::default()).fit(&wireframe, &marks)?;
+/// // A marked node, the outer corner of the left eye, goes to its mark.
+/// let corner = fitted.model.node(NodeId(20)).expect("node 20");
+/// assert!((corner - marks[0].position).norm() < 1.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Fitter {
     springs: Springs,

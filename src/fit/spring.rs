@@ -66,6 +66,14 @@ pub(super) struct Strut {
 }
 
 /// A deformation that has no unique answer.
+///
+/// ```
+/// use grimace::{fit::{SpringError, Springs}, wireframe::Wireframe};
+///
+/// let wireframe = Wireframe::candide3();
+/// let error = Springs::new(&wireframe).deform(&wireframe, &wireframe.frontal(), &[]).unwrap_err();
+/// assert_eq!(error, SpringError::NoTarget);
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SpringError {
     /// Nothing drives the wireframe.
@@ -95,6 +103,15 @@ const HARD_GAIN: f64 = 1e8;
 const REST_GAIN: f64 = 1e-9;
 
 /// The springs of a wireframe.
+///
+/// ```
+/// use grimace::{fit::{SpringError, Springs}, wireframe::Wireframe};
+///
+/// let wireframe = Wireframe::candide3();
+/// let springs = Springs::new(&wireframe);
+/// // Nothing drives the wireframe: there is no equilibrium to speak of.
+/// assert_eq!(springs.deform(&wireframe, &wireframe.frontal(), &[]), Err(SpringError::NoTarget));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Springs {
     /// Place of every node among the live ones.

@@ -3,6 +3,18 @@
 use nalgebra::{Point2, Rotation2, Vector2};
 
 /// `p -> scale * R(angle) * p + translation`, without reflection.
+///
+/// ```
+/// use grimace::geometry::Similarity;
+/// use nalgebra::Point2;
+///
+/// let source = [Point2::new(0.0, 0.0), Point2::new(1.0, 0.0)];
+/// let target = [Point2::new(5.0, 0.0), Point2::new(5.0, 2.0)];
+/// let quarter_turn = Similarity::fit(&source, &target, None)?;
+/// assert!((quarter_turn.scale - 2.0).abs() < 1e-12 && (quarter_turn.angle.to_degrees() - 90.0).abs() < 1e-9);
+/// assert!((quarter_turn.apply(&source[1]) - target[1]).norm() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     /// Positive scale, target unit per source unit.
@@ -14,6 +26,14 @@ pub struct Similarity {
 }
 
 /// Why no similarity is determined.
+///
+/// ```
+/// use grimace::geometry::{Similarity, SimilarityError};
+/// use nalgebra::Point2;
+///
+/// let point = [Point2::new(1.0, 1.0)];
+/// assert_eq!(Similarity::fit(&point, &point, None), Err(SimilarityError::TooFewPairs { found: 1 }));
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SimilarityError {
     /// The two sets differ in size, or there are fewer than two pairs with a positive weight.

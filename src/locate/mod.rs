@@ -42,6 +42,16 @@ pub const TRUSTED: f64 = 0.035;
 const SECOND_START: (f32, f32) = (0.05, 0.03);
 
 /// What to look for.
+///
+/// ```
+/// use grimace::locate::{LocateOptions, Locator};
+/// use image::{GrayImage, Luma};
+///
+/// let options = LocateOptions { most_faces: 1, ..LocateOptions::default() };
+/// let wall = GrayImage::from_pixel(200, 200, Luma([128]));
+/// assert!(Locator::shipped()?.locate(&wall, &options).is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocateOptions {
     /// Most faces of a picture.
@@ -57,6 +67,18 @@ impl Default for LocateOptions {
 }
 
 /// A point that was found.
+///
+/// A point that was found serves as a mark, with the error to expect of it.
+/// ```
+/// use grimace::{correspondence::Correspondence, locate::{LocateOptions, LocatedPoint, Locator}, sequence::read_frame};
+///
+/// let picture = read_frame("fixtures/portraits/P01.jpg".as_ref())?;
+/// let face = &Locator::shipped()?.locate(picture.image(), &LocateOptions::default())[0];
+/// let as_mark = |point: &LocatedPoint| Correspondence::found(point.node, point.position, point.expected_error);
+/// let marks: Vec<Correspondence> = face.points.iter().map(as_mark).collect();
+/// assert!(marks.len() > 30 && marks.iter().all(|mark| mark.expected_error > Some(0.0)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocatedPoint {
     /// The node.
@@ -68,6 +90,17 @@ pub struct LocatedPoint {
 }
 
 /// A face that was found.
+///
+/// ```
+/// use grimace::{locate::{LocateOptions, Locator}, sequence::read_frame};
+///
+/// let picture = read_frame("fixtures/portraits/P01.jpg".as_ref())?;
+/// let face = &Locator::shipped()?.locate(picture.image(), &LocateOptions::default())[0];
+/// assert!(face.trusted() && face.expected_error() < 0.035);
+/// // The eyes of the portraits are about 110 px apart.
+/// assert!((face.eye_distance - 110.0).abs() < 10.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct LocatedFace {
     /// Its points, by node.
@@ -97,6 +130,15 @@ impl LocatedFace {
 }
 
 /// Finds faces and their points.
+///
+/// ```
+/// use grimace::{locate::{LocateOptions, Locator}, sequence::read_frame};
+///
+/// let picture = read_frame("fixtures/portraits/P01.jpg".as_ref())?;
+/// let faces = Locator::shipped()?.locate(picture.image(), &LocateOptions::default());
+/// assert_eq!(faces.len(), 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Locator {
     model: Model,

@@ -19,6 +19,13 @@ pub use sphere::sphere_front;
 pub use subdivide::Subdivision;
 
 /// Why positions and triangles are no mesh.
+///
+/// ```
+/// use grimace::mesh::{MeshError, TriangleMesh};
+///
+/// let error = TriangleMesh::new(vec![[0.0; 3]], vec![[0, 0, 3]]).unwrap_err();
+/// assert_eq!(error, MeshError::NoSuchVertex { triangle: 0, vertex: 3, count: 1 });
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
     /// Nothing to see.
@@ -51,6 +58,16 @@ pub enum MeshError {
 }
 
 /// A mesh file that does not read.
+///
+/// ```
+/// use grimace::mesh::{MeshError, MeshFileError, read_obj};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("points.obj");
+/// std::fs::write(&path, "v 0 0 0\nv 1 0 0\n")?;
+/// assert!(matches!(read_obj(&path), Err(MeshFileError::Mesh { source: MeshError::NoTriangles, .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFileError {
     /// The file cannot be opened or ends early.
@@ -94,6 +111,16 @@ impl MeshFileError {
 }
 
 /// V vertices and T triangles. Every index is in range and every coordinate finite.
+///
+/// ```
+/// use grimace::mesh::TriangleMesh;
+///
+/// let square = vec![[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [0.0, 4.0, 0.0]];
+/// let mesh = TriangleMesh::new(square, vec![[0, 1, 2], [0, 2, 3]])?;
+/// assert_eq!((mesh.vertex_count(), mesh.edges().len(), mesh.diagonal()), (4, 5, 5.0));
+/// assert_eq!(mesh.border_loops().len(), 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TriangleMesh {
     positions: Vec<[f32; 3]>,

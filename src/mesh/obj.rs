@@ -14,6 +14,16 @@ use crate::{foreign::caught, text::excerpt};
 
 /// Reads an OBJ file; polygons become fans.
 ///
+/// ```
+/// use grimace::mesh::read_obj;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("square.obj");
+/// std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")?;
+/// assert_eq!(read_obj(&path)?.triangles(), [[0, 1, 2], [0, 2, 3]]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`MeshFileError`] for a file that cannot be read, lines that do not parse (with their number), or what is no mesh.
 pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
@@ -61,6 +71,16 @@ fn reason(error: &ObjError) -> String {
 }
 
 /// Writes positions and triangles as OBJ, with the shortest decimals that read back to the same `f32`.
+///
+/// ```
+/// use grimace::mesh::write_obj;
+///
+/// let mut text = Vec::new();
+/// write_obj(&mut text, &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]], &[[0, 1, 2]])?;
+/// let text = String::from_utf8(text)?;
+/// assert!(text.contains("v 0 0 0\nv 1 0 0\nv 0 0.5 0\n") && text.ends_with("f 1 2 3\n"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// When `out` cannot be written to.

@@ -84,6 +84,17 @@ impl PropertyAccess for Row {
 
 /// Reads a PLY file: the elements `vertex` (x, y, z) and `face` (`vertex_indices` or `vertex_index`); polygons become fans.
 ///
+/// ```
+/// use grimace::mesh::{read_ply, write_ply};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("triangle.ply");
+/// let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// write_ply(&mut std::fs::File::create(&path)?, &positions, &[[0, 1, 2]])?;
+/// assert_eq!(read_ply(&path)?.positions(), positions);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`MeshFileError`] for a file that cannot be read, is damaged or ends early, or what is no mesh.
 pub fn read_ply(path: &Path) -> Result<TriangleMesh, MeshFileError> {
@@ -123,6 +134,15 @@ fn parse(path: &Path, file: File) -> Result<TriangleMesh, MeshFileError> {
 }
 
 /// Writes positions and triangles as binary little-endian PLY.
+///
+/// ```
+/// use grimace::mesh::write_ply;
+///
+/// let mut bytes = Vec::new();
+/// write_ply(&mut bytes, &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
+/// assert!(bytes.starts_with(b"ply\nformat binary_little_endian 1.0\n"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// When `out` cannot be written to.

@@ -21,12 +21,46 @@ pub use orientation::{EyeCorners, stable_nodes};
 pub use time::{Resample, resample};
 
 /// Frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// use grimace::{normalize::{FRAMES_PER_MODEL, Normalizer}, track::track_model};
+///
+/// // `track` holds the ten frames of a smile.
+/// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
+/// assert_eq!(normalizer.normalize(&track_model(&track)?)?.frame_count(), FRAMES_PER_MODEL);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub const FRAMES_PER_MODEL: usize = 5;
 
 /// Eye separation ES0 of the canonical neutral, face units.
+///
+/// ```
+/// use grimace::{normalize::{CANONICAL_ES, Canonical}, wireframe::Face};
+///
+/// let face = Face::candide3();
+/// let canonical = Canonical::new(&face.wireframe, &face.tables)?;
+/// assert!((canonical.fapus.es - CANONICAL_ES).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub const CANONICAL_ES: f64 = 1024.0;
 
 /// How sizes are made equal.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// use grimace::{normalize::{NormalizeOptions, Normalizer, SizeMode}, track::track_model};
+///
+/// // `track` holds the ten frames of a smile.
+/// let options = NormalizeOptions { size: SizeMode::Uniform, ..NormalizeOptions::default() };
+/// let by_eyes = Normalizer::new(&wireframe, &tables, options)?.normalize(&track_model(&track)?)?;
+/// let by_regions = Normalizer::new(&wireframe, &tables, Default::default())?.normalize(&track_model(&track)?)?;
+/// assert_eq!(by_eyes.neutral(), by_regions.neutral());
+/// assert_ne!(by_eyes.apex(), by_regions.apex());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SizeMode {
@@ -38,6 +72,15 @@ pub enum SizeMode {
 }
 
 /// Which motion of the head is taken out of a track.
+///
+/// ```
+/// use grimace::normalize::{NormalizeOptions, PoseMode};
+///
+/// // As in the paper: roll alone, no turns to a side.
+/// let options = NormalizeOptions { pose: PoseMode::Roll, ..NormalizeOptions::default() };
+/// assert_eq!(serde_json::to_value(options)?["pose"], "roll");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PoseMode {
@@ -49,6 +92,13 @@ pub enum PoseMode {
 }
 
 /// Options of the normalization.
+///
+/// ```
+/// use grimace::normalize::{NormalizeOptions, PoseMode, Resample};
+///
+/// let options = NormalizeOptions { resample: Resample::Linear, ..NormalizeOptions::default() };
+/// assert_eq!(options.pose, PoseMode::Full);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NormalizeOptions {
     /// How frames are sampled.
@@ -67,6 +117,18 @@ impl Default for NormalizeOptions {
 }
 
 /// Why a track cannot be normalized.
+///
+/// ```
+/// use grimace::model::{DynamicExpressionModel, FrameExpressionModel};
+/// use grimace::normalize::{NormalizeError, Normalizer};
+///
+/// # let face = grimace::wireframe::Face::candide3();
+/// let normalizer = Normalizer::new(&face.wireframe, &face.tables, Default::default())?;
+/// let of_one_node = DynamicExpressionModel::new(vec![FrameExpressionModel::new(vec![[0.0, 0.0].into()]); 2])?;
+/// let error = normalizer.normalize(&of_one_node).unwrap_err();
+/// assert!(matches!(error, NormalizeError::NodeCount { found: 1, expected: 113 }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum NormalizeError {
     /// The points that expressions do not move determine no similarity.
@@ -89,6 +151,17 @@ pub enum NormalizeError {
 }
 
 /// The canonical neutral: the frontal wireframe scaled so that ES0 = 1024 face units, and its FAPUs.
+///
+/// ```
+/// use grimace::{normalize::Canonical, units::NodeId, wireframe::Face};
+///
+/// let face = Face::candide3();
+/// let canonical = Canonical::new(&face.wireframe, &face.tables)?;
+/// // The tip of the nose lies on the midline, the left corner of the mouth to its left.
+/// assert_eq!(canonical.neutral.node(NodeId(5)).map(|node| node.x), Some(0.0));
+/// assert!(canonical.neutral.node(NodeId(31)).is_some_and(|node| node.x > 0.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Canonical {
     /// All nodes, face units, y up.
@@ -112,6 +185,19 @@ impl Canonical {
 }
 
 /// Normalizes tracked models of one wireframe.
+///
+/// ```
+/// use grimace::{normalize::Normalizer, track::{read_track, track_model}, wireframe::Face};
+///
+/// let Face { wireframe, tables } = Face::candide3();
+/// let track = track_model(&read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?)?;
+/// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
+/// let model = normalizer.normalize(&track)?;
+/// // Every model starts from the same face, and this one smiles: the left corner of the mouth goes up.
+/// assert_eq!(model.neutral(), &normalizer.canonical().neutral);
+/// assert!(model.neutral_offsets(4)[31].y > 50.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Normalizer<'a> {
     wireframe: &'a Wireframe,

@@ -9,6 +9,14 @@ use crate::{
 };
 
 /// How a frame between two frames is made.
+///
+/// ```
+/// use grimace::normalize::Resample;
+///
+/// assert_eq!(Resample::default(), Resample::Nearest);
+/// assert_eq!(serde_json::from_str::<Resample>("\"linear\"")?, Resample::Linear);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Resample {

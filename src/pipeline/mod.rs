@@ -84,6 +84,14 @@ pub use variation::{Curve, EmotionVariation, SHOWN_COMPONENTS, SHOWN_DEVIATIONS}
 pub use write::write_analysis;
 
 /// Options of every stage: one struct per stage.
+///
+/// ```
+/// use grimace::pipeline::{PipelineOptions, Workbench};
+///
+/// let options = PipelineOptions { by: vec!["cohort".to_owned()], no_faces: true, ..PipelineOptions::default() };
+/// assert_eq!(Workbench::new(None, options)?.options.by, ["cohort"]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PipelineOptions {
     /// Fit.
@@ -145,6 +153,14 @@ impl Default for LandmarkOptions {
 }
 
 /// Options of the FAP files.
+///
+/// ```
+/// use grimace::pipeline::{FapOptions, PipelineOptions};
+///
+/// let fap = FapOptions { fps: 50, ..FapOptions::default() };
+/// let options = PipelineOptions { fap, ..PipelineOptions::default() };
+/// assert_eq!((options.fap.fps, options.fap.between), (50, 5));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FapOptions {
     /// Interpolated frames between two key frames.
@@ -163,6 +179,13 @@ impl Default for FapOptions {
 }
 
 /// A wireframe that cannot be worked with.
+///
+/// ```
+/// use grimace::pipeline::{Workbench, WorkbenchError};
+///
+/// let error = Workbench::new(Some("no-such-file.wfm".as_ref()), Default::default()).unwrap_err();
+/// assert!(matches!(error, WorkbenchError::Wfm(_)));
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum WorkbenchError {
     /// The file does not read.
@@ -177,6 +200,15 @@ pub enum WorkbenchError {
 }
 
 /// A wireframe with everything that is computed once for it, and the options of every stage.
+///
+/// ```
+/// use grimace::{correspondence::read_correspondences, pipeline::Workbench};
+///
+/// let bench = Workbench::new(None, Default::default())?;
+/// let marks = read_correspondences("fixtures/simulated/S001/005/correspondences.csv".as_ref(), &bench.tables, 113)?;
+/// assert_eq!(bench.fit(&marks)?.model.node_count(), bench.wireframe.node_count());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Workbench {
     /// The wireframe and its tables. A workbench is a face: `bench.wireframe` is `bench.face.wireframe`.

@@ -12,6 +12,17 @@ use crate::{
 
 /// Writes a normalized model or a representative: `frame,node,x,y`, face units, frames from 0; the BLAKE3 of the file.
 ///
+/// ```
+/// use grimace::pipeline::{read_model, write_model};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("copy.csv");
+/// let happiness = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
+/// write_model(&path, &happiness)?;
+/// assert_eq!(read_model(&path)?, happiness);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`OutputError`].
 pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Result<blake3::Hash, OutputError> {
@@ -27,6 +38,16 @@ pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Res
 }
 
 /// A model file that does not read.
+///
+/// ```
+/// use grimace::pipeline::{ModelFileError, read_model};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("model.csv");
+/// std::fs::write(&path, "frame,node,x,y\n0,0,zero,0\n")?;
+/// assert!(matches!(read_model(&path), Err(ModelFileError::Positions(_))));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum ModelFileError {
     /// It does not read as a table of `frame,node,x,y` with whole frames.
@@ -43,6 +64,14 @@ pub enum ModelFileError {
 }
 
 /// Reads a normalized model or a representative.
+///
+/// ```
+/// use grimace::pipeline::read_model;
+///
+/// let happiness = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
+/// assert_eq!((happiness.frame_count(), happiness.node_count()), (5, 113));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`ModelFileError`] with the line.

@@ -35,6 +35,31 @@ use crate::{
 };
 
 /// What happens during a run, for a progress bar.
+///
+/// ```
+/// # use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+/// # let folder = tempfile::tempdir()?;
+/// # let (dataset, out) = (folder.path().join("manifest.csv"), folder.path().join("out"));
+/// # let row = |subject: &str| -> std::io::Result<String> {
+/// #     let frames = std::path::absolute(format!("fixtures/simulated/{subject}/005"))?.display().to_string();
+/// #     Ok(format!("{subject},5,happiness,{frames},{frames}/correspondences.csv,3\n"))
+/// # };
+/// # let header = "subject,sequence,emotion,frames,correspondences,last_frame";
+/// # std::fs::write(&dataset, format!("{header}\n{}{}", row("S001")?, row("S002")?))?;
+/// # let options = grimace::pipeline::PipelineOptions { no_faces: true, ..Default::default() };
+/// # let bench = grimace::pipeline::Workbench::new(None, options)?;
+/// use grimace::pipeline::{Event, run};
+///
+/// // `dataset` has two sequences of happiness, three frames each.
+/// // `event` is called from many threads.
+/// let frames = AtomicUsize::new(0);
+/// let count = |event| {
+///     frames.fetch_add(usize::from(matches!(event, Event::Frame)), Ordering::Relaxed);
+/// };
+/// run(&dataset, &out, &bench, None, false, &AtomicBool::new(false), count)?;
+/// assert_eq!(frames.load(Ordering::Relaxed), 6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub enum Event {
     /// The dataset was read.
@@ -63,6 +88,29 @@ pub enum Event {
 }
 
 /// What a run did.
+///
+/// ```
+/// # use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+/// # let folder = tempfile::tempdir()?;
+/// # let (dataset, out) = (folder.path().join("manifest.csv"), folder.path().join("out"));
+/// # let row = |subject: &str| -> std::io::Result<String> {
+/// #     let frames = std::path::absolute(format!("fixtures/simulated/{subject}/005"))?.display().to_string();
+/// #     Ok(format!("{subject},5,happiness,{frames},{frames}/correspondences.csv,3\n"))
+/// # };
+/// # let header = "subject,sequence,emotion,frames,correspondences,last_frame";
+/// # std::fs::write(&dataset, format!("{header}\n{}{}", row("S001")?, row("S002")?))?;
+/// # let options = grimace::pipeline::PipelineOptions { no_faces: true, ..Default::default() };
+/// # let bench = grimace::pipeline::Workbench::new(None, options)?;
+/// use grimace::pipeline::run;
+///
+/// // `dataset` has two sequences of happiness, three frames each.
+/// let go = || run(&dataset, &out, &bench, None, false, &AtomicBool::new(false), |_| ());
+/// let first = go()?;
+/// assert_eq!((first.sequences, first.tracked, first.failures.len()), (2, 2, 0));
+/// // What is unchanged is not done again.
+/// assert!(go()?.unchanged);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunSummary {
     /// Sequences in the dataset.
@@ -84,6 +132,19 @@ pub struct RunSummary {
 }
 
 /// Why a run ended without results.
+///
+/// ```
+/// use std::sync::atomic::AtomicBool;
+///
+/// use grimace::pipeline::{RunError, Workbench, run};
+///
+/// let out = tempfile::tempdir()?;
+/// std::fs::write(out.path().join("thesis.tex"), "")?;
+/// let bench = Workbench::new(None, Default::default())?;
+/// let error = run("fixtures/simulated".as_ref(), out.path(), &bench, None, false, &AtomicBool::new(false), |_| ()).unwrap_err();
+/// assert!(matches!(error, RunError::ForeignFolder { .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The dataset does not open.
@@ -175,6 +236,27 @@ pub enum RunError {
 /// Runs every stage over a dataset into the folder `out`.
 ///
 /// `event` is called from many threads. `stop` ends the run at the next frame, leaving whole files only.
+///
+/// ```
+/// # use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+/// # let folder = tempfile::tempdir()?;
+/// # let (dataset, out) = (folder.path().join("manifest.csv"), folder.path().join("out"));
+/// # let row = |subject: &str| -> std::io::Result<String> {
+/// #     let frames = std::path::absolute(format!("fixtures/simulated/{subject}/005"))?.display().to_string();
+/// #     Ok(format!("{subject},5,happiness,{frames},{frames}/correspondences.csv,3\n"))
+/// # };
+/// # let header = "subject,sequence,emotion,frames,correspondences,last_frame";
+/// # std::fs::write(&dataset, format!("{header}\n{}{}", row("S001")?, row("S002")?))?;
+/// # let options = grimace::pipeline::PipelineOptions { no_faces: true, ..Default::default() };
+/// # let bench = grimace::pipeline::Workbench::new(None, options)?;
+/// use grimace::pipeline::run;
+///
+/// // `dataset` has two sequences of happiness, three frames each.
+/// let summary = run(&dataset, &out, &bench, None, false, &AtomicBool::new(false), |_| ())?;
+/// assert_eq!(summary.representatives, [("happiness".to_owned(), 2)]);
+/// assert!(out.join("report.html").exists() && out.join("fap/happiness.fap").exists());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`RunError`]; single sequences that fail are not errors but rows of [`RunSummary::failures`].

@@ -12,6 +12,17 @@ pub const HEAD_ES: f64 = 0.613;
 const NEAREST: f64 = 0.3;
 
 /// Where a head is and how it is turned.
+///
+/// ```
+/// use grimace::pose::HeadPose;
+/// use nalgebra::{Point2, Point3};
+///
+/// let rotation = HeadPose::rotation_of(20.0, 0.0, 0.0);
+/// let pose = HeadPose { rotation, scale: 100.0, position: Point2::new(160.0, 120.0), distance: 8.0 };
+/// assert!((pose.degrees()[0] - 20.0).abs() < 1e-9);
+/// // The middle of the head is seen where the pose says.
+/// assert!((pose.project(&Point3::origin()) - pose.position).norm() < 1e-9);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadPose {
     /// Camera axes from face axes.

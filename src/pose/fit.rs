@@ -47,6 +47,19 @@ const HIDDEN: f64 = 0.05;
 const UNEXPLAINED: f64 = 0.1;
 
 /// Why a track has no pose.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// use grimace::pose::{HeadFitter, PoseError};
+///
+/// // `track` holds the ten frames of a smile.
+/// let mut cut = track.clone();
+/// cut[0].nodes.truncate(10);
+/// let error = HeadFitter::new(&wireframe, &tables).fit(&tables, &cut, &[]).unwrap_err();
+/// assert_eq!(error, PoseError::NodeCount { frame: 1, found: 10, expected: 113 });
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// The points that expressions do not move determine no placement.
@@ -85,6 +98,18 @@ pub enum PoseError {
 }
 
 /// A person's head, and its pose and expression in every frame.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// use grimace::pose::HeadFitter;
+///
+/// // `track` holds the ten frames of a smile.
+/// let fit = HeadFitter::new(&wireframe, &tables).fit(&tables, &track, &[])?;
+/// assert_eq!((fit.poses.len(), fit.neutral.len()), (10, 113));
+/// assert!(fit.failures.iter().all(Option::is_none) && fit.residuals.iter().all(|px| *px < 1.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct HeadFit {
     /// The neutral head, N nodes, model units, face axes, from the middle of the head.

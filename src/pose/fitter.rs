@@ -12,6 +12,20 @@ use crate::{
 };
 
 /// Fits heads to tracks and takes their motion out.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// use grimace::pose::HeadFitter;
+///
+/// // `track` holds the ten frames of a smile.
+/// let fitter = HeadFitter::new(&wireframe, &tables);
+/// let fit = fitter.fit(&tables, &track, &[])?;
+/// // The same face, looking into the camera all the time.
+/// let frontal = fitter.frontal((&wireframe, &tables), &fit, &track)?;
+/// assert_eq!(frontal.frame_count(), 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct HeadFitter {
     model: HeadModel,

@@ -35,6 +35,15 @@ pub struct NamedOffsets {
 ///
 /// A neutral head is `mean + sum_j a_j identity_j + r`, an expression adds `sum_k e_k expression_k`; `a` and `e` are independent with
 /// mean 0 and standard deviation 1, `r` is each person's own.
+///
+/// ```
+/// use grimace::{pose::HeadModel, wireframe::Face};
+///
+/// let face = Face::candide3();
+/// let head = HeadModel::shipped(&face.wireframe, &face.tables);
+/// assert_eq!((head.node_count(), head.mean.len()), (113, 113));
+/// assert!(head.shapes.iter().any(|shape| shape.name == "jawOpen"));
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeadModel {
     /// Mean head.

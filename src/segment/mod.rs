@@ -37,6 +37,16 @@ fn weight(number: u8) -> f64 {
 const EYES: [u8; 3] = [5, 6, 7];
 
 /// What a recording's frame is segmented by.
+///
+/// ```
+/// use grimace::segment::RecordedFrame;
+///
+/// // Action unit 12 is the ninth of the list.
+/// let mut units = [0.0; 21];
+/// units[8] = 4.0;
+/// let smiling = RecordedFrame { number: 1, reason: None, confidence: 1.0, pose: [0.0; 3], units, eyes: [1.0; 2], mouth: 0.0 };
+/// assert!(smiling.reason.is_none() && smiling.units[8] == 4.0);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedFrame {
     /// Frame number.
@@ -71,6 +81,23 @@ impl From<&FrameFeatures> for RecordedFrame {
 }
 
 /// How expressions are told from rests. Activities are on the scale of action units, 0 to 5.
+///
+/// ```
+/// # let frame = |t: u16| {
+/// #     let mut units = [0.0; 21];
+/// #     units[8] = (4.0 - f32::from(t.abs_diff(55)) * 4.0 / if t < 55 { 15.0 } else { 20.0 }).max(0.0);
+/// #     let (number, eyes, pose) = (u32::from(t) + 1, [1.0; 2], [0.0; 3]);
+/// #     grimace::segment::RecordedFrame { number, reason: None, confidence: 1.0, pose, units, eyes, mouth: 0.0 }
+/// # };
+/// # let recording: Vec<_> = (0..100).map(frame).collect();
+/// use grimace::segment::{SegmentOptions, segment};
+///
+/// // Somebody smiles in the middle of `recording`, most in its frame 56.
+/// // Only an activity above the smile's would count.
+/// let options = SegmentOptions { high: 20.0, ..SegmentOptions::default() };
+/// assert!(segment(&recording, 25.0, &options)?.expressions.is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SegmentOptions {
@@ -91,6 +118,23 @@ impl Default for SegmentOptions {
 }
 
 /// What a frame belongs to.
+///
+/// ```
+/// # let frame = |t: u16| {
+/// #     let mut units = [0.0; 21];
+/// #     units[8] = (4.0 - f32::from(t.abs_diff(55)) * 4.0 / if t < 55 { 15.0 } else { 20.0 }).max(0.0);
+/// #     let (number, eyes, pose) = (u32::from(t) + 1, [1.0; 2], [0.0; 3]);
+/// #     grimace::segment::RecordedFrame { number, reason: None, confidence: 1.0, pose, units, eyes, mouth: 0.0 }
+/// # };
+/// # let recording: Vec<_> = (0..100).map(frame).collect();
+/// use grimace::segment::{Phase, segment};
+///
+/// // Somebody smiles in the middle of `recording`, most in its frame 56.
+/// let found = segment(&recording, 25.0, &Default::default())?;
+/// assert_eq!([10, 48, 55, 70].map(|k: usize| found.phases[k]), [Phase::Rest, Phase::Onset, Phase::Apex, Phase::Offset]);
+/// assert_eq!(Phase::Rest.name(), "rest");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Phase {
@@ -120,6 +164,24 @@ impl Phase {
 }
 
 /// An expression; all but the confidence are places in the list of frames.
+///
+/// ```
+/// # let frame = |t: u16| {
+/// #     let mut units = [0.0; 21];
+/// #     units[8] = (4.0 - f32::from(t.abs_diff(55)) * 4.0 / if t < 55 { 15.0 } else { 20.0 }).max(0.0);
+/// #     let (number, eyes, pose) = (u32::from(t) + 1, [1.0; 2], [0.0; 3]);
+/// #     grimace::segment::RecordedFrame { number, reason: None, confidence: 1.0, pose, units, eyes, mouth: 0.0 }
+/// # };
+/// # let recording: Vec<_> = (0..100).map(frame).collect();
+/// use grimace::segment::{Expression, segment};
+///
+/// // Somebody smiles in the middle of `recording`, most in its frame 56.
+/// let found = segment(&recording, 25.0, &Default::default())?;
+/// let Expression { neutral, onset, apex, offset, .. } = found.expressions[0];
+/// assert!(neutral <= onset && onset < apex && apex < offset);
+/// assert!(apex.abs_diff(55) <= 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expression {
     /// A frame at rest before it, or after it where there is none before.
@@ -137,6 +199,23 @@ pub struct Expression {
 }
 
 /// The rests and expressions of a list of frames.
+///
+/// ```
+/// # let frame = |t: u16| {
+/// #     let mut units = [0.0; 21];
+/// #     units[8] = (4.0 - f32::from(t.abs_diff(55)) * 4.0 / if t < 55 { 15.0 } else { 20.0 }).max(0.0);
+/// #     let (number, eyes, pose) = (u32::from(t) + 1, [1.0; 2], [0.0; 3]);
+/// #     grimace::segment::RecordedFrame { number, reason: None, confidence: 1.0, pose, units, eyes, mouth: 0.0 }
+/// # };
+/// # let recording: Vec<_> = (0..100).map(frame).collect();
+/// use grimace::segment::segment;
+///
+/// // Somebody smiles in the middle of `recording`, most in its frame 56.
+/// let found = segment(&recording, 25.0, &Default::default())?;
+/// assert_eq!((found.phases.len(), found.expressions.len(), found.without_rest.len()), (100, 1, 0));
+/// assert!(found.activity[55] > found.activity[found.rest]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segmentation {
     /// Place of the frame that is most at rest.
@@ -152,6 +231,12 @@ pub struct Segmentation {
 }
 
 /// Why frames cannot be segmented.
+///
+/// ```
+/// use grimace::segment::{SegmentError, segment};
+///
+/// assert_eq!(segment(&[], 25.0, &Default::default()), Err(SegmentError::TooFew { found: 0, frames: 0 }));
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SegmentError {
     /// Nothing but motion.
@@ -203,6 +288,22 @@ const MOMENT: f64 = 0.6;
 const MOST_WAY: f64 = 4.5;
 
 /// Finds rests and expressions in frames that follow each other.
+///
+/// ```
+/// use grimace::segment::{RecordedFrame, segment};
+///
+/// // A smile in a recording of four seconds: action unit 12, the ninth of the list, goes up and down again.
+/// let frame = |t: u16| {
+///     let mut units = [0.0; 21];
+///     units[8] = (4.0 - f32::from(t.abs_diff(55)) / 4.0).max(0.0);
+///     let (number, pose, eyes) = (u32::from(t) + 1, [0.0; 3], [1.0; 2]);
+///     RecordedFrame { number, reason: None, confidence: 1.0, pose, units, eyes, mouth: 0.0 }
+/// };
+/// let recording: Vec<RecordedFrame> = (0..100).map(frame).collect();
+/// let found = segment(&recording, 25.0, &Default::default())?;
+/// assert!(found.expressions.len() == 1 && found.expressions[0].apex.abs_diff(55) <= 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`SegmentError`] when there is no rest.

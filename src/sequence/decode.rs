@@ -12,6 +12,17 @@ use super::{
 };
 
 /// Why bytes are not an image.
+///
+/// ```
+/// use grimace::sequence::{DecodeError, SequenceError, read_frame};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("frame_1.png");
+/// std::fs::write(&path, "")?;
+/// let error = read_frame(&path).unwrap_err();
+/// assert!(matches!(error, SequenceError::Decode { source: DecodeError::Empty, .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum DecodeError {
     /// The file cannot be read.

@@ -31,6 +31,15 @@ pub use film::{FilmError, write_video};
 pub use limit::{DEFAULT_MAX_PIXELS, max_pixels, set_max_pixels};
 
 /// Width and height in pixels.
+///
+/// ```
+/// use grimace::sequence::ImageSize;
+/// use nalgebra::Point2;
+///
+/// let size = ImageSize { width: 320, height: 240 };
+/// // Pixels reach half a pixel around their centres.
+/// assert!(size.contains(&Point2::new(-0.5, 239.4)) && !size.contains(&Point2::new(0.0, 240.0)));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ImageSize {
     /// Columns.
@@ -54,6 +63,15 @@ impl std::fmt::Display for ImageSize {
 }
 
 /// One decoded frame: 8-bit grey pixels and the frame's number.
+///
+/// ```
+/// use grimace::sequence::Frame;
+/// use image::{GrayImage, Luma};
+///
+/// let frame = Frame::new(1, GrayImage::from_pixel(320, 240, Luma([128])));
+/// assert_eq!((frame.number(), frame.size().to_string()), (1, "320x240".to_owned()));
+/// assert_eq!(frame.image().get_pixel(0, 0).0, [128]);
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
     number: u32,
@@ -88,6 +106,13 @@ impl Frame {
 }
 
 /// Why a sequence cannot be read.
+///
+/// ```
+/// use grimace::{dataset::FrameSource, sequence::{SequenceError, SequenceReader}};
+///
+/// let error = SequenceReader::open(&FrameSource::Images(vec![])).err().expect("no frames");
+/// assert!(matches!(error, SequenceError::TooFewFrames { found: 0 }));
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
     /// A frame does not decode.
@@ -144,6 +169,18 @@ pub enum SequenceError {
 }
 
 /// Reads the frames of one sequence one after the other; at most one decoded frame is held.
+///
+/// ```
+/// use grimace::{dataset::list_frames, sequence::SequenceReader};
+///
+/// let source = list_frames("fixtures/simulated/S001/005".as_ref(), None, Some(3))?;
+/// let mut numbers = Vec::new();
+/// for frame in SequenceReader::open(&source)? {
+///     numbers.push(frame?.number());
+/// }
+/// assert_eq!(numbers, [1, 2, 3]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct SequenceReader {
     source: Source,
     size: Option<ImageSize>,
@@ -255,6 +292,14 @@ impl Iterator for SequenceReader {
 
 /// Reads one image file as grey pixels.
 ///
+/// ```
+/// use grimace::sequence::read_frame;
+///
+/// let frame = read_frame("fixtures/simulated/S001/005/S001_005_00000001.jpg".as_ref())?;
+/// assert_eq!(frame.size().to_string(), "320x320");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
@@ -264,6 +309,14 @@ pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
 }
 
 /// The first frame of a sequence: its neutral one.
+///
+/// ```
+/// use grimace::{dataset::list_frames, sequence::read_first_frame};
+///
+/// let source = list_frames("fixtures/simulated/S001/005".as_ref(), Some(4), None)?;
+/// assert_eq!(read_first_frame(&source)?.number(), 4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`SequenceError`] when it does not read.

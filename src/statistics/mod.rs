@@ -40,6 +40,16 @@ pub use trimming::TrimLevel;
 pub use weights::{Weighting, sequence_weights};
 
 /// A normalized model and the sequence it was made from.
+///
+/// ```
+/// use grimace::{pipeline::read_model, statistics::SequenceModel, units::SequenceId};
+///
+/// let id = SequenceId { subject: "P1".to_owned(), sequence: "smile".to_owned() };
+/// let model = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
+/// let smile = SequenceModel { id, model };
+/// assert_eq!((smile.id.to_string().as_str(), smile.model.frame_count()), ("P1_smile", 5));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SequenceModel {
     /// The sequence.
@@ -49,6 +59,16 @@ pub struct SequenceModel {
 }
 
 /// What the representative is taken of: an emotion, or an emotion within a group of people.
+///
+/// ```
+/// use std::collections::BTreeMap;
+///
+/// use grimace::statistics::ClassLabel;
+///
+/// let all = ClassLabel { emotion: "happiness".to_owned(), group: BTreeMap::new() };
+/// let women = ClassLabel { group: BTreeMap::from([("sex".to_owned(), "f".to_owned())]), ..all.clone() };
+/// assert!(all < women);
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ClassLabel {
     /// Emotion label.
@@ -58,6 +78,13 @@ pub struct ClassLabel {
 }
 
 /// Which generalized median becomes the representative.
+///
+/// ```
+/// use grimace::statistics::{MedianKind, StatisticsOptions};
+///
+/// let options = StatisticsOptions { median: MedianKind::Exact, ..StatisticsOptions::default() };
+/// assert_ne!(options.median, MedianKind::default());
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MedianKind {
@@ -69,6 +96,13 @@ pub enum MedianKind {
 }
 
 /// Options of the statistics.
+///
+/// ```
+/// use grimace::statistics::StatisticsOptions;
+///
+/// let without_trimming = StatisticsOptions { alpha: 0.0, ..StatisticsOptions::default() };
+/// assert_eq!((without_trimming.alpha, StatisticsOptions::DEFAULT_ALPHA), (0.0, 0.1));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, serde::Deserialize)]
 pub struct StatisticsOptions {
     /// Share of models trimmed per displacement field, 0 <= alpha < 0.5.
@@ -100,6 +134,33 @@ impl Default for StatisticsOptions {
 }
 
 /// One line of the trimming trace: how far one model's displacement field is from the others' [KP, eq. 6].
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let label = grimace::statistics::ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
+/// use grimace::statistics::{StatisticsOptions, representative};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let models = [smile("P1", 10.0), smile("P2", 12.0), smile("P3", 14.0), smile("P4", 500.0)];
+/// let options = StatisticsOptions { alpha: 0.25, ..StatisticsOptions::default() };
+/// let trimmed = representative(label, &models, &face.wireframe, &options)?;
+/// // A quarter of each of the four displacement fields is dropped: that of P4.
+/// let dropped: Vec<&str> = trimmed.trimming.iter().filter(|row| row.dropped).map(|row| row.id.subject.as_str()).collect();
+/// assert_eq!(dropped, ["P4"; 4]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrimmingRow {
     /// Displacement field m, from 0: the motion from frame m to m + 1.
@@ -113,6 +174,31 @@ pub struct TrimmingRow {
 }
 
 /// A generalized median as a sum of distances, and how sure we are of it.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let label = grimace::statistics::ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
+/// use grimace::statistics::representative;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// // The median of the smiles of 10, 20 and 30 is that of 20, and both searches find it.
+/// let models = [smile("P1", 10.0), smile("P2", 20.0), smile("P3", 30.0)];
+/// let sums = representative(label, &models, &face.wireframe, &Default::default())?.sums;
+/// assert_eq!((sums.greedy, sums.greedy_gap), (sums.exact, 0.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MedianSums {
     /// Sum of distances [KP, eq. 7] of the greedy answer, face units.
@@ -128,6 +214,30 @@ pub struct MedianSums {
 }
 
 /// How the searches for the medians after trimming went.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let label = grimace::statistics::ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
+/// use grimace::statistics::representative;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let models = [smile("P1", 10.0), smile("P2", 20.0), smile("P3", 30.0)];
+/// let search = representative(label, &models, &face.wireframe, &Default::default())?.search;
+/// assert_eq!(search.greedy_ending, search.exact_ending);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MedianSearch {
     /// Displacement vectors that the greedy search replaced.
@@ -141,6 +251,32 @@ pub struct MedianSearch {
 }
 
 /// A representative dynamic expression with its dispersion.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let label = grimace::statistics::ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
+/// use grimace::statistics::representative;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let models = [smile("P1", 10.0), smile("P2", 20.0), smile("P3", 30.0)];
+/// let smile = representative(label, &models, &face.wireframe, &Default::default())?;
+/// // The corners of the mouth rise by 20 from frame to frame, 80 in all.
+/// assert!((smile.model.neutral_offsets(4)[31].y - 80.0).abs() < 1e-6);
+/// assert_eq!((smile.sequences.len(), smile.trimming.len()), (3, 4 * 3));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Representative {
     /// What it represents.
@@ -180,6 +316,30 @@ pub struct Representative {
 }
 
 /// Why statistics cannot be computed.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let label = grimace::statistics::ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
+/// use grimace::statistics::{StatisticsError, StatisticsOptions, representative};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let options = StatisticsOptions { alpha: 0.5, ..StatisticsOptions::default() };
+/// let error = representative(label, &[smile("P1", 10.0)], &face.wireframe, &options).unwrap_err();
+/// assert!(matches!(error, StatisticsError::AlphaOutOfRange { alpha: 0.5 }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum StatisticsError {
     /// No model.

@@ -41,6 +41,33 @@ pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 /// sequences, each person weighs the same in `d_tf`, trimming, median and dispersion, unless [`StatisticsOptions::weighting`] says
 /// otherwise; sums of distances are then weighted sums.
 ///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use std::collections::BTreeMap;
+///
+/// use grimace::statistics::{ClassLabel, StatisticsOptions, representative};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let models = [smile("P1", 10.0), smile("P2", 20.0), smile("P3", 30.0)];
+/// let label = ClassLabel { emotion: "smile".to_owned(), group: BTreeMap::new() };
+/// let options = StatisticsOptions { alpha: 0.0, ..StatisticsOptions::default() };
+/// let smile = representative(label, &models, &face.wireframe, &options)?;
+/// assert!((smile.model.displacement_field(0)[31].y - 20.0).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`StatisticsError`] for no models, alpha outside 0 <= alpha < 0.5, two models of one sequence, models whose shape or neutral
 /// frame differs from the others', and displacements of [`MAX_DISPLACEMENT`] or more.

@@ -15,6 +15,32 @@ use super::distance::DisplacementFields;
 const BLOCK: usize = 32;
 
 /// What is trimmed.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let label = grimace::statistics::ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
+/// use grimace::statistics::{StatisticsOptions, TrimLevel, representative};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let models = [smile("P1", 10.0), smile("P2", 12.0), smile("P3", 14.0), smile("P4", 500.0)];
+/// let options = StatisticsOptions { alpha: 0.25, trim: TrimLevel::Model, ..StatisticsOptions::default() };
+/// let trimmed = representative(label, &models, &face.wireframe, &options)?;
+/// // One of four models goes, as a whole: it has no distance any more.
+/// assert_eq!(trimmed.distances.iter().position(Option::is_none), Some(3));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrimLevel {

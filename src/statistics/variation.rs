@@ -31,6 +31,29 @@ const LEAST_SHARE: f64 = 1e-9;
 pub const QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
 /// Why there are no components.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::{Variation, VariationError};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let alone = smile("P1", 10.0);
+/// let error = Variation::new(&[&alone], &face.wireframe).unwrap_err();
+/// assert_eq!(error, VariationError::TooFewPeople { found: 1 });
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VariationError {
     /// Too few to vary.
@@ -54,6 +77,30 @@ pub enum VariationError {
 }
 
 /// One direction in which people differ.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::Variation;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let models = [smile("P1", 10.0), smile("P2", 20.0), smile("P3", 30.0)];
+/// let variation = Variation::new(&[&models[0], &models[1], &models[2]], &face.wireframe)?;
+/// // They differ in their strength and in nothing else.
+/// assert!((variation.components[0].share - 1.0).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Component {
     /// Share of the variance over people, 0 to 1.
@@ -65,6 +112,30 @@ pub struct Component {
 }
 
 /// How the people of one emotion differ.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::Variation;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let models = [smile("P1", 10.0), smile("P2", 20.0), smile("P3", 30.0)];
+/// let variation = Variation::new(&[&models[0], &models[1], &models[2]], &face.wireframe)?;
+/// assert_eq!(variation.people, 3);
+/// assert!((variation.mean.neutral_offsets(4)[31].y - 80.0).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variation {
     /// The mean model.

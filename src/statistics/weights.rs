@@ -7,6 +7,34 @@ use serde::{Deserialize, Serialize};
 use crate::units::SequenceId;
 
 /// What has the same weight in trimming, median and dispersion.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let label = grimace::statistics::ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
+/// use grimace::statistics::{StatisticsOptions, Weighting, representative};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// // P1 smiled twice.
+/// let mut models = vec![smile("P1", 10.0), smile("P1", 11.0), smile("P2", 20.0), smile("P3", 30.0)];
+/// models[1].id.sequence = "again".to_owned();
+/// let by_person = representative(label.clone(), &models, &face.wireframe, &Default::default())?;
+/// let options = StatisticsOptions { weighting: Weighting::Sequence, ..StatisticsOptions::default() };
+/// let by_sequence = representative(label, &models, &face.wireframe, &options)?;
+/// assert!(by_person.weighted && !by_sequence.weighted);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Weighting {

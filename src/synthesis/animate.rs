@@ -30,6 +30,14 @@ pub const SMOOTHING_FRAMES: f64 = 2.0;
 pub const BOUND_STARTS: usize = 8;
 
 /// How a motion becomes a surface.
+///
+/// ```
+/// use grimace::synthesis::{RegionScheme, SynthesisOptions};
+///
+/// let options = SynthesisOptions { regions: RegionScheme::Halves, emphasis: 1.2, ..SynthesisOptions::default() };
+/// assert!(options.check().is_ok());
+/// assert!(SynthesisOptions { emphasis: 0.0, ..options }.check().is_err());
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SynthesisOptions {
     /// How weights are found.
@@ -85,6 +93,25 @@ impl SynthesisOptions {
 }
 
 /// The answer for one frame.
+///
+/// ```
+/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
+/// # let names = ["right", "up"].map(str::to_owned).to_vec();
+/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
+/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
+/// use grimace::synthesis::{FpMotion, SynthesisOptions, Synthesizer};
+///
+/// // The two members of `bank` move all vertices by 1: to the right, and up.
+/// let synthesizer = Synthesizer::new(&bank, SynthesisOptions::default())?;
+/// let answer = synthesizer.solve(&FpMotion::of_surface(&bank, bank.displacements(1)), 0);
+/// // The bank's own member is found: its motion has the target's directions.
+/// assert!(answer.fitness.is_some_and(|fitness| fitness > 0.999));
+/// assert_eq!(answer.weights.len(), 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameAnswer {
     /// Weights of the members, region by region; zeros where nothing should move, empty for [`Solver::Rbf`].
@@ -119,6 +146,26 @@ fn mean<'a>(values: impl Iterator<Item = &'a f64>) -> Option<f64> {
 }
 
 /// A bank made ready for searches.
+///
+/// ```
+/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
+/// # let names = ["right", "up"].map(str::to_owned).to_vec();
+/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
+/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
+/// use grimace::synthesis::{FpMotion, Solver, SynthesisOptions, Synthesizer};
+///
+/// // The two members of `bank` move all vertices by 1: to the right, and up.
+/// let options = SynthesisOptions { solver: Solver::Nnls, ..SynthesisOptions::default() };
+/// let synthesizer = Synthesizer::new(&bank, options)?;
+/// let up = FpMotion::of_surface(&bank, bank.displacements(1));
+/// let surface = synthesizer.surface(&synthesizer.solve(&up, 0), &up);
+/// // Every vertex goes up by 1, as in the bank's second member.
+/// assert!(surface.iter().all(|[x, y, _]| x.abs() < 1e-5 && (y - 1.0).abs() < 1e-5));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Synthesizer<'b> {
     bank: &'b Bank,

@@ -12,6 +12,15 @@ use crate::{
 };
 
 /// The vertex that stands for a feature point.
+///
+/// ```
+/// use grimace::synthesis::candide_bank;
+///
+/// let bank = candide_bank()?;
+/// let corner = bank.feature_points().iter().find(|point| point.fp.to_string() == "8.3").expect("8.3");
+/// assert!((corner.vertex as usize) < bank.vertex_count());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FeaturePointVertex {
     /// The feature point.
@@ -21,6 +30,16 @@ pub struct FeaturePointVertex {
 }
 
 /// Of which shapes the members of a mixed bank are made.
+///
+/// ```
+/// use grimace::synthesis::candide_bank;
+///
+/// let bank = candide_bank()?;
+/// let composition = bank.info().composition.as_ref().expect("members are mixed of motion units");
+/// assert_eq!(composition.weights.len(), bank.member_count());
+/// assert!(composition.weights.iter().all(|weights| weights.len() == composition.shapes.len()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Composition {
     /// Names of the shapes.
@@ -30,6 +49,13 @@ pub struct Composition {
 }
 
 /// What a bank says of itself.
+///
+/// ```
+/// use grimace::synthesis::BankInfo;
+///
+/// let info = BankInfo { credit: "scans of my own, CC BY 4.0".to_owned(), ..BankInfo::default() };
+/// assert!(info.composition.is_none());
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BankInfo {
     /// Program and version that made it.
@@ -57,6 +83,18 @@ pub(super) enum Displacements {
 ///
 /// Every displacement is finite, every feature point a vertex of the mesh, names and feature points differ. Read from a file the
 /// displacements stay there (mapped), so that a bank of any size costs little more memory than its neutral mesh.
+///
+/// ```
+/// use grimace::{mesh::TriangleMesh, synthesis::{Bank, BankInfo, FeaturePointVertex}};
+///
+/// let mesh = TriangleMesh::new(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]], vec![[0, 1, 2]])?;
+/// let corner = FeaturePointVertex { fp: "8.3".parse()?, vertex: 1 };
+/// let info = BankInfo { unit: "cm".to_owned(), ..BankInfo::default() };
+/// let bank = Bank::new(mesh, vec!["smile".to_owned()], vec![[0.0; 3], [0.5, 0.5, 0.0], [0.0; 3]], vec![corner], info)?;
+/// assert_eq!((bank.vertex_count(), bank.member_count(), bank.names()[0].as_str()), (3, 1, "smile"));
+/// assert_eq!(bank.displacements(0)[1], [0.5, 0.5, 0.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Bank {
     mesh: TriangleMesh,

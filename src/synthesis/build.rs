@@ -14,6 +14,13 @@ use super::{
 use crate::{mesh::Subdivision, output::MADE_BY, units::FeaturePoint};
 
 /// What is built.
+///
+/// ```
+/// use grimace::synthesis::BuildOptions;
+///
+/// let options = BuildOptions { subdivide: 1, unit: Some("mm".to_owned()), ..BuildOptions::default() };
+/// assert!(options.feature_points.is_none() && options.subdivide == 1);
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BuildOptions {
     /// CSV file `fp,vertex`; `None` for the source's own, or placing by landmarks.
@@ -36,6 +43,23 @@ pub struct BuildOptions {
 pub const MAX_SUBDIVIDE: usize = 4;
 
 /// What came out.
+///
+/// ```
+/// use grimace::synthesis::{BuildOptions, build_bank};
+///
+/// // `scans` holds a neutral mesh of one triangle, and a smile.
+/// let folder = tempfile::tempdir()?;
+/// # let scans = folder.path().join("scans");
+/// # std::fs::create_dir(&scans)?;
+/// # std::fs::write(scans.join("neutral.obj"), "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")?;
+/// # std::fs::write(scans.join("smile.obj"), "v 0 0 0\nv 1.5 0.5 0\nv 1 1 0\nf 1 2 3\n")?;
+/// # std::fs::write(scans.join("feature_points.csv"), "fp,vertex\n8.3,1\n")?;
+/// // Each triangle becomes four.
+/// let options = BuildOptions { subdivide: 1, ..BuildOptions::default() };
+/// let summary = build_bank(&scans, &folder.path().join("own.bank"), &options)?;
+/// assert_eq!((summary.vertices, summary.triangles, summary.members), (6, 4, 1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildSummary {
     /// Vertices of the bank.
@@ -56,6 +80,21 @@ pub struct BuildSummary {
 
 /// Builds a bank file from a source. Memory: the neutral mesh, the subdivision rule and one member (for `NumPy` arrays and folders; a
 /// glTF file is in memory as a whole).
+///
+/// ```
+/// use grimace::synthesis::{Bank, BuildOptions, build_bank};
+///
+/// # let folder = tempfile::tempdir()?;
+/// # let scans = folder.path().join("scans");
+/// # std::fs::create_dir(&scans)?;
+/// std::fs::write(scans.join("neutral.obj"), "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")?;
+/// std::fs::write(scans.join("smile.obj"), "v 0 0 0\nv 1.5 0.5 0\nv 1 1 0\nf 1 2 3\n")?;
+/// std::fs::write(scans.join("feature_points.csv"), "fp,vertex\n8.3,1\n")?;
+/// let file = folder.path().join("own.bank");
+/// build_bank(&scans, &file, &BuildOptions::default())?;
+/// assert_eq!(Bank::open(&file)?.displacements(0)[1], [0.5, 0.5, 0.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`BankError`].

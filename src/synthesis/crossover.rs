@@ -5,6 +5,12 @@ use serde::{Deserialize, Serialize};
 use super::random::unit;
 
 /// How two parents make an offspring.
+///
+/// ```
+/// use grimace::synthesis::Crossover;
+///
+/// assert_eq!([Crossover::Line.name(), Crossover::Blx { alpha: 0.2 }.name()], ["line", "blx-0.2"]);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Crossover {

@@ -246,6 +246,15 @@ pub fn candide_expressions() -> Result<Vec<(String, Vec<f64>)>, BankError> {
 ///
 /// Where a mixture of units would push the lips through each other they meet in the middle.
 ///
+/// ```
+/// use grimace::synthesis::candide_bank;
+///
+/// let bank = candide_bank()?;
+/// assert_eq!(bank.member_count(), 30);
+/// assert!(bank.names().iter().any(|name| name == "happiness"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// As [`candide_shapes`].
 pub fn candide_bank() -> Result<Bank, BankError> {

@@ -17,6 +17,23 @@ use crate::{
 };
 
 /// A bank that cannot be made, read or used.
+///
+/// ```
+/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
+/// # let names = ["right", "up"].map(str::to_owned).to_vec();
+/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
+/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
+/// use grimace::synthesis::{Bank, BankError};
+///
+/// // The two members of `bank` move all vertices by 1: to the right, and up.
+/// let mesh = bank.mesh().clone();
+/// let error = Bank::new(mesh, vec![], vec![], bank.feature_points().to_vec(), Default::default()).unwrap_err();
+/// assert!(matches!(error, BankError::NoMembers));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum BankError {
     /// A mesh or array file that does not read.
@@ -137,6 +154,23 @@ pub enum BankError {
 }
 
 /// A motion that cannot be read or synthesized.
+///
+/// ```
+/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
+/// # let names = ["right", "up"].map(str::to_owned).to_vec();
+/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
+/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
+/// use grimace::synthesis::{SynthesisError, SynthesisOptions, Synthesizer};
+///
+/// // The two members of `bank` move all vertices by 1: to the right, and up.
+/// let options = SynthesisOptions { overlap: 2.0, ..SynthesisOptions::default() };
+/// let error = Synthesizer::new(&bank, options).unwrap_err();
+/// assert!(matches!(error, SynthesisError::Option { found, .. } if found == "2"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum SynthesisError {
     /// The bank.

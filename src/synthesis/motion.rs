@@ -24,6 +24,14 @@ use crate::{
 };
 
 /// What a motion was read from.
+///
+/// ```
+/// use grimace::synthesis::{MotionKind, candide_bank, read_motion};
+///
+/// let motion = read_motion("fixtures/golden/fap/happiness.fap".as_ref(), &candide_bank()?, None)?;
+/// assert_eq!((motion.kind, motion.fps), (MotionKind::Fap, Some(25.0)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MotionKind {
@@ -38,6 +46,18 @@ pub enum MotionKind {
 }
 
 /// A motion of the bank's feature points over time.
+///
+/// ```
+/// use std::path::Path;
+///
+/// use grimace::synthesis::{candide_bank, read_motion};
+///
+/// let motion = read_motion(Path::new("fixtures/golden/representatives/happiness.csv"), &candide_bank()?, None)?;
+/// assert!(!motion.is_still());
+/// // Five key frames, and two frames between every two of them.
+/// assert_eq!(motion.with_frames_between(2).frames.len(), 13);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     /// What it was read from.
@@ -126,6 +146,26 @@ impl Motion {
 /// Reads a motion for a bank. `scale` is in bank units per face unit and stands for the bank's FAPUs where these cannot be measured.
 ///
 /// The kind is known by the name (`.fap`) or the header: a column `fp` for feature points, `state` for a track, else a model.
+///
+/// ```
+/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
+/// # let names = ["right", "up"].map(str::to_owned).to_vec();
+/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
+/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
+/// use grimace::synthesis::{MotionKind, read_motion};
+///
+/// // The two members of `bank` move all vertices by 1: to the right, and up.
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("motion.csv");
+/// std::fs::write(&path, "frame,fp,dx,dy,dz\n0,8.3,0,0,0\n1,8.3,0.25,0,0\n")?;
+/// let motion = read_motion(&path, &bank, None)?;
+/// assert_eq!((motion.kind, motion.frames.len()), (MotionKind::FeaturePoints, 2));
+/// assert_eq!(motion.frames[1].total_length(), 0.25);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`SynthesisError`] for files that do not read, for a bank without the feature points that its size is measured on, and for motions

@@ -6,6 +6,14 @@ use super::{Bank, SynthesisError};
 use crate::units::FeaturePoint;
 
 /// How the face is parted.
+///
+/// ```
+/// use grimace::synthesis::RegionScheme;
+///
+/// assert_eq!(RegionScheme::of_count(2)?.names(), ["right", "left"]);
+/// assert!(RegionScheme::of_count(3).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RegionScheme {

@@ -21,6 +21,13 @@ pub const GENERATIONS: usize = 70;
 pub const BLX_ALPHA: f64 = 0.2;
 
 /// Parameters of the search.
+///
+/// ```
+/// use grimace::synthesis::{Crossover, GaOptions};
+///
+/// let options = GaOptions { crossover: Crossover::Blx { alpha: 0.2 }, ..GaOptions::default() };
+/// assert_eq!((options.tournament, options.generations, options.runs), (3, 70, 1));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GaOptions {
     /// Individuals; `None` for as many as the bank has members \[ZL\]. Fewer are drawn from the bank, more repeat it.

@@ -5,6 +5,23 @@ use nalgebra::Vector3;
 use super::Bank;
 
 /// Motion of the bank's feature points in one frame.
+///
+/// ```
+/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
+/// # let names = ["right", "up"].map(str::to_owned).to_vec();
+/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
+/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
+/// use grimace::synthesis::FpMotion;
+///
+/// // The two members of `bank` move all vertices by 1: to the right, and up.
+/// // In the first one, each of the three feature points goes 1.
+/// let motion = FpMotion::of_surface(&bank, bank.displacements(0));
+/// assert_eq!((motion.total_length(), motion.emphasized(1.5).total_length()), (3.0, 4.5));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FpMotion {
     /// Offset from neutral of each of the bank's F feature points in its order, the bank's unit; `None` where nothing is known.

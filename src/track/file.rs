@@ -26,6 +26,43 @@ pub const TRACK_SCHEMA: u32 = 2;
 const EXPECTED_STEPS: f64 = 1000.0;
 
 /// What a track was made from: the `.json` beside the `.csv`.
+///
+/// ```
+/// # use grimace::{sequence::ImageSize, units::SequenceId};
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("track.csv");
+/// # let mut info = grimace::track::TrackInfo {
+/// #     schema_version: 2,
+/// #     made_by: "an example".to_owned(),
+/// #     units: Default::default(),
+/// #     id: SequenceId { subject: "S001".to_owned(), sequence: "005".to_owned() },
+/// #     emotion: "happiness".to_owned(),
+/// #     metadata: Default::default(),
+/// #     source: vec![],
+/// #     image_size: ImageSize { width: 320, height: 320 },
+/// #     fps: Some(25.0),
+/// #     marks_from: "file".to_owned(),
+/// #     marks: vec![],
+/// #     fit: Default::default(),
+/// #     track: Default::default(),
+/// #     summary: grimace::track::summarize(&track, &wireframe, &tables),
+/// #     inputs_blake3: String::new(),
+/// #     csv_blake3: String::new(),
+/// #     neutral_frame: None,
+/// #     apex_frame: None,
+/// #     corrections: None,
+/// # };
+/// use grimace::track::{read_track_info, write_track};
+///
+/// // `track` holds the ten frames of a smile, `info` what it was made from.
+/// write_track(&path, &track, &mut info)?;
+/// let read = read_track_info(&path)?.expect("track.json");
+/// assert_eq!((read.id.to_string().as_str(), read.emotion.as_str()), ("S001_005", "happiness"));
+/// assert_eq!(read.summary.frames, 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrackInfo {
     /// Always [`TRACK_SCHEMA`].
@@ -94,6 +131,13 @@ pub fn track_units() -> BTreeMap<String, String> {
 }
 
 /// A track file that does not read.
+///
+/// ```
+/// use grimace::track::{TrackFileError, read_track};
+///
+/// let error = read_track("no-such-track.csv".as_ref()).unwrap_err();
+/// assert!(matches!(error, TrackFileError::Io { .. }) && error.to_string().starts_with("cannot read no-such-track.csv"));
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum TrackFileError {
     /// The file cannot be opened.
@@ -161,6 +205,42 @@ pub struct TrackHashes {
 /// Writes `STEM.csv` and `STEM.json` into a folder; the JSON last, so that its presence means a whole track. The first of `frames` is the
 /// neutral one, the last the apex, unless `info` says otherwise.
 ///
+/// ```
+/// # use grimace::{sequence::ImageSize, units::SequenceId};
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("track.csv");
+/// # let mut info = grimace::track::TrackInfo {
+/// #     schema_version: 2,
+/// #     made_by: "an example".to_owned(),
+/// #     units: Default::default(),
+/// #     id: SequenceId { subject: "S001".to_owned(), sequence: "005".to_owned() },
+/// #     emotion: "happiness".to_owned(),
+/// #     metadata: Default::default(),
+/// #     source: vec![],
+/// #     image_size: ImageSize { width: 320, height: 320 },
+/// #     fps: Some(25.0),
+/// #     marks_from: "file".to_owned(),
+/// #     marks: vec![],
+/// #     fit: Default::default(),
+/// #     track: Default::default(),
+/// #     summary: grimace::track::summarize(&track, &wireframe, &tables),
+/// #     inputs_blake3: String::new(),
+/// #     csv_blake3: String::new(),
+/// #     neutral_frame: None,
+/// #     apex_frame: None,
+/// #     corrections: None,
+/// # };
+/// use grimace::track::{read_track, write_track};
+///
+/// // `track` holds the ten frames of a smile, `info` what it was made from.
+/// write_track(&path, &track, &mut info)?;
+/// assert!(path.with_extension("json").exists());
+/// assert_eq!(read_track(&path)?.len(), track.len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`OutputError`].
 pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInfo) -> Result<TrackHashes, OutputError> {
@@ -173,6 +253,14 @@ pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInf
 }
 
 /// Reads the `.json` beside a track; `None` when there is none.
+///
+/// ```
+/// use grimace::track::read_track_info;
+///
+/// // The true positions of a simulated face were not tracked, and no JSON stands beside them.
+/// assert!(read_track_info("fixtures/simulated/truth/S001_005.csv".as_ref())?.is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`TrackFileError`].
@@ -209,6 +297,16 @@ pub fn neutral_first(mut frames: Vec<TrackedFrame>, neutral: Option<u32>) -> Vec
 
 /// Reads a track's `.csv`, the neutral frame first, which the `.json` beside it names, else the first one ([`neutral_first`]). Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error`
 /// may be missing.
+///
+/// Positions alone are enough: nodes of such a file count as tracked.
+/// ```
+/// use grimace::track::{NodeState, read_track};
+///
+/// let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// assert_eq!((track.len(), track[0].nodes[0].position.x), (10, 159.130832));
+/// assert_eq!(track[0].nodes[0].state, NodeState::Tracked);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`TrackFileError`] with the line.

@@ -19,6 +19,13 @@ pub use reference::OpenCvKlt;
 pub(crate) use smooth::smoothed;
 
 /// Which implementation of pyramidal KLT finds points again.
+///
+/// ```
+/// use grimace::track::{KltKind, TrackOptions};
+///
+/// assert_eq!(TrackOptions::default().klt, KltKind::Grimace);
+/// assert!(KltKind::Grimace.tracker(4, 31).is_ok());
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum KltKind {
@@ -69,6 +76,24 @@ const LANES: usize = 4;
 const ROUND: f32 = 12_582_912.0;
 
 /// The pyramidal KLT tracker; a single search finds what [`OpenCvKlt`] finds to some millionths of a pixel.
+///
+/// A square whose left upper corner moves from (30, 30) to (32, 30) is found there.
+/// ```
+/// use grimace::{sequence::Frame, track::{Found, Klt, PointTracker, Probe, Slot}};
+/// use nalgebra::Point2;
+///
+/// # let square = |left: u32| {
+/// #     let is_in = |x: u32, y: u32| (left..left + 20).contains(&x) && (30..50).contains(&y);
+/// #     image::GrayImage::from_fn(80, 80, |x, y| image::Luma([if is_in(x, y) { 200 } else { 50 }]))
+/// # };
+/// let mut klt = Klt::new(3, 15);
+/// klt.advance(&Frame::new(1, square(30)))?;
+/// klt.advance(&Frame::new(2, square(32)))?;
+/// let corner = Point2::new(30.0, 30.0);
+/// let found = klt.find(Slot::Previous, Slot::Current, 15, 3, &[Probe { position: corner, guess: corner }])?;
+/// assert!(matches!(found[0], Found::At { position, .. } if (position - Point2::new(32.0, 30.0)).norm() < 0.1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Klt {
     levels: usize,

@@ -31,6 +31,27 @@ const PUPILS: [FeaturePoint; 2] = [FeaturePoint { group: 3, point: 5 }, FeatureP
 const HEAD_LANDMARKS: [usize; 8] = [27, 28, 29, 30, 36, 39, 42, 45];
 
 /// How landmarks drive a wireframe.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// # let points = |frame: &grimace::track::TrackedFrame| -> Vec<nalgebra::Point2<f64>> {
+/// #     let place = |node: &grimace::units::NodeId| frame.nodes[node.index()].position.coords;
+/// #     let sum = |nodes: &[(_, f64)]| nodes.iter().map(|(node, share)| place(node) * *share).sum::<nalgebra::Vector2<f64>>();
+/// #     tables.landmarks.iter().map(|row| sum(&row.nodes).into()).collect()
+/// # };
+/// use grimace::{dataset::{LandmarkFrame, LandmarkSequence}, fit::Fitter, track::LandmarkPlan};
+///
+/// // `track` holds the ten frames of a smile.
+/// let plan = LandmarkPlan::new(&wireframe, &tables, 20.0)?;
+/// // `points` gives the 68 landmarks of a frame of `track`.
+/// let marks = plan.marks(&points(&track[0]), &tables);
+/// let fitted = Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+/// let frame = |frame: &grimace::track::TrackedFrame| LandmarkFrame { number: frame.number, points: Some(points(frame)) };
+/// let landmarks = LandmarkSequence { frames: track.iter().map(frame).collect() };
+/// assert_eq!(plan.track(&wireframe, &fitted, &landmarks)?.len(), 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct LandmarkPlan {
     /// Landmark and node of every driven node.

@@ -50,6 +50,14 @@ pub use state::{LossReason, NodeState};
 pub use step::TrackPlan;
 
 /// One node in one frame.
+///
+/// ```
+/// use grimace::track::{NodeState, TrackedNode};
+/// use nalgebra::Point2;
+///
+/// let chin = TrackedNode::new(Point2::new(149.5, 240.0), NodeState::Tracked, Some(0.02));
+/// assert_eq!((chin.residual, chin.expected_error), (Some(0.02), None));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackedNode {
     /// Where it is, px.
@@ -75,6 +83,15 @@ impl TrackedNode {
 
 /// The dynamic facial expression model of tracked frames, pixels.
 ///
+/// ```
+/// use grimace::track::{read_track, track_model};
+///
+/// let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// let model = track_model(&track)?;
+/// assert_eq!((model.frame_count(), model.node_count()), (10, 113));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`ModelError`] for fewer than two frames, differing node counts, or positions that are not finite.
 pub fn track_model(frames: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>, ModelError> {
@@ -83,6 +100,15 @@ pub fn track_model(frames: &[TrackedFrame]) -> Result<DynamicExpressionModel<Px>
 }
 
 /// The wireframe in one frame, all N nodes in order.
+///
+/// ```
+/// use grimace::track::{TrackedFrame, read_track};
+///
+/// let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// let TrackedFrame { number, nodes } = &track[9];
+/// assert_eq!((*number, nodes.len()), (10, 113));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackedFrame {
     /// Frame number.
@@ -92,6 +118,22 @@ pub struct TrackedFrame {
 }
 
 /// A tracked sequence, neutral frame first.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// # let marks = folder.join("correspondences.csv");
+/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
+/// # let fitted = grimace::fit::Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+/// use grimace::{dataset::list_frames, sequence::SequenceReader, track::{Track, TrackOptions, TrackPlan, track_sequence}};
+///
+/// // `fitted` is the wireframe on the first frame of `folder`.
+/// let frames = SequenceReader::open(&list_frames(folder, None, Some(3))?)?;
+/// let plan = TrackPlan::new(&wireframe, &tables);
+/// let Track { size, frames } = track_sequence(&wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)?;
+/// assert_eq!((size.to_string().as_str(), frames.len()), ("320x320", 3));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     /// Size of its frames.
@@ -101,6 +143,14 @@ pub struct Track {
 }
 
 /// The forces by which tracked nodes drive the springs.
+///
+/// ```
+/// use grimace::track::{Forces, TrackOptions};
+///
+/// // As in the paper: every node is pulled alike.
+/// let options = TrackOptions { forces: Forces::Same, ..TrackOptions::default() };
+/// assert_ne!(options.forces, Forces::default());
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Forces {
@@ -112,6 +162,14 @@ pub enum Forces {
 }
 
 /// Options of the tracker. Lengths relative to the eye distance ES0 of the neutral frame make small and large faces alike.
+///
+/// ```
+/// use grimace::track::TrackOptions;
+///
+/// // Lengths are shares of the eye distance: 8 px for eyes that are 100 px apart.
+/// let options = TrackOptions { levels: 3, ..TrackOptions::default() };
+/// assert_eq!((options.window * 100.0, options.levels), (8.0, 3));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrackOptions {
@@ -166,6 +224,21 @@ impl Default for TrackOptions {
 pub const MIN_WINDOW_PX: u32 = 7;
 
 /// Why a sequence cannot be tracked.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// # let marks = folder.join("correspondences.csv");
+/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
+/// # let fitted = grimace::fit::Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+/// use grimace::track::{TrackError, TrackOptions, TrackPlan, track_sequence};
+///
+/// // `fitted` is the wireframe on the first frame of `folder`.
+/// let plan = TrackPlan::new(&wireframe, &tables);
+/// let error = track_sequence(&wireframe, &plan, &fitted, [], &TrackOptions::default(), |_| true).unwrap_err();
+/// assert!(matches!(error, TrackError::TooFewFrames { found: 0 }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
     /// A frame does not read.
@@ -213,6 +286,19 @@ pub enum TrackError {
 }
 
 /// Which prepared frame a [`PointTracker`] works on.
+///
+/// A tracker of one's own keeps three frames.
+/// ```
+/// use grimace::track::Slot;
+///
+/// let numbers = [1, 8, 9];
+/// let number = |slot| match slot {
+///     Slot::Neutral => numbers[0],
+///     Slot::Previous => numbers[1],
+///     Slot::Current => numbers[2],
+/// };
+/// assert_eq!(number(Slot::Previous) + 1, number(Slot::Current));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slot {
     /// The first frame given.
@@ -224,6 +310,16 @@ pub enum Slot {
 }
 
 /// A point to find again.
+///
+/// ```
+/// use grimace::track::Probe;
+/// use nalgebra::{Point2, Vector2};
+///
+/// // The search starts where the head's motion leads.
+/// let position = Point2::new(150.0, 240.0);
+/// let probe = Probe { position, guess: position + Vector2::new(3.0, 0.0) };
+/// assert_eq!(probe.guess.x, 153.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probe {
     /// Where it is in the frame it comes from, px.
@@ -233,6 +329,15 @@ pub struct Probe {
 }
 
 /// What a search gave.
+///
+/// ```
+/// use grimace::track::Found;
+/// use nalgebra::Point2;
+///
+/// let found = Found::At { position: Point2::new(150.25, 240.0), difference: 1.5 };
+/// assert!(matches!(found, Found::At { difference, .. } if difference < 2.0));
+/// assert_ne!(found, Found::Lost);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Found {
     /// A match.
@@ -247,6 +352,26 @@ pub enum Found {
 }
 
 /// Finds points of one frame in another: the seam between the method and whatever reads pixels.
+///
+/// ```
+/// use grimace::{sequence::Frame, track::{Found, PointTracker, Probe, Slot, TrackError}};
+///
+/// /// Finds every point where the search starts.
+/// struct Still;
+///
+/// impl PointTracker for Still {
+///     fn advance(&mut self, _: &Frame) -> Result<(), TrackError> {
+///         Ok(())
+///     }
+///
+///     fn find(&mut self, _: Slot, _: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+///         Ok(probes.iter().map(|probe| Found::At { position: probe.guess, difference: 0.0 }).collect())
+///     }
+/// }
+///
+/// assert_eq!(Still.find(Slot::Previous, Slot::Current, 15, 4, &[])?, []);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait PointTracker {
     /// Takes the next frame: it becomes the current one, the current one the previous, the first one stays the neutral.
     ///
@@ -302,6 +427,25 @@ impl<P: std::ops::DerefMut<Target: PointTracker>> PointTracker for P {
 ///
 /// `tick` is called after every frame and may return `false` to stop.
 ///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// # let marks = folder.join("correspondences.csv");
+/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
+/// # let fitted = grimace::fit::Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+/// use grimace::{dataset::list_frames, sequence::SequenceReader, track::{TrackOptions, TrackPlan, track_sequence}};
+///
+/// // `fitted` is the wireframe on the first frame of `folder`.
+/// let frames = SequenceReader::open(&list_frames(folder, None, Some(2))?)?;
+/// let plan = TrackPlan::new(&wireframe, &tables);
+/// let mut numbers = Vec::new();
+/// // The last argument hears of every frame, and may stop the work.
+/// let note = |number| { numbers.push(number); true };
+/// let track = track_sequence(&wireframe, &plan, &fitted, frames, &TrackOptions::default(), note)?;
+/// assert_eq!((track.frames.len(), numbers), (2, vec![1, 2]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`TrackError`] for frames that do not read, a lost face, or an interruption.
 pub fn track_sequence(
@@ -336,6 +480,22 @@ pub fn window_px(tables: &Tables, neutral: &[Point2<f64>], options: &TrackOption
 }
 
 /// [`track_sequence`] with any tracker.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// # let marks = folder.join("correspondences.csv");
+/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
+/// # let fitted = grimace::fit::Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+/// use grimace::{dataset::list_frames, sequence::SequenceReader, track::{Klt, TrackOptions, TrackPlan, track_with}};
+///
+/// // `fitted` is the wireframe on the first frame of `folder`.
+/// let frames = SequenceReader::open(&list_frames(folder, None, Some(2))?)?;
+/// let (mut tracker, plan) = (Klt::new(4, 31), TrackPlan::new(&wireframe, &tables));
+/// let track = track_with(&mut tracker, &wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)?;
+/// assert_eq!(track.frames.len(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// As [`track_sequence`].

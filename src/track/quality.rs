@@ -50,6 +50,17 @@ impl Verdict {
 }
 
 /// Summary of one track.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// use grimace::track::{TrackSummary, summarize};
+///
+/// // `track` holds the ten frames of a smile.
+/// let TrackSummary { frames, tracked_share, recovered, .. } = summarize(&track, &wireframe, &tables);
+/// assert_eq!((frames, tracked_share, recovered.len()), (10, 1.0, 0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrackSummary {
     /// Frames from neutral to apex.
@@ -121,6 +132,18 @@ pub fn course(frames: &[TrackedFrame], wireframe: &Wireframe) -> Vec<FrameQualit
 }
 
 /// Summarizes the frames of a track.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
+/// use grimace::track::summarize;
+///
+/// // `track` holds the ten frames of a smile.
+/// let summary = summarize(&track, &wireframe, &tables);
+/// assert_eq!(summary.frames, 10);
+/// assert!((summary.eye_distance_px - 70.0).abs() < 5.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables) -> TrackSummary {
     let live = wireframe.live_nodes();
     let mut recovered = BTreeMap::new();

@@ -3,6 +3,13 @@
 use std::{fmt, str::FromStr};
 
 /// Why a node was lost in a step.
+///
+/// ```
+/// use grimace::track::{LossReason, NodeState};
+///
+/// assert_eq!(LossReason::ForwardBackward.name(), "forward_backward");
+/// assert_eq!("recovered_outside".parse(), Ok(NodeState::Recovered(LossReason::Outside)));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum LossReason {
     /// KLT found no match.
@@ -34,6 +41,13 @@ impl LossReason {
 }
 
 /// How a node came to its position in a frame.
+///
+/// ```
+/// use grimace::track::{LossReason, NodeState};
+///
+/// assert_eq!(NodeState::Recovered(LossReason::Klt).to_string(), "recovered_klt");
+/// assert_eq!("tracked".parse(), Ok(NodeState::Tracked));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum NodeState {
     /// Neutral frame: pulled to a mark.

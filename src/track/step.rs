@@ -55,6 +55,24 @@ fn root_eigenvalues(matrix: &Matrix2<f64>) -> [f64; 2] {
 }
 
 /// What the tracker knows of a wireframe beforehand.
+///
+/// ```
+/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// # let marks = folder.join("correspondences.csv");
+/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
+/// # let fitted = grimace::fit::Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+/// use grimace::{sequence::read_frame, track::{TrackPlan, track_sequence}};
+///
+/// // `fitted` is the wireframe on the first frame of `folder`.
+/// // One plan serves all sequences of a wireframe. Nothing moves between a frame and itself.
+/// let plan = TrackPlan::new(&wireframe, &tables);
+/// let frame = || read_frame(&folder.join("S001_005_00000001.jpg"));
+/// let track = track_sequence(&wireframe, &plan, &fitted, [frame(), frame()], &Default::default(), |_| true)?;
+/// let moved = |k: usize| (track.frames[1].nodes[k].position - track.frames[0].nodes[k].position).norm();
+/// assert!((0..113).all(|k| moved(k) < 0.01));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct TrackPlan {
     springs: Springs,

@@ -3,6 +3,14 @@
 use super::{Tables, Wireframe};
 
 /// A wireframe with the tables that belong to it. Whoever needs both takes this, so that they always match.
+///
+/// ```
+/// use grimace::wireframe::Face;
+///
+/// let Face { wireframe, tables } = Face::candide3();
+/// assert_eq!(wireframe.node_count(), 113);
+/// assert_eq!(tables.regions.len(), 113);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
     /// The wireframe.

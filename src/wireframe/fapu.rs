@@ -8,6 +8,13 @@ use serde::{Deserialize, Serialize};
 use crate::units::NodeId;
 
 /// A facial animation parameter unit.
+///
+/// ```
+/// use grimace::wireframe::Fapu;
+///
+/// assert_eq!(Fapu::LENGTHS.map(|fapu| fapu.to_string()), ["IRISD", "ES", "ENS", "MNS", "MW"]);
+/// assert_eq!("MW".parse(), Ok(Fapu::Mw));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub enum Fapu {
@@ -67,6 +74,14 @@ impl FromStr for Fapu {
 }
 
 /// A coordinate axis of face space.
+///
+/// ```
+/// use grimace::wireframe::{Axis, Fapu, Tables};
+///
+/// let tables = Tables::candide3();
+/// let eyes = tables.fapus.iter().find(|definition| definition.fapu == Fapu::Es).expect("ES0");
+/// assert_eq!(eyes.axis, Axis::X);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Axis {
@@ -79,6 +94,15 @@ pub enum Axis {
 }
 
 /// How a FAPU length is measured: the mean of some nodes minus the mean of others, along an axis of face space.
+///
+/// The mouth is measured from its right corner (node 64) to its left one (node 31).
+/// ```
+/// use grimace::{units::NodeId, wireframe::{Fapu, Tables}};
+///
+/// let tables = Tables::candide3();
+/// let mouth = tables.fapus.iter().find(|definition| definition.fapu == Fapu::Mw).expect("MW0");
+/// assert_eq!((&mouth.plus_nodes[..], &mouth.minus_nodes[..]), (&[NodeId(31)][..], &[NodeId(64)][..]));
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapuDefinition {
     /// The unit defined.
@@ -92,6 +116,17 @@ pub struct FapuDefinition {
 }
 
 /// The five FAPU lengths of one neutral face, in the unit of the points they were measured on.
+///
+/// ```
+/// use grimace::wireframe::{Face, Fapu, Fapus};
+///
+/// let face = Face::candide3();
+/// let fapus = Fapus::measure(&face.tables.fapus, &face.wireframe.frontal())?;
+/// // Twice as large, the face measures twice as much.
+/// assert_eq!(fapus.scaled(2.0).es, 2.0 * fapus.es);
+/// assert_eq!((fapus.length(Fapu::Es), fapus.length(Fapu::Au)), (Some(fapus.es), None));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fapus {
     /// Iris diameter (lid opening).
@@ -107,6 +142,16 @@ pub struct Fapus {
 }
 
 /// Why FAPUs cannot be measured.
+///
+/// ```
+/// use grimace::wireframe::{Face, Fapus, FapusError};
+/// use nalgebra::Point2;
+///
+/// let face = Face::candide3();
+/// let all_in_one_place = vec![Point2::origin(); face.wireframe.node_count()];
+/// let error = Fapus::measure(&face.tables.fapus, &all_in_one_place).unwrap_err();
+/// assert!(matches!(error, FapusError::NotPositive { value: 0.0, .. }));
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FapusError {
     /// A length that is zero, negative or not a number: the neutral wireframe is folded there.

@@ -23,6 +23,15 @@ pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, Table
 pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};
 
 /// What a motion unit of a wireframe stands for.
+///
+/// ```
+/// use grimace::wireframe::{UnitKind, Wireframe};
+///
+/// let wireframe = Wireframe::candide3();
+/// let faps = wireframe.action_units().iter().filter(|unit| matches!(unit.kind, UnitKind::Fap { .. })).count();
+/// assert_eq!((faps, wireframe.action_units().len()), (54, 65));
+/// assert!(wireframe.shape_units().iter().all(|unit| unit.kind == UnitKind::Shape));
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum UnitKind {
     /// A Candide action unit vector, with its number in the list of Rydfalk (AUV).
@@ -44,6 +53,17 @@ pub enum UnitKind {
 }
 
 /// A set of node offsets that are applied together, times a parameter.
+///
+/// ```
+/// use grimace::{units::NodeId, wireframe::{Face, MotionUnit, UnitKind, Wireframe}};
+/// use nalgebra::Vector3;
+///
+/// let Face { wireframe, .. } = Face::candide3();
+/// let chin_down = MotionUnit { name: "chin".to_owned(), kind: UnitKind::Other, offsets: vec![(NodeId(10), -Vector3::y())] };
+/// let own = Wireframe::new(wireframe.vertices().to_vec(), wireframe.triangles().to_vec(), vec![chin_down], vec![])?;
+/// assert_eq!(own.action_units()[0].name, "chin");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionUnit {
     /// Name as in the file.
@@ -64,6 +84,18 @@ pub struct Follower {
 }
 
 /// A wireframe: the neutral geometry in face space and its topology.
+///
+/// ```
+/// use grimace::{units::NodeId, wireframe::Wireframe};
+/// use nalgebra::Point3;
+///
+/// // A triangle, and a fourth node that follows the nearest of its corners.
+/// let vertices = vec![Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 1.0, 0.0), Point3::new(2.0, 0.0, 0.0)];
+/// let wireframe = Wireframe::new(vertices, vec![[NodeId(0), NodeId(1), NodeId(2)]], vec![], vec![])?;
+/// assert_eq!((wireframe.edges().len(), wireframe.live_nodes().len()), (3, 3));
+/// assert_eq!(wireframe.followers()[0].leaders, [NodeId(1)]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wireframe {
     vertices: Vec<Point3<f64>>,
@@ -76,6 +108,14 @@ pub struct Wireframe {
 }
 
 /// Why vertices and triangles do not make a wireframe.
+///
+/// ```
+/// use grimace::{units::NodeId, wireframe::Wireframe};
+/// use nalgebra::Point3;
+///
+/// let error = Wireframe::new(vec![Point3::origin()], vec![[NodeId(0), NodeId(0), NodeId(7)]], vec![], vec![]).unwrap_err();
+/// assert_eq!(error.to_string(), "triangle 0 refers to node 7, but there are 1 nodes (0 to 0)");
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WireframeError {
     /// No triangle at all: there are no springs.

@@ -22,6 +22,13 @@ const REGION_FAPUS: &str = include_str!("../../candide/region_fapus.csv");
 const LANDMARKS: &str = include_str!("../../candide/ibug68.csv");
 
 /// A facial region: nodes that share their FAPUs and, in reports, a row.
+///
+/// ```
+/// use grimace::{units::NodeId, wireframe::{Region, Tables}};
+///
+/// assert_eq!(Tables::candide3().region(NodeId(31)), Region::Mouth);
+/// assert_eq!(Region::ALL.map(|region| region.to_string())[..3], ["forehead", "brow", "eye"]);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Region {
@@ -65,6 +72,14 @@ impl fmt::Display for Region {
 }
 
 /// One MPEG-4 feature point and the nodes that stand for it (their mean position; none where Candide-3 lacks it).
+///
+/// ```
+/// use grimace::{units::NodeId, wireframe::Tables};
+///
+/// let tables = Tables::candide3();
+/// let chin = tables.feature_points.iter().find(|row| row.fp.to_string() == "2.1").expect("feature point 2.1");
+/// assert_eq!(chin.nodes, [NodeId(10)]);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeaturePointRow {
     /// The feature point.
@@ -101,6 +116,16 @@ pub struct LandmarkRow {
 }
 
 /// The tables that tie a wireframe with Candide-3's node numbers to MPEG-4 and to landmarks.
+///
+/// ```
+/// use grimace::{units::NodeId, wireframe::{Fapu, Tables}};
+///
+/// let tables = Tables::candide3();
+/// assert_eq!(tables.feature_point_nodes("8.3".parse()?), Some(&[NodeId(31)][..]));
+/// // Across, the mouth's motion is measured in mouth widths; up and down, in distances of mouth and nose.
+/// assert_eq!(tables.node_fapus(NodeId(31)), (Fapu::Mw, Fapu::Mns));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tables {
     /// Feature points in the order of the standard.
@@ -116,6 +141,14 @@ pub struct Tables {
 }
 
 /// A data file of `candide/` that does not read.
+///
+/// The tables are part of the program, so that nobody meets this error but who changes them.
+/// ```
+/// use grimace::wireframe::TableError;
+///
+/// let error = TableError { table: "regions.csv", reason: "row 3 has no region".to_owned() };
+/// assert_eq!(error.to_string(), "regions.csv: row 3 has no region");
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[error("{table}: {reason}")]
 pub struct TableError {

@@ -25,6 +25,12 @@ const MAX_VERTICES: usize = u16::MAX as usize;
 const SPELLINGS: [(&str, &str); 3] = [("strecth", "stretch"), ("strecher", "stretcher"), ("Motuh", "Mouth")];
 
 /// The sections of a `.wfm` file that are read.
+///
+/// ```
+/// use grimace::wireframe::WfmSection;
+///
+/// assert_eq!(WfmSection::Triangles.to_string(), "face list");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WfmSection {
     /// Section 1.
@@ -49,6 +55,17 @@ impl fmt::Display for WfmSection {
 }
 
 /// What is wrong in a `.wfm` file.
+///
+/// ```
+/// use grimace::wireframe::{WfmErrorKind, WfmSection, read_wfm};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("cut.wfm");
+/// std::fs::write(&path, "3\n0 0 0\n1 0 0\n")?;
+/// let error = read_wfm(&path).unwrap_err();
+/// assert!(matches!(error.kind, WfmErrorKind::Ends { line: 3, section: WfmSection::Vertices, .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum WfmErrorKind {
     /// The file cannot be read.
@@ -85,6 +102,14 @@ pub enum WfmErrorKind {
 }
 
 /// A `.wfm` file that does not read.
+///
+/// ```
+/// use grimace::wireframe::{WfmErrorKind, read_wfm};
+///
+/// let error = read_wfm("no-such-file.wfm".as_ref()).unwrap_err();
+/// assert_eq!(error.path.to_str(), Some("no-such-file.wfm"));
+/// assert!(matches!(error.kind, WfmErrorKind::Io(_)));
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {kind}", path.display())]
 pub struct WfmError {
@@ -100,6 +125,16 @@ pub struct WfmError {
 /// vertices listed twice in a unit (offsets add up), any number of units, and anything after the shape units. The comment above
 /// a unit's count gives its name and kind: `AUV2 Lip stretcher (AU20)` is action unit vector 2, `FAP 31 raise_l_i_eyebrow` with
 /// `ENS` in the next comment is FAP 31 in ENS; known misspellings are corrected.
+///
+/// ```
+/// use grimace::wireframe::{Wireframe, read_wfm, write_wfm};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("candide3.wfm");
+/// std::fs::write(&path, write_wfm(&Wireframe::candide3()))?;
+/// assert_eq!(read_wfm(&path)?.triangles(), Wireframe::candide3().triangles());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`WfmError`] with the line, the section, what was expected and what was found.
@@ -305,6 +340,13 @@ fn bad_line(section: WfmSection, line: usize, found: &[u8], expected: String) ->
 /// A wireframe as the text of a `.wfm` file: nine sections with headings, 6 decimals, LF, ASCII.
 ///
 /// What [`read_wfm`] reads back equals the wireframe up to the decimals and names that are not ASCII.
+///
+/// ```
+/// use grimace::wireframe::{Wireframe, write_wfm};
+///
+/// let text = write_wfm(&Wireframe::candide3());
+/// assert!(text.is_ascii() && text.lines().any(|line| line == "113"));
+/// ```
 #[must_use]
 pub fn write_wfm(wireframe: &Wireframe) -> String {
     let mut out = String::from("# CANDIDE WIREFRAME\n\n");

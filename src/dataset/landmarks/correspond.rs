@@ -32,6 +32,15 @@ pub const DEFAULT_LANDMARK_NODES: [NodeId; 11] = [
 ];
 
 /// Which landmarks become correspondences. Interpolated ones (confidence low, or between two nodes) never do.
+///
+/// ```
+/// use grimace::{dataset::LandmarkSelection, units::NodeId};
+///
+/// assert_eq!("high".parse(), Ok(LandmarkSelection::High));
+/// assert_eq!(LandmarkSelection::default(), LandmarkSelection::Auto);
+/// let corners_of_the_mouth = LandmarkSelection::Nodes(vec![NodeId(31), NodeId(64)]);
+/// assert_ne!(corners_of_the_mouth, LandmarkSelection::Default);
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LandmarkSelection {
@@ -102,6 +111,18 @@ fn expected_error(row: &LandmarkRow, eye_distance: f64) -> Option<f64> {
 
 /// Correspondences from the landmarks of one frame, through [`Tables::landmarks`], each with its expected error; `points` in the order of
 /// the scheme.
+///
+/// ```
+/// use grimace::{dataset::{LandmarkSelection, correspondences_from_landmarks}, units::NodeId, wireframe::Tables};
+/// use nalgebra::Point2;
+///
+/// let points: Vec<Point2<f64>> = (0..68).map(|k| Point2::new(f64::from(k), 0.0)).collect();
+/// let mouth = LandmarkSelection::Nodes(vec![NodeId(31), NodeId(64)]);
+/// let marks = correspondences_from_landmarks(&points, &Tables::candide3(), &mouth)?;
+/// // Landmarks 54 and 48 are the left and the right corner of the mouth.
+/// assert_eq!([marks[0].position.x, marks[1].position.x], [54.0, 48.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`LandmarksError::NoLandmark`] when a node was asked for that no landmark in `points` marks.

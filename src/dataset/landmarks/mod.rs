@@ -46,6 +46,21 @@ const TEXT_FILE_SUFFIX: &str = "_landmarks";
 const SNIFFED_BYTES: usize = 4096;
 
 /// Landmarks of the frames of one sequence.
+///
+/// ```
+/// use grimace::dataset::read_landmarks;
+///
+/// // The table at `path` has frames 1, 2 and 4.
+/// let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("landmarks.csv");
+/// # let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+/// # let row: String = (0..68).map(|k| format!(",{k},{}", k * k)).collect();
+/// # std::fs::write(&path, format!("frame{header}\n1{row}\n2{row}\n4{row}\n"))?;
+/// let track = read_landmarks(&path)?;
+/// assert_eq!(track.frames.keys().copied().collect::<Vec<u32>>(), [1, 2, 4]);
+/// assert_eq!(track.frame(2)?.len(), 68);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct LandmarkTrack {
     /// File or folder they were read from.
@@ -63,6 +78,20 @@ pub struct LandmarkTrack {
 }
 
 /// Landmarks that do not read or do not serve.
+///
+/// ```
+/// use grimace::dataset::{LandmarksError, read_landmarks};
+///
+/// // The table at `path` has frames 1, 2 and 4.
+/// let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("landmarks.csv");
+/// # let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+/// # let row: String = (0..68).map(|k| format!(",{k},{}", k * k)).collect();
+/// # std::fs::write(&path, format!("frame{header}\n1{row}\n2{row}\n4{row}\n"))?;
+/// let error = read_landmarks(&path)?.sequence(Some(3), None).unwrap_err();
+/// assert!(matches!(error, LandmarksError::NoSuchFrame { frame: 3, count: 3, first: 1, last: 4, .. }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum LandmarksError {
     /// A CSV file that does not read, or a field that is no finite number.
@@ -318,6 +347,19 @@ fn form_of(path: &Path) -> Form {
 }
 
 /// Reads the landmarks of a sequence: a table, or a folder with one or with a file per frame; see the module's text for the forms.
+///
+/// ```
+/// use grimace::dataset::read_landmarks;
+/// use nalgebra::Point2;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("landmarks.csv");
+/// let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+/// let row: String = (0..68).map(|k| format!(",{k},100.5")).collect();
+/// std::fs::write(&path, format!("frame{header}\n1{row}\n"))?;
+/// assert_eq!(read_landmarks(&path)?.frame(1)?[30], Point2::new(30.0, 100.5));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`LandmarksError`] for files that cannot be read, another number of points than 68, fields that are no finite numbers, frames

@@ -5,6 +5,14 @@ use nalgebra::Point2;
 use super::{LandmarkTrack, LandmarksError};
 
 /// One frame of a [`LandmarkSequence`].
+///
+/// ```
+/// use grimace::dataset::LandmarkFrame;
+///
+/// // A frame in which the face was lost keeps its number.
+/// let lost = LandmarkFrame { number: 7, points: None };
+/// assert!(lost.number == 7 && lost.points.is_none());
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct LandmarkFrame {
     /// Frame number.
@@ -14,6 +22,21 @@ pub struct LandmarkFrame {
 }
 
 /// Landmarks from the neutral to the apex frame: at least two frames, the first and the last with landmarks.
+///
+/// ```
+/// use grimace::dataset::read_landmarks;
+///
+/// // The table at `path` has frames 1, 2 and 4.
+/// let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("landmarks.csv");
+/// # let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+/// # let row: String = (0..68).map(|k| format!(",{k},{}", k * k)).collect();
+/// # std::fs::write(&path, format!("frame{header}\n1{row}\n2{row}\n4{row}\n"))?;
+/// let sequence = read_landmarks(&path)?.sequence(None, None)?;
+/// let is_there: Vec<(u32, bool)> = sequence.frames.iter().map(|frame| (frame.number, frame.points.is_some())).collect();
+/// assert_eq!(is_there, [(1, true), (2, true), (3, false), (4, true)]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct LandmarkSequence {
     /// Frames from neutral to apex, at equal distances of their numbers; descending where the apex was recorded first.

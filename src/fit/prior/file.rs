@@ -51,6 +51,16 @@ pub struct PriorOrigin {
 }
 
 /// The content of a prior file.
+///
+/// A prior's file says how many faces it was learned from.
+/// ```
+/// use grimace::fit::PriorFile;
+///
+/// let file: PriorFile = serde_json::from_str(&std::fs::read_to_string("candide/face_prior.json")?)?;
+/// assert_eq!((file.origin.faces, file.mean.len()), (90, 113));
+/// assert_eq!(file.prior()?.modes.len(), file.modes.len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PriorFile {
     /// [`PRIOR_SCHEMA`].
@@ -71,6 +81,16 @@ pub struct PriorFile {
 }
 
 /// A prior file that does not read.
+///
+/// ```
+/// use grimace::fit::{PriorFileError, read_prior};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("prior.json");
+/// std::fs::write(&path, "{}")?;
+/// assert!(matches!(read_prior(&path), Err(PriorFileError::Json { .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum PriorFileError {
     /// The file cannot be read.
@@ -169,6 +189,14 @@ struct Version {
 }
 
 /// Reads a prior file; gives the prior and the BLAKE3 of the file, in hexadecimal.
+///
+/// ```
+/// use grimace::fit::read_prior;
+///
+/// let (prior, blake3) = read_prior("candide/face_prior.json".as_ref())?;
+/// assert_eq!((prior.mean.len(), blake3.len()), (113, 64));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`PriorFileError`].

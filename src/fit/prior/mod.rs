@@ -43,6 +43,15 @@ const FACES_MARK_DEVIATION: f64 = 0.01;
 const LEAST_MARK_DEVIATION: f64 = 0.002;
 
 /// A linear model of neutral face shape, in face space and Candide's model units.
+///
+/// ```
+/// use grimace::{fit::ShapePrior, wireframe::Wireframe};
+///
+/// let candide = ShapePrior::candide(&Wireframe::candide3());
+/// assert_eq!((candide.mean.len(), candide.modes.len()), (113, candide.deviations.len()));
+/// // Two priors were learned from real faces: by landmarks of networks, and by points set by hand.
+/// assert!(ShapePrior::faces().iter().all(|prior| prior.mean.len() == 113));
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShapePrior {
     /// Mean shape, all N nodes.

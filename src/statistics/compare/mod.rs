@@ -52,6 +52,13 @@ use permutation::{Design, Permuted, permute};
 pub use strata::{Strata, StrataError};
 
 /// How groups are compared.
+///
+/// ```
+/// use grimace::statistics::CompareOptions;
+///
+/// let options = CompareOptions { permutations: 999, ..CompareOptions::default() };
+/// assert_eq!((options.people, options.significance), (200, 0.05));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CompareOptions {
     /// Permutations of each test.
@@ -134,6 +141,34 @@ pub struct Tested {
 }
 
 /// Two groups of one emotion, compared.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use std::collections::BTreeMap;
+///
+/// use grimace::statistics::{Comparison, compare};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let (a, b) = ([smile("P1", 10.0)], [smile("P2", 20.0), smile("P3", 30.0)]);
+/// let outcome = compare(&[&a[0]], &[&b[0], &b[1]], face.wireframe.live_nodes(), &Default::default(), None, 0);
+/// let group = |value: &str| BTreeMap::from([("cohort".to_owned(), value.to_owned())]);
+/// let comparison =
+///     Comparison { emotion: "smile".to_owned(), groups: [group("A"), group("B")], people: [1, 2], sequences: [1, 2], outcome };
+/// assert_eq!(comparison.outcome.unwrap_err().to_string(), "a group of 1 cannot be tested");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Emotion.
@@ -164,6 +199,32 @@ fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
 ///
 /// Models are normalized, of one shape (as [`super::representative`] checks), in any order; distances are over the `live` nodes. `stream`
 /// numbers the comparison, so that each has its own random numbers.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::compare;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let weak: Vec<_> = (0..6).map(|k| smile(&format!("A{k}"), 10.0 + f64::from(k))).collect();
+/// let strong: Vec<_> = (0..6).map(|k| smile(&format!("B{k}"), 40.0 + f64::from(k))).collect();
+/// let (a, b): (Vec<_>, Vec<_>) = (weak.iter().collect(), strong.iter().collect());
+/// let tested = compare(&a, &b, face.wireframe.live_nodes(), &Default::default(), None, 0)?;
+/// // Of the 924 ways to part twelve people in halves, no other but the mirrored one parts them so well.
+/// assert!(tested.exhaustive && tested.p < 0.01);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`NotTested`] for a group of one, people in both groups beside others, or strata that allow no test.

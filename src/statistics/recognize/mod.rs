@@ -26,6 +26,34 @@ const MOST_FOLDS: [usize; 2] = [50, 10];
 const FEW_SEQUENCES: usize = 500;
 
 /// What a sequence is recognized as.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// # let people: Vec<_> = (1..=4).flat_map(|k| [(k, 1.0), (k, -1.0)]).collect();
+/// # let models: Vec<_> = people.iter().map(|(k, sign)| smile(&format!("P{k}"), sign * (20.0 + f64::from(*k)))).collect();
+/// # let labels = ["smile", "frown"].iter().cycle();
+/// # let labelled: Vec<_> = models.iter().zip(labels).map(|(model, label)| (model, *label)).collect();
+/// # let recognizer = grimace::statistics::Recognizer::new(&labelled, face.wireframe.live_nodes(), || ())?;
+/// use grimace::statistics::Recognized;
+///
+/// // `recognizer` knows smiles and frowns of four people.
+/// let Recognized { label, probability, probabilities, .. } = recognizer.recognize(&smile("P9", -22.5))?;
+/// assert_eq!((label.as_str(), probabilities.len()), ("frown", 2));
+/// assert!(probability > 0.5 && (probabilities.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recognized {
     /// The most probable label.
@@ -48,6 +76,29 @@ impl Recognized {
 }
 
 /// Why nothing can be recognized.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::{RecognizeError, Recognizer};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let only = smile("P1", 10.0);
+/// let error = Recognizer::new(&[(&only, "smile")], face.wireframe.live_nodes(), || ()).unwrap_err();
+/// assert_eq!(error, RecognizeError::TooFewLabels { found: 1 });
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecognizeError {
     /// Nothing to tell apart.
@@ -86,6 +137,31 @@ pub enum RecognizeError {
 }
 
 /// A recognizer made of labelled sequences.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::Recognizer;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let people: Vec<_> = (1..=4).flat_map(|k| [(k, 1.0), (k, -1.0)]).collect();
+/// let models: Vec<_> = people.iter().map(|(k, sign)| smile(&format!("P{k}"), sign * (20.0 + f64::from(*k)))).collect();
+/// let labelled: Vec<_> = models.iter().zip(["smile", "frown"].iter().cycle()).map(|(model, label)| (model, *label)).collect();
+/// let recognizer = Recognizer::new(&labelled, face.wireframe.live_nodes(), || ())?;
+/// assert_eq!(recognizer.recognize(&smile("P9", 22.5))?.label, "smile");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Recognizer {
     /// Labels in the order of the project's emotions, then by alphabet.

@@ -41,6 +41,14 @@ use crate::{
 pub use patch::Patch;
 
 /// Options of the alignment.
+///
+/// ```
+/// use grimace::track::{AlignOptions, TrackOptions};
+///
+/// let without = AlignOptions { gain: 0.0, ..AlignOptions::default() };
+/// let options = TrackOptions { align: without, ..TrackOptions::default() };
+/// assert_eq!((options.align.gain, options.align.reach), (0.0, 0.07));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlignOptions {
     /// Gain g of the grey values over the stiffness of a spring, counted per KLT window of skin; 0 leaves the alignment out.
