@@ -146,3 +146,50 @@ fn the_facade_stays_small() {
     assert!(shown.iter().any(|name| name == "fit::Fitter") && shown.iter().any(|name| name == "statistics::CompareOptions"));
     assert!((150..250).contains(&shown.len()), "{} names", shown.len());
 }
+
+/// The Rust files of a module: `NAME.rs`, and all in the folder `NAME`.
+fn sources(path: &Path, texts: &mut Vec<String>) {
+    if path.is_dir() {
+        fs::read_dir(path).unwrap().for_each(|entry| sources(&entry.unwrap().path(), texts));
+    } else if path.extension().is_some_and(|e| e == "rs") {
+        texts.push(fs::read_to_string(path).unwrap());
+    }
+}
+
+/// Whether a text defines a public item of this name with a code block in its doc comment.
+fn has_example(text: &str, name: &str) -> bool {
+    let lines: Vec<&str> = text.lines().collect();
+    let defines = |line: &str| {
+        let Some(rest) = line.strip_prefix("pub ") else { return false };
+        let Some((kind, rest)) = rest.split_once(' ') else { return false };
+        let after = rest.strip_prefix(name).map(|after| after.starts_with(|c: char| c.is_alphanumeric() || c == '_'));
+        ["const", "enum", "fn", "struct", "trait", "type"].contains(&kind) && after == Some(false)
+    };
+    let is_documented = |at: usize| {
+        let above = lines[..at].iter().rev().skip_while(|line| line.starts_with("#["));
+        above.take_while(|line| line.starts_with("///")).any(|line| line.starts_with("/// ```"))
+    };
+    (0..lines.len()).any(|at| defines(lines[at]) && is_documented(at))
+}
+
+#[test]
+fn every_name_of_the_facade_has_an_example() {
+    let lacks_example = |shown: &String| {
+        let (module, name) = shown.split_once("::").unwrap();
+        let mut texts = Vec::new();
+        let file = root().join("src").join(format!("{module}.rs"));
+        [file, root().join("src").join(module)].iter().filter(|path| path.exists()).for_each(|path| sources(path, &mut texts));
+        !texts.iter().any(|text| has_example(text, name))
+    };
+    let shown = shown(&fs::read_to_string(root().join("src/lib.rs")).unwrap());
+    let bare: Vec<String> = shown.into_iter().filter(lacks_example).collect();
+    assert!(bare.is_empty(), "no code block in the doc comment of {}", bare.join(", "));
+}
+
+#[test]
+fn an_item_without_an_example_is_found() {
+    let text = "/// One.\n///\n/// ```\n/// f();\n/// ```\n#[must_use]\npub fn one() {}\n\n/// Two.\npub struct Two;\n";
+    assert!(has_example(text, "one") && !has_example(text, "Two"));
+    // Neither the start of a name nor an item that is not there will do.
+    assert!(!has_example(text, "on") && !has_example(text, "three"));
+}
