@@ -113,7 +113,7 @@ pub struct SegmentOptions {
 
 impl Default for SegmentOptions {
     fn default() -> Self {
-        Self { shortest: 0.36, high: 2.4, low: 1.2, rest: 1.6 }
+        Self { shortest: 0.36, high: 1.9, low: 1.0, rest: 1.4 }
     }
 }
 
