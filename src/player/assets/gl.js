@@ -235,7 +235,7 @@ class GlStage {
       this.buffer(`${name} normal`, () => normals, gl.ARRAY_BUFFER, fixed);
       this.attribute(head, "normal", 3);
       if (colours) {
-        this.buffer(`${name} colour`, () => colours, gl.ARRAY_BUFFER, fixed);
+        this.buffer(`${name} colour ${rig.index}`, () => colours, gl.ARRAY_BUFFER, true);
         this.attribute(head, "colour", 3);
       } else this.plain(head, HEAD_SKIN);
       this.buffer(`${name} ${rig.index}`, () => triangles, gl.ELEMENT_ARRAY_BUFFER, true);

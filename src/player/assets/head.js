@@ -7,6 +7,7 @@ class Head {
     this.moved = Float32Array.from(this.rest);
     this.normals = new Float32Array(this.rest.length);
     this.triangles = wholes(entry.triangles);
+    if (entry.colours) this.colours = Float32Array.from(new Uint8Array(bytesOf(entry.colours)), (v) => v / 255);
     this.members = entry.members.map(scaled);
     this.motions = entry.motions.map(({ frames, weights }) => ({ frames, weights: scaled(weights) }));
     this.faps = new Map(entry.faps.map(({ number, axis, offsets: { scale, values } }) => [number, { axis, offsets: Float32Array.from(new Int8Array(bytesOf(values)), (v) => v * scale) }]));
