@@ -203,7 +203,7 @@ const LOWER: Row = Row {
 /// Across a tooth from one gap to the next: share of its width, how far it stands before the gap (cm), how far its edge reaches (share of a
 /// round corner), and light.
 const TOOTH: [(f32, f32, f32, f32); 4] =
-    [(0.0, 0.0, 1.0, 0.56), (0.16, 0.055, 0.25, 0.93), (0.5, 0.075, 0.0, 1.0), (0.84, 0.055, 0.25, 0.93)];
+    [(0.0, 0.0, 1.0, 0.72), (0.16, 0.034, 0.25, 0.96), (0.5, 0.046, 0.0, 1.0), (0.84, 0.034, 0.25, 0.96)];
 /// Depth of a round corner and of the arch of the gums over a tooth, and thickness of an edge, cm.
 const CORNER: f32 = 0.09;
 const SCALLOP: f32 = 0.13;
@@ -300,7 +300,7 @@ fn tongue(parts: &mut Parts) {
 }
 
 /// Hairs of one brow.
-const HAIRS: u16 = 340;
+const HAIRS: u16 = 280;
 /// Half the height of a brow at its inner end, its middle and its outer end, cm.
 const BROW: [f32; 3] = [0.32, 0.34, 0.09];
 /// How far a brow lies below the line of its landmarks, cm.
@@ -354,7 +354,7 @@ fn brows(parts: &mut Parts, head: &HeadMesh, skin: &TriangleMesh) {
         let (sin, cos) = lift.sin_cos();
         let way = [cos * dx - sin * dy, sin * dx + cos * dy];
         let length = (0.60 - 0.28 * share) * (1.0 + 0.4 * wild);
-        let thick = 0.021;
+        let thick = 0.026;
         let corners = [
             ([root[0] + thick * way[1], root[1] - thick * way[0]], 0.012),
             ([root[0] + length * way[0], root[1] + length * way[1]], 0.05),

@@ -93,4 +93,4 @@ function normalsOf({ moved: p, normals, triangles }) {
 }
 
 const HEAD_SKIN = [0.78, 0.58, 0.49], HEAD_DARK = [0.16, 0.07, 0.06], HEAD_BACKGROUND = [0.86, 0.87, 0.88];
-const HEAD_LIGHT = [-0.42, -0.52, 0.74];
+const HEAD_LIGHT = [-0.42, -0.52, 0.74], HEAD_FILL = [0.74, -0.04, 0.67];
