@@ -289,16 +289,16 @@ mod tests {
         let head = Head::new().unwrap();
         let bank = head_bank().unwrap();
         let skin = head.head.positions.len();
-        let of = |attached: Attached| {
-            (0..head.parts.positions.len()).filter(move |&k| head.parts.attached[k] == attached).map(move |k| k + skin)
-        };
+        let all = &head.parts.attached;
+        let of = |attached: Attached| (0..all.len()).filter(move |&k| all[k] == attached).map(move |k| k + skin);
         let (still, open) = (posed(&bank, "jawOpen", 0.0), posed(&bank, "jawOpen", 1.0));
         assert!(of(Attached::Skull).all(|v| still[v] == open[v]));
         let jaw: Vec<usize> = of(Attached::Jaw).collect();
         for pair in jaw.windows(2) {
             assert!((distance(still[pair[0]], still[pair[1]]) - distance(open[pair[0]], open[pair[1]])).abs() < 1e-3);
         }
-        assert!(jaw.iter().all(|&v| open[v][1] < still[v][1] - 1.0));
+        // In front the teeth drop by nearly 3 cm, at the tongue's root by less.
+        assert!(jaw.iter().all(|&v| still[v][1] - open[v][1] > if still[v][2] > 10.0 { 2.5 } else { 0.5 }));
     }
 
     #[test]
