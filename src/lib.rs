@@ -249,7 +249,7 @@ facade! {
     /// Making: dense surfaces from a bank of expressions \[ZL\].
     synthesis: Bank, BankError, BankInfo, BuildOptions, BuildSummary, Composition, Crossover, FeaturePointVertex, FpMotion,
     FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Solution, Solver, SynthesisError, SynthesisOptions, Synthesizer,
-    build_bank, candide_bank, read_motion
+    build_bank, candide_bank, head_bank, read_motion
 }
 facade! {
     /// Making: an expression on a new face, with its texture \[KP, section 5\].

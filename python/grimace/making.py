@@ -107,7 +107,7 @@ class Synthesis:
 
 def synthesize(
     motion: Motion,
-    bank: Path = "candide",
+    bank: Path = "head",
     *,
     solver: Optional[str] = None,
     regions: Optional[str] = None,
@@ -124,7 +124,8 @@ def synthesize(
 ) -> Synthesis:
     """Finds the mixture of a bank's expression meshes whose feature points move as the motion's do.
 
-    ``motion`` may also be a file of feature points, ``frame,fp,dx,dy,dz``. ``bank`` is a bank file, or ``"candide"`` for the embedded one.
+    ``motion`` may also be a file of feature points, ``frame,fp,dx,dy,dz``. ``bank`` is a bank file, or ``"head"`` or
+    ``"candide"`` for an embedded one.
     ``solver`` is ``"best"``, ``"rbf"``, ``"nnls"``, ``"ga"``, ``"refined"`` (default) or ``"cosine"``; ``regions`` ``"whole"``, ``"halves"``
     or ``"quarters"``; ``smooth`` the width of the smoothing in frames; ``between`` frames are put between every two of the motion (5 for
     models); ``noise`` the share of the farthest motion that counts as rest; ``scale`` bank units per face unit. ``gltf`` names a file to
@@ -139,12 +140,11 @@ def synthesize(
         "smoothing_frames": smooth,
         "ga": _given({"seed": seed, **search}),
     }
-    is_embedded = os.fspath(bank) == "candide" and not os.path.isfile(bank)
     with tempfile.TemporaryDirectory(prefix="grimace-") as folder:
         return Synthesis(
             **_grimace.synthesize(
                 _motion_file(motion, FilePath(folder)),
-                None if is_embedded else bank,
+                bank,
                 (between, noise),
                 (fps, scale),
                 json.dumps(_given(chosen)),

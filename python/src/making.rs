@@ -124,7 +124,7 @@ fn merge(there: &mut serde_json::Value, given: serde_json::Value) {
 pub fn synthesize<'py>(
     py: Python<'py>,
     motion: PathBuf,
-    bank: Option<PathBuf>,
+    bank: PathBuf,
     between_noise: (Option<usize>, Option<f64>),
     fps_scale: (Option<f64>, Option<f64>),
     synthesis_options: &str,
@@ -137,12 +137,13 @@ pub fn synthesize<'py>(
     wanted.check().map_err(to::<SynthesisError>)?;
     let ((between, noise), (fps, scale)) = (between_noise, fps_scale);
     let made = run_long(py, progress, false, move |caller| {
-        let bank = match bank {
-            Some(path) => Bank::open(&path).map_err(|e| {
-                let (path, text) = (path.display().to_string(), e.to_string());
+        let bank = match bank.to_str().filter(|_| !bank.is_file()) {
+            Some("head") => synthesis::head_bank().map_err(to::<SynthesisError>)?,
+            Some("candide") => synthesis::candide_bank().map_err(to::<SynthesisError>)?,
+            _ => Bank::open(&bank).map_err(|e| {
+                let (path, text) = (bank.display().to_string(), e.to_string());
                 to::<SynthesisError>(if text.contains(&path) { text } else { format!("{path}: {text}") })
             })?,
-            None => synthesis::candide_bank().map_err(to::<SynthesisError>)?,
         };
         let motion = read_motion(&motion, &bank, scale).map_err(to::<SynthesisError>)?;
         let motion = motion.as_animated(between, noise);

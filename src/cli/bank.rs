@@ -92,10 +92,10 @@ Examples:
 --weights is a CSV file `member,shape,weight`. --performance makes models as a face shows them that goes through anger, disgust, fear, \
 happiness, sadness and surprise: the six expressions in full, then frame after frame, with expressions that overlap, blend and are \
 performed differently every time. It needs shapes with ARKit names (jawOpen, mouthSmileLeft or mouthSmile_L, ...), or --expressions. \
-With --members N the six and the N - 6 frames that differ most become the bank, the rest goes to --unseen. The name `candide` stands \
-for the shapes of the embedded bank.")]
+With --members N the six and the N - 6 frames that differ most become the bank, the rest goes to --unseen. The names `head` and \
+`candide` stand for the shapes of the embedded banks.")]
 struct MixArgs {
-    /// Bank whose members are the shapes, or `candide`
+    /// Bank whose members are the shapes, or `head` or `candide`
     shapes: PathBuf,
     /// Bank file to write
     #[arg(short, long, value_name = "BANK")]
@@ -152,7 +152,7 @@ struct ConvertArgs {
 Example:
   grimace bank info face.bank --picture face.png")]
 struct InfoArgs {
-    /// Bank file, or `candide` for the embedded bank
+    /// Bank file, or `head` or `candide` for an embedded bank
     bank: PathBuf,
     /// Draw neutral, feature points and members into a PNG file
     #[arg(long, value_name = "PNG")]
@@ -175,15 +175,22 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
 }
 
-/// The word that stands for the embedded bank.
-pub const EMBEDDED: &str = "candide";
+/// The words that stand for the embedded banks: the head, and the one of Candide-3.
+const HEAD: &str = "head";
+const CANDIDE: &str = "candide";
 
-/// Opens a bank file, or makes the embedded bank; warns of a file of an older version.
+/// The word of the embedded bank that a path stands for, unless there is a file of that name.
+pub fn embedded(path: &Path) -> Option<&'static str> {
+    [HEAD, CANDIDE].into_iter().find(|word| path.as_os_str() == *word).filter(|_| !path.is_file())
+}
+
+/// Opens a bank file, or makes an embedded bank; warns of a file of an older version.
 pub fn open(path: &Path) -> anyhow::Result<Bank> {
-    if path.as_os_str() == EMBEDDED && !path.is_file() {
-        return Ok(synthesis::candide_bank()?);
+    match embedded(path) {
+        Some(HEAD) => Ok(synthesis::head_bank()?),
+        Some(_) => Ok(synthesis::candide_bank()?),
+        None => open_file(path),
     }
-    open_file(path)
 }
 
 fn open_file(path: &Path) -> anyhow::Result<Bank> {
@@ -231,14 +238,18 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
 
 fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     check_all_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
-    let embedded = args.shapes.as_os_str() == EMBEDDED && !args.shapes.is_file();
-    let shapes = if embedded { synthesis::candide_shapes()? } else { open_file(&args.shapes)? };
+    let embedded = embedded(&args.shapes);
+    let shapes = match embedded {
+        Some(HEAD) => synthesis::head_shapes()?,
+        Some(_) => synthesis::candide_shapes()?,
+        None => open_file(&args.shapes)?,
+    };
     let (recipes, dominant) = match (&args.weights, args.performance) {
         (Some(path), _) => (read_recipes(path, shapes.names())?, 0),
         (None, models) => {
             let expressions = match &args.expressions {
                 Some(path) => read_recipes(path, shapes.names())?.into_iter().map(|r| (r.name, r.weights)).collect(),
-                None if embedded => synthesis::candide_expressions()?,
+                None if embedded == Some(CANDIDE) => synthesis::candide_expressions()?,
                 None => arkit::dominant_expressions(shapes.names())
                     .context("the shapes have no ARKit names; give the expressions to perform with --expressions")?,
             };

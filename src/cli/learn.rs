@@ -33,6 +33,8 @@ enum What {
     Locator(LocatorArgs),
     /// A three-dimensional head on Candide-3's nodes from a dense face model.
     Head(super::learn_head::Args),
+    /// The dense head that ships with the program, from a symmetric face model.
+    HeadMesh(super::learn_head_mesh::Args),
 }
 
 /// Learn to find faces and their points, from photographs with hand-set points.
@@ -72,6 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.what {
         What::Locator(args) => locator(args),
         What::Head(args) => super::learn_head::run(args),
+        What::HeadMesh(args) => super::learn_head_mesh::run(args),
     }
 }
 

@@ -22,6 +22,7 @@ mod init;
 mod lab;
 mod learn;
 mod learn_head;
+mod learn_head_mesh;
 mod locate;
 mod package;
 mod play;

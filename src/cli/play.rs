@@ -28,7 +28,7 @@ Examples:
   grimace play results/representatives/*.csv -o player.html
   grimace play results/representatives/anger.csv smile.fap results/tracks/S005_001.csv --portrait anna.jpg -c anna.csv -o anna.html
   grimace play results/fap/*.fap --portrait anna.jpg ben.png -o both.html
-  grimace play results/representatives/*.csv --bank candide -o head.html
+  grimace play results/representatives/*.csv --bank head -o head.html
 
 The page is one file that needs nothing else and sends nothing anywhere. It plays every motion on every face, two of them side by side \
 if asked, stronger or weaker, slower or faster; it draws the FAPs over time, moves the face by single FAPs, and saves frames as PNG. \
@@ -43,7 +43,7 @@ pub struct Args {
     /// Marked points on each portrait, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the portraits if none is given
     #[arg(short, long, num_args = 1.., requires = "portrait", value_name = "C.csv")]
     correspondences: Vec<PathBuf>,
-    /// Dense head to play on, too, or instead of a portrait: a bank file, or `candide` for the embedded one
+    /// Dense head to play on, too, or instead of a portrait: a bank file, or `head` or `candide` for an embedded one
     #[arg(short, long, value_name = "BANK")]
     bank: Option<PathBuf>,
     /// The page

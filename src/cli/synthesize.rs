@@ -26,9 +26,9 @@ use super::{
 
 const EXAMPLE: &str = "\
 Examples:
-  grimace synthesize --bank candide --motion results/representatives/happiness.csv -o happiness
+  grimace synthesize --bank head --motion results/representatives/happiness.csv -o happiness
   grimace synthesize --bank face.bank --motion results/fap/surprise.fap --regions 4 -o surprise
-  grimace synthesize --bank candide --motion results/representatives/*.csv --loop -o all
+  grimace synthesize --bank head --motion results/representatives/*.csv --loop -o all
   grimace synthesize --bank face.bank --motion points.csv --solver ga --crossover line --seed 3 --history -o points
 
 The motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,...), a .fap file, or a CSV \
@@ -41,7 +41,7 @@ shapes have ARKit names, and on request surface.npy, obj/, ply/ and history.csv.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Args {
-    /// Bank file, or `candide` for the embedded bank
+    /// Bank file, or `head` or `candide` for an embedded bank
     #[arg(short, long, value_name = "BANK")]
     bank: PathBuf,
     /// Representatives, models, tracks, .fap files or CSV files of feature point motions; of several, one animation.glb has an animation each, and

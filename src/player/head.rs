@@ -81,6 +81,9 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
         Ok(json!({ "frames": motion.frames.len(), "weights": pack::scaled(&flat) }))
     };
     let member = |k: usize| pack::scaled(&bank.displacements(k).iter().flat_map(|&d| camera.displacement(d)).collect::<Vec<_>>());
+    let rests: Vec<bool> = (0..bank.vertex_count())
+        .map(|v| (0..bank.member_count()).all(|member| bank.displacements(member)[v] == [0.0; 3]))
+        .collect();
     let positions = |list: &[[f32; 3]]| pack::single(list.iter().flat_map(|&p| camera.place(p)));
     let eyes = scene.eyes().map(|DrawnEye { positions: places, triangles, centre, iris }| {
         let [x, y, _] = camera.place(centre);
@@ -98,17 +101,19 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
         "height": SIZE.1,
         "positions": positions(bank.mesh().positions()),
         "triangles": pack::whole(bank.mesh().triangles().iter().flatten().copied()),
+        // Colours of the vertices, sRGB; null where all is skin.
+        "colours": scene.colours().map(|colours| pack::bytes(colours.as_flattened())),
         "eyes": eyes.collect::<Vec<_>>(),
         "openings": scene.openings().iter().map(|walk| pack::whole(walk.iter().copied())).collect::<Vec<_>>(),
         "members": (0..bank.member_count()).map(member).collect::<Vec<_>>(),
         "motions": head.motions.iter().take(shown.len()).map(weights).collect::<Result<Vec<_>, _>>()?,
-        "faps": FapCatalog::mpeg4().rows().iter().filter_map(|row| fap(row, bank, &camera)).collect::<Vec<_>>(),
+        "faps": FapCatalog::mpeg4().rows().iter().filter_map(|row| fap(row, bank, &camera, &rests)).collect::<Vec<_>>(),
     }))
 }
 
 /// What a FAP of 1 does to the head: its feature points go its way and the others rest; the skin between is interpolated. Its number, its
-/// axis, and the offsets along it. `None` for angles, for depth, and for what the bank has no feature point of.
-fn fap(row: &FapRow, bank: &Bank, camera: &Camera) -> Option<Value> {
+/// axis, and the offsets along it; what no member moves (eyeballs, upper teeth) rests. `None` for angles, for depth, and for what the bank has no feature point of.
+fn fap(row: &FapRow, bank: &Bank, camera: &Camera, rests: &[bool]) -> Option<Value> {
     let axis = row.motion.filter(|motion| !motion.is_angle()).and_then(FapMotion::frontal_axis)?;
     let unit = row.sign * fapu_length(bank, row.fapu?)? / FAP_UNITS_PER_FAPU;
     let moves = |fp: &FeaturePoint| row.feature_points.contains(fp);
@@ -122,6 +127,7 @@ fn fap(row: &FapRow, bank: &Bank, camera: &Camera) -> Option<Value> {
     };
     let offset = |fp: &FeaturePoint| if moves(fp) { way * unit } else { Vector3::zeros() };
     let motion = FpMotion { offsets: bank.feature_points().iter().map(|p| Some(offset(&p.fp))).collect(), planar: true };
-    let flat: Vec<f64> = interpolate(bank, &motion).into_iter().map(|d| camera.displacement(d)[along]).collect();
+    let offsets = interpolate(bank, &motion).into_iter().zip(rests);
+    let flat: Vec<f64> = offsets.map(|(d, &rests)| if rests { 0.0 } else { camera.displacement(d)[along] }).collect();
     Some(json!({ "number": row.number.get(), "axis": along, "offsets": pack::small(&flat) }))
 }

@@ -9,6 +9,11 @@ pub fn whole(values: impl IntoIterator<Item = u32>) -> Value {
     json!(BASE64_STANDARD.encode(bytes))
 }
 
+/// Bytes.
+pub fn bytes(values: &[u8]) -> Value {
+    json!(BASE64_STANDARD.encode(values))
+}
+
 /// Numbers at 16 bits: `{scale, values}`, the value being the whole number times the scale.
 pub fn scaled(values: &[f64]) -> Value {
     let most = values.iter().fold(0.0_f64, |most, v| if v.is_finite() { most.max(v.abs()) } else { most });

@@ -14,7 +14,7 @@ pub struct Vertex {
     pub at: [f32; 3],
     /// Unit normal in the camera's axes, z towards the viewer.
     pub normal: [f32; 3],
-    /// Place in the model, for colours that depend on it.
+    /// Place in the model, for colours that depend on it; of [`Shade::Painted`] the colour (linear RGB).
     pub model: [f32; 3],
 }
 
@@ -29,6 +29,11 @@ pub enum Shade {
         centre: [f32; 3],
         /// Radius of the iris in the model.
         iris: f32,
+    },
+    /// The colour of the corners, dull like skin or wet like eyes and teeth.
+    Painted {
+        /// Whether it is wet.
+        wet: bool,
     },
     /// The inside of an opening: dark.
     Cavity,
@@ -106,6 +111,12 @@ impl Canvas {
     }
 }
 
+/// Linear light from a byte of sRGB.
+pub fn linear(byte: u8) -> f32 {
+    let c = f32::from(byte) / 255.0;
+    if c <= 0.040_45 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+}
+
 fn srgb(linear: f32) -> f32 {
     let c = linear.clamp(0.0, 1.0);
     if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
@@ -126,6 +137,9 @@ fn colour(shade: Shade, normal: [f32; 3], model: [f32; 3]) -> [f32; 3] {
         Shade::Flat(colour) => return colour,
         Shade::Skin => ([0.80, 0.55, 0.43], 0.10),
         Shade::Eye { centre, iris } => (eye(centre, iris, model), 0.55),
+        // What is dark is deep inside, where no light comes to shine.
+        Shade::Painted { wet: false } => (model, 0.07 * (2.0 * model[0]).min(1.0)),
+        Shade::Painted { wet: true } => (model, 0.45),
         Shade::Cavity => ([0.09, 0.025, 0.022], 0.0),
     };
     let lambert = |light: [f32; 3]| normalized(light).map_or(0.0, |l| dot(l, normal));
@@ -186,6 +200,13 @@ mod tests {
         canvas.triangle([vertex(0.0, 0.0, 0.0), vertex(2.0, 2.0, 0.0), vertex(4.0, 4.0, 0.0)], Shade::Skin);
         canvas.triangle([vertex(f32::NAN, 0.0, 0.0), vertex(2.0, 2.0, 0.0), vertex(4.0, 0.0, 0.0)], Shade::Skin);
         assert_eq!(canvas.picture(), before);
+    }
+
+    #[test]
+    fn linear_light_and_srgb_are_inverse() {
+        assert!((0..=255).all(|byte| (srgb(linear(byte)) * 255.0 - f32::from(byte)).abs() < 1e-2));
+        // Half the code values are 21.4 % of the light.
+        assert!((linear(128) - 0.2159).abs() < 1e-3);
     }
 
     #[test]

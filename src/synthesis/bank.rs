@@ -68,6 +68,9 @@ pub struct BankInfo {
     pub credit: String,
     /// How the members were mixed, where they were.
     pub composition: Option<Composition>,
+    /// Colours of all vertices, sRGB, of a mesh with more than skin: eyes, teeth, brows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub paint: Option<Vec<[u8; 3]>>,
 }
 
 /// Displacements in memory, or in a mapped file.
@@ -136,6 +139,9 @@ impl Bank {
         displacements: Displacements,
     ) -> Result<Self, BankError> {
         check_head(&mesh, &names, &feature_points)?;
+        if let Some(found) = info.paint.as_ref().map(Vec::len).filter(|&found| found != mesh.vertex_count()) {
+            return Err(BankError::VertexCount { name: "paint".to_owned(), found, expected: mesh.vertex_count() });
+        }
         let bank = Self { mesh, names, feature_points, info, displacements, is_old_file: false };
         for (member, name) in bank.names.iter().enumerate() {
             check_member(name, bank.displacements(member), &bank.mesh)?;
@@ -208,6 +214,11 @@ impl Bank {
     /// Neutral position of a feature point; `None` when the bank does not have it.
     pub fn feature_point_position(&self, fp: FeaturePoint) -> Option<[f32; 3]> {
         self.feature_point_index(fp).map(|k| self.mesh.positions()[self.feature_points[k].vertex as usize])
+    }
+
+    /// Colours of all vertices, sRGB, where the mesh has more than skin.
+    pub fn paint(&self) -> Option<&[[u8; 3]]> {
+        self.info.paint.as_deref()
     }
 
     /// What the bank says of itself.

@@ -123,6 +123,7 @@ pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> 
         source: source_path.file_name().unwrap_or(source_path.as_os_str()).to_string_lossy().into_owned(),
         credit: options.credit.clone().unwrap_or_else(|| source.about.credit.clone()),
         composition: None,
+        paint: None,
     };
     let names = source.names.clone();
     let head = BankHead { mesh: &mesh, names: &names, feature_points: &points, info: &info };

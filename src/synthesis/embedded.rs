@@ -152,6 +152,7 @@ impl Candide {
             source: "Candide-3, subdivided".to_owned(),
             credit: "Candide-3: J. Ahlberg, report LiTH-ISY-R-2326".to_owned(),
             composition,
+            paint: None,
         };
         Bank::new(self.mesh.clone(), names, displacements, self.feature_points.clone(), info)
     }

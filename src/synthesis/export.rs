@@ -48,6 +48,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Outpu
     let Some(first) = animations.first() else { return Ok(()) };
     let (bank, regions) = (first.synthesizer.bank(), first.synthesizer.regions());
     let metres = fapu_length(bank, Fapu::Es).map(|es| EYE_SEPARATION_M / es);
+    let paint = FaceScene::new(bank).colours();
     let times = |a: &Animation<'_>| (0..a.answers.len()).map(|frame| (frame as f64 / a.fps) as f32).collect::<Vec<f32>>();
     if first.synthesizer.options().solver == Solver::Rbf {
         let places: Vec<(usize, usize)> =
@@ -61,7 +62,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Outpu
         };
         let shown: Vec<GltfAnimation> = animations.iter().enumerate().map(shown).collect();
         let surface = |k: usize| Cow::Owned(animations[places[k].0].surface(places[k].1));
-        return write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &surface, &shown, metres));
+        return write_atomic(path, |out| write_glb(out, (bank.mesh(), paint.as_deref()), &targets, &surface, &shown, metres));
     }
     // Least and largest weight of a target.
     let span = |region: usize, member: usize| {
@@ -100,7 +101,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Outpu
         GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights: a.answers.iter().flat_map(of).collect() }
     };
     let shown: Vec<GltfAnimation> = animations.iter().map(weights).collect();
-    write_atomic(path, |out| write_glb(out, bank.mesh(), &targets, &displacements, &shown, metres))
+    write_atomic(path, |out| write_glb(out, (bank.mesh(), paint.as_deref()), &targets, &displacements, &shown, metres))
 }
 
 /// Frames whose surfaces are in memory at once while files are written.

@@ -5,7 +5,7 @@ use image::RgbImage;
 use super::Bank;
 use crate::{
     mesh::{add, sphere_front, vertex_normals},
-    render::{Canvas, Shade, Vertex},
+    render::{Canvas, Shade, Vertex, linear},
     units::FeaturePoint,
 };
 
@@ -47,6 +47,8 @@ pub struct FaceScene<'b> {
     bank: &'b Bank,
     /// How each triangle of the mesh looks.
     shades: Vec<Shade>,
+    /// Colours of the vertices of a painted bank, linear.
+    paint: Option<Vec<[f32; 3]>>,
     eyes: Vec<Prop>,
     /// Openings that are no eyes, as closed walks.
     openings: Vec<Vec<u32>>,
@@ -63,6 +65,11 @@ const CAVITY_DEPTH: f32 = 0.25;
 const EYE_FIT: f32 = 1.02;
 /// Radius of an iris: over the opening of the lids, of which it shows a little less than all; and at most over the eyeball's.
 const IRIS: (f32, f32) = (0.60, 0.48);
+
+/// Colours of vertices, sRGB: skin, the white of an eye, and pupil, iris and its rim up to these shares of the iris.
+const SKIN: [u8; 3] = [199, 148, 125];
+const WHITE: [u8; 3] = [230, 224, 217];
+const EYE: [(f32, [u8; 3]); 3] = [(0.42, [13, 13, 15]), (1.0, [74, 102, 117]), (1.12, [51, 61, 69])];
 
 /// Radius of the iris of an eyeball.
 fn iris(bank: &Bank, eyeball: f32) -> f32 {
@@ -109,7 +116,8 @@ impl<'b> FaceScene<'b> {
         let [low, high] = bank.mesh().bounds();
         let middle = add(low, high).map(|c| c / 2.0);
         let reach = (0..2).map(|k| (high[k] - low[k]) / 2.0).fold(0.0, f32::max);
-        Self { bank, shades, eyes, openings, middle, reach }
+        let paint = bank.paint().map(|paint| paint.iter().map(|colour| colour.map(linear)).collect());
+        Self { bank, shades, paint, eyes, openings, middle, reach }
     }
 
     /// The eyeballs that the mesh itself has not.
@@ -120,6 +128,25 @@ impl<'b> FaceScene<'b> {
             }
             _ => None,
         })
+    }
+
+    /// Colours of all vertices, sRGB: the bank's own, or of skin and of the eyes that its mesh has. `None` where all is skin.
+    pub fn colours(&self) -> Option<Vec<[u8; 3]>> {
+        if let Some(paint) = self.bank.paint() {
+            return Some(paint.to_vec());
+        }
+        let mut colours = vec![SKIN; self.bank.vertex_count()];
+        let mut found = false;
+        for (triangle, shade) in self.bank.mesh().triangles().iter().zip(&self.shades) {
+            let Shade::Eye { centre, iris } = *shade else { continue };
+            found = true;
+            for &v in triangle {
+                let [x, y, _] = self.bank.mesh().positions()[v as usize];
+                let far = (x - centre[0]).hypot(y - centre[1]) / iris;
+                colours[v as usize] = EYE.iter().find(|(reach, _)| far < *reach).map_or(WHITE, |(_, colour)| *colour);
+            }
+        }
+        found.then_some(colours)
     }
 
     /// The openings that are no eyes, as closed walks of vertices.
@@ -154,8 +181,9 @@ impl<'b> FaceScene<'b> {
         let normals = vertex_normals(&positions, mesh.triangles());
         let camera = Camera::new(self, view);
         let mut canvas = Canvas::new(view.size.0, view.size.1);
+        let models = self.paint.as_deref().unwrap_or(mesh.positions());
         let corners: Vec<Vertex> =
-            positions.iter().zip(&normals).zip(mesh.positions()).map(|((&p, &n), &m)| camera.vertex(p, n, m)).collect();
+            positions.iter().zip(&normals).zip(models).map(|((&p, &n), &m)| camera.vertex(p, n, m)).collect();
         for (triangle, &shade) in mesh.triangles().iter().zip(&self.shades) {
             canvas.triangle(triangle.map(|v| corners[v as usize]), shade);
         }
@@ -214,8 +242,15 @@ fn shades(bank: &Bank, part: &[u32]) -> (Vec<Shade>, bool) {
             high[k] = high[k].max(position[k]);
         }
     }
+    let mut sizes = vec![0_usize; part.len()];
+    part.iter().for_each(|&p| sizes[p as usize] += 1);
+    let face = bank.feature_points().first().map_or(0, |p| part[p.vertex as usize] as usize);
     let shade = |triangle: &[u32; 3]| {
         let part = part[triangle[0] as usize] as usize;
+        if bank.paint().is_some() {
+            // Eyes, teeth and the tongue are parts of their own; so are hairs, of a single triangle.
+            return Shade::Painted { wet: part != face && sizes[part] > 3 };
+        }
         if moving[part] {
             return Shade::Skin;
         }
@@ -223,7 +258,7 @@ fn shades(bank: &Bank, part: &[u32]) -> (Vec<Shade>, bool) {
         Shade::Eye { centre: add(low, high).map(|c| c / 2.0), iris: iris(bank, (high[0] - low[0]) / 2.0) }
     };
     let shades: Vec<Shade> = bank.mesh().triangles().iter().map(shade).collect();
-    let has_eyes = shades.iter().any(|s| matches!(s, Shade::Eye { .. }));
+    let has_eyes = bank.paint().is_some() || shades.iter().any(|s| matches!(s, Shade::Eye { .. }));
     (shades, has_eyes)
 }
 

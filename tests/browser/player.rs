@@ -116,7 +116,7 @@ fn a_dense_head_moves_by_motions_and_by_single_faps() {
     let folder = browser.folder.path();
     let run = Command::new(grimace())
         .current_dir(folder)
-        .args(["play", "jaw.fap", "smile.fap", "--bank", "candide", "-o", "head.html"])
+        .args(["play", "jaw.fap", "smile.fap", "--bank", "head", "-o", "head.html"])
         .output()
         .unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));

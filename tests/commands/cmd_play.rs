@@ -62,6 +62,15 @@ fn a_page_plays_on_the_dense_head() {
     // FAP 3 opens the jaw: it moves along y.
     let faps = head["faps"].as_array().unwrap();
     assert_eq!(faps.iter().find(|f| f["number"] == 3).unwrap()["axis"].as_u64(), Some(1));
+    // Its own eyes are not of the colour of skin: Base64 of a byte of each of three colours for every vertex.
+    assert_eq!(head["colours"].as_str().unwrap().len(), (3 * 23_424_usize).div_ceil(3) * 4);
+    work.grimace("play jaw.fap --bank head -o dense.html").exit(0).prints(&["1 motion on 1 face: dense.html"]);
+    let page = data(&work.read("dense.html"));
+    let head = &page["faces"][0];
+    assert_eq!((head["label"].as_str(), head["members"].as_array().unwrap().len()), (Some("head"), 30));
+    assert!(head["colours"].is_string() && head["eyes"].as_array().unwrap().is_empty());
+    // The mouth is closed behind; what is open is the neck.
+    assert!(head["openings"].as_array().unwrap().is_empty());
     work.grimace("play jaw.fap --bank gone.bank -o x.html").exit(1).says(&["gone.bank"]);
 }
 

@@ -30,7 +30,9 @@ mod tests {
         let animation =
             GltfAnimation { name: "happiness".to_owned(), times_s: vec![0.0, 0.04], weights: vec![0.0, 0.0, 1.0, 0.5] };
         let mut bytes = Vec::new();
-        write_glb(&mut bytes, &mesh, &targets, &|k| Cow::Borrowed(&moves[k][..]), &[animation], Some(0.1)).unwrap();
+        let paint = [[0, 255, 128]; 4];
+        write_glb(&mut bytes, (&mesh, Some(&paint)), &targets, &|k| Cow::Borrowed(&moves[k][..]), &[animation], Some(0.1))
+            .unwrap();
         bytes
     }
 
@@ -64,6 +66,13 @@ mod tests {
         let reader = primitive.reader(|b| Some(&buffers[b.index()]));
         let morphs: Vec<Vec<[f32; 3]>> = reader.read_morph_targets().map(|(p, _, _)| p.unwrap().collect()).collect();
         assert_eq!(morphs[1][1], [0.0, -1.0, 0.0]);
+        // Half of sRGB is 21.6 % of the light. The front is at 90 degrees of the way around, the heights -0.. are those of the square.
+        let colours: Vec<[f32; 4]> = reader.read_colors(0).unwrap().into_rgba_f32().collect();
+        assert!(colours.iter().all(|c| c[0] == 0.0 && c[1] == 1.0 && (c[2] - 0.216).abs() < 1e-3 && c[3] == 1.0));
+        let places: Vec<[f32; 2]> = reader.read_tex_coords(0).unwrap().into_f32().collect();
+        assert_eq!(places.iter().map(|p| p[1]).collect::<Vec<_>>(), [1.0, 1.0, 0.0, 0.0]);
+        // Vertex 2 is at x = 0.5 and z = 1.125 from the middle of the box: atan(0.5/1.125) = 23.96 degrees = 0.0666 turns.
+        assert!((places[2][0] - 0.5666).abs() < 1e-3);
         // Normals of the moved face minus those of the neutral one, of length 1 together.
         let normals: Vec<[f32; 3]> = reader.read_normals().unwrap().collect();
         assert!(normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-6));

@@ -15,7 +15,10 @@ use gltf::json::{
     validation::{Checked, USize64},
 };
 
-use crate::mesh::{TriangleMesh, add, sub, vertex_normals};
+use crate::{
+    mesh::{TriangleMesh, add, sub, vertex_normals},
+    render::linear,
+};
 
 /// A morph target to write.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +50,9 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// Writes a mesh, its morph targets (positions and normals) and animations of their weights as binary glTF. `metres` are those of one unit
 /// of the mesh, in which glTF counts; `None` where they are not known.
 ///
+/// Texture coordinates unwrap the neutral mesh around its upright axis, with the seam at the back. `paint` are the colours of the vertices,
+/// sRGB; without it everything is of the colour of skin.
+///
 /// `displacements(k)` are those of target k, of every vertex. They are asked for twice and never kept: beside the mesh, one target
 /// at a time is in memory.
 ///
@@ -54,13 +60,13 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// When `out` cannot be written to, or the file would exceed the 4 GiB of the format.
 pub fn write_glb<'a>(
     out: &mut dyn Write,
-    mesh: &TriangleMesh,
+    (mesh, paint): (&TriangleMesh, Option<&[[u8; 3]]>),
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
     animations: &[GltfAnimation],
     metres: Option<f64>,
 ) -> io::Result<()> {
-    let (root, bin_length) = document(mesh, targets, displacements, animations, metres)?;
+    let (root, bin_length) = document((mesh, paint.is_some()), targets, displacements, animations, metres)?;
     let mut text = json::serialize::to_vec(&root).map_err(io::Error::from)?;
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() as u64 + 8 + bin_length;
@@ -77,6 +83,15 @@ pub fn write_glb<'a>(
     let normals = vertex_normals(mesh.positions(), mesh.triangles());
     write_vectors(out, mesh.positions())?;
     write_vectors(out, &normals)?;
+    for number in unwrapped(mesh).as_flattened() {
+        out.write_all(&number.to_le_bytes())?;
+    }
+    for colour in paint.unwrap_or_default() {
+        let [red, green, blue] = colour.map(|c| (f32::from(u16::MAX) * linear(c)).round() as u16);
+        for word in [red, green, blue, u16::MAX] {
+            out.write_all(&word.to_le_bytes())?;
+        }
+    }
     for triangle in mesh.triangles() {
         write_words(out, triangle)?;
     }
@@ -103,6 +118,18 @@ pub fn write_glb<'a>(
         }
     }
     Ok(())
+}
+
+/// Texture coordinates around the upright axis, 0 to 1: a half in front, v downwards.
+fn unwrapped(mesh: &TriangleMesh) -> Vec<[f32; 2]> {
+    let [low, high] = mesh.bounds();
+    let middle = |k: usize| f32::midpoint(low[k], high[k]);
+    let tall = (high[1] - low[1]).max(f32::MIN_POSITIVE);
+    let place = |p: &[f32; 3]| {
+        let turn = (p[0] - middle(0)).atan2(p[2] - middle(2)) / std::f32::consts::TAU;
+        [0.5 + turn, (high[1] - p[1]) / tall]
+    };
+    mesh.positions().iter().map(place).collect()
 }
 
 fn write_vectors(out: &mut dyn Write, values: &[[f32; 3]]) -> io::Result<()> {
@@ -210,7 +237,7 @@ impl Builder {
 }
 
 fn document<'a>(
-    mesh: &TriangleMesh,
+    (mesh, painted): (&TriangleMesh, bool),
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
     animations: &[GltfAnimation],
@@ -222,6 +249,16 @@ fn document<'a>(
     let mut builder = Builder { root: Root { asset, ..Root::default() }, length: 0 };
     let positions = builder.vectors(count, Some(mesh.bounds()));
     let normals = builder.vectors(count, None);
+    let view = builder.view(8 * count as u64, Some(buffer::Target::ArrayBuffer));
+    let places = builder.accessor(Some(view), count, ComponentType::F32, Type::Vec2);
+    let colours = painted.then(|| {
+        let view = builder.view(8 * count as u64, Some(buffer::Target::ArrayBuffer));
+        let colours = builder.accessor(Some(view), count, ComponentType::U16, Type::Vec4);
+        if let Some(accessor) = builder.root.accessors.get_mut(colours.value()) {
+            accessor.normalized = true;
+        }
+        colours
+    });
     let view = builder.view(12 * mesh.triangles().len() as u64, Some(buffer::Target::ElementArrayBuffer));
     let indices = builder.accessor(Some(view), 3 * mesh.triangles().len(), ComponentType::U32, Type::Scalar);
     let mut morphs = Vec::with_capacity(targets.len());
@@ -256,15 +293,20 @@ fn document<'a>(
         name: Some("skin".to_owned()),
         double_sided: true,
         pbr_metallic_roughness: PbrMetallicRoughness {
-            base_color_factor: PbrBaseColorFactor(SKIN),
+            base_color_factor: PbrBaseColorFactor(if painted { [1.0; 4] } else { SKIN }),
             metallic_factor: StrengthFactor(0.0),
             roughness_factor: StrengthFactor(ROUGHNESS),
             ..PbrMetallicRoughness::default()
         },
         ..Material::default()
     });
-    let attributes =
-        [(Checked::Valid(Semantic::Positions), positions), (Checked::Valid(Semantic::Normals), normals)].into_iter().collect();
+    let attributes = [
+        Some((Semantic::Positions, positions)),
+        Some((Semantic::Normals, normals)),
+        Some((Semantic::TexCoords(0), places)),
+        colours.map(|colours| (Semantic::Colors(0), colours)),
+    ];
+    let attributes = attributes.into_iter().flatten().map(|(semantic, index)| (Checked::Valid(semantic), index)).collect();
     let names: Vec<&str> = targets.iter().map(|t| t.name.as_str()).collect();
     let extras = serde_json::value::to_raw_value(&serde_json::json!({ "targetNames": names })).map_err(io::Error::from)?;
     let mesh = root.push(Mesh {

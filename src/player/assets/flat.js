@@ -85,8 +85,9 @@ class FlatStage {
         const u = [p[b] - p[a], p[b + 1] - p[a + 1], p[b + 2] - p[a + 2]], v = [p[c] - p[a], p[c + 1] - p[a + 1], p[c + 2] - p[a + 2]];
         const n = [u[2] * v[1] - u[1] * v[2], u[0] * v[2] - u[2] * v[0], u[1] * v[0] - u[0] * v[1]];
         if (n[2] <= 0) continue;
-        const size = Math.hypot(...n) || 1, key = Math.max((n[0] * HEAD_LIGHT[0] + n[1] * HEAD_LIGHT[1] + n[2] * HEAD_LIGHT[2]) / size, 0);
-        list.push({ z: p[a + 2] + p[b + 2] + p[c + 2], at: [p[a], p[a + 1], p[b], p[b + 1], p[c], p[c + 1]], style: style(colours ? [...colours.subarray(a, a + 3)] : colour, 0.34 + 0.72 * key) });
+        const towards = ([x, y, z]) => Math.max((n[0] * x + n[1] * y + n[2] * z) / (Math.hypot(...n) || 1), 0);
+        const mean = colours && [0, 1, 2].map((axis) => (colours[a + axis] + colours[b + axis] + colours[c + axis]) / 3);
+        list.push({ z: p[a + 2] + p[b + 2] + p[c + 2], at: [p[a], p[a + 1], p[b], p[b + 1], p[c], p[c + 1]], style: style(mean ?? colour, 0.34 + 0.7 * towards(HEAD_LIGHT) + 0.2 * towards(HEAD_FILL)) });
       }
     };
     add(rig, HEAD_SKIN);

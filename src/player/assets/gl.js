@@ -81,10 +81,10 @@ const HEAD_VERTEX = `
 attribute vec3 at; attribute vec3 normal; attribute vec3 colour; uniform vec2 size; varying vec3 n; varying vec3 c;
 void main() { n = normal; c = colour; vec2 p = at.xy / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, -at.z / (4.0 * size.y), 1.0); }`;
 const HEAD_FRAGMENT = `
-precision mediump float; varying highp vec3 n; varying vec3 c; uniform vec3 light; uniform float lit;
+precision mediump float; varying highp vec3 n; varying vec3 c; uniform vec3 light; uniform vec3 other; uniform float lit;
 void main() {
-  highp vec3 m = normalize(n); float key = max(dot(m, light), 0.0), rim = 1.0 - abs(m.z);
-  vec3 shade = c * (0.34 + 0.72 * key) + 0.05 * pow(max(reflect(-light, m).z, 0.0), 18.0) - 0.10 * c * rim * rim;
+  highp vec3 m = normalize(n); float key = max(dot(m, light), 0.0), fill = max(dot(m, other), 0.0), rim = 1.0 - abs(m.z);
+  vec3 shade = c * (0.34 + 0.70 * key + 0.20 * fill) + 0.05 * pow(max(reflect(-light, m).z, 0.0), 18.0) - 0.10 * c * rim * rim;
   gl_FragColor = vec4(mix(c, shade, lit), 1.0);
 }`;
 
@@ -183,9 +183,11 @@ class GlStage {
   draw(rig) {
     const { gl, canvas } = this;
     if (gl.isContextLost()) return;
-    if (canvas.width !== rig.width || canvas.height !== rig.height) {
-      canvas.width = rig.width;
-      canvas.height = rig.height;
+    // A head has fine edges and hairs: it is drawn at twice its size, and the page makes it smaller.
+    const scale = rig.kind === "head" ? 2 : 1;
+    if (canvas.width !== scale * rig.width || canvas.height !== scale * rig.height) {
+      canvas.width = scale * rig.width;
+      canvas.height = scale * rig.height;
       this.around = null;
     }
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -228,6 +230,7 @@ class GlStage {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     this.use(head, rig);
     this.uniform(head, "light", ...HEAD_LIGHT);
+    this.uniform(head, "other", ...HEAD_FILL);
     const solid = (name, { moved, normals, triangles, colours }, fixed) => {
       this.uniform(head, "lit", 1);
       this.buffer(`${name} at`, () => moved, gl.ARRAY_BUFFER, fixed);
@@ -235,7 +238,7 @@ class GlStage {
       this.buffer(`${name} normal`, () => normals, gl.ARRAY_BUFFER, fixed);
       this.attribute(head, "normal", 3);
       if (colours) {
-        this.buffer(`${name} colour`, () => colours, gl.ARRAY_BUFFER, fixed);
+        this.buffer(`${name} colour ${rig.index}`, () => colours, gl.ARRAY_BUFFER, true);
         this.attribute(head, "colour", 3);
       } else this.plain(head, HEAD_SKIN);
       this.buffer(`${name} ${rig.index}`, () => triangles, gl.ELEMENT_ARRAY_BUFFER, true);

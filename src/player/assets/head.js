@@ -7,6 +7,7 @@ class Head {
     this.moved = Float32Array.from(this.rest);
     this.normals = new Float32Array(this.rest.length);
     this.triangles = wholes(entry.triangles);
+    if (entry.colours) this.colours = Float32Array.from(new Uint8Array(bytesOf(entry.colours)), (v) => v / 255);
     this.members = entry.members.map(scaled);
     this.motions = entry.motions.map(({ frames, weights }) => ({ frames, weights: scaled(weights) }));
     this.faps = new Map(entry.faps.map(({ number, axis, offsets: { scale, values } }) => [number, { axis, offsets: Float32Array.from(new Int8Array(bytesOf(values)), (v) => v * scale) }]));
@@ -92,4 +93,4 @@ function normalsOf({ moved: p, normals, triangles }) {
 }
 
 const HEAD_SKIN = [0.78, 0.58, 0.49], HEAD_DARK = [0.16, 0.07, 0.06], HEAD_BACKGROUND = [0.86, 0.87, 0.88];
-const HEAD_LIGHT = [-0.42, -0.52, 0.74];
+const HEAD_LIGHT = [-0.42, -0.52, 0.74], HEAD_FILL = [0.74, -0.04, 0.67];
