@@ -3,6 +3,7 @@
 //! Positions are `f32`, as in every file format here; axes are those of face space (x to the subject's left, y up, z out of the
 //! face), the unit is the file's own. Polygons become triangle fans, so that the quad a b c d gives a b c and a c d.
 
+pub(crate) mod colour;
 pub mod gltf;
 mod npy;
 mod obj;

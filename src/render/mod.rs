@@ -5,5 +5,5 @@
 mod raster;
 mod sheet;
 
-pub use raster::{Canvas, Shade, Vertex, linear};
+pub use raster::{Canvas, Shade, Vertex};
 pub use sheet::{LABEL_HEIGHT, Labelled, contact_sheet, gif_bytes, write_label};

@@ -81,7 +81,7 @@ impl Turn {
 }
 
 struct Head {
-    head: HeadMesh,
+    skin: HeadMesh,
     parts: Parts,
     mesh: TriangleMesh,
     colours: Vec<[u8; 3]>,
@@ -105,14 +105,14 @@ impl Head {
         let near = |p: [f32; 3], q: [f32; 3]| (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>() < JAW_REACH * JAW_REACH;
         let on_jaw = |v: &u32| line.iter().any(|&p| near(p, head.positions[*v as usize]));
         let jaw = (0..head.positions.len() as u32).filter(on_jaw).collect();
-        Ok(Self { head, parts, mesh, colours, jaw })
+        Ok(Self { skin: head, parts, mesh, colours, jaw })
     }
 
     /// The displacements of skin and parts in a shape.
     fn displacements(&self, shape: usize) -> Vec<[f32; 3]> {
-        let skin = &self.head.shapes[shape];
-        let places: Vec<_> = self.jaw.iter().map(|&v| (self.head.positions[v as usize], skin[v as usize])).collect();
-        let turn = self.head.names[shape].starts_with("jaw").then(|| Turn::of(&places)).flatten();
+        let skin = &self.skin.shapes[shape];
+        let places: Vec<_> = self.jaw.iter().map(|&v| (self.skin.positions[v as usize], skin[v as usize])).collect();
+        let turn = self.skin.names[shape].starts_with("jaw").then(|| Turn::of(&places)).flatten();
         let part = |(&at, attached): (&[f32; 3], &Attached)| match attached {
             Attached::Skull => [0.0; 3],
             Attached::Jaw => turn.as_ref().map_or([0.0; 3], |turn| turn.displacement(at)),
@@ -141,12 +141,12 @@ impl Head {
             composition,
             paint: Some(self.colours.clone()),
         };
-        Bank::new(self.mesh.clone(), names, displacements, self.head.feature_points.clone(), info)
+        Bank::new(self.mesh.clone(), names, displacements, self.skin.feature_points.clone(), info)
     }
 
     fn shapes(&self) -> Result<Bank, BankError> {
-        let displacements = (0..self.head.names.len()).flat_map(|k| self.displacements(k)).collect();
-        self.bank(self.head.names.clone(), displacements, None)
+        let displacements = (0..self.skin.names.len()).flat_map(|k| self.displacements(k)).collect();
+        self.bank(self.skin.names.clone(), displacements, None)
     }
 }
 
@@ -167,6 +167,15 @@ pub fn head_shapes() -> Result<Bank, BankError> {
 ///
 /// The members after the six are not frames of a performance, as [`super::candide_bank`] has them, but what such frames are mixed of:
 /// weights of a motion in the plane are not negative, and no mixture of mixtures shows one movement alone.
+///
+/// ```
+/// use grimace::synthesis::head_bank;
+///
+/// let bank = head_bank()?;
+/// assert_eq!(bank.member_count(), 30);
+/// assert_eq!(bank.names()[0], "anger");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// As [`head_shapes`].
@@ -209,7 +218,7 @@ mod tests {
 
     /// Vertices of the left eyeball: those of the parts that lie on it.
     fn left_eyeball(head: &Head) -> Vec<usize> {
-        let skin = head.head.positions.len();
+        let skin = head.skin.positions.len();
         let on_ball = |v: &usize| (distance(head.mesh.positions()[*v], EYE_CENTRE) - EYE_RADIUS).abs() < 1e-3;
         (skin..head.mesh.vertex_count()).filter(on_ball).collect()
     }
@@ -263,7 +272,7 @@ mod tests {
         let bank = head_bank().unwrap();
         let ball = left_eyeball(&head);
         assert_eq!(ball.len(), 1 + 15 * 40);
-        let skin = &head.head.triangles;
+        let skin = &head.skin.triangles;
         // The share of the ball's vertices with no skin before them.
         let bare = |positions: &[[f32; 3]]| {
             let is_bare = |&&v: &&usize| {
@@ -288,7 +297,7 @@ mod tests {
     fn the_lower_teeth_turn_with_the_jaw_as_a_whole_and_the_upper_ones_rest() {
         let head = Head::new().unwrap();
         let bank = head_bank().unwrap();
-        let skin = head.head.positions.len();
+        let skin = head.skin.positions.len();
         let all = &head.parts.attached;
         let of = |attached: Attached| (0..all.len()).filter(move |&k| all[k] == attached).map(move |k| k + skin);
         let (still, open) = (posed(&bank, "jawOpen", 0.0), posed(&bank, "jawOpen", 1.0));

@@ -109,7 +109,7 @@ fn folded(number: i32) -> Result<u16, String> {
 
 fn unfolded(number: u16) -> i32 {
     let half = i32::from(number / 2);
-    if number % 2 == 0 { half } else { -half - 1 }
+    if number.is_multiple_of(2) { half } else { -half - 1 }
 }
 
 /// The vertices of the right half take the parents' mirror images.

@@ -378,9 +378,12 @@ fn brows(parts: &mut Parts, head: &HeadMesh, skin: &TriangleMesh) {
     }
 }
 
-/// The point of the skin at a place seen from the front, this much before it, with the shares of the corners that it lies between.
-fn on_skin(front: &[[u32; 3]], skin: &TriangleMesh, [x, y]: [f32; 2], before: f32) -> Option<([f32; 3], [(u32, f32); 3])> {
-    let mut best: Option<([f32; 3], [(u32, f32); 3])> = None;
+/// A point before the skin, and the shares of the vertices that it lies between.
+type OnSkin = ([f32; 3], [(u32, f32); 3]);
+
+/// The point of the skin at a place seen from the front, this much before it.
+fn on_skin(front: &[[u32; 3]], skin: &TriangleMesh, [x, y]: [f32; 2], before: f32) -> Option<OnSkin> {
+    let mut best: Option<OnSkin> = None;
     for &triangle in front {
         let [a, b, c] = triangle.map(|v| skin.positions()[v as usize]);
         let area = |p: [f32; 2], q: [f32; 3], r: [f32; 3]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);

@@ -4,8 +4,8 @@ use image::RgbImage;
 
 use super::Bank;
 use crate::{
-    mesh::{add, sphere_front, vertex_normals},
-    render::{Canvas, Shade, Vertex, linear},
+    mesh::{add, colour::linear, sphere_front, vertex_normals},
+    render::{Canvas, Shade, Vertex},
     units::FeaturePoint,
 };
 

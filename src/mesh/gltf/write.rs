@@ -15,10 +15,7 @@ use gltf::json::{
     validation::{Checked, USize64},
 };
 
-use crate::{
-    mesh::{TriangleMesh, add, sub, vertex_normals},
-    render::linear,
-};
+use crate::mesh::{TriangleMesh, add, colour::linear, sub, vertex_normals};
 
 /// A morph target to write.
 #[derive(Clone, Debug, PartialEq)]
