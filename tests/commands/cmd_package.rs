@@ -30,7 +30,7 @@ fn the_version_in_full_says_what_the_build_can_do() {
     work.grimace("--version --verbose").exit(0).prints(&[
         concat!("grimace ", env!("CARGO_PKG_VERSION")),
         "features: annotate, columnar, opencv, tool",
-        "versions of files: run.json 1, track .json 2, bank 1",
+        "versions of files: run.json 1, track .json 2, bank 2",
         "  OpenCV 4.",
         "  mp4 is written with: ",
     ]);
