@@ -39,7 +39,9 @@ need_component() {
     exit 1
 }
 
-BUILD_PACKAGES=(build-essential pkg-config clang libclang-dev libopencv-dev opencv-data)
+TOOL_PACKAGES=(build-essential)
+# With what reads videos.
+BUILD_PACKAGES=("${TOOL_PACKAGES[@]}" pkg-config clang libclang-dev libopencv-dev opencv-data)
 BROWSER_PACKAGES=(chromium chromium-driver)
 WORKFLOW_PACKAGES=(python3 python3-venv)
 PYTHON_PACKAGES=(python3 python3-venv)

@@ -73,7 +73,7 @@ pub fn fit<'py>(py: Python<'py>, image: &Bound<'py, PyAny>, marks: Option<Marks>
         let (marks, _) = marks_or_found(marks.as_ref(), &frame, &used)?;
         let size = frame.size();
         validate_correspondences(&marks, size.width, size.height).map_err(to::<FitError>)?;
-        Ok((used.fitter().fit(&used.wireframe, &marks).map_err(to::<FitError>)?, size))
+        Ok((used.fit(&marks).map_err(to::<FitError>)?, size))
     })?;
     let nodes = fitted.model.nodes();
     let out = PyDict::new(py);

@@ -78,7 +78,7 @@ pub fn clone<'py>(
                 found_marks(&frame, &bench).map_err(to::<LocateError>)?
             }
         };
-        let target = Target::new("target", colour, &marks, bench.fitter(), &bench).map_err(to::<CloneError>)?;
+        let target = bench.target("target", colour, &marks).map_err(to::<CloneError>)?;
         let made = clone_expression(&motion, &target, None, &wanted, &bench).map_err(to::<CloneError>)?;
         let done = AtomicUsize::new(0);
         let total = Some(made.frames.len());

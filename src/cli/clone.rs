@@ -385,7 +385,7 @@ impl Job<'_> {
                 found_marks(&read_frame(self.target_path)?, self.bench).with_context(|| self.target_path.display().to_string())?
             }
         };
-        let target = Target::new(&name, picture, &marks, self.bench.fitter(), self.bench);
+        let target = self.bench.target(&name, picture, &marks);
         target.with_context(|| match self.marks_path {
             Some(path) => format!("{} with {}", self.target_path.display(), path.display()),
             None => format!("{} with marks that were found", self.target_path.display()),

@@ -140,7 +140,7 @@ fn target(name: &str, path: &Path, marks: Option<&Path>, bench: &Workbench) -> a
         Some(marks) => read_marks(marks, &LandmarkSelection::Auto, &bench.tables, bench.wireframe.node_count())?,
         None => found().with_context(|| path.display().to_string())?,
     };
-    Target::new(name, picture, &points, bench.fitter(), bench).with_context(|| match marks {
+    bench.target(name, picture, &points).with_context(|| match marks {
         Some(marks) => format!("{} with {}", path.display(), marks.display()),
         None => format!("{} with marks that were found", path.display()),
     })

@@ -10,7 +10,7 @@ use super::{
     timing::Moment,
 };
 use crate::{
-    fit::{Correspondence, FittedWireframe, Fitter, validate_correspondences},
+    fit::{Correspondence, FitError, FittedWireframe, Fitter, validate_correspondences},
     geometry::Similarity,
     normalize::stable_nodes,
     sequence::MAX_SIDE,
@@ -107,13 +107,23 @@ impl Target {
         fitter: &Fitter,
         face: &Face,
     ) -> Result<Self, CloneError> {
+        Self::fitted_by(|marks| fitter.fit(&face.wireframe, marks), name, picture, marks, face)
+    }
+
+    /// As [`Target::new`], with the wireframe fitted as `fit` does it.
+    pub(crate) fn fitted_by(
+        fit: impl FnOnce(&[Correspondence]) -> Result<FittedWireframe, FitError>,
+        name: &str,
+        picture: RgbImage,
+        marks: &[Correspondence],
+        face: &Face,
+    ) -> Result<Self, CloneError> {
         let (width, height) = picture.dimensions();
         if width.max(height) > MAX_SIDE {
             return Err(CloneError::TooLarge { width, height, most: MAX_SIDE });
         }
         validate_correspondences(marks, width, height)?;
-        let fitted = fitter.fit(&face.wireframe, marks)?;
-        Self::from_fit(name, picture, fitted, face)
+        Self::from_fit(name, picture, fit(marks)?, face)
     }
 
     /// A target whose wireframe is already there.

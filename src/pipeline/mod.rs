@@ -33,10 +33,12 @@ mod write;
 
 use std::{collections::BTreeMap, ops::Deref, path::Path, sync::OnceLock};
 
+use image::RgbImage;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    clone::{CloneError, Target},
     dataset::{LEAST_CONFIDENCE, LandmarkSelection, may_publish},
     fap::Profile,
     features::{FeatureMeter, FrameFeatures, Measured},
@@ -296,6 +298,14 @@ impl Workbench {
             PoseMode::Full => self.head_fitter().fit_neutral(&self.fitter, &self.wireframe, marks),
             PoseMode::Roll => self.fitter.fit(&self.wireframe, marks),
         }
+    }
+
+    /// A photograph with marks as the target of clones, its wireframe fitted as [`Workbench::fit`] does it.
+    ///
+    /// # Errors
+    /// As [`Target::new`].
+    pub fn target(&self, name: &str, picture: RgbImage, marks: &[Correspondence]) -> Result<Target, CloneError> {
+        Target::fitted_by(|marks| self.fit(marks), name, picture, marks, self)
     }
 
     /// Head, poses and expressions of a track, with the marks of its neutral frame as far as they are known.

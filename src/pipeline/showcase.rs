@@ -73,7 +73,7 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
                 Some(marks) => read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, nodes)?,
                 None => found_marks(&read_frame(image)?, bench).map_err(|e| CloneError::Showcase(e.to_string()))?,
             };
-            Target::new(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks, bench.fitter(), bench)
+            bench.target(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks)
         }
         ReportFace::Simulated => {
             let (picture, nodes) = simulated_face().map_err(CloneError::Showcase)?;

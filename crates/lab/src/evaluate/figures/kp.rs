@@ -261,7 +261,7 @@ impl<'a> KpFigures<'a> {
     /// A sequence's own neutral picture as a target.
     fn target(&self, p: &Performance) -> Result<Target, EvaluateError> {
         let picture = p.picture(p.ends()[0])?;
-        Target::new(&p.name, picture, &p.marks, self.bench.fitter(), self.bench).map_err(|e| failed("a target")(&e))
+        self.bench.target(&p.name, picture, &p.marks).map_err(|e| failed("a target")(&e))
     }
 
     fn motion(&self, p: &Performance) -> Result<SourceMotion, EvaluateError> {
