@@ -11,7 +11,7 @@ use super::{
 use crate::{
     dataset::{Dataset, MANIFEST_NAME},
     output::OutputError,
-    statistics::check_columns,
+    statistics::{check_columns, check_groups},
 };
 
 /// Name of the provenance file.
@@ -28,6 +28,8 @@ pub(super) fn open(
     let mut opened = Dataset::open(dataset)?;
     // Found out now and not after hours of tracking.
     check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    let labelled = opened.sequences.iter().map(|s| (&s.id, s.emotion.as_str(), &s.metadata));
+    check_groups(&bench.options.by, labelled).map_err(AnalysisError::from)?;
     let name = dataset_name(dataset);
     let earlier = check_output(out, &name, bench, force)?;
     expand(&mut opened, out, bench, watch)?;

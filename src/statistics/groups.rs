@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{ClassLabel, SequenceModel, common_spellings, spelling_key};
+use crate::units::SequenceId;
 
 /// The emotion labels of the project in the order of every table; other labels follow alphabetically.
 pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadness", "surprise", "contempt", "neutral"];
@@ -84,42 +85,77 @@ pub fn group_models_unchecked<'a>(
     models: &'a [LabelledModel],
     by: &[String],
 ) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
-    let spellings: BTreeMap<&str, BTreeMap<String, String>> = by
-        .iter()
-        .map(|column| {
-            let values = models.iter().filter_map(|m| m.metadata.get(column)).map(String::as_str);
-            (column.as_str(), common_spellings(values))
-        })
-        .collect();
+    let columns = Columns::new(by, models.iter().map(|m| &m.metadata));
     // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
     let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&SequenceModel>> = BTreeMap::new();
     for labelled in models {
         let rank = EMOTIONS.iter().position(|&e| e == labelled.emotion).unwrap_or(EMOTIONS.len());
-        let value = |column: &String| {
-            let id = &labelled.model.id;
-            let value = match column.as_str() {
-                "subject" => &id.subject,
-                "sequence" => &id.sequence,
-                _ => labelled.metadata.get(column).map_or("", |value| {
-                    let common = spellings.get(column.as_str()).and_then(|known| known.get(&spelling_key(value)));
-                    common.map_or(value.trim(), String::as_str)
-                }),
-            };
-            if value.is_empty() { UNKNOWN_GROUP } else { value }
-        };
         classes.entry((rank, &labelled.emotion, Vec::new())).or_default().push(&labelled.model);
         if !by.is_empty() {
-            classes.entry((rank, &labelled.emotion, by.iter().map(value).collect())).or_default().push(&labelled.model);
+            let values = columns.values(&labelled.model.id, &labelled.metadata);
+            classes.entry((rank, &labelled.emotion, values)).or_default().push(&labelled.model);
         }
     }
-    if !by.is_empty() && classes.len() > MAX_CLASSES {
-        return Err(GroupError::TooManyGroups { columns: by.to_vec(), found: classes.len(), limit: MAX_CLASSES });
-    }
+    check_count(by, classes.len())?;
     let label = |emotion: &str, values: &[&str]| ClassLabel {
         emotion: emotion.to_owned(),
         group: by.iter().zip(values).map(|(column, &value)| (column.clone(), value.to_owned())).collect(),
     };
     Ok(classes.into_iter().map(|((_, emotion, values), models)| (label(emotion, &values), models)).collect())
+}
+
+/// The columns that are grouped by, each with the spelling of its values that most sequences have.
+struct Columns<'a> {
+    by: &'a [String],
+    spellings: BTreeMap<&'a str, BTreeMap<String, String>>,
+}
+
+impl<'a> Columns<'a> {
+    fn new(by: &'a [String], metadata: impl Iterator<Item = &'a BTreeMap<String, String>> + Clone) -> Self {
+        let values = |column: &'a String| metadata.clone().filter_map(move |m| m.get(column)).map(String::as_str);
+        let spellings = by.iter().map(|column| (column.as_str(), common_spellings(values(column)))).collect();
+        Self { by, spellings }
+    }
+
+    /// The group of a sequence: a value for every column.
+    fn values<'b>(&'b self, id: &'b SequenceId, metadata: &'b BTreeMap<String, String>) -> Vec<&'b str> {
+        let value = |column: &String| {
+            let value = match column.as_str() {
+                "subject" => &id.subject,
+                "sequence" => &id.sequence,
+                _ => metadata.get(column).map_or("", |value| {
+                    let common = self.spellings.get(column.as_str()).and_then(|known| known.get(&spelling_key(value)));
+                    common.map_or(value.trim(), String::as_str)
+                }),
+            };
+            if value.is_empty() { UNKNOWN_GROUP } else { value }
+        };
+        self.by.iter().map(value).collect()
+    }
+}
+
+fn check_count(by: &[String], found: usize) -> Result<(), GroupError> {
+    if !by.is_empty() && found > MAX_CLASSES {
+        return Err(GroupError::TooManyGroups { columns: by.to_vec(), found, limit: MAX_CLASSES });
+    }
+    Ok(())
+}
+
+/// Checks that grouping sequences (id, emotion, metadata) makes no more classes than [`MAX_CLASSES`].
+///
+/// # Errors
+/// [`GroupError::TooManyGroups`].
+pub fn check_groups<'a>(
+    by: &'a [String],
+    sequences: impl Iterator<Item = (&'a SequenceId, &'a str, &'a BTreeMap<String, String>)> + Clone,
+) -> Result<(), GroupError> {
+    if by.is_empty() {
+        return Ok(());
+    }
+    let columns = Columns::new(by, sequences.clone().map(|(.., metadata)| metadata));
+    let emotions: BTreeSet<&str> = sequences.clone().map(|(_, emotion, _)| emotion).collect();
+    let groups: BTreeSet<_> = sequences.map(|(id, emotion, metadata)| (emotion, columns.values(id, metadata))).collect();
+    check_count(by, emotions.len() + groups.len())
 }
 
 /// Checks that every column to group by is `subject`, `sequence`, or a metadata column of at least one sequence.
@@ -156,10 +192,7 @@ mod tests {
     use nalgebra::Point2;
 
     use super::*;
-    use crate::{
-        model::{DynamicExpressionModel, FrameExpressionModel},
-        units::SequenceId,
-    };
+    use crate::model::{DynamicExpressionModel, FrameExpressionModel};
 
     fn labelled(subject: &str, emotion: &str, metadata: &[(&str, &str)]) -> LabelledModel {
         let frame = FrameExpressionModel::new(vec![Point2::origin()]);

@@ -33,7 +33,9 @@ use crate::{
 use dispersion::Dispersions;
 use median::Ending;
 
-pub use groups::{EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, group_models, group_models_unchecked};
+pub use groups::{
+    EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, check_groups, group_models, group_models_unchecked,
+};
 pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{common_spellings, likely_emotion, near_twins, spelling_key};
 pub use trimming::TrimLevel;
