@@ -45,14 +45,18 @@
 //! # Features
 //!
 //! All are on by default. Without them (`default-features = false`) the library is the method alone, in Rust, for every platform that
-//! Rust has: fit, tracking, normalization, statistics, FAP files, synthesis and cloning.
+//! Rust has: image files ([`dataset::list_frames`] names their kinds), fit, tracking, normalization, statistics, FAP files, synthesis and
+//! cloning.
 //!
 //! - `tool`: the command line, and all that its commands need.
 //! - `annotate`: the page on which marks are set.
 //! - `columnar`: models in Parquet files.
 //! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it and never links OpenCV.
 //!
-//! `examples/` goes on from here; `docs/architecture.md` says how the modules lie on each other.
+//! Types of [`image`], [`nalgebra`] and [`blake3`] are part of the interface; these crates are shown under their names, so that a program
+//! need not guess their versions. Errors say what is wrong in one sentence; where they have a source, their text does not repeat it.
+//!
+//! In the repository `examples/` goes on from here, and `docs/architecture.md` says how the modules lie on each other.
 //!
 //! # The modules in order
 //!
@@ -80,6 +84,9 @@
 
 // The command line uses the library by its outer name.
 extern crate self as grimace;
+
+#[doc(no_inline)]
+pub use {blake3, image, nalgebra};
 
 /// All modules, at home. Within the library each is known by its name alone, whether the facade shows it or not.
 #[path = "."]
@@ -200,7 +207,7 @@ facade! {
 }
 facade! {
     /// Method: the wireframe fitted to marked points \[KP, section 2\].
-    fit: FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFile, PriorFileError, PriorKind, ShapePrior,
+    fit: DrivenNode, FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFile, PriorFileError, PriorKind, Pull, ShapePrior,
     SpringError, Springs, read_prior
 }
 facade! {
@@ -218,14 +225,13 @@ facade! {
     /// Method: the representative of the models of one expression: trimming, generalized median, dispersion \[KP, sections 4.2 to 4.4\];
     /// how people vary around it, and which expression a model shows.
     statistics: ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
-    TrimLevel, TrimmingRow, Weighting, representative, bootstrap::DispersionInterval, compare::{CompareOptions, Comparison,
-    compare}, distance::{DisplacementFields, vector_distance}, recognize::{RecognizeError, Recognized, Recognizer},
+    TrimLevel, TrimmingRow, Weighting, representative, compare::{CompareOptions, NotTested, Tested, compare}, distance::{DisplacementFields, vector_distance}, recognize::{RecognizeError, Recognized, Recognizer},
     variation::{Component, Variation, VariationError}
 }
 facade! {
     /// Method: facial animation parameters of MPEG-4, and their files.
-    fap: Clamped, ConvertError, Directionality, FapCatalog, FapFile, FapFrame, FapMask, FapNumber, FapReadError, FapRow,
-    FapSequence, FapWriteError, FapWriteErrorKind, Finding, FrontalRating, HighLevelField, InterpolateError, Motion,
+    fap: Clamped, ConvertError, Directionality, FapCatalog, FapFile, FapFrame, FapMask, FapMotion, FapNumber, FapReadError, FapRow,
+    FapSequence, FapWriteError, FapWriteErrorKind, Finding, FrontalRating, HighLevelField, InterpolateError,
     ParseFapNumberError, ParseMaskError, Profile, Rule, Severity, TidyError, ValueFormat, check_fap, measure_faps, read_fap,
     read_tidy_csv, write_fap, write_fap_as, write_tidy_csv
 }
@@ -248,12 +254,12 @@ facade! {
 facade! {
     /// Making: dense surfaces from a bank of expressions \[ZL\].
     synthesis: Bank, BankError, BankInfo, BuildOptions, BuildSummary, Composition, Crossover, FeaturePointVertex, FpMotion,
-    FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Solution, Solver, SynthesisError, SynthesisOptions, Synthesizer,
+    FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Solver, SynthesisError, SynthesisOptions, Synthesizer,
     build_bank, candide_bank, head_bank, read_motion
 }
 facade! {
     /// Making: an expression on a new face, with its texture \[KP, section 5\].
-    clone: Clone, CloneError, CloneFrame, CloneOptions, Course, Details, Ease, Moment, Rescale, SourceKind, SourceMotion, Target,
+    clone: CloneError, CloneFrame, CloneOptions, ClonedExpression, Course, Details, Ease, Moment, Rescale, SourceKind, SourceMotion, Target,
     Teeth, Timing, clone_expression
 }
 facade! {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use grimace::internal::{
-    clone::{CloneError as LibraryError, CloneOptions, SourceMotion, Target, clone_expression},
+    clone::{CloneError as LibraryError, CloneOptions, SourceMotion, clone_expression},
     interpolation::FPS,
     pipeline::found_marks,
     sequence::Frame,

@@ -32,6 +32,11 @@ use crate::{
     units::SequenceId,
 };
 
+/// How sure it is that a sequence which `segment` proposed is one.
+fn confidence(entry: &SequenceEntry) -> Option<f64> {
+    entry.metadata.get("confidence")?.trim().parse().ok().filter(|c| (0.0..=1.0).contains(c))
+}
+
 struct Item {
     entry: SequenceEntry,
     /// The manifest has it, as far as is known.
@@ -85,7 +90,9 @@ impl Desk {
             let reason = failures.first().cloned().or(skipped).unwrap_or_default();
             return Err(AnnotateError::NoSequence { path: path.to_owned(), reason });
         }
-        let worklist = (0..items.len()).filter(|&k| options.all || items[k].marks < ENOUGH_MARKS).collect();
+        // What was proposed, a person looks at, marks or not.
+        let is_work = |item: &Item| options.all || item.marks < ENOUGH_MARKS || confidence(&item.entry).is_some();
+        let worklist = (0..items.len()).filter(|&k| is_work(&items[k])).collect();
         let folder = if path.is_file() { path.parent().filter(|p| !p.as_os_str().is_empty()) } else { Some(path) };
         let root = folder.unwrap_or(Path::new(".")).to_owned();
         Ok(Self {
@@ -124,7 +131,7 @@ impl Desk {
         let items = self.lock();
         let listed = |&k: &usize| {
             let Item { entry, marks, .. } = &items[k];
-            Listed { id: entry.id.to_string(), emotion: entry.emotion.clone(), marks: *marks }
+            Listed { id: entry.id.to_string(), emotion: entry.emotion.clone(), marks: *marks, confidence: confidence(entry) }
         };
         List {
             sequences: self.worklist.iter().map(listed).collect(),

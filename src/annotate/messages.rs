@@ -45,6 +45,9 @@ pub struct Listed {
     pub emotion: String,
     /// Marks in its file.
     pub marks: usize,
+    /// How sure it is that a proposed sequence is one, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub confidence: Option<f64>,
 }
 
 /// The list of sequences.

@@ -11,8 +11,8 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{CloneError, source::normalizer};
 use crate::{
-    fap::{FapCatalog, FapNumber, FapSequence, Motion, offsets_from_frame},
-    fit::{Pull, Springs, Target},
+    fap::{FapCatalog, FapMotion, FapNumber, FapSequence, offsets_from_frame},
+    fit::{DrivenNode, Pull, Springs},
     normalize::stable_nodes,
     units::NodeId,
     wireframe::{Axis, Face, Region, UnitKind},
@@ -47,7 +47,7 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
     };
     let shows = |fap: FapNumber| {
         let row = catalog.row(fap);
-        row.fapu.is_some() && row.motion.and_then(Motion::frontal_axis).is_some() && !row.nodes.is_empty()
+        row.fapu.is_some() && row.motion.and_then(FapMotion::frontal_axis).is_some() && !row.nodes.is_empty()
     };
     let moving: Vec<FapNumber> = FapNumber::all().filter(|&f| moves(f)).collect();
     let (shown, not_shown): (Vec<_>, Vec<_>) = moving.iter().partition(|&&f| shows(f));
@@ -78,21 +78,21 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
                 }
             }
         }
-        let mut targets: Vec<Target> = Vec::new();
+        let mut targets: Vec<DrivenNode> = Vec::new();
         for &node in face.wireframe.live_nodes() {
             let at = rest[node.index()];
             if let Some(&[x, y]) = wanted.get(&node) {
                 let (x, gain_x) = x.unwrap_or((0.0, FREE));
                 let (y, gain_y) = y.unwrap_or((0.0, FREE));
                 let gain = Matrix2::new(gain_x, 0.0, 0.0, gain_y);
-                targets.push(Target { node, position: at + Vector2::new(x, y), pull: Pull::Matrix(gain) });
+                targets.push(DrivenNode { node, position: at + Vector2::new(x, y), pull: Pull::Matrix(gain) });
             } else {
                 let gain = match face.tables.region(node) {
                     _ if still.contains(&node) => DRIVEN,
                     Region::Brow => REST_BROW,
                     _ => REST,
                 };
-                targets.push(Target { node, position: at, pull: Pull::Force(gain) });
+                targets.push(DrivenNode { node, position: at, pull: Pull::Force(gain) });
             }
         }
         let moved: Vec<Point2<f64>> = springs.deform(&face.wireframe, rest, &targets)?;
@@ -127,7 +127,7 @@ fn companions(face: &Face, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f
         let Some(row) = u8::try_from(number).ok().and_then(|n| FapNumber::try_from(n).ok()).map(|f| catalog.row(f)) else {
             continue;
         };
-        let Some(axis) = row.motion.and_then(Motion::frontal_axis) else { continue };
+        let Some(axis) = row.motion.and_then(FapMotion::frontal_axis) else { continue };
         let ([driver], true) = (row.nodes.as_slice(), row.relative_to.is_empty()) else { continue };
         let along = |v: &nalgebra::Vector3<f64>| if axis == Axis::X { v.x } else { v.y };
         let Some(own) = unit.offsets.iter().find(|o| o.0 == *driver).map(|o| along(&o.1)).filter(|v| *v != 0.0) else { continue };

@@ -37,7 +37,7 @@ use crate::{
 pub use detail::{Details, Teeth};
 pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, Film, WrittenClone, encode_png, write_clone};
 pub use picture::{Sheet, animated_gif, animated_png, at_height};
-pub use render::{Clone, CloneFrame, CloneOptions, clone_expression};
+pub use render::{CloneFrame, CloneOptions, ClonedExpression, clone_expression};
 pub use skin::{
     ClonedSkin, LEAST_SKIN_PEOPLE, MOST_SKIN_PEOPLE, NoSkin, SKIN_LOG_LIMIT, SKIN_SUFFIX, Skin, SkinLayout, SkinSample,
 };

@@ -8,9 +8,9 @@ use image::{
 };
 use serde::Serialize;
 
-use super::{Clone, CloneError, CloneOptions, Sheet, SourceMotion, picture};
+use super::{CloneError, CloneOptions, ClonedExpression, Sheet, SourceMotion, picture};
 use crate::{
-    fap::{Clamped, ConvertError, FapCatalog, FapSequence, Motion, Profile, ValueFormat, unlimited_faps, write_fap_as},
+    fap::{Clamped, ConvertError, FapCatalog, FapMotion, FapSequence, Profile, ValueFormat, unlimited_faps, write_fap_as},
     fit::{FitOptions, MarkKind},
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, SizeMode},
@@ -143,7 +143,7 @@ const SHEET_FRAMES: usize = 5;
 /// [`CloneError`] for a file that cannot be written, or an interruption.
 pub fn write_clone(
     files: &CloneFiles,
-    clone: &Clone,
+    clone: &ClonedExpression,
     source: &SourceMotion,
     mut info: CloneInfo,
     face: &Face,
@@ -223,7 +223,7 @@ fn spread(count: usize) -> Vec<usize> {
 }
 
 /// The clone as a track. Its nodes are computed, not tracked: the first frame is `fitted`, what the warp carries along `follows`.
-fn tracked(clone: &Clone, face: &Face) -> Vec<TrackedFrame> {
+fn tracked(clone: &ClonedExpression, face: &Face) -> Vec<TrackedFrame> {
     let followers: Vec<usize> = face.wireframe.followers().iter().map(|f| f.node.index()).collect();
     let frame = |(k, frame): (usize, &super::CloneFrame)| TrackedFrame {
         number: k as u32 + 1,
@@ -244,7 +244,7 @@ fn tracked(clone: &Clone, face: &Face) -> Vec<TrackedFrame> {
 /// Where the track goes, and what stands beside it.
 fn track_info(
     files: &CloneFiles,
-    clone: &Clone,
+    clone: &ClonedExpression,
     source: &SourceMotion,
     frames: &[TrackedFrame],
     info: &CloneInfo,
@@ -283,7 +283,7 @@ fn track_info(
 /// The target's FAP file: its own motion in its own FAPUs.
 fn fap_of(
     model: &DynamicExpressionModel<crate::units::Px>,
-    clone: &Clone,
+    clone: &ClonedExpression,
     source: &SourceMotion,
     face: &Face,
 ) -> Result<(FapSequence, Vec<Clamped>), CloneError> {
@@ -322,7 +322,7 @@ fn faps_cut(
     }
     let is_cut = |cut: &CutFap| {
         let lacking = cut.asked.abs() - cut.shown * cut.asked.signum();
-        let is_angle = catalog.rows().iter().any(|r| r.number.get() == cut.fap && r.motion.is_some_and(Motion::is_angle));
+        let is_angle = catalog.rows().iter().any(|r| r.number.get() == cut.fap && r.motion.is_some_and(FapMotion::is_angle));
         lacking > CUT_SHARE * cut.asked.abs() && lacking > if is_angle { CUT_ANGLE } else { CUT_UNITS }
     };
     Ok(most.into_values().filter(is_cut).collect())

@@ -102,7 +102,7 @@ pub struct CloneFrame {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]
-pub struct Clone<'a> {
+pub struct ClonedExpression<'a> {
     target: &'a Target,
     details: Option<&'a Details>,
     skin: Option<&'a ClonedSkin>,
@@ -142,7 +142,7 @@ pub fn clone_expression<'a>(
     details: Option<&'a Details>,
     options: &CloneOptions,
     face: &Face,
-) -> Result<Clone<'a>, CloneError> {
+) -> Result<ClonedExpression<'a>, CloneError> {
     let (fps, moments) = options.timing.moments(source)?;
     let frames = moments
         .iter()
@@ -151,10 +151,10 @@ pub fn clone_expression<'a>(
             Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, asked: nodes, skin: 0.0 })
         })
         .collect::<Result<_, CloneError>>()?;
-    Ok(Clone { target, details, skin: None, options: *options, fps, frames })
+    Ok(ClonedExpression { target, details, skin: None, options: *options, fps, frames })
 }
 
-impl<'a> Clone<'a> {
+impl<'a> ClonedExpression<'a> {
     /// The clone with the skin of a class, which grows with the motion. The wrinkles of a source's own frames, where they are asked for, go
     /// before it.
     ///
@@ -170,7 +170,7 @@ impl<'a> Clone<'a> {
     }
 }
 
-impl Clone<'_> {
+impl ClonedExpression<'_> {
     /// Renders one frame.
     ///
     /// # Panics

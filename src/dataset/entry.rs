@@ -7,9 +7,8 @@ use std::{
 
 use super::{
     DatasetError, FrameSource, FramesError, LEAST_CONFIDENCE, LandmarkSelection, LandmarkTrack, LandmarksError,
-    correspondences_from_landmarks,
-    frames::{has_extension, has_frames},
-    landmark_files, list_frames, read_face, read_marks,
+    correspondences_from_landmarks, frames::has_frames, landmark_files, landmarks::has_landmark_extension, list_frames,
+    read_face, read_marks,
 };
 use crate::{correspondence::Correspondence, units::SequenceId, wireframe::Tables};
 
@@ -172,7 +171,7 @@ impl SequenceEntry {
             return Ok((!landmark_files(path)?.is_empty()).then(|| path.clone()));
         }
         if path.is_file() {
-            if has_extension(path, &["csv", "txt", "pts"]) {
+            if has_landmark_extension(path) {
                 return Ok(Some(path.clone()));
             }
             return if prefer { named() } else { Ok(None) };

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Extensions of image files, in any case.
+/// Extensions of image files, in any case: png, jpg, jpeg, tif, tiff, bmp, pgm, ppm, webp.
 pub const IMAGE_EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "webp"];
 
 /// Extensions of video files, in any case.
@@ -32,13 +32,14 @@ const MINIMUM_FRAMES: usize = 2;
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameFile {
-    /// The last number in the file's name.
+    /// Its number: the last in the file's name, where [`list_frames`] made the list. In a list of one's own any that ascend or descend.
     pub number: u32,
     /// The file.
     pub path: PathBuf,
 }
 
-/// Where the frames of a sequence come from, neutral first, apex last, whichever of the two was recorded first.
+/// Where the frames of a sequence come from, neutral first, apex last, whichever of the two was recorded first. [`list_frames`] makes it
+/// of a folder or a video; a list of files of one's own is read in its order.
 ///
 /// ```
 /// use grimace::dataset::{FrameSource, list_frames};

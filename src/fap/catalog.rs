@@ -116,15 +116,15 @@ pub enum Directionality {
 /// What a FAP moves along or about, in face axes.
 ///
 /// ```
-/// use grimace::{fap::{FapCatalog, Motion}, wireframe::Axis};
+/// use grimace::{fap::{FapCatalog, FapMotion}, wireframe::Axis};
 ///
 /// let pitch = FapCatalog::mpeg4().row("48".parse()?).motion.expect("FAP 48 moves the head");
-/// assert_eq!((pitch, pitch.is_angle(), pitch.frontal_axis()), (Motion::Pitch, true, Some(Axis::Y)));
+/// assert_eq!((pitch, pitch.is_angle(), pitch.frontal_axis()), (FapMotion::Pitch, true, Some(Axis::Y)));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Motion {
+pub enum FapMotion {
     /// Shift along x.
     X,
     /// Shift along y.
@@ -139,7 +139,7 @@ pub enum Motion {
     Roll,
 }
 
-impl Motion {
+impl FapMotion {
     /// The axis of a frontal view along which the motion shows: x or y; `None` for depth and roll.
     pub fn frontal_axis(self) -> Option<Axis> {
         match self {
@@ -214,7 +214,7 @@ pub struct FapRow {
     /// Nodes whose mean motion is no part of the FAP: the corners of the eye, for the gaze. Usually none.
     pub relative_to: Vec<NodeId>,
     /// What it moves along or about; `None` for FAPs 1, 2, 29 and 30.
-    pub motion: Option<Motion>,
+    pub motion: Option<FapMotion>,
     /// +1 when motion towards the positive axis is a positive value, -1 when a negative one.
     pub sign: f64,
     /// How well a frontal view measures it.
@@ -309,7 +309,7 @@ impl FapCatalog {
             fp: String,
             nodes: String,
             relative_to: String,
-            motion: Option<Motion>,
+            motion: Option<FapMotion>,
             sign: Option<i8>,
             frontal: FrontalRating,
             value_min: Option<i32>,
@@ -397,7 +397,7 @@ mod tests {
     fn what_is_measured_has_nodes_an_axis_a_unit_and_a_range() {
         let catalog = FapCatalog::mpeg4();
         for row in catalog.rows().iter().filter(|r| r.frontal.is_measured()) {
-            assert!(!row.nodes.is_empty() && row.motion.and_then(Motion::frontal_axis).is_some(), "FAP {}", row.number);
+            assert!(!row.nodes.is_empty() && row.motion.and_then(FapMotion::frontal_axis).is_some(), "FAP {}", row.number);
             let (min, max) = row.range.unwrap();
             let least = if row.directionality == Some(Directionality::Unidirectional) { 0 } else { -max };
             assert_eq!(min, least, "FAP {}", row.number);
@@ -418,7 +418,7 @@ mod tests {
         // Otherwise the way back from FAPs to offsets would be ambiguous.
         let mut seen = std::collections::BTreeSet::new();
         for row in FapCatalog::mpeg4().rows() {
-            let Some(axis) = row.motion.and_then(Motion::frontal_axis) else { continue };
+            let Some(axis) = row.motion.and_then(FapMotion::frontal_axis) else { continue };
             for &node in &row.nodes {
                 assert!(seen.insert((node, axis == Axis::X)), "FAP {} repeats node {node}", row.number);
             }

@@ -12,7 +12,7 @@ use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 use nalgebra::Vector2;
 
 use super::{
-    catalog::{FapCatalog, FapNumber, FapRow, Motion},
+    catalog::{FapCatalog, FapMotion, FapNumber, FapRow},
     interpolate::InterpolateError,
     sequence::{FapFrame, FapSequence, VERSION, name_token},
 };
@@ -102,7 +102,8 @@ pub enum ConvertError {
 impl FapSequence {
     /// FAP values of a normalized model, for every FAP that a frontal view measures, as integers.
     ///
-    /// The frames of the model are key frames; `between` frames are put between successive ones. `fapus` are those of the
+    /// The frames of the model are key frames; `between` frames are put between successive ones. With 25 frames a second and 5 between, as
+    /// the command line writes them, the five frames of a model last a second. `fapus` are those of the
     /// canonical neutral, face units. Values are limited to the range of the standard (unidirectional FAPs have minimum 0), and
     /// whatever that changed is returned. The name becomes a token as [`name_token`] makes them.
     ///
@@ -247,7 +248,7 @@ struct Scale {
 impl Scale {
     /// The scale of a FAP; `None` when it does not show in a frontal view.
     fn of(row: &FapRow, fapus: &Fapus) -> Result<Option<Self>, ConvertError> {
-        let (Some(axis), Some(fapu)) = (row.motion.and_then(Motion::frontal_axis), row.fapu) else { return Ok(None) };
+        let (Some(axis), Some(fapu)) = (row.motion.and_then(FapMotion::frontal_axis), row.fapu) else { return Ok(None) };
         let (fapu, length) = match fapus.length(fapu) {
             Some(length) => (fapu, length),
             None => (Fapu::Es, fapus.es * (EYEBALL_RADIUS_MM / INTERPUPILLARY_DISTANCE_MM)),
@@ -255,7 +256,7 @@ impl Scale {
         if !(length > 0.0 && length.is_finite()) {
             return Err(ConvertError::Fapu { fapu, value: length });
         }
-        Ok(Some(Self { axis, sign: row.sign, length, is_angle: row.motion.is_some_and(Motion::is_angle) }))
+        Ok(Some(Self { axis, sign: row.sign, length, is_angle: row.motion.is_some_and(FapMotion::is_angle) }))
     }
 
     /// FAP value of a shift.

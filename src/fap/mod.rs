@@ -20,7 +20,7 @@ mod summary;
 mod tidy;
 mod writer;
 
-pub use catalog::{Directionality, FapCatalog, FapNumber, FapRow, FrontalRating, HighLevelField, Motion, ParseFapNumberError};
+pub use catalog::{Directionality, FapCatalog, FapMotion, FapNumber, FapRow, FrontalRating, HighLevelField, ParseFapNumberError};
 pub use check::{check_fap, check_lips};
 pub(crate) use convert::FAP_UNITS_PER_FAPU;
 pub use convert::{Clamped, ConvertError, PartialOffset, measure_faps, offsets_from_frame, unlimited_faps};

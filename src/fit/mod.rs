@@ -37,7 +37,7 @@ pub use prior::{
     PRIOR_SCHEMA, PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
 };
 pub(crate) use skyline::{BlockPlaces, Layout, Skyline};
-pub use spring::{Pull, SpringError, Springs, Target};
+pub use spring::{DrivenNode, Pull, SpringError, Springs};
 
 /// Default gain of the force on a marked node, in units of the springs' stiffness k [KP leave both open].
 pub const FIT_FORCE: f64 = 20.0;
@@ -125,9 +125,9 @@ impl PartialEq for LoadedPrior {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
-    /// Gain of the force on a marked node over the stiffness of a spring, > 0.
+    /// Gain of the force on a marked node over the stiffness of a spring, > 0; 20.
     pub force: f64,
-    /// Shape prior.
+    /// Shape prior; by default the embedded one, learned from people's points.
     pub prior: PriorKind,
 }
 
@@ -329,7 +329,7 @@ impl Fitter {
     }
 
     /// What a mark does to the springs, on a face with an eye distance of so many px.
-    fn target(&self, mark: &Correspondence, eye_distance: f64) -> Target {
+    fn target(&self, mark: &Correspondence, eye_distance: f64) -> DrivenNode {
         let share = mark.expected_error.map_or(1.0, |error| {
             let ratio = HAND_MARK_ERROR * eye_distance / error;
             if ratio.is_finite() { (ratio * ratio).clamp(FORCE_SHARES.0, FORCE_SHARES.1) } else { 1.0 }
@@ -338,7 +338,7 @@ impl Fitter {
             MarkKind::Mark => Pull::Force(self.options.force * share),
             MarkKind::Hard => Pull::Hard,
         };
-        Target { node: mark.node, position: mark.position, pull }
+        DrivenNode { node: mark.node, position: mark.position, pull }
     }
 }
 

@@ -21,6 +21,25 @@ use super::skyline::{Layout, Skyline};
 use crate::{units::NodeId, wireframe::Wireframe};
 
 /// How a node is driven.
+///
+/// ```
+/// use grimace::{fit::{DrivenNode, Pull, Springs}, units::NodeId, wireframe::Wireframe};
+/// use nalgebra::Vector2;
+///
+/// let wireframe = Wireframe::candide3();
+/// let rest = wireframe.frontal();
+/// let corner = |pull| DrivenNode { node: NodeId(31), position: rest[31] + Vector2::new(0.1, 0.1), pull };
+/// let way = |pull| -> Result<f64, grimace::fit::SpringError> {
+///     // The inner corners of the eyes stay where they are.
+///     let hold = [23, 56].map(|k| DrivenNode { node: NodeId(k), position: rest[usize::from(k)], pull: Pull::Hard });
+///     let moved = Springs::new(&wireframe).deform(&wireframe, &rest, &[hold[0], hold[1], corner(pull)])?;
+///     Ok((moved[31] - rest[31]).norm() / 0.1_f64.hypot(0.1))
+/// };
+/// // The harder the pull, the more of the way is gone.
+/// assert!(way(Pull::Force(0.1))? < way(Pull::Force(20.0))?);
+/// assert!((way(Pull::Hard)? - 1.0).abs() < 1e-5);
+/// # Ok::<(), grimace::fit::SpringError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pull {
     /// By a force of this gain (per unit of distance, in units of the springs' stiffness), > 0.
@@ -42,8 +61,19 @@ impl Pull {
 }
 
 /// A driven node and the position it is driven to.
+///
+/// ```
+/// use grimace::{fit::{DrivenNode, Pull, Springs}, units::NodeId, wireframe::Wireframe};
+///
+/// let wireframe = Wireframe::candide3();
+/// let rest = wireframe.frontal();
+/// let at_rest = DrivenNode { node: NodeId(10), position: rest[10], pull: Pull::Force(20.0) };
+/// let moved = Springs::new(&wireframe).deform(&wireframe, &rest, &[at_rest])?;
+/// assert!(moved.iter().zip(&rest).all(|(a, b)| (a - b).norm() < 1e-9));
+/// # Ok::<(), grimace::fit::SpringError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Target {
+pub struct DrivenNode {
     /// The node.
     pub node: NodeId,
     /// Where it is pulled, in the unit of the rest positions.
@@ -151,7 +181,7 @@ impl Springs {
         &self,
         wireframe: &Wireframe,
         rest: &[Point2<f64>],
-        targets: &[Target],
+        targets: &[DrivenNode],
     ) -> Result<Vec<Point2<f64>>, SpringError> {
         self.deform_with(wireframe, rest, targets, &[])
     }
@@ -161,7 +191,7 @@ impl Springs {
         &self,
         wireframe: &Wireframe,
         rest: &[Point2<f64>],
-        targets: &[Target],
+        targets: &[DrivenNode],
         struts: &[Strut],
     ) -> Result<Vec<Point2<f64>>, SpringError> {
         if targets.is_empty() {
@@ -241,8 +271,8 @@ mod tests {
         Wireframe::new(vertices, vec![[NodeId(0), NodeId(1), NodeId(2)]], vec![], vec![]).unwrap()
     }
 
-    fn target(node: u16, x: f64, y: f64, pull: Pull) -> Target {
-        Target { node: NodeId(node), position: Point2::new(x, y), pull }
+    fn target(node: u16, x: f64, y: f64, pull: Pull) -> DrivenNode {
+        DrivenNode { node: NodeId(node), position: Point2::new(x, y), pull }
     }
 
     #[test]
@@ -296,7 +326,7 @@ mod tests {
             let rest = w.frontal();
             let shift = Vector2::new(dx, dy);
             let targets: Vec<_> = [20, 31, 53, 64, 10]
-                .map(|n| Target { node: NodeId(n), position: rest[n as usize] + shift, pull: Pull::Force(gain) })
+                .map(|n| DrivenNode { node: NodeId(n), position: rest[n as usize] + shift, pull: Pull::Force(gain) })
                 .into();
             let moved = Springs::new(&w).deform(&w, &rest, &targets).unwrap();
             for (a, b) in rest.iter().zip(&moved) {
@@ -309,7 +339,7 @@ mod tests {
             let w = Wireframe::candide3();
             let rest = w.frontal();
             let targets: Vec<_> = [20usize, 31, 53, 64, 10, 16, 49].iter().enumerate()
-                .map(|(i, &n)| Target {
+                .map(|(i, &n)| DrivenNode {
                     node: NodeId(n as u16),
                     position: rest[n] + Vector2::new(seed[2 * i], seed[2 * i + 1]),
                     pull: Pull::Force(20.0),

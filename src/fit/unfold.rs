@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use super::{SpringError, Springs, Target, spring::Strut};
+use super::{DrivenNode, SpringError, Springs, spring::Strut};
 use crate::{units::NodeId, wireframe::Wireframe};
 
 /// Least area of a triangle in the frontal view, model units squared, that is turned back: slivers at lids and closed lips turn over
@@ -35,7 +35,7 @@ pub(super) fn unfold(
     springs: &Springs,
     wireframe: &Wireframe,
     rest: &[Point2<f64>],
-    targets: &[Target],
+    targets: &[DrivenNode],
     nodes: &[Point2<f64>],
     frontal: &Frontal,
 ) -> Result<Option<Unfolded>, SpringError> {

@@ -73,6 +73,10 @@ pub enum SizeMode {
 
 /// Which motion of the head is taken out of a track.
 ///
+/// A [`Normalizer`] takes out roll, place and size, which needs no depth. With [`PoseMode::Full`] the pipeline
+/// ([`Workbench`](crate::pipeline::Workbench)) carries the track to the front first ([`HeadFitter`](crate::pose::HeadFitter)); who calls a
+/// normalizer alone does so, too, or gets what [`PoseMode::Roll`] gives.
+///
 /// ```
 /// use grimace::normalize::{NormalizeOptions, PoseMode};
 ///
@@ -101,11 +105,11 @@ pub enum PoseMode {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NormalizeOptions {
-    /// How frames are sampled.
+    /// How frames are sampled; the nearest by default.
     pub resample: Resample,
-    /// How sizes are made equal.
+    /// How sizes are made equal; by the FAPUs by default.
     pub size: SizeMode,
-    /// Which motion of the head is taken out.
+    /// Which motion of the head the pipeline takes out; all of it by default.
     #[serde(default)]
     pub pose: PoseMode,
 }
@@ -232,7 +236,8 @@ impl<'a> Normalizer<'a> {
         orientation::upright(track, &self.wireframe.frontal(), self.tables)
     }
 
-    /// The normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright, without head motion, with canonical FAPUs.
+    /// The normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright and in one place (see [`PoseMode`] for turns to a side), with
+    /// canonical FAPUs.
     ///
     /// # Errors
     /// [`NormalizeError`].

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use super::{AnalyzedClass, Workbench, analysis::EmotionGroups, model_file::write_model};
 use crate::{
-    fap::{FapCatalog, Motion, measure_faps},
+    fap::{FapCatalog, FapMotion, measure_faps},
     output::{OutputError, nine_digits, write_records},
     report::BandCurve,
     statistics::{
@@ -123,7 +123,7 @@ pub(super) fn shown_bands(of: &EmotionVariation) -> Vec<BandCurve> {
     const MOST: usize = 24;
     let catalog = FapCatalog::mpeg4();
     let mut curves: Vec<(f64, BandCurve)> = Vec::new();
-    for row in catalog.rows().iter().filter(|row| !row.motion.is_some_and(Motion::is_angle)) {
+    for row in catalog.rows().iter().filter(|row| !row.motion.is_some_and(FapMotion::is_angle)) {
         let Some(values) = of.bands.get(&Curve::Fap(row.number.get())) else { continue };
         let size = values.iter().map(|(value, _)| value.abs()).fold(0.0, f64::max);
         let label = format!("FAP {} {}", row.number, row.name);

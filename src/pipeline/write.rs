@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     clone::{NoSkin, SKIN_SUFFIX},
-    fap::{self, ConvertError, FapCatalog, FapNumber, Motion, ValueFormat},
+    fap::{self, ConvertError, FapCatalog, FapMotion, FapNumber, ValueFormat},
     output::{self, OutputError, nine_digits, write_records},
     report::{ApexFap, GroupsData, ReportData, VariationData, mean_course_svg, render_html},
     statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
@@ -321,7 +321,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
                 number: fap.get(),
                 name: row.name.clone(),
                 unit: row.unit_name(),
-                is_angle: row.motion.is_some_and(Motion::is_angle),
+                is_angle: row.motion.is_some_and(FapMotion::is_angle),
                 value: frame?.value(fap)?.round() as i32,
             })
         };

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::{PlayerError, Shown, pack};
 use crate::{
-    fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapRow, Motion as FapMotion},
+    fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapMotion, FapRow},
     synthesis::{
         Bank, DrawnEye, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, Solver, SynthesisOptions, Synthesizer,
         fapu_length, interpolate,

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     clone::{CloneError, LID_PAIRS, SourceKind, SourceMotion, Target, at_height},
-    fap::{FapCatalog, FapFrame, FapNumber, FapRow, FapSequence, Motion},
+    fap::{FapCatalog, FapFrame, FapMotion, FapNumber, FapRow, FapSequence},
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, Normalizer},
     units::{FaceUnit, NodeId},
@@ -159,7 +159,7 @@ fn curves(
 fn faps(wire: &Wire) -> Result<Vec<Value>, PlayerError> {
     let shows = |row: &&FapRow| {
         row.fapu.is_some()
-            && row.motion.and_then(Motion::frontal_axis).is_some()
+            && row.motion.and_then(FapMotion::frontal_axis).is_some()
             && !row.nodes.is_empty()
             && row.frontal.is_measured()
     };
@@ -167,7 +167,7 @@ fn faps(wire: &Wire) -> Result<Vec<Value>, PlayerError> {
 }
 
 fn fap(row: &FapRow, wire: &Wire) -> Result<Value, PlayerError> {
-    let is_angle = row.motion.is_some_and(Motion::is_angle);
+    let is_angle = row.motion.is_some_and(FapMotion::is_angle);
     let most = if is_angle { MOST_ANGLE } else { MOST_LENGTH };
     let (least, greatest) = row.range.unwrap_or((-most, most));
     let mut frame = FapFrame::default();

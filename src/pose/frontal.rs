@@ -4,7 +4,7 @@ use nalgebra::{Point2, Rotation3, Vector2, Vector3};
 
 use super::{HeadFit, HeadModel, HeadPose};
 use crate::{
-    fit::{Pull, SpringError, Springs, Target},
+    fit::{DrivenNode, Pull, SpringError, Springs},
     geometry::Similarity,
     normalize::EyeCorners,
     track::{LossReason, NodeState, TrackedFrame},
@@ -126,11 +126,11 @@ pub fn frontalized(
         };
         if wireframe.live_nodes().iter().any(|n| seen(n.index()) < SEEN) {
             let drives = |n: &&crate::units::NodeId| seen(n.index()) > 0.0;
-            let targets: Vec<Target> = wireframe
+            let targets: Vec<DrivenNode> = wireframe
                 .live_nodes()
                 .iter()
                 .filter(drives)
-                .map(|&node| Target { node, position: nodes[node.index()], pull: Pull::Force(FORCE * seen(node.index())) })
+                .map(|&node| DrivenNode { node, position: nodes[node.index()], pull: Pull::Force(FORCE * seen(node.index())) })
                 .collect();
             let completed = springs.deform(wireframe, &neutral, &targets)?;
             for &node in wireframe.live_nodes() {

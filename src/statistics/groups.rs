@@ -112,7 +112,7 @@ struct Columns<'a> {
 
 impl<'a> Columns<'a> {
     fn new(by: &'a [String], metadata: impl Iterator<Item = &'a BTreeMap<String, String>> + Clone) -> Self {
-        let values = |column: &'a String| metadata.clone().filter_map(move |m| m.get(column)).map(String::as_str);
+        let values = move |column: &'a String| metadata.clone().filter_map(move |m| m.get(column)).map(String::as_str);
         let spellings = by.iter().map(|column| (column.as_str(), common_spellings(values(column)))).collect();
         Self { by, spellings }
     }

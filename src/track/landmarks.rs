@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, Point2, Vector2};
 use super::{LossReason, NodeState, TrackError, TrackedFrame, TrackedNode, neutral_nodes};
 use crate::{
     dataset::{LandmarkSelection, LandmarkSequence, correspondences_from_landmarks},
-    fit::{Correspondence, FittedWireframe, Pull, SpringError, Springs, Target},
+    fit::{Correspondence, DrivenNode, FittedWireframe, Pull, SpringError, Springs},
     geometry::Similarity,
     units::{FeaturePoint, NodeId},
     wireframe::{LandmarkConfidence, Tables, Wireframe},
@@ -82,7 +82,7 @@ impl LandmarkPlan {
         let rest = vec![Point2::origin(); wireframe.node_count()];
         let mut response = DMatrix::zeros(live.len(), driven.len());
         for column in 0..driven.len() {
-            let target = |(k, &(_, node)): (usize, &(usize, NodeId))| Target {
+            let target = |(k, &(_, node)): (usize, &(usize, NodeId))| DrivenNode {
                 node,
                 position: Point2::new(if k == column { 1.0 } else { 0.0 }, 0.0),
                 pull: Pull::Force(force),

@@ -161,7 +161,7 @@ pub enum Forces {
     Same,
 }
 
-/// Options of the tracker. Lengths relative to the eye distance ES0 of the neutral frame make small and large faces alike.
+/// Options of the tracker, each with its default. Lengths relative to the eye distance ES0 of the neutral frame make small and large faces alike.
 ///
 /// ```
 /// use grimace::track::TrackOptions;
@@ -173,22 +173,22 @@ pub enum Forces {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrackOptions {
-    /// Side of the KLT window over the eye distance; the result is odd and at least [`MIN_WINDOW_PX`].
+    /// Side of the KLT window over the eye distance, 0.08; the result is odd and at least [`MIN_WINDOW_PX`].
     pub window: f64,
-    /// Pyramid levels, the image itself included.
+    /// Pyramid levels, the image itself included; 4.
     pub levels: u32,
-    /// Largest forward-backward distance over the eye distance; 0 leaves the way back out, as in KP.
+    /// Largest forward-backward distance over the eye distance, 0.01; 0 leaves the way back out, as in KP.
     pub forward_backward: f64,
-    /// A displacement is extreme when it differs from the neighbours' by more than this many robust standard deviations.
+    /// A displacement is extreme when it differs from the neighbours' by more than this many robust standard deviations; 6.
     pub extreme: f64,
     /// Gain of the force on a node that was not lost, over the stiffness of a spring, where the gradients of its window are as
-    /// strong as its mismatch.
+    /// strong as its mismatch; 150.
     pub force: f64,
-    /// Weight of the mismatch of the two windows, squared, against the gradients: 0 trusts every match alike.
+    /// Weight of the mismatch of the two windows, squared, against the gradients, 1; 0 trusts every match alike.
     pub mismatch: f64,
-    /// What the forces are made of.
+    /// What the forces are made of; measured by default.
     pub forces: Forces,
-    /// Search for nodes of the inner lip within their own lip: where the lips meet, KLT sees both.
+    /// Search for nodes of the inner lip within their own lip: where the lips meet, KLT sees both. On, as the next two.
     pub lip_probes: bool,
     /// Let the corners of each iris box move as one.
     pub rigid_eyes: bool,
@@ -196,7 +196,7 @@ pub struct TrackOptions {
     pub deform: bool,
     /// Alignment with the neutral frame after the re-deformation.
     pub align: AlignOptions,
-    /// Which KLT; whole tracks differ by 0.0001 to 0.0002 px (median).
+    /// Which KLT, by default our own; whole tracks differ by 0.0001 to 0.0002 px (median).
     #[serde(default)]
     pub klt: KltKind,
 }
@@ -425,7 +425,7 @@ impl<P: std::ops::DerefMut<Target: PointTracker>> PointTracker for P {
 
 /// Tracks a fitted wireframe through the frames; the first is the neutral frame it was fitted to.
 ///
-/// `tick` is called after every frame and may return `false` to stop.
+/// `tick` is called after every frame with its number, and may return `false` to stop. The wireframe is the one that was fitted.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();

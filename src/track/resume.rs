@@ -14,7 +14,7 @@ use super::{
     step::Step, window_px,
 };
 use crate::{
-    fit::{Pull, Springs, Target},
+    fit::{DrivenNode, Pull, Springs},
     sequence::{Frame, SequenceError},
     units::NodeId,
     wireframe::Wireframe,
@@ -58,8 +58,8 @@ pub fn correct_nodes(
         !hard.contains_key(*node) && nodes.get(node.index()).is_some_and(|n| !matches!(n.state, NodeState::Recovered(_)))
     };
     let held = wireframe.live_nodes().iter().filter(is_held);
-    let held = held.map(|&node| Target { node, position: rest[node.index()], pull: Pull::Force(HOLDING_FORCE) });
-    let set = hard.iter().map(|(&node, &position)| Target { node, position, pull: Pull::Hard });
+    let held = held.map(|&node| DrivenNode { node, position: rest[node.index()], pull: Pull::Force(HOLDING_FORCE) });
+    let set = hard.iter().map(|(&node, &position)| DrivenNode { node, position, pull: Pull::Hard });
     let places = springs.deform(wireframe, &rest, &held.chain(set).collect::<Vec<_>>())?;
     let corrected = |(k, (node, position)): (usize, (&TrackedNode, Point2<f64>))| match hard.get(&NodeId(k as u16)) {
         Some(&position) => TrackedNode::new(position, NodeState::Corrected, None),

@@ -20,7 +20,7 @@ use super::{
     recover,
 };
 use crate::{
-    fit::{Pull, Springs, Target},
+    fit::{DrivenNode, Pull, Springs},
     sequence::ImageSize,
     units::NodeId,
     wireframe::{Tables, Wireframe},
@@ -244,7 +244,7 @@ impl Step<'_> {
             self.wireframe.place_followers(&mut nodes);
             return Ok(nodes);
         }
-        let target = |(s, g): (&recover::NodeStep, &Matrix2<f64>)| Target {
+        let target = |(s, g): (&recover::NodeStep, &Matrix2<f64>)| DrivenNode {
             node: s.node,
             position: positions[s.node.index()] + s.displacement,
             pull: Pull::Matrix(self.force(s, g)),

@@ -60,6 +60,21 @@ fn it_listens_on_loopback_only_and_prints_its_address() {
 }
 
 #[test]
+fn what_was_proposed_is_shown_with_its_confidence() {
+    // Both have all their marks; only one is a proposal.
+    let work = Work::with_sequences(&["S001_005", "S002_007"]);
+    let manifest = work.read("faces/manifest.csv");
+    let lines: Vec<String> =
+        manifest.lines().zip(["confidence", "0.62", ""]).map(|(line, confidence)| format!("{line},{confidence}\n")).collect();
+    work.write("faces/manifest.csv", lines.concat());
+    let server = Server::start(&work, "faces");
+    let list = server.get("api/sequences").ok();
+    assert_eq!((list["sequences"].as_array().unwrap().len(), &list["left"], &list["total"]), (1, &json!(0), &json!(2)));
+    assert_eq!(list["sequences"][0]["confidence"], 0.62);
+    assert_eq!(list["sequences"][0]["id"], "S001_005");
+}
+
+#[test]
 fn another_address_needs_a_flag_and_warns() {
     let work = unmarked();
     let ran = work.shell(

@@ -145,6 +145,13 @@ fn the_facade_stays_small() {
     let shown = shown(&fs::read_to_string(root().join("src/lib.rs")).unwrap());
     assert!(shown.iter().any(|name| name == "fit::Fitter") && shown.iter().any(|name| name == "statistics::CompareOptions"));
     assert!((150..250).contains(&shown.len()), "{} names", shown.len());
+    // No two of one name, and none of a name that everybody's code has already.
+    let mut names: Vec<&str> = shown.iter().filter_map(|name| name.rsplit("::").next()).collect();
+    names.sort_unstable();
+    let doubled: Vec<&&str> = names.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| &pair[0]).collect();
+    assert!(doubled.is_empty(), "two items are called {doubled:?}");
+    let taken = ["Box", "Clone", "Copy", "Default", "Error", "Option", "Result", "String", "Vec"];
+    assert!(names.iter().all(|name| !taken.contains(name)));
 }
 
 /// The Rust files of a module: `NAME.rs`, and all in the folder `NAME`.

@@ -2,7 +2,7 @@
 
 use grimace::internal::{
     dataset::LandmarkSelection,
-    fap::{FapCatalog, FapNumber, FapSequence, Motion, read_fap, write_fap},
+    fap::{FapCatalog, FapMotion, FapNumber, FapSequence, read_fap, write_fap},
     fit::{Correspondence, FitOptions, Fitter, PriorKind, read_correspondences, write_correspondences},
     geometry::Similarity,
     model::DynamicExpressionModel,
@@ -118,7 +118,7 @@ proptest! {
             // Angles are sines, and values at the end of a range are clamped; half a unit is rounded away on either side.
             let clamped = |v: f64| row.range.is_some_and(|(min, max)| v <= f64::from(min) || v >= f64::from(max));
             let (Some(one), Some(two)) = (one, two) else { continue };
-            if !row.motion.is_some_and(Motion::is_angle) && !clamped(one) && !clamped(two) {
+            if !row.motion.is_some_and(FapMotion::is_angle) && !clamped(one) && !clamped(two) {
                 prop_assert!((two - 2.0 * one).abs() <= 1.5, "FAP {fap}: {one}, twice {two}");
             }
         }

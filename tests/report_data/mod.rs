@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use grimace::internal::{
-    fap::{FapCatalog, FapNumber, FapSequence, Motion},
+    fap::{FapCatalog, FapMotion, FapNumber, FapSequence},
     model::{DynamicExpressionModel, FrameExpressionModel},
     report::{ApexFap, Failure, ReportData, Stage},
     statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions},
@@ -191,7 +191,7 @@ fn apex_faps(r: &Representative, fapus: Fapus) -> Vec<ApexFap> {
             number: fap.get(),
             name: row.name.clone(),
             unit: row.unit_name(),
-            is_angle: row.motion.is_some_and(Motion::is_angle),
+            is_angle: row.motion.is_some_and(FapMotion::is_angle),
             value: apex.value(fap)? as i32,
         })
     };

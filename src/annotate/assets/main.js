@@ -109,6 +109,11 @@ class Page {
 
   // Sequences.
 
+  /** What `grimace segment` says of a sequence that it proposed. */
+  sureness(sequence) {
+    return sequence?.confidence === undefined ? '' : `confidence ${sequence.confidence.toFixed(2)}`;
+  }
+
   isLeft(sequence) {
     return this.setup.mode === 'marks' && sequence.marks < this.setup.enough;
   }
@@ -134,7 +139,7 @@ class Page {
     history.replaceState(null, '', `#${encodeURIComponent(id)}`);
     const sequence = this.sequences.find((s) => s.id === id);
     get('sequence').textContent = id;
-    get('emotion').textContent = sequence?.emotion ?? '';
+    get('emotion').textContent = [sequence?.emotion, this.sureness(sequence)].filter(Boolean).join(' · ');
     this.showProgress();
   }
 
@@ -145,12 +150,12 @@ class Page {
     else this.notice(by > 0 ? 'This is the last one.' : 'This is the first one.');
   }
 
-  /** The next sequence that needs marks; the next track. */
+  /** The next sequence that needs marks, else the next one that was proposed; the next track. */
   goOn() {
     if (this.setup.mode === 'tracks') return this.step(1);
     const at = this.sequences.findIndex((s) => s.id === this.id);
     const round = [...this.sequences.slice(at + 1), ...this.sequences.slice(0, at)];
-    const next = round.find((s) => this.isLeft(s));
+    const next = round.find((s) => this.isLeft(s)) ?? this.sequences.slice(at + 1).find((s) => s.confidence !== undefined);
     if (next) this.open(next.id);
     else if (this.sequences.some((s) => this.isLeft(s))) this.notice(`This sequence has fewer than ${this.setup.enough} marks yet; it is the last one left.`);
     else this.allDone();
@@ -179,7 +184,8 @@ class Page {
       return;
     }
     const left = sequences.filter((s) => this.isLeft(s)).length;
-    get('left').textContent = `${left} of ${sequences.length} left`;
+    const proposed = sequences.some((s) => s.confidence !== undefined);
+    get('left').textContent = left || !proposed ? `${left} of ${sequences.length} left` : `${at || '–'} of ${sequences.length} proposals`;
     get('done').max = Math.max(1, sequences.length);
     get('done').value = sequences.length - left;
   }
@@ -194,7 +200,7 @@ class Page {
           const button = document.createElement('button');
           const part = (className, text) => Object.assign(document.createElement('span'), { className, textContent: text });
           const state = this.setup.mode === 'tracks' ? `${(100 * s.trackedShare).toFixed(1)} % tracked${s.corrected ? ` · ${s.corrected} corrected` : ''}` : s.marks ? `${s.marks} marks` : 'no marks';
-          button.append(part('id', s.id), part('emotion', s.emotion), part(`state${this.isLeft(s) ? '' : ' done'}`, state));
+          button.append(part('id', s.id), part('emotion', [s.emotion, this.sureness(s)].filter(Boolean).join(' · ')), part(`state${this.isLeft(s) ? '' : ' done'}`, state));
           if (s.id === this.id) button.setAttribute('aria-current', 'true');
           button.addEventListener('click', () => {
             get('sequences').close();

@@ -8,7 +8,7 @@
 //! | `MediaPipe` | CSV as own, with 468 or 478 points; where they are shares of the picture, with `width` and `height` | column `frame` | px from 0, or shares |
 //! | CK+ | a text file per frame, 68 lines `x y` | last number in the name | px, as they are |
 //!
-//! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down. A
+//! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down.
 //! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in their order. A
 //! frame is *lost* when its row says so (`success` 0, a confidence under the least one, or no coordinates at all).
 
@@ -35,6 +35,16 @@ pub use sequence::{LandmarkFrame, LandmarkSequence};
 
 /// Points of the scheme.
 pub const LANDMARK_COUNT: usize = 68;
+
+/// Extensions of files with the points of one frame.
+const FRAME_EXTENSIONS: [&str; 2] = ["txt", "pts"];
+/// Extensions of tables with the points of many frames.
+const TABLE_EXTENSIONS: [&str; 1] = ["csv"];
+
+/// Whether a file may hold landmarks, by its name.
+pub(super) fn has_landmark_extension(path: &Path) -> bool {
+    has_extension(path, &FRAME_EXTENSIONS) || has_extension(path, &TABLE_EXTENSIONS)
+}
 
 /// Confidence under which a frame counts as lost, where a file tells one: what users of `OpenFace` commonly keep.
 pub const LEAST_CONFIDENCE: f64 = 0.75;
@@ -386,7 +396,7 @@ pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Resu
     let mut track = LandmarkTrack { path: path.to_owned(), files, frames, lost, least_confidence, fps: None };
     match &track.files[..] {
         [] => {}
-        [file] if file == path || has_extension(file, &["csv"]) => {
+        [file] if file == path || has_extension(file, &TABLE_EXTENSIONS) => {
             let file = file.clone();
             table::read(&file, face, &mut track)?;
         }
@@ -417,12 +427,12 @@ pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Resu
 pub fn landmark_files(path: &Path) -> Result<Vec<PathBuf>, LandmarksError> {
     if !path.is_dir() {
         // A name with `.csv` is read as a table, so that the error says what is missing in it.
-        let is_table = has_extension(path, &["csv"]) || !path.exists() || form_of(path) == Form::Table;
+        let is_table = has_extension(path, &TABLE_EXTENSIONS) || !path.exists() || form_of(path) == Form::Table;
         return if is_table { Ok(vec![path.to_owned()]) } else { Err(LandmarksError::Unknown { path: path.to_owned() }) };
     }
     let entries = visible(path).map_err(|reason| LandmarksError::Io { path: path.to_owned(), reason })?;
     let files: Vec<PathBuf> = entries.iter().map(fs::DirEntry::path).collect();
-    let texts: Vec<&PathBuf> = files.iter().filter(|file| has_extension(file, &["txt", "pts"])).collect();
+    let texts: Vec<&PathBuf> = files.iter().filter(|file| has_extension(file, &FRAME_EXTENSIONS)).collect();
     let is_named = |file: &PathBuf| file.file_stem().is_some_and(|s| s.to_string_lossy().ends_with(TEXT_FILE_SUFFIX));
     let named: Vec<PathBuf> = texts.iter().filter(|file| is_named(file)).map(|&file| file.clone()).collect();
     if !named.is_empty() {
@@ -431,7 +441,7 @@ pub fn landmark_files(path: &Path) -> Result<Vec<PathBuf>, LandmarksError> {
     let is_frame = |file: &&&PathBuf| has_extension(file, &["pts"]) || matches!(form_of(file), Form::Pts | Form::Text);
     let per_frame: Vec<PathBuf> = texts.iter().filter(is_frame).map(|&file| file.clone()).collect();
     let tables: Vec<PathBuf> =
-        files.iter().filter(|file| has_extension(file, &["csv"]) && table::is_landmarks(file)).cloned().collect();
+        files.iter().filter(|file| has_extension(file, &TABLE_EXTENSIONS) && table::is_landmarks(file)).cloned().collect();
     if tables.len() + usize::from(!per_frame.is_empty()) > 1 {
         let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut found: Vec<String> = tables.iter().map(name).collect();

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, Point2, SymmetricEigen, Vector2};
 use super::{FACES_MARK_DEVIATION, FacePoints, NeutralFace, ShapePrior};
 use crate::{
     dataset::{LandmarkSelection, LandmarksError, correspondences_from_landmarks},
-    fit::{Pull, SpringError, Springs, Target},
+    fit::{DrivenNode, Pull, SpringError, Springs},
     geometry::{Similarity, SimilarityError},
     units::NodeId,
     wireframe::{Fapu, Region, Tables, Wireframe},
@@ -227,7 +227,7 @@ impl<'a> Completion<'a> {
             return Err(LearnError::UpsideDown { name: face.name.clone(), degrees });
         }
         let face_from_marks = found.marks_from_face.inverse();
-        let hard = |node, position| Target { node, position, pull: Pull::Hard };
+        let hard = |node, position| DrivenNode { node, position, pull: Pull::Hard };
         let mut place: Vec<Option<Point2<f64>>> = vec![None; self.wireframe.node_count()];
         let mut targets = Vec::with_capacity(nodes.len());
         for (&node, p) in nodes.iter().zip(&seen) {

@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::FiguresError;
 use crate::{
-    fap::{FapCatalog, Motion},
+    fap::{FapCatalog, FapMotion},
     features::{ACTION_UNITS, Course, FrameFeatures, Intensity},
     input::CsvFile,
     pipeline::{RunJson, Workbench, read_model},
@@ -215,7 +215,7 @@ fn bands(out: &Path) -> Result<BTreeMap<String, Vec<BandFigure>>, FiguresError> 
     let mut by_emotion: BTreeMap<String, Vec<(f64, BandFigure)>> = BTreeMap::new();
     for ((emotion, number), rows) in found {
         let row = FapCatalog::mpeg4().rows().iter().find(|row| u32::from(row.number.get()) == number);
-        let Some(row) = row.filter(|row| !row.motion.is_some_and(Motion::is_angle)) else { continue };
+        let Some(row) = row.filter(|row| !row.motion.is_some_and(FapMotion::is_angle)) else { continue };
         let size = rows.iter().map(|r| r[0].abs()).fold(0.0, f64::max);
         let figure = BandFigure { label: format!("{number} {}", row.name), unit: row.unit_name(), rows };
         by_emotion.entry(emotion).or_default().push((size, figure));

@@ -81,6 +81,29 @@ impl Default for CompareOptions {
 pub const LEAST_PEOPLE: usize = 2;
 
 /// Why two groups were not compared.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::{NotTested, compare};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let (a, b) = (smile("P1", 10.0), smile("P2", 20.0));
+/// let outcome = compare(&[&a], &[&b], face.wireframe.live_nodes(), &Default::default(), None, 0);
+/// assert_eq!(outcome.unwrap_err(), NotTested::TooFewPeople { people: 1 });
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotTested {
     /// A group of one says nothing about its scatter.
@@ -106,6 +129,32 @@ pub enum NotTested {
 const NAMED_PEOPLE: usize = 3;
 
 /// A test's outcome.
+///
+/// ```
+/// # use grimace::{model, normalize, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     grimace::statistics::SequenceModel { id, model }
+/// # };
+/// use grimace::statistics::{Tested, compare};
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let people: Vec<_> = (0..8).map(|k| smile(&format!("P{k}"), 10.0 + f64::from(k))).collect();
+/// let (odd, even): (Vec<_>, Vec<_>) = people.iter().enumerate().partition(|(k, _)| k % 2 == 1);
+/// let [odd, even] = [odd, even].map(|half| half.into_iter().map(|(_, model)| model).collect::<Vec<_>>());
+/// let tested: Tested = compare(&odd, &even, face.wireframe.live_nodes(), &Default::default(), None, 0)?;
+/// // 8 people make 70 splits, all of which are tried; such halves are nothing special among them.
+/// assert!(tested.exhaustive && tested.permutations == 70 && tested.p > 0.05);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tested {
     /// People that the test used, of A and of B.

@@ -186,11 +186,11 @@ fn landmark_warp(
     target: &Target,
     bench: &Workbench,
 ) -> Result<RgbImage, String> {
-    use grimace::internal::fit::{Pull, Springs, Target as Pulled};
+    use grimace::internal::fit::{DrivenNode, Pull, Springs};
     let start = target.fitted.model.nodes();
-    let pulled: Vec<Pulled> = compared_nodes(&bench.tables)
+    let pulled: Vec<DrivenNode> = compared_nodes(&bench.tables)
         .iter()
-        .map(|c| Pulled {
+        .map(|c| DrivenNode {
             node: c.node,
             position: start[c.node.index()] + (truth[c.landmark] - first[c.landmark]),
             pull: Pull::Hard,

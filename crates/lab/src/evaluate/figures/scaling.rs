@@ -4,7 +4,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::super::{Cell, EvaluateError, MarkChoice, MarkNoise, Person, Population, Table};
 use grimace::internal::{
-    fit::{FIT_FORCE, FitOptions, Fitter, PriorKind, Pull, Springs, Target},
+    fit::{DrivenNode, FIT_FORCE, FitOptions, Fitter, PriorKind, Pull, Springs},
     geometry::Similarity,
     wireframe::Wireframe,
 };
@@ -53,8 +53,8 @@ pub fn scaling_rows(
             let seen: Vec<_> = marks.iter().map(|m| m.position).collect();
             let placed = Similarity::fit(&source, &seen, None).map_err(|e| failed(&e))?;
             let middle: Vector2<f64> = seen.iter().map(|p| p.coords).sum::<Vector2<f64>>() / seen.len() as f64;
-            let targets: Vec<Target> =
-                marks.iter().map(|m| Target { node: m.node, position: m.position, pull: Pull::Force(FIT_FORCE) }).collect();
+            let targets: Vec<DrivenNode> =
+                marks.iter().map(|m| DrivenNode { node: m.node, position: m.position, pull: Pull::Force(FIT_FORCE) }).collect();
             let unscaled = |factor: f64| -> Result<f64, EvaluateError> {
                 let rest: Vec<Point2<f64>> =
                     frontal.iter().map(|p| Point2::from(middle + (placed.apply(p).coords - middle) * factor)).collect();
