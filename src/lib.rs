@@ -54,7 +54,7 @@
 //! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it and never links OpenCV.
 //!
 //! Types of [`image`], [`nalgebra`] and [`blake3`] are part of the interface; these crates are shown under their names, so that a program
-//! need not guess their versions. Errors say what is wrong in one sentence; where they have a source, their text does not repeat it.
+//! need not guess their versions. The text of an error says everything in one line, its cause included.
 //!
 //! In the repository `examples/` goes on from here, and `docs/architecture.md` says how the modules lie on each other.
 //!
