@@ -141,7 +141,7 @@ fn check_count(by: &[String], found: usize) -> Result<(), GroupError> {
     Ok(())
 }
 
-/// Checks that grouping sequences (id, emotion, metadata) makes no more classes than [`MAX_CLASSES`].
+/// Checks that grouping sequences (id, emotion, metadata) makes no more than 1000 classes.
 ///
 /// # Errors
 /// [`GroupError::TooManyGroups`].
