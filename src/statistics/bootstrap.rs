@@ -53,14 +53,6 @@ pub fn no_interval(people: usize) -> Option<String> {
 }
 
 /// An interval for the dispersion of a class.
-///
-/// ```
-/// use grimace::statistics::DispersionInterval;
-///
-/// let interval = DispersionInterval { low: 1.5, high: 2.5, level: 0.95, replicates: 1000 };
-/// assert_eq!(serde_json::to_value(interval)?["level"], 0.95);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DispersionInterval {
     /// Lower end, face units.

@@ -190,34 +190,6 @@ pub struct Tested {
 }
 
 /// Two groups of one emotion, compared.
-///
-/// ```
-/// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
-/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
-/// # let smile = |subject: &str, up: f64| {
-/// #     let frame = |m: usize| {
-/// #         let mut nodes = neutral.nodes().to_vec();
-/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
-/// #         model::FrameExpressionModel::new(nodes)
-/// #     };
-/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
-/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
-/// #     grimace::statistics::SequenceModel { id, model }
-/// # };
-/// use std::collections::BTreeMap;
-///
-/// use grimace::statistics::{Comparison, compare};
-///
-/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
-/// let (a, b) = ([smile("P1", 10.0)], [smile("P2", 20.0), smile("P3", 30.0)]);
-/// let outcome = compare(&[&a[0]], &[&b[0], &b[1]], face.wireframe.live_nodes(), &Default::default(), None, 0);
-/// let group = |value: &str| BTreeMap::from([("cohort".to_owned(), value.to_owned())]);
-/// let comparison =
-///     Comparison { emotion: "smile".to_owned(), groups: [group("A"), group("B")], people: [1, 2], sequences: [1, 2], outcome };
-/// assert_eq!(comparison.outcome.unwrap_err().to_string(), "a group of 1 cannot be tested");
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Emotion.

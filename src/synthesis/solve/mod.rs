@@ -68,13 +68,6 @@ impl fmt::Display for Solver {
 }
 
 /// Weights of the members, and how fit they are.
-///
-/// ```
-/// use grimace::synthesis::Solution;
-///
-/// let solution = Solution { weights: vec![0.0, 0.7, 0.3], fitness: 0.97, runs: vec![] };
-/// assert_eq!(solution.weights.iter().filter(|weight| **weight > 0.0).count(), 2);
-/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// Weights, their summed length of motion that of the target (for [`Solver::Nnls`] whatever least squares gave).
