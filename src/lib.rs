@@ -207,13 +207,13 @@ facade! {
 }
 facade! {
     /// Method: the wireframe fitted to marked points \[KP, section 2\].
-    fit: DrivenNode, FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFile, PriorFileError, PriorKind, Pull, ShapePrior,
-    SpringError, Springs, read_prior
+    fit: DrivenNode, FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFile, PriorFileError, PriorKind, Pull,
+    ShapePrior, SpringError, Springs, read_prior
 }
 facade! {
     /// Method: the wireframe tracked from the neutral to the apex frame \[KP, section 3\], by a
     /// [`PointTracker`](track::PointTracker) or by landmarks.
-    track: AlignOptions, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, PointTracker, Probe, Slot, Track,
+    track: AlignOptions, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, PointTracker, Probe, Slot, Track,
     TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackSummary, TrackedFrame, TrackedNode, read_track,
     read_track_info, summarize, track_model, track_sequence, track_with, write_track
 }
@@ -225,8 +225,9 @@ facade! {
     /// Method: the representative of the models of one expression: trimming, generalized median, dispersion \[KP, sections 4.2 to 4.4\];
     /// how people vary around it, and which expression a model shows.
     statistics: ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
-    TrimLevel, TrimmingRow, Weighting, representative, compare::{CompareOptions, NotTested, Tested, compare}, distance::{DisplacementFields, vector_distance}, recognize::{RecognizeError, Recognized, Recognizer},
-    variation::{Component, Variation, VariationError}
+    TrimLevel, TrimmingRow, Weighting, compare::{CompareOptions, NotTested, Strata, StrataError, Tested, compare},
+    distance::{DisplacementFields, vector_distance}, recognize::{RecognizeError, Recognized, Recognizer}, representative,
+    median::SearchEnding, variation::{Component, Variation, VariationError}
 }
 facade! {
     /// Method: facial animation parameters of MPEG-4, and their files.
@@ -259,8 +260,8 @@ facade! {
 }
 facade! {
     /// Making: an expression on a new face, with its texture \[KP, section 5\].
-    clone: CloneError, CloneFrame, CloneOptions, ClonedExpression, Course, Details, Ease, Moment, Rescale, SourceKind, SourceMotion, Target,
-    Teeth, Timing, clone_expression
+    clone: CloneError, CloneFrame, CloneOptions, ClonedExpression, Course, Details, Ease, Moment, Rescale, SourceKind, SourceMotion,
+    Target, Teeth, Timing, clone_expression
 }
 facade! {
     /// Tool: the main job, stage by stage, from a dataset to representatives, FAP files and a report; the files of models.

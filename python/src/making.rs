@@ -7,7 +7,7 @@ use grimace::internal::{
     interpolation::FPS,
     pipeline::found_marks,
     sequence::Frame,
-    synthesis::{self, Animation, Bank, SynthesisOptions, Synthesizer, read_motion},
+    synthesis::{self, Animation, Bank, EmbeddedBank, SynthesisOptions, Synthesizer, read_motion},
 };
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::{
@@ -137,10 +137,9 @@ pub fn synthesize<'py>(
     wanted.check().map_err(to::<SynthesisError>)?;
     let ((between, noise), (fps, scale)) = (between_noise, fps_scale);
     let made = run_long(py, progress, false, move |caller| {
-        let bank = match bank.to_str().filter(|_| !bank.is_file()) {
-            Some("head") => synthesis::head_bank().map_err(to::<SynthesisError>)?,
-            Some("candide") => synthesis::candide_bank().map_err(to::<SynthesisError>)?,
-            _ => Bank::open(&bank).map_err(|e| {
+        let bank = match EmbeddedBank::of_path(&bank) {
+            Some(embedded) => embedded.bank().map_err(to::<SynthesisError>)?,
+            None => Bank::open(&bank).map_err(|e| {
                 let (path, text) = (bank.display().to_string(), e.to_string());
                 to::<SynthesisError>(if text.contains(&path) { text } else { format!("{path}: {text}") })
             })?,

@@ -1,9 +1,9 @@
 //! The sequences of a dataset and their marks, as the page reads and saves them.
 //!
-//! A sequence's marks are in its correspondence file: the one its manifest names, else `SUBJECT/SEQUENCE/correspondences.csv`, which is then
-//! written into the manifest. Every save states the version it was made from (a hash of the file and of what the manifest says of the
-//! sequence, which is read again whenever it has changed): when another tab, program or person has changed any of it since, nothing is
-//! written and the page is told what is there.
+//! A sequence's marks are in its correspondence file: the one its manifest names, else `SUBJECT/SEQUENCE/correspondences.csv`,
+//! which is then written into the manifest. Every save states the version it was made from (a hash of the file and of what the
+//! manifest says of the sequence, which is read again whenever it has changed): when another tab, program or person has changed
+//! any of it since, nothing is written and the page is told what is there.
 
 use std::{
     collections::BTreeMap,

@@ -5,8 +5,8 @@
 //! takes corrections, and tracks again from a corrected frame.
 //!
 //! [`Annotator::bind`] opens the port, [`Annotator::serve`] answers until it is told to stop. What the page asks for is in `routes`, who
-//! may ask in `security`, what a connection may cost in `serve`, marks and frames of a dataset in `desk`, tracks in `retrack`; files are written by the writers of
-//! [`crate::fit`] and [`crate::track`] and, for the manifest, by `manifest_edit`.
+//! may ask in `security`, what a connection may cost in `serve`, marks and frames of a dataset in `desk`, tracks in `retrack`;
+//! files are written by the writers of [`crate::fit`] and [`crate::track`] and, for the manifest, by `manifest_edit`.
 
 mod desk;
 mod found;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use grimace::output::listed;
 use grimace::synthesis::{
-    self, Bank, BuildOptions, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank, perform,
-    read_recipes, recipe_motions, write_feature_points, write_recipes,
+    self, Bank, BuildOptions, EmbeddedBank, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank,
+    perform, read_recipes, recipe_motions, write_feature_points, write_recipes,
 };
 
 use super::{
@@ -175,20 +175,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
 }
 
-/// The words that stand for the embedded banks: the head, and the one of Candide-3.
-const HEAD: &str = "head";
-const CANDIDE: &str = "candide";
-
-/// The word of the embedded bank that a path stands for, unless there is a file of that name.
-pub fn embedded(path: &Path) -> Option<&'static str> {
-    [HEAD, CANDIDE].into_iter().find(|word| path.as_os_str() == *word).filter(|_| !path.is_file())
-}
-
 /// Opens a bank file, or makes an embedded bank; warns of a file of an older version.
 pub fn open(path: &Path) -> anyhow::Result<Bank> {
-    match embedded(path) {
-        Some(HEAD) => Ok(synthesis::head_bank()?),
-        Some(_) => Ok(synthesis::candide_bank()?),
+    match EmbeddedBank::of_path(path) {
+        Some(embedded) => Ok(embedded.bank()?),
         None => open_file(path),
     }
 }
@@ -238,10 +228,9 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
 
 fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     check_all_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
-    let embedded = embedded(&args.shapes);
+    let embedded = EmbeddedBank::of_path(&args.shapes);
     let shapes = match embedded {
-        Some(HEAD) => synthesis::head_shapes()?,
-        Some(_) => synthesis::candide_shapes()?,
+        Some(embedded) => embedded.shapes()?,
         None => open_file(&args.shapes)?,
     };
     let (recipes, dominant) = match (&args.weights, args.performance) {
@@ -249,7 +238,7 @@ fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
         (None, models) => {
             let expressions = match &args.expressions {
                 Some(path) => read_recipes(path, shapes.names())?.into_iter().map(|r| (r.name, r.weights)).collect(),
-                None if embedded == Some(CANDIDE) => synthesis::candide_expressions()?,
+                None if embedded == Some(EmbeddedBank::Candide) => synthesis::candide_expressions()?,
                 None => arkit::dominant_expressions(shapes.names())
                     .context("the shapes have no ARKit names; give the expressions to perform with --expressions")?,
             };

@@ -6,24 +6,23 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-use anyhow::Context;
 use grimace::{
     clone::{
         CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, Film, Rescale, SKIN_SUFFIX, Sheet,
         Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
-    dataset::{PUBLISH_COLUMN, list_frames, may_publish, read_marks},
+    dataset::{PUBLISH_COLUMN, list_frames, may_publish},
     output::{MADE_BY, write_atomic},
-    pipeline::{PipelineOptions, Workbench, file_blake3, found_marks},
+    pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
-    sequence::{read_colour, read_colour_frames, read_frame},
+    sequence::read_colour_frames,
     track::read_track_info,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
 
 use super::{
-    Outcome,
+    Outcome, portrait,
     progress::frame_bar,
     shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, file_name, positive, stop_flag, words},
 };
@@ -47,7 +46,8 @@ pub struct Args {
     /// Neutral photograph, frontal; several for a batch
     #[arg(short, long, required = true, num_args = 1.., value_name = "IMAGE")]
     target: Vec<PathBuf>,
-    /// Marked points on each photograph, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the photographs if none is given
+    /// Marked points on each photograph, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the photographs if
+    /// none is given
     #[arg(short, long, num_args = 1.., value_name = "C.csv")]
     correspondences: Vec<PathBuf>,
     /// Folder for the results
@@ -377,19 +377,7 @@ struct Job<'a> {
 
 impl Job<'_> {
     fn target(&self) -> anyhow::Result<Target> {
-        let name = self.target_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let picture = read_colour(self.target_path)?;
-        let marks = match self.marks_path {
-            Some(path) => read_marks(path, &self.args.marks.marks, &self.bench.tables, self.bench.wireframe.node_count())?,
-            None => {
-                found_marks(&read_frame(self.target_path)?, self.bench).with_context(|| self.target_path.display().to_string())?
-            }
-        };
-        let target = self.bench.target(&name, picture, &marks);
-        target.with_context(|| match self.marks_path {
-            Some(path) => format!("{} with {}", self.target_path.display(), path.display()),
-            None => format!("{} with marks that were found", self.target_path.display()),
-        })
+        portrait::target(self.target_path, self.marks_path, &self.args.marks.marks, self.bench)
     }
 
     fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<RgbImage> {

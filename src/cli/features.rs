@@ -40,8 +40,8 @@ pub struct Args {
     /// Action units to write, such as AU04,AU12; all of them where none is named
     #[arg(long, value_name = "AU", value_delimiter = ',')]
     units: Vec<ActionUnit>,
-    /// MediaPipe's blendshapes of the same frames, as further columns mediapipe_jawOpen ...: its results as .json, or a .csv with frame and columns
-    /// named as they are; for several tracks a folder with SUBJECT_SEQUENCE.json or .csv of each
+    /// MediaPipe's blendshapes of the same frames, as further columns mediapipe_jawOpen ...: its results as .json, or a .csv with
+    /// frame and columns named as they are; for several tracks a folder with SUBJECT_SEQUENCE.json or .csv of each
     #[arg(long, value_name = "FILE|DIR")]
     blendshapes: Option<PathBuf>,
     /// Threads; 0 for one per processor

@@ -2,19 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use grimace::{
     clone::{SourceMotion, Target},
-    dataset::{LandmarkSelection, read_marks},
+    dataset::LandmarkSelection,
     output,
-    pipeline::{PipelineOptions, Workbench, found_marks, showcase_target},
+    pipeline::{PipelineOptions, Workbench, showcase_target},
     player::{PlayerFace, PlayerHead, Shown, page},
-    sequence::{read_colour, read_frame},
     synthesis::read_motion,
 };
 
 use super::{
-    Outcome, bank,
+    Outcome, bank, portrait,
     shared::{FitArgs, GeneralArgs, about},
 };
 
@@ -127,21 +125,9 @@ fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target
         return Ok(vec![("a simulated person".to_owned(), showcase_target(bench)?)]);
     }
     let portrait = |(k, path): (usize, &PathBuf)| -> anyhow::Result<(String, Target)> {
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok((name.clone(), target(&name, path, args.correspondences.get(k).map(PathBuf::as_path), bench)?))
+        let marks = args.correspondences.get(k).map(PathBuf::as_path);
+        let target = portrait::target(path, marks, &LandmarkSelection::Auto, bench)?;
+        Ok((target.name.clone(), target))
     };
     args.portrait.iter().enumerate().map(portrait).collect()
-}
-
-fn target(name: &str, path: &Path, marks: Option<&Path>, bench: &Workbench) -> anyhow::Result<Target> {
-    let picture = read_colour(path)?;
-    let found = || -> anyhow::Result<_> { Ok(found_marks(&read_frame(path)?, bench)?) };
-    let points = match marks {
-        Some(marks) => read_marks(marks, &LandmarkSelection::Auto, &bench.tables, bench.wireframe.node_count())?,
-        None => found().with_context(|| path.display().to_string())?,
-    };
-    bench.target(name, picture, &points).with_context(|| match marks {
-        Some(marks) => format!("{} with {}", path.display(), marks.display()),
-        None => format!("{} with marks that were found", path.display()),
-    })
 }

@@ -62,7 +62,8 @@ pub struct Args {
     /// Frames per second, where the recording does not say; 25 where nobody does
     #[arg(long, value_parser = positive)]
     fps: Option<f64>,
-    /// A film (.mp4, .webm) of the (only) recording with wireframe, pose, phases and the strongest action units, or a folder for one of each
+    /// A film (.mp4, .webm) of the (only) recording with wireframe, pose, phases and the strongest action units, or a folder for
+    /// one of each
     #[arg(long, value_name = "FILM|DIR", conflicts_with = "no_faces")]
     overlay: Option<PathBuf>,
     /// No picture of the proposals

@@ -363,9 +363,9 @@ impl AnalysisArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
-    /// Marks of a sequence or picture that has no correspondences: `auto` takes all its landmarks, each by its expected error, or finds marks in
-    /// the neutral frame where there are none; `default` (corners of eyes and mouth, chin, ends of the brows), `high`, `all`, or a list of nodes such as
-    /// 20,23,53,56,31,64,10 take such landmarks and find nothing
+    /// Marks of a sequence or picture that has no correspondences: `auto` takes all its landmarks, each by its expected error, or
+    /// finds marks in the neutral frame where there are none; `default` (corners of eyes and mouth, chin, ends of the brows),
+    /// `high`, `all`, or a list of nodes such as 20,23,53,56,31,64,10 take such landmarks and find nothing
     #[arg(long, default_value = "auto", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
     /// Least confidence, 0 to 1, at which a frame of a landmark file that tells one counts; frames under it are lost

@@ -44,8 +44,8 @@ pub struct Args {
     /// Bank file, or `head` or `candide` for an embedded bank
     #[arg(short, long, value_name = "BANK")]
     bank: PathBuf,
-    /// Representatives, models, tracks, .fap files or CSV files of feature point motions; of several, one animation.glb has an animation each, and
-    /// the other files are in a folder each
+    /// Representatives, models, tracks, .fap files or CSV files of feature point motions; of several, one animation.glb has an
+    /// animation each, and the other files are in a folder each
     #[arg(short, long, required = true, num_args = 1.., value_name = "FILE")]
     motion: Vec<PathBuf>,
     /// Folder of the results; must be new or empty

@@ -12,7 +12,10 @@ use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::{CloneError, SourceMotion, Target};
-use crate::warp::{MouthInside, Placement, Texture, smooth_step};
+use crate::{
+    geometry::polygon::inside_depth,
+    warp::{MouthInside, Placement, Texture, smooth_step},
+};
 
 /// What shows between open lips.
 ///
@@ -299,22 +302,6 @@ const LIP_OUTLINE: [usize; 10] = [31, 79, 33, 7, 66, 80, 64, 86, 8, 85];
 /// The lid margins.
 const EYES: [[usize; 8]; 2] = [[20, 97, 21, 105, 23, 107, 22, 99], [53, 98, 54, 106, 56, 108, 55, 100]];
 
-/// Distance of a point from a polygon's border, positive inside.
-pub(super) fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
-    let mut odd = false;
-    let mut nearest = f64::INFINITY;
-    for (k, a) in polygon.iter().enumerate() {
-        let b = &polygon[(k + 1) % polygon.len()];
-        let (edge, to) = (b - a, point - a);
-        let along = (to.dot(&edge) / edge.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-        nearest = nearest.min((to - edge * along).norm());
-        if (a.y > point.y) != (b.y > point.y) && point.x < a.x + (point.y - a.y) * edge.x / edge.y {
-            odd = !odd;
-        }
-    }
-    if odd { nearest } else { -nearest }
-}
-
 /// Gaussian smoothing, separable, the border's values going on beyond it.
 pub(super) fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> Vec<f32> {
     let radius = (3.0 * sigma_px).ceil().max(1.0) as i64;
@@ -355,12 +342,5 @@ mod tests {
         assert!((smoothed.iter().sum::<f32>() - 100.0).abs() < 1e-2);
         // The peak of a Gaussian of sigma 1.5 is 100 / (2 pi 2.25) = 7.07.
         assert!((smoothed[10 * 21 + 10] - 7.07).abs() < 0.1);
-    }
-
-    #[test]
-    fn depth_is_the_distance_to_the_border() {
-        let square = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)].map(|(x, y)| Point2::new(x, y));
-        assert_eq!(inside_depth(&square, &Point2::new(3.0, 5.0)), 3.0);
-        assert_eq!(inside_depth(&square, &Point2::new(13.0, 5.0)), -3.0);
     }
 }

@@ -69,7 +69,8 @@ pub struct CloneInfo {
     pub frames_unfolded: usize,
     /// FAP values beyond the standard's range that were set to its limit.
     pub faps_limited: usize,
-    /// FAPs whose motion the warp made smaller, because no skin does it without folding over or lips and lids would pass through each other.
+    /// FAPs whose motion the warp made smaller, because no skin does it without folding over or lips and lids would pass through
+    /// each other.
     pub faps_cut: Vec<CutFap>,
     /// The file whose skin grows with the expression.
     pub skin: Option<String>,

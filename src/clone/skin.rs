@@ -14,10 +14,11 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     CloneError, SourceMotion, Target,
-    detail::{self, inside_depth, smooth},
+    detail::{self, smooth},
     timing::Moment,
 };
 use crate::{
+    geometry::polygon::inside_depth,
     warp::{Texture, Warp},
     wireframe::Wireframe,
 };

@@ -7,9 +7,9 @@
 //! | further columns of the manifest | text | as in the manifest; empty where missing; a null counts as empty |
 //! | `x_M_K`, `y_M_K` | double | node K in frame M (from 0), face units |
 //!
-//! The file's own metadata say the unit, the program and the version of this schema. All digits, no compression, rows sorted by sequence id, [`GROUP_ROWS`] rows a group: a column of a million models is read without
-//! reading the others. Files that other programs wrote over this one may have columns in another order, nullable types or Snappy
-//! compression.
+//! The file's own metadata say the unit, the program and the version of this schema. All digits, no compression, rows sorted by
+//! sequence id, [`GROUP_ROWS`] rows a group: a column of a million models is read without reading the others. Files that other
+//! programs wrote over this one may have columns in another order, nullable types or Snappy compression.
 
 mod lengths;
 mod read;

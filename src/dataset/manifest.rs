@@ -46,7 +46,8 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
     let csv = CsvFile::open(path)?;
     let columns = columns(&csv)?;
     let root = path.parent().map_or_else(PathBuf::new, Path::to_owned);
-    // Line of each file stem `SUBJECT_SEQUENCE`, as a file system may take it, with its id; two ids may share a stem (`a_b`, `c` and `a`, `b_c`).
+    // Line of each file stem `SUBJECT_SEQUENCE`, as a file system may take it, with its id; two ids may share a stem (`a_b`, `c`
+    // and `a`, `b_c`).
     let mut seen: BTreeMap<String, (usize, SequenceId)> = BTreeMap::new();
     let mut sequences = Vec::new();
     let mut failures = Vec::new();

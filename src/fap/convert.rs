@@ -374,8 +374,9 @@ mod tests {
 
     #[test]
     fn candides_own_fap_vectors_measure_one_unit_of_their_fap() {
-        // The wireframe file's FAP vectors move the driving node by one FAPU, 1024 FAP units; half of one here. Its author made them without this
-        // table. Where they differ from the standard: FAP 15 in MNS instead of MW, FAP 18 downwards. The gaze is no shift.
+        // The wireframe file's FAP vectors move the driving node by one FAPU, 1024 FAP units; half of one here. Its author made
+        // them without this table. Where they differ from the standard: FAP 15 in MNS instead of MW, FAP 18 downwards. The gaze
+        // is no shift.
         let ((_, fapus), catalog) = (canonical(), FapCatalog::mpeg4());
         let mut checked = 0;
         for unit in Wireframe::candide3().action_units() {

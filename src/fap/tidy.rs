@@ -1,7 +1,7 @@
 //! FAP values as a tidy CSV table: `frame,fap,name,value`, a row for every FAP that a frame sets.
 //!
-//! FAPs 1 and 2 have their integers in `value`, with blanks between. A last frame that sets nothing is a row with its number alone. The table has
-//! no frame rate.
+//! FAPs 1 and 2 have their integers in `value`, with blanks between. A last frame that sets nothing is a row with its number
+//! alone. The table has no frame rate.
 
 use std::{
     collections::BTreeMap,
@@ -96,7 +96,8 @@ pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputE
 
 /// Reads a table. Its name is the file's, and `fps` what the caller says.
 ///
-/// Rows may be in any order; a frame without rows, or with a row of its number alone, sets nothing. The column `name` may be missing or empty.
+/// Rows may be in any order; a frame without rows, or with a row of its number alone, sets nothing. The column `name` may be
+/// missing or empty.
 ///
 /// ```
 /// use grimace::fap::read_tidy_csv;

@@ -3,7 +3,8 @@
 //! The neutral offsets of the nodes are a non-negative sum of expression shapes, each named after the action unit it stands for, and
 //! noise whose standard deviation at every node is the node's expected error. Shapes are learned from a face model, left and right as
 //! unknowns of their own; beside them stand Candide's own action unit vectors, which whoever animates by Candide shows. An action unit
-//! is the mean of its sides and what its vector adds. Shapes that are no action unit of the list (sideways jaw, puffed cheeks) explain their part and are not reported.
+//! is the mean of its sides and what its vector adds. Shapes that are no action unit of the list (sideways jaw, puffed cheeks)
+//! explain their part and are not reported.
 
 use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
 

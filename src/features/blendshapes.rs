@@ -1,8 +1,8 @@
 //! Blendshapes that `MediaPipe`'s face landmarker measured of the same frames, to stand beside ours in the table.
 //!
-//! Read as a table (`frame` and columns named as the blendshapes), or as the results themselves in JSON: one, an array, or one after the other,
-//! each with `faceBlendshapes` (JavaScript) or `face_blendshapes` (Python). Of several faces the first counts. Results without `frame` are
-//! those of the track's frames in their order.
+//! Read as a table (`frame` and columns named as the blendshapes), or as the results themselves in JSON: one, an array, or one
+//! after the other, each with `faceBlendshapes` (JavaScript) or `face_blendshapes` (Python). Of several faces the first counts.
+//! Results without `frame` are those of the track's frames in their order.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -28,7 +28,8 @@ fn angles([yaw, pitch, roll]: [f64; 3]) -> [f64; 3] {
     let flip = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
     let turn: Rotation3<f64> = HeadPose::rotation_of(yaw, pitch, roll);
     let m = flip * turn.matrix() * flip;
-    // R = Rx Ry Rz has sin(y) in its upper right corner, -sin(x) cos(y) and cos(x) cos(y) below, -cos(y) sin(z) and cos(y) cos(z) beside it.
+    // R = Rx Ry Rz has sin(y) in its upper right corner, -sin(x) cos(y) and cos(x) cos(y) below, -cos(y) sin(z) and cos(y) cos(z)
+    // beside it.
     [(-m[(1, 2)]).atan2(m[(2, 2)]), m[(0, 2)].clamp(-1.0, 1.0).asin(), (-m[(0, 1)]).atan2(m[(0, 0)])]
 }
 

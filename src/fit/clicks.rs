@@ -5,10 +5,11 @@ use crate::{units::NodeId, wireframe::markable_nodes};
 /// Standard deviations up to here, over the eye distance, are those of any mark: what priors take for granted.
 const SHARP: f64 = 0.016;
 
-/// Standard deviation of a person's mark in x and in y, over the eye distance, on a feature without a sharp place: brows, the chin, the jaw.
+/// Standard deviation of a person's mark in x and in y, over the eye distance, on a feature without a sharp place: brows, the
+/// chin, the jaw.
 ///
-/// `None` where a mark is as good as any. Along a soft contour people differ by 3 to 6 % of the eye distance; a fit that took such marks for
-/// exact would explain the difference by another face.
+/// `None` where a mark is as good as any. Along a soft contour people differ by 3 to 6 % of the eye distance; a fit that took
+/// such marks for exact would explain the difference by another face.
 pub(super) fn soft_deviation(node: NodeId) -> Option<f64> {
     markable_nodes().iter().find(|m| m.node == node).map(|m| m.deviation_es).filter(|&deviation| deviation > SHARP)
 }

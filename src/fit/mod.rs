@@ -342,8 +342,8 @@ impl Fitter {
     }
 }
 
-/// Standard deviation of a mark in x and in y, px, on a face with an eye distance of so many px: from the error that it tells, else that of a
-/// person's click on such a feature. `None` for a mark as good as any.
+/// Standard deviation of a mark in x and in y, px, on a face with an eye distance of so many px: from the error that it tells,
+/// else that of a person's click on such a feature. `None` for a mark as good as any.
 pub(crate) fn mark_deviation(mark: &Correspondence, eye_distance: f64) -> Option<f64> {
     match (mark.expected_error, mark.kind) {
         (Some(error), _) => Some(error / MEDIAN_OVER_DEVIATION),

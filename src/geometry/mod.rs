@@ -1,5 +1,6 @@
 //! Pure functions on points.
 
+pub mod polygon;
 mod similarity;
 mod warp;
 

@@ -1,10 +1,11 @@
 //! Orientation: roll about z, and the head's translation and scale between frames, removed.
 //!
 //! KP assume frontal views and rotate every frame model about z until it is vertical; how the angle is found they leave to their
-//! reference [1]. Here every frame is laid on the neutral frame by the least-squares similarity of the eye corners, which expressions hardly
-//! move: between the neutral and the smiling photographs of 90 people their size over the width of the face changes by 0.04 % on the mean.
-//! With the bone of the nose, which a dropping jaw draws down, it is 0.6 %, and in a surprise 2 %, by which the head would shrink. The
-//! neutral frame's own roll is that of the similarity from the canonical frontal wireframe to eye corners and nose.
+//! reference [1]. Here every frame is laid on the neutral frame by the least-squares similarity of the eye corners, which
+//! expressions hardly move: between the neutral and the smiling photographs of 90 people their size over the width of the face
+//! changes by 0.04 % on the mean. With the bone of the nose, which a dropping jaw draws down, it is 0.6 %, and in a surprise 2 %,
+//! by which the head would shrink. The neutral frame's own roll is that of the similarity from the canonical frontal wireframe to
+//! eye corners and nose.
 
 use nalgebra::{Point2, Rotation2};
 

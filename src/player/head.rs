@@ -112,7 +112,8 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
 }
 
 /// What a FAP of 1 does to the head: its feature points go its way and the others rest; the skin between is interpolated. Its number, its
-/// axis, and the offsets along it; what no member moves (eyeballs, upper teeth) rests. `None` for angles, for depth, and for what the bank has no feature point of.
+/// axis, and the offsets along it; what no member moves (eyeballs, upper teeth) rests. `None` for angles, for depth, and for what
+/// the bank has no feature point of.
 fn fap(row: &FapRow, bank: &Bank, camera: &Camera, rests: &[bool]) -> Option<Value> {
     let axis = row.motion.filter(|motion| !motion.is_angle()).and_then(FapMotion::frontal_axis)?;
     let unit = row.sign * fapu_length(bank, row.fapu?)? / FAP_UNITS_PER_FAPU;

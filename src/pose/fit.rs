@@ -2,9 +2,9 @@
 //!
 //! The unknowns are those of [`HeadModel`]: coefficients of identity and the person's own offset of every node, and in every frame
 //! a pose and coefficients of expression; the neutral frame has no expression. What is seen is every node that the tracker placed, with
-//! a standard deviation by its state. The neutral frame gives a first head; then every turn is one Gauss-Newton step with robust weights of the
-//! frames given the head, of the head given the frames, and of the camera's distance given both, so that frames seen from other sides
-//! improve the depth. A mixture of the last turns ([`Mixture`]) starts the next one.
+//! a standard deviation by its state. The neutral frame gives a first head; then every turn is one Gauss-Newton step with robust
+//! weights of the frames given the head, of the head given the frames, and of the camera's distance given both, so that frames
+//! seen from other sides improve the depth. A mixture of the last turns ([`Mixture`]) starts the next one.
 
 use nalgebra::{DVector, Point2, Rotation3, Vector2, Vector3};
 
@@ -175,8 +175,8 @@ pub fn fit_head(
     Sequence { start: pose, ..sequence }.every_frame(found.head.shape(model), pose, shifts)
 }
 
-/// Pose and expression of further frames of a head that is known: `track` is the neutral frame that `known` was fitted with, and the frames.
-/// The first of them is looked for from the pose `from`.
+/// Pose and expression of further frames of a head that is known: `track` is the neutral frame that `known` was fitted with, and
+/// the frames. The first of them is looked for from the pose `from`.
 ///
 /// # Errors
 /// [`PoseError::NodeCount`] for another wireframe.

@@ -21,9 +21,9 @@ use crate::{
 const FEWEST_MARKS: usize = 7;
 /// Standard deviation of a sharp mark, over the eye distance.
 const SHARP: f64 = 0.012;
-/// Yaw, degrees: the marks of a frontal head may say the first; from the second on a turn counts whole. Of 90 people who look into the camera
-/// eleven marks set by hand say a yaw of 2.1 degrees (root mean square) and at most 6.2. A pitch they do not tell from a long chin or low
-/// brows: of the same people they say 11 degrees, with a standard deviation of 8.
+/// Yaw, degrees: the marks of a frontal head may say the first; from the second on a turn counts whole. Of 90 people who look
+/// into the camera eleven marks set by hand say a yaw of 2.1 degrees (root mean square) and at most 6.2. A pitch they do not tell
+/// from a long chin or low brows: of the same people they say 11 degrees, with a standard deviation of 8.
 const TURNED: [f64; 2] = [7.0, 10.0];
 
 /// A fit of a face that may be turned to one side: as [`Fitter::fit`] of one that looks into the camera or has fewer than seven marks.

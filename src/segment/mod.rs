@@ -1,8 +1,8 @@
 //! Rests and expressions in the features of a recording.
 //!
-//! A person who is filmed for minutes smiles, rests, speaks, blinks and looks about. What is looked for is every *expression*: an onset from
-//! rest to an apex, and an offset. The signal is made of the intensities of action units ([`crate::features`]), which know nothing of turns
-//! of the head:
+//! A person who is filmed for minutes smiles, rests, speaks, blinks and looks about. What is looked for is every *expression*: an
+//! onset from rest to an apex, and an offset. The signal is made of the intensities of action units ([`crate::features`]), which
+//! know nothing of turns of the head:
 //!
 //! 1. The **rest** is the intensities that the person comes back to most: the frame in whose neighbourhood most frames lie (a
 //!    kernel density). Intensities count from there.

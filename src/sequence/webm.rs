@@ -1,7 +1,8 @@
 //! Numbers drawn by chance in a `WebM` file, set to fixed ones.
 //!
-//! `FFmpeg` gives every track a random number (`TrackUID`) and repeats it where tags speak of the track; a Matroska file may have one for the
-//! segment too. They only have to differ within the file, so the first is 1, the second 2, and the same frames are the same bytes.
+//! `FFmpeg` gives every track a random number (`TrackUID`) and repeats it where tags speak of the track; a Matroska file may have
+//! one for the segment too. They only have to differ within the file, so the first is 1, the second 2, and the same frames are
+//! the same bytes.
 
 use std::{
     collections::BTreeMap,

@@ -113,8 +113,8 @@ fn deviation(values: &[f64]) -> f64 {
 /// The 95 % interval, for a population, of the dispersion after trimming that a class of it has; `None` for fewer than [`LEAST_PEOPLE`]
 /// people ([`no_interval`] says so in words) or fewer than two replicates.
 ///
-/// `models` are those that `representative` was made of by `options`, in any order; `stream` numbers the class, so that each has its own random
-/// numbers.
+/// `models` are those that `representative` was made of by `options`, in any order; `stream` numbers the class, so that each has
+/// its own random numbers.
 pub fn dispersion_interval(
     representative: &Representative,
     models: &[&SequenceModel],

@@ -31,7 +31,7 @@ use crate::{
     units::{FaceUnit, NodeId, SequenceId},
 };
 use dispersion::Dispersions;
-use median::Ending;
+use median::SearchEnding;
 
 pub use groups::{
     EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, check_groups, group_models, group_models_unchecked,
@@ -245,11 +245,11 @@ pub struct MedianSearch {
     /// Displacement vectors that the greedy search replaced.
     pub greedy_replacements: usize,
     /// How the greedy search ended.
-    pub greedy_ending: Ending,
+    pub greedy_ending: SearchEnding,
     /// Steps of the exact search over all slots.
     pub exact_steps: usize,
     /// How the exact search ended: the worst over the slots.
-    pub exact_ending: Ending,
+    pub exact_ending: SearchEnding,
 }
 
 /// A representative dynamic expression with its dispersion.

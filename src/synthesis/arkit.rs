@@ -10,8 +10,8 @@ use crate::{
     output::{OutputError, nine_digits, write_atomic},
 };
 
-/// The coefficient that a shape stands for: its own name, `_L` and `_R` or `.L` and `.R` read as sides, and a side dropped where `ARKit` has
-/// none (`browInnerUp_L`). `None` for other names. Case does not matter.
+/// The coefficient that a shape stands for: its own name, `_L` and `_R` or `.L` and `.R` read as sides, and a side dropped where
+/// `ARKit` has none (`browInnerUp_L`). `None` for other names. Case does not matter.
 pub fn coefficient(shape: &str) -> Option<usize> {
     let find = |name: &str| COEFFICIENTS.iter().position(|c| c.eq_ignore_ascii_case(name));
     let sided = ["_L", "_R", ".L", ".R"].iter().zip(["Left", "Right", "Left", "Right"]);
@@ -155,8 +155,8 @@ fn timecode(frame: usize, fps: f64) -> String {
     format!("{:02}:{:02}:{:02}:{:02}.000", seconds / 3600, seconds / 60 % 60, seconds % 60, frame % rate)
 }
 
-/// Writes the coefficients as Live Link Face records them: `Timecode,BlendShapeCount` (61), the 52 coefficients with a capital first letter,
-/// nine angles.
+/// Writes the coefficients as Live Link Face records them: `Timecode,BlendShapeCount` (61), the 52 coefficients with a capital
+/// first letter, nine angles.
 ///
 /// # Errors
 /// [`OutputError`].

@@ -9,7 +9,7 @@ use super::{
     source::BankSource,
 };
 use crate::{
-    mesh::{TriangleMesh, sub},
+    mesh::{TriangleMesh, dot, sub},
     synthesis::FeaturePointVertex,
 };
 
@@ -95,7 +95,7 @@ fn mirror_images(positions: &[[f32; 3]]) -> Result<Vec<u32>, String> {
     // Only what lies near in x is compared.
     let mut by_x: Vec<u32> = (0..positions.len() as u32).collect();
     by_x.sort_by(|&a, &b| positions[a as usize][0].total_cmp(&positions[b as usize][0]).then(a.cmp(&b)));
-    let far = |a: [f32; 3], b: [f32; 3]| sub(a, b).iter().map(|c| c * c).sum::<f32>();
+    let far = |a: [f32; 3], b: [f32; 3]| dot(sub(a, b), sub(a, b));
     let mut images = Vec::with_capacity(positions.len());
     for (v, &[x, y, z]) in positions.iter().enumerate() {
         let wanted = [-x, y, z];

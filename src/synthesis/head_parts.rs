@@ -3,8 +3,13 @@
 //! Lengths are centimetres in the axes of face space, colours sRGB bytes. Everything is symmetric: of pairs the left one is made, and
 //! mirrored.
 
+use nalgebra::Point2;
+
 use super::head_mesh::HeadMesh;
-use crate::mesh::{TriangleMesh, add, cross, normalized, sub};
+use crate::{
+    geometry::polygon::inside_depth,
+    mesh::{TriangleMesh, add, cross, normalized, sub},
+};
 
 /// Colour of a vertex.
 pub type Colour = [u8; 3];
@@ -40,6 +45,16 @@ impl Parts {
         self.colours.push(colour);
         self.attached.push(attached);
         self.first + self.positions.len() as u32 - 1
+    }
+
+    /// Triangles between a point and a closed row around it.
+    fn fan(&mut self, pole: u32, row: &[u32]) {
+        self.triangles.extend((0..row.len()).map(|k| [pole, row[k], row[(k + 1) % row.len()]]));
+    }
+
+    /// Joins a closed row to the one before it; the first to a point.
+    fn go_on(&mut self, pole: u32, before: &[u32], row: &[u32]) {
+        if before.is_empty() { self.fan(pole, row) } else { self.join(before, row, true) }
     }
 
     /// Triangles between two rows of as many vertices; closed, the last is joined to the first.
@@ -113,12 +128,7 @@ fn eyeball(parts: &mut Parts, side: f32) {
                 parts.push(at(cos, sin * across, sin * high), colour, Attached::Skull)
             })
             .collect();
-        if before.is_empty() {
-            let next = |k: usize| ring[(k + 1) % ring.len()];
-            parts.triangles.extend((0..ring.len()).map(|k| [pole, ring[k], next(k)]));
-        } else {
-            parts.join(&before, &ring, true);
-        }
+        parts.go_on(pole, &before, &ring);
         before = ring;
     }
 }
@@ -134,13 +144,16 @@ const MOUTH_RINGS: [(f32, f32, f32, f32, Colour); 4] = [
 /// Depth of the mouth's back, cm.
 const MOUTH_BACK: f32 = 5.2;
 
+/// The middle of a walk of vertices.
+fn middle(skin: &TriangleMesh, walk: &[u32]) -> [f32; 3] {
+    walk.iter().fold([0.0; 3], |m, &v| add(m, skin.positions()[v as usize].map(|c| c / walk.len() as f32)))
+}
+
 /// The border of the skin that runs around the mouth; empty where there is none.
 fn mouth_border(skin: &TriangleMesh) -> Vec<u32> {
     let loops = skin.border_loops().into_iter();
-    let middle =
-        |walk: &[u32]| walk.iter().fold([0.0; 3], |m, &v| add(m, skin.positions()[v as usize].map(|c| c / walk.len() as f32)));
     // In the middle, before the neck: the largest depth.
-    let central = loops.map(|walk| (middle(&walk), walk)).filter(|(m, _)| m[0].abs() < 0.5);
+    let central = loops.map(|walk| (middle(skin, &walk), walk)).filter(|(m, _)| m[0].abs() < 0.5);
     central.max_by(|a, b| a.0[2].total_cmp(&b.0[2])).map(|(_, walk)| walk).unwrap_or_default()
 }
 
@@ -150,8 +163,7 @@ fn mouth(parts: &mut Parts, skin: &TriangleMesh) {
         return;
     }
     let place = |v: u32| skin.positions()[v as usize];
-    let count = border.len() as f32;
-    let middle = border.iter().fold([0.0; 3], |m, &v| add(m, place(v).map(|c| c / count)));
+    let middle = middle(skin, &border);
     let mut before = border.clone();
     for (depth, wide, high, share, colour) in MOUTH_RINGS {
         let ring: Vec<u32> = border
@@ -274,27 +286,23 @@ fn teeth(parts: &mut Parts, row: &Row) {
 const TONGUE: ([f32; 3], [f32; 3]) = ([0.0, -4.35, 8.2], [1.65, 0.62, 1.75]);
 
 fn tongue(parts: &mut Parts) {
-    const ROUNDS: [(u16, u16); 2] = [(8, 8), (20, 20)];
+    const RINGS: u16 = 8;
+    const SECTORS: u16 = 20;
     let ([cx, cy, cz], [wide, high, long]) = TONGUE;
-    let ((rings, _), (sectors, _)) = (ROUNDS[0], ROUNDS[1]);
     let top = parts.push([cx, cy + high, cz], [176, 92, 90], Attached::Jaw);
     let mut before: Vec<u32> = Vec::new();
-    for ring in 1..=rings {
-        let (sin, cos) = (f32::from(ring) / f32::from(rings) * std::f32::consts::FRAC_PI_2).sin_cos();
-        let row: Vec<u32> = (0..sectors)
+    for ring in 1..=RINGS {
+        let (sin, cos) = (f32::from(ring) / f32::from(RINGS) * std::f32::consts::FRAC_PI_2).sin_cos();
+        let row: Vec<u32> = (0..SECTORS)
             .map(|sector| {
-                let (forward, across) = (f32::from(sector) / f32::from(sectors) * std::f32::consts::TAU).sin_cos();
+                let (forward, across) = (f32::from(sector) / f32::from(SECTORS) * std::f32::consts::TAU).sin_cos();
                 // A groove along the middle.
                 let groove = 0.10 * (-(sin * across / 0.16).powi(2)).exp() * cos;
                 let at = [cx + wide * sin * across, cy + high * cos - groove, cz - long * sin * forward];
                 parts.push(at, [172, 88, 86], Attached::Jaw)
             })
             .collect();
-        if before.is_empty() {
-            parts.triangles.extend((0..row.len()).map(|k| [top, row[k], row[(k + 1) % row.len()]]));
-        } else {
-            parts.join(&before, &row, true);
-        }
+        parts.go_on(top, &before, &row);
         before = row;
     }
 }
@@ -410,7 +418,7 @@ const SHADOW: [f32; 3] = [96.0, 64.0, 56.0];
 /// Colours of the skin: lips, a darker ground under the brows, lashes' roots, and warmer cheeks, nose and ears.
 pub fn skin_colours(head: &HeadMesh, skin: &TriangleMesh) -> Vec<Colour> {
     let place = |k: usize| head.landmarks.get(k).map_or([0.0; 3], |&v| head.positions[v as usize]);
-    let outline: Vec<[f32; 2]> = (48..60).map(place).map(|[x, y, _]| [x, y]).collect();
+    let outline: Vec<Point2<f64>> = (48..60).map(place).map(|[x, y, _]| Point2::new(x, y).cast()).collect();
     let brow = brow_line(head);
     let lashes = lid_margin(skin);
     let blushes: [([f32; 3], f32, f32); 4] = [
@@ -440,27 +448,12 @@ pub fn skin_colours(head: &HeadMesh, skin: &TriangleMesh) -> Vec<Colour> {
             mix(SHADOW, 0.55 * (1.6 - far.fold(f32::INFINITY, f32::min)));
         }
         if z > 8.0 {
-            mix(LIPS, 0.5 + inside(&outline, [x, y]) / 0.16);
+            mix(LIPS, 0.5 + inside_depth(&outline, &Point2::new(x, y).cast()) as f32 / 0.16);
         }
         mix([70.0, 44.0, 38.0], lashes[v]);
         colour.map(|c| c.round() as u8)
     };
     (0..skin.vertex_count()).map(colour).collect()
-}
-
-/// How far a place lies inside of a closed line, negative outside.
-fn inside(outline: &[[f32; 2]], [x, y]: [f32; 2]) -> f32 {
-    let (mut within, mut least) = (false, f32::INFINITY);
-    for (k, &a) in outline.iter().enumerate() {
-        let b = outline[(k + 1) % outline.len()];
-        if (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]) {
-            within = !within;
-        }
-        let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-        let t = (((x - a[0]) * dx + (y - a[1]) * dy) / (dx * dx + dy * dy).max(1e-9)).clamp(0.0, 1.0);
-        least = least.min((x - a[0] - t * dx).hypot(y - a[1] - t * dy));
-    }
-    if within { least } else { -least }
 }
 
 /// How dark the skin is where lashes grow: rings of vertices around the eyes' borders, more above than below.

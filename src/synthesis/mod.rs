@@ -13,6 +13,7 @@ mod animate;
 pub mod arkit;
 mod bank;
 mod build;
+mod candide;
 mod crossover;
 mod dense;
 mod embedded;
@@ -41,9 +42,10 @@ mod target;
 pub use animate::{BOUND_STARTS, FrameAnswer, SMOOTHING_FRAMES, SynthesisOptions, Synthesizer, jump};
 pub use bank::{Bank, BankHead, BankInfo, Composition, FeaturePointVertex};
 pub use build::{BuildOptions, BuildSummary, MAX_SUBDIVIDE, build_bank};
+pub use candide::{candide_bank, candide_expressions, candide_shapes, candide_study};
 pub use crossover::Crossover;
 pub use dense::read_dense_faces;
-pub use embedded::{candide_bank, candide_expressions, candide_shapes, candide_study};
+pub use embedded::EmbeddedBank;
 pub use error::{BankError, SynthesisError};
 pub use export::{Animation, compare_with_truth, write_bank_picture, write_gltf, write_png};
 pub use feature_points::{
@@ -82,5 +84,17 @@ pub(crate) mod testing {
         let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
         let points = points.map(|(fp, vertex)| FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
         Bank::new(mesh, names, displacements, points, BankInfo::default()).unwrap()
+    }
+
+    /// Whether the dominant expressions, a bank's first members, move what they are known by at least so far: lip corners up (and
+    /// `down`), inner brows `up` and down, chin.
+    pub fn check_dominant_expressions(bank: &Bank, [smile, down, up, chin]: [f64; 4]) {
+        let basis = FpBasis::new(bank);
+        let y = |member: usize, fp: &str| basis.motion(member, bank.feature_point_index(fp.parse().unwrap()).unwrap())[1];
+        let [anger, _, fear, happiness, sadness, surprise] = [0, 1, 2, 3, 4, 5];
+        assert!(y(happiness, "8.3") > smile && y(happiness, "8.4") > smile);
+        assert!(y(sadness, "8.3") < -down && y(sadness, "4.1") > up);
+        assert!(y(surprise, "2.1") < -chin && y(surprise, "4.3") > up);
+        assert!(y(anger, "4.1") < -up && y(fear, "4.1") > up);
     }
 }

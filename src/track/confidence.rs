@@ -38,6 +38,15 @@ const DIFFERENCE_FLOOR: f64 = 0.05;
 const GRADIENT_FLOOR: f64 = 0.2;
 
 /// What one step of the tracker knows of a node that it did not lose.
+///
+/// ```
+/// use grimace::track::{Evidence, NodeState, TrackedNode};
+/// use nalgebra::Point2;
+///
+/// let evidence = Some(Evidence { difference: 1.5, gradients: [4.0, 20.0], correction: 0.1 });
+/// let chin = TrackedNode { evidence, ..TrackedNode::new(Point2::new(149.5, 240.0), NodeState::Tracked, Some(0.02)) };
+/// assert!(chin.evidence.is_some_and(|e| e.gradients[0] <= e.gradients[1]));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
     /// Mean absolute grey difference of the matched windows, 0 to 255.

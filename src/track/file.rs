@@ -295,8 +295,8 @@ pub fn neutral_first(mut frames: Vec<TrackedFrame>, neutral: Option<u32>) -> Vec
     frames
 }
 
-/// Reads a track's `.csv`, the neutral frame first, which the `.json` beside it names, else the first one ([`neutral_first`]). Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error`
-/// may be missing.
+/// Reads a track's `.csv`, the neutral frame first, which the `.json` beside it names, else the first one ([`neutral_first`]).
+/// Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error` may be missing.
 ///
 /// Positions alone are enough: nodes of such a file count as tracked.
 /// ```

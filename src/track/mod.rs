@@ -12,6 +12,7 @@ mod corrections;
 mod file;
 mod klt;
 mod landmarks;
+mod options;
 mod quality;
 mod recover;
 mod resume;
@@ -19,7 +20,6 @@ mod state;
 mod step;
 
 use nalgebra::{Matrix2, Point2, Vector2};
-use serde::{Deserialize, Serialize};
 
 use crate::{
     companion::CompanionError,
@@ -44,6 +44,7 @@ pub use file::{
 pub(crate) use klt::smoothed;
 pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;
+pub use options::{Forces, MIN_WINDOW_PX, TrackOptions};
 pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, course, summarize};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};
@@ -141,87 +142,6 @@ pub struct Track {
     /// Its frames, at least two.
     pub frames: Vec<TrackedFrame>,
 }
-
-/// The forces by which tracked nodes drive the springs.
-///
-/// ```
-/// use grimace::track::{Forces, TrackOptions};
-///
-/// // As in the paper: every node is pulled alike.
-/// let options = TrackOptions { forces: Forces::Same, ..TrackOptions::default() };
-/// assert_ne!(options.forces, Forces::default());
-/// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Forces {
-    /// By how well KLT determined each displacement, in each direction: [`TrackOptions::force`] and [`TrackOptions::mismatch`].
-    #[default]
-    Measured,
-    /// The same gain, [`TrackOptions::force`], at every node and in every direction [KP, section 3].
-    Same,
-}
-
-/// Options of the tracker, each with its default. Lengths relative to the eye distance ES0 of the neutral frame make small and large faces alike.
-///
-/// ```
-/// use grimace::track::TrackOptions;
-///
-/// // Lengths are shares of the eye distance: 8 px for eyes that are 100 px apart.
-/// let options = TrackOptions { levels: 3, ..TrackOptions::default() };
-/// assert_eq!((options.window * 100.0, options.levels), (8.0, 3));
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct TrackOptions {
-    /// Side of the KLT window over the eye distance, 0.08; the result is odd and at least [`MIN_WINDOW_PX`].
-    pub window: f64,
-    /// Pyramid levels, the image itself included; 4.
-    pub levels: u32,
-    /// Largest forward-backward distance over the eye distance, 0.01; 0 leaves the way back out, as in KP.
-    pub forward_backward: f64,
-    /// A displacement is extreme when it differs from the neighbours' by more than this many robust standard deviations; 6.
-    pub extreme: f64,
-    /// Gain of the force on a node that was not lost, over the stiffness of a spring, where the gradients of its window are as
-    /// strong as its mismatch; 150.
-    pub force: f64,
-    /// Weight of the mismatch of the two windows, squared, against the gradients, 1; 0 trusts every match alike.
-    pub mismatch: f64,
-    /// What the forces are made of; measured by default.
-    pub forces: Forces,
-    /// Search for nodes of the inner lip within their own lip: where the lips meet, KLT sees both. On, as the next two.
-    pub lip_probes: bool,
-    /// Let the corners of each iris box move as one.
-    pub rigid_eyes: bool,
-    /// Re-deform after each step. Without it lost nodes stay where they were.
-    pub deform: bool,
-    /// Alignment with the neutral frame after the re-deformation.
-    pub align: AlignOptions,
-    /// Which KLT, by default our own; whole tracks differ by 0.0001 to 0.0002 px (median).
-    #[serde(default)]
-    pub klt: KltKind,
-}
-
-impl Default for TrackOptions {
-    fn default() -> Self {
-        Self {
-            window: 0.08,
-            levels: 4,
-            forward_backward: 0.01,
-            extreme: 6.0,
-            force: 150.0,
-            mismatch: 1.0,
-            forces: Forces::Measured,
-            lip_probes: true,
-            rigid_eyes: true,
-            deform: true,
-            align: AlignOptions::default(),
-            klt: KltKind::default(),
-        }
-    }
-}
-
-/// Smallest KLT window, px.
-pub const MIN_WINDOW_PX: u32 = 7;
 
 /// Why a sequence cannot be tracked.
 ///
@@ -535,8 +455,8 @@ pub fn track_with(
     }
 }
 
-/// Tracks frame after frame and holds no more than the last one; whatever was tracked is the caller's to keep. Expected errors are left out:
-/// they depend on the whole track ([`expect_errors`]).
+/// Tracks frame after frame and holds no more than the last one; whatever was tracked is the caller's to keep. Expected errors
+/// are left out: they depend on the whole track ([`expect_errors`]).
 pub struct FrameTracker<'a, T> {
     tracker: T,
     wireframe: &'a Wireframe,

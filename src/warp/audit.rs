@@ -2,7 +2,8 @@
 
 use nalgebra::Point2;
 
-use super::{Deformation, Warp, convex_hull, mesh, raster};
+use super::{Deformation, Warp, convex_hull, raster};
+use crate::geometry::polygon::inside;
 
 /// How the skin covers a frame ([`Warp::audit`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,7 +43,7 @@ impl Warp {
         for y in 0..size.1 {
             for x in 0..size.0 {
                 let count = counts[(y * size.0 + x) as usize];
-                if mesh::inside(&border, &Point2::new(f64::from(x), f64::from(y))) {
+                if inside(&border, &Point2::new(f64::from(x), f64::from(y))) {
                     audit.inside += 1;
                     audit.holes += usize::from(count == 0);
                     audit.doubled += usize::from(count % OPENING > 1);

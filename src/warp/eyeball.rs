@@ -11,14 +11,11 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
-use super::{
-    Texture, Warp,
-    layout::OPENINGS,
-    mesh::{OpeningMesh, distance_to_line, inside},
-    mouth::luma,
-    openings::smooth_step,
+use super::{Texture, Warp, layout::OPENINGS, mesh::OpeningMesh, mouth::luma, openings::smooth_step};
+use crate::geometry::{
+    Similarity,
+    polygon::{distance_to_line, inside_depth},
 };
-use crate::geometry::Similarity;
 
 /// Radius of an iris, over the eye distance: expected (11.7 of 63 mm), and the deviation at which it costs one unit of score.
 const RADIUS: (f64, f64) = (0.092, 0.009);
@@ -136,8 +133,6 @@ impl Eyeball {
         if width < 3 || height < 3 {
             return None;
         }
-        let mut closed = outline.clone();
-        closed.extend(outline.first());
         let mut eye = Self {
             centre: expected,
             radius: RADIUS.0 * unit,
@@ -151,11 +146,7 @@ impl Eyeball {
             eye_distance: unit,
         };
         let places: Vec<Point2<f64>> = (0..width * height).map(|k| eye.at(k)).collect();
-        let depth = |at: &Point2<f64>| {
-            let distance = distance_to_line(&closed, at) as f32;
-            if inside(&outline, at) { distance } else { -distance }
-        };
-        eye.depth = places.iter().map(depth).collect();
+        eye.depth = places.iter().map(|at| inside_depth(&outline, at) as f32).collect();
         let photograph: Vec<[f32; 3]> = places.iter().map(|at| texture.sample(*at)).collect();
         (eye.centre, eye.radius) = eye.search(&photograph, warp.frame.down.into_inner())?;
         eye.white = eye.filled_white(&photograph, warp.frame.down.into_inner());

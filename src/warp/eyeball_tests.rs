@@ -6,6 +6,7 @@ use image::{Rgb, RgbImage};
 
 use super::*;
 use crate::{
+    geometry::polygon::inside,
     warp::{MouthInside, NODE_COUNT},
     wireframe::Wireframe,
 };

@@ -7,7 +7,10 @@ use super::{
     WarpError,
     layout::{self, Frame, LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, OPENINGS, Opening, OpeningNodes},
 };
-use crate::units::NodeId;
+use crate::{
+    geometry::polygon::{distance_to_segment, inside},
+    units::NodeId,
+};
 
 /// Longest step along the edge of an opening, over the eye distance.
 const EDGE_STEP: f64 = 0.03;
@@ -308,22 +311,6 @@ fn triangulate(
     Ok(Mesh { vertices, skin, openings, drivers, tied: Vec::new(), fixed })
 }
 
-/// Whether a point lies inside a closed polygon (even-odd).
-pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
-    let mut odd = false;
-    let mut previous = polygon[polygon.len() - 1];
-    for &corner in polygon {
-        if (corner.y > point.y) != (previous.y > point.y) {
-            let x = previous.x + (point.y - previous.y) * (corner.x - previous.x) / (corner.y - previous.y);
-            if point.x < x {
-                odd = !odd;
-            }
-        }
-        previous = corner;
-    }
-    odd
-}
-
 /// Convex hull, all corners turning the same way (Andrew's monotone chain).
 pub fn convex_hull(mut points: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -342,17 +329,6 @@ pub fn convex_hull(mut points: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
     let mut hull = chain(&mut points.iter().copied());
     hull.extend(chain(&mut points.iter().rev().copied()));
     hull
-}
-
-/// Distance of a point to a line of segments.
-pub fn distance_to_line(line: &[Point2<f64>], point: &Point2<f64>) -> f64 {
-    line.windows(2).map(|w| distance_to_segment(&w[0], &w[1], point)).fold(f64::INFINITY, f64::min)
-}
-
-fn distance_to_segment(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>) -> f64 {
-    let (edge, to) = (b - a, point - a);
-    let along = (to.dot(&edge) / edge.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    (to - edge * along).norm()
 }
 
 /// Distance of a point to a convex hull, 0 inside.

@@ -1,10 +1,10 @@
 //! The inside of a mouth: the photograph's own, or one that is made of what real mouths show.
 //!
 //! The made one has, from back to front: a cavity that is lit the more the further the lips part, a tongue that lies behind the lower
-//! teeth, the lower arch, which goes with the jaw, and the upper arch, which hangs from the skull (a raised lip bares it, a dropped jaw does
-//! not). The teeth are a picture: the mean of what 24 people's smiles show, aligned tooth by tooth and mirrored, so that they are nobody's
-//! own (`candide/teeth.png`; `candide/README.md` says from whom and how). Near a lip everything is in its shadow, and the lip's own colour
-//! runs a little way in, because a lip is round and wet and not cut out of paper.
+//! teeth, the lower arch, which goes with the jaw, and the upper arch, which hangs from the skull (a raised lip bares it, a
+//! dropped jaw does not). The teeth are a picture: the mean of what 24 people's smiles show, aligned tooth by tooth and mirrored,
+//! so that they are nobody's own (`candide/teeth.png`; `candide/README.md` says from whom and how). Near a lip everything is in
+//! its shadow, and the lip's own colour runs a little way in, because a lip is round and wet and not cut out of paper.
 
 use std::sync::OnceLock;
 

@@ -8,12 +8,12 @@ use super::{
     eyeball::{Eyeball, Turned},
     layer::Layer,
     layout::{OPENINGS, Opening, OpeningNodes},
-    mesh::{OpeningMesh, distance_to_line},
+    mesh::OpeningMesh,
     motion::eye_motion,
     mouth::{self, Arches},
     sample,
 };
-use crate::geometry::Similarity;
+use crate::geometry::{Similarity, polygon::distance_to_line};
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
 const CLOSING: f64 = 0.35;

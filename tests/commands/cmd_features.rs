@@ -8,7 +8,8 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use crate::common::Work;
 
-/// Landmarks of the mean head in three frames, 100 px between the pupils: neutral, then half and whole of a turn (yaw, degrees) and a smile.
+/// Landmarks of the mean head in three frames, 100 px between the pupils: neutral, then half and whole of a turn (yaw, degrees)
+/// and a smile.
 fn turning(yaw: f64, smile: f64) -> String {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let head = HeadModel::shipped(&wireframe, &tables);

@@ -109,9 +109,10 @@ class Page {
 
   // Sequences.
 
-  /** What `grimace segment` says of a sequence that it proposed. */
-  sureness(sequence) {
-    return sequence?.confidence === undefined ? '' : `confidence ${sequence.confidence.toFixed(2)}`;
+  /** Its emotion, and what `grimace segment` says of it if it proposed it. */
+  label(sequence) {
+    const sureness = sequence?.confidence === undefined ? '' : `confidence ${sequence.confidence.toFixed(2)}`;
+    return [sequence?.emotion, sureness].filter(Boolean).join(' · ');
   }
 
   isLeft(sequence) {
@@ -139,7 +140,7 @@ class Page {
     history.replaceState(null, '', `#${encodeURIComponent(id)}`);
     const sequence = this.sequences.find((s) => s.id === id);
     get('sequence').textContent = id;
-    get('emotion').textContent = [sequence?.emotion, this.sureness(sequence)].filter(Boolean).join(' · ');
+    get('emotion').textContent = this.label(sequence);
     this.showProgress();
   }
 
@@ -200,7 +201,7 @@ class Page {
           const button = document.createElement('button');
           const part = (className, text) => Object.assign(document.createElement('span'), { className, textContent: text });
           const state = this.setup.mode === 'tracks' ? `${(100 * s.trackedShare).toFixed(1)} % tracked${s.corrected ? ` · ${s.corrected} corrected` : ''}` : s.marks ? `${s.marks} marks` : 'no marks';
-          button.append(part('id', s.id), part('emotion', [s.emotion, this.sureness(s)].filter(Boolean).join(' · ')), part(`state${this.isLeft(s) ? '' : ' done'}`, state));
+          button.append(part('id', s.id), part('emotion', this.label(s)), part(`state${this.isLeft(s) ? '' : ' done'}`, state));
           if (s.id === this.id) button.setAttribute('aria-current', 'true');
           button.addEventListener('click', () => {
             get('sequences').close();

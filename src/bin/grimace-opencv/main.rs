@@ -1,8 +1,8 @@
 //! `grimace-opencv`: what `grimace` needs OpenCV for, in a program of its own. `grimace` starts it when a video is read or written, when
 //! OpenCV's KLT is asked for, and when the page of `annotate` proposes marks by Haar cascades.
 //!
-//! It is told what to do by its arguments, speaks the language of [`grimace::internal::companion::wire`] on its standard input and output, and
-//! ends when its input does.
+//! It is told what to do by its arguments, speaks the language of [`grimace::internal::companion::wire`] on its standard input
+//! and output, and ends when its input does.
 #![allow(missing_docs, clippy::pedantic)]
 
 mod about;

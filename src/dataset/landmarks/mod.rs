@@ -9,8 +9,8 @@
 //! | CK+ | a text file per frame, 68 lines `x y` | last number in the name | px, as they are |
 //!
 //! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down.
-//! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in their order. A
-//! frame is *lost* when its row says so (`success` 0, a confidence under the least one, or no coordinates at all).
+//! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in
+//! their order. A frame is *lost* when its row says so (`success` 0, a confidence under the least one, or no coordinates at all).
 
 mod correspond;
 mod mediapipe;

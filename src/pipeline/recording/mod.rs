@@ -1,8 +1,8 @@
 //! Whole recordings: looked through, tracked, measured, and cut into sequences from neutral to apex.
 //!
 //! A recording of minutes is read as a stream, several times: a first look finds cuts and faces (`survey`), every stretch with a face is
-//! tracked from its most usual face to both ends (`follow`) and measured (`measure`); [`crate::segment`] finds rests and expressions; pictures
-//! and films are made in a last reading. What is held of a frame is about a kilobyte.
+//! tracked from its most usual face to both ends (`follow`) and measured (`measure`); [`crate::segment`] finds rests and
+//! expressions; pictures and films are made in a last reading. What is held of a frame is about a kilobyte.
 
 mod expand;
 mod files;

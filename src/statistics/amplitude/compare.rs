@@ -93,7 +93,8 @@ fn variance(values: &[f64]) -> f64 {
 
 /// Compares the amplitudes of two groups of people, each there once.
 ///
-/// Where everybody of the smaller group is in the other too, it is a paired comparison of these. `strata` permutes people within strata only.
+/// Where everybody of the smaller group is in the other too, it is a paired comparison of these. `strata` permutes people within
+/// strata only.
 ///
 /// # Errors
 /// The reason why no test can be made, in words.

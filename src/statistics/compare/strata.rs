@@ -5,6 +5,15 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 /// The stratum of every person.
+///
+/// ```
+/// use grimace::statistics::Strata;
+///
+/// let rows = [("S001", vec!["24".to_owned()]), ("S002", vec!["31".to_owned()])];
+/// let strata = Strata::new(&["age".to_owned()], rows);
+/// assert_eq!(strata.of(&["S002", "S001"])?, ["31", "24"]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Strata {
     columns: String,
@@ -13,6 +22,13 @@ pub struct Strata {
 }
 
 /// Why people cannot be permuted within strata.
+///
+/// ```
+/// use grimace::statistics::{Strata, StrataError};
+///
+/// let strata = Strata::new(&["age".to_owned()], [("S001", vec!["24".to_owned()])]);
+/// assert!(matches!(strata.of(&["S001", "S002"]), Err(StrataError::Missing { people: 1, .. })));
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum StrataError {
     /// People without a value.

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::{
     super::{distance::length, sum::CompensatedSum},
-    Ending, Median, PointSet, Slots,
+    Median, PointSet, SearchEnding, Slots,
     points::Evaluation,
 };
 
@@ -78,7 +78,7 @@ pub struct GeometricMedian {
     /// Steps taken.
     pub iterations: usize,
     /// How the search ended.
-    pub ending: Ending,
+    pub ending: SearchEnding,
 }
 
 /// The geometric median of planar points, with its certificate.
@@ -97,7 +97,7 @@ pub fn geometric_median(points: &PointSet, options: &ExactOptions) -> GeometricM
     let first = median_from(points, origin, Vector2::zeros(), options);
     let to_answer = |p: &Vector2<f64>| (p - first.point).norm_squared();
     let nearest = points.points().iter().copied().min_by(|a, b| to_answer(a).total_cmp(&to_answer(b)));
-    match nearest.filter(|_| first.ending != Ending::Converged) {
+    match nearest.filter(|_| first.ending != SearchEnding::Converged) {
         Some(nearest) => {
             let again = median_from(points, nearest, first.point - nearest, options);
             let iterations = first.iterations + again.iterations;
@@ -149,11 +149,11 @@ fn centered_median(points: &PointSet, start: Vector2<f64>, options: &ExactOption
     }
     let (sum, lower_bound) = certificate(points, x, options.gap_tolerance);
     let ending = if sum - lower_bound <= options.gap_tolerance * sum {
-        Ending::Converged
+        SearchEnding::Converged
     } else if stalled {
-        Ending::Stalled
+        SearchEnding::Stalled
     } else {
-        Ending::IterationLimit
+        SearchEnding::IterationLimit
     };
     GeometricMedian { point: x, sum, lower_bound, iterations, ending }
 }
@@ -167,7 +167,7 @@ pub fn exact_median(slots: &Slots, options: &ExactOptions) -> Median {
         sums: medians.iter().map(|m| m.sum).collect(),
         lower_bounds: medians.iter().map(|m| m.lower_bound).collect(),
         iterations: medians.iter().map(|m| m.iterations).sum(),
-        ending: medians.iter().map(|m| m.ending).max().unwrap_or(Ending::Converged),
+        ending: medians.iter().map(|m| m.ending).max().unwrap_or(SearchEnding::Converged),
     }
 }
 
@@ -341,7 +341,7 @@ mod tests {
 
     fn median(list: &[(f64, f64)]) -> GeometricMedian {
         let median = geometric_median(&PointSet::new(&points(list)).unwrap(), &ExactOptions::default());
-        assert_eq!(median.ending, Ending::Converged, "{median:?}");
+        assert_eq!(median.ending, SearchEnding::Converged, "{median:?}");
         assert!(median.lower_bound <= median.sum && median.sum - median.lower_bound <= 1e-11 * median.sum, "{median:?}");
         median
     }
@@ -436,7 +436,7 @@ mod tests {
         let set = PointSet::new(&list).unwrap();
         let stopped = geometric_median(&set, &ExactOptions { max_iterations: 0, ..ExactOptions::default() });
         let best = geometric_median(&set, &ExactOptions::default());
-        assert_eq!(stopped.ending, Ending::IterationLimit);
+        assert_eq!(stopped.ending, SearchEnding::IterationLimit);
         assert!(
             0.0 < stopped.lower_bound && stopped.lower_bound <= best.lower_bound && best.sum < stopped.sum,
             "{stopped:?} {best:?}"
@@ -449,7 +449,7 @@ mod tests {
         #[test]
         fn every_median_is_certified(points in (1..40usize).prop_flat_map(vectors)) {
             let m = geometric_median(&PointSet::new(&points).unwrap(), &ExactOptions::default());
-            prop_assert_eq!(m.ending, Ending::Converged, "{:?}", m);
+            prop_assert_eq!(m.ending, SearchEnding::Converged, "{:?}", m);
             prop_assert!(m.lower_bound <= m.sum);
         }
 

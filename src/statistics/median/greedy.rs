@@ -14,7 +14,7 @@ use std::{cmp::Ordering, collections::BinaryHeap};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use super::{Ending, Median, PointSet, Slots};
+use super::{Median, PointSet, SearchEnding, Slots};
 
 /// When the greedy search stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,10 +110,10 @@ pub fn greedy_median(slots: &Slots, start: &[Vector2<f64>], options: &GreedyOpti
         search.par_iter().enumerate().map(|(index, slot)| Replacement::of(index, slot)).collect::<Vec<_>>().into();
     let limit = options.max_replacements_per_slot.saturating_mul(slots.len());
     let mut iterations = 0;
-    let mut ending = Ending::Converged;
+    let mut ending = SearchEnding::Converged;
     while let Some(Replacement { slot: index, vector, sum, .. }) = queue.pop().filter(|best| best.gain > least_gain) {
         if iterations == limit {
-            ending = Ending::IterationLimit;
+            ending = SearchEnding::IterationLimit;
             break;
         }
         let slot = &mut search[index];
@@ -171,7 +171,7 @@ mod tests {
         let line = [0.0, 1.0, 11.0].map(|x| Vector2::new(x, 0.0));
         let median = greedy_median(&slots(&line, 1, 1), &[line[2]], &GreedyOptions::default());
         assert_eq!((median.vectors, median.sums), (vec![line[1]], vec![11.0]));
-        assert_eq!((median.iterations, median.ending), (1, Ending::Converged));
+        assert_eq!((median.iterations, median.ending), (1, SearchEnding::Converged));
     }
 
     #[test]
@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn a_still_face_needs_no_replacement() {
         let median = greedy_median(&slots(&[Vector2::zeros(); 12], 2, 2), &[Vector2::zeros(); 4], &GreedyOptions::default());
-        assert_eq!((median.sums, median.iterations, median.ending), (vec![0.0; 4], 0, Ending::Converged));
+        assert_eq!((median.sums, median.iterations, median.ending), (vec![0.0; 4], 0, SearchEnding::Converged));
     }
 
     proptest! {
@@ -203,7 +203,7 @@ mod tests {
             let slots = slots(&values, 3, 2);
             let greedy = greedy_median(&slots, &values[..6], &GreedyOptions::default());
             let exact = exact_median(&slots, &ExactOptions::default());
-            prop_assert_eq!(greedy.ending, Ending::Converged);
+            prop_assert_eq!(greedy.ending, SearchEnding::Converged);
             prop_assert!(slots.total(&exact.lower_bounds) <= slots.total(&greedy.sums));
             prop_assert!(slots.total(&greedy.sums) <= slots.total(&exact.sums) * 1.001);
         }

@@ -18,9 +18,17 @@ pub use greedy::{GreedyOptions, greedy_median};
 pub use points::{PointSet, PointSetError};
 
 /// How a search for a median ended.
+///
+/// ```
+/// use grimace::statistics::SearchEnding;
+///
+/// // Of several searches the worst counts.
+/// let slots = [SearchEnding::Converged, SearchEnding::Stalled];
+/// assert_eq!(slots.iter().max(), Some(&SearchEnding::Stalled));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ending {
+pub enum SearchEnding {
     /// Within its tolerance.
     #[default]
     Converged,
@@ -42,7 +50,7 @@ pub struct Median {
     /// Steps or replacements over all slots.
     pub iterations: usize,
     /// How the search ended: the worst over the slots.
-    pub ending: Ending,
+    pub ending: SearchEnding,
 }
 
 impl Median {

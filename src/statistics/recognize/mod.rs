@@ -1,10 +1,10 @@
 //! Which expression a sequence shows: shrinkage discriminants on displacement vectors, with calibrated probabilities and "none of these".
 //!
-//! A sequence is its displacement vectors [KP, eq. (2)], all fields and live nodes. The discriminants (`lda`) give the distances to the labels; their
-//! probabilities are calibrated by two numbers that make the labels of left-out people likeliest: the temperature t of
-//! `exp(-distance / (2 t))`, and the share of lapses, sequences that show anything. Without the second, one outlier among few people would
-//! make every probability that of a guess. A sequence is typical to the degree to which left-out sequences were as far from the nearest label as it is; below a
-//! level it is none of the labels.
+//! A sequence is its displacement vectors [KP, eq. (2)], all fields and live nodes. The discriminants (`lda`) give the distances
+//! to the labels; their probabilities are calibrated by two numbers that make the labels of left-out people likeliest: the
+//! temperature t of `exp(-distance / (2 t))`, and the share of lapses, sequences that show anything. Without the second, one
+//! outlier among few people would make every probability that of a guess. A sequence is typical to the degree to which left-out
+//! sequences were as far from the nearest label as it is; below a level it is none of the labels.
 
 mod lda;
 

@@ -2,7 +2,7 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::statistics::{distance::tests::vectors, median::Ending};
+use crate::statistics::{distance::tests::vectors, median::SearchEnding};
 
 /// Nodes of [`small_wireframe`]: three live ones and a follower of node 2.
 const NODES: usize = 4;
@@ -171,7 +171,7 @@ proptest! {
         let r = compute(&models, alpha, MedianKind::Exact);
         prop_assert!(r.sums.lower_bound <= r.sums.exact && r.sums.exact <= r.sums.greedy);
         prop_assert!(r.sums.certificate_gap <= 1e-11 && (0.0..=1e-3).contains(&r.sums.greedy_gap), "{:?} {:?} {}", r.sums, r.search, r.trimming.iter().filter(|t| !t.dropped).map(|t| format!("{} {}, ", t.field, t.id)).collect::<String>());
-        prop_assert_eq!((r.search.greedy_ending, r.search.exact_ending), (Ending::Converged, Ending::Converged));
+        prop_assert_eq!((r.search.greedy_ending, r.search.exact_ending), (SearchEnding::Converged, SearchEnding::Converged));
     }
 
     #[test]

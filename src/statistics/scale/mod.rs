@@ -18,7 +18,7 @@ use super::{
     ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, StatisticsError, StatisticsOptions, TrimmingRow,
     dispersion::{Dispersions, median_of},
     distance::{DisplacementFields, length},
-    median::{Ending, ExactOptions, GeometricMedian, PointSet, geometric_median},
+    median::{ExactOptions, GeometricMedian, PointSet, SearchEnding, geometric_median},
     representative::{at_all_nodes, model_from_displacements},
     sum::CompensatedSum,
     trimming::{TrimLevel, trimmed_count},
@@ -108,7 +108,7 @@ pub struct StreamedMedian {
     /// Steps over all slots.
     pub steps: usize,
     /// The worst ending over the slots.
-    pub ending: Ending,
+    pub ending: SearchEnding,
     /// Distance of every model over the fields it is kept in; `None` where that is no field.
     pub distances: Vec<Option<f64>>,
     /// Distance of every model over all fields.
@@ -147,7 +147,7 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
         .collect();
     let mut vectors = vec![Vector2::zeros(); nodes * fields];
     let (mut sums, mut bounds) = (vec![0.0; nodes * fields], vec![0.0; nodes * fields]);
-    let (mut steps, mut ending) = (0, Ending::Converged);
+    let (mut steps, mut ending) = (0, SearchEnding::Converged);
     // By field and model, the sums over the nodes of d_v.
     let mut totals = vec![vec![0.0; models]; fields];
     let member_weights: Option<Vec<Vec<f64>>> = kept

@@ -2,7 +2,8 @@
 //!
 //! KLT from frame to frame drifts, and its square windows mix skin that moves differently on the two sides of a brow, a lid or a lip.
 //! The skin between the nodes does not: the neutral frame's grey values move with the wireframe (see `surface`). So after the
-//! springs every node i is corrected by a vector c such that the current frame, read through the moved wireframe, looks like the neutral one:
+//! springs every node i is corrected by a vector c such that the current frame, read through the moved wireframe, looks like the
+//! neutral one:
 //!
 //! ```text
 //! min over c   sum_t g_t sum_p w_p (I(x_p(c)) - T_p - b_t)^2  +  sum_i c_i' (a F_i) c_i  +  s sum_edges |c_i - c_j|^2
@@ -72,8 +73,8 @@ impl Default for AlignOptions {
 /// Most iterations.
 const MAX_ITERATIONS: u32 = 4;
 
-/// First iterations that make the matrix of the normal equations anew; the last, a small step by then, only the right side. With two the robust
-/// weights swing.
+/// First iterations that make the matrix of the normal equations anew; the last, a small step by then, only the right side. With
+/// two the robust weights swing.
 const REBUILT: u32 = 3;
 
 /// Correction in px that ends them.
@@ -160,8 +161,8 @@ struct Room {
 }
 
 impl Template {
-    /// Samples the neutral frame. `ties`: those of the wireframe; `nodes`: all N positions there; `loose`: places among the live nodes of those that do not move with the
-    /// skin; `window`: side of the tracker's window, px; `eye_distance`: ES0, px.
+    /// Samples the neutral frame. `ties`: those of the wireframe; `nodes`: all N positions there; `loose`: places among the live
+    /// nodes of those that do not move with the skin; `window`: side of the tracker's window, px; `eye_distance`: ES0, px.
     pub fn new(
         wireframe: &Wireframe,
         ties: &Ties,

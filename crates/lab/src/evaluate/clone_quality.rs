@@ -3,6 +3,7 @@
 //! SSIM is that of Wang, Bovik, Sheikh and Simoncelli (IEEE Trans. Image Processing 13, 2004): Gaussian window of 11 x 11 pixels with
 //! sigma 1.5, K1 = 0.01, K2 = 0.03, range 255; the mean is taken over the pixels of the region only.
 
+use grimace::internal::geometry::polygon::inside;
 use image::{GrayImage, RgbImage};
 use nalgebra::Point2;
 
@@ -33,7 +34,7 @@ pub fn likeness(a: &RgbImage, b: &RgbImage, region: &[Point2<f64>]) -> Option<Li
     let (mut ssim, mut square, mut count) = (0.0, 0.0, 0.0);
     for y in 0..a.height() {
         for x in 0..a.width() {
-            if !contains(region, f64::from(x), f64::from(y)) {
+            if !inside(region, &Point2::new(f64::from(x), f64::from(y))) {
                 continue;
             }
             ssim += ssim_at(&a, &b, x, y, &kernel);
@@ -62,18 +63,6 @@ fn ssim_at(a: &GrayImage, b: &GrayImage, x: u32, y: u32, kernel: &[f64]) -> f64 
     let (mp, mq) = (p / n, q / n);
     let (vp, vq, cov) = (pp / n - mp * mp, qq / n - mq * mq, pq / n - mp * mq);
     (2.0 * mp * mq + C1) * (2.0 * cov + C2) / ((mp * mp + mq * mq + C1) * (vp + vq + C2))
-}
-
-/// Whether a point lies inside a convex or other simple polygon.
-fn contains(polygon: &[Point2<f64>], x: f64, y: f64) -> bool {
-    let mut odd = false;
-    for (k, a) in polygon.iter().enumerate() {
-        let b = &polygon[(k + 1) % polygon.len()];
-        if (a.y > y) != (b.y > y) && x < a.x + (y - a.y) * (b.x - a.x) / (b.y - a.y) {
-            odd = !odd;
-        }
-    }
-    odd
 }
 
 #[cfg(test)]

@@ -138,7 +138,8 @@ pub fn simulated_cases(options: &SimulateOptions) -> Result<Vec<TrackingCase>, E
     Ok((0..options.subjects).flat_map(emotions).collect())
 }
 
-/// The sequences of a dataset that have landmarks, or exact positions in `truth/SUBJECT_SEQUENCE.csv`, grouped by a column of its manifest; and what of it does not read.
+/// The sequences of a dataset that have landmarks, or exact positions in `truth/SUBJECT_SEQUENCE.csv`, grouped by a column of its
+/// manifest; and what of it does not read.
 ///
 /// # Errors
 /// [`EvaluateError`] when the dataset does not open, lacks the column, or has no sequence with landmarks.

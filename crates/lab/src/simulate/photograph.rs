@@ -1,5 +1,5 @@
-//! Photographs animated: a portrait's wireframe goes through a known expression and the texture engine ([`grimace::internal::warp`]) moves the
-//! picture with it.
+//! Photographs animated: a portrait's wireframe goes through a known expression and the texture engine
+//! ([`grimace::internal::warp`]) moves the picture with it.
 //!
 //! The nodes of a frame are those at which the engine put the skin, not those it was asked for: they are exact whatever it smoothed.
 //! Roll, shift and change of scale move the whole picture; yaw and pitch move the nodes, at Candide-3's depths, in front of it. A

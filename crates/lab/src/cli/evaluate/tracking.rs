@@ -38,7 +38,8 @@ tracking_last.csv, each sequence in tracking_sequences.csv. A sequence that fail
 pub struct Args {
     /// Dataset with 68-point landmarks; simulated sequences without
     dataset: Option<PathBuf>,
-    /// Start from all known nodes of the neutral frame and measure positions, or from a fit to the default marks and measure offsets from neutral
+    /// Start from all known nodes of the neutral frame and measure positions, or from a fit to the default marks and measure
+    /// offsets from neutral
     #[arg(long, value_enum, default_value_t = StartWord::Landmarks)]
     start: StartWord,
     /// Column of the manifest to group by

@@ -1,0 +1,25 @@
+//! Photographs that expressions are put on.
+
+use std::path::Path;
+
+use anyhow::Context;
+use grimace::{
+    clone::Target,
+    dataset::{LandmarkSelection, read_marks},
+    pipeline::{Workbench, found_marks},
+    sequence::{read_colour, read_frame},
+};
+
+/// A photograph with the marks of a file, or those that are found in it; it is called as its file is.
+pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, bench: &Workbench) -> anyhow::Result<Target> {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let picture = read_colour(path)?;
+    let points = match marks {
+        Some(marks) => read_marks(marks, selection, &bench.tables, bench.wireframe.node_count())?,
+        None => found_marks(&read_frame(path)?, bench).with_context(|| path.display().to_string())?,
+    };
+    bench.target(&name, picture, &points).with_context(|| match marks {
+        Some(marks) => format!("{} with {}", path.display(), marks.display()),
+        None => format!("{} with marks that were found", path.display()),
+    })
+}
