@@ -188,7 +188,7 @@ facade! {
 }
 facade! {
     /// Ground: marked points of the neutral frame, `node,x,y`.
-    correspondence: Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
+    correspondence: Correspondence, CorrespondenceError, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences
 }
 facade! {
@@ -199,7 +199,7 @@ facade! {
 }
 facade! {
     /// Sources: frames in order, decoded.
-    sequence: DecodeError, Frame, ImageSize, SequenceError, SequenceReader, read_first_frame, read_frame
+    sequence: DecodeError, Frame, ImageSize, SequenceError, SequenceReader, read_frame
 }
 facade! {
     /// Method: faces and their marks found in pictures.
@@ -226,7 +226,7 @@ facade! {
     /// how people vary around it, and which expression a model shows.
     statistics: ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
     TrimLevel, TrimmingRow, Weighting, compare::{CompareOptions, NotTested, Strata, StrataError, Tested, compare},
-    distance::{DisplacementFields, vector_distance}, recognize::{RecognizeError, Recognized, Recognizer}, representative,
+    distance::DisplacementFields, recognize::{RecognizeError, Recognized, Recognizer}, representative,
     median::SearchEnding, variation::{Component, Variation, VariationError}
 }
 facade! {
@@ -250,7 +250,7 @@ facade! {
 }
 facade! {
     /// Making: triangle meshes and their files.
-    mesh: MeshError, MeshFileError, TriangleMesh, read_obj, read_ply, write_obj, write_ply
+    mesh: MeshError, MeshFileError, TriangleMesh, read_obj, read_ply, write_obj
 }
 facade! {
     /// Making: dense surfaces from a bank of expressions \[ZL\].

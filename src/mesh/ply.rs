@@ -85,7 +85,7 @@ impl PropertyAccess for Row {
 /// Reads a PLY file: the elements `vertex` (x, y, z) and `face` (`vertex_indices` or `vertex_index`); polygons become fans.
 ///
 /// ```
-/// use grimace::mesh::{read_ply, write_ply};
+/// use grimace::{internal::mesh::write_ply, mesh::read_ply};
 ///
 /// let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("triangle.ply");
@@ -136,7 +136,7 @@ fn parse(path: &Path, file: File) -> Result<TriangleMesh, MeshFileError> {
 /// Writes positions and triangles as binary little-endian PLY.
 ///
 /// ```
-/// use grimace::mesh::write_ply;
+/// use grimace::internal::mesh::write_ply;
 ///
 /// let mut bytes = Vec::new();
 /// write_ply(&mut bytes, &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;

@@ -311,7 +311,7 @@ pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
 /// The first frame of a sequence: its neutral one.
 ///
 /// ```
-/// use grimace::{dataset::list_frames, sequence::read_first_frame};
+/// use grimace::{dataset::list_frames, internal::sequence::read_first_frame};
 ///
 /// let source = list_frames("fixtures/simulated/S001/005".as_ref(), Some(4), None)?;
 /// assert_eq!(read_first_frame(&source)?.number(), 4);

@@ -17,7 +17,7 @@ const LANES: usize = 4;
 /// Distance `d_v` of two displacement vectors [KP, eq. (3)], in their unit.
 ///
 /// ```
-/// use grimace::statistics::vector_distance;
+/// use grimace::internal::statistics::distance::vector_distance;
 /// use nalgebra::Vector2;
 ///
 /// assert_eq!(vector_distance(Vector2::new(1.0, 1.0), Vector2::new(4.0, 5.0)), 5.0);
