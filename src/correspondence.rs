@@ -73,7 +73,7 @@ pub struct Correspondence {
     /// Mark or hard position.
     pub kind: MarkKind,
     /// How far from the true point such a mark is to be expected, px: half of such marks are nearer, half further. `None` for a mark
-    /// set by hand, of which a fit expects [`crate::fit::HAND_MARK_ERROR`].
+    /// set by hand, of which a fit expects 0.019 of the eye distance.
     pub expected_error: Option<f64>,
 }
 
@@ -205,7 +205,7 @@ pub enum MarksError {
 /// Reads a correspondence file: `node,x,y`, optionally `kind` (`mark`, the default, or `hard`) and `expected_error` (px, > 0, or empty);
 /// further columns are ignored.
 ///
-/// A node is a node number or an MPEG-4 feature point that is a single node ([`parse_node_or_feature_point`]). Order is kept.
+/// A node is a node number or an MPEG-4 feature point that is a single node. Order is kept.
 /// How many there are and where they lie is checked by [`validate_correspondences`].
 ///
 /// ```
@@ -315,8 +315,8 @@ pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) ->
 /// ```
 ///
 /// # Errors
-/// [`MarksError`] for fewer than [`MINIMUM_MARKS`], a node marked twice, a mark outside the image, or collinear marks
-/// ([`COLLINEAR_RATIO`]); the first that applies, in this order.
+/// [`MarksError`] for fewer than 3, a node marked twice, a mark outside the image, or collinear marks
+/// (the smaller singular value of their centred positions under 0.01 of the larger one); the first that applies, in this order.
 pub fn validate_correspondences(correspondences: &[Correspondence], width: u32, height: u32) -> Result<(), MarksError> {
     let count = correspondences.len();
     if count < MINIMUM_MARKS {

@@ -12,7 +12,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-pub use open::{MAX_BYTES, STDIN, file_blake3, is_stdin, open_file, open_or_stdin, read, read_or_stdin};
+pub use open::{MAX_BYTES, file_blake3, open_file, open_or_stdin, read, read_or_stdin};
 
 /// What is wrong in a CSV file.
 #[derive(Debug, thiserror::Error)]

@@ -16,7 +16,7 @@
 //! use grimace::{
 //!     correspondence::read_correspondences,
 //!     dataset::list_frames,
-//!     fap::{FapCatalog, FapSequence, write_fap},
+//!     fap::{FapCatalog, FapNumber, FapSequence, read_fap, write_fap},
 //!     fit::{FitOptions, Fitter},
 //!     normalize::{NormalizeOptions, Normalizer},
 //!     sequence::SequenceReader,
@@ -29,16 +29,23 @@
 //! // Fit: marked points of the neutral frame pull the wireframe.
 //! let marks = read_correspondences(&folder.join("correspondences.csv"), &tables, wireframe.node_count())?;
 //! let fitted = Fitter::new(&wireframe, FitOptions::default()).fit(&wireframe, &marks)?;
+//! fitted.warnings.iter().for_each(|warning| eprintln!("{warning}"));
 //! // Track: it follows the face to the apex frame.
 //! let frames = SequenceReader::open(&list_frames(folder, None, None)?)?;
 //! let plan = TrackPlan::new(&wireframe, &tables);
 //! let track = track_sequence(&wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)?;
-//! // Normalize: five frames in face units. Models of many people make a `statistics::representative`.
+//! // Normalize: five frames in face units, without roll; `pose::HeadFitter` takes out yaw and pitch before. Models of many people
+//! // make a `statistics::representative`.
 //! let normalizer = Normalizer::new(&wireframe, &tables, NormalizeOptions::default())?;
 //! let model = normalizer.normalize(&track_model(&track.frames)?)?;
-//! // FAPs.
-//! let (faps, _) = FapSequence::from_model(&model, &normalizer.canonical().fapus, FapCatalog::mpeg4(), "smile", 25, 5)?;
+//! // FAPs, 25 frames a second and 5 frames between those of the model; some are cut to the standard's ranges.
+//! let catalog = FapCatalog::mpeg4();
+//! let (faps, _cut) = FapSequence::from_model(&model, &normalizer.canonical().fapus, catalog, "smile", 25, 5)?;
 //! write_fap(Path::new("smile.fap"), &faps)?;
+//! // Read again: the last frame is the apex.
+//! let smile = read_fap(Path::new("smile.fap"))?.sequence;
+//! let row = catalog.row(FapNumber::try_from(59)?);
+//! println!("{}: {:?} {}", row.name, smile.frames.last().and_then(|apex| apex.value(row.number)), row.unit_name());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
@@ -54,7 +61,8 @@
 //! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it and never links OpenCV.
 //!
 //! Types of [`image`], [`nalgebra`] and [`blake3`] are part of the interface; these crates are shown under their names, so that a program
-//! need not guess their versions. The text of an error says everything in one line, its cause included.
+//! need not guess their versions. An error printed with `{}` says everything in one line, its cause included; what
+//! `main` prints of an error that it returns is the other form, for looking into the code.
 //!
 //! In the repository `examples/` goes on from here, and `docs/architecture.md` says how the modules lie on each other.
 //!
@@ -79,6 +87,8 @@
 //! - **\[Candide-3\]** J. Ahlberg: *Candide-3 - an updated parameterised face*, report LiTH-ISY-R-2326, 2001.
 //! - **\[MPEG-4\]** ISO/IEC 14496-2 (Visual), Annex C: FAPs, FAPUs, feature points.
 //! - **\[Bouguet\]** J.-Y. Bouguet: *Pyramidal implementation of the Lucas Kanade feature tracker*, Intel, 1999.
+// Much of it only the command line uses.
+#![cfg_attr(not(feature = "tool"), allow(dead_code, unused_imports))]
 // Tests compare exact values on purpose.
 #![cfg_attr(test, allow(clippy::unreadable_literal, clippy::items_after_statements, clippy::format_collect))]
 
@@ -141,20 +151,8 @@ mod modules {
 #[allow(unused_imports, clippy::wildcard_imports)]
 use modules::*;
 
-/// What the command line, `grimace-lab`, the Python package, tests and fuzzing need beyond the facade: without any promise. It changes
-/// from one version to the next.
 #[doc(hidden)]
-pub mod internal {
-    #[cfg(feature = "columnar")]
-    pub use crate::modules::columnar;
-    #[cfg(feature = "tool")]
-    pub use crate::modules::{cli, fuzzing};
-    pub use crate::modules::{
-        clone, companion, correspondence, dataset, fap, features, fit, geometry, input, interpolation, locate, mesh, model,
-        normalize, output, overlay, pipeline, plausible, player, pose, positions, render, report, segment, sequence, statistics,
-        synthesis, text, track, units, warp, wireframe,
-    };
-}
+pub mod internal;
 
 /// A module of the facade: what it shows of the module of that name. The library itself sees all of it by the same path.
 macro_rules! facade {

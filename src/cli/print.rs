@@ -11,7 +11,7 @@ use std::{
 static FAILURE: OnceLock<io::Error> = OnceLock::new();
 
 /// Prints a line to standard output; what files hold commands no terminal. A reader that has seen enough is no failure; any other
-/// is kept for [`check`].
+/// is kept for `check`.
 pub fn line(text: fmt::Arguments<'_>) {
     match writeln!(io::stdout(), "{}", printable(&text.to_string())) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => drop(FAILURE.set(error)),

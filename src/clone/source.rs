@@ -57,7 +57,7 @@ pub struct SourceMotion {
     pub offsets: Vec<Vec<Vector2<f64>>>,
     /// FAPUs of the source's neutral face.
     pub fapus: Fapus,
-    /// Distance of the lids of the neutral face at each pair of [`LID_PAIRS`], same unit.
+    /// Distance of the lids of the neutral face at each pair of `LID_PAIRS`, same unit.
     pub lid_gaps: [f64; LID_PAIRS.len()],
     /// Motion of the head from the neutral frame to each frame, in the source's picture (px); the identity where it is not known.
     pub head: Vec<Similarity>,

@@ -164,7 +164,7 @@ impl Target {
         &self.warp
     }
 
-    /// Distance of its lids at each pair of [`LID_PAIRS`], px.
+    /// Distance of its lids at each pair of `LID_PAIRS`, px.
     pub fn lid_gaps(&self) -> [f64; LID_PAIRS.len()] {
         self.lid_gaps
     }

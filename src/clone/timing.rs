@@ -145,7 +145,7 @@ impl SourceMotion {
     }
 }
 
-/// A motion at all times: every coordinate on the curve of [`crate::interpolation`].
+/// A motion at all times: every coordinate on a monotone cubic.
 ///
 /// ```
 /// use grimace::{clone::SourceMotion, wireframe::Face};

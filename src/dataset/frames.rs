@@ -58,7 +58,7 @@ pub enum FrameSource {
     Video {
         /// The file.
         path: PathBuf,
-        /// Number of the neutral frame, counted from [`FIRST_VIDEO_FRAME`]; the first of the file if `None`.
+        /// Number of the neutral frame, counted from 1; the first of the file if `None`.
         first: Option<u32>,
         /// Number of the apex frame; the last of the file if `None`.
         last: Option<u32>,

@@ -37,7 +37,7 @@ pub enum MarksFileError {
 /// of which `selection` takes those that are nodes.
 ///
 /// # Errors
-/// [`MarksFileError`] for a file that is none of these or does not read.
+/// `MarksFileError` for a file that is none of these or does not read.
 pub fn read_marks(
     path: &Path,
     selection: &LandmarkSelection,

@@ -21,13 +21,11 @@ pub use cohn_kanade::emotion_code;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError};
-pub use frames::{
-    FIRST_VIDEO_FRAME, FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, is_picture, list_frames,
-};
-pub use init::{ProposedManifest, ProposedRow, UNKNOWN_EMOTION, manifest_path, propose_manifest};
+pub use frames::{FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, is_picture, list_frames};
+pub use init::{UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
-    LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks, read_landmarks_with,
+    LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks,
 };
 pub use marks::{MarksFileError, read_marks};
 

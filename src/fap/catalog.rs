@@ -18,6 +18,7 @@ const HIGH_LEVEL_FAPS: &str = include_str!("../../candide/high_level_faps.csv");
 /// use grimace::fap::FapNumber;
 ///
 /// let jaw: FapNumber = "3".parse()?;
+/// assert_eq!(jaw, FapNumber::try_from(3)?);
 /// assert_eq!((jaw.get(), jaw.index(), jaw.is_high_level()), (3, 2, false));
 /// assert_eq!((FapNumber::all().count(), FapNumber::low_level().count()), (68, 66));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

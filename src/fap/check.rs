@@ -103,8 +103,8 @@ pub fn check_lips(bytes: &[u8]) -> Vec<Finding> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::fap::{FapSequence, Profile, ValueFormat, fap_text};
+    use super::{super::writer::fap_text, *};
+    use crate::fap::{FapSequence, Profile, ValueFormat};
 
     fn fap(number: u8) -> FapNumber {
         FapNumber::try_from(number).unwrap()

@@ -105,7 +105,8 @@ impl FapSequence {
     /// The frames of the model are key frames; `between` frames are put between successive ones. With 25 frames a second and 5 between, as
     /// the command line writes them, the five frames of a model last a second. `fapus` are those of the
     /// canonical neutral, face units. Values are limited to the range of the standard (unidirectional FAPs have minimum 0), and
-    /// whatever that changed is returned. The name becomes a token as [`name_token`] makes them.
+    /// whatever that changed is returned. Of the name, all but ASCII letters, digits and signs, blanks too, becomes `_`: readers of
+    /// FAP files take it as one word. [`measure_faps`] gives the key frames alone, not rounded.
     ///
     /// # Errors
     /// [`ConvertError`] for a model without Candide-3's nodes, FAPUs that are not positive, or too many frames.
@@ -125,8 +126,10 @@ impl FapSequence {
     }
 }
 
-/// FAP values of every frame of a normalized model, limited to the standard's ranges and not rounded; `fapus` as in
-/// [`FapSequence::from_model`].
+/// FAP values of every frame of a normalized model, limited to the standard's ranges and not rounded, to compute with; for a file
+/// take [`FapSequence::from_model`].
+///
+/// `fapus` as there.
 ///
 /// ```
 /// use grimace::{fap::{FapCatalog, measure_faps}, normalize::Canonical, pipeline::read_model, wireframe::Face};

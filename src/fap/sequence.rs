@@ -133,7 +133,7 @@ pub fn name_token(name: &str) -> String {
     token
 }
 
-/// Whether a name is a token as [`name_token`] makes them.
+/// Whether a name is a token as `name_token` makes them.
 pub(super) fn is_name_token(name: &str) -> bool {
     name_token(name) == name
 }

@@ -240,8 +240,8 @@ pub fn fap_text(sequence: &FapSequence, profile: Profile, values: ValueFormat) -
 mod tests {
     use proptest::prelude::*;
 
-    use super::*;
-    use crate::fap::{FapFrame, Finding, Severity, parse_fap};
+    use super::{super::reader::parse_fap, *};
+    use crate::fap::{FapFrame, Finding, Severity};
 
     fn fap(number: u8) -> FapNumber {
         FapNumber::try_from(number).unwrap()

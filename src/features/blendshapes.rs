@@ -245,11 +245,6 @@ fn from_json(path: &Path) -> Result<Vec<Row>, BlendshapesError> {
 }
 
 impl Blendshapes {
-    /// Names of the blendshapes, in the order of [`COEFFICIENTS`].
-    pub fn names(&self) -> &[String] {
-        &self.names
-    }
-
     /// Columns `mediapipe_NAME` beside those of frames, rows by ascending frame number.
     ///
     /// # Errors
@@ -305,7 +300,7 @@ mod tests {
         let expected = vec![vec![Some(0.5), Some(0.25)], vec![None, None]];
         for (name, text) in [("a.json", javascript), ("a.jsonl", python)] {
             let found = read(name, text).unwrap();
-            assert_eq!(found.names(), ["jawOpen", "_neutral"]);
+            assert_eq!(found.names, ["jawOpen", "_neutral"]);
             assert_eq!(found.scores(&[3, 4]).unwrap(), expected);
             assert!(matches!(found.scores(&[3]), Err(BlendshapesError::Count { found: 2, expected: 1, .. })));
         }

@@ -5,7 +5,7 @@ use super::{ACTION_UNITS, FrameFeatures};
 /// Points of a course, the first and the last frame included.
 pub const COURSE_POINTS: usize = 13;
 
-/// Pose and action units from the neutral to the apex frame, at [`COURSE_POINTS`] times.
+/// Pose and action units from the neutral to the apex frame, at 13 times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Course {
     /// Yaw, pitch, roll, degrees.

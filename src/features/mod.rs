@@ -22,10 +22,10 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART, UnknownActionUnit};
-pub use blendshapes::{Blendshapes, BlendshapesError, COEFFICIENTS, ColumnsBeside, read_blendshapes};
+pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
+pub use blendshapes::{COEFFICIENTS, ColumnsBeside, read_blendshapes};
 pub use course::{COURSE_POINTS, Course};
-pub use file::{ColumnNames, FeatureHashes, features_csv, features_units, write_features};
+pub use file::{ColumnNames, write_features};
 
 /// Largest yaw or pitch, degrees, up to which a frame's values can be trusted.
 pub const TRUSTED_TURN: f64 = 25.0;

@@ -27,14 +27,14 @@ use self::{
 use crate::{geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};
 
 pub use super::correspondence::{
-    COLLINEAR_RATIO, Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences,
-    validate_correspondences, write_correspondences,
+    Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences, validate_correspondences,
+    write_correspondences,
 };
 pub use error::{FitError, FitWarning};
 pub(crate) use prior::mirror_nodes;
 pub use prior::{
-    DEFAULT_MODES, Explanation, FacePoints, FaceSource, FacesError, LearnError, MINIMUM_FACES, NeutralFace, NeutralFaces,
-    PRIOR_SCHEMA, PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior, read_neutral_faces, read_prior, write_prior,
+    DEFAULT_MODES, FacePoints, FaceSource, NeutralFace, PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior,
+    read_neutral_faces, read_prior, write_prior,
 };
 pub(crate) use skyline::{BlockPlaces, Layout, Skyline};
 pub use spring::{DrivenNode, Pull, SpringError, Springs};
@@ -127,7 +127,7 @@ impl PartialEq for LoadedPrior {
 pub struct FitOptions {
     /// Gain of the force on a marked node over the stiffness of a spring, > 0; 20.
     pub force: f64,
-    /// Shape prior; by default the embedded one, learned from people's points.
+    /// Shape prior; by default both of the embedded ones, each by how probable it makes the marks.
     pub prior: PriorKind,
 }
 

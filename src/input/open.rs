@@ -33,10 +33,10 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Reads a regular file of at most [`MAX_BYTES`].
+/// Reads a regular file of at most `MAX_BYTES`.
 ///
 /// # Errors
-/// As [`open_file`], and when the file is larger.
+/// As `open_file`, and when the file is larger.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let file = open_file(path)?;
     let length = file.metadata()?.len();

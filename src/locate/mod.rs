@@ -23,7 +23,7 @@ use image::GrayImage;
 use nalgebra::Point2;
 
 pub use model::{Model, ModelError, ModelOrigin};
-pub use points::{LocatorPoint, PUPILS, points};
+pub use points::{PUPILS, points};
 
 use crate::units::NodeId;
 use expect::{Reading, signs};
@@ -105,7 +105,7 @@ pub struct LocatedPoint {
 pub struct LocatedFace {
     /// Its points, by node.
     pub points: Vec<LocatedPoint>,
-    /// All points that the locator knows, in the order of [`points()`], image pixels.
+    /// All points that the locator knows, in its own order, image pixels.
     pub shape: Vec<Point2<f64>>,
     /// The error to expect of each of these, px.
     pub expected_errors: Vec<f64>,
@@ -123,7 +123,7 @@ impl LocatedFace {
         errors.get(errors.len() / 2).map_or(1.0, |e| e / self.eye_distance.max(f64::MIN_POSITIVE))
     }
 
-    /// Whether the points may be used without a look: the median expected error is at most [`TRUSTED`].
+    /// Whether the points may be used without a look: the median expected error is at most 0.035 of the eye distance.
     pub fn trusted(&self) -> bool {
         self.expected_error() <= TRUSTED
     }
@@ -153,7 +153,7 @@ impl Locator {
     /// With the model that ships; it is read once.
     ///
     /// # Errors
-    /// [`ModelError`] when it was not built in whole.
+    /// `ModelError` when it was not built in whole.
     pub fn shipped() -> Result<&'static Self, ModelError> {
         static SHIPPED: OnceLock<Locator> = OnceLock::new();
         if let Some(locator) = SHIPPED.get() {

@@ -13,7 +13,7 @@ mod subdivide;
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-pub use npy::{NpyArray, NpyRows, read_npy_indices, read_npy_rows, write_npy_f32};
+pub use npy::{NpyRows, read_npy_indices, read_npy_rows, write_npy_f32};
 pub use obj::{read_obj, write_obj};
 pub use ply::{read_ply, write_ply};
 pub use sphere::sphere_front;

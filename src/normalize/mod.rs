@@ -109,7 +109,8 @@ pub struct NormalizeOptions {
     pub resample: Resample,
     /// How sizes are made equal; by the FAPUs by default.
     pub size: SizeMode,
-    /// Which motion of the head the pipeline takes out; all of it by default.
+    /// Which motion of the head the pipeline takes out; all of it by default. A [`Normalizer`] alone takes out roll, place and size,
+    /// whatever stands here: see [`PoseMode`].
     #[serde(default)]
     pub pose: PoseMode,
 }

@@ -123,7 +123,7 @@ pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -
     write_atomic(path, |writer| csv_into(writer, rows))
 }
 
-/// Rows as [`write_csv`] writes them.
+/// Rows as `write_csv` writes them.
 ///
 /// # Errors
 /// [`io::Error`] when `writer` takes no more.

@@ -91,12 +91,6 @@ impl PendingFile {
         Ok(Self { path: path.to_owned(), target, file, hasher: blake3::Hasher::new() })
     }
 
-    /// BLAKE3 of what was written so far.
-    #[must_use]
-    pub fn blake3(&self) -> blake3::Hash {
-        self.hasher.finalize()
-    }
-
     /// Puts the whole file in its place; the BLAKE3 of its bytes. It is on the disk after [`super::sync_written`].
     ///
     /// # Errors

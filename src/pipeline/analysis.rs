@@ -147,7 +147,7 @@ impl Analysis {
 /// Computes the representative of every class of the models.
 ///
 /// # Errors
-/// [`AnalysisError`] when a column to group by does not exist or the options are out of range.
+/// `AnalysisError` when a column to group by does not exist or the options are out of range.
 pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> Result<Analysis, AnalysisError> {
     analyze_with(models, failures, bench, None)
 }

@@ -73,7 +73,7 @@ pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
 /// Finds the marks of the largest face of a frame, those outside the picture left out; so many of them as make a fit.
 ///
 /// # Errors
-/// [`FoundMarksError`] where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
+/// `FoundMarksError` where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
 pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondence>, FoundMarksError> {
     let face = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
     if !face.trusted {

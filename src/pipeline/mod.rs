@@ -56,33 +56,29 @@ use crate::{
 };
 
 pub use crate::input::file_blake3;
-pub use amplitudes::{AmplitudeResults, SequenceAmplitudes};
+pub use amplitudes::AmplitudeResults;
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
-pub use divide::{Plan, run_emotion, run_part, run_plan};
-pub use figures::{Figure, FigureAbout, FiguresError, figures_of, write_figures};
+pub use divide::{run_emotion, run_part, run_plan};
+pub use figures::{figures_of, write_figures};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use found::{FoundFace, FoundMarksError, found_face, found_marks};
 pub use landmarks::fit_landmarks;
 pub use measured::normalize_track;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
-pub use pictures::{BatchError, PictureSource, pictures_of};
-pub use recognition::{
-    NONE_LEVEL, NONE_OF_THESE, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition,
-};
+pub use pictures::{PictureSource, pictures_of};
+pub use recognition::{NONE_LEVEL, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition};
 pub use recording::{
-    ManifestColumns, Recording, RecordingError, RecordingFiles, RecordingFrame, RecordingStep, SEGMENT_COLUMNS, Segment,
-    SegmentRow, SegmentedRecording, Tick, recording_inputs_blake3, reuse_recording, segment_recording, segments_folder,
-    write_recording, write_recording_film, write_segments,
+    ManifestColumns, Recording, RecordingError, RecordingFiles, RecordingStep, SegmentRow, SegmentedRecording, reuse_recording,
+    segment_recording, segments_folder, write_recording, write_recording_film, write_segments,
 };
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one, track_pictures};
 pub use showcase::{ReportFace, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
-pub use variation::{Curve, EmotionVariation, SHOWN_COMPONENTS, SHOWN_DEVIATIONS};
 pub use write::write_analysis;
 
 /// Options of every stage: one struct per stage.

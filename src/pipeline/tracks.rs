@@ -24,7 +24,7 @@ pub fn tracks_folder(folder: &Path) -> PathBuf {
     Some(folder.join("tracks")).filter(|tracks| tracks.is_dir()).unwrap_or_else(|| folder.to_owned())
 }
 
-/// Track files named by the user: files as they are, folders (see [`tracks_folder`]) by the `.csv` files in them, sorted by path, each
+/// Track files named by the user: files as they are, folders (see `tracks_folder`) by the `.csv` files in them, sorted by path, each
 /// once.
 ///
 /// # Errors

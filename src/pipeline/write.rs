@@ -77,7 +77,7 @@ struct Trimmed {
 /// to `out`.
 ///
 /// # Errors
-/// [`AnalysisError`] when a file cannot be written.
+/// `AnalysisError` when a file cannot be written.
 pub fn write_analysis(
     analysis: &Analysis,
     out: &Path,

@@ -48,7 +48,7 @@ impl HeadFitter {
         &self.model
     }
 
-    /// The wireframe fitted to the marks of a face that may be turned: [`fit_turned`].
+    /// The wireframe fitted to the marks of a face that may be turned: `fit_turned`.
     ///
     /// # Errors
     /// [`FitError`].
@@ -69,7 +69,7 @@ impl HeadFitter {
         fit_head(&self.model, tables, track, marks)
     }
 
-    /// Pose and expression of further frames of a known head: [`follow_head`].
+    /// Pose and expression of further frames of a known head: `follow_head`.
     ///
     /// # Errors
     /// [`PoseError`].

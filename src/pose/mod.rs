@@ -28,10 +28,10 @@ mod solve;
 mod turned;
 
 pub use camera::{CAMERA_DISTANCE, HEAD_ES, HeadPose};
-pub use file::{HEAD_SCHEMA, HeadFileError, HeadOrigin, write_head};
+pub use file::{HeadOrigin, write_head};
 pub use fit::{HeadFit, PoseError, fit_head, follow_head};
 pub use fitter::HeadFitter;
-pub use frontal::{frontalized, visibility};
+pub use frontal::frontalized;
 pub use head::{HeadModel, NamedOffsets};
-pub use learn::{DenseFaces, IDENTITY_MODES, LearnHeadError, LearnedHead, bind_nodes, learn_head};
+pub use learn::{DenseFaces, IDENTITY_MODES, learn_head};
 pub use turned::fit_turned;

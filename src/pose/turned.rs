@@ -93,13 +93,8 @@ impl Turned {
 mod tests {
     use nalgebra::Point3;
 
-    use super::*;
-    use crate::{
-        dataset::DEFAULT_LANDMARK_NODES,
-        fit::FitOptions,
-        pose::{CAMERA_DISTANCE, visibility},
-        wireframe::Face,
-    };
+    use super::{super::frontal::visibility, *};
+    use crate::{dataset::DEFAULT_LANDMARK_NODES, fit::FitOptions, pose::CAMERA_DISTANCE, wireframe::Face};
 
     /// Places of all nodes of a head, 100 px a unit, and the default marks on it.
     fn seen(model: &HeadModel, shape: &[Vector3<f64>], yaw: f64, pitch: f64) -> (Vec<Point2<f64>>, HeadPose) {

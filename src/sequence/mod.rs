@@ -28,7 +28,7 @@ pub use colour::{ColourReader, MAX_SIDE, read_colour, read_colour_frames};
 pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder, grey_of};
 pub use film::{FilmError, write_video};
-pub use limit::{DEFAULT_MAX_PIXELS, max_pixels, set_max_pixels};
+pub use limit::{DEFAULT_MAX_PIXELS, set_max_pixels};
 
 /// Width and height in pixels.
 ///
@@ -232,7 +232,7 @@ impl SequenceReader {
         }
     }
 
-    /// BLAKE3 of names and content of all files of the sequence, as [`content_blake3`]: of the very bytes that were decoded, and of
+    /// BLAKE3 of names and content of all files of the sequence, as `content_blake3`: of the very bytes that were decoded, and of
     /// those of the files that were not reached.
     ///
     /// # Errors

@@ -126,7 +126,7 @@ pub fn dispersion_interval(
     dispersion_replicates(representative, models, live, options, replicates, (seed, stream)).map(|r| r.interval())
 }
 
-/// What [`dispersion_interval`] is made of.
+/// What `dispersion_interval` is made of.
 pub fn dispersion_replicates(
     representative: &Representative,
     models: &[&SequenceModel],

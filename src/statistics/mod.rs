@@ -36,10 +36,10 @@ use median::SearchEnding;
 pub use groups::{
     EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, check_groups, group_models, group_models_unchecked,
 };
-pub use representative::{MAX_DISPLACEMENT, NEUTRAL_TOLERANCE, check_models, representative};
+pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{common_spellings, likely_emotion, near_twins, spelling_key};
 pub use trimming::TrimLevel;
-pub use weights::{Weighting, sequence_weights};
+pub use weights::Weighting;
 
 /// A normalized model and the sequence it was made from.
 ///
@@ -290,10 +290,10 @@ pub struct Representative {
     pub sequences: Vec<SequenceId>,
     /// The trimming trace: (N' - 1) x N'' rows, by field, then by sequence.
     pub trimming: Vec<TrimmingRow>,
-    /// How sure the trimming is, where it was decided from bounds: for more than [`scale::MANY_MODELS`] models. The distances of
+    /// How sure the trimming is, where it was decided from bounds: for more than 2048 models. The distances of
     /// the trace then carry the error stated there.
     pub certificate: Option<scale::Certificate>,
-    /// Which median it is: the one asked for, or the exact one for more than [`scale::MANY_MODELS`] models.
+    /// Which median it is: the one asked for, or the exact one for more than 2048 models.
     pub median: MedianKind,
     /// Sums of distances and gaps, after trimming.
     pub sums: MedianSums,

@@ -36,8 +36,8 @@ pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 /// in any order; distances are over the wireframe's live nodes. The answer starts at the models' common neutral frame, adds the
 /// median displacement vectors field by field, and moves followers with their leaders. Both medians are computed whichever is
 /// chosen, so that the gap is always known; where rounding makes the greedy vector of a slot better than the exact one, it is
-/// the exact one too. Both dispersions are around medians of the chosen kind. More than [`MANY_MODELS`] models go another way
-/// ([`super::scale`]): trimming from bounds, and the exact median whatever the options say. Where people have different numbers of
+/// the exact one too. Both dispersions are around medians of the chosen kind. More than 2048 models go another way
+/// (the module `scale`): trimming from bounds, and the exact median whatever the options say. Where people have different numbers of
 /// sequences, each person weighs the same in `d_tf`, trimming, median and dispersion, unless [`StatisticsOptions::weighting`] says
 /// otherwise; sums of distances are then weighted sums.
 ///
@@ -70,7 +70,7 @@ pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 ///
 /// # Errors
 /// [`StatisticsError`] for no models, alpha outside 0 <= alpha < 0.5, two models of one sequence, models whose shape or neutral
-/// frame differs from the others', and displacements of [`MAX_DISPLACEMENT`] or more.
+/// frame differs from the others', and displacements of 20 eye distances or more.
 pub fn representative<M: Borrow<SequenceModel>>(
     label: ClassLabel,
     models: &[M],

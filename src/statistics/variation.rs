@@ -179,7 +179,7 @@ impl Variation {
     /// order.
     ///
     /// # Errors
-    /// [`VariationError`] for fewer than [`LEAST_PEOPLE`], more than [`MOST_SEQUENCES`] sequences, and sequences that are all equal.
+    /// [`VariationError`] for fewer than 3 people, more than 2048 sequences, and sequences that are all equal.
     pub fn new(models: &[&SequenceModel], wireframe: &Wireframe) -> Result<Self, VariationError> {
         let mut models = models.to_vec();
         models.sort_by(|a, b| a.id.cmp(&b.id));

@@ -63,7 +63,7 @@ pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>
 /// `shapes` names the shapes and, for a mixed bank, `composition` says how members are made of them; without one members are shapes. A
 /// coefficient with a side takes the weights of the regions of that side; brows, eyes, nose and the squint of the cheeks those of the
 /// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. Values may lie
-/// outside the coefficients' range, 0 to 1: [`limit`] brings them there. `None` when no shape has an `ARKit` name.
+/// outside the coefficients' range, 0 to 1: `limit` brings them there. `None` when no shape has an `ARKit` name.
 pub fn coefficients(
     names: &[String],
     composition: Option<&Composition>,

@@ -257,7 +257,7 @@ pub fn candide_expressions() -> Result<Vec<(String, Vec<f64>)>, BankError> {
 /// ```
 ///
 /// # Errors
-/// As [`candide_shapes`].
+/// As `candide_shapes`.
 pub fn candide_bank() -> Result<Bank, BankError> {
     let candide = Candide::new()?;
     let recipes = candide.performance(&PerformanceOptions::default());
@@ -268,7 +268,7 @@ pub fn candide_bank() -> Result<Bank, BankError> {
 /// As [`candide_bank`] with a seed, and beside it the models of the performance that are not in the bank.
 ///
 /// # Errors
-/// As [`candide_shapes`].
+/// As `candide_shapes`.
 pub fn candide_study(seed: u64) -> Result<(Bank, Bank), BankError> {
     let candide = Candide::new()?;
     let recipes = candide.performance(&PerformanceOptions { seed, ..PerformanceOptions::default() });

@@ -181,7 +181,7 @@ pub fn head_shapes() -> Result<Bank, BankError> {
 /// ```
 ///
 /// # Errors
-/// As [`head_shapes`].
+/// As `head_shapes`.
 pub fn head_bank() -> Result<Bank, BankError> {
     let head = Head::new()?;
     let shapes = head.shapes()?;

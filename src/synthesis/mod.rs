@@ -42,29 +42,27 @@ mod target;
 pub use animate::{BOUND_STARTS, FrameAnswer, SMOOTHING_FRAMES, SynthesisOptions, Synthesizer, jump};
 pub use bank::{Bank, BankHead, BankInfo, Composition, FeaturePointVertex};
 pub use build::{BuildOptions, BuildSummary, MAX_SUBDIVIDE, build_bank};
-pub use candide::{candide_bank, candide_expressions, candide_shapes, candide_study};
+pub use candide::{candide_bank, candide_expressions, candide_study};
 pub use crossover::Crossover;
 pub use dense::read_dense_faces;
 pub use embedded::EmbeddedBank;
 pub use error::{BankError, SynthesisError};
-pub use export::{Animation, compare_with_truth, write_bank_picture, write_gltf, write_png};
-pub use feature_points::{
-    place_feature_points, read_feature_points, read_landmark_vertices, skin_feature_points, write_feature_points,
-};
-pub use file::{BANK_VERSION, write as write_bank};
+pub use export::{Animation, compare_with_truth, write_bank_picture, write_gltf};
+pub use feature_points::{read_feature_points, write_feature_points};
+pub use file::BANK_VERSION;
 pub use fitness::fitness;
-pub use head::{head_bank, head_shapes};
+pub use head::head_bank;
 pub use head_learn::learn_head_mesh;
-pub use head_mesh::{HeadMesh, HeadMeshOrigin};
+pub use head_mesh::HeadMeshOrigin;
 pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
-pub use motion::{Motion, MotionKind, NOISE, fapu_length, read_motion};
+pub use motion::{Motion, MotionKind, fapu_length, read_motion};
 pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};
 pub use regions::{OVERLAP, RegionScheme, Regions};
 pub use scene::{DrawnEye, FaceScene, View};
 pub use search::{BLX_ALPHA, GENERATIONS, GaOptions, Generation, Run, TOURNAMENT_SIZE, evolve};
-pub use solve::{Climb, Signs, Solution, Solver, best_member, bound, climb, genetic, interpolate, least_squares, refined};
-pub use surface::{surface, surface_error};
-pub use target::{FpBasis, FpMotion, Goal, summed_length};
+pub use solve::{Signs, Solution, Solver, interpolate};
+pub use surface::surface_error;
+pub use target::{FpBasis, FpMotion, Goal};
 
 #[cfg(test)]
 pub(crate) mod testing {

@@ -76,8 +76,8 @@ pub struct Motion {
 pub const NOISE: f64 = 0.05;
 
 impl Motion {
-    /// The motion as it is animated: by default [`FRAMES_BETWEEN`] frames between the key frames of a model and none between others', and
-    /// [`NOISE`] taken for rest but for feature points that a CSV file gives.
+    /// The motion as it is animated: by default 5 frames between the key frames of a model and none between others', and
+    /// `NOISE` taken for rest but for feature points that a CSV file gives.
     pub fn as_animated(&self, between: Option<usize>, noise: Option<f64>) -> Self {
         let between = between.unwrap_or(if self.kind == MotionKind::Model { FRAMES_BETWEEN } else { 0 });
         self.without_noise(noise.unwrap_or_else(|| self.default_noise())).with_frames_between(between)
@@ -88,7 +88,7 @@ impl Motion {
         if self.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE }
     }
 
-    /// The motion with `between` frames put between every two, every coordinate on the curve of [`crate::interpolation`], as in the FAP
+    /// The motion with `between` frames put between every two, every coordinate on a monotone cubic, as in the FAP
     /// file of the same motion. A feature point is known only between two frames that know it.
     pub fn with_frames_between(&self, between: usize) -> Self {
         let steps = self.frames.len().saturating_sub(1);

@@ -65,7 +65,7 @@ const EXPECTED_STEPS: f64 = 1000.0;
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrackInfo {
-    /// Always [`TRACK_SCHEMA`].
+    /// Always 2.
     pub schema_version: u32,
     /// Program and version that made it.
     pub made_by: String,
@@ -295,7 +295,7 @@ pub fn neutral_first(mut frames: Vec<TrackedFrame>, neutral: Option<u32>) -> Vec
     frames
 }
 
-/// Reads a track's `.csv`, the neutral frame first, which the `.json` beside it names, else the first one ([`neutral_first`]).
+/// Reads a track's `.csv`, the neutral frame first, which the `.json` beside it names, else the first one.
 /// Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error` may be missing.
 ///
 /// Positions alone are enough: nodes of such a file count as tracked.

@@ -32,7 +32,7 @@ pub enum KltKind {
     /// Our own, [`Klt`].
     #[default]
     Grimace,
-    /// OpenCV's, [`OpenCvKlt`], by the program `grimace-opencv`.
+    /// OpenCV's, by the program `grimace-opencv`.
     OpenCv,
 }
 
@@ -75,7 +75,7 @@ const LANES: usize = 4;
 /// Adding and subtracting it rounds a number below 2^22 to the nearest whole one, of two the even one.
 const ROUND: f32 = 12_582_912.0;
 
-/// The pyramidal KLT tracker; a single search finds what [`OpenCvKlt`] finds to some millionths of a pixel.
+/// The pyramidal KLT tracker; a single search finds what OpenCV's finds to some millionths of a pixel.
 ///
 /// A square whose left upper corner moves from (30, 30) to (32, 30) is found there.
 /// ```

@@ -31,7 +31,7 @@ use crate::{
 };
 
 pub use align::{AlignOptions, Patch};
-pub use confidence::{Confidence, ConfidenceError, Evidence, NodeFeatures, expect_errors, node_features};
+pub use confidence::{Confidence, Evidence, NodeFeatures, expect_errors, node_features};
 pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, fitting_corrections, read_corrections,
     write_corrections,
@@ -45,7 +45,7 @@ pub(crate) use klt::smoothed;
 pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;
 pub use options::{Forces, MIN_WINDOW_PX, TrackOptions};
-pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, course, summarize};
+pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, summarize};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};
 pub use step::TrackPlan;

@@ -36,7 +36,7 @@ pub enum Forces {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrackOptions {
-    /// Side of the KLT window over the eye distance, 0.08; the result is odd and at least [`MIN_WINDOW_PX`].
+    /// Side of the KLT window over the eye distance, 0.08; the result is odd and at least 7.
     pub window: f64,
     /// Pyramid levels, the image itself included; 4.
     pub levels: u32,

@@ -59,13 +59,12 @@ use self::{
 };
 use crate::geometry::Similarity;
 
-pub use audit::Audit;
 pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;
 pub(crate) use openings::smooth_step;
 pub use render::MouthInside;
-pub use rig::{Rig, RigOpening, teeth_picture};
-pub use sample::{Texture, resample};
+pub use rig::{RigOpening, teeth_picture};
+pub use sample::Texture;
 
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
 /// pixel, and where lips close a sliver may turn.

@@ -13,9 +13,7 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use crate::units::NodeId;
 
-pub use expression::{
-    Emotion, ExpressionRow, ExpressionUnit, ParseEmotionError, expressions, find_unit, keep_lips_apart, settle_offsets,
-};
+pub use expression::{Emotion, ExpressionUnit, expressions, find_unit, keep_lips_apart, settle_offsets};
 pub use face::Face;
 pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError};
 pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};

@@ -356,7 +356,10 @@ fn form_of(path: &Path) -> Form {
     if numbers.len() == 2 && numbers.iter().all(Result::is_ok) { Form::Text } else { Form::Other }
 }
 
-/// Reads the landmarks of a sequence: a table, or a folder with one or with a file per frame; see the module's text for the forms.
+/// Reads the landmarks of a sequence: a table, or a folder with one or with a file per frame.
+///
+/// Known are tables `frame,x0,y0,...` of 68 points, or of MediaPipe's 468 or 478; tables of OpenFace; CK+'s text files and iBUG's
+/// `.pts` files, one a frame. Whatever it is, is told by its content; positions are px, the centre of the top-left pixel (0, 0).
 ///
 /// ```
 /// use grimace::dataset::read_landmarks;

@@ -116,7 +116,7 @@ fn list(states: &BTreeSet<String>) -> String {
 /// - A dataset (a folder, or its `manifest.csv`) with landmarks: the neutral frame of each subject's first sequence that has one.
 ///
 /// # Errors
-/// [`FacesError`]. In a dataset a subject without landmarks is no error but skipped.
+/// `FacesError`. In a dataset a subject without landmarks is no error but skipped.
 pub fn read_neutral_faces(path: &Path, state: &str) -> Result<NeutralFaces, FacesError> {
     if path.is_dir() {
         return read_dataset(path);

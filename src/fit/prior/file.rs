@@ -63,7 +63,7 @@ pub struct PriorOrigin {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PriorFile {
-    /// [`PRIOR_SCHEMA`].
+    /// 1.
     pub schema_version: u32,
     /// Unit and axes of every length.
     pub units: String,

@@ -106,7 +106,7 @@ pub enum LearnError {
 /// Learns a prior of `modes` modes from neutral faces (px, y down).
 ///
 /// # Errors
-/// [`LearnError`] for fewer than [`MINIMUM_FACES`] faces, more modes than faces allow, or a face that does not place the wireframe.
+/// `LearnError` for fewer than 10 faces, more modes than faces allow, or a face that does not place the wireframe.
 pub fn learn_prior(
     wireframe: &Wireframe,
     tables: &Tables,

@@ -23,10 +23,10 @@ use crate::{
     wireframe::Wireframe,
 };
 
-pub use faces::{FacePoints, FacesError, NeutralFace, NeutralFaces, read_neutral_faces};
-pub use file::{FaceSource, PRIOR_SCHEMA, PriorFile, PriorFileError, PriorOrigin, read_prior, write_prior};
+pub use faces::{FacePoints, NeutralFace, read_neutral_faces};
+pub use file::{FaceSource, PriorFile, PriorFileError, PriorOrigin, read_prior, write_prior};
 pub(crate) use learn::mirror_nodes;
-pub use learn::{DEFAULT_MODES, LearnError, MINIMUM_FACES, learn_prior};
+pub use learn::{DEFAULT_MODES, learn_prior};
 
 /// Standard deviation of Candide's shape units among people; PITFALLS of the field put it near 0.3.
 const SHAPE_UNIT_DEVIATION: f64 = 0.3;

@@ -105,7 +105,7 @@ pub struct TrainingFaces {
 /// Reads `FOLDER/delineation189.csv` (`person,x0,y0,...,x188,y188`, px) and `FOLDER/neutral/PERSON.jpg`.
 ///
 /// # Errors
-/// [`FacesError`].
+/// `FacesError`.
 pub fn read_faces(folder: &Path, leave_out: &BTreeSet<String>) -> Result<TrainingFaces, FacesError> {
     let path = folder.join("delineation189.csv");
     let csv = CsvFile::open(&path)?;

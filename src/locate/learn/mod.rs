@@ -13,8 +13,8 @@ use std::collections::BTreeSet;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-pub use faces::{FacesError, TrainingFace, TrainingFaces, read_faces};
-pub use summary::{GroupErrors, LearnSummary};
+pub use faces::{TrainingFace, read_faces};
+pub use summary::LearnSummary;
 
 use super::{
     PUPILS,

@@ -5,7 +5,7 @@
 mod read;
 mod write;
 
-pub use read::{GltfMorphs, read_gltf};
+pub use read::read_gltf;
 pub use write::{GltfAnimation, GltfTarget, write_glb};
 
 #[cfg(test)]
@@ -36,7 +36,7 @@ mod tests {
         bytes
     }
 
-    fn read(bytes: &[u8]) -> Result<GltfMorphs, crate::mesh::MeshFileError> {
+    fn read(bytes: &[u8]) -> Result<read::GltfMorphs, crate::mesh::MeshFileError> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.glb");
         fs::write(&path, bytes).unwrap();

@@ -102,7 +102,7 @@ pub struct Text {
     /// Whether it is bold.
     pub bold: bool,
     /// The text.
-    pub text: String,
+    pub content: String,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -166,13 +166,13 @@ impl Drawing {
 
     /// Writes a line of text of a size.
     pub fn text(&mut self, x: f64, y: f64, size: f64, anchor: Anchor, text: impl Into<String>) {
-        let text = Text { at: Point2::new(x, y), size, anchor, colour: INK, bold: false, text: text.into() };
+        let text = Text { at: Point2::new(x, y), size, anchor, colour: INK, bold: false, content: text.into() };
         self.marks.push(Mark::Text(text));
     }
 
     /// Writes a heading.
     pub fn heading(&mut self, x: f64, y: f64, size: f64, anchor: Anchor, text: impl Into<String>) {
-        let text = Text { at: Point2::new(x, y), size, anchor, colour: INK, bold: true, text: text.into() };
+        let text = Text { at: Point2::new(x, y), size, anchor, colour: INK, bold: true, content: text.into() };
         self.marks.push(Mark::Text(text));
     }
 

@@ -135,7 +135,7 @@ fn path(content: &mut Content, pen: Pen, steps: &[Step], to: impl Fn(Point2<f64>
 }
 
 fn write(content: &mut Content, text: &Text, to: impl Fn(Point2<f64>) -> [f32; 2]) {
-    let bytes = latin(&text.text);
+    let bytes = latin(&text.content);
     let thousandths: f64 =
         bytes.iter().map(|b| f64::from(WIDTHS.get(usize::from(*b).wrapping_sub(32)).copied().unwrap_or(OTHER_WIDTH))).sum();
     // Bold letters are wider by about a fifteenth.

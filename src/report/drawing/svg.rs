@@ -31,7 +31,7 @@ impl Drawing {
                         "<text{}{weight} fill=\"{}\">{}</text>",
                         place(text),
                         hex(text.colour),
-                        escaped(&text.text)
+                        escaped(&text.content)
                     );
                 }
             }
@@ -58,7 +58,7 @@ impl Drawing {
                     write!(svg, "<path d=\"{d}\"{} vector-effect=\"non-scaling-stroke\"/>", attributes(*pen))
                 }
                 Mark::Path(pen, steps) => write!(svg, "<path class=\"{}\" d=\"{}\"/>", pen.class, data(steps, steps_of)),
-                Mark::Text(text) => write!(svg, "<text{}>{}</text>", place(text), escaped(&text.text)),
+                Mark::Text(text) => write!(svg, "<text{}>{}</text>", place(text), escaped(&text.content)),
             };
         }
         svg + "</svg>"

@@ -23,9 +23,7 @@ use crate::{
     wireframe::{Region, Tables, Wireframe},
 };
 
-pub use compare::{
-    AmplitudeComparison, AmplitudeOptions, AmplitudeTest, Permutations, PersonValue, adjust_amplitudes, compare_amplitudes,
-};
+pub use compare::{AmplitudeComparison, AmplitudeOptions, Permutations, PersonValue, adjust_amplitudes, compare_amplitudes};
 
 /// Mean length of the median motion under which a region has no amplitude, face units: such motion is the landmarks' own error.
 pub const LEAST_MOTION: f64 = 1.0;

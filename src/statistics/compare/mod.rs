@@ -46,7 +46,7 @@ use crate::units::NodeId;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
 pub(crate) use groups::{compare_groups, is_known, stream_of};
 pub use holm::holm;
-pub use omnibus::{Omnibus, OmnibusComparison, adjust_omnibus, omnibus};
+pub use omnibus::{OmnibusComparison, adjust_omnibus, omnibus};
 use pairs::PairDistances;
 use permutation::{Design, Permuted, permute};
 pub use strata::{Strata, StrataError};
@@ -291,7 +291,7 @@ pub fn compare(
 /// The test for people of whom the first `first` are group A, each with the displacement fields of their sequences.
 ///
 /// # Panics
-/// If a group has fewer than [`LEAST_PEOPLE`] or somebody has no sequence (a programmer's error).
+/// If a group has fewer than 2 people or somebody has no sequence (a programmer's error).
 pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareOptions, stream: u32) -> Tested {
     test_design(people, first, options, &Design::Free, stream)
 }

@@ -15,7 +15,7 @@ use super::{distance::DisplacementFields, sum::CompensatedSum};
 
 pub use exact::{ExactOptions, GeometricMedian, exact_median, geometric_median};
 pub use greedy::{GreedyOptions, greedy_median};
-pub use points::{PointSet, PointSetError};
+pub use points::PointSet;
 
 /// How a search for a median ended.
 ///
@@ -96,16 +96,6 @@ impl Slots {
     /// Number of slots, (N' - 1) N.
     pub fn len(&self) -> usize {
         self.fields.len() * self.node_count
-    }
-
-    /// Whether there is no slot.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Number of live nodes N.
-    pub fn node_count(&self) -> usize {
-        self.node_count
     }
 
     /// The points of one slot.

@@ -111,6 +111,7 @@ impl<'a> PointSet<'a> {
     ///
     /// # Errors
     /// [`PointSetError`] as for [`PointSet::new`], and for weights that are not one per point, finite and positive.
+    #[cfg(test)]
     pub fn weighted(points: &'a [Vector2<f64>], weights: &'a [f64]) -> Result<Self, PointSetError> {
         Self::checked(points, Some(weights))
     }

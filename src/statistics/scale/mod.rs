@@ -68,7 +68,7 @@ pub trait SlotSource: Sync {
     /// The vectors of the k-th live node: by field, in the order of the models; finite.
     ///
     /// # Errors
-    /// [`SourceError`] when they cannot be read.
+    /// `SourceError` when they cannot be read.
     fn node(&self, k: usize) -> Result<Vec<Vec<Vector2<f64>>>, SourceError>;
 }
 
@@ -124,7 +124,7 @@ pub struct StreamedMedian {
 /// `kept[m]` are the models kept in field m, ascending; `None` keeps all. `weights` are the models', where they differ.
 ///
 /// # Errors
-/// [`SourceError`].
+/// `SourceError`.
 pub fn streamed_median<S: SlotSource + ?Sized>(
     source: &S,
     kept: Option<&[Vec<usize>]>,

@@ -185,7 +185,7 @@ impl Field {
 /// Drops from every field the `drop_count` models with the largest `d_tf`, at least one and fewer than all.
 ///
 /// # Errors
-/// [`SourceError`].
+/// `SourceError`.
 pub fn trim_certified<S: SlotSource + ?Sized>(
     source: &S,
     drop_count: usize,

@@ -38,7 +38,7 @@ pub enum Solver {
     Nnls,
     /// The genetic algorithm as published.
     Ga,
-    /// The genetic algorithm, then a climb from its answer: the fitness, with a pull towards the target's lengths (see [`Climb`]).
+    /// The genetic algorithm, then a climb from its answer: the fitness, with a pull towards the target's lengths (see `Climb`).
     Refined,
     /// The best of climbs from many starts: the bound that the others are compared with.
     Cosine,
