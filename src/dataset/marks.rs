@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Point2;
 
-use super::{LANDMARK_COUNT, LandmarkSelection, LandmarksError, correspondences_from_landmarks, landmarks::read_points};
+use super::{
+    LANDMARK_COUNT, LandmarkSelection, LandmarksError, correspondences_from_landmarks,
+    landmarks::{is_frame_file, read_points},
+};
 use crate::{
     correspondence::{Correspondence, CorrespondenceError, read_correspondences},
     input::{CsvFile, InputError},
@@ -33,8 +36,8 @@ pub enum MarksFileError {
     },
 }
 
-/// Reads the marks of a picture: `node,x,y[,kind,expected_error]`; or 68 landmarks, as `point,x,y` with points 0 to 67 or as a `.pts` file,
-/// of which `selection` takes those that are nodes.
+/// Reads the marks of a picture: `node,x,y[,kind,expected_error]`; or 68 landmarks, as `point,x,y` with points 0 to 67 or
+/// as a file of one frame (`.pts`, or CK+'s lines `x y`), of which `selection` takes those that are nodes.
 ///
 /// # Errors
 /// `MarksFileError` for a file that is none of these or does not read.
@@ -44,7 +47,7 @@ pub fn read_marks(
     tables: &Tables,
     node_count: usize,
 ) -> Result<Vec<Correspondence>, MarksFileError> {
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pts")) {
+    if is_frame_file(path) {
         return Ok(correspondences_from_landmarks(&read_points(path)?, tables, selection)?);
     }
     let file = CsvFile::open(path)?;
@@ -86,6 +89,8 @@ mod tests {
         let of_table = read("points.csv", format!("point,x,y\n{points}")).unwrap();
         let of_pts = read("face.pts", format!("version: 1\nn_points: 68\n{{\n{pts}}}\n")).unwrap();
         assert_eq!(of_table, of_pts);
+        let lines: String = (0..68).map(|k| format!("{} {}\n", 10 * k, k * k)).collect();
+        assert_eq!(of_table, read("face.txt", lines).unwrap());
         // The chin, node 10, is landmark 8.
         let chin = of_table.iter().find(|m| m.node.0 == 10).unwrap();
         assert_eq!((chin.position.x, chin.position.y), (80.0, 64.0));

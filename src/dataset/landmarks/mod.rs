@@ -358,7 +358,7 @@ fn form_of(path: &Path) -> Form {
 
 /// Reads the landmarks of a sequence: a table, or a folder with one or with a file per frame.
 ///
-/// Known are tables `frame,x0,y0,...` of 68 points, or of MediaPipe's 468 or 478; tables of OpenFace; CK+'s text files and iBUG's
+/// Known are tables `frame,x0,y0,...` of 68 points, or of `MediaPipe`'s 468 or 478; tables of `OpenFace`; CK+'s text files and iBUG's
 /// `.pts` files, one a frame. Whatever it is, is told by its content; positions are px, the centre of the top-left pixel (0, 0).
 ///
 /// ```
@@ -421,6 +421,11 @@ pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Resu
 
 /// The files that hold the landmarks at `path`: the table itself, or those of a folder; none where a folder has none.
 ///
+/// Whether a file holds the landmarks of one frame.
+pub(super) fn is_frame_file(path: &Path) -> bool {
+    has_extension(path, &["pts"]) || matches!(form_of(path), Form::Pts | Form::Text)
+}
+
 /// In a folder, files `*_landmarks.txt` go before all others; then files per frame (`.pts`, or `.txt` of that content); then a
 /// table.
 ///
@@ -441,8 +446,7 @@ pub fn landmark_files(path: &Path) -> Result<Vec<PathBuf>, LandmarksError> {
     if !named.is_empty() {
         return Ok(named);
     }
-    let is_frame = |file: &&&PathBuf| has_extension(file, &["pts"]) || matches!(form_of(file), Form::Pts | Form::Text);
-    let per_frame: Vec<PathBuf> = texts.iter().filter(is_frame).map(|&file| file.clone()).collect();
+    let per_frame: Vec<PathBuf> = texts.iter().filter(|file| is_frame_file(file)).map(|&file| file.clone()).collect();
     let tables: Vec<PathBuf> =
         files.iter().filter(|file| has_extension(file, &TABLE_EXTENSIONS) && table::is_landmarks(file)).cloned().collect();
     if tables.len() + usize::from(!per_frame.is_empty()) > 1 {
