@@ -122,6 +122,7 @@ mod modules {
     pub mod geometry;
     pub mod input;
     pub mod interpolation;
+    pub mod least_squares;
     pub mod locate;
     pub mod mesh;
     pub mod model;

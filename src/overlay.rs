@@ -6,7 +6,7 @@ use tiny_skia::{Color, FillRule, LineCap, Paint, Path as SkiaPath, PathBuilder, 
 
 use crate::{
     pose::HeadPose,
-    sequence::Frame,
+    sequence::{Frame, colour_of},
     track::{LossReason, NodeState, TrackedNode},
     wireframe::Wireframe,
 };
@@ -45,7 +45,7 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
     let large = image::imageops::resize(gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
     let Some(mut canvas) = Pixmap::new(large.width(), large.height()) else {
-        return image::DynamicImage::ImageLuma8(large).to_rgb8();
+        return colour_of(&large);
     };
     for (pixel, luma) in canvas.data_mut().chunks_exact_mut(4).zip(large.as_raw()) {
         pixel.copy_from_slice(&[*luma, *luma, *luma, 255]);
@@ -172,7 +172,7 @@ pub fn draw_points(gray: &image::GrayImage, points: &[(Point2<f64>, f64, f64)]) 
     let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
     let large = image::imageops::resize(gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
     let Some(mut canvas) = Pixmap::new(large.width(), large.height()) else {
-        return image::DynamicImage::ImageLuma8(large).to_rgb8();
+        return colour_of(&large);
     };
     for (pixel, luma) in canvas.data_mut().chunks_exact_mut(4).zip(large.as_raw()) {
         pixel.copy_from_slice(&[*luma, *luma, *luma, 255]);

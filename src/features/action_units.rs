@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
 
 use super::FeaturesError;
 use crate::{
+    least_squares::{Rows, add_mixture},
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::Normalizer,
     pose::HeadModel,
@@ -160,8 +161,8 @@ impl Intensity {
 /// ```
 #[derive(Clone, Debug)]
 pub struct ActionUnits {
-    /// Offsets of every node, face units, of each unknown.
-    shapes: Vec<Vec<Vector2<f64>>>,
+    /// Offsets of every node, face units: along x of each unknown, then along y.
+    shapes: Vec<f64>,
     /// How seldom each unknown is strong.
     rarities: Vec<f64>,
     /// Unknowns of each action unit and the share of each in its strength: a half where another one is the other side.
@@ -211,32 +212,39 @@ impl ActionUnits {
             members.push(unknowns);
         }
         members.truncate(ACTION_UNITS.len());
+        let axes = (0..wireframe.node_count()).flat_map(|k| [(k, 0), (k, 1)]);
+        let shapes = axes.flat_map(|(k, axis)| shapes.iter().map(move |shape: &Vec<Vector2<f64>>| shape[k][axis])).collect();
         Ok(Self { shapes, rarities, members })
+    }
+
+    /// Offsets of a node along x and along y, of each unknown.
+    fn along(&self, node: usize) -> [&[f64]; 2] {
+        let count = self.rarities.len();
+        [0, 1].map(|axis| &self.shapes[(2 * node + axis) * count..(2 * node + axis + 1) * count])
     }
 
     /// How far a jaw half dropped parts two nodes that lie above each other, face units.
     pub fn gap_of_jaw(&self, [above, below]: [usize; 2]) -> f64 {
         let jaw = ACTION_UNITS.iter().zip(&self.members).filter(|(unit, _)| unit.shapes.contains(&"jawOpen"));
-        let gap = |&(i, _): &(usize, f64)| self.shapes[i][above].y - self.shapes[i][below].y;
+        let gap = |&(i, _): &(usize, f64)| self.along(above)[1][i] - self.along(below)[1][i];
         0.5 * jaw.filter_map(|(_, members)| members.first()).map(gap).sum::<f64>()
     }
 
     /// Intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
     pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
-        let count = self.shapes.len();
+        let count = self.rarities.len();
         let mut normal = DMatrix::<f64>::identity(count, count) / (STRENGTH * STRENGTH);
         let mut right = DVector::<f64>::from_iterator(count, self.rarities.iter().map(|rarity| -rarity));
+        let mut rows = Rows::new(count);
         for &(node, expected) in nodes {
             let k = node.index();
-            let weight = (expected / MEDIAN).powi(-2);
-            for i in 0..count {
-                let along = self.shapes[i][k] * weight;
-                right[i] += along.dot(&offsets[k]);
-                for j in 0..=i {
-                    normal[(i, j)] += along.dot(&self.shapes[j][k]);
-                }
+            let inverse = MEDIAN / expected;
+            for (axis, along) in self.along(k).into_iter().enumerate() {
+                rows.add_mixture([inverse], [along]);
+                add_mixture(right.as_mut_slice(), [inverse * inverse * offsets[k][axis]], [along]);
             }
         }
+        rows.add_products(&rows, &mut normal);
         normal.fill_upper_triangle_with_lower_triangle();
         let strengths = non_negative(&normal, &right);
         let covariance = normal.cholesky().map(|factor| factor.inverse());
@@ -313,7 +321,9 @@ mod tests {
         for (unit, members) in ACTION_UNITS.iter().zip(&units.members) {
             // Both sides of the learned shapes, none of Candide's.
             for &(i, _) in members.iter().filter(|(i, share)| *share < 1.0 || *i == members[0].0) {
-                offsets.iter_mut().zip(&units.shapes[i]).for_each(|(o, s)| *o += s * strength(unit.number));
+                for (k, offset) in offsets.iter_mut().enumerate() {
+                    *offset += Vector2::from(units.along(k).map(|along| along[i])) * strength(unit.number);
+                }
             }
         }
         let nodes: Vec<(NodeId, f64)> = w.live_nodes().iter().map(|&n| (n, 2.0)).collect();

@@ -14,7 +14,7 @@ use super::{
     mixture::Mixture,
     observe::{FEWEST_SEEN, Frame, Own, mark_shifts, observe, own_offsets, rough_pose},
     person::{Head, View, log_distance_step},
-    solve::{Directions, Limit, Seen, Solved, shape_with, solve},
+    solve::{Directions, Limit, Matrix, Seen, Solved, shape_with, solve},
 };
 use crate::{
     fit::SpringError,
@@ -234,9 +234,10 @@ impl Sequence<'_> {
         let mut chosen: Vec<&Frame> = spread(usable.len(), HEAD_FRAMES).into_iter().map(|k| usable[k]).collect();
         let mut found = self.first_head(first, &mut chosen)?;
         let mut mixture = Mixture::default();
+        let mut matrices = vec![Matrix::default(); found.frames.len()];
         for _ in 0..TURNS {
             let before = self.numbers(&found);
-            self.turn(&mut found, first, &chosen)?;
+            self.turn(&mut found, first, &chosen, &mut matrices)?;
             let after = self.numbers(&found);
             if (&after - &before).amax() < AT_REST {
                 break;
@@ -253,14 +254,14 @@ impl Sequence<'_> {
         let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
         let start = Solved { pose: self.start, coefficients: DVector::zeros(self.model.identity.len()) };
         let limit = Limit { steps: FRAME_STEPS, at_rest: AT_REST };
-        let solved = solve(&self.model.mean, &self.identity, &seen, start, limit);
+        let solved = solve(&self.model.mean, &self.identity, &seen, start, limit, &mut Matrix::default());
         let solved = solved.ok_or(PoseError::NoHead { frame: first.number })?;
         let head = Head { coefficients: solved.coefficients, own: vec![Vector3::zeros(); self.model.node_count()] };
         let shape = head.shape(self.model);
         let mut before = no_expression(self.model, solved.pose);
         let mut frames = Vec::with_capacity(chosen.len());
         chosen.retain(|frame| {
-            let solved = self.solve_frame(&shape, frame, before.clone(), limit);
+            let solved = self.solve_frame(&shape, frame, before.clone(), limit, &mut Matrix::default());
             if let Some(solved) = &solved {
                 before = solved.clone();
                 frames.push(solved.clone());
@@ -271,23 +272,23 @@ impl Sequence<'_> {
     }
 
     /// One step of the frames, then one of the head, then one of the camera's distance.
-    fn turn(&self, found: &mut Found, first: &Frame, chosen: &[&Frame]) -> Result<(), PoseError> {
+    fn turn(&self, found: &mut Found, first: &Frame, chosen: &[&Frame], matrices: &mut [Matrix]) -> Result<(), PoseError> {
         let model = self.model;
         let limit = Limit { steps: 1, at_rest: 0.0 };
         let shape = found.head.shape(model);
         let start = Solved { pose: found.neutral_pose, coefficients: DVector::zeros(0) };
-        let solved = solve(&shape, &Directions::none(), &first.seen, start, limit);
+        let solved = solve(&shape, &Directions::none(), &first.seen, start, limit, &mut Matrix::default());
         found.neutral_pose = solved.ok_or(PoseError::NoHead { frame: first.number })?.pose;
         let nothing = vec![Vector3::zeros(); model.node_count()];
         let mut views = vec![View { seen: &first.seen, pose: found.neutral_pose, offsets: None }];
-        for (frame, solved) in chosen.iter().zip(&mut found.frames) {
+        for ((frame, solved), matrix) in chosen.iter().zip(&mut found.frames).zip(matrices) {
             // A frame that no pose explains any more says nothing in this turn.
-            let Some(stepped) = self.solve_frame(&shape, frame, solved.clone(), limit) else { continue };
+            let Some(stepped) = self.solve_frame(&shape, frame, solved.clone(), limit, matrix) else { continue };
             *solved = stepped;
             let offsets = shape_with(&nothing, &model.expression, &solved.coefficients);
             views.push(View { seen: &frame.seen, pose: solved.pose, offsets: Some(offsets) });
         }
-        found.head.improve(model, &views, self.own);
+        found.head.improve(model, &self.identity, &views, self.own);
         let log_distance = log_distance_step(&found.head.shape(model), &views);
         found.set_log_distance(found.neutral_pose.distance.ln() + log_distance);
         Ok(())
@@ -322,7 +323,14 @@ impl Sequence<'_> {
         found.set_log_distance(log_distance);
     }
 
-    fn solve_frame(&self, shape: &[Vector3<f64>], frame: &Frame, start: Solved, limit: Limit) -> Option<Solved> {
+    fn solve_frame(
+        &self,
+        shape: &[Vector3<f64>],
+        frame: &Frame,
+        start: Solved,
+        limit: Limit,
+        matrix: &mut Matrix,
+    ) -> Option<Solved> {
         let visible = visibility(self.model, shape, &start.pose);
         let seen: Vec<Seen> = frame
             .seen
@@ -333,7 +341,7 @@ impl Sequence<'_> {
         if seen.len() < FEWEST_SEEN {
             return None;
         }
-        solve(shape, &self.expression, &seen, start, limit)
+        solve(shape, &self.expression, &seen, start, limit, matrix)
     }
 
     /// Pose and expression of every frame.
@@ -359,8 +367,11 @@ impl Sequence<'_> {
         };
         let limit = Limit { steps: FRAME_STEPS, at_rest: FRAME_AT_REST };
         let mut before = no_expression(self.model, self.start);
+        let mut matrix = Matrix::default();
         for frame in rest {
-            let solved = frame.is_seen().then(|| self.solve_frame(&fit.neutral, frame, before.clone(), limit)).flatten();
+            matrix.renew();
+            let solve = || self.solve_frame(&fit.neutral, frame, before.clone(), limit, &mut matrix);
+            let solved = frame.is_seen().then(solve).flatten();
             let now = solved.as_ref().unwrap_or(&before);
             let shape = shape_with(&fit.neutral, &self.model.expression, &now.coefficients);
             let left = residual(&shape, &now.pose, &frame.seen);

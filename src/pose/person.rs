@@ -5,8 +5,9 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
     observe::Own,
-    solve::{Seen, robust, shape_with},
+    solve::{Directions, Seen, dot, robust, shape_with},
 };
+use crate::least_squares::{Rows, add_mixture};
 
 /// Standard deviation of the logarithm of the distance.
 const LOG_DISTANCE_DEVIATION: f64 = 1.0;
@@ -59,7 +60,7 @@ impl Head {
     ///
     /// The person's own offsets are integrated out of the system for the coefficients: a node whose views determine it by `H` counts
     /// with `(H^-1 + C)^-1`, C the covariance of its own offset.
-    pub fn improve(&mut self, model: &HeadModel, views: &[View<'_>], own: &[Own]) {
+    pub fn improve(&mut self, model: &HeadModel, identity: &Directions, views: &[View<'_>], own: &[Own]) {
         let shape = self.shape(model);
         let nothing = Evidence { normal: Matrix3::zeros(), right: Vector3::zeros() };
         let mut evidence = vec![nothing; model.node_count()];
@@ -77,25 +78,26 @@ impl Head {
         let count = model.identity.len();
         let mut normal = DMatrix::<f64>::identity(count, count);
         let mut right = -self.coefficients.clone();
+        let (mut rows, mut counted_rows) = (Rows::new(count), Rows::new(count));
         for (k, e) in evidence.iter().enumerate() {
             // With precision P = C^-1 the offset's best answer is (H + P)^-1 (b - P r); what is left for the coefficients:
             let precision = own[k].precision;
             let Some(inverse) = (e.normal + precision).try_inverse() else { continue };
             let counted = e.normal - e.normal * inverse * e.normal;
             let pulled = e.right - e.normal * inverse * (e.right - precision * self.own[k]);
-            for i in 0..count {
-                let along = counted * model.identity[i][k];
-                right[i] += model.identity[i][k].dot(&pulled);
-                for j in 0..=i {
-                    normal[(i, j)] += along.dot(&model.identity[j][k]);
-                }
+            let along = identity.of(k);
+            add_mixture(right.as_mut_slice(), pulled.into(), along);
+            for axis in 0..3 {
+                rows.add().copy_from_slice(along[axis]);
+                counted_rows.add_mixture([0, 1, 2].map(|other| counted[(axis, other)]), along);
             }
         }
-        normal.fill_upper_triangle_with_lower_triangle();
+        counted_rows.add_products(&rows, &mut normal);
+        // Of the matrix only the lower triangle is read.
         let Some(step) = normal.cholesky().map(|factor| factor.solve(&right)) else { return };
         for (k, e) in evidence.iter().enumerate() {
             let precision = own[k].precision;
-            let moved: Vector3<f64> = model.identity.iter().zip(step.iter()).map(|(d, c)| d[k] * *c).sum();
+            let moved = Vector3::from(identity.of(k).map(|axis| dot(axis, step.as_slice())));
             if let Some(inverse) = (e.normal + precision).try_inverse() {
                 let change = inverse * (e.right - e.normal * moved - precision * self.own[k]);
                 self.own[k] += change;

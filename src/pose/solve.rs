@@ -1,8 +1,9 @@
 //! One frame: pose and the coefficients of some directions of shape, the maximum a posteriori by Gauss-Newton.
 
-use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2x3, Point2, SMatrix, Vector2, Vector3};
 
 use super::HeadPose;
+use crate::least_squares::{Rows, add_mixture};
 
 /// Largest turn of the head in one step, radians.
 const LARGEST_TURN: f64 = 0.2;
@@ -10,6 +11,10 @@ const LARGEST_TURN: f64 = 0.2;
 const OUTLIER: f64 = 3.0;
 /// Numbers of a pose.
 const POSE: usize = 6;
+/// Steps that begin with a matrix each.
+const FIRST: usize = 2;
+/// Steps that the matrix of a later one serves.
+const SERVES: usize = 8;
 
 /// One observed node.
 #[derive(Clone, Copy, Debug)]
@@ -77,33 +82,32 @@ impl Directions {
     }
 
     /// x, y and z of a node in all directions.
-    fn of(&self, node: usize) -> [&[f64]; 3] {
+    pub fn of(&self, node: usize) -> [&[f64]; 3] {
         let n = self.count;
         [0, 1, 2].map(|axis| &self.by_node[(3 * node + axis) * n..(3 * node + axis + 1) * n])
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// The normal equations of one frame, and one row for x and one for y of a node.
+/// The least-squares problem of one step: a row for x and one for y of every node, and the normal equations.
 struct System {
-    size: usize,
-    /// Upper triangle, column by column.
+    /// Rows of the Jacobian over their standard deviations.
+    rows: Rows,
     normal: DMatrix<f64>,
     right: DVector<f64>,
-    rows: [Vec<f64>; 2],
 }
 
 impl System {
     fn new(size: usize) -> Self {
-        let rows = [vec![0.0; size], vec![0.0; size]];
-        Self { size, normal: DMatrix::zeros(size, size), right: DVector::zeros(size), rows }
+        Self { rows: Rows::new(size), normal: DMatrix::zeros(size, size), right: DVector::zeros(size) }
     }
 
     /// The standard normal priors of the coefficients.
     fn restart(&mut self, coefficients: &DVector<f64>) {
+        self.rows.clear();
         self.normal.fill(0.0);
         self.right.fill(0.0);
         for (j, &c) in coefficients.iter().enumerate() {
@@ -112,32 +116,62 @@ impl System {
         }
     }
 
-    /// Adds what the two rows say with a weight.
-    fn add(&mut self, weight: f64, residual: Vector2<f64>) {
-        let [x, y] = &self.rows;
-        for (i, column) in self.normal.as_mut_slice().chunks_exact_mut(self.size).enumerate() {
-            let (by_x, by_y) = (weight * x[i], weight * y[i]);
-            self.right[i] += by_x * residual.x + by_y * residual.y;
-            for ((cell, x), y) in column[..=i].iter_mut().zip(&x[..=i]).zip(&y[..=i]) {
-                *cell += by_x * x + by_y * y;
-            }
+    /// Adds what a node's residual asks for; all slopes are those of its image place.
+    fn pull(&mut self, by_pose: &SMatrix<f64, 2, POSE>, by_point: &Matrix2x3<f64>, along: [&[f64]; 3], residual: Vector2<f64>) {
+        let (pose, shape) = self.right.as_mut_slice().split_at_mut(POSE);
+        let by_pose = by_pose.transpose() * residual;
+        pose.iter_mut().zip(by_pose.iter()).for_each(|(right, value)| *right += value);
+        add_mixture(shape, (by_point.transpose() * residual).into(), along);
+    }
+
+    /// Adds a node's two rows, slopes over the standard deviation.
+    fn observe(&mut self, by_pose: &SMatrix<f64, 2, POSE>, by_point: &Matrix2x3<f64>, along: [&[f64]; 3]) {
+        for axis in 0..2 {
+            let (pose, shape) = self.rows.add().split_at_mut(POSE);
+            pose.iter_mut().zip(by_pose.row(axis).iter()).for_each(|(cell, value)| *cell = *value);
+            add_mixture(shape, [0, 1, 2].map(|k| by_point[(axis, k)]), along);
         }
     }
 
-    fn step(&mut self) -> Option<DVector<f64>> {
-        self.normal.fill_lower_triangle_with_upper_triangle();
-        Some(self.normal.clone().cholesky()?.solve(&self.right))
+    fn step(&mut self, matrix: &mut Matrix) -> Option<DVector<f64>> {
+        if matrix.is_due() {
+            self.rows.add_products(&self.rows, &mut self.normal);
+            // Only the lower triangle is read.
+            matrix.factor = Some(self.normal.clone().cholesky()?);
+        }
+        matrix.steps += 1;
+        Some(matrix.factor.as_ref()?.solve(&self.right))
+    }
+}
+
+/// The factored matrix of the normal equations, which most of a step's time goes into. It changes little from one step to the next, and where
+/// the steps come to rest is said by the right side alone: so it serves several.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Matrix {
+    factor: Option<Cholesky<f64, Dyn>>,
+    steps: usize,
+}
+
+impl Matrix {
+    fn is_due(&self) -> bool {
+        self.factor.is_none() || self.steps < FIRST || (self.steps - FIRST).is_multiple_of(SERVES)
+    }
+
+    /// Another frame begins, whose first steps want matrices of their own.
+    pub fn renew(&mut self) {
+        self.steps = 0;
     }
 }
 
 /// Pose and coefficients that explain what is seen best; the coefficients have standard normal priors, the pose has none.
-///
+/// `matrix`: of earlier steps from near here, or none.
 pub(super) fn solve(
     base: &[Vector3<f64>],
     directions: &Directions,
     seen: &[Seen],
     start: Solved,
     limit: Limit,
+    matrix: &mut Matrix,
 ) -> Option<Solved> {
     let mut solved = start;
     let size = POSE + directions.count;
@@ -153,22 +187,19 @@ pub(super) fn solve(
             let deviation = s.deviation * pose.scale;
             let weight = robust(residual.norm() / deviation) / (deviation * deviation);
             let slope = pose.slope(&turned);
-            let by_turn = slope * HeadPose::rotation_slope(&turned);
             let by_point = slope * pose.rotation.matrix();
-            let seen_at = pose.image_of(&turned) - pose.position;
-            for (axis, line) in system.rows.iter_mut().enumerate() {
-                (0..3).for_each(|k| line[k] = by_turn[(axis, k)]);
-                line[3] = seen_at[axis];
-                line[4] = f64::from(u8::from(axis == 0));
-                line[5] = f64::from(u8::from(axis == 1));
-                let by = [by_point[(axis, 0)], by_point[(axis, 1)], by_point[(axis, 2)]];
-                for (((cell, x), y), z) in line[POSE..].iter_mut().zip(along[0]).zip(along[1]).zip(along[2]) {
-                    *cell = by[0] * x + by[1] * y + by[2] * z;
-                }
+            let by_size = pose.image_of(&turned) - pose.position;
+            let mut by_pose = SMatrix::<f64, 2, POSE>::zeros();
+            by_pose.fixed_columns_mut::<3>(0).copy_from(&(slope * HeadPose::rotation_slope(&turned)));
+            by_pose.set_column(3, &by_size);
+            by_pose.fixed_columns_mut::<2>(4).fill_with_identity();
+            system.pull(&by_pose, &by_point, along, residual * weight);
+            if matrix.is_due() {
+                let root = weight.sqrt();
+                system.observe(&(by_pose * root), &(by_point * root), along);
             }
-            system.add(weight, residual);
         }
-        let step = system.step()?;
+        let step = system.step(matrix)?;
         let turn = Vector3::new(step[0], step[1], step[2]);
         let share = (LARGEST_TURN / turn.norm().max(LARGEST_TURN)).min(1.0);
         let step = step * share;

@@ -9,7 +9,7 @@ use nalgebra::{DVector, Point2, Vector3};
 use super::{
     HEAD_ES, HeadModel, HeadPose,
     observe::{OWN_MARKED, frontal, pose_of},
-    solve::{Directions, Limit, Seen, Solved, shape_with, solve},
+    solve::{Directions, Limit, Matrix, Seen, Solved, shape_with, solve},
 };
 use crate::{
     fit::{Correspondence, FitError, FittedWireframe, Fitter, mark_deviation},
@@ -72,7 +72,8 @@ impl Turned {
         let seen: Vec<Seen> = marks.iter().map(seen).collect();
         let identity = Directions::new(&model.identity, model.node_count());
         let start = Solved { pose: start, coefficients: DVector::zeros(model.identity.len()) };
-        let solved = solve(&model.mean, &identity, &seen, start, Limit { steps: 60, at_rest: 1e-4 })?;
+        let limit = Limit { steps: 60, at_rest: 1e-4 };
+        let solved = solve(&model.mean, &identity, &seen, start, limit, &mut Matrix::default())?;
         let [yaw, pitch, roll] = solved.pose.degrees();
         let share = ((yaw.abs() - TURNED[0]) / (TURNED[1] - TURNED[0])).clamp(0.0, 1.0);
         let shape = shape_with(&model.mean, &model.identity, &solved.coefficients);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use image::{DynamicImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
+use image::{DynamicImage, GrayImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
 
 use super::{
     DecodeError, SequenceError,
@@ -110,11 +110,17 @@ impl Iterator for ColourReader {
     }
 }
 
+/// A grey picture in colour: three equal channels. The conversion of `image` goes through floats for that.
+pub fn colour_of(image: &GrayImage) -> RgbImage {
+    let values = image.as_raw().iter().flat_map(|&v| [v; 3]).collect();
+    RgbImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
+}
+
 fn decode_colour(bytes: &[u8]) -> Result<RgbImage, DecodeError> {
     let image = decode(bytes, Wanted::Colour)?;
     match image {
         DynamicImage::ImageRgb8(image) => Ok(image),
-        DynamicImage::ImageLuma8(_) => Ok(image.into_rgb8()),
+        DynamicImage::ImageLuma8(image) => Ok(colour_of(&image)),
         DynamicImage::ImageLumaA8(_) | DynamicImage::ImageRgba8(_) => Ok(on_white(&image.into_rgba8())),
         DynamicImage::ImageLuma16(_) | DynamicImage::ImageRgb16(_) => Ok(narrow(&image.into_rgb16())),
         DynamicImage::ImageLumaA16(_) | DynamicImage::ImageRgba16(_) => {

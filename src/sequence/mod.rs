@@ -24,7 +24,7 @@ use crate::{
     dataset::{FrameFile, FrameSource},
 };
 
-pub use colour::{ColourReader, MAX_SIDE, read_colour, read_colour_frames};
+pub use colour::{ColourReader, MAX_SIDE, colour_of, read_colour, read_colour_frames};
 pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder, grey_of};
 pub use film::{FilmError, write_video};

@@ -3,6 +3,8 @@
 use image::{GrayImage, RgbImage};
 use nalgebra::Point2;
 
+use crate::sequence::colour_of;
+
 /// An image prepared for sub-pixel sampling: Catmull-Rom bicubic, which is exact on pixel centres and keeps edges crisp. Beyond the
 /// border the border's pixels go on.
 #[derive(Clone, Debug)]
@@ -38,7 +40,7 @@ impl Texture {
 
     /// The texture of a grey image: three equal channels.
     pub fn from_gray(image: &GrayImage) -> Self {
-        Self::new(&image::DynamicImage::ImageLuma8(image.clone()).to_rgb8())
+        Self::new(&colour_of(image))
     }
 
     /// Width and height, px.
@@ -94,7 +96,8 @@ fn catmull_rom(t: f32) -> [f32; 4] {
 
 /// A channel as a byte.
 pub fn byte(value: f32) -> u8 {
-    value.round().clamp(0.0, 255.0) as u8
+    // Of what is not negative the same as rounding, which is a call for older processors.
+    (value + 0.5).clamp(0.0, 255.0) as u8
 }
 
 /// Renders an image of a given size through any dense map: `source` says for every pixel of the result where in the texture it comes

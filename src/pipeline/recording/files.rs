@@ -17,7 +17,7 @@ use crate::{
     overlay::{png_bytes, thumbnail},
     pipeline::Workbench,
     segment::SegmentOptions,
-    sequence::{SequenceReader, content_blake3},
+    sequence::{SequenceReader, colour_of, content_blake3},
 };
 
 /// Version of the record of a recording.
@@ -239,7 +239,7 @@ fn segment_pictures(
                 continue;
             };
             let nodes = seen.nodes.expanded(1.0).nodes;
-            let plain = image::DynamicImage::ImageLuma8(frame.image().clone()).into_rgb8();
+            let plain = colour_of(frame.image());
             pictures.insert(frame.number(), thumbnail(&plain, &bench.wireframe, &nodes, PICTURE_HEIGHT));
         }
     }

@@ -77,8 +77,8 @@ const MAX_ITERATIONS: u32 = 4;
 /// two the robust weights swing.
 const REBUILT: u32 = 3;
 
-/// Correction in px that ends them.
-const STEP_PX: f64 = 0.005;
+/// The next step ends them when it is expected to be below this, px: steps shrink as the last two did.
+const STEP_PX: f64 = 0.01;
 
 /// A triangle whose area falls below this share of the neutral one is folded or turned away.
 const MIN_AREA_SHARE: f64 = 0.25;
@@ -237,6 +237,7 @@ impl Template {
         }
         let mut correction = vec![Vector2::zeros(); start.len()];
         let mut places = start.to_vec();
+        let mut last = 0.0;
         for iteration in 0..MAX_ITERATIONS {
             let with_matrix = iteration < REBUILT;
             self.room.ties.times(&correction, &mut self.room.pull);
@@ -255,9 +256,11 @@ impl Template {
             }
             correction.iter_mut().zip(&*pull).for_each(|(correction, step)| *correction += step);
             places.iter_mut().zip(start.iter().zip(&correction)).for_each(|(place, (start, c))| *place = start + c);
-            if pull.iter().all(|step| step.amax() < STEP_PX) {
+            let step = pull.iter().map(Vector2::amax).fold(0.0, f64::max);
+            if step < STEP_PX || step * step < STEP_PX * last {
                 break;
             }
+            last = step;
         }
         places
     }

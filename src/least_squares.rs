@@ -1,0 +1,93 @@
+//! Normal equations from the rows of a least-squares problem: most of what fits of heads and action units cost.
+
+use nalgebra::DMatrix;
+
+/// Numbers of a row that are multiplied at once.
+const LANES: usize = 4;
+
+/// Rows of one length, each filled up with zeros to whole blocks.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    size: usize,
+    blocks: usize,
+    cells: Vec<[f64; LANES]>,
+}
+
+impl Rows {
+    /// No rows yet, of `size` numbers each.
+    pub fn new(size: usize) -> Self {
+        Self { size, blocks: size.div_ceil(LANES), cells: Vec::new() }
+    }
+
+    /// Removes all rows, keeping the memory.
+    pub fn clear(&mut self) {
+        self.cells.clear();
+    }
+
+    /// Adds a row of zeros, for the caller to fill.
+    pub fn add(&mut self) -> &mut [f64] {
+        let first = self.cells.len();
+        self.cells.resize(first + self.blocks, [0.0; LANES]);
+        &mut self.cells[first..].as_flattened_mut()[..self.size]
+    }
+
+    /// The blocks of one place, row by row.
+    fn column(&self, place: usize) -> impl Iterator<Item = &[f64; LANES]> {
+        self.cells.get(place..).unwrap_or_default().iter().step_by(self.blocks.max(1))
+    }
+
+    /// Adds a row that is a mixture of others.
+    pub fn add_mixture<const N: usize>(&mut self, shares: [f64; N], rows: [&[f64]; N]) {
+        add_mixture(self.add(), shares, rows);
+    }
+
+    /// Adds `A'B` to the lower triangle of a matrix of their length; A are these rows, B as many others of the same length.
+    pub fn add_products(&self, others: &Self, to: &mut DMatrix<f64>) {
+        for (i, j) in (0..self.blocks).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            let mut sums = [[0.0; LANES]; LANES];
+            for (a, b) in self.column(i).zip(others.column(j)) {
+                for p in 0..LANES {
+                    for q in 0..LANES {
+                        sums[p][q] += a[p] * b[q];
+                    }
+                }
+            }
+            for (p, q) in (0..LANES).flat_map(|p| (0..LANES).map(move |q| (p, q))) {
+                let at = (LANES * i + p, LANES * j + q);
+                if at.1 <= at.0 && at.0 < self.size {
+                    to[at] += sums[p][q];
+                }
+            }
+        }
+    }
+}
+
+/// Adds a mixture of rows to one.
+pub fn add_mixture<const N: usize>(to: &mut [f64], shares: [f64; N], rows: [&[f64]; N]) {
+    for (share, row) in shares.into_iter().zip(rows) {
+        to.iter_mut().zip(row).for_each(|(to, value)| *to += share * value);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_are_those_of_the_matrices() {
+        // Five columns: more than one block and not two whole ones.
+        let value = |r: usize, c: usize| ((3 * r + 7 * c) % 11) as f64 - 4.0;
+        let (mut a, mut b) = (Rows::new(5), Rows::new(5));
+        for r in 0..3 {
+            for (rows, from) in [(&mut a, r), (&mut b, r + 3)] {
+                rows.add().iter_mut().enumerate().for_each(|(c, cell)| *cell = value(from, c));
+            }
+        }
+        let mut found = DMatrix::identity(5, 5);
+        a.add_products(&b, &mut found);
+        let [a, b] = [0, 3].map(|from| DMatrix::from_fn(3, 5, |r, c| value(r + from, c)));
+        let expected = a.transpose() * b + DMatrix::identity(5, 5);
+        assert_eq!(found.lower_triangle(), expected.lower_triangle());
+        assert_eq!(found.upper_triangle() - DMatrix::from_diagonal(&found.diagonal()), DMatrix::zeros(5, 5));
+    }
+}
