@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{CloneError, SourceMotion, Target};
 use crate::{
-    geometry::polygon::inside_depth,
-    warp::{MouthInside, Placement, Texture, smooth_step},
+    geometry::polygon::{self, inside_depth},
+    warp::{MouthInside, Placement, Texture, byte, smooth_step},
 };
 
 /// What shows between open lips.
@@ -184,7 +184,7 @@ impl Details {
                     log *= 1.0 - smooth_step(SHINE.0, SHINE.1, f64::from(above)) as f32;
                 }
                 let factor = (LOG_LIMIT * (log / LOG_LIMIT).tanh() * share * strength).exp();
-                pixel.0 = pixel.0.map(|c| (f32::from(c) * factor).round().clamp(0.0, 255.0) as u8);
+                pixel.0 = pixel.0.map(|c| byte(f32::from(c) * factor));
             }
         }
         Texture::new(&picture)
@@ -195,7 +195,7 @@ impl Details {
         self.open[frame].then(|| {
             let mut picture = self.frames[frame].clone();
             if self.light != 1.0 {
-                picture.pixels_mut().for_each(|p| p.0 = p.0.map(|c| (f32::from(c) * self.light).round().min(255.0) as u8));
+                picture.pixels_mut().for_each(|p| p.0 = p.0.map(|c| byte(f32::from(c) * self.light)));
             }
             (Texture::new(&picture), &self.placements[frame])
         })
@@ -283,8 +283,8 @@ pub(super) fn mask_of(nodes: &[Point2<f64>], unit: f64, (width, height): (u32, u
     let mut mask = vec![0.0; width as usize * height as usize];
     for (k, value) in mask.iter_mut().enumerate() {
         let point = Point2::new(f64::from(k as u32 % width), f64::from(k as u32 / width));
-        let depth = inside_depth(&outline, &point);
-        if depth > 0.0 {
+        if polygon::inside(&outline, &point) {
+            let depth = inside_depth(&outline, &point);
             let eye = eyes.iter().map(|eye| inside_depth(eye, &point)).fold(f64::NEG_INFINITY, f64::max);
             let border = (depth / (FADE * unit)).min(1.0);
             let off_eye = (-eye / (0.06 * unit)).clamp(0.0, 1.0);

@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     geometry::polygon::inside_depth,
-    warp::{Texture, Warp},
+    warp::{Texture, Warp, byte},
     wireframe::Wireframe,
 };
 
@@ -288,7 +288,7 @@ impl ClonedSkin {
             for (pixel, &level) in picture.pixels_mut().zip(&self.levels) {
                 if level != NO_CHANGE {
                     let factor = factors[usize::from(level)];
-                    pixel.0 = pixel.0.map(|c| (f32::from(c) * factor).round().clamp(0.0, 255.0) as u8);
+                    pixel.0 = pixel.0.map(|c| byte(f32::from(c) * factor));
                 }
             }
             Texture::new(&picture)

@@ -25,15 +25,19 @@ pub fn distance_to_line(line: &[Point2<f64>], point: &Point2<f64>) -> f64 {
 
 /// Distance of a point to a segment.
 pub fn distance_to_segment(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>) -> f64 {
+    squared_distance(a, b, point).sqrt()
+}
+
+fn squared_distance(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>) -> f64 {
     let (edge, to) = (b - a, point - a);
     let along = (to.dot(&edge) / edge.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    (to - edge * along).norm()
+    (to - edge * along).norm_squared()
 }
 
 /// Distance of a point from a closed polygon's border, positive inside.
 pub fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     let ends = polygon.iter().zip(polygon.iter().cycle().skip(1));
-    let nearest = ends.map(|(a, b)| distance_to_segment(a, b, point)).fold(f64::INFINITY, f64::min);
+    let nearest = ends.map(|(a, b)| squared_distance(a, b, point)).fold(f64::INFINITY, f64::min).sqrt();
     if inside(polygon, point) { nearest } else { -nearest }
 }
 

@@ -65,6 +65,7 @@ pub(crate) use openings::smooth_step;
 pub use render::MouthInside;
 pub use rig::{RigOpening, teeth_picture};
 pub use sample::Texture;
+pub(crate) use sample::byte;
 
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
 /// pixel, and where lips close a sliver may turn.
