@@ -12,10 +12,11 @@ use super::{
 use crate::{
     fit::{Correspondence, FitError, FittedWireframe, Fitter, validate_correspondences},
     geometry::Similarity,
+    model::FrameExpressionModel,
     normalize::stable_nodes,
     sequence::MAX_SIDE,
     units::NodeId,
-    warp::{NODE_COUNT, Texture, Warp},
+    warp::{NODE_COUNT, Texture, Warp, placed_lids, smooth_step},
     wireframe::{Face, Fapus},
 };
 
@@ -58,6 +59,11 @@ pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 const LID_LIMIT: f64 = 2.0;
 /// Most that the lower lip beside its middle opens, over the middle.
 const LIP_ROUND: f64 = 0.97;
+/// Least and most that a lid goes beside its middle, over the middle's way, and how far the two sides may differ from their mean.
+const LID_SHARES: (f64, f64) = (0.45, 1.0);
+const LID_SKEW: f64 = 0.35;
+/// Distance of the lips over the eye distance at which the lower lip begins to lose its bow, and at which it has none.
+const PARTED: (f64, f64) = (0.06, 0.20);
 /// One half of the face wider than the other by more than this is a face turned away.
 const MAX_HALF_RATIO: f64 = 1.9;
 /// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
@@ -130,11 +136,15 @@ impl Target {
     ///
     /// # Errors
     /// As [`Target::new`].
-    pub fn from_fit(name: &str, picture: RgbImage, fitted: FittedWireframe, face: &Face) -> Result<Self, CloneError> {
-        let nodes = fitted.model.nodes();
-        if nodes.len() != NODE_COUNT {
-            return Err(CloneError::Topology { what: name.to_owned(), found: nodes.len(), expected: NODE_COUNT });
+    pub fn from_fit(name: &str, picture: RgbImage, mut fitted: FittedWireframe, face: &Face) -> Result<Self, CloneError> {
+        let found = fitted.model.nodes().len();
+        if found != NODE_COUNT {
+            return Err(CloneError::Topology { what: name.to_owned(), found, expected: NODE_COUNT });
         }
+        let texture = Texture::new(&picture);
+        let by_hand = |n: u16| fitted.correspondences.iter().any(|c| c.node.0 == n && c.expected_error.is_none());
+        fitted.model = FrameExpressionModel::new(placed_lids(fitted.model.nodes(), &texture, by_hand));
+        let nodes = fitted.model.nodes();
         let stable = stable_nodes(&face.tables, nodes.len());
         let frontal = face.wireframe.frontal();
         let pick = |points: &[Point2<f64>]| stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
@@ -148,7 +158,6 @@ impl Target {
         if fapus.es < LEAST_EYE_DISTANCE {
             return Err(CloneError::TooSmall { eye_distance: fapus.es, least: LEAST_EYE_DISTANCE });
         }
-        let texture = Texture::new(&picture);
         let warp = Warp::new(nodes)?.with_eyes(&texture);
         let lid_gaps = lid_gaps(&upright);
         Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
@@ -229,7 +238,12 @@ impl Target {
                 p + Vector2::new(up.x, -up.y)
             })
             .collect();
-        self.round_lower_lip(&mut nodes);
+        let down = self.warp.down();
+        // The further lips part, the less is left of their bow.
+        let parted = (nodes[40] - nodes[87]).dot(&down) / self.warp.eye_distance();
+        self.round_lip(&mut nodes, 40, [83, 84], down, smooth_step(PARTED.0, PARTED.1, parted));
+        self.round_lip(&mut nodes, 87, [81, 82], -down, 0.0);
+        self.arch_lids(&mut nodes);
         if head && let Some((_, first)) = source.frames.first() {
             let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
             if let Ok(target_from_source) = Similarity::fit(&pick(first), &pick(neutral), None) {
@@ -242,19 +256,28 @@ impl Target {
 }
 
 impl Target {
-    /// Makes the lower lip open round: seen from the corners, the points beside the middle go down at least as far as on a parabola
-    /// through the middle, and at most nearly as far as the middle. A median over people, and a tracker on lips that part, may leave a
-    /// notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the target's has another share. The
-    /// change is the least in squares.
-    fn round_lower_lip(&self, nodes: &mut [Point2<f64>]) {
-        let down = self.warp.down();
+    /// Makes the lips open round: seen from the corners, the points of a lip beside its middle go away from the other lip at least as far as
+    /// on a parabola through the middle, and at most nearly as far as the middle. A median over people, and a tracker on lips that part,
+    /// may leave a notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the target's has another
+    /// share. Of the bow that the closed lip has, a share of `flat` is taken away. The change is the least in squares.
+    fn round_lip(
+        &self,
+        nodes: &mut [Point2<f64>],
+        middle_node: usize,
+        beside_nodes: [usize; 2],
+        outwards: Vector2<f64>,
+        flat: f64,
+    ) {
         let neutral = self.fitted.model.nodes();
-        let moved = |n: usize| (nodes[n] - neutral[n]).dot(&down);
+        let line = nalgebra::center(&neutral[88], &neutral[89]);
+        let moved = |n: usize| (nodes[n] - neutral[n]).dot(&outwards) + flat * (neutral[n] - line).dot(&outwards);
         let corners = f64::midpoint(moved(88), moved(89));
-        let (middle, beside) = (moved(40) - corners, f64::midpoint(moved(83), moved(84)) - corners);
+        let beside = f64::midpoint(moved(beside_nodes[0]), moved(beside_nodes[1])) - corners;
+        let middle = moved(middle_node) - corners;
         // Where they are between the middle (0) and the corners (1).
         let width = (neutral[88] - neutral[89]).norm();
-        let place = if width > 0.0 { ((neutral[83] - neutral[84]).norm() / width).min(1.0) } else { 0.5 };
+        let place =
+            if width > 0.0 { ((neutral[beside_nodes[0]] - neutral[beside_nodes[1]]).norm() / width).min(1.0) } else { 0.5 };
         let least = (1.0 - place * place).min(LIP_ROUND);
         let share = if middle > 0.0 && beside < least * middle {
             least
@@ -264,9 +287,38 @@ impl Target {
             return;
         };
         let round = (middle + 2.0 * share * beside) / (1.0 + 2.0 * share * share);
-        nodes[40] += down * (round - middle);
-        for n in [83, 84] {
-            nodes[n] += down * (share * round - beside);
+        nodes[middle_node] += outwards * (round - middle);
+        for n in beside_nodes {
+            nodes[n] += outwards * (share * round - beside);
+        }
+    }
+
+    /// Makes lids rise and fall as arches: beyond what the corners do, the places beside the middle of a lid go the share of the middle's
+    /// way that the eye is open there on the photograph, one side more than the other by what the source says. A median over people, and
+    /// a tracker between lashes, leave a peak or a dent above the iris. The middle, MPEG-4's feature point, goes where it was asked to.
+    fn arch_lids(&self, nodes: &mut [Point2<f64>]) {
+        let down = self.warp.down();
+        let neutral = self.fitted.model.nodes();
+        for (pairs, [outer, inner]) in LID_PAIRS.chunks_exact(3).zip([[20, 23], [53, 56]]) {
+            let open: [f64; 3] = std::array::from_fn(|k| (neutral[pairs[k].1] - neutral[pairs[k].0]).dot(&down));
+            if !(open[1] > 0.0) {
+                continue;
+            }
+            let chord = neutral[inner] - neutral[outer];
+            let lid = |k: usize, upper: bool| if upper { pairs[k].0 } else { pairs[k].1 };
+            for upper in [true, false] {
+                let moved: [f64; 3] = std::array::from_fn(|k| {
+                    let node = lid(k, upper);
+                    let along = ((neutral[node] - neutral[outer]).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+                    let corner = |n: usize| (nodes[n] - neutral[n]).dot(&down);
+                    (nodes[node] - neutral[node]).dot(&down) - corner(outer) * (1.0 - along) - corner(inner) * along
+                });
+                let shares = [0, 2].map(|k: usize| (open[k] / open[1]).clamp(LID_SHARES.0, LID_SHARES.1));
+                let skew = (moved[0] / shares[0] - moved[2] / shares[1]) / 2.0;
+                let skew = skew.clamp(-LID_SKEW * moved[1].abs(), LID_SKEW * moved[1].abs());
+                nodes[lid(0, upper)] += down * (shares[0] * (moved[1] + skew) - moved[0]);
+                nodes[lid(2, upper)] += down * (shares[1] * (moved[1] - skew) - moved[2]);
+            }
         }
     }
 }

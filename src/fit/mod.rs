@@ -283,7 +283,7 @@ impl Fitter {
         let may_be_off = |m: &Correspondence| m.expected_error.map_or(0.0, |e| WITHIN_ERRORS * e / eye_distance);
         let strays = strays.iter().filter(|s| s.distance > may_be_off(&marks[s.index]));
         let warned = strays.map(|s| doubtful(&marks[s.index], s.distance)).collect();
-        let (nodes, warnings) = match unfold(&self.springs, wireframe, &rest, &targets, &nodes, &view)? {
+        let (nodes, warnings) = match unfold(&self.springs, wireframe, &rest, &targets, &nodes, &view, eye_distance)? {
             Some(unfolded) => choose(marks, nodes, unfolded, eye_distance, warned)?,
             None => (nodes, warned),
         };

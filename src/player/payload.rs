@@ -228,6 +228,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "lids": target.lid_gaps().map(|gap| gap * scale),
         "lip": rig.lip,
         "enamel": rig.enamel,
+        "teethSize": rig.teeth_size,
     }))
 }
 

@@ -28,6 +28,10 @@ const SAME_PLACE: f64 = 0.008;
 const MARGIN: (f64, f64) = (0.45, 0.75);
 /// Outer share of the margin that is fixed, so that the motion ends without a crease.
 const FIXED_FROM: f64 = 0.82;
+/// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
+const ARCH: f64 = 0.7;
+/// Height of the band of lashes above an upper lid's margin, over the eye distance.
+const LASH_BAND: f64 = 0.03;
 /// Vertices of the outermost ring.
 const RING: usize = 72;
 /// Places of the vertices on the eyeball, as shares of the way from the upper to the lower lid margin.
@@ -116,7 +120,16 @@ impl Mesh {
             }
         }
         drivers.dedup_by_key(|d| d.1);
-        let tied = lid_skin(reference, &drivers, &mut gathered);
+        let mut tied = lid_skin(reference, &drivers, &mut gathered);
+        for (nodes, opening) in OPENINGS.iter().zip(&openings) {
+            for (list, edge) in [(nodes.upper, &opening.upper), (nodes.lower, &opening.lower)] {
+                let followers = edge_followers(list, edge, opening.stops, &gathered.points, &drivers);
+                if opening.opening != Opening::Mouth && edge == &opening.upper {
+                    tied.extend(lash_band(&followers, frame, &mut gathered));
+                }
+                tied.extend(followers.into_iter().filter(|f| !f.1.is_empty() && drivers.iter().all(|d| d.1 != f.0)));
+            }
+        }
         let hull = convex_hull(drivers.iter().map(|&(n, _)| reference[n.index()]).collect());
         let middle = Point2::from(hull.iter().map(|p| p.coords).sum::<nalgebra::Vector2<f64>>() / hull.len().max(1) as f64);
         let margin = |point: &Point2<f64>| {
@@ -161,6 +174,70 @@ fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut
     }
     let triangles = strips(&upper, &below, &eyeball);
     OpeningMesh { opening: nodes.opening, upper, lower: below, eyeball, stops, triangles }
+}
+
+/// Vertices of an edge between its corners: the skin around would draw them into straight pieces with a corner at every node, while lips
+/// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
+/// and that share follows an arch over the corners.
+fn edge_followers(
+    nodes: [u16; 5],
+    edge: &[u32],
+    stops: [usize; 5],
+    points: &[Point2<f64>],
+    drivers: &[(NodeId, u32)],
+) -> Vec<(u32, Vec<(usize, f64)>)> {
+    let at = |k: usize| points[edge[k] as usize];
+    let chord = at(stops[4]) - at(stops[0]);
+    let place = |k: usize| ((at(k) - at(stops[0])).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+    let places = stops.map(place);
+    let drives: Option<Vec<usize>> = nodes.iter().map(|&n| drivers.iter().position(|d| d.0.0 == n)).collect();
+    let ascends = places.windows(2).all(|w| w[0] < w[1]);
+    let (Some(drives), true) = (drives, ascends) else { return Vec::new() };
+    let follower = |k: usize| {
+        let shares = arch_shares(places, place(k));
+        (edge[k], drives.iter().copied().zip(shares).collect())
+    };
+    (1..edge.len() - 1).map(follower).collect()
+}
+
+/// Vertices above an upper lid's margin that go with it: lashes and the skin that they grow from do not stretch when a brow rises.
+fn lash_band(margin: &[(u32, Vec<(usize, f64)>)], frame: &Frame, gathered: &mut Gathered) -> Vec<(u32, Vec<(usize, f64)>)> {
+    let unit = gathered.eye_distance;
+    let up = frame.down.into_inner() * (-LASH_BAND * unit);
+    let mut band = Vec::new();
+    for (vertex, shares) in margin {
+        let point = gathered.points[*vertex as usize] + up;
+        if gathered.nearest(&point) > 0.5 * LASH_BAND * unit {
+            band.push((gathered.add(point), shares.clone()));
+        }
+    }
+    band
+}
+
+/// Shares of five nodes, the first and last of which are corners, in the motion of a place on their arch.
+fn arch_shares(places: [f64; 5], at: f64) -> [f64; 5] {
+    let arch = |u: f64| (4.0 * u * (1.0 - u)).max(0.0).powf(ARCH);
+    // Between the inner nodes a cubic with the slope of its neighbours at the middle one, flat at the others and beyond them.
+    let [_, a, b, c, _] = places;
+    let slope = 1.0 / (c - a);
+    let hermite = |t: f64| (2.0 * t * t * t - 3.0 * t * t + 1.0, t * t * t - 2.0 * t * t + t, t * t * t - t * t);
+    let inner = if at <= a {
+        [1.0, 0.0, 0.0]
+    } else if at <= b {
+        let (from, _, bend) = hermite((at - a) / (b - a));
+        let bend = bend * (b - a) * slope;
+        [from - bend, 1.0 - from, bend]
+    } else if at <= c {
+        let (from, bend, _) = hermite((at - b) / (c - b));
+        let bend = bend * (c - b) * slope;
+        [-bend, from, 1.0 - from + bend]
+    } else {
+        [0.0, 0.0, 1.0]
+    };
+    let whole = arch(at);
+    let inner: [f64; 3] = std::array::from_fn(|k| inner[k] * whole / arch(places[k + 1]));
+    let corner = |own: fn(f64) -> f64| own(at) - (0..3).map(|k| inner[k] * own(places[k + 1])).sum::<f64>();
+    [corner(|u| 1.0 - u), inner[0], inner[1], inner[2], corner(|u| u)]
 }
 
 /// Vertices between brow and upper lid. A lid that shuts unfolds the skin below its crease; the skin above, and the brow, stay.

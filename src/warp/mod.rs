@@ -40,6 +40,7 @@ mod field;
 mod folds;
 mod layer;
 mod layout;
+mod lids;
 mod mesh;
 mod motion;
 mod mouth;
@@ -60,6 +61,7 @@ use self::{
 use crate::geometry::Similarity;
 
 pub use layout::{NODE_COUNT, Opening};
+pub(crate) use lids::placed_lids;
 pub use mesh::convex_hull;
 pub(crate) use openings::smooth_step;
 pub use render::MouthInside;

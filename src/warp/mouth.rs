@@ -22,8 +22,8 @@ pub const TEETH_ORIGIN: (f64, f64) = (110.17, 44.5);
 /// Its level of a tooth as bright as the brightest of the mouth it is from.
 pub const TEETH_WHITE: f32 = 200.0;
 
-/// How far the upper incisors reach below the closed lips, over the eye distance (2 mm of a mean 63 mm between the pupils).
-const UPPER_BELOW_LIPS: f64 = 0.032;
+/// How far the upper incisors reach below the closed lips, over the eye distance (2.8 mm of a mean 63 mm between the pupils).
+const UPPER_BELOW_LIPS: f64 = 0.045;
 /// The same for the edge of the lower ones, which bite behind them.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
@@ -32,6 +32,13 @@ const LOWER_SIZE: (f64, f64) = (0.70, 0.75);
 const LOWER_ABOVE_LIP: f64 = 0.022;
 /// Share of the chin's way that the lower incisors go: they are nearer to the joint of the jaw.
 const LOWER_SHARE: f64 = 0.88;
+/// Widest zone along a lip that is still its own wet colour, over the eye distance, and its largest share of the gap.
+const WET: (f64, f64) = (0.034, 0.42);
+/// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
+const MOUTH: (f64, f64) = (0.62, 0.6);
+const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
+/// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
+const SEALED: f64 = 0.12;
 /// Height of what a raised lip bares above the teeth, over the eye distance.
 const GUM_ABOVE: f64 = 0.118;
 
@@ -60,6 +67,8 @@ struct Interior<'a> {
     gap: f64,
     lip: [f32; 3],
     enamel: [f32; 3],
+    /// Size of the teeth over that of the picture's.
+    size: f64,
     teeth: Option<&'a Rgba32FImage>,
 }
 
@@ -126,6 +135,7 @@ impl<'a> Interior<'a> {
             gap: gap_px / unit,
             lip: lip_colour(warp, texture),
             enamel: enamel(warp, texture),
+            size: teeth_size(warp),
             teeth: match arches {
                 Arches::Shown => teeth(),
                 Arches::Hidden => None,
@@ -145,17 +155,20 @@ impl<'a> Interior<'a> {
         let open = smooth_step(0.02, 0.40, self.gap);
         let side = smooth_step(0.0, 0.20, from_corner);
         let depth = (below_upper / (lower - upper).max(1e-6)).clamp(0.0, 1.0);
-        let mut colour = self.tinted([1.0, 0.60, 0.57], 0.12 + (0.14 + 0.16 * depth) * open * side);
+        let mut colour = self.tinted([1.0, 0.60, 0.57], 0.20 + (0.16 * depth - 0.02) * open * side);
         self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
-        let shadow = (0.62 + 0.38 * smooth_step(0.0, 0.05, below_upper)) * (0.80 + 0.20 * smooth_step(0.0, 0.025, above_lower));
-        let width = 0.022_f64.min(0.35 * (lower - upper).max(0.0)).max(1e-6);
-        let round = (1.0 - smooth_step(0.0, width, below_upper)).max(1.0 - smooth_step(0.0, 1.2 * width, above_lower));
+        let shadow = (0.58 + 0.42 * smooth_step(0.0, 0.06, below_upper)) * (0.75 + 0.25 * smooth_step(0.0, 0.03, above_lower));
+        let width = WET.0.min(WET.1 * (lower - upper).max(0.0)).max(1e-6);
+        let round = (1.0 - smooth_step(0.0, width, below_upper)).max(1.0 - smooth_step(0.0, width, above_lower));
+        let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
+        let crease = lip.map(|c| 0.42 * c);
         std::array::from_fn(|c| {
             let wet = lip[c] * [0.74, 0.60, 0.60][c];
             let inside = colour[c] * shadow as f32;
-            inside + (wet - inside) * (0.8 * round) as f32
+            let inside = inside + (crease[c] - inside) * (0.8 * sealed) as f32;
+            inside + (wet - inside) * (0.85 * round) as f32
         })
     }
 
@@ -175,12 +188,12 @@ impl<'a> Interior<'a> {
             return;
         }
         let floor = line_at(&self.lower, 0.0).unwrap_or(lower);
-        let height = 0.50 * self.gap * within.sqrt();
+        let height = 0.56 * self.gap * within.sqrt();
         let top = floor - height;
-        let cover = smooth_step(-0.012, 0.022, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
+        let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
         let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
-        let light = (0.40 + 0.42 * towards_tip) * (0.60 + 0.40 * open) * groove * (0.7 + 0.3 * within);
+        let light = (0.40 + 0.56 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
         let tongue = self.tinted([1.0, 0.84, 0.83], light);
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
@@ -191,7 +204,7 @@ impl<'a> Interior<'a> {
         // Lost in the dark of the cheeks towards the corners.
         let side = 0.25 + 0.75 * smooth_step(0.0, 0.16, from_corner);
         let row = |dx: f64, dy: f64, brightness: f64, colour: &mut [f32; 3]| {
-            let Some((tooth, cover)) = sampled(picture, dx, dy) else { return };
+            let Some((tooth, cover)) = sampled(picture, dx / self.size, dy / self.size) else { return };
             let cover = cover * smooth_step(0.0, 0.035, from_corner) as f32;
             for c in 0..3 {
                 let lit = tooth[c] / TEETH_WHITE * self.enamel[c] * (brightness * side) as f32;
@@ -271,6 +284,12 @@ fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)> {
 /// Brightness of a colour.
 pub fn luma([r, g, b]: [f32; 3]) -> f32 {
     0.3 * r + 0.59 * g + 0.11 * b
+}
+
+/// Size of the teeth over that of the picture's: a wide mouth has larger ones, which keeps them from being alike on everybody.
+pub fn teeth_size(warp: &Warp) -> f64 {
+    let width = (warp.nodes[88] - warp.nodes[89]).norm() / warp.frame.eye_distance;
+    (width / MOUTH.0).powf(MOUTH.1).clamp(TEETH_SIZES.0, TEETH_SIZES.1)
 }
 
 /// Colour of the lower lip.

@@ -35,6 +35,8 @@ pub struct Rig {
     pub lip: [f32; 3],
     /// Colour of teeth in the light of the photograph, levels.
     pub enamel: [f32; 3],
+    /// Size of the teeth over that of the picture's.
+    pub teeth_size: f64,
 }
 
 /// An opening of the face.
@@ -103,6 +105,7 @@ impl Warp {
             down: self.frame.down.into_inner(),
             lip: mouth::lip_colour(self, texture),
             enamel: mouth::enamel(self, texture),
+            teeth_size: mouth::teeth_size(self),
         }
     }
 }

@@ -37,13 +37,13 @@ void main() {
   float fromCorner = min(x - ends.x, ends.y - x);
   float open = smoothstep(0.02, 0.40, gap), side = smoothstep(0.0, 0.20, fromCorner);
   float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
-  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), 0.12 + (0.14 + 0.16 * depth) * open * side);
+  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), 0.20 + (0.16 * depth - 0.02) * open * side);
   float across = x / max(0.42 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
-    float height = 0.50 * gap * sqrt(within), top = floorY - height;
-    float cover = smoothstep(-0.012, 0.022, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
+    float height = 0.56 * gap * sqrt(within), top = floorY - height;
+    float cover = smoothstep(-0.015, 0.05, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
     float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.10 * exp(-(x / 0.022) * (x / 0.022)) * tip;
-    float light = (0.40 + 0.42 * tip) * (0.60 + 0.40 * open) * groove * (0.7 + 0.3 * within);
+    float light = (0.40 + 0.56 * tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
     colour = mix(colour, tinted(vec3(1.0, 0.84, 0.83), light), cover);
   }
   if (shown > 0.5) {
@@ -54,19 +54,21 @@ void main() {
       float light = (0.62 + 0.16 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
       colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, lit, fromCorner, colour), part);
     }
-    float upperY = y - 0.032;
+    float upperY = y - 0.045;
     float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * lit), gum);
     float light = 0.72 + 0.28 * smoothstep(0.0, 0.06, belowUpper);
     colour = mix(colour, row(vec2(x, upperY), light, lit, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
-  float shadow = (0.62 + 0.38 * smoothstep(0.0, 0.05, belowUpper)) * (0.80 + 0.20 * smoothstep(0.0, 0.025, aboveLower));
-  float width = max(min(0.022, 0.35 * max(lower - upper, 0.0)), 1e-6);
-  float round = max(1.0 - smoothstep(0.0, width, belowUpper), 1.0 - smoothstep(0.0, 1.2 * width, aboveLower));
+  float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
+  float width = max(min(0.034, 0.42 * max(lower - upper, 0.0)), 1e-6);
+  float round = max(1.0 - smoothstep(0.0, width, belowUpper), 1.0 - smoothstep(0.0, width, aboveLower));
   // A gap as narrow as a line is lip, not cavity.
   round = max(round, 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
-  gl_FragColor = vec4(mix(colour * shadow, near * vec3(0.74, 0.60, 0.60), 0.8 * round), 1.0);
+  float sealed = 1.0 - smoothstep(0.0, 0.12 * (1.0 - 0.7 * open), fromCorner);
+  vec3 inside = mix(colour * shadow, near * 0.42, 0.8 * sealed);
+  gl_FragColor = vec4(mix(inside, near * vec3(0.74, 0.60, 0.60), 0.85 * round), 1.0);
 }`;
 const LASH_VERTEX = `
 attribute vec2 at; attribute vec2 place; uniform vec2 size; varying vec2 p;
@@ -288,7 +290,7 @@ class GlStage {
     this.uniform(mouth, "ends", ...m.ends);
     this.uniform(mouth, "teethSize", this.teeth.image.naturalWidth, this.teeth.image.naturalHeight);
     this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
-    for (const [name, value] of [["teethScale", this.teeth.scale], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["floorY", m.floor], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
+    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["floorY", m.floor], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.teethTexture);
     gl.uniform1i(mouth.at("teeth")[1], 1);

@@ -1,6 +1,6 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
-const LID_LIMIT = 2, LIP_ROUND = 0.97, BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
+const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_SKEW = 0.35, LIP_ROUND = 0.97, PARTED = [0.06, 0.2], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
 const MAX_GAZE = 0.12, SHUT = 1e-4, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
@@ -70,7 +70,10 @@ class Rig {
         at[k + 1] -= sin * x + cos * y;
       }
     }
-    this.roundLowerLip(at);
+    const parted = smoothStep(...PARTED, (this.level(at, 40) - this.level(at, 87)) / this.unit);
+    this.roundLip(at, 40, [83, 84], 1, parted);
+    this.roundLip(at, 87, [81, 82], -1, 0);
+    this.archLids(at);
     for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
     this.keepBrows(wanted);
     this.separate(wanted);
@@ -81,21 +84,49 @@ class Rig {
     }
     return this.moved;
   }
-  roundLowerLip(at) {
+  /** Lips open round: `sign` 1 for the lower one, -1 for the upper one; `flat` is how much of the closed lip's bow is taken away. */
+  roundLip(at, centre, sides, sign, flat) {
     const { given } = this;
-    const moved = (n) => this.level(at, n) - this.level(given, n);
+    const line = (this.level(given, 88) + this.level(given, 89)) / 2;
+    const moved = (n) => sign * (this.level(at, n) - this.level(given, n) + flat * (this.level(given, n) - line));
     const corners = (moved(88) + moved(89)) / 2;
-    const middle = moved(40) - corners, beside = (moved(83) + moved(84)) / 2 - corners;
+    const middle = moved(centre) - corners, beside = (moved(sides[0]) + moved(sides[1])) / 2 - corners;
     const apart = (a, b) => Math.hypot(given[2 * a] - given[2 * b], given[2 * a + 1] - given[2 * b + 1]);
-    const width = apart(88, 89), place = width > 0 ? Math.min(apart(83, 84) / width, 1) : 0.5;
+    const width = apart(88, 89), place = width > 0 ? Math.min(apart(...sides) / width, 1) : 0.5;
     const least = Math.min(1 - place * place, LIP_ROUND);
     let share;
     if (middle > 0 && beside < least * middle) share = least;
     else if (beside > 0 && beside > LIP_ROUND * middle) share = LIP_ROUND;
     else return;
     const round = (middle + 2 * share * beside) / (1 + 2 * share * share);
-    this.shift(at, 40, round - middle);
-    for (const n of [83, 84]) this.shift(at, n, share * round - beside);
+    this.shift(at, centre, sign * (round - middle));
+    for (const n of sides) this.shift(at, n, sign * (share * round - beside));
+  }
+  /** Lids rise and fall as arches: beside its middle a lid goes as far as the eye is open there. */
+  archLids(at) {
+    const { given } = this;
+    const moved = (n) => this.level(at, n) - this.level(given, n);
+    for (const { iris, upperNodes, lowerNodes } of this.openings) {
+      if (!iris.length) continue;
+      const open = [1, 2, 3].map((k) => this.level(given, lowerNodes[k]) - this.level(given, upperNodes[k]));
+      if (!(open[1] > 0)) continue;
+      const [outer, inner] = [upperNodes[0], upperNodes[4]];
+      const chord = [0, 1].map((axis) => given[2 * inner + axis] - given[2 * outer + axis]);
+      const length = Math.max(chord[0] ** 2 + chord[1] ** 2, 1e-12);
+      const shares = [open[0], open[2]].map((gap) => clamp(gap / open[1], ...LID_SHARES));
+      for (const nodes of [upperNodes, lowerNodes]) {
+        const beyond = [1, 2, 3].map((k) => {
+          const n = nodes[k];
+          const dot = chord[0] * (given[2 * n] - given[2 * outer]) + chord[1] * (given[2 * n + 1] - given[2 * outer + 1]);
+          const along = clamp(dot / length, 0, 1);
+          return moved(n) - moved(outer) * (1 - along) - moved(inner) * along;
+        });
+        const most = LID_SKEW * Math.abs(beyond[1]);
+        const skew = clamp((beyond[0] / shares[0] - beyond[2] / shares[1]) / 2, -most, most);
+        this.shift(at, nodes[1], shares[0] * (beyond[1] + skew) - beyond[0]);
+        this.shift(at, nodes[3], shares[1] * (beyond[1] - skew) - beyond[2]);
+      }
+    }
   }
   keepBrows(wanted) {
     for (const [upper, lower] of BROWS) {
