@@ -9,6 +9,9 @@ pub mod cli {
     pub mod bank {
         pub use crate::modules::cli::bank::open;
     }
+    pub mod portrait {
+        pub use crate::modules::cli::portrait::target;
+    }
     pub mod print {
         pub use crate::modules::cli::print::{error_line, line};
     }
@@ -21,7 +24,7 @@ pub mod cli {
 }
 pub mod clone {
     pub use crate::modules::clone::{
-        CloneError, CloneOptions, Details, Rescale, Sheet, SourceMotion, Target, clone_expression, encode_png,
+        CloneError, CloneOptions, ClonedSkin, Details, Rescale, Sheet, Skin, SourceMotion, Target, clone_expression, encode_png,
     };
 }
 #[cfg(feature = "columnar")]

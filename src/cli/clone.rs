@@ -81,9 +81,13 @@ struct MotionArgs {
     /// Seconds from neutral to apex; by default the source's, or 1 for a representative
     #[arg(long, value_parser = positive, value_name = "SECONDS")]
     duration: Option<f64>,
-    /// Course of the motion
-    #[arg(long, default_value = "linear", value_parser = words::<Ease>(&["linear", "in", "out", "in-out"]))]
-    ease: Ease,
+    /// Course of the motion; by default `natural` (a quick onset, then an apex that is held) for a representative, and `linear` for
+    /// a track and a FAP file, which have a course of their own
+    #[arg(long, value_parser = words::<Ease>(&["natural", "linear", "in", "out", "in-out"]))]
+    ease: Option<Ease>,
+    /// Blink: once as the expression begins, and then every few seconds
+    #[arg(long)]
+    blink: bool,
     /// Back to the neutral face at the end, so that the film repeats without a jump
     #[arg(long = "loop")]
     back: bool,
@@ -149,17 +153,12 @@ struct SourceSkin {
 
 /// The skin that goes with a source, if there is one.
 fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Workbench) -> anyhow::Result<Option<SourceSkin>> {
-    let beside =
-        |csv: &Path| csv.with_file_name(format!("{}{SKIN_SUFFIX}", csv.file_stem().unwrap_or_default().to_string_lossy()));
     let (path, representative) = match choice {
         SkinChoice::None => return Ok(None),
-        SkinChoice::Auto => {
-            let picture = beside(path);
-            if motion.kind != SourceKind::Model || !picture.is_file() {
-                return Ok(None);
-            }
-            (picture, motion.clone())
-        }
+        SkinChoice::Auto => match Skin::path_beside(path, motion.kind) {
+            Some(picture) => (picture, motion.clone()),
+            None => return Ok(None),
+        },
         SkinChoice::Of(csv) => {
             let representative = SourceMotion::read(csv, bench)?;
             anyhow::ensure!(
@@ -167,13 +166,13 @@ fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Work
                 "--skin {}: is no representative; give the .csv that `run` wrote, with its {SKIN_SUFFIX} beside it",
                 csv.display()
             );
-            let picture = beside(csv);
-            anyhow::ensure!(
-                picture.is_file(),
-                "{}: is not there; `run` writes it where at least {} people of a class have pictures that show folds",
-                picture.display(),
-                grimace::clone::LEAST_SKIN_PEOPLE
-            );
+            let picture = Skin::path_beside(csv, representative.kind).ok_or_else(|| {
+                anyhow::anyhow!(
+                    "{}: has no {SKIN_SUFFIX} beside it; `run` writes it where at least {} people of a class have pictures that show folds",
+                    csv.display(),
+                    grimace::clone::LEAST_SKIN_PEOPLE
+                )
+            })?;
             (picture, representative)
         }
     };
@@ -223,7 +222,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         head: args.motion.head,
         wrinkles: args.look.wrinkles.unwrap_or(0.0),
         teeth: args.look.teeth,
-        timing: Timing { fps: args.motion.fps, duration: args.motion.duration, ease: args.motion.ease, back: args.motion.back },
+        blink: args.motion.blink,
+        timing: Timing {
+            fps: args.motion.fps,
+            duration: args.motion.duration,
+            ease: args.motion.ease.unwrap_or_default(),
+            back: args.motion.back,
+        },
     };
     let pairs = args.source.len() * args.target.len();
     let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
@@ -364,6 +369,11 @@ fn cut_said(cut: &[CutFap]) -> Option<String> {
         .then(|| format!("skin would fold over, or lips or lids pass through each other: less is shown of FAP {list}"))
 }
 
+/// The course that was asked for, or the one that suits the source: five frames of a representative say nothing of time.
+fn args_ease(asked: Option<Ease>, kind: SourceKind) -> Ease {
+    asked.unwrap_or(if kind == SourceKind::Model { Ease::Natural } else { Ease::Linear })
+}
+
 /// One target in work.
 struct Job<'a> {
     args: &'a Args,
@@ -386,8 +396,10 @@ impl Job<'_> {
             Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
             None => None,
         };
+        let ease = args_ease(self.args.motion.ease, source.motion.kind);
+        let options = CloneOptions { timing: Timing { ease, ..self.options.timing }, ..*self.options };
         let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
-        let mut clone = clone_expression(&source.motion, target, details.as_ref(), self.options, self.bench)?;
+        let mut clone = clone_expression(&source.motion, target, details.as_ref(), &options, self.bench)?;
         if let Some(skin) = &skin {
             clone = clone.with_skin(skin, &source.motion)?;
         }
@@ -403,7 +415,7 @@ impl Job<'_> {
             target: file_name(self.target_path),
             target_blake3: file_blake3(self.target_path),
             correspondences_blake3: self.marks_path.and_then(file_blake3),
-            options: *self.options,
+            options,
             fps: clone.fps,
             frames: 0,
             faps_not_shown: Vec::new(),

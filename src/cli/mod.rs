@@ -26,7 +26,7 @@ mod learn_head_mesh;
 mod locate;
 mod package;
 mod play;
-mod portrait;
+pub mod portrait;
 pub mod print;
 mod prior;
 pub mod progress;

@@ -4,11 +4,11 @@ use image::RgbImage;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{CloneError, ClonedSkin, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail};
+use super::{CloneError, ClonedSkin, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail, source::LID_PAIRS};
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     units::Px,
-    warp::Deformation,
+    warp::{Deformation, smooth_step},
     wireframe::Face,
 };
 
@@ -32,6 +32,8 @@ pub struct CloneOptions {
     pub wrinkles: f64,
     /// What shows in an open mouth.
     pub teeth: Teeth,
+    /// Whether the target blinks: once as the motion begins, and then every few seconds.
+    pub blink: bool,
     /// Frame rate, length, course.
     pub timing: Timing,
 }
@@ -44,6 +46,7 @@ impl Default for CloneOptions {
             head: false,
             wrinkles: 0.0,
             teeth: Teeth::default(),
+            blink: false,
             timing: Timing::default(),
         }
     }
@@ -146,12 +149,41 @@ pub fn clone_expression<'a>(
     let (fps, moments) = options.timing.moments(source)?;
     let frames = moments
         .iter()
-        .map(|moment| {
-            let nodes = target.nodes_at(source, moment, options.rescale, options.emphasis, options.head, face);
+        .enumerate()
+        .map(|(k, moment)| {
+            let mut nodes = target.nodes_at(source, moment, options.rescale, options.emphasis, options.head, face);
+            if options.blink {
+                shut_lids(&mut nodes, blink(k as f64 / fps, (moments.len() - 1) as f64 / fps));
+            }
             Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, asked: nodes, skin: 0.0 })
         })
         .collect::<Result<_, CloneError>>()?;
     Ok(ClonedExpression { target, details, skin: None, options: *options, fps, frames })
+}
+
+/// Seconds from the start to the first blink, from one to the next, and of shutting and opening the lids: an opening takes twice as long.
+const BLINKS: (f64, f64) = (0.12, 3.5);
+const SHUTTING: (f64, f64) = (0.09, 0.19);
+
+/// How far the lids are shut by a blink, 0 to 1, at a time of a film of so many seconds; none that would not end in it.
+fn blink(time: f64, seconds: f64) -> f64 {
+    let number = ((time - BLINKS.0) / BLINKS.1).floor().max(0.0);
+    let start = BLINKS.0 + number * BLINKS.1;
+    let since = time - start;
+    if since <= 0.0 || start + SHUTTING.0 + SHUTTING.1 > seconds {
+        0.0
+    } else if since < SHUTTING.0 {
+        smooth_step(0.0, 1.0, since / SHUTTING.0)
+    } else {
+        1.0 - smooth_step(0.0, 1.0, (since - SHUTTING.0) / SHUTTING.1)
+    }
+}
+
+/// Brings the upper lids down to the lower ones by a share.
+fn shut_lids(nodes: &mut [Point2<f64>], share: f64) {
+    for (above, below) in LID_PAIRS {
+        nodes[above] = nodes[above] + (nodes[below] - nodes[above]) * share;
+    }
 }
 
 impl<'a> ClonedExpression<'a> {
@@ -214,5 +246,22 @@ impl ClonedExpression<'_> {
         let size = |f: &CloneFrame| f.deformation.nodes().iter().zip(neutral).map(|(p, n)| (p - n).norm()).sum::<f64>();
         let sizes: Vec<f64> = self.frames.iter().map(size).collect();
         (0..sizes.len()).fold(0, |best, k| if sizes[k] > sizes[best] { k } else { best })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blink_shuts_the_lids_and_ends_in_the_film() {
+        assert_eq!((blink(0.0, 1.0), blink(1.0, 1.0)), (0.0, 0.0));
+        assert!((blink(0.21, 1.0) - 1.0).abs() < 1e-9);
+        assert!((blink(0.12 + 3.5 + 0.09, 5.0) - 1.0).abs() < 1e-9);
+        // The second one would not end in this film.
+        assert_eq!(blink(0.12 + 3.5 + 0.09, 3.8), 0.0);
+        let mut nodes: Vec<Point2<f64>> = (0..113).map(|k| Point2::new(f64::from(k), 2.0 * f64::from(k))).collect();
+        shut_lids(&mut nodes, 1.0);
+        assert!(LID_PAIRS.iter().all(|&(above, below)| nodes[above] == nodes[below]));
     }
 }

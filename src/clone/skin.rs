@@ -7,13 +7,16 @@
 //! less sure it is. Slow changes (light, exposure) are taken out, and what is not skin, or lies elsewhere on every face (eyes, lips, brows,
 //! nostrils, hair), counts for nothing.
 
-use std::{io, path::Path};
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
 use image::{GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
 use nalgebra::{Point2, Vector2};
 
 use super::{
-    CloneError, SourceMotion, Target,
+    CloneError, SourceKind, SourceMotion, Target,
     detail::{self, smooth},
     timing::Moment,
 };
@@ -223,6 +226,13 @@ impl Skin {
         PngEncoder::new(writer)
             .write_image(self.picture().as_raw(), SIZE.0, SIZE.1, image::ExtendedColorType::L8)
             .map_err(io::Error::other)
+    }
+
+    /// Where the skin lies that belongs to a motion: beside a representative's table. `None` for other motions, and where there is none.
+    pub fn path_beside(source: &Path, kind: SourceKind) -> Option<PathBuf> {
+        let stem = source.file_stem()?.to_string_lossy();
+        let picture = source.with_file_name(format!("{stem}{SKIN_SUFFIX}"));
+        (kind == SourceKind::Model && picture.is_file()).then_some(picture)
     }
 
     /// Reads a picture that [`Skin::write`] wrote.

@@ -7,6 +7,8 @@ use super::{CloneError, SourceKind, SourceMotion};
 use crate::{
     geometry::Similarity,
     interpolation::{FPS, cubic, slopes},
+    warp::smooth_step,
+    wireframe::Wireframe,
 };
 
 /// Most frames of a clone.
@@ -35,7 +37,15 @@ pub enum Ease {
     Out,
     /// Both.
     InOut,
+    /// As faces do it: a quick onset, the upper face a little before the lower one, and an apex that is held and settles.
+    Natural,
 }
+
+/// Share of the time that the onset of a natural course takes, the share of the motion that it brings, and how far the lower face is
+/// behind the upper one.
+const ONSET: f64 = 0.62;
+const BROUGHT: f64 = 0.95;
+const BEHIND: f64 = 0.07;
 
 impl Ease {
     /// Share of the motion after a share of the time, both 0 to 1.
@@ -45,7 +55,19 @@ impl Ease {
             Self::In => t * t,
             Self::Out => t * (2.0 - t),
             Self::InOut => t * t * (3.0 - 2.0 * t),
+            Self::Natural => {
+                // The course of least jerk (Flash and Hogan, J. Neurosci. 1985), then a slow rest of the way.
+                let s = (t / ONSET).clamp(0.0, 1.0);
+                BROUGHT * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s) + (1.0 - BROUGHT) * t * t * (3.0 - 2.0 * t)
+            }
         }
+    }
+
+    /// The time, as a share of the whole, that a place of the face follows at a share of the whole time; `low` is 0 at the eyes and above, 1
+    /// at the mouth and below.
+    fn local(self, t: f64, low: f64) -> f64 {
+        // Everything starts at 0 and has arrived at 1.
+        if self == Self::Natural { t - BEHIND * low * (4.0 * t * (1.0 - t)) } else { t }
     }
 }
 
@@ -105,14 +127,34 @@ impl Timing {
             return Err(CloneError::TooManyFrames { frames: count, most: MAX_FRAMES });
         }
         let last = count as usize - 1;
-        let mut places: Vec<f64> = (0..=last).map(|k| self.ease.apply(k as f64 / last as f64) * steps).collect();
+        let mut times: Vec<f64> = (0..=last).map(|k| k as f64 / last as f64).collect();
         if self.back {
-            let forth = places.clone();
-            places.extend(forth[1..forth.len() - 1].iter().rev());
+            let forth = times.clone();
+            times.extend(forth[1..forth.len() - 1].iter().rev());
         }
         let course = source.course();
-        Ok((fps, places.into_iter().map(|place| course.at(place)).collect()))
+        let place = |time: f64| self.ease.apply(time) * steps;
+        let low = if self.ease == Ease::Natural { lowness(source.offsets[0].len()) } else { Vec::new() };
+        let moment = |time: f64| {
+            let mut moment = course.at(place(time));
+            for (node, &low) in low.iter().enumerate().filter(|(_, low)| **low > 0.0) {
+                moment.offsets[node] = course.offset(node, place(self.ease.local(time, low)));
+            }
+            moment
+        };
+        Ok((fps, times.into_iter().map(moment).collect()))
     }
+}
+
+/// How low on the face each node lies: 0 at the eyes and above, 1 at the mouth and below. Nothing for another wireframe than Candide-3.
+fn lowness(count: usize) -> Vec<f64> {
+    let wireframe = Wireframe::candide3();
+    let height = |n: usize| wireframe.vertices()[n].y;
+    let (eyes, mouth) = (f64::midpoint(height(23), height(56)), f64::midpoint(height(31), height(64)));
+    if wireframe.vertices().len() != count {
+        return Vec::new();
+    }
+    (0..count).map(|n| smooth_step(0.0, 1.0, (eyes - height(n)) / (eyes - mouth))).collect()
 }
 
 impl SourceMotion {
@@ -165,9 +207,22 @@ pub struct Course<'m> {
 }
 
 impl Course<'_> {
+    /// The offset of one node at a place between frames.
+    fn offset(&self, node: usize, place: f64) -> Vector2<f64> {
+        let last = self.motion.frame_count() - 1;
+        let place = place.clamp(0.0, last as f64);
+        let i = (place.floor() as usize).min(last.saturating_sub(1));
+        let (t, next) = (place - i as f64, (i + 1).min(last));
+        let axis = |axis: usize| {
+            let pair = |frames: &[Vec<Vector2<f64>>]| (frames[i][node][axis], frames[next][node][axis]);
+            cubic(pair(&self.motion.offsets), pair(&self.slopes), t)
+        };
+        Vector2::new(axis(0), axis(1))
+    }
+
     /// The motion at a place between frames, from 0; places outside are those of the first and of the last frame.
     pub fn at(&self, place: f64) -> Moment {
-        let Self { motion, slopes } = self;
+        let motion = self.motion;
         let last = motion.frame_count() - 1;
         let place = place.clamp(0.0, last as f64);
         let nearest = place.round() as usize;
@@ -176,11 +231,7 @@ impl Course<'_> {
         if (place - nearest as f64).abs() < 1e-9 || last == 0 {
             return Moment { offsets: motion.offsets[nearest].clone(), head: motion.head[nearest], nearest };
         }
-        let between = |node: usize, axis: usize| {
-            let pair = |frames: &[Vec<Vector2<f64>>]| (frames[i][node][axis], frames[i + 1][node][axis]);
-            cubic(pair(&motion.offsets), pair(slopes), t)
-        };
-        let offsets = (0..motion.offsets[i].len()).map(|n| Vector2::new(between(n, 0), between(n, 1))).collect();
+        let offsets = (0..motion.offsets[i].len()).map(|n| self.offset(n, place)).collect();
         let (p, q) = (motion.head[i], motion.head[i + 1]);
         let mix = |p: f64, q: f64| p + (q - p) * t;
         let head = Similarity {
@@ -189,5 +240,47 @@ impl Course<'_> {
             translation: p.translation.lerp(&q.translation, t),
         };
         Moment { offsets, head, nearest }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wireframe::Face;
+
+    fn happiness() -> SourceMotion {
+        SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3()).unwrap()
+    }
+
+    #[test]
+    fn every_course_starts_at_nothing_ends_at_all_and_never_turns_back() {
+        for ease in [Ease::Linear, Ease::In, Ease::Out, Ease::InOut, Ease::Natural] {
+            assert!(ease.apply(0.0).abs() < 1e-12 && (ease.apply(1.0) - 1.0).abs() < 1e-12, "{ease:?}");
+            let course: Vec<f64> = (0..=100).map(|k| ease.apply(f64::from(k) / 100.0)).collect();
+            assert!(course.windows(2).all(|w| w[0] <= w[1]), "{ease:?}");
+        }
+        // By hand: half of the onset brings half of what it brings, and s(0.31) of the rest.
+        let rest = 0.05 * 0.31 * 0.31 * (3.0 - 0.62);
+        assert!((Ease::Natural.apply(0.31) - (0.475 + rest)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_natural_course_holds_and_its_lower_face_follows() {
+        let motion = happiness();
+        let timing = Timing { ease: Ease::Natural, ..Timing::default() };
+        let (_, moments) = timing.moments(&motion).unwrap();
+        let last = moments.len() - 1;
+        let share = |frame: usize, node: usize| moments[frame].offsets[node].norm() / motion.offsets[4][node].norm();
+        assert!((share(last, 31) - 1.0).abs() < 1e-9 && moments[0].offsets[31].norm() < 1e-12);
+        // Held from two thirds of the time on.
+        assert!(share(last * 3 / 4, 31) > 0.9);
+        // The corner of the mouth against the outer brow, halfway up.
+        let course = motion.course();
+        let place = 4.0 * Ease::Natural.apply(8.0 / last as f64);
+        assert!((moments[8].offsets[15] - course.at(place).offsets[15]).norm() < 1e-9);
+        assert!(moments[8].offsets[31].norm() < course.at(place).offsets[31].norm());
+        let looped = Timing { back: true, ..timing }.moments(&motion).unwrap().1;
+        assert_eq!(looped.len(), 2 * last);
+        assert!((looped[last + 3].offsets[31] - looped[last - 3].offsets[31]).norm() < 1e-12);
     }
 }

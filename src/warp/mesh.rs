@@ -30,8 +30,6 @@ const MARGIN: (f64, f64) = (0.45, 0.75);
 const FIXED_FROM: f64 = 0.82;
 /// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
 const ARCH: f64 = 0.7;
-/// Height of the band of lashes above an upper lid's margin, over the eye distance.
-const LASH_BAND: f64 = 0.03;
 /// Vertices of the outermost ring.
 const RING: usize = 72;
 /// Places of the vertices on the eyeball, as shares of the way from the upper to the lower lid margin.
@@ -123,11 +121,7 @@ impl Mesh {
         let mut tied = lid_skin(reference, &drivers, &mut gathered);
         for (nodes, opening) in OPENINGS.iter().zip(&openings) {
             for (list, edge) in [(nodes.upper, &opening.upper), (nodes.lower, &opening.lower)] {
-                let followers = edge_followers(list, edge, opening.stops, &gathered.points, &drivers);
-                if opening.opening != Opening::Mouth && edge == &opening.upper {
-                    tied.extend(lash_band(&followers, frame, &mut gathered));
-                }
-                tied.extend(followers.into_iter().filter(|f| !f.1.is_empty() && drivers.iter().all(|d| d.1 != f.0)));
+                tied.extend(edge_followers(list, edge, opening.stops, &gathered.points, &drivers));
             }
         }
         let hull = convex_hull(drivers.iter().map(|&(n, _)| reference[n.index()]).collect());
@@ -176,7 +170,7 @@ fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut
     OpeningMesh { opening: nodes.opening, upper, lower: below, eyeball, stops, triangles }
 }
 
-/// Vertices of an edge between its corners: the skin around would draw them into straight pieces with a corner at every node, while lips
+/// Vertices of an edge between its nodes: the skin around would draw them into straight pieces with a corner at every node, while lips
 /// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
 /// and that share follows an arch over the corners.
 fn edge_followers(
@@ -197,21 +191,7 @@ fn edge_followers(
         let shares = arch_shares(places, place(k));
         (edge[k], drives.iter().copied().zip(shares).collect())
     };
-    (1..edge.len() - 1).map(follower).collect()
-}
-
-/// Vertices above an upper lid's margin that go with it: lashes and the skin that they grow from do not stretch when a brow rises.
-fn lash_band(margin: &[(u32, Vec<(usize, f64)>)], frame: &Frame, gathered: &mut Gathered) -> Vec<(u32, Vec<(usize, f64)>)> {
-    let unit = gathered.eye_distance;
-    let up = frame.down.into_inner() * (-LASH_BAND * unit);
-    let mut band = Vec::new();
-    for (vertex, shares) in margin {
-        let point = gathered.points[*vertex as usize] + up;
-        if gathered.nearest(&point) > 0.5 * LASH_BAND * unit {
-            band.push((gathered.add(point), shares.clone()));
-        }
-    }
-    band
+    (1..edge.len() - 1).filter(|k| !stops.contains(k)).map(follower).collect()
 }
 
 /// Shares of five nodes, the first and last of which are corners, in the motion of a place on their arch.
@@ -246,13 +226,13 @@ fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut
     let at = |node: u16| reference[usize::from(node)].coords;
     let mut tied = Vec::new();
     for LidSkin { lid, corners, brow, share } in LID_SKIN {
-        for (height, lid_share) in LID_SKIN_HEIGHTS {
+        for (height, lid_share, brow_share) in LID_SKIN_HEIGHTS {
             let above = at(brow[0]).lerp(&at(brow[1]), share);
             let point = Point2::from(at(lid).lerp(&above, height));
-            let rest = (1.0 - height - lid_share) / 2.0;
+            let rest = (1.0 - brow_share - lid_share) / 2.0;
             let shares = [
-                (brow[0], height * (1.0 - share)),
-                (brow[1], height * share),
+                (brow[0], brow_share * (1.0 - share)),
+                (brow[1], brow_share * share),
                 (lid, lid_share),
                 (corners[0], rest),
                 (corners[1], rest),
@@ -427,6 +407,24 @@ mod tests {
 
     fn square() -> Vec<Point2<f64>> {
         [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 1.0)].map(|(x, y)| Point2::new(x, y)).to_vec()
+    }
+
+    #[test]
+    fn an_edge_follows_an_arch_through_its_nodes() {
+        let places = [0.0, 0.25, 0.5, 0.75, 1.0];
+        let value = |motion: [f64; 5], at: f64| arch_shares(places, at).iter().zip(motion).map(|(s, m)| s * m).sum::<f64>();
+        // What the corners do by themselves is followed in a straight line; at a node the edge is where the node is.
+        for k in 0..=20 {
+            let u = f64::from(k) / 20.0;
+            assert!((value([1.0, 2.0, 3.0, 4.0, 5.0], u) - (1.0 + 4.0 * u)).abs() < 1e-12, "{u}");
+            let arch = (4.0 * u * (1.0 - u)).powf(ARCH);
+            assert!((value(places.map(|p| (4.0 * p * (1.0 - p)).powf(ARCH)), u) - arch).abs() < 1e-12, "{u}");
+        }
+        for (k, &at) in places.iter().enumerate() {
+            let mut motion = [0.0; 5];
+            motion[k] = 1.0;
+            assert!((value(motion, at) - 1.0).abs() < 1e-12);
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod action_units;
 mod clone;
+mod clone_sheets;
 mod confidence;
 mod figures;
 mod fit;

@@ -14,6 +14,7 @@ mod calibration;
 mod clone;
 mod clone_cross;
 mod clone_quality;
+mod clone_sheets;
 mod confidence;
 mod figure;
 mod figures;
@@ -55,6 +56,7 @@ pub use calibration::{Calibration, CalibrationClass, evaluate_discriminants};
 pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
 pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
 pub use clone_quality::{Likeness, likeness};
+pub use clone_sheets::{SheetSource, TargetSheet, clone_grades_table, draw_clone_sheet};
 pub use confidence::{
     CalibrationPart, ConfidenceCondition, ConfidenceOptions, ConfidenceSample, ExpectedError, QUINTILES, SampledSequence,
     calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples, expected_of_records,

@@ -12,7 +12,7 @@ use grimace_lab::{
 };
 use serde_json::json;
 
-use super::{CommonArgs, bar};
+use super::{CommonArgs, bar, clone_sheets};
 use grimace::internal::cli::{
     Outcome,
     shared::{FitArgs, MarksArgs, TrackArgs, stop_flag},
@@ -24,11 +24,14 @@ use grimace::internal::cli::{
 Examples:
   grimace evaluate clone faces -o self-cloning --by kind
   grimace evaluate clone -o cross-cloning --subjects 24
+  grimace evaluate clone --sheets anna.jpg ben.jpg --sources results/representatives/*.csv -o sheets
+  grimace evaluate clone --grades sheets/grades.csv -o graded
 
 With a DATASET (68-point landmarks for the neutral and the last frame), every sequence is tracked and put back on its own neutral frame, \
 and the last frame is compared with the real one inside the convex hull of the landmarks: SSIM, how far of the way from the neutral \
 copy to 1, PSNR, and the error of the nodes' motion. Without, simulated people are cloned to each other: the apex against the other \
-face performing the same, for every kind of scaling.")]
+face performing the same, for every kind of scaling. --sheets draws what an eye should judge: a picture for every photograph with its \
+clones in an order of chance, a table to be filled in, and the key to it; --grades sums up the table.")]
 pub struct Args {
     /// Dataset with 68-point landmarks: self-cloning; without, cross-cloning of simulated people
     dataset: Option<PathBuf>,
@@ -38,14 +41,23 @@ pub struct Args {
     /// Simulated subjects, each cloned to the next three
     #[arg(long, default_value_t = 24, value_name = "N", conflicts_with = "dataset", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     subjects: u32,
+    /// Contact sheets of clones on these neutral photographs, marks being found in them
+    #[arg(long, num_args = 1.., value_name = "IMAGE", requires = "sources", conflicts_with_all = ["dataset", "subjects", "grades"])]
+    sheets: Vec<PathBuf>,
+    /// What moves on the sheets: representatives, tracks, FAP files
+    #[arg(long, num_args = 1.., value_name = "FILE", requires = "sheets")]
+    pub(super) sources: Vec<PathBuf>,
+    /// A table of grades that somebody filled in, with its key.csv beside it
+    #[arg(long, value_name = "GRADES.csv", conflicts_with_all = ["dataset", "subjects"])]
+    grades: Option<PathBuf>,
     #[command(flatten)]
-    marks: MarksArgs,
+    pub(super) marks: MarksArgs,
     #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
     track: TrackArgs,
     #[command(flatten)]
-    common: CommonArgs,
+    pub(super) common: CommonArgs,
 }
 
 /// Runs the command.
@@ -53,6 +65,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
     let options = PipelineOptions { fit: args.fit.options(), track: args.track.options(), ..PipelineOptions::default() };
     let bench = Workbench::new(None, options)?;
+    if let Some(grades) = &args.grades {
+        return clone_sheets::grade(args, grades, folder);
+    }
+    if !args.sheets.is_empty() {
+        return clone_sheets::draw(args, &args.sheets, folder, &bench);
+    }
     let shown = json!({ "fit": bench.options.fit, "track": bench.options.track, "marks": args.marks.marks });
     let Some(dataset) = &args.dataset else {
         let simulation = SimulateOptions {

@@ -1,0 +1,196 @@
+//! Contact sheets of clones for eyes that did not make them, and what those eyes said.
+//!
+//! Numbers do not see what an eye sees. A sheet shows a photograph and its clones, every face at one height, numbered in an order of chance
+//! so that neither place nor name says which expression is meant. Whoever grades writes a grade from 1 to 5 and what was read into a
+//! table; the key, which is not shown, says which source each number is.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+use grimace::internal::{
+    clone::{CloneOptions, ClonedSkin, Sheet, Skin, SourceMotion, Target, clone_expression},
+    input::{CsvFile, InputError},
+    pipeline::Workbench,
+    render::Labelled,
+};
+use image::{RgbImage, imageops};
+use rand::{SeedableRng, seq::SliceRandom};
+use rand_chacha::ChaCha8Rng;
+
+use super::{Cell, ErrorSummary, Table};
+
+/// Height of a face with its surroundings on a sheet, px.
+const FACE_HEIGHT: u32 = 500;
+/// Pictures in a row.
+const COLUMNS: usize = 4;
+/// The grades of the rubric, 1 to 5.
+const GRADES: std::ops::RangeInclusive<f64> = 1.0..=5.0;
+
+/// What moves, and the skin of its class where there is one.
+pub struct SheetSource {
+    motion: SourceMotion,
+    skin: Option<Skin>,
+}
+
+impl SheetSource {
+    /// Reads a track, a representative with its skin, or a FAP file.
+    ///
+    /// # Errors
+    /// The reader's message.
+    pub fn read(path: &Path, bench: &Workbench) -> Result<Self, String> {
+        let motion = SourceMotion::read(path, bench).map_err(|e| e.to_string())?;
+        let skin = Skin::path_beside(path, motion.kind).map(|p| Skin::read(&p)).transpose().map_err(|e| e.to_string())?;
+        Ok(Self { motion, skin })
+    }
+
+    /// Its name: that of its file.
+    pub fn name(&self) -> &str {
+        &self.motion.name
+    }
+}
+
+/// The sheet of one target, and the names of the sources in the order of its numbers.
+pub struct TargetSheet {
+    /// The picture.
+    pub picture: RgbImage,
+    /// Sources of the pictures 1, 2, ...
+    pub key: Vec<String>,
+}
+
+/// Draws the sheet of a target: its photograph, and the strongest frame of every source in an order that `seed` and `index` give.
+///
+/// # Errors
+/// The message of a clone that could not be made.
+pub fn draw_clone_sheet(
+    target: &Target,
+    sources: &[SheetSource],
+    options: &CloneOptions,
+    seed: u64,
+    index: u64,
+    bench: &Workbench,
+) -> Result<TargetSheet, String> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(index);
+    let mut order: Vec<&SheetSource> = sources.iter().collect();
+    order.shuffle(&mut random);
+    let (left, top, width, height) = target.surroundings();
+    let face = |picture: &RgbImage, label: String| {
+        let cut = imageops::crop_imm(picture, left, top, width, height).to_image();
+        let width = (f64::from(width) * f64::from(FACE_HEIGHT) / f64::from(height)).round().max(1.0) as u32;
+        Labelled { picture: imageops::resize(&cut, width, FACE_HEIGHT, imageops::FilterType::CatmullRom), label }
+    };
+    let mut pictures = vec![face(&target.picture, format!("{}: photograph", target.name))];
+    let mut key = Vec::new();
+    for (k, source) in order.into_iter().enumerate() {
+        let text = |e: &dyn std::fmt::Display| format!("{} on {}: {e}", source.name(), target.name);
+        let mut clone = clone_expression(&source.motion, target, None, options, bench).map_err(|e| text(&e))?;
+        let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, s, &source.motion)).transpose().map_err(|e| text(&e))?;
+        if let Some(skin) = &skin {
+            clone = clone.with_skin(skin, &source.motion).map_err(|e| text(&e))?;
+        }
+        pictures.push(face(&clone.picture(clone.apex()), (k + 1).to_string()));
+        key.push(source.name().to_owned());
+    }
+    let mut sheet = Sheet::new(FACE_HEIGHT);
+    let mut pictures = pictures.into_iter().peekable();
+    while pictures.peek().is_some() {
+        sheet.push_labelled_row(pictures.by_ref().take(COLUMNS).collect());
+    }
+    Ok(TargetSheet { picture: sheet.draw(), key })
+}
+
+/// One line of a table of grades, joined with the key.
+struct Graded {
+    source: String,
+    grade: f64,
+    read_as: String,
+    artefact: String,
+}
+
+/// The mean of the grades of every source and of all, the worst, how many were read as what they are, and the artefact named most often.
+/// Pictures without a grade are left out.
+///
+/// # Errors
+/// [`InputError`] for tables that do not read, a grade that is none, or a picture that the key does not know.
+pub fn clone_grades_table(grades: &Path, key: &Path) -> Result<Table, InputError> {
+    let key = CsvFile::open(key)?;
+    let columns = key.require(["sheet", "picture", "source"])?;
+    let mut sources: BTreeMap<(String, u32), String> = BTreeMap::new();
+    for row in key.rows() {
+        let row = row?;
+        sources.insert((row.get(columns[0]).to_owned(), row.whole_number(columns[1])?), row.get(columns[2]).to_owned());
+    }
+    let file = CsvFile::open(grades)?;
+    let [sheet, picture, grade, read_as, artefact] = file.require(["sheet", "picture", "grade", "read_as", "artefact"])?;
+    let mut graded = Vec::new();
+    for row in file.rows() {
+        let row = row?;
+        if row.get(grade).trim().is_empty() {
+            continue;
+        }
+        let value = row.number(grade)?;
+        if !GRADES.contains(&value) {
+            return Err(row.field_error(grade, "a grade from 1 to 5"));
+        }
+        let at = (row.get(sheet).to_owned(), row.whole_number(picture)?);
+        let source =
+            sources.get(&at).ok_or_else(|| row.field_error(picture, "a picture of this sheet that the key knows"))?.clone();
+        let word = |column: usize| row.get(column).trim().to_lowercase();
+        graded.push(Graded { source, grade: value, read_as: word(read_as), artefact: word(artefact) });
+    }
+    let mut table = Table::new(["source", "pictures", "mean_grade", "worst", "read_as_it_is", "costliest"]);
+    let names: BTreeSet<&str> = graded.iter().map(|g| g.source.as_str()).collect();
+    for name in names.into_iter().map(Some).chain([None]) {
+        let of: Vec<&Graded> = graded.iter().filter(|g| name.is_none_or(|n| g.source == n)).collect();
+        let values: Vec<f64> = of.iter().map(|g| g.grade).collect();
+        let mut artefacts: BTreeMap<&str, usize> = BTreeMap::new();
+        of.iter().filter(|g| !g.artefact.is_empty()).for_each(|g| *artefacts.entry(&g.artefact).or_default() += 1);
+        let costliest = artefacts.iter().max_by_key(|(_, count)| **count).map_or("", |(word, _)| *word);
+        table.rows.push(vec![
+            Cell::text(name.unwrap_or("all")),
+            Cell::Count(of.len()),
+            Cell::maybe(ErrorSummary::of(&values).map(|s| s.mean), 2),
+            Cell::maybe(values.iter().copied().reduce(f64::min), 0),
+            Cell::Count(of.iter().filter(|g| g.read_as == g.source.to_lowercase()).count()),
+            Cell::text(costliest),
+        ]);
+    }
+    Ok(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grades_are_joined_with_the_key_and_averaged() {
+        let folder = tempfile::tempdir().unwrap();
+        let (key, grades) = (folder.path().join("key.csv"), folder.path().join("grades.csv"));
+        std::fs::write(&key, "sheet,picture,source\nanna,1,fear\nanna,2,anger\nben,1,anger\n").unwrap();
+        std::fs::write(
+            &grades,
+            "sheet,picture,read_as,grade,artefact\nanna,1,surprise,2,lids\nanna,2,Anger,4,\nben,1,anger,3,teeth\nben,2,,,\n",
+        )
+        .unwrap();
+        let table = clone_grades_table(&grades, &key).unwrap();
+        let line = |k: usize| table.rows[k].iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(" ");
+        assert_eq!(
+            table.rows[0],
+            [
+                Cell::text("anger"),
+                Cell::Count(2),
+                Cell::Number(3.5, 2),
+                Cell::Number(3.0, 0),
+                Cell::Count(2),
+                Cell::text("teeth")
+            ]
+        );
+        assert!(line(1).contains("fear") && line(2).contains("Number(3.0, 2)"), "{} {}", line(1), line(2));
+        std::fs::write(&grades, "sheet,picture,read_as,grade,artefact\nanna,1,x,6,\n").unwrap();
+        assert!(clone_grades_table(&grades, &key).unwrap_err().to_string().contains("from 1 to 5"));
+        std::fs::write(&grades, "sheet,picture,read_as,grade,artefact\nanna,7,x,3,\n").unwrap();
+        assert!(clone_grades_table(&grades, &key).unwrap_err().to_string().contains("key knows"));
+    }
+}
