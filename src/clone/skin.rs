@@ -26,6 +26,8 @@ use crate::{
     wireframe::Wireframe,
 };
 
+/// Share of what grows lighter that a clone shows: folds are shadows.
+const LIGHTER: f32 = 0.35;
 /// Size of the layout, px.
 const SIZE: (u32, u32) = (128, 176);
 /// Place of the wireframe's origin in it, and px for each of its units: the eyes are 60 px apart.
@@ -294,7 +296,9 @@ impl ClonedSkin {
     pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
         (growth >= LEAST_SKIN).then(|| {
             let mut picture = target.picture.clone();
-            let factors: [f32; 256] = std::array::from_fn(|level| (log_of(level as u8) * growth as f32).exp());
+            // What grows lighter is skin that bulges towards another light than this one: most of it is left out.
+            let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { LIGHTER } else { 1.0 };
+            let factors: [f32; 256] = std::array::from_fn(|level| (log(level) * growth as f32).exp());
             for (pixel, &level) in picture.pixels_mut().zip(&self.levels) {
                 if level != NO_CHANGE {
                     let factor = factors[usize::from(level)];

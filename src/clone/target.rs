@@ -12,11 +12,10 @@ use super::{
 use crate::{
     fit::{Correspondence, FitError, FittedWireframe, Fitter, validate_correspondences},
     geometry::Similarity,
-    model::FrameExpressionModel,
     normalize::stable_nodes,
     sequence::MAX_SIDE,
     units::NodeId,
-    warp::{NODE_COUNT, Texture, Warp, placed_lids, smooth_step},
+    warp::{NODE_COUNT, Texture, Warp, smooth_step},
     wireframe::{Face, Fapus},
 };
 
@@ -64,6 +63,8 @@ const LID_SHARES: (f64, f64) = (0.45, 1.0);
 const LID_SKEW: f64 = 0.35;
 /// Distance of the lips over the eye distance at which the lower lip begins to lose its bow, and at which it has none.
 const PARTED: (f64, f64) = (0.06, 0.20);
+/// The same for the bow of the upper lip.
+const STRETCHED: (f64, f64) = (0.03, 0.10);
 /// One half of the face wider than the other by more than this is a face turned away.
 const MAX_HALF_RATIO: f64 = 1.9;
 /// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
@@ -136,14 +137,11 @@ impl Target {
     ///
     /// # Errors
     /// As [`Target::new`].
-    pub fn from_fit(name: &str, picture: RgbImage, mut fitted: FittedWireframe, face: &Face) -> Result<Self, CloneError> {
+    pub fn from_fit(name: &str, picture: RgbImage, fitted: FittedWireframe, face: &Face) -> Result<Self, CloneError> {
         let found = fitted.model.nodes().len();
         if found != NODE_COUNT {
             return Err(CloneError::Topology { what: name.to_owned(), found, expected: NODE_COUNT });
         }
-        let texture = Texture::new(&picture);
-        let by_hand = |n: u16| fitted.correspondences.iter().any(|c| c.node.0 == n && c.expected_error.is_none());
-        fitted.model = FrameExpressionModel::new(placed_lids(fitted.model.nodes(), &texture, by_hand));
         let nodes = fitted.model.nodes();
         let stable = stable_nodes(&face.tables, nodes.len());
         let frontal = face.wireframe.frontal();
@@ -158,7 +156,9 @@ impl Target {
         if fapus.es < LEAST_EYE_DISTANCE {
             return Err(CloneError::TooSmall { eye_distance: fapus.es, least: LEAST_EYE_DISTANCE });
         }
-        let warp = Warp::new(nodes)?.with_eyes(&texture);
+        let texture = Texture::new(&picture);
+        let by_hand = |n: u16| fitted.correspondences.iter().any(|c| c.node.0 == n && c.expected_error.is_none());
+        let warp = Warp::on_photograph(nodes, &texture, by_hand)?.with_eyes(&texture);
         let lid_gaps = lid_gaps(&upright);
         Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
     }
@@ -243,6 +243,7 @@ impl Target {
         let parted = (nodes[40] - nodes[87]).dot(&down) / self.warp.eye_distance();
         self.round_lip(&mut nodes, 40, [83, 84], down, smooth_step(PARTED.0, PARTED.1, parted));
         self.round_lip(&mut nodes, 87, [81, 82], -down, 0.0);
+        self.stretch_upper_lip(&mut nodes);
         self.arch_lids(&mut nodes);
         if head && let Some((_, first)) = source.frames.first() {
             let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
@@ -290,6 +291,19 @@ impl Target {
         nodes[middle_node] += outwards * (round - middle);
         for n in beside_nodes {
             nodes[n] += outwards * (share * round - beside);
+        }
+    }
+
+    /// Takes the bow out of the upper lip's inner edge the further the lips part: a lip that is drawn over teeth is straight.
+    fn stretch_upper_lip(&self, nodes: &mut [Point2<f64>]) {
+        let down = self.warp.down();
+        let neutral = self.fitted.model.nodes();
+        let parted = (nodes[40] - nodes[87]).dot(&down) / self.warp.eye_distance();
+        let bow = (neutral[87] - nalgebra::center(&neutral[81], &neutral[82])).dot(&down).max(0.0);
+        let taken = bow * smooth_step(STRETCHED.0, STRETCHED.1, parted);
+        nodes[87] -= down * (taken * 2.0 / 3.0);
+        for n in [81, 82] {
+            nodes[n] += down * (taken / 3.0);
         }
     }
 

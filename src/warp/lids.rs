@@ -1,4 +1,4 @@
-//! Upper lids, put where the photograph shows them.
+//! Upper lids, put where the photograph shows them, and the corners between the lips.
 //!
 //! A fit knows the edge of an upper lid to a few percent of the eye distance. Skin that is cut a little above the lashes leaves them on the
 //! eyeball when the lid rises; cut below them, it takes white along. So the edge is looked for in the picture, as the line from corner to
@@ -31,9 +31,19 @@ const SEEN: (f64, f64) = (0.12, 0.88);
 /// Most of the opening that a lid may go down.
 const MOST_SHUT: f64 = 0.3;
 
-/// The nodes with the upper lids where the picture shows them; a lid of which `is_set` says that a person placed it stays.
-pub fn placed_lids(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool) -> Vec<Point2<f64>> {
+/// How far from where Candide-3 has them the inner corners of the mouth lie towards the outer ones: lips part to their end.
+const CORNERS: f64 = 0.3;
+
+/// The nodes with the upper lids where the picture shows them, and lips that end near their corners; a node of which `is_set` says that a
+/// person placed it stays.
+pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool) -> Vec<Point2<f64>> {
     let mut placed = nodes.to_vec();
+    for (inner, outer) in [(88, 31), (89, 64)] {
+        if !is_set(inner) {
+            let way = placed[outer] - placed[usize::from(inner)];
+            placed[usize::from(inner)] += way * CORNERS;
+        }
+    }
     let Some(frame) = Frame::of(nodes) else { return placed };
     for eye in &OPENINGS[1..] {
         if eye.upper[1..4].iter().any(|&n| is_set(n)) {
@@ -166,21 +176,21 @@ mod tests {
 
     /// Skin, whites between the lids, and three pixels of lashes along the upper ones.
     fn drawn(nodes: &[Point2<f64>]) -> Texture {
-        let edges: Vec<(Vec<Point2<f64>>, Vec<Point2<f64>>)> = OPENINGS[1..]
+        let edges: Vec<[Vec<Point2<f64>>; 2]> = OPENINGS[1..]
             .iter()
             .map(|eye| {
                 let curve = |list: [u16; 5]| layout::curve(&list.map(|n| nodes[usize::from(n)]), &[8; 4]);
                 let upper = curve(eye.upper);
                 let outline = upper.iter().copied().chain(curve(eye.lower).into_iter().rev()).collect();
-                (upper, outline)
+                [upper, outline]
             })
             .collect();
         Texture::new(&RgbImage::from_fn(300, 380, |x, y| {
             let at = Point2::new(f64::from(x), f64::from(y));
             let lashes = |upper: &[Point2<f64>]| crate::geometry::polygon::distance_to_line(upper, &at) < 3.0;
-            if edges.iter().any(|(_, outline)| inside(outline, &at)) {
+            if edges.iter().any(|[_, outline]| inside(outline, &at)) {
                 Rgb([225, 220, 215])
-            } else if edges.iter().any(|(upper, _)| lashes(upper)) {
+            } else if edges.iter().any(|[upper, _]| lashes(upper)) {
                 Rgb([60, 45, 40])
             } else {
                 Rgb([205, 160, 140])
@@ -199,14 +209,14 @@ mod tests {
                     wrong[usize::from(*n)].y += off * share;
                 }
             }
-            let placed = placed_lids(&wrong, &picture, |_| false);
+            let placed = placed_edges(&wrong, &picture, |_| false);
             for eye in &OPENINGS[1..] {
                 let error = |nodes: &[Point2<f64>]| {
                     eye.upper[1..4].iter().map(|&n| (nodes[usize::from(n)] - truth[usize::from(n)]).norm()).sum::<f64>() / 3.0
                 };
                 assert!(error(&placed) < 1.2 && error(&wrong) > 1.9, "{off}: {} of {}", error(&placed), error(&wrong));
             }
-            let set = placed_lids(&wrong, &picture, |n| n == 21);
+            let set = placed_edges(&wrong, &picture, |n| n == 21);
             assert!(set[21] == wrong[21] && set[97] == wrong[97] && set[54] != wrong[54]);
         }
     }
@@ -214,6 +224,8 @@ mod tests {
     #[test]
     fn a_picture_without_lids_moves_nothing() {
         let plain = Texture::new(&RgbImage::from_pixel(300, 380, Rgb([205, 160, 140])));
-        assert_eq!(placed_lids(&nodes(), &plain, |_| false), nodes());
+        assert_eq!(placed_edges(&nodes(), &plain, |n| n == 88 || n == 89), nodes());
+        let placed = placed_edges(&nodes(), &plain, |_| false);
+        assert!((placed[88] - nodes()[31]).norm() < 0.71 * (nodes()[88] - nodes()[31]).norm());
     }
 }

@@ -29,7 +29,8 @@ const MARGIN: (f64, f64) = (0.45, 0.75);
 /// Outer share of the margin that is fixed, so that the motion ends without a crease.
 const FIXED_FROM: f64 = 0.82;
 /// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
-const ARCH: f64 = 0.7;
+const LIP_ARCH: f64 = 0.64;
+const LID_ARCH: f64 = 0.75;
 /// Vertices of the outermost ring.
 const RING: usize = 72;
 /// Places of the vertices on the eyeball, as shares of the way from the upper to the lower lid margin.
@@ -121,7 +122,7 @@ impl Mesh {
         let mut tied = lid_skin(reference, &drivers, &mut gathered);
         for (nodes, opening) in OPENINGS.iter().zip(&openings) {
             for (list, edge) in [(nodes.upper, &opening.upper), (nodes.lower, &opening.lower)] {
-                tied.extend(edge_followers(list, edge, opening.stops, &gathered.points, &drivers));
+                tied.extend(edge_followers(list, edge, opening, &gathered.points, &drivers));
             }
         }
         let hull = convex_hull(drivers.iter().map(|&(n, _)| reference[n.index()]).collect());
@@ -176,10 +177,12 @@ fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut
 fn edge_followers(
     nodes: [u16; 5],
     edge: &[u32],
-    stops: [usize; 5],
+    opening: &OpeningMesh,
     points: &[Point2<f64>],
     drivers: &[(NodeId, u32)],
 ) -> Vec<(u32, Vec<(usize, f64)>)> {
+    let stops = opening.stops;
+    let power = if opening.opening == Opening::Mouth { LIP_ARCH } else { LID_ARCH };
     let at = |k: usize| points[edge[k] as usize];
     let chord = at(stops[4]) - at(stops[0]);
     let place = |k: usize| ((at(k) - at(stops[0])).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
@@ -188,15 +191,15 @@ fn edge_followers(
     let ascends = places.windows(2).all(|w| w[0] < w[1]);
     let (Some(drives), true) = (drives, ascends) else { return Vec::new() };
     let follower = |k: usize| {
-        let shares = arch_shares(places, place(k));
+        let shares = arch_shares(places, place(k), power);
         (edge[k], drives.iter().copied().zip(shares).collect())
     };
     (1..edge.len() - 1).filter(|k| !stops.contains(k)).map(follower).collect()
 }
 
 /// Shares of five nodes, the first and last of which are corners, in the motion of a place on their arch.
-fn arch_shares(places: [f64; 5], at: f64) -> [f64; 5] {
-    let arch = |u: f64| (4.0 * u * (1.0 - u)).max(0.0).powf(ARCH);
+fn arch_shares(places: [f64; 5], at: f64, power: f64) -> [f64; 5] {
+    let arch = |u: f64| (4.0 * u * (1.0 - u)).max(0.0).powf(power);
     // Between the inner nodes a cubic with the slope of its neighbours at the middle one, flat at the others and beyond them.
     let [_, a, b, c, _] = places;
     let slope = 1.0 / (c - a);
@@ -412,13 +415,14 @@ mod tests {
     #[test]
     fn an_edge_follows_an_arch_through_its_nodes() {
         let places = [0.0, 0.25, 0.5, 0.75, 1.0];
-        let value = |motion: [f64; 5], at: f64| arch_shares(places, at).iter().zip(motion).map(|(s, m)| s * m).sum::<f64>();
+        let value =
+            |motion: [f64; 5], at: f64| arch_shares(places, at, LIP_ARCH).iter().zip(motion).map(|(s, m)| s * m).sum::<f64>();
         // What the corners do by themselves is followed in a straight line; at a node the edge is where the node is.
         for k in 0..=20 {
             let u = f64::from(k) / 20.0;
             assert!((value([1.0, 2.0, 3.0, 4.0, 5.0], u) - (1.0 + 4.0 * u)).abs() < 1e-12, "{u}");
-            let arch = (4.0 * u * (1.0 - u)).powf(ARCH);
-            assert!((value(places.map(|p| (4.0 * p * (1.0 - p)).powf(ARCH)), u) - arch).abs() < 1e-12, "{u}");
+            let arch = (4.0 * u * (1.0 - u)).powf(LIP_ARCH);
+            assert!((value(places.map(|p| (4.0 * p * (1.0 - p)).powf(LIP_ARCH)), u) - arch).abs() < 1e-12, "{u}");
         }
         for (k, &at) in places.iter().enumerate() {
             let mut motion = [0.0; 5];

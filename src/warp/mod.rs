@@ -61,7 +61,6 @@ use self::{
 use crate::geometry::Similarity;
 
 pub use layout::{NODE_COUNT, Opening};
-pub(crate) use lids::placed_lids;
 pub use mesh::convex_hull;
 pub(crate) use openings::smooth_step;
 pub use render::MouthInside;
@@ -102,8 +101,10 @@ pub struct Warp {
     frame: Frame,
     /// The nodes as given.
     given: Vec<Point2<f64>>,
-    /// The nodes of the texture: as given, but lips that are as good as closed are closed.
+    /// The nodes of the texture: as given, but lips that are as good as closed are closed, and edges lie where the photograph has them.
     nodes: Vec<Point2<f64>>,
+    /// Nodes whose edges lie elsewhere on the photograph than given, and by how much.
+    placed: Vec<(usize, Vector2<f64>)>,
     reference_nodes: Vec<Point2<f64>>,
     /// Whether the photograph shows a closed mouth.
     closed: bool,
@@ -160,8 +161,24 @@ impl Warp {
     /// [`WarpError`] for another number of nodes, or positions that are not those of a face seen from the front.
     pub fn new(nodes: &[Point2<f64>]) -> Result<Self, WarpError> {
         check(nodes)?;
+        Self::cut(nodes, nodes)
+    }
+
+    /// The warp of a face that is cut where its photograph shows upper lids and the ends of the lips, which a fit knows to a few percent of the
+    /// eye distance; a node of which `is_set` says that a person placed it is believed. Nodes are asked for, and told, as they are given.
+    ///
+    /// # Errors
+    /// As [`Warp::new`].
+    pub fn on_photograph(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool) -> Result<Self, WarpError> {
+        check(nodes)?;
+        let placed = lids::placed_edges(nodes, photograph, is_set);
+        Self::cut(nodes, &placed).or_else(|_| Self::cut(nodes, nodes))
+    }
+
+    /// The warp of a face with its nodes at `nodes`, of which the texture has those at `placed`.
+    fn cut(nodes: &[Point2<f64>], placed: &[Point2<f64>]) -> Result<Self, WarpError> {
         let frame = Frame::of(nodes).ok_or(WarpError::NoEyes)?;
-        let (source_nodes, closed) = layout::source(nodes, &frame);
+        let (source_nodes, closed) = layout::source(placed, &frame);
         let reference_nodes = layout::reference(&source_nodes, &frame);
         let mesh = Mesh::new(&reference_nodes, &frame)?;
         let weights = Weights::new(&mesh)?;
@@ -172,6 +189,7 @@ impl Warp {
             weights,
             frame,
             given: nodes.to_vec(),
+            placed: (0..NODE_COUNT).map(|n| (n, placed[n] - nodes[n])).filter(|(_, shift)| shift.norm() > 0.0).collect(),
             nodes: source_nodes,
             closed,
             source: Vec::new(),
@@ -263,6 +281,9 @@ impl Warp {
             .collect();
         for &(node, vertex) in &self.mesh.drivers {
             found[node.index()] = vertices[vertex as usize];
+        }
+        for (n, shift) in &self.placed {
+            found[*n] -= background.apply_vector(shift);
         }
         for nodes in &OPENINGS[1..] {
             let (eye, gaze) = motion::eye_motion(nodes, &self.nodes, &wanted, self.frame.eye_distance);

@@ -24,12 +24,15 @@ pub const TEETH_WHITE: f32 = 200.0;
 
 /// How far the upper incisors reach below the closed lips, over the eye distance (2.8 mm of a mean 63 mm between the pupils).
 const UPPER_BELOW_LIPS: f64 = 0.045;
-/// The same for the edge of the lower ones, which bite behind them.
+/// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline.
+const FLATTER: f64 = 0.20;
+/// The same as [`UPPER_BELOW_LIPS`] for the edge of the lower ones, which bite behind them.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
 const LOWER_SIZE: (f64, f64) = (0.70, 0.75);
-/// Most that the lower lip, which goes with the jaw, leaves bare of the lower teeth, over the eye distance.
-const LOWER_ABOVE_LIP: f64 = 0.022;
+/// Most that the lower lip, which goes with the jaw, leaves bare of the lower teeth, over the eye distance: it covers them but where it is
+/// drawn down further than the jaw.
+const LOWER_ABOVE_LIP: f64 = -0.01;
 /// Share of the chin's way that the lower incisors go: they are nearer to the joint of the jaw.
 const LOWER_SHARE: f64 = 0.88;
 /// Widest zone along a lip that is still its own wet colour, over the eye distance, and its largest share of the gap.
@@ -37,8 +40,10 @@ const WET: (f64, f64) = (0.034, 0.42);
 /// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
 const MOUTH: (f64, f64) = (0.62, 0.6);
 const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
+/// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
+const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
-const SEALED: f64 = 0.12;
+const SEALED: f64 = 0.16;
 /// Height of what a raised lip bares above the teeth, over the eye distance.
 const GUM_ABOVE: f64 = 0.118;
 
@@ -155,7 +160,7 @@ impl<'a> Interior<'a> {
         let open = smooth_step(0.02, 0.40, self.gap);
         let side = smooth_step(0.0, 0.20, from_corner);
         let depth = (below_upper / (lower - upper).max(1e-6)).clamp(0.0, 1.0);
-        let mut colour = self.tinted([1.0, 0.60, 0.57], 0.20 + (0.16 * depth - 0.02) * open * side);
+        let mut colour = self.tinted([1.0, 0.60, 0.57], 0.27 + (0.20 * depth - 0.12) * open * side);
         self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
@@ -163,11 +168,11 @@ impl<'a> Interior<'a> {
         let width = WET.0.min(WET.1 * (lower - upper).max(0.0)).max(1e-6);
         let round = (1.0 - smooth_step(0.0, width, below_upper)).max(1.0 - smooth_step(0.0, width, above_lower));
         let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
-        let crease = lip.map(|c| 0.42 * c);
+        let crease = lip.map(|c| 0.52 * c);
         std::array::from_fn(|c| {
             let wet = lip[c] * [0.74, 0.60, 0.60][c];
             let inside = colour[c] * shadow as f32;
-            let inside = inside + (crease[c] - inside) * (0.8 * sealed) as f32;
+            let inside = inside + (crease[c] - inside) * (0.9 * sealed) as f32;
             inside + (wet - inside) * (0.85 * round) as f32
         })
     }
@@ -194,20 +199,26 @@ impl<'a> Interior<'a> {
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
         let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
         let light = (0.40 + 0.56 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
-        let tongue = self.tinted([1.0, 0.84, 0.83], light);
+        // Its grain, and the light that is broken on what is wet.
+        let grain = 1.0 + 0.09 * grain(x / 0.011, y / 0.011);
+        let wet = 0.16 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);
+        let tongue = self.tinted([1.0, 0.84, 0.83], light * grain + wet);
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
 
     /// Both rows of teeth and the gum above the upper one.
     fn lay_arches(&self, (x, y): (f64, f64), below_upper: f64, above_lower: f64, from_corner: f64, colour: &mut [f32; 3]) {
         let Some(picture) = self.teeth else { return };
-        // Lost in the dark of the cheeks towards the corners.
-        let side = 0.25 + 0.75 * smooth_step(0.0, 0.16, from_corner);
+        // The row turns away to the sides, and is lost in the dark of the cheeks towards the corners.
+        let turned = 1.0 - 0.42 * smooth_step(0.07, 0.27, x.abs() / self.size);
+        let side = (0.25 + 0.75 * smooth_step(0.0, 0.16, from_corner)) * turned;
         let row = |dx: f64, dy: f64, brightness: f64, colour: &mut [f32; 3]| {
             let Some((tooth, cover)) = sampled(picture, dx / self.size, dy / self.size) else { return };
             let cover = cover * smooth_step(0.0, 0.035, from_corner) as f32;
+            // Enamel lets light through at its edge.
+            let edge = 1.0 - 0.16 * smooth_step(-0.024, 0.0, dy);
             for c in 0..3 {
-                let lit = tooth[c] / TEETH_WHITE * self.enamel[c] * (brightness * side) as f32;
+                let lit = tooth[c] / TEETH_WHITE * self.enamel[c] * (brightness * side * edge) as f32;
                 colour[c] += (lit - colour[c]) * cover;
             }
         };
@@ -226,20 +237,42 @@ impl<'a> Interior<'a> {
             );
             (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * shown as f32);
         }
-        let upper_y = y - UPPER_BELOW_LIPS;
+        let upper_y = y - UPPER_BELOW_LIPS - FLATTER * x * x;
         // Above the crowns is gum.
         let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
         if gum > 0.0 {
             let pink = self.tinted([1.0, 0.80, 0.80], 0.62 * side);
             (0..3).for_each(|c| colour[c] += (pink[c] - colour[c]) * gum as f32);
         }
-        let light = 0.72 + 0.28 * smooth_step(0.0, 0.06, below_upper);
+        // The lip's shadow on their tops, and a wet light on the front ones.
+        let wet: f64 = WET_LIGHTS.iter().map(|&(at, size)| size * (-((x.abs() - at) / 0.016).powi(2)).exp()).sum();
+        let wet = wet * (-((upper_y + 0.045) / 0.014).powi(2)).exp();
+        let light = 0.52 + 0.48 * smooth_step(0.0, 0.055, below_upper) + wet;
         // A sliver of tooth that the lip all but hides is in the lip's shadow.
         let bared = smooth_step(0.0, 0.03, below_upper + above_lower);
         let before = *colour;
         row(x, upper_y, light, colour);
         (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * bared as f32);
     }
+}
+
+/// Values from -1 to 1 that change smoothly from one whole number to the next, the same on every machine: a lattice of hashed values.
+fn grain(x: f64, y: f64) -> f64 {
+    let corner = |i: i64, j: i64| {
+        let mut h = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (j as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
+        h = (h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((h >> 40) as f64) / f64::from(1_u32 << 23) - 1.0
+    };
+    let (i, j) = (x.floor(), y.floor());
+    let (s, t) = (smooth_step(0.0, 1.0, x - i), smooth_step(0.0, 1.0, y - j));
+    let (i, j) = (i as i64, j as i64);
+    let row = |j: i64| corner(i, j) + (corner(i + 1, j) - corner(i, j)) * s;
+    row(j) + (row(j + 1) - row(j)) * t
+}
+
+/// The pattern in which light is broken on the tongue.
+fn grain_of_light(x: f64, y: f64) -> f64 {
+    0.6 * grain(x / 0.035 + 17.0, y / 0.016) + 0.4 * grain(x / 0.017, y / 0.009 + 31.0)
 }
 
 /// Height of a line at `x`; `None` outside of it.
@@ -300,18 +333,21 @@ pub fn lip_colour(warp: &Warp, texture: &Texture) -> [f32; 3] {
 }
 
 /// Colour of teeth in the light of the photograph: as bright as the white of its eyes (the second brightest of four places, which a
-/// highlight does not reach), but not darker than the skin of the cheeks lets expect.
+/// highlight does not reach), but not darker than the skin of the cheeks lets expect, and half of that white's own tint.
 pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
-    let luma = |p: Point2<f64>| luma(texture.sample(p));
     // Between the iris and the corners of the eye.
     let mut whites = [(67, 20, 68), (71, 23, 72), (69, 53, 70), (73, 56, 74)].map(|(a, corner, b): (usize, usize, usize)| {
         let iris = nalgebra::center(&warp.nodes[a], &warp.nodes[b]);
-        luma(nalgebra::center(&iris, &warp.nodes[corner]))
+        texture.sample(nalgebra::center(&iris, &warp.nodes[corner]))
     });
-    whites.sort_by(f32::total_cmp);
-    let skin = [27_usize, 60, 90, 91].map(|n| luma(warp.nodes[n])).iter().sum::<f32>() / 4.0;
-    let light = (skin * 0.95 + 45.0).max(whites[2]).min(222.0);
-    [1.02, 0.99, 0.95].map(|c| c * light)
+    whites.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
+    let skin = [27_usize, 60, 90, 91].map(|n| luma(texture.sample(warp.nodes[n]))).iter().sum::<f32>() / 4.0;
+    let light = (skin * 0.95 + 45.0).max(luma(whites[2])).min(222.0);
+    let white = luma(whites[2]).max(1.0);
+    std::array::from_fn(|c| {
+        let tint = (whites[2][c] / white).clamp(0.92, 1.05);
+        (0.5 * [1.02, 0.99, 0.95][c] + 0.5 * tint) * light
+    })
 }
 
 /// Draws what the photograph shows in its open mouth over the dark: it stays with the skull, and where the mouth is now wider open than

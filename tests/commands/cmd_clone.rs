@@ -102,6 +102,19 @@ fn duration_rate_loop_and_emphasis_do_what_they_say() {
         let fap = read_fap(&work.path(name)).unwrap().sequence;
         fap.frames.last().unwrap().value(FapNumber::try_from(59).unwrap()).unwrap()
     };
+    // A representative has no time of its own: by default it rises quickly and holds. Halfway its smile is nearly whole.
+    let halfway = |name: &str| {
+        let fap = read_fap(&work.path(name)).unwrap().sequence;
+        fap.frames[fap.frames.len() / 2].value(FapNumber::try_from(59).unwrap()).unwrap() / smile(name)
+    };
+    clone(&work, &format!("{source} -o even --ease linear --blink")).exit(0);
+    assert!(halfway("full/clone.fap") > 0.8 && halfway("even/clone.fap") < 0.8);
+    assert!(work.read("full/clone.json").contains("\"ease\": \"natural\""));
+    // The eyes are shut in the sixth frame (0.2 s) and open again at the end.
+    let lids = |frame: usize| {
+        read_fap(&work.path("even/clone.fap")).unwrap().sequence.frames[frame].value(FapNumber::try_from(19).unwrap())
+    };
+    assert!(lids(5).unwrap() > lids(25).unwrap() + 300.0, "{:?} {:?}", lids(5), lids(25));
     let ratio = smile("half/clone.fap") / smile("full/clone.fap");
     assert!((ratio - 0.5).abs() < 0.02, "half the emphasis is half the smile: {ratio}");
     clone(&work, &format!("{source} -o long --duration 1e9")).exit(1).says(&["frames were asked for; at most 20000"]);
@@ -364,4 +377,39 @@ fn cloning_is_evaluated_on_sequences_and_on_simulated_people() {
     // FAPs are in the person's own FAPUs: only per region is right.
     assert!(mean(&rows, "FAPs", "per region (FAPU)") < 0.5 * mean(&rows, "FAPs", "uniform (ES)"));
     work.grimace("evaluate clone faces -o self -q").exit(1).says(&["68-point landmarks"]);
+}
+
+#[test]
+fn sheets_for_graders_hide_what_is_meant_and_grades_are_summed_up() {
+    let work = Work::new();
+    for name in ["P01.jpg", "P02.jpg"] {
+        work.write(name, std::fs::read(crate::common::root().join("fixtures/portraits").join(name)).unwrap());
+    }
+    for name in ["happiness.csv", "surprise.csv"] {
+        work.write(name, std::fs::read(crate::common::root().join("fixtures/golden/representatives").join(name)).unwrap());
+    }
+    work.grimace("evaluate clone --sheets P01.jpg P02.jpg --sources happiness.csv surprise.csv -o sheets").exit(0).prints(&[
+        "2 sheets",
+        "without key.csv",
+        "5: passes as a photograph",
+    ]);
+    let sheet = picture(&work, "sheets/P01.png");
+    assert!(sheet.height() > 500 && sheet.width() > 900, "{:?}", sheet.dimensions());
+    let key = work.rows("sheets/key.csv");
+    assert_eq!(key.len(), 4);
+    // The table that is filled in does not say what is meant.
+    let grades = work.read("sheets/grades.csv");
+    assert_eq!(grades.lines().next().unwrap(), "sheet,picture,read_as,grade,artefact");
+    assert!(!grades.contains("happiness") && grades.lines().count() == 5);
+    work.write("sheets/grades.csv", grades.replace(",,,", ",happiness,4,teeth"));
+    work.grimace("evaluate clone --grades sheets/grades.csv -o graded").exit(0).prints(&["happiness", "4.00"]);
+    let rows = work.rows("graded/graded.csv");
+    let row = |source: &str| rows.iter().find(|r| r["source"] == source).unwrap();
+    assert_eq!((row("happiness")["read_as_it_is"].as_str(), row("surprise")["read_as_it_is"].as_str()), ("2", "0"));
+    assert_eq!((row("all")["pictures"].as_str(), row("all")["costliest"].as_str()), ("4", "teeth"));
+    // The same seed, the same order.
+    work.grimace("evaluate clone --sheets P01.jpg P02.jpg --sources happiness.csv surprise.csv -o again -q").exit(0);
+    assert_eq!(work.read("again/key.csv"), work.read("sheets/key.csv"));
+    work.grimace("evaluate clone --sheets P01.jpg -o none").exit(2).says(&["--sources"]);
+    work.grimace("evaluate clone --grades graded/graded.csv -o bad").exit(1).says(&["key.csv"]);
 }

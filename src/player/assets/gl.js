@@ -29,7 +29,8 @@ vec3 row(vec2 d, float brightness, float side, float fromCorner, vec3 under) {
   if (at.x < 0.0 || at.y < 0.0 || at.x > 1.0 || at.y > 1.0) return under;
   vec4 tooth = texture2D(teeth, at);
   float cover = tooth.a * smoothstep(0.0, 0.035, fromCorner);
-  return mix(under, tooth.rgb * 255.0 / white * enamel * brightness * side, cover);
+  float edge = 1.0 - 0.16 * smoothstep(-0.024, 0.0, d.y);
+  return mix(under, tooth.rgb * 255.0 / white * enamel * brightness * side * edge, cover);
 }
 void main() {
   float x = p.x, y = p.y, upper = l.x, lower = l.y;
@@ -37,7 +38,7 @@ void main() {
   float fromCorner = min(x - ends.x, ends.y - x);
   float open = smoothstep(0.02, 0.40, gap), side = smoothstep(0.0, 0.20, fromCorner);
   float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
-  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), 0.20 + (0.16 * depth - 0.02) * open * side);
+  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), 0.27 + (0.20 * depth - 0.12) * open * side);
   float across = x / max(0.42 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
     float height = 0.56 * gap * sqrt(within), top = floorY - height;
@@ -47,17 +48,17 @@ void main() {
     colour = mix(colour, tinted(vec3(1.0, 0.84, 0.83), light), cover);
   }
   if (shown > 0.5) {
-    float lit = 0.25 + 0.75 * smoothstep(0.0, 0.16, fromCorner);
-    float lowerY = y - max(0.012 + 0.88 * jaw, floorY - 0.022);
+    float lit = (0.25 + 0.75 * smoothstep(0.0, 0.16, fromCorner)) * (1.0 - 0.42 * smoothstep(0.07, 0.27, abs(x)));
+    float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.01);
     float part = smoothstep(0.02, 0.08, jaw);
     if (part > 0.0) {
       float light = (0.62 + 0.16 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
       colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, lit, fromCorner, colour), part);
     }
-    float upperY = y - 0.045;
+    float upperY = y - 0.045 - 0.20 * x * x;
     float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * lit), gum);
-    float light = 0.72 + 0.28 * smoothstep(0.0, 0.06, belowUpper);
+    float light = 0.52 + 0.48 * smoothstep(0.0, 0.055, belowUpper);
     colour = mix(colour, row(vec2(x, upperY), light, lit, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
   float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
@@ -66,8 +67,8 @@ void main() {
   // A gap as narrow as a line is lip, not cavity.
   round = max(round, 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
-  float sealed = 1.0 - smoothstep(0.0, 0.12 * (1.0 - 0.7 * open), fromCorner);
-  vec3 inside = mix(colour * shadow, near * 0.42, 0.8 * sealed);
+  float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
+  vec3 inside = mix(colour * shadow, near * 0.52, 0.9 * sealed);
   gl_FragColor = vec4(mix(inside, near * vec3(0.74, 0.60, 0.60), 0.85 * round), 1.0);
 }`;
 const LASH_VERTEX = `

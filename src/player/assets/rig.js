@@ -1,6 +1,6 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
-const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_SKEW = 0.35, LIP_ROUND = 0.97, PARTED = [0.06, 0.2], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
+const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_SKEW = 0.35, LIP_ROUND = 0.97, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
 const MAX_GAZE = 0.12, SHUT = 1e-4, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
@@ -73,6 +73,7 @@ class Rig {
     const parted = smoothStep(...PARTED, (this.level(at, 40) - this.level(at, 87)) / this.unit);
     this.roundLip(at, 40, [83, 84], 1, parted);
     this.roundLip(at, 87, [81, 82], -1, 0);
+    this.stretchUpperLip(at);
     this.archLids(at);
     for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
     this.keepBrows(wanted);
@@ -101,6 +102,15 @@ class Rig {
     const round = (middle + 2 * share * beside) / (1 + 2 * share * share);
     this.shift(at, centre, sign * (round - middle));
     for (const n of sides) this.shift(at, n, sign * (share * round - beside));
+  }
+  /** Takes the bow out of the upper lip the further the lips part. */
+  stretchUpperLip(at) {
+    const { given } = this;
+    const parted = (this.level(at, 40) - this.level(at, 87)) / this.unit;
+    const bow = Math.max(0, this.level(given, 87) - (this.level(given, 81) + this.level(given, 82)) / 2);
+    const taken = bow * smoothStep(...STRETCHED, parted);
+    this.shift(at, 87, (-taken * 2) / 3);
+    for (const n of [81, 82]) this.shift(at, n, taken / 3);
   }
   /** Lids rise and fall as arches: beside its middle a lid goes as far as the eye is open there. */
   archLids(at) {
