@@ -58,9 +58,10 @@ pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 const LID_LIMIT: f64 = 2.0;
 /// Most that the lower lip beside its middle opens, over the middle.
 const LIP_ROUND: f64 = 0.97;
-/// Least and most that a lid goes beside its middle, over the middle's way, and how far the two sides may differ from their mean.
+/// Least and most that a lid goes beside its middle, over the middle's way, and what is about as far: over that way, and over the eye
+/// distance.
 const LID_SHARES: (f64, f64) = (0.45, 1.0);
-const LID_SKEW: f64 = 0.35;
+const LID_ABOUT: (f64, f64) = (0.20, 0.006);
 /// Distance of the lips over the eye distance at which the lower lip begins to lose its bow, and at which it has none.
 const PARTED: (f64, f64) = (0.06, 0.20);
 /// The same for the bow of the upper lip.
@@ -159,7 +160,9 @@ impl Target {
         let texture = Texture::new(&picture);
         let by_hand = |n: u16| fitted.correspondences.iter().any(|c| c.node.0 == n && c.expected_error.is_none());
         let warp = Warp::on_photograph(nodes, &texture, by_hand)?.with_eyes(&texture);
-        let lid_gaps = lid_gaps(&upright);
+        // What is between the lids on the photograph, not on the fit: what shuts the one shuts the other.
+        let seen: Vec<Point2<f64>> = warp.texture_nodes().iter().map(|p| unroll * Point2::new(p.x, -p.y)).collect();
+        let lid_gaps = lid_gaps(&seen);
         Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
     }
 
@@ -307,9 +310,9 @@ impl Target {
         }
     }
 
-    /// Makes lids rise and fall as arches: beyond what the corners do, the places beside the middle of a lid go the share of the middle's
-    /// way that the eye is open there on the photograph, one side more than the other by what the source says. A median over people, and
-    /// a tracker between lashes, leave a peak or a dent above the iris. The middle, MPEG-4's feature point, goes where it was asked to.
+    /// Makes lids rise and fall as arches: beyond what the corners do, the places beside the middle of a lid go about the share of the
+    /// middle's way that the eye is open there on the photograph. A median over people, and a tracker between lashes, leave a peak or a dent
+    /// above the iris. The middle, MPEG-4's feature point, goes where it was asked to.
     fn arch_lids(&self, nodes: &mut [Point2<f64>]) {
         let down = self.warp.down();
         let neutral = self.fitted.model.nodes();
@@ -328,10 +331,10 @@ impl Target {
                     (nodes[node] - neutral[node]).dot(&down) - corner(outer) * (1.0 - along) - corner(inner) * along
                 });
                 let shares = [0, 2].map(|k: usize| (open[k] / open[1]).clamp(LID_SHARES.0, LID_SHARES.1));
-                let skew = (moved[0] / shares[0] - moved[2] / shares[1]) / 2.0;
-                let skew = skew.clamp(-LID_SKEW * moved[1].abs(), LID_SKEW * moved[1].abs());
-                nodes[lid(0, upper)] += down * (shares[0] * (moved[1] + skew) - moved[0]);
-                nodes[lid(2, upper)] += down * (shares[1] * (moved[1] - skew) - moved[2]);
+                for (share, k) in shares.into_iter().zip([0, 2]) {
+                    let (arch, about) = (share * moved[1], LID_ABOUT.0 * moved[1].abs() + LID_ABOUT.1 * self.warp.eye_distance());
+                    nodes[lid(k, upper)] += down * (moved[k].clamp(arch - about, arch + about) - moved[k]);
+                }
             }
         }
     }

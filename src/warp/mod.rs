@@ -243,6 +243,11 @@ impl Warp {
         &self.given
     }
 
+    /// The nodes as the photograph has them: lips closed that are as good as closed, edges where they are seen.
+    pub fn texture_nodes(&self) -> &[Point2<f64>] {
+        &self.nodes
+    }
+
     /// Distance between the middles of the eyes, px.
     pub fn eye_distance(&self) -> f64 {
         self.frame.eye_distance

@@ -1,6 +1,6 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
-const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_SKEW = 0.35, LIP_ROUND = 0.97, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
+const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
 const MAX_GAZE = 0.12, SHUT = 1e-4, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
@@ -131,10 +131,11 @@ class Rig {
           const along = clamp(dot / length, 0, 1);
           return moved(n) - moved(outer) * (1 - along) - moved(inner) * along;
         });
-        const most = LID_SKEW * Math.abs(beyond[1]);
-        const skew = clamp((beyond[0] / shares[0] - beyond[2] / shares[1]) / 2, -most, most);
-        this.shift(at, nodes[1], shares[0] * (beyond[1] + skew) - beyond[0]);
-        this.shift(at, nodes[3], shares[1] * (beyond[1] - skew) - beyond[2]);
+        const about = LID_ABOUT[0] * Math.abs(beyond[1]) + LID_ABOUT[1] * this.unit;
+        [0, 2].forEach((k, side) => {
+          const arch = shares[side] * beyond[1];
+          this.shift(at, nodes[k + 1], clamp(beyond[k], arch - about, arch + about) - beyond[k]);
+        });
       }
     }
   }
