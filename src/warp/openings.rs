@@ -17,6 +17,11 @@ use crate::geometry::{Similarity, polygon::distance_to_line};
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
 const CLOSING: f64 = 0.35;
+/// Width of the zone in which lips turn inwards, over the eye distance; gaps at which they begin to, and wholly do; what is left of red,
+/// green and blue at the edge.
+const ROLL: f64 = 0.040;
+const ROLLED: (f64, f64) = (0.01, 0.10);
+const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
 /// Half the width of the line of lashes, over the eye distance.
 const LASHES: f64 = 0.024;
 
@@ -74,6 +79,9 @@ pub fn draw(
         }
     }
     layer.spread();
+    if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
+        roll_lips(&outline, warp.frame.eye_distance, gap, frame);
+    }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
         lashes(warp, opening, texture, vertices, gap, frame);
@@ -123,6 +131,35 @@ fn behind_is_still(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation
 
 fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
     OPENINGS.iter().find(|o| o.opening == opening.opening).unwrap_or(&OPENINGS[0])
+}
+
+/// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is
+/// redder and wet.
+fn roll_lips(outline: &[Point2<f64>], unit: f64, gap: f64, frame: &mut RgbImage) {
+    let strength = smooth_step(ROLLED.0, ROLLED.1, gap / unit);
+    let width = ROLL * unit;
+    let (mut low, mut high) = (outline[0], outline[0]);
+    for p in outline {
+        (low, high) = (low.inf(p), high.sup(p));
+    }
+    let mut line = outline.to_vec();
+    line.push(outline[0]);
+    let clip = |v: f64, size: u32| v.clamp(0.0, f64::from(size)) as u32;
+    let (columns, rows) = (frame.width(), frame.height());
+    for y in clip(low.y - width, rows)..clip(high.y + width + 1.0, rows) {
+        for x in clip(low.x - width, columns)..clip(high.x + width + 1.0, columns) {
+            let point = Point2::new(f64::from(x), f64::from(y));
+            let near = 1.0 - distance_to_line(&line, &point) / width;
+            if near > 0.0 {
+                let share = (strength * near * near) as f32;
+                let pixel = frame.get_pixel_mut(x, y);
+                for (channel, rolled) in pixel.0.iter_mut().zip(ROLLED_COLOUR) {
+                    let level = f32::from(*channel);
+                    *channel = sample::byte(level * (1.0 - share * (1.0 - rolled)));
+                }
+            }
+        }
+    }
 }
 
 /// Carries the skin at the edges on into the opening, so that an edge has something to be blended with, and a shut opening shows
