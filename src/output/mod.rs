@@ -21,6 +21,7 @@ use crate::formula::FormulaGuard;
 pub use pending::{PendingFile, PendingFolder, target_of};
 pub use record::FolderRecord;
 pub(crate) use record::is_inside;
+pub(crate) use sweep::once as sweep_once;
 pub use sync::{remove_durably, sync_written};
 
 /// Program and version, as written into every file that says where it came from.

@@ -47,7 +47,7 @@ pub(super) fn lock(file: &fs::File) {
 }
 
 /// Sweeps a folder, the first time that this process asks.
-pub(super) fn once(folder: &Path) {
+pub(crate) fn once(folder: &Path) {
     let first = SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.to_owned());
     if first {
         sweep(folder, SystemTime::now());

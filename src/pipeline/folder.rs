@@ -10,8 +10,9 @@ use super::{
 };
 use crate::{
     dataset::{Dataset, MANIFEST_NAME},
-    output::OutputError,
+    output::{OutputError, sweep_once},
     statistics::{check_columns, check_groups},
+    track::CORRECTIONS_FOLDER,
 };
 
 /// Name of the provenance file.
@@ -32,6 +33,8 @@ pub(super) fn open(
     check_groups(&bench.options.by, labelled).map_err(AnalysisError::from)?;
     let name = dataset_name(dataset);
     let earlier = check_output(out, &name, bench, force)?;
+    // Only `annotate` writes there, and may have been killed.
+    sweep_once(&out.join(CORRECTIONS_FOLDER));
     expand(&mut opened, out, bench, watch)?;
     if opened.sequences.is_empty() && opened.failures.is_empty() {
         return Err(RunError::Empty { path: dataset.to_owned() });

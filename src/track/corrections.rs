@@ -40,12 +40,15 @@ pub struct SavedCorrections {
     pub blake3: String,
 }
 
+/// The folder of the corrections, beside `tracks`.
+pub(crate) const CORRECTIONS_FOLDER: &str = "corrections";
+
 /// Where the corrections of a track are kept: `OUT/corrections/ID.csv` for `OUT/tracks/ID.csv`, else `corrections/ID.csv` beside it.
 #[must_use]
 pub fn corrections_path(track: &Path) -> PathBuf {
     let folder = track.parent().unwrap_or(Path::new(""));
     let above = folder.file_name().filter(|name| *name == "tracks").and_then(|_| folder.parent());
-    above.unwrap_or(folder).join("corrections").join(track.file_name().unwrap_or_default())
+    above.unwrap_or(folder).join(CORRECTIONS_FOLDER).join(track.file_name().unwrap_or_default())
 }
 
 /// Reads the corrections of a track; `None` where nobody has corrected anything.

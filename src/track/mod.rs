@@ -32,6 +32,7 @@ use crate::{
 
 pub use align::{AlignOptions, Patch};
 pub use confidence::{Confidence, Evidence, NodeFeatures, expect_errors, node_features};
+pub(crate) use corrections::CORRECTIONS_FOLDER;
 pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, fitting_corrections, read_corrections,
     write_corrections,
