@@ -189,6 +189,26 @@ fn film(text: &str) -> Result<Film, String> {
     }
 }
 
+impl Args {
+    /// The options of a clone of a motion.
+    fn options(&self, motion: &SourceMotion) -> CloneOptions {
+        CloneOptions {
+            rescale: self.motion.rescale,
+            emphasis: self.motion.emphasis,
+            head: self.motion.head,
+            wrinkles: self.look.wrinkles.unwrap_or(0.0),
+            teeth: self.look.teeth,
+            blink: self.motion.blink,
+            timing: Timing {
+                fps: self.motion.fps,
+                duration: self.motion.duration,
+                ease: self.motion.ease.unwrap_or_else(|| motion.ease()),
+                back: self.motion.back,
+            },
+        }
+    }
+}
+
 /// A source with its pictures.
 struct Source<'a> {
     path: &'a Path,
@@ -216,20 +236,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let stop = stop_flag()?;
-    let options = CloneOptions {
-        rescale: args.motion.rescale,
-        emphasis: args.motion.emphasis,
-        head: args.motion.head,
-        wrinkles: args.look.wrinkles.unwrap_or(0.0),
-        teeth: args.look.teeth,
-        blink: args.motion.blink,
-        timing: Timing {
-            fps: args.motion.fps,
-            duration: args.motion.duration,
-            ease: args.motion.ease.unwrap_or_default(),
-            back: args.motion.back,
-        },
-    };
     let pairs = args.source.len() * args.target.len();
     let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
     let bar = frame_bar(args.general.quiet, None);
@@ -238,7 +244,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folders = BTreeSet::new();
     for (k, target_path) in args.target.iter().enumerate() {
         let marks_path = args.correspondences.get(k).map(PathBuf::as_path);
-        let job = Job { args, bench: &bench, options: &options, target_path, marks_path, stop: &stop, bar: &bar };
+        let job = Job { args, bench: &bench, target_path, marks_path, stop: &stop, bar: &bar };
         let target = match job.target() {
             Ok(target) => target,
             Err(error) if pairs == 1 => return Err(error),
@@ -369,16 +375,10 @@ fn cut_said(cut: &[CutFap]) -> Option<String> {
         .then(|| format!("skin would fold over, or lips or lids pass through each other: less is shown of FAP {list}"))
 }
 
-/// The course that was asked for, or the one that suits the source: five frames of a representative say nothing of time.
-fn args_ease(asked: Option<Ease>, kind: SourceKind) -> Ease {
-    asked.unwrap_or(if kind == SourceKind::Model { Ease::Natural } else { Ease::Linear })
-}
-
 /// One target in work.
 struct Job<'a> {
     args: &'a Args,
     bench: &'a Workbench,
-    options: &'a CloneOptions,
     target_path: &'a Path,
     marks_path: Option<&'a Path>,
     stop: &'a AtomicBool,
@@ -396,8 +396,7 @@ impl Job<'_> {
             Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
             None => None,
         };
-        let ease = args_ease(self.args.motion.ease, source.motion.kind);
-        let options = CloneOptions { timing: Timing { ease, ..self.options.timing }, ..*self.options };
+        let options = self.args.options(&source.motion);
         let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
         let mut clone = clone_expression(&source.motion, target, details.as_ref(), &options, self.bench)?;
         if let Some(skin) = &skin {
@@ -424,7 +423,7 @@ impl Job<'_> {
             faps_cut: Vec::new(),
             skin: source.skin.as_ref().map(|s| file_name(&s.path)),
             skin_blake3: source.skin.as_ref().and_then(|s| file_blake3(&s.path)),
-            wrinkles_light_share: details.as_ref().filter(|_| self.options.wrinkles > 0.0).map(Details::light_share),
+            wrinkles_light_share: details.as_ref().filter(|_| options.wrinkles > 0.0).map(Details::light_share),
         };
         let films = self.args.look.film.as_slice();
         let force = self.args.general.force;

@@ -15,7 +15,7 @@ use crate::{
     normalize::stable_nodes,
     sequence::MAX_SIDE,
     units::NodeId,
-    warp::{NODE_COUNT, Texture, Warp, smooth_step},
+    warp::{NODE_COUNT, OPENINGS, Texture, Warp, smooth_step},
     wireframe::{Face, Fapus},
 };
 
@@ -243,8 +243,8 @@ impl Target {
             .collect();
         let down = self.warp.down();
         // The further lips part, the less is left of their bow.
-        let parted = (nodes[40] - nodes[87]).dot(&down) / self.warp.eye_distance();
-        self.round_lip(&mut nodes, 40, [83, 84], down, smooth_step(PARTED.0, PARTED.1, parted));
+        let flat = smooth_step(PARTED.0, PARTED.1, self.parted(&nodes));
+        self.round_lip(&mut nodes, 40, [83, 84], down, flat);
         self.round_lip(&mut nodes, 87, [81, 82], -down, 0.0);
         self.stretch_upper_lip(&mut nodes);
         self.arch_lids(&mut nodes);
@@ -297,13 +297,17 @@ impl Target {
         }
     }
 
+    /// Distance of the middles of the lips over the eye distance.
+    fn parted(&self, nodes: &[Point2<f64>]) -> f64 {
+        (nodes[40] - nodes[87]).dot(&self.warp.down()) / self.warp.eye_distance()
+    }
+
     /// Takes the bow out of the upper lip's inner edge the further the lips part: a lip that is drawn over teeth is straight.
     fn stretch_upper_lip(&self, nodes: &mut [Point2<f64>]) {
         let down = self.warp.down();
         let neutral = self.fitted.model.nodes();
-        let parted = (nodes[40] - nodes[87]).dot(&down) / self.warp.eye_distance();
         let bow = (neutral[87] - nalgebra::center(&neutral[81], &neutral[82])).dot(&down).max(0.0);
-        let taken = bow * smooth_step(STRETCHED.0, STRETCHED.1, parted);
+        let taken = bow * smooth_step(STRETCHED.0, STRETCHED.1, self.parted(nodes));
         nodes[87] -= down * (taken * 2.0 / 3.0);
         for n in [81, 82] {
             nodes[n] += down * (taken / 3.0);
@@ -316,24 +320,24 @@ impl Target {
     fn arch_lids(&self, nodes: &mut [Point2<f64>]) {
         let down = self.warp.down();
         let neutral = self.fitted.model.nodes();
-        for (pairs, [outer, inner]) in LID_PAIRS.chunks_exact(3).zip([[20, 23], [53, 56]]) {
-            let open: [f64; 3] = std::array::from_fn(|k| (neutral[pairs[k].1] - neutral[pairs[k].0]).dot(&down));
+        for eye in &OPENINGS[1..] {
+            let (upper, lower) = (eye.upper.map(usize::from), eye.lower.map(usize::from));
+            let [outer, .., inner] = upper;
+            let chord = neutral[inner] - neutral[outer];
+            let open = [1, 2, 3].map(|k: usize| (neutral[lower[k]] - neutral[upper[k]]).dot(&down));
             if !(open[1] > 0.0) {
                 continue;
             }
-            let chord = neutral[inner] - neutral[outer];
-            let lid = |k: usize, upper: bool| if upper { pairs[k].0 } else { pairs[k].1 };
-            for upper in [true, false] {
-                let moved: [f64; 3] = std::array::from_fn(|k| {
-                    let node = lid(k, upper);
+            for [_, outside, middle, inside, _] in [upper, lower] {
+                let moved = |node: usize| (nodes[node] - neutral[node]).dot(&down);
+                let [outside_way, way, inside_way] = [outside, middle, inside].map(|node| {
                     let along = ((neutral[node] - neutral[outer]).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-                    let corner = |n: usize| (nodes[n] - neutral[n]).dot(&down);
-                    (nodes[node] - neutral[node]).dot(&down) - corner(outer) * (1.0 - along) - corner(inner) * along
+                    moved(node) - moved(outer) * (1.0 - along) - moved(inner) * along
                 });
-                let shares = [0, 2].map(|k: usize| (open[k] / open[1]).clamp(LID_SHARES.0, LID_SHARES.1));
-                for (share, k) in shares.into_iter().zip([0, 2]) {
-                    let (arch, about) = (share * moved[1], LID_ABOUT.0 * moved[1].abs() + LID_ABOUT.1 * self.warp.eye_distance());
-                    nodes[lid(k, upper)] += down * (moved[k].clamp(arch - about, arch + about) - moved[k]);
+                let about = LID_ABOUT.0 * way.abs() + LID_ABOUT.1 * self.warp.eye_distance();
+                for (node, own, open_there) in [(outside, outside_way, open[0]), (inside, inside_way, open[2])] {
+                    let arch = (open_there / open[1]).clamp(LID_SHARES.0, LID_SHARES.1) * way;
+                    nodes[node] += down * (own.clamp(arch - about, arch + about) - own);
                 }
             }
         }

@@ -62,13 +62,6 @@ impl Ease {
             }
         }
     }
-
-    /// The time, as a share of the whole, that a place of the face follows at a share of the whole time; `low` is 0 at the eyes and above, 1
-    /// at the mouth and below.
-    fn local(self, t: f64, low: f64) -> f64 {
-        // Everything starts at 0 and has arrived at 1.
-        if self == Self::Natural { t - BEHIND * low * (4.0 * t * (1.0 - t)) } else { t }
-    }
 }
 
 /// Frame rate, length and course of a clone.
@@ -138,7 +131,9 @@ impl Timing {
         let moment = |time: f64| {
             let mut moment = course.at(place(time));
             for (node, &low) in low.iter().enumerate().filter(|(_, low)| **low > 0.0) {
-                moment.offsets[node] = course.offset(node, place(self.ease.local(time, low)));
+                // Everything starts at 0 and has arrived at 1.
+                let behind = BEHIND * low * (4.0 * time * (1.0 - time));
+                moment.offsets[node] = course.offset(node, place(time - behind));
             }
             moment
         };
@@ -158,6 +153,14 @@ fn lowness(count: usize) -> Vec<f64> {
 }
 
 impl SourceMotion {
+    /// The course that suits it: five frames of a representative say nothing of time, tracks and FAP files have a course of their own.
+    pub fn ease(&self) -> Ease {
+        match self.kind {
+            SourceKind::Model => Ease::Natural,
+            _ => Ease::Linear,
+        }
+    }
+
     /// Seconds from the first to the last frame: its own, or 1 for a representative, which has no time of its own.
     pub fn seconds(&self) -> f64 {
         match self.kind {

@@ -11,7 +11,13 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
-use super::{Texture, Warp, layout::OPENINGS, mesh::OpeningMesh, mouth::luma, openings::smooth_step};
+use super::{
+    Texture, Warp,
+    layout::OPENINGS,
+    mesh::OpeningMesh,
+    mouth::{luma, whiteness},
+    openings::smooth_step,
+};
 use crate::geometry::{
     Similarity,
     polygon::{distance_to_line, inside_depth},
@@ -256,14 +262,12 @@ impl Eyeball {
     fn filled_white(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Vec<[f32; 3]> {
         let across = Vector2::new(down.y, -down.x);
         let along = |k: usize| (self.at(k) - self.centre).dot(&across) / (4.0 * self.radius);
-        // Skin is redder and lashes are darker than the white.
-        let whiteness = |c: &[f32; 3]| luma(*c) - 0.8 * (c[0] - c[1]).max(0.0);
         let candidates = |beyond: f64| -> Vec<usize> {
             let is_white = |k: &usize| {
                 f64::from(self.depth[*k]) > 0.018 * self.eye_distance && (self.at(*k) - self.centre).norm() > beyond * self.radius
             };
             let mut found: Vec<usize> = (0..photograph.len()).filter(is_white).collect();
-            found.sort_by(|&a, &b| whiteness(&photograph[b]).total_cmp(&whiteness(&photograph[a])));
+            found.sort_by(|&a, &b| whiteness(photograph[b]).total_cmp(&whiteness(photograph[a])));
             found.truncate((found.len() * 3).div_ceil(5));
             found
         };

@@ -10,7 +10,7 @@ use nalgebra::{Point2, Vector2};
 use super::{
     Texture,
     layout::{self, Frame, OPENINGS, OpeningNodes},
-    mouth::luma,
+    mouth::whiteness,
 };
 
 /// How far up and down the middle of a lid is looked for, and how far it may lean, over the eye distance.
@@ -60,7 +60,7 @@ pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn
 }
 
 /// How far a lid is moved down, px.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Shift {
     middle: f64,
     lean: f64,
@@ -80,6 +80,9 @@ fn place(eye: &OpeningNodes, nodes: &[Point2<f64>], point: &Point2<f64>) -> f64 
     (point - outer).dot(&chord) / chord.norm_squared().max(1e-12)
 }
 
+/// Steps of a profile to either side of a lid.
+const STEPS: i32 = 24;
+
 /// The brightness above and below a place of a lid.
 struct Profile {
     along: f64,
@@ -87,15 +90,12 @@ struct Profile {
     sums: Vec<f64>,
 }
 
-/// Steps of a profile to either side of a lid.
-const STEPS: i32 = 24;
-
 impl Profile {
     fn new(photograph: &Texture, at: Point2<f64>, along: f64, step: Vector2<f64>) -> Self {
         let mut sum = 0.0;
         let mut sums = vec![0.0];
         for k in -STEPS..=STEPS {
-            sum += whiteness(photograph.sample(at + step * f64::from(k)));
+            sum += f64::from(whiteness(photograph.sample(at + step * f64::from(k))));
             sums.push(sum);
         }
         Self { along, sums }
@@ -110,11 +110,6 @@ impl Profile {
         };
         (sum(to) - sum(from)) / (to - from)
     }
-}
-
-/// Brightness, less where it is red: skin below a crease is no white.
-fn whiteness(colour: [f32; 3]) -> f64 {
-    f64::from(luma(colour) - 0.8 * (colour[0] - colour[1]).max(0.0))
 }
 
 /// Where the lid is in the picture; `None` where nothing speaks for another place than it has.
@@ -147,7 +142,7 @@ fn shift(eye: &OpeningNodes, nodes: &[Point2<f64>], photograph: &Texture, frame:
         profiles.iter().map(one).sum::<f64>() / profiles.len() as f64 - PRIOR * cost
     };
     let count = |reach: f64| (reach / STEP).round() as i32;
-    let mut best = (score(Shift { middle: 0.0, lean: 0.0 }), Shift { middle: 0.0, lean: 0.0 });
+    let mut best = (score(Shift::default()), Shift::default());
     for middle in -count(REACH.0)..=count(REACH.0) {
         for lean in -count(REACH.1)..=count(REACH.1) {
             let tried = Shift { middle: f64::from(middle), lean: f64::from(lean) };

@@ -52,14 +52,10 @@ mod sample;
 
 use nalgebra::{Point2, Vector2};
 
-use self::{
-    eyeball::Eyeball,
-    field::Weights,
-    layout::{Frame, OPENINGS},
-    mesh::Mesh,
-};
+use self::{eyeball::Eyeball, field::Weights, layout::Frame, mesh::Mesh};
 use crate::geometry::Similarity;
 
+pub(crate) use layout::OPENINGS;
 pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;
 pub(crate) use openings::smooth_step;

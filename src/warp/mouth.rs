@@ -319,6 +319,11 @@ pub fn luma([r, g, b]: [f32; 3]) -> f32 {
     0.3 * r + 0.59 * g + 0.11 * b
 }
 
+/// Brightness, less where it is red: skin, and a lid below its crease, are not the white of an eye.
+pub fn whiteness(colour: [f32; 3]) -> f32 {
+    luma(colour) - 0.8 * (colour[0] - colour[1]).max(0.0)
+}
+
 /// Size of the teeth over that of the picture's: a wide mouth has larger ones, which keeps them from being alike on everybody.
 pub fn teeth_size(warp: &Warp) -> f64 {
     let width = (warp.nodes[88] - warp.nodes[89]).norm() / warp.frame.eye_distance;

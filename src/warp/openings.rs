@@ -137,29 +137,32 @@ fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
 /// redder and wet.
 fn roll_lips(outline: &[Point2<f64>], unit: f64, gap: f64, frame: &mut RgbImage) {
     let strength = smooth_step(ROLLED.0, ROLLED.1, gap / unit);
-    let width = ROLL * unit;
-    let (mut low, mut high) = (outline[0], outline[0]);
-    for p in outline {
-        (low, high) = (low.inf(p), high.sup(p));
+    if strength <= 0.0 {
+        return;
     }
-    let mut line = outline.to_vec();
-    line.push(outline[0]);
-    let clip = |v: f64, size: u32| v.clamp(0.0, f64::from(size)) as u32;
-    let (columns, rows) = (frame.width(), frame.height());
-    for y in clip(low.y - width, rows)..clip(high.y + width + 1.0, rows) {
-        for x in clip(low.x - width, columns)..clip(high.x + width + 1.0, columns) {
-            let point = Point2::new(f64::from(x), f64::from(y));
-            let near = 1.0 - distance_to_line(&line, &point) / width;
-            if near > 0.0 {
-                let share = (strength * near * near) as f32;
-                let pixel = frame.get_pixel_mut(x, y);
-                for (channel, rolled) in pixel.0.iter_mut().zip(ROLLED_COLOUR) {
-                    let level = f32::from(*channel);
-                    *channel = sample::byte(level * (1.0 - share * (1.0 - rolled)));
-                }
+    let width = ROLL * unit;
+    let line: Vec<Point2<f64>> = outline.iter().chain(outline.first()).copied().collect();
+    for (x, y) in pixels_around(&line, width, frame.dimensions()) {
+        let near = 1.0 - distance_to_line(&line, &Point2::new(f64::from(x), f64::from(y))) / width;
+        if near > 0.0 {
+            let share = (strength * near * near) as f32;
+            let pixel = frame.get_pixel_mut(x, y);
+            for (channel, rolled) in pixel.0.iter_mut().zip(ROLLED_COLOUR) {
+                *channel = sample::byte(f32::from(*channel) * (1.0 - share * (1.0 - rolled)));
             }
         }
     }
+}
+
+/// The pixels of a picture in the box around a line and so much more, row by row.
+fn pixels_around(line: &[Point2<f64>], width: f64, size: (u32, u32)) -> impl Iterator<Item = (u32, u32)> {
+    let bounds = |axis: usize, size: u32| {
+        let (low, high) = line.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[axis]), h.max(p[axis])));
+        let clip = |v: f64| v.clamp(0.0, f64::from(size)) as u32;
+        clip(low - width)..clip(high + width + 1.0)
+    };
+    let columns = bounds(0, size.0);
+    bounds(1, size.1).flat_map(move |y| columns.clone().map(move |x| (x, y)))
 }
 
 /// Carries the skin at the edges on into the opening, so that an edge has something to be blended with, and a shut opening shows
@@ -233,26 +236,19 @@ fn lashes(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Poi
     let (from, to) = (line[0], line[line.len() - 1]);
     let across = to - from;
     let width = (LASHES * unit).max(0.6);
-    let bounds = |axis: usize, size: u32| {
-        let (low, high) = line.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[axis]), h.max(p[axis])));
-        let clip = |v: f64| v.clamp(0.0, f64::from(size)) as u32;
-        clip(low - width)..clip(high + width + 1.0)
-    };
-    for y in bounds(1, frame.height()) {
-        for x in bounds(0, frame.width()) {
-            let point = Point2::new(f64::from(x), f64::from(y));
-            // Finer and lighter towards the corners.
-            let along = ((point - from).dot(&across) / across.norm_squared().max(1e-9)).clamp(0.0, 1.0);
-            let local = width * (0.35 + 2.6 * along * (1.0 - along));
-            let share = shut.min(1.0)
-                * (4.0 * along * (1.0 - along)).sqrt()
-                * (1.0 - smooth_step(0.3, 1.0, distance_to_line(&line, &point) / local));
-            if share > 0.0 {
-                let pixel = frame.get_pixel_mut(x, y);
-                for (channel, over) in pixel.0.iter_mut().zip(dark) {
-                    let under = f32::from(*channel);
-                    *channel = sample::byte(under + (over - under) * share as f32);
-                }
+    for (x, y) in pixels_around(&line, width, frame.dimensions()) {
+        let point = Point2::new(f64::from(x), f64::from(y));
+        // Finer and lighter towards the corners.
+        let along = ((point - from).dot(&across) / across.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+        let local = width * (0.35 + 2.6 * along * (1.0 - along));
+        let share = shut.min(1.0)
+            * (4.0 * along * (1.0 - along)).sqrt()
+            * (1.0 - smooth_step(0.3, 1.0, distance_to_line(&line, &point) / local));
+        if share > 0.0 {
+            let pixel = frame.get_pixel_mut(x, y);
+            for (channel, over) in pixel.0.iter_mut().zip(dark) {
+                let under = f32::from(*channel);
+                *channel = sample::byte(under + (over - under) * share as f32);
             }
         }
     }

@@ -10,7 +10,7 @@ use std::{
 };
 
 use grimace::internal::{
-    clone::{CloneOptions, ClonedSkin, Sheet, Skin, SourceMotion, Target, clone_expression},
+    clone::{CloneError, CloneOptions, ClonedSkin, Sheet, Skin, SourceMotion, Target, clone_expression},
     input::{CsvFile, InputError},
     pipeline::Workbench,
     render::Labelled,
@@ -38,10 +38,10 @@ impl SheetSource {
     /// Reads a track, a representative with its skin, or a FAP file.
     ///
     /// # Errors
-    /// The reader's message.
-    pub fn read(path: &Path, bench: &Workbench) -> Result<Self, String> {
-        let motion = SourceMotion::read(path, bench).map_err(|e| e.to_string())?;
-        let skin = Skin::path_beside(path, motion.kind).map(|p| Skin::read(&p)).transpose().map_err(|e| e.to_string())?;
+    /// [`CloneError`] for a file that is none of these.
+    pub fn read(path: &Path, bench: &Workbench) -> Result<Self, CloneError> {
+        let motion = SourceMotion::read(path, bench)?;
+        let skin = Skin::path_beside(path, motion.kind).map(|p| Skin::read(&p)).transpose()?;
         Ok(Self { motion, skin })
     }
 
@@ -62,7 +62,7 @@ pub struct TargetSheet {
 /// Draws the sheet of a target: its photograph, and the strongest frame of every source in an order that `seed` and `index` give.
 ///
 /// # Errors
-/// The message of a clone that could not be made.
+/// [`CloneError`] of the first clone that could not be made.
 pub fn draw_clone_sheet(
     target: &Target,
     sources: &[SheetSource],
@@ -70,7 +70,7 @@ pub fn draw_clone_sheet(
     seed: u64,
     index: u64,
     bench: &Workbench,
-) -> Result<TargetSheet, String> {
+) -> Result<TargetSheet, CloneError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(index);
     let mut order: Vec<&SheetSource> = sources.iter().collect();
@@ -84,11 +84,10 @@ pub fn draw_clone_sheet(
     let mut pictures = vec![face(&target.picture, format!("{}: photograph", target.name))];
     let mut key = Vec::new();
     for (k, source) in order.into_iter().enumerate() {
-        let text = |e: &dyn std::fmt::Display| format!("{} on {}: {e}", source.name(), target.name);
-        let mut clone = clone_expression(&source.motion, target, None, options, bench).map_err(|e| text(&e))?;
-        let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, s, &source.motion)).transpose().map_err(|e| text(&e))?;
+        let mut clone = clone_expression(&source.motion, target, None, options, bench)?;
+        let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, s, &source.motion)).transpose()?;
         if let Some(skin) = &skin {
-            clone = clone.with_skin(skin, &source.motion).map_err(|e| text(&e))?;
+            clone = clone.with_skin(skin, &source.motion)?;
         }
         pictures.push(face(&clone.picture(clone.apex()), (k + 1).to_string()));
         key.push(source.name().to_owned());

@@ -5,6 +5,7 @@ use std::{
     sync::atomic::Ordering,
 };
 
+use anyhow::Context;
 use grimace::internal::{
     cli::{Outcome, portrait, shared::stop_flag},
     clone::{CloneOptions, encode_png},
@@ -25,7 +26,7 @@ const RUBRIC: &str = "5: passes as a photograph; 4: one flaw when searched for; 
 
 /// Draws a sheet for every photograph.
 pub fn draw(args: &Args, photographs: &[PathBuf], mut folder: Folder, bench: &Workbench) -> anyhow::Result<Outcome> {
-    let read = |path: &PathBuf| SheetSource::read(path, bench).map_err(|e| anyhow::anyhow!("{}: {e}", path.display()));
+    let read = |path: &PathBuf| SheetSource::read(path, bench).with_context(|| path.display().to_string());
     let sources: Vec<SheetSource> = args.sources.iter().map(read).collect::<Result<_, _>>()?;
     let stop = stop_flag()?;
     let options = CloneOptions::default();
@@ -36,7 +37,7 @@ pub fn draw(args: &Args, photographs: &[PathBuf], mut folder: Folder, bench: &Wo
     for (index, path) in photographs.iter().enumerate() {
         let drawn = portrait::target(path, None, &args.marks.marks, bench).and_then(|target| {
             let sheet = draw_clone_sheet(&target, &sources, &options, args.common.seed, index as u64, bench);
-            Ok((target.name.clone(), sheet.map_err(anyhow::Error::msg)?))
+            Ok((target.name.clone(), sheet.with_context(|| path.display().to_string())?))
         });
         match drawn {
             Ok((name, sheet)) => {
