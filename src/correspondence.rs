@@ -221,10 +221,18 @@ pub enum MarksError {
 /// # Errors
 /// [`CorrespondenceError`] for a missing column, a text that is no finite number, a node that is not there or stands twice.
 pub fn read_correspondences(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Correspondence>, CorrespondenceError> {
-    parse(&CsvFile::open(path)?, tables, node_count)
+    correspondences_of(&CsvFile::open(path)?, tables, node_count)
 }
 
-fn parse(csv: &CsvFile, tables: &Tables, node_count: usize) -> Result<Vec<Correspondence>, CorrespondenceError> {
+/// [`read_correspondences`] of a file that is open.
+///
+/// # Errors
+/// As there.
+pub(crate) fn correspondences_of(
+    csv: &CsvFile,
+    tables: &Tables,
+    node_count: usize,
+) -> Result<Vec<Correspondence>, CorrespondenceError> {
     let [node_column, x_column, y_column] = csv.require(["node", "x", "y"])?;
     let kind_column = csv.column("kind");
     let error_column = csv.column("expected_error");
@@ -359,7 +367,7 @@ mod tests {
 
     fn read(text: &[u8]) -> Result<Vec<Correspondence>, String> {
         let csv = CsvFile::from_bytes(Path::new("C.csv"), text.to_vec()).map_err(|e| e.to_string())?;
-        parse(&csv, &Tables::candide3(), 113).map_err(|e| e.to_string())
+        correspondences_of(&csv, &Tables::candide3(), 113).map_err(|e| e.to_string())
     }
 
     fn mark(node: u16, x: f64, y: f64) -> Correspondence {

@@ -6,7 +6,7 @@ use grimace::{
     clone::{SourceMotion, Target},
     dataset::LandmarkSelection,
     output,
-    pipeline::{PipelineOptions, Workbench, showcase_target},
+    pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, showcase_target},
     player::{PlayerFace, PlayerHead, Shown, page},
     synthesis::read_motion,
 };
@@ -122,7 +122,7 @@ fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target
         return Ok(Vec::new());
     }
     if args.portrait.is_empty() {
-        return Ok(vec![("a simulated person".to_owned(), showcase_target(bench)?)]);
+        return Ok(vec![(PORTRAIT_NAME.to_owned(), showcase_target(bench)?)]);
     }
     let portrait = |(k, path): (usize, &PathBuf)| -> anyhow::Result<(String, Target)> {
         let marks = args.correspondences.get(k).map(PathBuf::as_path);

@@ -311,7 +311,7 @@ pub struct AnalysisArgs {
     /// Interpolated frames between two of the five key frames of a FAP file
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
     between: u16,
-    /// Neutral photograph, frontal, that the report shows the representatives on, instead of a simulated person
+    /// Neutral photograph, frontal, that the report shows the representatives on, instead of a composite portrait
     #[arg(long, alias = "report-face", value_name = "PORTRAIT")]
     portrait: Option<PathBuf>,
     /// Marked points on the portrait: node,x,y, or 68 landmarks as point,x,y; found in it if none are given

@@ -2,17 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use image::{RgbImage, codecs::jpeg::JpegEncoder};
-use nalgebra::Point2;
+use image::codecs::jpeg::JpegEncoder;
 use serde::{Deserialize, Serialize};
 
 use super::{SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks};
 use crate::{
     clone::{CloneError, SourceMotion, Target},
+    correspondence::correspondences_of,
     dataset::{LandmarkSelection, read_marks},
-    fit::FittedWireframe,
-    geometry::Similarity,
-    model::FrameExpressionModel,
+    input::CsvFile,
     overlay::thumbnail,
     player::{PlayerError, PlayerFace, Shown, payload},
     report::Stage,
@@ -26,9 +24,10 @@ use crate::{
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ReportFace {
-    /// A simulated person.
+    /// The portrait that is shipped.
     #[default]
-    Simulated,
+    #[serde(alias = "simulated")]
+    Composite,
     /// A photograph with marks.
     Photograph {
         /// The photograph.
@@ -55,10 +54,11 @@ const THUMBNAIL_HEIGHT: u32 = 150;
 /// Largest thumbnail, bytes, and the qualities of its JPEG that are tried, best first.
 const MOST_BYTES: usize = 6000;
 const THUMBNAIL_QUALITIES: [u8; 5] = [82, 70, 55, 35, 15];
-/// A simulated person, neutral, and all nodes of the wireframe in the picture, px. Made by the simulation (`crates/lab`), whose test
-/// `the_face_of_the_report_is_what_the_simulation_makes` compares them with it and makes them anew.
-const SIMULATED_PICTURE: &[u8] = include_bytes!("assets/simulated_face.png");
-const SIMULATED_NODES: &str = include_str!("assets/simulated_face.csv");
+/// A composite portrait, the average of five people, and its marks: `fixtures/portraits/P09`, which says whose photographs it is made of.
+const PORTRAIT: &[u8] = include_bytes!("assets/portrait.jpg");
+const PORTRAIT_MARKS: &[u8] = include_bytes!("assets/portrait_marks.csv");
+/// What it is called.
+pub const PORTRAIT_NAME: &str = "a composite portrait";
 
 /// The face that the report shows the representatives on.
 ///
@@ -75,28 +75,15 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
             };
             bench.target(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks)
         }
-        ReportFace::Simulated => {
-            let (picture, nodes) = simulated_face().map_err(CloneError::Showcase)?;
-            let fitted = FittedWireframe {
-                model: FrameExpressionModel::new(nodes),
-                image_from_face: Similarity::identity(),
-                correspondences: Vec::new(),
-                residuals: Vec::new(),
-                warnings: Vec::new(),
-            };
-            Target::from_fit("simulated", picture, fitted, bench)
+        ReportFace::Composite => {
+            let picture = image::load_from_memory(PORTRAIT).map_err(|e| CloneError::Showcase(e.to_string()))?.into_rgb8();
+            let marks = CsvFile::from_bytes(Path::new("portrait_marks.csv"), PORTRAIT_MARKS.to_vec());
+            let marks = marks.map_err(|e| CloneError::Showcase(e.to_string()))?;
+            let marks = correspondences_of(&marks, &bench.tables, bench.wireframe.node_count());
+            let marks = marks.map_err(|e| CloneError::Showcase(e.to_string()))?;
+            bench.target("portrait", picture, &marks)
         }
     }
-}
-
-/// The picture, and the positions of all nodes.
-fn simulated_face() -> Result<(RgbImage, Vec<Point2<f64>>), String> {
-    let picture = image::load_from_memory(SIMULATED_PICTURE).map_err(|e| e.to_string())?.into_rgb8();
-    let nodes = csv::Reader::from_reader(SIMULATED_NODES.as_bytes())
-        .deserialize::<(u16, f64, f64)>()
-        .map(|row| row.map(|(_, x, y)| Point2::new(x, y)).map_err(|e| e.to_string()))
-        .collect::<Result<_, _>>()?;
-    Ok((picture, nodes))
 }
 
 /// The player of all representatives on the face of the report; `None` for a wireframe that the warp does not know, and where no face is to
@@ -130,7 +117,7 @@ pub(super) fn player(representatives: &[Representative], bench: &Workbench) -> R
 /// What the face of the report is called.
 pub(super) fn face_name(bench: &Workbench) -> String {
     match &bench.options.report_face {
-        ReportFace::Simulated => "a simulated person".to_owned(),
+        ReportFace::Composite => PORTRAIT_NAME.to_owned(),
         ReportFace::Photograph { image, .. } => image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     }
 }

@@ -89,7 +89,7 @@ fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
         // Two side by side, in step, and a picture of both.
         browser.run("P.setCompare(true); P.setGain(1)");
         assert_eq!(browser.run("return P.seen.length").as_u64(), Some(2));
-        assert!(browser.text("const a = P.save(); return a.download").starts_with("jaw_a_simulated_person_smile"));
+        assert!(browser.text("const a = P.save(); return a.download").starts_with("jaw_a_composite_portrait_smile"));
         browser.screenshot("player", false);
         browser.size(390, 844);
         assert_eq!(browser.run("return document.documentElement.scrollWidth").as_u64(), Some(390));

@@ -350,11 +350,13 @@ fn videos_are_written_or_refused_with_a_reason() {
 fn the_report_shows_the_representatives_on_a_face_of_choice() {
     let work = work();
     work.grimace("analyze S001_005.csv -o plain -q").exit(0);
-    assert!(work.read("plain/report.html").contains("a simulated person"));
+    assert!(work.read("plain/report.html").contains("\"a composite portrait\""));
     work.grimace("analyze S001_005.csv -o photo -q --portrait target.png -c marks.csv").exit(0);
     let html = work.read("photo/report.html");
-    // The player has the photograph in it, and not the simulated person.
-    assert!(html.contains("target.png") && html.contains("data:image/jpeg;base64,") && !html.contains("a simulated person"));
+    // The player has the photograph in it, and not the portrait that is shipped.
+    assert!(
+        html.contains("target.png") && html.contains("data:image/jpeg;base64,") && !html.contains("\"a composite portrait\"")
+    );
     // As these options were called first.
     work.grimace("analyze S001_005.csv -o bad -q --report-face target.png --report-marks gone.csv").exit(1).says(&["gone.csv"]);
     work.grimace("analyze S001_005.csv -o bad -q -c marks.csv").exit(2).says(&["--portrait"]);

@@ -10,9 +10,9 @@ use std::{
 
 use grimace::internal::{
     clone::Target,
-    dataset::{Dataset, LandmarkSelection},
+    dataset::{Dataset, LandmarkSelection, read_marks},
     fit::Correspondence,
-    pipeline::{PipelineOptions, Workbench},
+    pipeline::{PipelineOptions, Workbench, showcase_target},
     sequence::read_colour,
     warp::{MouthInside, Texture},
     wireframe::{Emotion, ExpressionUnit, UnitKind, expressions},
@@ -112,13 +112,33 @@ fn portraits_move_without_holes_and_without_touching_the_background() {
         let stem = path.file_stem().unwrap().to_string_lossy().into_owned();
         let marks = folder.join(format!("{stem}_landmarks68_auto.csv"));
         for selection in [LandmarkSelection::Default, LandmarkSelection::HighAndMedium] {
-            let marks =
-                grimace::internal::dataset::read_marks(&marks, &selection, &bench.tables, bench.wireframe.node_count()).unwrap();
+            let marks = read_marks(&marks, &selection, &bench.tables, bench.wireframe.node_count()).unwrap();
             check(&format!("{stem} {selection:?}"), read_colour(path).unwrap(), &marks, &bench);
         }
         count += 1;
     }
     assert!(count >= 8, "{count} portraits");
+}
+
+#[test]
+fn shipped_portraits_move_without_holes_and_one_is_that_of_the_report() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/portraits");
+    let bench = Workbench::new(None, PipelineOptions::default()).unwrap();
+    let showcase = showcase_target(&bench).unwrap();
+    let mut of_the_report = 0;
+    for number in 1..=12 {
+        let path = folder.join(format!("P{number:02}.jpg"));
+        let marks = folder.join(format!("P{number:02}_correspondences.csv"));
+        let marks = read_marks(&marks, &LandmarkSelection::Auto, &bench.tables, bench.wireframe.node_count()).unwrap();
+        let picture = read_colour(&path).unwrap();
+        if picture == showcase.picture {
+            let target = Target::new("P", picture.clone(), &marks, bench.fitter(), &bench).unwrap();
+            assert_eq!(target.fitted.model.nodes(), showcase.fitted.model.nodes());
+            of_the_report += 1;
+        }
+        check(&format!("P{number:02}"), picture, &marks, &bench);
+    }
+    assert_eq!(of_the_report, 1);
 }
 
 #[test]

@@ -233,7 +233,7 @@ mod tests {
     fn a_file_says_its_colours_and_a_page_its_classes() {
         let (file, page) = (example().svg("A & B"), example().inline("wire", "A \"B\""));
         assert!(file.contains(r##"<path d="M0 0L10 20" fill="none" stroke="#ff0000" stroke-width="2""##), "{file}");
-        assert!(page.contains(r#"<path class="edges" d="M0 0L10 20"/>"#) && !page.contains("#ff0000"), "{page}");
+        assert!(page.contains(r#"<path class="edges" d="m0 0 10 20"/>"#) && !page.contains("#ff0000"), "{page}");
         assert!(file.contains("a &lt;b&gt; &amp; \u{2212}1 ü") && file.contains("<title>A &amp; B</title>"));
         assert!(page.contains(r#"class="wire""#) && page.contains("aria-label=\"A &quot;B&quot;\""));
     }

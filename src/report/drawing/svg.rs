@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use nalgebra::Point2;
+
 use super::{Anchor, Drawing, Mark, Pen, Step, Text};
 
 /// Fonts of a file of its own; the PDF has the first.
@@ -54,10 +56,10 @@ impl Drawing {
         for mark in &self.marks {
             let _ = match mark {
                 Mark::Path(pen, steps) if pen.class.is_empty() => {
-                    let d = data(steps, steps_of);
+                    let d = relative(steps, steps_of);
                     write!(svg, "<path d=\"{d}\"{} vector-effect=\"non-scaling-stroke\"/>", attributes(*pen))
                 }
-                Mark::Path(pen, steps) => write!(svg, "<path class=\"{}\" d=\"{}\"/>", pen.class, data(steps, steps_of)),
+                Mark::Path(pen, steps) => write!(svg, "<path class=\"{}\" d=\"{}\"/>", pen.class, relative(steps, steps_of)),
                 Mark::Text(text) => write!(svg, "<text{}>{}</text>", place(text), escaped(&text.content)),
             };
         }
@@ -96,6 +98,42 @@ fn data(steps: &[Step], parts: f64) -> String {
     data
 }
 
+/// The same steps, each from where the one before it ended, in few bytes. A line of no length is left out unless it is all there is.
+fn relative(steps: &[Step], parts: f64) -> String {
+    let whole = |p: &Point2<f64>| [(p.x * parts).round() as i64, (p.y * parts).round() as i64];
+    let mut data = String::new();
+    let (mut at, mut start) = ([0, 0], [0, 0]);
+    let (mut command, mut drawn) = (' ', false);
+    for step in steps {
+        let (letter, points) = match step {
+            Step::Move(p) => ('m', vec![whole(p)]),
+            Step::Line(p) if drawn && whole(p) == at => continue,
+            Step::Line(p) => ('l', vec![whole(p)]),
+            Step::Curve(points) => ('c', points.iter().map(whole).collect()),
+            Step::Close => ('z', Vec::new()),
+        };
+        // Lines need no letter after a move, and lines and curves none after their like.
+        let needs_letter = letter != command && !(letter == 'l' && command == 'm') || matches!(letter, 'm' | 'z');
+        if needs_letter {
+            data.push(letter);
+        }
+        for (index, value) in points.iter().flat_map(|p| [p[0] - at[0], p[1] - at[1]]).enumerate() {
+            let text = rounded(value as f64 / parts, parts);
+            let follows_letter = needs_letter && index == 0;
+            if !follows_letter && !text.starts_with('-') {
+                data.push(' ');
+            }
+            data.push_str(&text);
+        }
+        (command, drawn) = (letter, letter != 'm');
+        if letter == 'm' {
+            start = points[0];
+        }
+        at = points.last().copied().unwrap_or(start);
+    }
+    data
+}
+
 fn attributes(pen: Pen) -> String {
     let fill = pen.fill.map_or_else(|| "none".to_owned(), hex);
     let mut text = format!(" fill=\"{fill}\"");
@@ -130,4 +168,29 @@ fn hex([r, g, b]: [u8; 3]) -> String {
 
 pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn relative_steps_lead_to_the_same_places() {
+        let p = Point2::new;
+        let steps = [
+            Step::Move(p(10.0, 20.0)),
+            Step::Line(p(13.0, 20.0)),
+            Step::Line(p(13.2, 20.4)),
+            Step::Line(p(13.0, 18.0)),
+            Step::Close,
+            Step::Move(p(11.0, 21.0)),
+            Step::Curve([p(12.0, 21.0), p(12.0, 22.0), p(11.0, 22.0)]),
+            Step::Curve([p(10.0, 22.0), p(9.0, 20.0), p(-1.0, 0.0)]),
+            Step::Move(p(5.0, 5.0)),
+            Step::Line(p(5.0, 5.0)),
+        ];
+        // The third line is as long as nothing on the way, to whole px.
+        assert_eq!(relative(&steps, 1.0), "m10 20 3 0 0-2zm1 1c1 0 1 1 0 1-1 0-2-2-12-22m6 5 0 0");
+        assert_eq!(relative(&steps[..3], 10.0), "m10 20 3 0 0.2 0.4");
+    }
 }

@@ -178,7 +178,24 @@ impl<'a> AnimatedPortrait<'a> {
     }
 }
 
-/// Writes a dataset of animated photographs, as [`super::simulate_dataset`] does of rendered faces.
+/// Columns of a portrait's manifest that would say something else of the sequences made from it.
+const OWN_COLUMNS: [&str; 12] = [
+    "subject",
+    "sequence",
+    "emotion",
+    "frames",
+    "first_frame",
+    "last_frame",
+    "correspondences",
+    "landmarks",
+    "fps",
+    "face_id",
+    "segment",
+    "portrait",
+];
+
+/// Writes a dataset of animated photographs, as [`super::simulate_dataset`] does of rendered faces. What is known of a portrait's person
+/// goes into the manifest.
 ///
 /// There are as many subjects as [`SimulateOptions::subjects`] says: portraits are taken in turn, those of a further round perform
 /// differently and have `-2`, `-3` ... behind their name. The size in the options does not count; frames are as large as the photograph.
@@ -220,6 +237,11 @@ pub fn simulate_photographs(
         .zip(portraits.iter().cycle())
         .flat_map(|(index, portrait)| coded.iter().map(move |&(code, motion)| (index, portrait, code, motion)))
         .collect();
+    let mut columns: Vec<&str> = portraits.iter().flat_map(|p| p.metadata().keys()).map(String::as_str).collect();
+    columns.retain(|name| !name.is_empty() && !OWN_COLUMNS.contains(name));
+    columns.sort_unstable();
+    columns.dedup();
+    columns.insert(0, "portrait");
     let total = cases.len() * options.frames;
     let done = std::sync::atomic::AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, total);
@@ -238,12 +260,13 @@ pub fn simulate_photographs(
                     sequence.frame(k).map_err(error)
                 },
             };
-            Ok(write_sequence(&performance, options, &record, &tick)?.with([portrait.id().to_owned()]))
+            let known = columns[1..].iter().map(|&name| portrait.metadata().get(name).cloned().unwrap_or_default());
+            Ok(write_sequence(&performance, options, &record, &tick)?.with([portrait.id().to_owned()].into_iter().chain(known)))
         })
         .collect::<Result<_, SimulateError>>()?;
     let sequences = rows.len();
     let mut further = serde_json::Map::new();
     further.insert("portraits".to_owned(), json!(portraits.iter().map(Portrait::id).collect::<Vec<_>>()));
-    finish(record, out, options, &further, &["portrait"], rows)?;
+    finish(record, out, options, &further, &columns, rows)?;
     Ok(DatasetSummary { sequences, frames: total })
 }

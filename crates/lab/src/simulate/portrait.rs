@@ -1,6 +1,9 @@
 //! Neutral portraits to animate: a photograph and its marks, a folder of them, or the neutral frames of a dataset.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use image::RgbImage;
 use nalgebra::{Point2, Point3, Vector2};
@@ -126,6 +129,7 @@ pub enum PortraitError {
 #[derive(Debug)]
 pub struct Portrait {
     id: String,
+    metadata: BTreeMap<String, String>,
     /// Placement of face space, y flipped, in the photograph.
     pub(super) image_from_face: Similarity,
     /// Fitted nodes in face space, model units; depths are those of Candide-3.
@@ -240,12 +244,17 @@ impl Portrait {
         let flat: Vec<Point2<f64>> = neutral.iter().map(nalgebra::OPoint::xy).collect();
         let fapus = Fapus::measure(&tables.fapus, &flat).map_err(|source| PortraitError::Fapus { id: name(), source })?;
         let image_from_face = fitted.image_from_face;
-        Ok(Self { id: name(), image_from_face, neutral, fapus, warp, texture })
+        Ok(Self { id: name(), metadata: BTreeMap::new(), image_from_face, neutral, fapus, warp, texture })
     }
 
     /// Name.
     pub fn id(&self) -> &str {
         &self.id
+    }
+
+    /// What is known of the person.
+    pub fn metadata(&self) -> &BTreeMap<String, String> {
+        &self.metadata
     }
 
     /// Nodes on the photograph, px.
@@ -273,6 +282,8 @@ pub struct PortraitSource {
     pub photograph: PathBuf,
     /// Its marks.
     pub marks: PortraitMarks,
+    /// What is known of the person, by column.
+    pub metadata: BTreeMap<String, String>,
 }
 
 impl PortraitSource {
@@ -289,11 +300,12 @@ impl PortraitSource {
             return Err(PortraitError::NoMarks { path: path.to_owned(), looked_for });
         };
         let marks = PortraitMarks::read(found, tables, node_count)?;
-        Ok(Self { id, photograph: path.to_owned(), marks })
+        Ok(Self { id, photograph: path.to_owned(), marks, metadata: BTreeMap::new() })
     }
 
     /// The portraits of a folder: its photographs with marks beside them, those that a `manifest.csv` with columns `file` and `state`
-    /// calls neutral where there is one; or the neutral frame of every subject of a dataset, with its correspondences or landmarks.
+    /// calls neutral where there is one, with its further columns; or the neutral frame of every subject of a dataset, with its
+    /// correspondences or landmarks.
     ///
     /// # Errors
     /// [`PortraitError`] for a folder that has none, or marks that do not read or are not there.
@@ -302,7 +314,7 @@ impl PortraitSource {
         let photographs = match listed {
             Some(photographs) => photographs,
             None if path.join(MANIFEST_NAME).is_file() => return Self::dataset(path, tables, node_count),
-            None => photographs(path)?,
+            None => photographs(path)?.into_iter().map(|file| (file, BTreeMap::new())).collect(),
         };
         if photographs.is_empty() {
             return Self::dataset(path, tables, node_count).map_err(|error| match error {
@@ -310,7 +322,8 @@ impl PortraitSource {
                 error => error,
             });
         }
-        photographs.iter().map(|file| Self::photograph(file, None, tables, node_count)).collect()
+        let one = |(file, metadata): Listed| Ok(Self { metadata, ..Self::photograph(&file, None, tables, node_count)? });
+        photographs.into_iter().map(one).collect()
     }
 
     /// The neutral frame of every subject's first sequence that has marks.
@@ -330,7 +343,7 @@ impl PortraitSource {
                 PortraitMarks::Correspondences(entry.correspondences(neutral, tables, node_count, &selection)?)
             };
             let Some(photograph) = frames.files().first().map(|path| (*path).to_owned()) else { continue };
-            portraits.push(Self { id: entry.id.subject.clone(), photograph, marks });
+            portraits.push(Self { id: entry.id.subject.clone(), photograph, marks, metadata: entry.metadata.clone() });
         }
         if portraits.is_empty() {
             return Err(PortraitError::Empty { path: path.to_owned() });
@@ -344,7 +357,8 @@ impl PortraitSource {
     /// As [`Portrait::new`], and for a photograph that does not open.
     pub fn open(&self, fitter: &Fitter, wireframe: &Wireframe, tables: &Tables) -> Result<Portrait, PortraitError> {
         let picture = read_colour(&self.photograph)?;
-        Portrait::new(&self.id, &picture, &self.marks, fitter, wireframe, tables)
+        let portrait = Portrait::new(&self.id, &picture, &self.marks, fitter, wireframe, tables)?;
+        Ok(Portrait { metadata: self.metadata.clone(), ..portrait })
     }
 }
 
@@ -354,19 +368,24 @@ pub fn portrait_fitter(wireframe: &Wireframe) -> Fitter {
     Fitter::new(wireframe, FitOptions::default())
 }
 
-/// Photographs that a manifest with columns `file` and `state` calls neutral; `None` without such a manifest.
-fn listed_photographs(folder: &Path) -> Result<Option<Vec<PathBuf>>, PortraitError> {
+/// A photograph, and what a manifest says of it.
+type Listed = (PathBuf, BTreeMap<String, String>);
+
+/// Photographs that a manifest with columns `file` and `state` calls neutral, with its further columns; `None` without such a manifest.
+fn listed_photographs(folder: &Path) -> Result<Option<Vec<Listed>>, PortraitError> {
     let manifest = folder.join(MANIFEST_NAME);
     if !manifest.is_file() {
         return Ok(None);
     }
     let csv = CsvFile::open(&manifest)?;
     let (Some(file), Some(state)) = (csv.column("file"), csv.column("state")) else { return Ok(None) };
+    let further: Vec<(usize, &String)> = csv.header().iter().enumerate().filter(|(k, _)| ![file, state].contains(k)).collect();
     let mut files = Vec::new();
     for row in csv.rows() {
         let row = row?;
         if row.get(state).trim() == "neutral" {
-            files.push(folder.join(row.get(file).trim()));
+            let metadata = further.iter().map(|&(k, name)| (name.clone(), row.get(k).trim().to_owned())).collect();
+            files.push((folder.join(row.get(file).trim()), metadata));
         }
     }
     Ok(Some(files))

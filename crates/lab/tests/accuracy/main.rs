@@ -6,5 +6,4 @@ mod common;
 
 mod prior_accuracy;
 mod real_bank;
-mod showcase;
 mod synthetic;

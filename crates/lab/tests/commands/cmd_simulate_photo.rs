@@ -127,9 +127,14 @@ fn landmarks_folders_and_datasets_serve_as_portraits() {
     };
     animate(&portraits, &out(all)).assert().success();
     assert_eq!(subjects(all), ["anna", "ben", "smiling"]);
-    fs::write(portraits.join("manifest.csv"), "file,state\nben.png,neutral\nsmiling.png,smile\n").unwrap();
+    fs::write(portraits.join("manifest.csv"), "file,state,publish,fps,age\nben.png,neutral,no,9,31\nsmiling.png,smile,,,\n")
+        .unwrap();
     animate(&portraits, &out(listed)).assert().success();
     assert_eq!(subjects(listed), ["ben"]);
+    // What is known of the person goes along, but not what would be said of another sequence.
+    let manifest = fs::read_to_string(out(listed).join("manifest.csv")).unwrap();
+    assert!(manifest.starts_with("subject,sequence,emotion,frames,correspondences,fps,portrait,age,publish\n"), "{manifest}");
+    assert!(manifest.trim_end().ends_with(",25.0,ben,31,no"), "{manifest}");
     // A dataset: the neutral frames of its subjects.
     animate(&out(all), &out(again)).args(["--subjects", "4"]).assert().success();
     assert_eq!(subjects(again), ["anna", "ben", "smiling", "anna-2"]);

@@ -228,7 +228,7 @@ impl<'a> KpFigures<'a> {
         }
         let caption = format!(
             "Frames 3 and 5 of the representative of each emotion, the generalized median after trimming at frame level: the model, and \
-             on a simulated person's neutral picture. Made of {} sequences; {}.",
+             on a composite portrait. Made of {} sequences; {}.",
             self.tracked, self.who
         );
         Ok(Plate::new("kp_fig5", "KP, Fig. 5", caption, sheet(rows)))
