@@ -56,8 +56,10 @@ pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 
 /// How far the ratio of lid openings may lie from the ratio of IRISDs.
 const LID_LIMIT: f64 = 2.0;
-/// Most that the lower lip beside its middle opens, over the middle.
+/// Most that a lip beside its middle opens, over the middle.
 const LIP_ROUND: f64 = 0.97;
+/// How round the least is: 1 is a parabola, 0.5 an ellipse.
+const LIP_FULLNESS: f64 = 0.7;
 /// Least and most that a lid goes beside its middle, over the middle's way, and what is about as far: over that way, and over the eye
 /// distance.
 const LID_SHARES: (f64, f64) = (0.45, 1.0);
@@ -261,7 +263,7 @@ impl Target {
 
 impl Target {
     /// Makes the lips open round: seen from the corners, the points of a lip beside its middle go away from the other lip at least as far as
-    /// on a parabola through the middle, and at most nearly as far as the middle. A median over people, and a tracker on lips that part,
+    /// on an arch through the middle, between a parabola and an ellipse, and at most nearly as far as the middle. A median over people, and a tracker on lips that part,
     /// may leave a notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the target's has another
     /// share. Of the bow that the closed lip has, a share of `flat` is taken away. The change is the least in squares.
     fn round_lip(
@@ -282,7 +284,7 @@ impl Target {
         let width = (neutral[88] - neutral[89]).norm();
         let place =
             if width > 0.0 { ((neutral[beside_nodes[0]] - neutral[beside_nodes[1]]).norm() / width).min(1.0) } else { 0.5 };
-        let least = (1.0 - place * place).min(LIP_ROUND);
+        let least = (1.0 - place * place).powf(LIP_FULLNESS).min(LIP_ROUND);
         let share = if middle > 0.0 && beside < least * middle {
             least
         } else if beside > 0.0 && beside > LIP_ROUND * middle {

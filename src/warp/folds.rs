@@ -20,7 +20,7 @@ impl Warp {
     /// Vertices for the wanted nodes, and the rounds it took until no skin was folded; `wanted` becomes what was possible.
     pub(super) fn unfolded(&self, wanted: &mut [Point2<f64>], background: &Similarity) -> (Vec<Point2<f64>>, usize) {
         let mut rounds = 0;
-        let mut vertices = self.solve(&self.source, &self.nodes, wanted, background);
+        let mut vertices = self.vertices_of(wanted, background);
         while rounds < UNFOLD_ROUNDS + WEAKEN_ROUNDS {
             let folded: Vec<usize> = self.folded(&vertices).collect();
             if folded.is_empty() {
@@ -36,7 +36,7 @@ impl Warp {
                 }
             }
             self.separate(wanted);
-            vertices = self.solve(&self.source, &self.nodes, wanted, background);
+            vertices = self.vertices_of(wanted, background);
             rounds += 1;
         }
         (vertices, rounds)

@@ -29,7 +29,7 @@ const MARGIN: (f64, f64) = (0.45, 0.75);
 /// Outer share of the margin that is fixed, so that the motion ends without a crease.
 const FIXED_FROM: f64 = 0.82;
 /// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
-const LIP_ARCH: f64 = 0.64;
+const LIP_ARCH: f64 = 0.54;
 const LID_ARCH: f64 = 0.75;
 /// Vertices of the outermost ring.
 const RING: usize = 72;

@@ -110,6 +110,8 @@ pub struct Warp {
     is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
+    /// How far vertices of the lips' edges lie below the arches through the nodes beside them, px; closed lips meet in a bow.
+    bows: Vec<(usize, f64)>,
     /// Eyeballs found in the photograph, one for each opening; none for the mouth, and for an eye in which no iris was found.
     eyes: Vec<Option<Eyeball>>,
 }
@@ -192,6 +194,7 @@ impl Warp {
             is_flat: vec![false; triangles],
             reference_nodes,
             neighbours,
+            bows: Vec::new(),
             eyes: Vec::new(),
         };
         let identity = Similarity::identity();
@@ -204,6 +207,7 @@ impl Warp {
                 (warp.source[a as usize], warp.source[b as usize]) = (middle, middle);
             }
         }
+        warp.bows = warp.lip_bows();
         let flat: Vec<usize> = warp.folded(&warp.source).collect();
         flat.iter().for_each(|&k| warp.is_flat[k] = true);
         let area = |k: usize| {

@@ -5,6 +5,7 @@ use nalgebra::{Point2, Vector2};
 use super::{
     Warp,
     layout::{self, OPENINGS, OpeningNodes},
+    openings::smooth_step,
 };
 use crate::geometry::Similarity;
 
@@ -12,10 +13,54 @@ use crate::geometry::Similarity;
 const MAX_GAZE: f64 = 0.12;
 /// Edges of an opening this near, over the eye distance, are shut.
 const SHUT: f64 = 1e-4;
+/// Distance of the lips over the eye distance at which their edges begin to lose the bow in which they meet, and at which they have none.
+const PARTED: (f64, f64) = (0.06, 0.20);
 
 impl Warp {
+    /// Vertices of a frame whose driving nodes are at `wanted`, all else having moved by `around`.
+    pub(super) fn vertices_of(&self, wanted: &[Point2<f64>], around: &Similarity) -> Vec<Point2<f64>> {
+        let mut moved = self.carried(&self.source, &self.nodes, wanted, around);
+        let parted = (self.frame.height(&wanted[40]) - self.frame.height(&wanted[87])) / self.frame.eye_distance;
+        let taken = smooth_step(PARTED.0, PARTED.1, parted);
+        let down = around.apply_vector(&self.frame.down);
+        for &(v, bow) in self.bows.iter().filter(|_| taken > 0.0) {
+            moved[v] -= down * (bow * taken);
+        }
+        self.meet(&mut moved, wanted);
+        moved
+    }
+
+    /// The bows of the lips' edges in the texture; none where it shows them open.
+    pub(super) fn lip_bows(&self) -> Vec<(usize, f64)> {
+        if !self.closed {
+            return Vec::new();
+        }
+        let mouth = &self.mesh.openings[0];
+        let edges = self.mesh.tied.iter().filter(|(v, _)| mouth.upper.contains(v) || mouth.lower.contains(v));
+        let height = |v: u32| self.frame.height(&self.source[v as usize]);
+        edges
+            .map(|(v, shares)| {
+                let arch: f64 = shares.iter().map(|&(d, share)| share * height(self.mesh.drivers[d].1)).sum();
+                (*v as usize, height(*v) - arch)
+            })
+            .collect()
+    }
+
     /// Vertices when the driving nodes go from `base` to `wanted` and all else by `around`.
     pub(super) fn solve(
+        &self,
+        vertices: &[Point2<f64>],
+        base: &[Point2<f64>],
+        wanted: &[Point2<f64>],
+        around: &Similarity,
+    ) -> Vec<Point2<f64>> {
+        let mut moved = self.carried(vertices, base, wanted, around);
+        self.meet(&mut moved, wanted);
+        moved
+    }
+
+    /// [`Warp::solve`], lips and lids going where they are drawn.
+    fn carried(
         &self,
         vertices: &[Point2<f64>],
         base: &[Point2<f64>],
@@ -25,7 +70,7 @@ impl Warp {
         let offsets: Vec<Vector2<f64>> =
             self.mesh.drivers.iter().map(|&(n, _)| wanted[n.index()] - around.apply(&base[n.index()])).collect();
         let still = *around == Similarity::identity();
-        let mut moved: Vec<Point2<f64>> = vertices
+        vertices
             .iter()
             .enumerate()
             .map(|(v, p)| {
@@ -35,7 +80,11 @@ impl Warp {
                 }
                 if still { p + offset } else { around.apply(p) + offset }
             })
-            .collect();
+            .collect()
+    }
+
+    /// Lips and lids that would pass through each other meet; what lies between them follows.
+    fn meet(&self, moved: &mut [Point2<f64>], wanted: &[Point2<f64>]) {
         for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
             // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
             let gap = |k: usize| {
@@ -56,7 +105,6 @@ impl Warp {
                 moved[v as usize] = from + (to - from) * share;
             }
         }
-        moved
     }
 
     /// Lips and lids do not pass through each other.

@@ -23,16 +23,21 @@ pub const TEETH_ORIGIN: (f64, f64) = (110.17, 44.5);
 pub const TEETH_WHITE: f32 = 200.0;
 
 /// How far the upper incisors reach below the closed lips, over the eye distance (2.8 mm of a mean 63 mm between the pupils).
-const UPPER_BELOW_LIPS: f64 = 0.045;
+const UPPER_BELOW_LIPS: f64 = 0.058;
 /// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline.
-const FLATTER: f64 = 0.20;
+const FLATTER: f64 = 0.12;
 /// The same as [`UPPER_BELOW_LIPS`] for the edge of the lower ones, which bite behind them.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
 const LOWER_SIZE: (f64, f64) = (0.70, 0.75);
-/// Most that the lower lip, which goes with the jaw, leaves bare of the lower teeth, over the eye distance: it covers them but where it is
-/// drawn down further than the jaw.
-const LOWER_ABOVE_LIP: f64 = -0.01;
+/// Most that the lower lip, which goes with the jaw, leaves bare of the lower teeth, over the eye distance, of a mouth that is hardly open
+/// and of one that gapes: it covers them, until the jaw has dropped so far that the lip is stretched over them.
+const LOWER_ABOVE_LIP: (f64, f64) = (-0.01, 0.054);
+/// Distances of the lips, over the eye distance, between which that changes.
+const GAPING: (f64, f64) = (0.14, 0.34);
+/// How much higher the lower row is to the sides in a mouth that gapes, over the eye distance, at the square of the distance from the midline:
+/// a jaw that has turned down shows its arch from above.
+const LOWER_ARCH: f64 = 1.5;
 /// Share of the chin's way that the lower incisors go: they are nearer to the joint of the jaw.
 const LOWER_SHARE: f64 = 0.88;
 /// Widest zone along a lip that is still its own wet colour, over the eye distance, and its largest share of the gap.
@@ -224,7 +229,9 @@ impl<'a> Interior<'a> {
         };
         // The lower row is deeper in the mouth, and in the shadow of all that is above it.
         let lip = line_at(&self.lower, 0.0).unwrap_or(0.0);
-        let lower_y = y - (LOWER_BELOW_LIPS + LOWER_SHARE * self.jaw).max(lip - LOWER_ABOVE_LIP);
+        let gaping = smooth_step(GAPING.0, GAPING.1, self.gap);
+        let bare = LOWER_ABOVE_LIP.0 + (LOWER_ABOVE_LIP.1 - LOWER_ABOVE_LIP.0) * gaping;
+        let lower_y = y - (LOWER_BELOW_LIPS + LOWER_SHARE * self.jaw).max(lip - bare) + LOWER_ARCH * gaping * x * x;
         let lower_light = 0.62 + 0.16 * smooth_step(0.0, 0.30, self.gap);
         let shown = smooth_step(0.02, 0.08, self.jaw);
         if shown > 0.0 {
@@ -247,7 +254,7 @@ impl<'a> Interior<'a> {
         // The lip's shadow on their tops, and a wet light on the front ones.
         let wet: f64 = WET_LIGHTS.iter().map(|&(at, size)| size * (-((x.abs() - at) / 0.016).powi(2)).exp()).sum();
         let wet = wet * (-((upper_y + 0.045) / 0.014).powi(2)).exp();
-        let light = 0.52 + 0.48 * smooth_step(0.0, 0.055, below_upper) + wet;
+        let light = 0.56 + 0.44 * smooth_step(0.0, 0.05, below_upper) + wet;
         // A sliver of tooth that the lip all but hides is in the lip's shadow.
         let bared = smooth_step(0.0, 0.03, below_upper + above_lower);
         let before = *colour;

@@ -25,6 +25,8 @@ pub struct Rig {
     pub neighbours: Vec<Vec<usize>>,
     /// Mouth, left eye, right eye.
     pub openings: Vec<RigOpening>,
+    /// Vertices of the lips' edges, and how far below the arches through their nodes they lie, px.
+    pub bows: Vec<(usize, f64)>,
     /// Whether the photograph shows a closed mouth.
     pub closed: bool,
     /// Distance between the middles of the eyes, px.
@@ -100,6 +102,7 @@ impl Warp {
             weights: (0..self.mesh.vertices.len()).flat_map(|v| self.weights.of(v).iter().copied()).collect(),
             neighbours: self.neighbours.clone(),
             openings: openings.collect(),
+            bows: self.bows.clone(),
             closed: self.closed,
             eye_distance: self.frame.eye_distance,
             down: self.frame.down.into_inner(),

@@ -49,16 +49,17 @@ void main() {
   }
   if (shown > 0.5) {
     float lit = (0.25 + 0.75 * smoothstep(0.0, 0.16, fromCorner)) * (1.0 - 0.42 * smoothstep(0.07, 0.27, abs(x)));
-    float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.01);
+    float gaping = smoothstep(0.14, 0.34, gap);
+    float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.01 - 0.064 * gaping) + 1.5 * gaping * x * x;
     float part = smoothstep(0.02, 0.08, jaw);
     if (part > 0.0) {
       float light = (0.62 + 0.16 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
       colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, lit, fromCorner, colour), part);
     }
-    float upperY = y - 0.045 - 0.20 * x * x;
+    float upperY = y - 0.058 - 0.12 * x * x;
     float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * lit), gum);
-    float light = 0.52 + 0.48 * smoothstep(0.0, 0.055, belowUpper);
+    float light = 0.56 + 0.44 * smoothstep(0.0, 0.05, belowUpper);
     colour = mix(colour, row(vec2(x, upperY), light, lit, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
   float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));

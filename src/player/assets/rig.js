@@ -1,6 +1,6 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
-const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
+const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
 const MAX_GAZE = 0.12, SHUT = 1e-4, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
@@ -94,7 +94,7 @@ class Rig {
     const middle = moved(centre) - corners, beside = (moved(sides[0]) + moved(sides[1])) / 2 - corners;
     const apart = (a, b) => Math.hypot(given[2 * a] - given[2 * b], given[2 * a + 1] - given[2 * b + 1]);
     const width = apart(88, 89), place = width > 0 ? Math.min(apart(...sides) / width, 1) : 0.5;
-    const least = Math.min(1 - place * place, LIP_ROUND);
+    const least = Math.min((1 - place * place) ** LIP_FULLNESS, LIP_ROUND);
     let share;
     if (middle > 0 && beside < least * middle) share = least;
     else if (beside > 0 && beside > LIP_ROUND * middle) share = LIP_ROUND;
@@ -179,6 +179,8 @@ class Rig {
       moved[2 * v] = vertices[2 * v] + wanted[2 * node] - nodes[2 * node];
       moved[2 * v + 1] = vertices[2 * v + 1] + wanted[2 * node + 1] - nodes[2 * node + 1];
     }
+    const taken = smoothStep(...PARTED, (this.level(wanted, 40) - this.level(wanted, 87)) / this.unit);
+    if (taken > 0) for (const [v, bow] of this.bows) this.shift(moved, v, -bow * taken);
     for (const opening of this.openings) this.meet(opening, wanted);
   }
   /** Where the edges of an opening would pass through each other they meet. */
