@@ -39,8 +39,14 @@ fn animation(c: &mut Criterion) {
     group.bench_function("25 frames to glTF", |b| {
         b.iter(|| {
             let answers = synthesizer.animate(black_box(&motions), || ());
-            let animation =
-                Animation { synthesizer: &synthesizer, motions: &motions, answers: &answers, name: "bench", fps: 25.0 };
+            let animation = Animation {
+                synthesizer: &synthesizer,
+                motions: &motions,
+                answers: &answers,
+                name: "bench",
+                fps: 25.0,
+                texture: None,
+            };
             write_gltf(&path, &[animation]).unwrap();
         });
     });

@@ -158,10 +158,10 @@ pub mod statistics {
 pub mod synthesis {
     pub use crate::modules::synthesis::{
         Animation, BOUND_STARTS, Bank, BuildOptions, Crossover, EmbeddedBank, FaceScene, FeaturePointVertex, FpBasis, FpMotion,
-        FrameAnswer, GENERATIONS, GaOptions, Generation, Goal, OVERLAP, PerformanceOptions, RegionScheme, Regions, Run, Solver,
-        SynthesisError, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, View, build_bank, candide_bank, candide_study,
-        choose_members, choose_targets, evolve, mix, mix_bank, perform, read_dense_faces, read_motion, recipe_motions,
-        surface_error, write_gltf,
+        FrameAnswer, GENERATIONS, GaOptions, Generation, Goal, HeadTexture, OVERLAP, PerformanceOptions, RegionScheme, Regions,
+        Run, Solver, SynthesisError, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, View, build_bank, candide_bank,
+        candide_study, choose_members, choose_targets, evolve, mix, mix_bank, perform, read_dense_faces, read_motion,
+        recipe_motions, surface_error, write_gltf,
     };
     pub mod arkit {
         pub use crate::modules::synthesis::arkit::{coefficient, coefficients, dominant_expressions, side};

@@ -151,7 +151,14 @@ pub fn synthesize<'py>(
         let (done, total) = (AtomicUsize::new(0), Some(motion.frames.len()));
         let answers = synthesizer.animate(&motion.frames, || caller.progress(done.fetch_add(1, Ordering::Relaxed) + 1, total));
         if let Some(path) = gltf {
-            let animation = Animation { synthesizer: &synthesizer, motions: &motion.frames, answers: &answers, name: NAME, fps };
+            let animation = Animation {
+                synthesizer: &synthesizer,
+                motions: &motion.frames,
+                answers: &answers,
+                name: NAME,
+                fps,
+                texture: None,
+            };
             synthesis::write_gltf(&path, &[animation]).map_err(to::<SynthesisError>)?;
         }
         let surface: Vec<f32> =

@@ -5,21 +5,24 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use anyhow::Context;
 use clap::ValueEnum;
 use grimace::{
+    dataset::LandmarkSelection,
     input::file_blake3,
     interpolation::FPS,
     output::{MADE_BY, count, listed, write_json},
+    pipeline::{PipelineOptions, Workbench},
     synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, Motion, OVERLAP, RegionScheme,
-        SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth, jump,
-        read_motion, write_gltf,
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, HeadTexture, Motion, OVERLAP,
+        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
+        jump, read_motion, write_gltf,
     },
 };
 use serde_json::json;
 
 use super::{
-    Outcome, bank,
+    Outcome, bank, portrait,
     progress::frame_bar,
     shared::{about, positive, set_threads, thread_count},
 };
@@ -29,6 +32,7 @@ Examples:
   grimace synthesize --bank head --motion results/representatives/happiness.csv -o happiness
   grimace synthesize --bank face.bank --motion results/fap/surprise.fap --regions 4 -o surprise
   grimace synthesize --bank head --motion results/representatives/*.csv --loop -o all
+  grimace synthesize --bank head --motion smile.fap --portrait anna.jpg -o anna
   grimace synthesize --bank face.bank --motion points.csv --solver ga --crossover line --seed 3 --history -o points
 
 The motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,...), a .fap file, or a CSV \
@@ -54,6 +58,12 @@ pub struct Args {
     /// Files to write
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,pictures", value_name = "LIST")]
     format: Vec<Format>,
+    /// Neutral photograph, frontal, that the skin of the head wears
+    #[arg(long, value_name = "IMAGE")]
+    portrait: Option<PathBuf>,
+    /// Marks of the portrait, node,x,y; without them they are found
+    #[arg(long, value_name = "C.csv", requires = "portrait")]
+    correspondences: Option<PathBuf>,
     /// True surface to compare with, as --format npy writes it
     #[arg(long, value_name = "NPY")]
     truth: Option<PathBuf>,
@@ -256,7 +266,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         anyhow::ensure!(twin.is_none(), "{}: an animation of this name is there already; rename the file", path.display());
         played.push(motion);
     }
-    let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer)).collect();
+    let texture = args.portrait.as_deref().map(|path| worn(path, args.correspondences.as_deref(), &bank)).transpose()?;
+    let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer, texture.as_ref())).collect();
     if args.format.contains(&Format::Glb) {
         write_gltf(&out.join("animation.glb"), &animations)?;
     }
@@ -275,6 +286,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
     }
     Ok(Outcome::Done)
+}
+
+/// A portrait on the skin of the bank's head.
+fn worn(path: &Path, marks: Option<&Path>, bank: &Bank) -> anyhow::Result<HeadTexture> {
+    let bench = Workbench::new(None, PipelineOptions::default())?;
+    let target = portrait::target(path, marks, &LandmarkSelection::Auto, &bench)?;
+    HeadTexture::new(bank, &target.picture, target.fitted.model.nodes(), &bench.tables)
+        .with_context(|| path.display().to_string())
 }
 
 /// A motion and what the bank makes of it.
@@ -306,8 +325,9 @@ impl<'a> Played<'a> {
         Ok(Self { path, name, motion, noise, fps, answers })
     }
 
-    fn animation<'s>(&'s self, synthesizer: &'s Synthesizer<'s>) -> Animation<'s> {
-        Animation { synthesizer, motions: &self.motion.frames, answers: &self.answers, name: &self.name, fps: self.fps }
+    fn animation<'s>(&'s self, synthesizer: &'s Synthesizer<'s>, texture: Option<&'s HeadTexture>) -> Animation<'s> {
+        let (motions, answers, name) = (&self.motion.frames, &self.answers, &self.name);
+        Animation { synthesizer, motions, answers, name, fps: self.fps, texture }
     }
 }
 
@@ -435,6 +455,10 @@ impl Report {
                 "bank_units_per_face_unit": motion.scale, "noise": played.noise,
                 "ignored_feature_points": motion.ignored.iter().map(ToString::to_string).collect::<Vec<_>>(),
             },
+            "portrait": args.portrait.as_ref().map(|path| json!({
+                "file": text(path), "blake3": file_blake3(path),
+                "correspondences": args.correspondences.as_ref().map(|path| json!({ "file": text(path), "blake3": file_blake3(path) })),
+            })),
             "units": {
                 "surface": "the bank's unit; displacements from neutral", "fitness": "mean cosine, -1 to 1",
                 "surface_error": "root of summed squared distances to the truth over that of the true motion",

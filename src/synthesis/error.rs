@@ -176,6 +176,14 @@ pub enum SynthesisError {
     /// The bank.
     #[error(transparent)]
     Bank(#[from] BankError),
+    /// A head and a portrait that cannot be put on each other.
+    #[error("the bank has {found} of the feature points of a portrait; {needed} are needed to put one on it")]
+    Portrait {
+        /// Feature points shared.
+        found: usize,
+        /// How many it takes.
+        needed: usize,
+    },
     /// A CSV file that does not read.
     #[error(transparent)]
     Input(#[from] InputError),

@@ -2,14 +2,14 @@
 
 use std::{borrow::Cow, path::Path};
 
-use image::RgbImage;
+use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use rayon::prelude::*;
 
-use super::{FaceScene, FpMotion, FrameAnswer, Solver, SynthesisError, Synthesizer, View, fapu_length};
+use super::{FaceScene, FpMotion, FrameAnswer, HeadTexture, Solver, SynthesisError, Synthesizer, View, fapu_length};
 use crate::{
     mesh::{
         add,
-        gltf::{GltfAnimation, GltfTarget, write_glb},
+        gltf::{GltfAnimation, GltfLook, GltfSurface, GltfTarget, GltfTexture, write_glb},
         write_npy_f32, write_obj, write_ply,
     },
     output::{OutputError, nine_digits, write_atomic, write_bytes},
@@ -31,6 +31,19 @@ pub struct Animation<'a> {
     pub name: &'a str,
     /// Frames per second.
     pub fps: f64,
+    /// What the skin wears, instead of the bank's colours.
+    pub texture: Option<&'a HeadTexture>,
+}
+
+/// How rough the surfaces are: 0 mirrors, 1 is dull.
+const ROUGHNESS: [(&str, f32); 4] = [("skin", 0.65), ("eyes", 0.12), ("mouth", 0.3), ("hair", 0.8)];
+/// Quality of the texture's JPEG.
+const TEXTURE_QUALITY: u8 = 90;
+
+fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, TEXTURE_QUALITY).encode_image(picture)?;
+    Ok(jpeg)
 }
 
 /// Distance of the pupils of a head, m: the mean of grown people.
@@ -40,15 +53,41 @@ const EYE_SEPARATION_M: f64 = 0.063;
 /// frame as morph targets under their names, shared by an animation each. With several regions there is a target for every member and
 /// region, `NAME.REGION`, that moves the vertices of the region by their share. A target whose weights pass 1 is larger by as much, and its
 /// weights smaller: viewers take weights from 0 to 1. Weights below 0 stay as they are. A surface without weights ([`Solver::Rbf`]) has
-/// a target for every frame.
+/// a target for every frame. Skin, eyes, the inside of the mouth and hair have a material each; with a texture the skin wears it, and hairs,
+/// which the portrait has its own of, are left out.
 ///
 /// # Errors
-/// [`OutputError`].
-pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), OutputError> {
+/// [`SynthesisError`] when the texture cannot be encoded or the file not be written.
+pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), SynthesisError> {
     let Some(first) = animations.first() else { return Ok(()) };
-    let (bank, regions) = (first.synthesizer.bank(), first.synthesizer.regions());
+    let (bank, regions, texture) = (first.synthesizer.bank(), first.synthesizer.regions(), first.texture);
     let metres = fapu_length(bank, Fapu::Es).map(|es| EYE_SEPARATION_M / es);
-    let paint = FaceScene::new(bank).colours();
+    let scene = FaceScene::new(bank);
+    let paint = scene.colours();
+    let mut surfaces = scene.surfaces();
+    if let Some(texture) = texture {
+        surfaces.retain(|(name, _)| *name != "hair");
+        for (name, triangles) in &mut surfaces {
+            match *name {
+                "skin" => triangles.clone_from(&texture.worn),
+                "mouth" => triangles.extend(&texture.inside),
+                _ => {}
+            }
+        }
+    }
+    let roughness = |name: &str| ROUGHNESS.iter().find(|r| r.0 == name).map_or(ROUGHNESS[0].1, |r| r.1);
+    let surface = |(name, triangles): (&'static str, _)| GltfSurface {
+        name,
+        triangles,
+        roughness: roughness(name),
+        textured: name == "skin",
+    };
+    let jpeg = texture.map(|texture| jpeg_bytes(&texture.picture)).transpose()?;
+    let look = GltfLook {
+        paint: paint.as_deref(),
+        surfaces: surfaces.into_iter().map(surface).collect(),
+        texture: texture.zip(jpeg).map(|(texture, jpeg)| GltfTexture { jpeg, places: &texture.places }),
+    };
     let times = |a: &Animation<'_>| (0..a.answers.len()).map(|frame| (frame as f64 / a.fps) as f32).collect::<Vec<f32>>();
     if first.synthesizer.options().solver == Solver::Rbf {
         let places: Vec<(usize, usize)> =
@@ -62,7 +101,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Outpu
         };
         let shown: Vec<GltfAnimation> = animations.iter().enumerate().map(shown).collect();
         let surface = |k: usize| Cow::Owned(animations[places[k].0].surface(places[k].1));
-        return write_atomic(path, |out| write_glb(out, (bank.mesh(), paint.as_deref()), &targets, &surface, &shown, metres));
+        return Ok(write_atomic(path, |out| write_glb(out, (bank.mesh(), &look), &targets, &surface, &shown, metres))?);
     }
     // Least and largest weight of a target.
     let span = |region: usize, member: usize| {
@@ -101,7 +140,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Outpu
         GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights: a.answers.iter().flat_map(of).collect() }
     };
     let shown: Vec<GltfAnimation> = animations.iter().map(weights).collect();
-    write_atomic(path, |out| write_glb(out, (bank.mesh(), paint.as_deref()), &targets, &displacements, &shown, metres))
+    Ok(write_atomic(path, |out| write_glb(out, (bank.mesh(), &look), &targets, &displacements, &shown, metres))?)
 }
 
 /// Frames whose surfaces are in memory at once while files are written.
@@ -228,6 +267,14 @@ impl Animation<'_> {
         (0..count).map(|k| if count == 1 { frames - 1 } else { (k * (frames - 1) + (count - 1) / 2) / (count - 1) }).collect()
     }
 
+    fn scene(&self) -> FaceScene<'_> {
+        let scene = FaceScene::new(self.synthesizer.bank());
+        match self.texture {
+            Some(texture) => scene.with_texture(texture),
+            None => scene,
+        }
+    }
+
     /// The frame that moves most.
     pub fn apex(&self) -> usize {
         let length = |k: &usize| self.motions[*k].total_length();
@@ -239,7 +286,7 @@ impl Animation<'_> {
     /// # Errors
     /// [`SynthesisError`] when the picture cannot be encoded or written.
     pub fn write_contact_sheet(&self, path: &Path) -> Result<(), SynthesisError> {
-        let scene = FaceScene::new(self.synthesizer.bank());
+        let scene = self.scene();
         let frames = self.chosen_frames(SHEET_COLUMNS);
         let cells: Vec<(usize, f32)> = [0.0, SHEET_YAW].iter().flat_map(|&yaw| frames.iter().map(move |&f| (f, yaw))).collect();
         let pictures: Vec<Labelled> = cells
@@ -260,7 +307,7 @@ impl Animation<'_> {
     /// # Errors
     /// [`SynthesisError`] when a picture cannot be encoded or written.
     pub fn write_turntable(&self, png: &Path, gif: &Path) -> Result<(), SynthesisError> {
-        let scene = FaceScene::new(self.synthesizer.bank());
+        let scene = self.scene();
         let apex = self.surface(self.apex());
         let pictures: Vec<Labelled> = (0..TURNTABLE_VIEWS)
             .into_par_iter()

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use super::Bank;
+use super::{Bank, HeadTexture};
 use crate::{
     mesh::{add, colour::linear, sphere_front, vertex_normals},
     render::{Canvas, Shade, Vertex},
@@ -47,6 +47,9 @@ pub struct FaceScene<'b> {
     bank: &'b Bank,
     /// How each triangle of the mesh looks.
     shades: Vec<Shade>,
+    /// Whether each triangle of a painted mesh is a hair: a part of its own.
+    hairs: Vec<bool>,
+    hides_hair: bool,
     /// Colours of the vertices of a painted bank, linear.
     paint: Option<Vec<[f32; 3]>>,
     eyes: Vec<Prop>,
@@ -66,8 +69,7 @@ const EYE_FIT: f32 = 1.02;
 /// Radius of an iris: over the opening of the lids, of which it shows a little less than all; and at most over the eyeball's.
 const IRIS: (f32, f32) = (0.60, 0.48);
 
-/// Colours of vertices, sRGB: skin, the white of an eye, and pupil, iris and its rim up to these shares of the iris.
-const SKIN: [u8; 3] = [199, 148, 125];
+/// Colours of vertices, sRGB: the white of an eye, and pupil, iris and its rim up to these shares of the iris.
 const WHITE: [u8; 3] = [230, 224, 217];
 const EYE: [(f32, [u8; 3]); 3] = [(0.42, [13, 13, 15]), (1.0, [74, 102, 117]), (1.12, [51, 61, 69])];
 
@@ -92,6 +94,9 @@ pub struct DrawnEye<'a> {
 }
 
 impl<'b> FaceScene<'b> {
+    /// Colour of skin of which nothing is known, sRGB.
+    pub const SKIN: [u8; 3] = [199, 148, 125];
+
     /// Finds out what the parts of a bank's mesh are: a part without feature points that no member moves is an eyeball; a hole around
     /// the corners of an eye gets one where the mesh has none; other holes are openings.
     pub fn new(bank: &'b Bank) -> Self {
@@ -117,7 +122,12 @@ impl<'b> FaceScene<'b> {
         let middle = add(low, high).map(|c| c / 2.0);
         let reach = (0..2).map(|k| (high[k] - low[k]) / 2.0).fold(0.0, f32::max);
         let paint = bank.paint().map(|paint| paint.iter().map(|colour| colour.map(linear)).collect());
-        Self { bank, shades, paint, eyes, openings, middle, reach }
+        let is_painted = bank.paint().is_some();
+        let mut sizes = vec![0_usize; part.len()];
+        part.iter().for_each(|&p| sizes[p as usize] += 1);
+        let is_hair = |t: &[u32; 3]| is_painted && part[t[0] as usize] != face && sizes[part[t[0] as usize] as usize] <= 3;
+        let hairs = bank.mesh().triangles().iter().map(is_hair).collect();
+        Self { bank, shades, hairs, hides_hair: false, paint, eyes, openings, middle, reach }
     }
 
     /// The eyeballs that the mesh itself has not.
@@ -135,7 +145,7 @@ impl<'b> FaceScene<'b> {
         if let Some(paint) = self.bank.paint() {
             return Some(paint.to_vec());
         }
-        let mut colours = vec![SKIN; self.bank.vertex_count()];
+        let mut colours = vec![Self::SKIN; self.bank.vertex_count()];
         let mut found = false;
         for (triangle, shade) in self.bank.mesh().triangles().iter().zip(&self.shades) {
             let Shade::Eye { centre, iris } = *shade else { continue };
@@ -147,6 +157,44 @@ impl<'b> FaceScene<'b> {
             }
         }
         found.then_some(colours)
+    }
+
+    /// The same head with another skin: its colours are taken at the vertices, and hairs are not drawn.
+    #[must_use]
+    pub fn with_texture(mut self, texture: &HeadTexture) -> Self {
+        self.paint = Some(texture.colours.iter().map(|colour| colour.map(linear)).collect());
+        for shade in self.shades.iter_mut().filter(|shade| matches!(shade, Shade::Skin)) {
+            *shade = Shade::Painted { wet: false };
+        }
+        self.hides_hair = true;
+        self
+    }
+
+    /// Triangles of the skin.
+    pub fn skin(&self) -> Vec<[u32; 3]> {
+        self.surfaces().swap_remove(0).1
+    }
+
+    /// The triangles by what they are of: `skin`, `eyes`, `mouth` and `hair`, in this order, the last three where there are any.
+    pub fn surfaces(&self) -> Vec<(&'static str, Vec<[u32; 3]>)> {
+        let mut surfaces: Vec<(&'static str, Vec<[u32; 3]>)> =
+            ["skin", "eyes", "mouth", "hair"].map(|name| (name, Vec::new())).into();
+        let height =
+            |triangle: &[u32; 3]| triangle.iter().map(|&v| self.bank.mesh().positions()[v as usize][1]).sum::<f32>() / 3.0;
+        // Eyes lie above the tip of the nose.
+        let nose = self.bank.feature_point_position(FeaturePoint { group: 9, point: 3 }).map_or(f32::INFINITY, |p| p[1]);
+        for ((triangle, shade), is_hair) in self.bank.mesh().triangles().iter().zip(&self.shades).zip(&self.hairs) {
+            let place = match shade {
+                _ if *is_hair => 3,
+                Shade::Eye { .. } => 1,
+                Shade::Painted { wet: true } if height(triangle) > nose => 1,
+                Shade::Painted { wet: true } => 2,
+                _ => 0,
+            };
+            surfaces[place].1.push(*triangle);
+        }
+        surfaces.retain(|(name, triangles)| *name == "skin" || !triangles.is_empty());
+        surfaces
     }
 
     /// The openings that are no eyes, as closed walks of vertices.
@@ -184,7 +232,10 @@ impl<'b> FaceScene<'b> {
         let models = self.paint.as_deref().unwrap_or(mesh.positions());
         let corners: Vec<Vertex> =
             positions.iter().zip(&normals).zip(models).map(|((&p, &n), &m)| camera.vertex(p, n, m)).collect();
-        for (triangle, &shade) in mesh.triangles().iter().zip(&self.shades) {
+        for ((triangle, &shade), &is_hair) in mesh.triangles().iter().zip(&self.shades).zip(&self.hairs) {
+            if is_hair && self.hides_hair {
+                continue;
+            }
             canvas.triangle(triangle.map(|v| corners[v as usize]), shade);
         }
         for eye in &self.eyes {

@@ -54,6 +54,41 @@ fn a_representative_drives_the_embedded_bank() {
 }
 
 #[test]
+fn a_head_wears_a_portrait_in_gltf_and_pictures() {
+    let work = Work::new();
+    work.write("happiness.csv", representative());
+    let folder = crate::common::root().join("fixtures/portraits");
+    std::fs::copy(folder.join("P03.jpg"), work.path("anna.jpg")).unwrap();
+    std::fs::copy(folder.join("P03_correspondences.csv"), work.path("marks.csv")).unwrap();
+    let command = "synthesize --bank head --motion happiness.csv --between 0 --bound-starts 0";
+    work.grimace(&format!("{command} -o plain")).exit(0);
+    work.grimace(&format!("{command} -o worn --portrait anna.jpg --correspondences marks.csv")).exit(0);
+    work.grimace(&format!("{command} -o found --portrait anna.jpg --format glb")).exit(0);
+    let read = |name: &str| gltf::import(work.path(&format!("{name}/animation.glb"))).unwrap();
+    let materials = |name: &str| read(name).0.materials().map(|m| m.name().unwrap().to_owned()).collect::<Vec<_>>();
+    assert_eq!(materials("plain"), ["skin", "eyes", "mouth", "hair"]);
+    assert_eq!(materials("worn"), ["skin", "eyes", "mouth"]);
+    assert!(read("plain").2.is_empty());
+    assert_eq!((read("worn").2[0].width, read("found").2.len()), (2048, 1));
+    // The same motion, another skin.
+    assert_eq!(work.bytes("plain/weights.csv"), work.bytes("worn/weights.csv"));
+    assert_ne!(work.bytes("plain/turntable.png"), work.bytes("worn/turntable.png"));
+    assert_eq!(report(&work, "worn")["portrait"]["correspondences"]["file"], "marks.csv");
+    // What is written is a bank's source, with each vertex once, though three materials name it.
+    let vertices = report(&work, "worn")["bank"]["vertices"].as_u64().unwrap();
+    let points = |last: u64| format!("fp,vertex\n8.3,10\n8.4,20\n3.11,{last}\n");
+    work.write("points.csv", points(vertices - 1)).write("beyond.csv", points(vertices));
+    work.grimace("bank build worn/animation.glb --feature-points points.csv -o again.bank").exit(0);
+    work.grimace("bank build worn/animation.glb --feature-points beyond.csv -o x.bank")
+        .exit(1)
+        .says(&[&format!("has {vertices} vertices")]);
+    work.grimace(&format!("{command} -o x --correspondences marks.csv")).exit(2).says(&["--portrait"]);
+    work.grimace(&format!("{command} -o x --portrait gone.jpg")).exit(1).says(&["gone.jpg"]);
+    work.write("empty.png", "");
+    work.grimace(&format!("{command} -o x --portrait empty.png")).exit(1).says(&["empty.png"]);
+}
+
+#[test]
 fn several_motions_are_animations_of_one_file_in_metres_and_loop() {
     let work = Work::new();
     work.write("smile.csv", representative()).write("wide.csv", representative());

@@ -6,7 +6,7 @@ mod read;
 mod write;
 
 pub use read::read_gltf;
-pub use write::{GltfAnimation, GltfTarget, write_glb};
+pub use write::{GltfAnimation, GltfLook, GltfSurface, GltfTarget, GltfTexture, write_glb};
 
 #[cfg(test)]
 mod tests {
@@ -31,8 +31,8 @@ mod tests {
             GltfAnimation { name: "happiness".to_owned(), times_s: vec![0.0, 0.04], weights: vec![0.0, 0.0, 1.0, 0.5] };
         let mut bytes = Vec::new();
         let paint = [[0, 255, 128]; 4];
-        write_glb(&mut bytes, (&mesh, Some(&paint)), &targets, &|k| Cow::Borrowed(&moves[k][..]), &[animation], Some(0.1))
-            .unwrap();
+        let look = GltfLook { paint: Some(&paint), ..GltfLook::default() };
+        write_glb(&mut bytes, (&mesh, &look), &targets, &|k| Cow::Borrowed(&moves[k][..]), &[animation], Some(0.1)).unwrap();
         bytes
     }
 
@@ -76,6 +76,42 @@ mod tests {
         // Normals of the moved face minus those of the neutral one, of length 1 together.
         let normals: Vec<[f32; 3]> = reader.read_normals().unwrap().collect();
         assert!(normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-6));
+    }
+
+    #[test]
+    fn materials_share_the_vertices_and_the_picture_is_whole() {
+        let mesh = mesh();
+        let moves = [[0.5, 0.0, 0.0]; 4];
+        let targets = [GltfTarget { name: "smile".to_owned(), vertices: None }];
+        let surface =
+            |name, k: usize, textured| GltfSurface { name, triangles: vec![mesh.triangles()[k]], roughness: 0.5, textured };
+        let mut jpeg = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new(&mut jpeg)
+            .encode_image(&image::RgbImage::from_pixel(8, 8, image::Rgb([200, 90, 60])))
+            .unwrap();
+        let (paint, places) = ([[0, 255, 128]; 4], [[0.25, 0.5]; 4]);
+        let look = GltfLook {
+            paint: Some(&paint),
+            surfaces: vec![surface("skin", 0, true), surface("eyes", 1, false)],
+            texture: Some(GltfTexture { jpeg, places: &places }),
+        };
+        let mut bytes = Vec::new();
+        write_glb(&mut bytes, (&mesh, &look), &targets, &|_| Cow::Borrowed(&moves[..]), &[], None).unwrap();
+        let (document, buffers, images) = gltf::import_slice(&bytes).unwrap();
+        assert_eq!((images.len(), images[0].width, images[0].height), (1, 8, 8));
+        assert!(images[0].pixels[0].abs_diff(200) < 6);
+        let primitives: Vec<_> = document.meshes().next().unwrap().primitives().collect();
+        let material = |k: usize| primitives[k].material();
+        assert_eq!([0, 1].map(|k| material(k).name().unwrap().to_owned()), ["skin", "eyes"]);
+        assert_eq!([0, 1].map(|k| material(k).pbr_metallic_roughness().base_color_texture().is_some()), [true, false]);
+        // Colours of vertices are where the picture is not.
+        let colours = |k: usize| primitives[k].reader(|b| Some(&buffers[b.index()])).read_colors(0).is_some();
+        assert_eq!([0, 1].map(colours), [false, true]);
+        let at: Vec<[f32; 2]> =
+            primitives[0].reader(|b| Some(&buffers[b.index()])).read_tex_coords(0).unwrap().into_f32().collect();
+        assert_eq!(at, places);
+        let read = read(&bytes).unwrap();
+        assert_eq!((read.mesh, read.targets), (mesh, vec![moves.to_vec()]));
     }
 
     /// The file with its JSON changed.

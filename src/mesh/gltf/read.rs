@@ -1,6 +1,6 @@
 //! A mesh with morph targets of a glTF or GLB file.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use gltf::{
     Accessor, Document, Gltf, Primitive, Semantic,
@@ -68,8 +68,16 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     let buffers = load_buffers(&document, blob, path)?;
     let (mesh, others) = choose(&document, name, wanted).map_err(error)?;
     let (mut positions, mut triangles, mut targets) = (Vec::new(), Vec::new(), Vec::<Vec<[f32; 3]>>::new());
+    // Primitives of several materials may share their vertices; each such set is read once.
+    let mut firsts = BTreeMap::new();
     for primitive in mesh.primitives() {
-        read_primitive(&primitive, &buffers, &mut positions, &mut triangles, &mut targets).map_err(error)?;
+        let vertices: Vec<Option<usize>> = [primitive.get(&Semantic::Positions).map(|a| a.index())]
+            .into_iter()
+            .chain(primitive.morph_targets().map(|morph| morph.positions().map(|a| a.index())))
+            .collect();
+        let known = firsts.get(&vertices).copied();
+        firsts.entry(vertices).or_insert(positions.len());
+        read_primitive(&primitive, &buffers, known, &mut positions, &mut triangles, &mut targets).map_err(error)?;
     }
     let names = target_names(&mesh, targets.len());
     let mesh = TriangleMesh::new(positions, triangles).map_err(MeshFileError::mesh(path))?;
@@ -162,6 +170,7 @@ fn percent_decoded(uri: &str) -> Option<String> {
 fn read_primitive(
     primitive: &Primitive,
     buffers: &[buffer::Data],
+    known: Option<usize>,
     positions: &mut Vec<[f32; 3]>,
     triangles: &mut Vec<[u32; 3]>,
     targets: &mut Vec<Vec<[f32; 3]>>,
@@ -169,12 +178,14 @@ fn read_primitive(
     if primitive.mode() != Mode::Triangles {
         return Err(format!("primitive {} is not made of triangles", primitive.index()));
     }
-    let first = positions.len();
+    let first = known.unwrap_or(positions.len());
     let accessor =
         primitive.get(&Semantic::Positions).ok_or_else(|| format!("primitive {} has no positions", primitive.index()))?;
     let own = vectors(&accessor, buffers)?;
     let count = own.len();
-    positions.extend(own);
+    if known.is_none() {
+        positions.extend(own);
+    }
     let indices = match primitive.indices() {
         Some(accessor) => indices(&accessor, buffers)?,
         None => (0..count as u32).collect(),
@@ -184,6 +195,9 @@ fn read_primitive(
             return Err(format!("an index refers to vertex {vertex}, but the primitive has {count}"));
         }
         triangles.push([corners[0], corners[1], corners[2]].map(|v| v + first as u32));
+    }
+    if known.is_some() {
+        return Ok(());
     }
     let morphs: Vec<_> = primitive.morph_targets().collect();
     if first > 0 && morphs.len() != targets.len() {

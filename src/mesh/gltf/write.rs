@@ -6,12 +6,14 @@ use std::{
 };
 
 use gltf::json::{
-    self, Accessor, Animation, Asset, Buffer, Index, Material, Mesh, Node, Root, Scene, Value,
+    self, Accessor, Animation, Asset, Buffer, Image, Index, Material, Mesh, Node, Root, Scene, Texture, Value,
     accessor::{ComponentType, GenericComponentType, IndexComponentType, Type, sparse},
     animation::{Channel, Interpolation, Property, Sampler, Target},
     buffer::{self, View},
+    image::MimeType,
     material::{PbrBaseColorFactor, PbrMetallicRoughness, StrengthFactor},
     mesh::{Mode, MorphTarget, Primitive, Semantic},
+    texture,
     validation::{Checked, USize64},
 };
 
@@ -37,6 +39,39 @@ pub struct GltfAnimation {
     pub weights: Vec<f32>,
 }
 
+/// How a mesh looks.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GltfLook<'a> {
+    /// Colours of the vertices, sRGB; without them everything is of the colour of skin.
+    pub paint: Option<&'a [[u8; 3]]>,
+    /// Its triangles by material; without any, all are `skin`.
+    pub surfaces: Vec<GltfSurface>,
+    /// What surfaces with a texture wear.
+    pub texture: Option<GltfTexture<'a>>,
+}
+
+/// Triangles of one material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GltfSurface {
+    /// Name of the material.
+    pub name: &'static str,
+    /// The triangles.
+    pub triangles: Vec<[u32; 3]>,
+    /// How rough it is: 0 mirrors, 1 is dull.
+    pub roughness: f32,
+    /// Whether it has the texture instead of the colours of the vertices.
+    pub textured: bool,
+}
+
+/// A picture on the mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GltfTexture<'a> {
+    /// A JPEG file.
+    pub jpeg: Vec<u8>,
+    /// Texture coordinates of all vertices, v downwards.
+    pub places: &'a [[f32; 2]],
+}
+
 /// Colour of the skin, linear RGBA; a face without texture should not look like paper.
 const SKIN: [f32; 4] = [0.74, 0.52, 0.42, 1.0];
 const ROUGHNESS: f32 = 0.65;
@@ -47,8 +82,8 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// Writes a mesh, its morph targets (positions and normals) and animations of their weights as binary glTF. `metres` are those of one unit
 /// of the mesh, in which glTF counts; `None` where they are not known.
 ///
-/// Texture coordinates unwrap the neutral mesh around its upright axis, with the seam at the back. `paint` are the colours of the vertices,
-/// sRGB; without it everything is of the colour of skin.
+/// Texture coordinates are those of the look's texture, or unwrap the neutral mesh around its upright axis, with the seam at the back.
+/// Materials share the vertices and the targets.
 ///
 /// `displacements(k)` are those of target k, of every vertex. They are asked for twice and never kept: beside the mesh, one target
 /// at a time is in memory.
@@ -57,13 +92,15 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// When `out` cannot be written to, or the file would exceed the 4 GiB of the format.
 pub fn write_glb<'a>(
     out: &mut dyn Write,
-    (mesh, paint): (&TriangleMesh, Option<&[[u8; 3]]>),
+    (mesh, look): (&TriangleMesh, &GltfLook<'_>),
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
     animations: &[GltfAnimation],
     metres: Option<f64>,
 ) -> io::Result<()> {
-    let (root, bin_length) = document((mesh, paint.is_some()), targets, displacements, animations, metres)?;
+    let whole = [GltfSurface { name: "skin", triangles: mesh.triangles().to_vec(), roughness: ROUGHNESS, textured: true }];
+    let surfaces = if look.surfaces.is_empty() { &whole[..] } else { &look.surfaces };
+    let (root, bin_length) = document((mesh, look, surfaces), targets, displacements, animations, metres)?;
     let mut text = json::serialize::to_vec(&root).map_err(io::Error::from)?;
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() as u64 + 8 + bin_length;
@@ -80,16 +117,17 @@ pub fn write_glb<'a>(
     let normals = vertex_normals(mesh.positions(), mesh.triangles());
     write_vectors(out, mesh.positions())?;
     write_vectors(out, &normals)?;
-    for number in unwrapped(mesh).as_flattened() {
+    let places = look.texture.as_ref().map_or_else(|| Cow::Owned(unwrapped(mesh)), |texture| Cow::Borrowed(texture.places));
+    for number in places.as_flattened() {
         out.write_all(&number.to_le_bytes())?;
     }
-    for colour in paint.unwrap_or_default() {
+    for colour in look.paint.unwrap_or_default() {
         let [red, green, blue] = colour.map(|c| (f32::from(u16::MAX) * linear(c)).round() as u16);
         for word in [red, green, blue, u16::MAX] {
             out.write_all(&word.to_le_bytes())?;
         }
     }
-    for triangle in mesh.triangles() {
+    for triangle in surfaces.iter().flat_map(|surface| &surface.triangles) {
         write_words(out, triangle)?;
     }
     for (k, target) in targets.iter().enumerate() {
@@ -113,6 +151,10 @@ pub fn write_glb<'a>(
         for number in animation.times_s.iter().chain(&animation.weights) {
             out.write_all(&number.to_le_bytes())?;
         }
+    }
+    if let Some(texture) = &look.texture {
+        out.write_all(&texture.jpeg)?;
+        out.write_all(&[0; 3][..texture.jpeg.len().next_multiple_of(4) - texture.jpeg.len()])?;
     }
     Ok(())
 }
@@ -203,6 +245,21 @@ impl Builder {
         }
     }
 
+    /// A texture of a JPEG file of so many bytes.
+    fn picture(&mut self, length: usize) -> Index<Texture> {
+        let view = self.view(length as u64, None);
+        self.length = self.length.next_multiple_of(4);
+        let source = self.root.push(Image {
+            buffer_view: Some(view),
+            mime_type: Some(MimeType("image/jpeg".to_owned())),
+            name: Some("skin".to_owned()),
+            uri: None,
+            extensions: None,
+            extras: None,
+        });
+        self.root.push(Texture { name: None, sampler: None, source, extensions: None, extras: None })
+    }
+
     /// Zeros but at some vertices; the view with their numbers is shared.
     fn sparse_vectors(
         &mut self,
@@ -234,7 +291,7 @@ impl Builder {
 }
 
 fn document<'a>(
-    (mesh, painted): (&TriangleMesh, bool),
+    (mesh, look, surfaces): (&TriangleMesh, &GltfLook<'_>, &[GltfSurface]),
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
     animations: &[GltfAnimation],
@@ -248,7 +305,7 @@ fn document<'a>(
     let normals = builder.vectors(count, None);
     let view = builder.view(8 * count as u64, Some(buffer::Target::ArrayBuffer));
     let places = builder.accessor(Some(view), count, ComponentType::F32, Type::Vec2);
-    let colours = painted.then(|| {
+    let colours = look.paint.is_some().then(|| {
         let view = builder.view(8 * count as u64, Some(buffer::Target::ArrayBuffer));
         let colours = builder.accessor(Some(view), count, ComponentType::U16, Type::Vec4);
         if let Some(accessor) = builder.root.accessors.get_mut(colours.value()) {
@@ -256,8 +313,11 @@ fn document<'a>(
         }
         colours
     });
-    let view = builder.view(12 * mesh.triangles().len() as u64, Some(buffer::Target::ElementArrayBuffer));
-    let indices = builder.accessor(Some(view), 3 * mesh.triangles().len(), ComponentType::U32, Type::Scalar);
+    let corners = |surface: &GltfSurface| {
+        let view = builder.view(12 * surface.triangles.len() as u64, Some(buffer::Target::ElementArrayBuffer));
+        builder.accessor(Some(view), 3 * surface.triangles.len(), ComponentType::U32, Type::Scalar)
+    };
+    let indices: Vec<Index<Accessor>> = surfaces.iter().map(corners).collect();
     let mut morphs = Vec::with_capacity(targets.len());
     for (k, target) in targets.iter().enumerate() {
         let bounds = Some(bounds(&displacements(k)));
@@ -284,26 +344,27 @@ fn document<'a>(
         Sampler { input, output, interpolation: Checked::Valid(Interpolation::Linear), extensions: None, extras: None }
     };
     let samplers: Vec<Sampler> = animations.iter().map(sampler).collect();
+    let picture = look.texture.as_ref().map(|texture| builder.picture(texture.jpeg.len()));
     let Builder { mut root, length } = builder;
     root.push(Buffer { byte_length: USize64(length), name: None, uri: None, extensions: None, extras: None });
-    let material = root.push(Material {
-        name: Some("skin".to_owned()),
-        double_sided: true,
-        pbr_metallic_roughness: PbrMetallicRoughness {
-            base_color_factor: PbrBaseColorFactor(if painted { [1.0; 4] } else { SKIN }),
-            metallic_factor: StrengthFactor(0.0),
-            roughness_factor: StrengthFactor(ROUGHNESS),
-            ..PbrMetallicRoughness::default()
-        },
-        ..Material::default()
-    });
-    let attributes = [
-        Some((Semantic::Positions, positions)),
-        Some((Semantic::Normals, normals)),
-        Some((Semantic::TexCoords(0), places)),
-        colours.map(|colours| (Semantic::Colors(0), colours)),
-    ];
-    let attributes = attributes.into_iter().flatten().map(|(semantic, index)| (Checked::Valid(semantic), index)).collect();
+    let base =
+        [Some((Semantic::Positions, positions)), Some((Semantic::Normals, normals)), Some((Semantic::TexCoords(0), places))];
+    let primitive = |(surface, indices): (&GltfSurface, Index<Accessor>)| {
+        let picture = picture.filter(|_| surface.textured);
+        // A viewer would multiply the colours of the vertices with the texture.
+        let paint = colours.filter(|_| picture.is_none());
+        let attributes = base.iter().cloned().chain([paint.map(|colours| (Semantic::Colors(0), colours))]).flatten();
+        Primitive {
+            attributes: attributes.map(|(semantic, index)| (Checked::Valid(semantic), index)).collect(),
+            indices: Some(indices),
+            material: Some(root.push(material(surface, picture, paint.is_some()))),
+            mode: Checked::Valid(Mode::Triangles),
+            targets: (!targets.is_empty()).then(|| morphs.clone()),
+            extensions: None,
+            extras: None,
+        }
+    };
+    let primitives: Vec<Primitive> = surfaces.iter().zip(indices).map(primitive).collect();
     let names: Vec<&str> = targets.iter().map(|t| t.name.as_str()).collect();
     let extras = serde_json::value::to_raw_value(&serde_json::json!({ "targetNames": names })).map_err(io::Error::from)?;
     let mesh = root.push(Mesh {
@@ -311,15 +372,7 @@ fn document<'a>(
         weights: (!targets.is_empty()).then(|| vec![0.0; targets.len()]),
         extras: (!targets.is_empty()).then_some(extras),
         extensions: None,
-        primitives: vec![Primitive {
-            attributes,
-            indices: Some(indices),
-            material: Some(material),
-            mode: Checked::Valid(Mode::Triangles),
-            targets: (!targets.is_empty()).then_some(morphs),
-            extensions: None,
-            extras: None,
-        }],
+        primitives,
     });
     let scale = metres.map(|m| [m as f32; 3]);
     let node = root.push(Node { mesh: Some(mesh), name: Some("face".to_owned()), scale, ..Node::default() });
@@ -336,6 +389,22 @@ fn document<'a>(
         });
     }
     Ok((root, length))
+}
+
+/// The material of a surface that wears a picture, or has colours at its vertices, or neither.
+fn material(surface: &GltfSurface, picture: Option<Index<Texture>>, is_painted: bool) -> Material {
+    Material {
+        name: Some(surface.name.to_owned()),
+        double_sided: true,
+        pbr_metallic_roughness: PbrMetallicRoughness {
+            base_color_factor: PbrBaseColorFactor(if is_painted || picture.is_some() { [1.0; 4] } else { SKIN }),
+            base_color_texture: picture.map(|index| texture::Info { index, tex_coord: 0, extensions: None, extras: None }),
+            metallic_factor: StrengthFactor(0.0),
+            roughness_factor: StrengthFactor(surface.roughness),
+            ..PbrMetallicRoughness::default()
+        },
+        ..Material::default()
+    }
 }
 
 fn bounds(values: &[[f32; 3]]) -> [[f32; 3]; 2] {

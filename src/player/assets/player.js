@@ -242,6 +242,7 @@ class FacePlayer {
     else this.play();
   }
   play() {
+    if (this.playing) return;
     this.playing = true;
     this.clock = this.share >= 1 ? 0 : this.course().clock(this.share);
     this.before = performance.now();
