@@ -220,7 +220,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "weights": pack::scaled(&rig.weights),
         "neighbours": rig.neighbours,
         "openings": rig.openings.iter().map(opening).collect::<Vec<_>>(),
-        "bows": rig.bows.iter().map(|(v, bow)| json!([v, (bow * scale) as f32])).collect::<Vec<_>>(),
+        "bows": rig.bows.each_ref().map(|edge| edge.iter().map(|(v, bow)| json!([v, (bow * scale) as f32])).collect::<Vec<_>>()),
         "closed": rig.closed,
         "unit": rig.eye_distance * scale,
         "down": [rig.down.x, rig.down.y],

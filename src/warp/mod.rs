@@ -110,8 +110,8 @@ pub struct Warp {
     is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
-    /// How far vertices of the lips' edges lie below the arches through the nodes beside them, px; closed lips meet in a bow.
-    bows: Vec<(usize, f64)>,
+    /// How far vertices of the upper and the lower lip's edge lie below the arches through their nodes, px; closed lips meet in a bow.
+    bows: [Vec<(usize, f64)>; 2],
     /// Eyeballs found in the photograph, one for each opening; none for the mouth, and for an eye in which no iris was found.
     eyes: Vec<Option<Eyeball>>,
 }
@@ -194,7 +194,7 @@ impl Warp {
             is_flat: vec![false; triangles],
             reference_nodes,
             neighbours,
-            bows: Vec::new(),
+            bows: Default::default(),
             eyes: Vec::new(),
         };
         let identity = Similarity::identity();

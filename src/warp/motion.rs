@@ -13,37 +13,36 @@ use crate::geometry::Similarity;
 const MAX_GAZE: f64 = 0.12;
 /// Edges of an opening this near, over the eye distance, are shut.
 const SHUT: f64 = 1e-4;
-/// Distance of the lips over the eye distance at which their edges begin to lose the bow in which they meet, and at which they have none.
-const PARTED: (f64, f64) = (0.06, 0.20);
+/// Distance of the lips over the eye distance at which the edges of the upper and the lower one begin to lose the bow in which they meet, and
+/// at which they have none: an upper lip is drawn over teeth.
+const PARTED: [(f64, f64); 2] = [(0.03, 0.10), (0.06, 0.20)];
 
 impl Warp {
     /// Vertices of a frame whose driving nodes are at `wanted`, all else having moved by `around`.
     pub(super) fn vertices_of(&self, wanted: &[Point2<f64>], around: &Similarity) -> Vec<Point2<f64>> {
         let mut moved = self.carried(&self.source, &self.nodes, wanted, around);
         let parted = (self.frame.height(&wanted[40]) - self.frame.height(&wanted[87])) / self.frame.eye_distance;
-        let taken = smooth_step(PARTED.0, PARTED.1, parted);
         let down = around.apply_vector(&self.frame.down);
-        for &(v, bow) in self.bows.iter().filter(|_| taken > 0.0) {
-            moved[v] -= down * (bow * taken);
+        for (bows, (from, to)) in self.bows.iter().zip(PARTED) {
+            let taken = smooth_step(from, to, parted);
+            bows.iter().filter(|_| taken > 0.0).for_each(|&(v, bow)| moved[v] -= down * (bow * taken));
         }
         self.meet(&mut moved, wanted);
         moved
     }
 
-    /// The bows of the lips' edges in the texture; none where it shows them open.
-    pub(super) fn lip_bows(&self) -> Vec<(usize, f64)> {
-        if !self.closed {
-            return Vec::new();
-        }
+    /// The bows of the upper and the lower lip's edge in the texture; none where it shows them open.
+    pub(super) fn lip_bows(&self) -> [Vec<(usize, f64)>; 2] {
         let mouth = &self.mesh.openings[0];
-        let edges = self.mesh.tied.iter().filter(|(v, _)| mouth.upper.contains(v) || mouth.lower.contains(v));
         let height = |v: u32| self.frame.height(&self.source[v as usize]);
-        edges
-            .map(|(v, shares)| {
+        [&mouth.upper, &mouth.lower].map(|edge| {
+            let tied = self.mesh.tied.iter().filter(|(v, _)| self.closed && edge.contains(v));
+            tied.map(|(v, shares)| {
                 let arch: f64 = shares.iter().map(|&(d, share)| share * height(self.mesh.drivers[d].1)).sum();
                 (*v as usize, height(*v) - arch)
             })
             .collect()
+        })
     }
 
     /// Vertices when the driving nodes go from `base` to `wanted` and all else by `around`.

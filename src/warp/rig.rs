@@ -25,8 +25,8 @@ pub struct Rig {
     pub neighbours: Vec<Vec<usize>>,
     /// Mouth, left eye, right eye.
     pub openings: Vec<RigOpening>,
-    /// Vertices of the lips' edges, and how far below the arches through their nodes they lie, px.
-    pub bows: Vec<(usize, f64)>,
+    /// Vertices of the upper and the lower lip's edge, and how far below the arches through their nodes they lie, px.
+    pub bows: [Vec<(usize, f64)>; 2],
     /// Whether the photograph shows a closed mouth.
     pub closed: bool,
     /// Distance between the middles of the eyes, px.

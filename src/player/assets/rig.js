@@ -179,8 +179,11 @@ class Rig {
       moved[2 * v] = vertices[2 * v] + wanted[2 * node] - nodes[2 * node];
       moved[2 * v + 1] = vertices[2 * v + 1] + wanted[2 * node + 1] - nodes[2 * node + 1];
     }
-    const taken = smoothStep(...PARTED, (this.level(wanted, 40) - this.level(wanted, 87)) / this.unit);
-    if (taken > 0) for (const [v, bow] of this.bows) this.shift(moved, v, -bow * taken);
+    const parted = (this.level(wanted, 40) - this.level(wanted, 87)) / this.unit;
+    [STRETCHED, PARTED].forEach((limits, lip) => {
+      const taken = smoothStep(...limits, parted);
+      if (taken > 0) for (const [v, bow] of this.bows[lip]) this.shift(moved, v, -bow * taken);
+    });
     for (const opening of this.openings) this.meet(opening, wanted);
   }
   /** Where the edges of an opening would pass through each other they meet. */
