@@ -67,12 +67,14 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
     let mut surfaces = scene.surfaces();
     if let Some(texture) = texture {
         surfaces.retain(|(name, _)| *name != "hair");
-        for (name, triangles) in &mut surfaces {
-            match *name {
-                "skin" => triangles.clone_from(&texture.worn),
-                "mouth" => triangles.extend(&texture.inside),
-                _ => {}
-            }
+        let is_of = |name: &'static str| move |surface: &&mut (&str, Vec<[u32; 3]>)| surface.0 == name;
+        if let Some((_, skin)) = surfaces.iter_mut().find(is_of("skin")) {
+            skin.clone_from(&texture.worn);
+        }
+        match surfaces.iter_mut().find(is_of("mouth")) {
+            Some((_, mouth)) => mouth.extend(&texture.inside),
+            None if texture.inside.is_empty() => {}
+            None => surfaces.push(("mouth", texture.inside.clone())),
         }
     }
     let roughness = |name: &str| ROUGHNESS.iter().find(|r| r.0 == name).map_or(ROUGHNESS[0].1, |r| r.1);
