@@ -55,10 +55,11 @@ pub mod features {
     pub use crate::modules::features::{ACTION_UNITS, ActionUnit, Course, FULL, FrameFeatures, Intensity};
 }
 pub mod fit {
+    pub use crate::modules::fit::placement;
     pub use crate::modules::fit::{
         Correspondence, CorrespondenceError, DEFAULT_MODES, DrivenNode, FIT_FORCE, FacePoints, FitError, FitOptions,
-        FittedWireframe, Fitter, LoadedPrior, MarksError, NeutralFace, PriorKind, Pull, ShapePrior, Springs, learn_prior,
-        read_correspondences, read_neutral_faces, read_prior, validate_correspondences, write_correspondences,
+        FittedWireframe, Fitter, LearnError, LoadedPrior, MarksError, NeutralFace, PriorKind, Pull, ShapePrior, Springs,
+        learn_prior, read_correspondences, read_neutral_faces, read_prior, validate_correspondences, write_correspondences,
     };
 }
 #[cfg(feature = "tool")]

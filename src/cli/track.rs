@@ -130,8 +130,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         for (reason, count) in &s.recovered {
             println!("  recovered after {reason}: {count}");
         }
+        if let Some(placed) = s.placement_error_px {
+            println!("expected error of the median node's place on the neutral face: {placed:.2} px");
+        }
         if let Some(expected) = s.expected_error_px {
-            println!("expected error of the median node in the last frame: {expected:.2} px; verdict: {}", s.verdict.name());
+            println!(
+                "expected error of the median node's motion in the last frame: {expected:.2} px; verdict: {}",
+                s.verdict.name()
+            );
         }
         for misfit in info.corrections.iter().flat_map(|c| &c.not_applied) {
             println!("  {} does not fit any more and is kept: {misfit}", corrections_path(&args.output).display());

@@ -391,6 +391,7 @@ mod tests {
             image_from_face: Similarity::identity(),
             correspondences: Vec::new(),
             residuals: Vec::new(),
+            spreads: None,
             warnings: Vec::new(),
         };
         Target::from_fit("t", RgbImage::new(400, 400), fitted, bench)

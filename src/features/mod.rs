@@ -200,7 +200,11 @@ impl FeatureMeter {
                     let tracked = &frame.nodes[node.index()];
                     let expected = match tracked.state {
                         NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) | NodeState::Follows => return None,
-                        _ => tracked.expected_error.map_or(NODE_ERROR * canonical.fapus.es, |e| e * face_units_per_px),
+                        // What is expected in the neutral frame is where nodes sit, not how they moved.
+                        _ => tracked
+                            .expected_error
+                            .filter(|_| m > 0)
+                            .map_or(NODE_ERROR * canonical.fapus.es, |e| e * face_units_per_px),
                     };
                     let iris = self.irises.iter().flatten().any(|n| *n == node);
                     (!iris).then_some((node, expected.max(1.0)))

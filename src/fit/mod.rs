@@ -9,6 +9,7 @@
 mod clicks;
 mod error;
 mod mistakes;
+pub mod placement;
 mod prior;
 mod skyline;
 mod spring;
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 use self::{
     clicks::soft_deviation,
     mistakes::PlausibleFaces,
+    prior::Explanation,
     unfold::{Frontal, Unfolded, unfold},
 };
 use crate::{geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};
@@ -33,8 +35,8 @@ pub use super::correspondence::{
 pub use error::{FitError, FitWarning};
 pub(crate) use prior::mirror_nodes;
 pub use prior::{
-    DEFAULT_MODES, FacePoints, FaceSource, NeutralFace, PriorFile, PriorFileError, PriorOrigin, ShapePrior, learn_prior,
-    read_neutral_faces, read_prior, write_prior,
+    DEFAULT_MODES, FacePoints, FaceSource, LearnError, NeutralFace, PriorFile, PriorFileError, PriorOrigin, ShapePrior,
+    learn_prior, read_neutral_faces, read_prior, write_prior,
 };
 pub(crate) use skyline::{BlockPlaces, Layout, Skyline};
 pub use spring::{DrivenNode, Pull, SpringError, Springs};
@@ -162,6 +164,9 @@ pub struct FittedWireframe {
     pub correspondences: Vec<Correspondence>,
     /// Distance of every correspondence's node to its mark after the fit, px, in the order of `correspondences`.
     pub residuals: Vec<f64>,
+    /// How far the marks leave every node's place on the face open, over the eye distance, before it is calibrated
+    /// ([`FittedWireframe::expected_errors`]); `None` where no prior knows the wireframe.
+    pub spreads: Option<Vec<f64>>,
     /// What should be looked at.
     pub warnings: Vec<FitWarning>,
 }
@@ -186,6 +191,8 @@ pub struct Fitter {
     priors: Vec<ShapePrior>,
     /// Their logarithmic odds before the marks are seen.
     log_odds: Vec<f64>,
+    /// Priors and odds by which a fit is judged; `None` where they are those it is made with.
+    judges: Option<(Vec<ShapePrior>, Vec<f64>)>,
     /// What tells wrong marks, whatever the priors.
     plausible: PlausibleFaces,
     options: FitOptions,
@@ -206,20 +213,38 @@ impl Fitter {
         let candide = || (ShapePrior::candide(wireframe), 0.0);
         let faces = ShapePrior::faces();
         let with_odds = faces.iter().cloned().zip([NETWORK_LOG_ODDS, 0.0]);
+        let every = || faces.iter().cloned().zip([NETWORK_LOG_ODDS, 0.0]).filter(|(p, _)| p.mean.len() == wireframe.node_count());
         let competing: Vec<(ShapePrior, f64)> = match &options.prior {
             PriorKind::None => vec![],
             PriorKind::Candide => vec![candide()],
             PriorKind::Faces => with_odds.collect(),
-            PriorKind::Auto => with_odds.filter(|(p, _)| p.mean.len() == wireframe.node_count()).chain([candide()]).collect(),
+            PriorKind::Auto => every().chain([candide()]).collect(),
             PriorKind::File(LoadedPrior { prior, .. }) => prior.iter().map(|p| (ShapePrior::clone(p), 0.0)).collect(),
         };
         let (priors, log_odds): (Vec<_>, Vec<_>) = competing.into_iter().unzip();
+        let judges = (options.prior != PriorKind::Auto).then(|| every().chain([candide()]).unzip());
         let known: Vec<ShapePrior> = match &options.prior {
             PriorKind::File(_) => priors.iter().cloned().chain(faces).collect(),
             _ => faces.to_vec(),
         };
         let plausible = PlausibleFaces::new(wireframe, &known, EYE_DISTANCE);
-        Self { springs: Springs::new(wireframe), priors, log_odds, plausible, options }
+        Self { springs: Springs::new(wireframe), priors, log_odds, judges, plausible, options }
+    }
+
+    /// A fitter as [`PriorKind::Auto`] makes it, with other priors than those that ship: of landmarks as networks set them, and of points
+    /// set by hand.
+    ///
+    /// # Errors
+    /// [`FitError::PriorNodes`] for a prior of another number of nodes than the wireframe's.
+    pub fn with_faces(wireframe: &Wireframe, network: ShapePrior, by_hand: ShapePrior) -> Result<Self, FitError> {
+        let (count, faces) = (wireframe.node_count(), [network, by_hand]);
+        if let Some(found) = faces.iter().map(|p| p.mean.len()).find(|found| *found != count) {
+            return Err(FitError::PriorNodes { found, count });
+        }
+        let plausible = PlausibleFaces::new(wireframe, &faces, EYE_DISTANCE);
+        let priors = faces.into_iter().chain([ShapePrior::candide(wireframe)]).collect();
+        let log_odds = vec![NETWORK_LOG_ODDS, 0.0, 0.0];
+        Ok(Self { springs: Springs::new(wireframe), priors, log_odds, judges: None, plausible, options: FitOptions::default() })
     }
 
     /// Fits the wireframe to the marks.
@@ -228,12 +253,25 @@ impl Fitter {
     /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that are not there, or a mirrored or
     /// upside-down placement.
     pub fn fit(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
-        self.fit_from(wireframe, marks, |seen, image_from_face| {
-            let eye_distance = image_from_face.scale * EYE_DISTANCE;
-            let placed = self.expected(marks, seen, eye_distance, wireframe.node_count())?;
-            let frontal = || wireframe.frontal().iter().map(|p| image_from_face.apply(p)).collect();
-            Ok(placed.unwrap_or_else(frontal).into_iter().map(flip).collect())
-        })
+        let seen = self.seen(wireframe, marks)?;
+        if let PriorKind::File(LoadedPrior { blake3, prior: None }) = &self.options.prior {
+            return Err(FitError::PriorNotRead { blake3: blake3.clone() });
+        }
+        let count = wireframe.node_count();
+        if let Some(prior) = self.priors.iter().find(|p| p.mean.len() != count) {
+            return Err(FitError::PriorNodes { found: prior.mean.len(), count });
+        }
+        let expected = seen.expected(marks, &self.priors, &self.log_odds)?;
+        let rest = match &expected {
+            Some(expected) => expected.places.clone(),
+            None => wireframe.frontal().iter().map(|p| flip(seen.image_from_face.apply(p))).collect(),
+        };
+        let fitted = self.deform(wireframe, marks, &seen, &rest)?;
+        let judged = match &self.judges {
+            Some((priors, odds)) => seen.expected(marks, priors, odds)?,
+            None => expected,
+        };
+        Ok(fitted.judged(judged.as_ref().map(|j| (j, true)), seen.eye_distance))
     }
 
     /// Fits the wireframe to the marks from places of all nodes at which it is at rest, px, y down: those of a face that is known to be
@@ -251,16 +289,15 @@ impl Fitter {
         if rest.len() != count {
             return Err(FitError::PriorNodes { found: rest.len(), count });
         }
-        self.fit_from(wireframe, marks, |_, _| Ok(rest.to_vec()))
+        let seen = self.seen(wireframe, marks)?;
+        let fitted = self.deform(wireframe, marks, &seen, rest)?;
+        let (priors, odds) = self.judges.as_ref().map_or((&self.priors, &self.log_odds), |(priors, odds)| (priors, odds));
+        let judged = if priors.iter().all(|p| p.mean.len() == count) { seen.expected(marks, priors, odds)? } else { None };
+        Ok(fitted.judged(judged.as_ref().map(|j| (j, false)), seen.eye_distance))
     }
 
-    /// The springs pull the marked nodes from where `at_rest` has them, given the marks, y up, and a first placement of the frontal face.
-    fn fit_from(
-        &self,
-        wireframe: &Wireframe,
-        marks: &[Correspondence],
-        at_rest: impl FnOnce(&[Point2<f64>], &Similarity) -> Result<Vec<Point2<f64>>, FitError>,
-    ) -> Result<FittedWireframe, FitError> {
+    /// The marks as they are seen, once they are known to be good.
+    fn seen(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<Seen, FitError> {
         if marks.len() < MINIMUM_MARKS {
             return Err(FitError::TooFewMarks { found: marks.len() });
         }
@@ -268,22 +305,32 @@ impl Fitter {
         if let Some(mark) = marks.iter().find(|m| m.node.index() >= count) {
             return Err(FitError::NoSuchNode { node: mark.node, count });
         }
-        let seen: Vec<_> = marks.iter().map(|m| flip(m.position)).collect();
+        let places: Vec<_> = marks.iter().map(|m| flip(m.position)).collect();
         let frontal = wireframe.frontal();
         let source: Vec<_> = marks.iter().map(|m| frontal[m.node.index()]).collect();
-        let image_from_face = Similarity::fit(&source, &seen, None)?;
-        let strays = self.plausible.check(marks, &seen)?;
-        let eye_distance = image_from_face.scale * EYE_DISTANCE;
-        let rest = at_rest(&seen, &image_from_face)?;
+        let image_from_face = Similarity::fit(&source, &places, None)?;
+        let strays = self.plausible.check(marks, &places)?;
+        Ok(Seen { places, image_from_face, strays, eye_distance: image_from_face.scale * EYE_DISTANCE })
+    }
+
+    /// The springs pull the marked nodes from where they are at rest.
+    fn deform(
+        &self,
+        wireframe: &Wireframe,
+        marks: &[Correspondence],
+        seen: &Seen,
+        rest: &[Point2<f64>],
+    ) -> Result<FittedWireframe, FitError> {
+        let (frontal, eye_distance, image_from_face) = (wireframe.frontal(), seen.eye_distance, seen.image_from_face);
         let targets: Vec<_> = marks.iter().map(|m| self.target(m, eye_distance)).collect();
-        let nodes = self.springs.deform(wireframe, &rest, &targets)?;
+        let nodes = self.springs.deform(wireframe, rest, &targets)?;
         let upright = frontal.iter().map(|p| flip(image_from_face.apply(p))).collect();
         let view = Frontal::new(wireframe, &frontal, upright);
         // A mark that tells its error may be off by some of it.
         let may_be_off = |m: &Correspondence| m.expected_error.map_or(0.0, |e| WITHIN_ERRORS * e / eye_distance);
-        let strays = strays.iter().filter(|s| s.distance > may_be_off(&marks[s.index]));
+        let strays = seen.strays.iter().filter(|s| s.distance > may_be_off(&marks[s.index]));
         let warned = strays.map(|s| doubtful(&marks[s.index], s.distance)).collect();
-        let (nodes, warnings) = match unfold(&self.springs, wireframe, &rest, &targets, &nodes, &view, eye_distance)? {
+        let (nodes, warnings) = match unfold(&self.springs, wireframe, rest, &targets, &nodes, &view, eye_distance)? {
             Some(unfolded) => choose(marks, nodes, unfolded, eye_distance, warned)?,
             None => (nodes, warned),
         };
@@ -293,39 +340,9 @@ impl Fitter {
             image_from_face,
             correspondences: marks.to_vec(),
             residuals,
+            spreads: None,
             warnings,
         })
-    }
-
-    /// The face that the priors expect for the marks at `seen` (y up), in the space of `seen`; `None` without a prior.
-    ///
-    /// A mark's error is the one that it tells, else that of a person's click on such a feature.
-    fn expected(
-        &self,
-        marks: &[Correspondence],
-        seen: &[Point2<f64>],
-        eye_distance: f64,
-        count: usize,
-    ) -> Result<Option<Vec<Point2<f64>>>, FitError> {
-        if let PriorKind::File(LoadedPrior { blake3, prior: None }) = &self.options.prior {
-            return Err(FitError::PriorNotRead { blake3: blake3.clone() });
-        }
-        if let Some(prior) = self.priors.iter().find(|p| p.mean.len() != count) {
-            return Err(FitError::PriorNodes { found: prior.mean.len(), count });
-        }
-        if self.priors.is_empty() {
-            return Ok(None);
-        }
-        let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
-        let deviations: Vec<_> = marks.iter().map(|mark| mark_deviation(mark, eye_distance)).collect();
-        let explained = self.priors.iter().map(|p| p.explain_by_errors(&nodes, seen, &deviations));
-        let faces = explained.collect::<Result<Vec<_>, _>>()?;
-        let shares = prior::shares(&faces, &self.log_odds);
-        let place = |k: usize| -> Point2<f64> {
-            let places = faces.iter().zip(&shares).map(|(f, share)| f.marks_from_face.apply(&f.shape[k]).coords * *share);
-            Point2::from(places.sum::<Vector2<f64>>())
-        };
-        Ok(Some((0..count).map(place).collect()))
     }
 
     /// What a mark does to the springs, on a face with an eye distance of so many px.
@@ -349,6 +366,85 @@ pub(crate) fn mark_deviation(mark: &Correspondence, eye_distance: f64) -> Option
         (Some(error), _) => Some(error / MEDIAN_OVER_DEVIATION),
         (None, MarkKind::Mark) => soft_deviation(mark.node).map(|deviation| deviation * eye_distance),
         (None, MarkKind::Hard) => None,
+    }
+}
+
+/// Marks as they are seen.
+struct Seen {
+    /// Their places, px, y up.
+    places: Vec<Point2<f64>>,
+    /// Places the frontal wireframe on them.
+    image_from_face: Similarity,
+    /// Marks that no face has there.
+    strays: Vec<mistakes::Stray>,
+    /// Eye distance, px.
+    eye_distance: f64,
+}
+
+impl Seen {
+    /// The face that priors expect for the marks; `None` without a prior.
+    ///
+    /// A mark's error is the one that it tells, else that of a person's click on such a feature.
+    fn expected(&self, marks: &[Correspondence], priors: &[ShapePrior], log_odds: &[f64]) -> Result<Option<Expected>, FitError> {
+        let Some(first) = priors.first() else { return Ok(None) };
+        let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
+        let deviations: Vec<_> = marks.iter().map(|mark| mark_deviation(mark, self.eye_distance)).collect();
+        let explained = priors.iter().map(|p| p.explain_by_errors(&nodes, &self.places, &deviations));
+        let faces = explained.collect::<Result<Vec<_>, _>>()?;
+        let shares = prior::shares(&faces, log_odds);
+        let place = |k: usize| {
+            let each = faces.iter().map(|f| f.marks_from_face.apply(&f.shape[k]));
+            let mean = each.clone().zip(&shares).map(|(p, share)| p.coords * *share).sum::<Vector2<f64>>();
+            let apart = |p: Point2<f64>, f: &Explanation| 2.0 * f.deviations[k].powi(2) + (p.coords - mean).norm_squared();
+            let variance: f64 = each.zip(&faces).zip(&shares).map(|((p, f), share)| share * apart(p, f)).sum();
+            (flip(Point2::from(mean)), variance)
+        };
+        let (places, variances) = (0..first.mean.len()).map(place).unzip();
+        Ok(Some(Expected { places, variances }))
+    }
+}
+
+/// Where the nodes of a face are expected.
+struct Expected {
+    /// Places, px, y down.
+    places: Vec<Point2<f64>>,
+    /// Mean square distance from them, px^2.
+    variances: Vec<f64>,
+}
+
+impl FittedWireframe {
+    /// How far every node is expected to sit from its place on the face, px: half of such nodes are further off, half less.
+    ///
+    /// It is the error of the fit alone, whatever moves afterwards. `None` where no prior knows the wireframe.
+    ///
+    /// ```
+    /// use grimace::{correspondence::read_correspondences, fit::Fitter, wireframe::Face};
+    ///
+    /// let Face { wireframe, tables } = Face::candide3();
+    /// let marks = read_correspondences("fixtures/simulated/S001/005/correspondences.csv".as_ref(), &tables, 113)?;
+    /// let fitted = Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+    /// let errors = fitted.expected_errors().expect("Candide-3 has priors");
+    /// // A marked eye corner is known better than the side of the forehead.
+    /// assert!(errors[20] < errors[12]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn expected_errors(&self) -> Option<Vec<f64>> {
+        let eye_distance = self.image_from_face.scale * EYE_DISTANCE;
+        let told = self.correspondences.iter().filter(|m| m.expected_error.is_some()).count();
+        let told = told as f64 / self.correspondences.len().max(1) as f64;
+        Some(self.spreads.as_ref()?.iter().map(|&spread| placement::calibrated(spread, told) * eye_distance).collect())
+    }
+
+    /// With how far its nodes are from where they were expected, and that expectation's own error; where the face is turned only that.
+    fn judged(mut self, expected: Option<(&Expected, bool)>, eye_distance: f64) -> Self {
+        self.spreads = expected.map(|(expected, frontal)| {
+            let nodes = self.model.nodes().iter().zip(&expected.places).zip(&expected.variances);
+            let square = |((node, place), variance): ((&Point2<f64>, &Point2<f64>), &f64)| {
+                variance + if frontal { (node - place).norm_squared() } else { 0.0 }
+            };
+            nodes.map(|n| square(n).sqrt() / eye_distance).collect()
+        });
+        self
     }
 }
 

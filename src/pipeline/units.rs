@@ -19,6 +19,7 @@ pub(super) struct UnitsJson {
 
 const FACE_UNIT: &str = "face unit";
 const PX: &str = "px";
+const PERCENT: &str = "percent of ES0";
 const RATIO: &str = "ratio";
 const PROBABILITY: &str = "probability";
 const MEDIANS: &str = "times the median";
@@ -71,7 +72,15 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
         ],
     ),
     ("trimming.csv", &[("frame", FRAME), ("distance", FACE_UNIT)]),
-    ("verdicts.csv", &[("expected_error_px", PX), ("expected_error_percent_es", "percent of ES0")]),
+    (
+        "verdicts.csv",
+        &[
+            ("expected_error_px", PX),
+            ("expected_error_percent_es", PERCENT),
+            ("placement_error_px", PX),
+            ("placement_error_percent_es", PERCENT),
+        ],
+    ),
     ("intervals.csv", &[("dispersion", FACE_UNIT), ("low", FACE_UNIT), ("high", FACE_UNIT), ("level", PROBABILITY)]),
     (
         "comparisons.csv",

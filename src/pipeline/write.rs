@@ -291,7 +291,7 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
     let rows = tracks.iter().map(|t| {
         let s = &t.summary;
         let expected = s.expected_error_px;
-        let percent = expected.filter(|_| s.eye_distance_px > 0.0).map(|px| 100.0 * px / s.eye_distance_px);
+        let percent = |px: Option<f64>| px.filter(|_| s.eye_distance_px > 0.0).map(|px| 100.0 * px / s.eye_distance_px);
         let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
         let SequenceId { subject, sequence } = t.id.clone();
         let verdict = s.verdict.name().to_owned();
@@ -301,12 +301,25 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
             t.emotion.clone(),
             verdict,
             number(expected),
-            number(percent),
+            number(percent(expected)),
             s.reasons.join("; "),
             t.id.to_string(),
+            number(s.placement_error_px),
+            number(percent(s.placement_error_px)),
         ]
     });
-    let header = ["subject", "sequence", "emotion", "verdict", "expected_error_px", "expected_error_percent_es", "reasons", "id"];
+    let header = [
+        "subject",
+        "sequence",
+        "emotion",
+        "verdict",
+        "expected_error_px",
+        "expected_error_percent_es",
+        "reasons",
+        "id",
+        "placement_error_px",
+        "placement_error_percent_es",
+    ];
     write_table(path, &header, &[], rows)
 }
 

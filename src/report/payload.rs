@@ -227,7 +227,7 @@ fn trimming(r: &Representative) -> (Value, Value) {
 
 /// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn,
 /// expected error px, whether to look again, why, percent of lost nodes frame by frame, expected error px frame by frame, pictures of the
-/// neutral and the apex frame, stem of its files.
+/// neutral and the apex frame, stem of its files, expected error of the placement px.
 fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
     let reasons = t.summary.recovered.iter().filter(|&(_, &n)| n > 0);
     json!([
@@ -250,6 +250,7 @@ fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
             .collect::<Vec<_>>(),
         t.pictures.as_ref().map(|pictures| pictures.each_ref().map(|p| BASE64_STANDARD.encode(p))),
         has_files.then(|| t.id.to_string()),
+        t.summary.placement_error_px.map_or(Value::Null, |px| rounded(px, 3)),
     ])
 }
 

@@ -122,7 +122,11 @@ pub fn track_units() -> BTreeMap<String, String> {
         ("x", "px, right, centre of the top-left pixel is 0"),
         ("y", "px, down, centre of the top-left pixel is 0"),
         ("residual", "px; neutral frame: node to mark; later frames: forward-backward distance"),
-        ("expected_error", "px; half of such nodes are further from where their point of the neutral frame went, half less"),
+        (
+            "expected_error",
+            "px; half of such nodes are further off, half less: in the neutral frame from their place on the face, in later frames from where \
+             their point of the neutral frame went",
+        ),
         ("marks", "node, x px, y px, whether the node is held there exactly (kind hard)"),
     ]
     .into_iter()

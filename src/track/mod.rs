@@ -512,10 +512,14 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     }
 }
 
-/// The nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following.
+/// The nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following. What is expected of them is how
+/// far they sit from their place on the face.
 pub fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<TrackedNode> {
     let fit = |position: &Point2<f64>| TrackedNode::new(*position, NodeState::Fitted, None);
     let mut nodes: Vec<_> = fitted.model.nodes().iter().map(fit).collect();
+    for (node, expected) in nodes.iter_mut().zip(fitted.expected_errors().unwrap_or_default()) {
+        node.expected_error = Some(expected);
+    }
     for follower in wireframe.followers() {
         nodes[follower.node.index()].state = NodeState::Follows;
     }

@@ -22,6 +22,11 @@ const WORST_REGIONS: usize = 3;
 const MEDIAN_LIMIT: f64 = 0.02;
 /// See [`MEDIAN_LIMIT`].
 const WORST_LIMIT: f64 = 0.06;
+/// A sequence is to be looked at again when the nodes of a region that FAPs measure are expected to be further off at the apex than this, over
+/// the eye distance, on the mean: by where they sit on the neutral face and by how they moved since, as root of the sum of squares.
+const REGION_LIMIT: f64 = 0.05;
+/// These regions.
+const MEASURED: [Region; 4] = [Region::Brow, Region::Eye, Region::Mouth, Region::Jaw];
 /// A sequence is to be looked at again when more than this share of the (node, frame) pairs was lost,
 const LOST_LIMIT: f64 = 0.1;
 /// or this share of the nodes in one frame.
@@ -75,7 +80,11 @@ pub struct TrackSummary {
     pub recovered: BTreeMap<String, usize>,
     /// Live nodes most often recovered, with the number of frames, worst first, at most five.
     pub worst_nodes: Vec<(NodeId, usize)>,
-    /// Median over the live nodes of the expected error at the apex frame, px; `None` of a track without expected errors.
+    /// Median over the live nodes of how far they are expected to sit from their place on the neutral face, px; `None` where that is not
+    /// known.
+    #[serde(default)]
+    pub placement_error_px: Option<f64>,
+    /// Median over the live nodes of the expected error of their motion at the apex frame, px; `None` of a track without expected errors.
     #[serde(default)]
     pub expected_error_px: Option<f64>,
     /// Whether to look at it again.
@@ -182,6 +191,7 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
         eye_distance_px: eye_distance_px(tables, &neutral).unwrap_or(0.0),
         recovered,
         worst_nodes,
+        placement_error_px: None,
         expected_error_px: None,
         verdict: Verdict::Good,
         reasons: Vec::new(),
@@ -193,8 +203,11 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
 /// Enters expected error, verdict and reasons.
 fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables) {
     let live = wireframe.live_nodes();
-    let Some(apex) = frames.last() else { return };
-    let expected = |&id: &NodeId| apex.nodes.get(id.index()).and_then(|n| n.expected_error);
+    let Some((neutral, later)) = frames.split_first() else { return };
+    let placed = |&id: &NodeId| neutral.nodes.get(id.index()).and_then(|n| n.expected_error);
+    let mut placements: Vec<f64> = live.iter().filter_map(placed).collect();
+    summary.placement_error_px = median(&mut placements);
+    let expected = |&id: &NodeId| later.last().and_then(|apex| apex.nodes.get(id.index())?.expected_error);
     let mut errors: Vec<f64> = live.iter().filter_map(expected).collect();
     summary.expected_error_px = median(&mut errors);
     let unit = summary.eye_distance_px;
@@ -218,6 +231,28 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
         reasons.push(format!(
             "at the apex {count} of {of} nodes are expected to be more than {limit:.1} px off ({share:.0} % of the eye distance): {list}"
         ));
+    }
+    for region in MEASURED {
+        let nodes: Vec<[f64; 2]> = live
+            .iter()
+            .filter(|&&id| tables.region(id) == region)
+            .filter_map(|id| Some([placed(id)?, expected(id).unwrap_or(0.0)]))
+            .collect();
+        let mean = |of: fn(&[f64; 2]) -> f64| nodes.iter().map(of).sum::<f64>() / nodes.len().max(1) as f64;
+        let both = mean(|[placed, moved]| placed.hypot(*moved));
+        if both > REGION_LIMIT * unit {
+            let (sits, moves) = (percent(mean(|e| e[0])), percent(mean(|e| e[1])));
+            let hint = if sits > moves {
+                format!("; mark the {region} on the neutral frame, or leave all marks to be found")
+            } else {
+                String::new()
+            };
+            reasons.push(format!(
+                "{region}: expected to be {both:.1} px off at the apex ({:.1} % of the eye distance), where it sits on the face by {sits:.1} %, \
+                 how it moved by {moves:.1} %{hint}",
+                percent(both)
+            ));
+        }
     }
     // Nodes lost in a frame, and the nodes that could be: one without a landmark is never tracked, and so not lost.
     let lost = |frame: &TrackedFrame| {
@@ -259,6 +294,34 @@ mod tests {
         assert!((summary.eye_distance_px - 61.3).abs() < 1e-9);
         assert_eq!(summary.recovered, BTreeMap::from([("extreme".to_owned(), 2)]));
         assert_eq!(summary.worst_nodes, [(NodeId(31), 2)]);
+    }
+
+    #[test]
+    fn a_region_that_may_sit_elsewhere_is_to_be_looked_at() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        // 61.3 px between the pupils; the limit is 3.065 px.
+        let frame = |number: u32, brow: f64| TrackedFrame {
+            number,
+            nodes: (0..113)
+                .map(|k| {
+                    let expected = if t.region(NodeId(k as u16)) == Region::Brow { brow } else { 0.5 };
+                    let state = if number == 1 { NodeState::Fitted } else { NodeState::Tracked };
+                    TrackedNode { expected_error: Some(expected), ..TrackedNode::new(w.frontal()[k] * 100.0, state, None) }
+                })
+                .collect(),
+        };
+        let good = summarize(&[frame(1, 2.0), frame(2, 0.5)], &w, &t);
+        assert_eq!((good.verdict, good.placement_error_px, good.expected_error_px), (Verdict::Good, Some(0.5), Some(0.5)));
+        // 3 px where it sits and 1 px how it moved are sqrt(10) px.
+        let again = summarize(&[frame(1, 3.0), frame(2, 1.0)], &w, &t);
+        assert_eq!(again.verdict, Verdict::LookAgain);
+        assert_eq!(
+            again.reasons,
+            [
+                "brow: expected to be 3.2 px off at the apex (5.2 % of the eye distance), where it sits on the face by 4.9 %, how it moved \
+              by 1.6 %; mark the brow on the neutral frame, or leave all marks to be found"
+            ]
+        );
     }
 
     #[test]

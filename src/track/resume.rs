@@ -183,6 +183,7 @@ mod tests {
             image_from_face: Similarity::identity(),
             correspondences: vec![],
             residuals: vec![],
+            spreads: None,
             warnings: Vec::new(),
         };
         let track = track_with(&mut Drift, &wireframe, &plan, &fitted, frames(), &TrackOptions::default(), |_| true).unwrap();

@@ -61,9 +61,8 @@ fn every_output_is_there_with_its_header_and_shape() {
             assert_eq!(row["frame"], (k / NODES + 1).to_string());
             assert_eq!(row["node"], (k % NODES).to_string());
             assert!(row["x"].parse::<f64>().unwrap().is_finite() && row["y"].parse::<f64>().unwrap().is_finite());
-            // The neutral frame has no offset to be wrong; every later one has an expectation.
-            let expected = row["expected_error"].parse::<f64>();
-            assert_eq!(expected.is_ok_and(|e| e > 0.0), row["frame"] != "1", "{row:?}");
+            // In the neutral frame where the node sits, later how it moved.
+            assert!(row["expected_error"].parse::<f64>().is_ok_and(|e| e > 0.0), "{row:?}");
         }
         check_model(&work, &format!("out/models/{id}.csv"));
     }

@@ -98,6 +98,7 @@ fn track(truth: &[Vec<Point2<f64>>], faults: &[(usize, u16, Fault)], options: &T
         image_from_face: Similarity::identity(),
         correspondences: Vec::new(),
         residuals: Vec::new(),
+        spreads: None,
         warnings: Vec::new(),
     };
     let picture = image::GrayImage::new(WIDTH, HEIGHT);

@@ -161,6 +161,7 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
                 ("forward-backward".into(), share),
                 ("extreme displacement".into(), pairs as usize - share),
             ]),
+            placement_error_px: Some(1.9),
             expected_error_px: Some(1.2 + 20.0 * loss),
             verdict: if doubtful { Verdict::LookAgain } else { Verdict::Good },
             reasons: if doubtful {

@@ -26,7 +26,7 @@ use crate::{
 pub use faces::{FacePoints, NeutralFace, read_neutral_faces};
 pub use file::{FaceSource, PriorFile, PriorFileError, PriorOrigin, read_prior, write_prior};
 pub(crate) use learn::mirror_nodes;
-pub use learn::{DEFAULT_MODES, learn_prior};
+pub use learn::{DEFAULT_MODES, LearnError, learn_prior};
 
 /// Standard deviation of Candide's shape units among people; PITFALLS of the field put it near 0.3.
 const SHAPE_UNIT_DEVIATION: f64 = 0.3;
@@ -73,6 +73,8 @@ pub struct Explanation {
     pub shape: Vec<Point2<f64>>,
     /// Takes the shape to the space of the marks.
     pub marks_from_face: Similarity,
+    /// Standard deviation of the place of every node in x and in y, in the unit of the marks: what they leave open.
+    pub deviations: Vec<f64>,
     /// Logarithm of the probability density of the marks under the prior at this placement, up to a constant that does not depend
     /// on the prior.
     pub log_evidence: f64,
@@ -144,10 +146,11 @@ impl ShapePrior {
         let near: Vec<Point2<f64>> = seen.iter().map(|p| rough.apply(p)).collect();
         let modes = DMatrix::from_fn(rows, self.modes.len(), |r, c| self.modes[c][nodes[r / 2].index()][r % 2]);
         let scaled = DMatrix::from_fn(rows, self.modes.len(), |r, c| modes[(r, c)] * self.deviations[c].powi(2));
+        let of_mark = |d: &Option<f64>| d.map_or(self.mark_deviation, |d| (d * rough.scale).max(LEAST_MARK_DEVIATION)).powi(2);
+        let own: Vec<f64> = deviations.iter().map(of_mark).collect();
+        let noise: Vec<f64> = nodes.iter().zip(&own).map(|(node, own)| own + self.residuals[node.index()].powi(2)).collect();
         let mut covariance = &scaled * modes.transpose();
-        for (i, node) in nodes.iter().enumerate() {
-            let deviation = deviations[i].map_or(self.mark_deviation, |d| (d * rough.scale).max(LEAST_MARK_DEVIATION));
-            let noise = deviation.powi(2) + self.residuals[node.index()].powi(2);
+        for (i, noise) in noise.iter().enumerate() {
             covariance[(2 * i, 2 * i)] += noise;
             covariance[(2 * i + 1, 2 * i + 1)] += noise;
         }
@@ -172,12 +175,46 @@ impl ShapePrior {
         let pull = factor.solve(&residual);
         let coefficients = scaled.transpose() * &pull;
         let offset = |k: usize| -> Vector2<f64> { self.modes.iter().zip(coefficients.iter()).map(|(m, c)| m[k] * *c).sum() };
-        let shape = self.mean.iter().enumerate().map(|(k, p)| p + offset(k)).collect();
+        let shape: Vec<Point2<f64>> = self.mean.iter().enumerate().map(|(k, p)| p + offset(k)).collect();
+        let open = self.left_open(&modes, &design, &noise, &shape.iter().map(|p| fine.inverse().apply(p)).collect::<Vec<_>>());
+        let marked = |k: usize| nodes.iter().zip(&own).find(|(node, _)| node.index() == k).map(|(_, own)| *own);
+        let deviation = |(k, open): (usize, f64)| {
+            let residual = self.residuals[k].powi(2);
+            // What the modes do not hold of a marked node's place, its mark tells.
+            let left = marked(k).map_or(residual, |own| residual * own / (residual + own));
+            (open + left).max(0.0).sqrt() / (fine.scale * rough.scale)
+        };
+        let deviations = open.into_iter().enumerate().map(deviation).collect();
         let log_determinant: f64 = (0..rows).map(|i| 2.0 * factor.l_dirty()[(i, i)].ln()).sum();
         // The last term is the Jacobian of the similarity: it makes the evidence independent of a prior's unit of length.
         let log_scale = rough.scale.ln() + fine.scale.ln();
         let log_evidence = -0.5 * residual.dot(&pull) - 0.5 * log_determinant + rows as f64 * log_scale;
-        Ok(Explanation { shape, marks_from_face: rough.inverse().after(&fine.inverse()), log_evidence })
+        Ok(Explanation { shape, marks_from_face: rough.inverse().after(&fine.inverse()), deviations, log_evidence })
+    }
+
+    /// Variance in x and in y, face space, of every node at `near` as far as coefficients and similarity leave it open: of both together
+    /// the marks are a linear measurement, `[modes, -design]`, of variance `noise` at each mark. Infinite where it does not determine them.
+    fn left_open(&self, modes: &DMatrix<f64>, design: &DMatrix<f64>, noise: &[f64], near: &[Point2<f64>]) -> Vec<f64> {
+        let count = self.modes.len();
+        let size = count + 4;
+        let mut rows = DMatrix::zeros(modes.nrows(), size);
+        rows.columns_mut(0, count).copy_from(modes);
+        rows.columns_mut(count, 4).copy_from(&-design);
+        let weighted = DMatrix::from_fn(rows.nrows(), size, |r, c| rows[(r, c)] / noise[r / 2]);
+        let mut information = rows.transpose() * weighted;
+        self.deviations.iter().enumerate().for_each(|(c, deviation)| information[(c, c)] += deviation.powi(-2));
+        let Some(factor) = information.cholesky() else { return vec![f64::INFINITY; near.len()] };
+        let node = |(k, p): (usize, &Point2<f64>)| {
+            let mut x = DVector::from_fn(size, |c, _| if c < count { self.modes[c][k].x } else { 0.0 });
+            let mut y = DVector::from_fn(size, |c, _| if c < count { self.modes[c][k].y } else { 0.0 });
+            x.rows_mut(count, 4).copy_from_slice(&[-p.x, p.y, -1.0, 0.0]);
+            y.rows_mut(count, 4).copy_from_slice(&[-p.y, -p.x, 0.0, -1.0]);
+            0.5 * [x, y]
+                .into_iter()
+                .map(|v| factor.l_dirty().solve_lower_triangular(&v).map_or(f64::INFINITY, |h| h.norm_squared()))
+                .sum::<f64>()
+        };
+        near.iter().enumerate().map(node).collect()
     }
 }
 

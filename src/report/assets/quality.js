@@ -25,8 +25,8 @@ function courseChart(lost, errors, most) {
   return svg;
 }
 function qualityCard(row, mostError) {
-  const [id, emotion, frames, eye, share, , , , expected, again, why, lost, errors, pictures, stem] = row;
-  const percent = expected === null || !eye ? "" : ` (${fixed((100 * expected) / eye, 1)} % of the eye distance)`;
+  const [id, emotion, frames, eye, share, , , , expected, again, why, lost, errors, pictures, stem, placed] = row;
+  const share_of_eyes = (px) => (eye ? ` (${fixed((100 * px) / eye, 1)} % of the eye distance)` : "");
   const card = element("article", { class: again ? "qc again" : "qc" });
   const head = element("h3", {}, idText(id), element("span", {}, capital(emotions[emotion])));
   const verdict = element("p", { class: "verdict" }, again ? "Look again" : "Good");
@@ -40,7 +40,8 @@ function qualityCard(row, mostError) {
   }
   if (lost.length) card.append(courseChart(lost, errors, mostError));
   const facts = [`${frames} frames`, `${fixed(share, 1)} % tracked`];
-  if (expected !== null) facts.push(`expected error ${fixed(expected, 2)} px${percent}`);
+  if (expected !== null) facts.push(`expected error of the motion ${fixed(expected, 2)} px${share_of_eyes(expected)}`);
+  if (placed !== null) facts.push(`of the place on the face ${fixed(placed, 2)} px${share_of_eyes(placed)}`);
   card.append(element("p", { class: "qc-facts" }, facts.join(" · ")));
   if (why.length) card.append(element("p", { class: "qc-why" }, why.join("; ")));
   if (stem !== null) {

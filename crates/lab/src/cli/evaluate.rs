@@ -8,6 +8,7 @@ mod figures;
 mod fit;
 mod groups;
 mod locate;
+mod placement;
 mod pose;
 mod recognition;
 mod scale;
@@ -70,6 +71,8 @@ enum Experiment {
     Recognition(recognition::Args),
     /// How right found points are, on photographs with hand-set points.
     Locate(locate::Args),
+    /// How far fitted nodes are expected to sit from their place, against how far they do.
+    Placement(placement::Args),
     /// Size and power of the test between groups, on simulated people.
     Groups(groups::Args),
     /// Whether the expressions and rests of whole recordings are found.
@@ -91,6 +94,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Pose(args) => pose::run(args),
         Experiment::Recognition(args) => recognition::run(args),
         Experiment::Locate(args) => locate::run(args),
+        Experiment::Placement(args) => placement::run(args),
         Experiment::Groups(args) => groups::run(args),
         Experiment::Segment(args) => segment::run(args),
         Experiment::Scale(args) => scale::run(args),

@@ -101,6 +101,7 @@ fn pair(
         image_from_face: Similarity::identity(),
         correspondences: Vec::new(),
         residuals: Vec::new(),
+        spreads: None,
         warnings: Vec::new(),
     };
     let face = Target::from_fit("target", picture, fitted, bench)?;

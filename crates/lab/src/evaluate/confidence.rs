@@ -200,7 +200,7 @@ pub fn fit_confidence(sequences: &[SampledSequence]) -> Option<Confidence> {
     let rows: Vec<(Vec<f64>, f64)> = samples.iter().map(|s| (s.features.terms(), s.error.max(ERROR_FLOOR).ln())).collect();
     let weights = median_regression(&rows, size)?;
     let scored: Vec<(f64, f64)> = rows.iter().map(|(terms, log)| (Confidence::score(&weights, terms), *log)).collect();
-    Confidence::new(weights, calibrate(scored))
+    Confidence::new(weights, calibrate(scored, BINS))
 }
 
 /// Weights of the least absolute deviations, by reweighted least squares.
@@ -232,7 +232,7 @@ fn median_regression(rows: &[(Vec<f64>, f64)], size: usize) -> Option<Vec<f64>> 
 
 /// Knots of the calibration from scores and the logarithms of true errors: medians of equally large bins, made non-decreasing by pooling
 /// neighbours.
-fn calibrate(mut scored: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+pub(super) fn calibrate(mut scored: Vec<(f64, f64)>, bins: usize) -> Vec<(f64, f64)> {
     scored.sort_by(|a, b| a.0.total_cmp(&b.0));
     let middle = |part: &[(f64, f64)], pick: fn(&(f64, f64)) -> f64| {
         let mut values: Vec<f64> = part.iter().map(pick).collect();
@@ -241,7 +241,7 @@ fn calibrate(mut scored: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     };
     // Score, logarithm and number of bins of a pool.
     let mut pools: Vec<(f64, f64, f64)> = Vec::new();
-    for bin in parts(&scored, BINS) {
+    for bin in parts(&scored, bins) {
         let mut pool = (middle(bin, |s| s.0), middle(bin, |s| s.1), 1.0);
         while let Some(&(score, log, count)) = pools.last().filter(|last| last.1 >= pool.1 || last.0 >= pool.0) {
             let total = count + pool.2;
@@ -448,7 +448,7 @@ mod tests {
     #[test]
     fn calibrations_do_not_decrease() {
         let scored: Vec<(f64, f64)> = (0..480).map(|k| (f64::from(k), if k < 240 { 5.0 } else { f64::from(k % 7) })).collect();
-        let knots = calibrate(scored);
+        let knots = calibrate(scored, BINS);
         assert!(knots.windows(2).all(|k| k[0].0 < k[1].0 && k[0].1 < k[1].1), "{knots:?}");
     }
 

@@ -24,6 +24,7 @@ mod heads;
 mod locate;
 mod marks;
 mod people;
+mod placement;
 mod pose;
 mod pose_images;
 mod recognition;
@@ -73,6 +74,7 @@ pub use marks::{MarkChoice, SUGGESTED_COUNT, standard_choices, suggest_marks, su
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
+pub use placement::{FOUND, PlacementSample, placement_knots, placement_samples, placement_table};
 pub use pose::{
     LANDMARK_SEQUENCES, PoseStudyOptions, PoseTrial, TurnCase, evaluate_pose, motion_lost, pose_table, pose_trials_table,
 };
@@ -105,6 +107,9 @@ pub enum EvaluateError {
     /// Simulation options out of range.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
+    /// Too few faces for a prior, or faces that give none.
+    #[error(transparent)]
+    Learn(#[from] grimace::internal::fit::LearnError),
     /// A face that cannot be cloned.
     #[error(transparent)]
     Clone(#[from] CloneError),

@@ -25,6 +25,7 @@ fn error_at_apex(simulated: &[SimulatedFrame], options: &TrackOptions) -> f64 {
         image_from_face: Similarity::identity(),
         correspondences: Vec::new(),
         residuals: Vec::new(),
+        spreads: None,
         warnings: Vec::new(),
     };
     let frames = (1..).zip(simulated).map(|(number, frame)| {
