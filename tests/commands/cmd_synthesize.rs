@@ -182,8 +182,10 @@ fn a_motion_of_zeros_is_the_neutral_face_and_says_so() {
     let work = Work::new();
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0,0,0\n1,8.3,0,0,0\n");
     for solver in ["best", "rbf", "nnls", "ga", "refined", "cosine"] {
+        // Of a face at rest there are pictures too.
+        let formats = if solver == "best" { "npy,pictures" } else { "npy" };
         let ran =
-            work.grimace(&format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format npy,pictures")).exit(0);
+            work.grimace(&format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format {formats}")).exit(0);
         ran.prints(&["nothing moves in the whole motion: every frame is the neutral face"]);
         let bytes = work.bytes(&format!("{solver}/surface.npy"));
         assert!(bytes[bytes.len() - 2 * 23_424 * 12..].iter().all(|&b| b == 0 || b == 0x80), "{solver}");

@@ -61,10 +61,11 @@ pub struct Source {
 impl Source {
     /// `None` for a photograph without pixels.
     pub fn new(face: &TrainingFace) -> Option<Self> {
+        let masks = face.masks();
         Some(Self {
             grey: Picture::new(&face.grey)?,
-            background: Picture::new(&face.background)?,
-            inside: Picture::new(&face.inside)?,
+            background: Picture::new(&masks.background)?,
+            inside: Picture::new(&masks.inside)?,
             shape: face.shape.clone(),
         })
     }

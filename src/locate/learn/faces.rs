@@ -85,12 +85,39 @@ pub struct TrainingFace {
     pub person: String,
     /// Grey pixels.
     pub grey: image::GrayImage,
+    /// The locator's points, px.
+    pub shape: Shape,
+    picture: RgbImage,
+    outline: Vec<Point>,
+}
+
+/// What of a photograph is face, and what is behind the person.
+#[derive(Clone, Debug)]
+pub struct Masks {
     /// 255 where the background is, 0 on the person.
     pub background: image::GrayImage,
     /// 255 inside the outline of the face.
     pub inside: image::GrayImage,
-    /// The locator's points, px.
-    pub shape: Shape,
+}
+
+impl TrainingFace {
+    fn new(person: String, picture: RgbImage, outline: &[Point], shape: Shape) -> Self {
+        let (width, height) = picture.dimensions();
+        // The weights of BT.601, as OpenCV's.
+        let luma =
+            |p: &image::Rgb<u8>| ((u32::from(p[0]) * 299 + u32::from(p[1]) * 587 + u32::from(p[2]) * 114 + 500) / 1000) as u8;
+        let grey = image::GrayImage::from_fn(width, height, |x, y| image::Luma([luma(picture.get_pixel(x, y))]));
+        Self { person, grey, shape, picture, outline: outline.to_vec() }
+    }
+
+    /// Its masks, softened by a pixel.
+    pub fn masks(&self) -> Masks {
+        let (width, height) = self.picture.dimensions();
+        let is_inside = |x: u32, y: u32| within(&self.outline, x as f32, y as f32);
+        let inside = image::GrayImage::from_fn(width, height, |x, y| image::Luma([if is_inside(x, y) { 255 } else { 0 }]));
+        let background = image::imageops::fast_blur(&background_of(&self.picture, &inside), 1.2);
+        Masks { background, inside: image::imageops::fast_blur(&inside, 1.2) }
+    }
 }
 
 /// The faces and what they were read from.
@@ -135,7 +162,7 @@ pub fn read_faces(folder: &Path, leave_out: &BTreeSet<String>) -> Result<Trainin
         numbers.iter().for_each(|n| {
             hasher.update(&n.to_le_bytes());
         });
-        faces.push(face(person, &picture, &all[OUTLINE], shape));
+        faces.push(TrainingFace::new(person, picture, &all[OUTLINE], shape));
     }
     if let Some(name) = leave_out.iter().find(|name| !seen.contains(*name)) {
         return Err(FacesError::NoSuchPerson { path, name: name.clone() });
@@ -161,17 +188,6 @@ fn read_picture(path: &Path) -> Result<(RgbImage, Vec<u8>), FacesError> {
         return Err(failed(format!("{}x{} px; at most {LARGEST} a side", picture.width(), picture.height())));
     }
     Ok((picture, bytes))
-}
-
-fn face(person: String, picture: &RgbImage, outline: &[Point], shape: Shape) -> TrainingFace {
-    let (width, height) = picture.dimensions();
-    // The weights of BT.601, as OpenCV's.
-    let luma = |p: &image::Rgb<u8>| ((u32::from(p[0]) * 299 + u32::from(p[1]) * 587 + u32::from(p[2]) * 114 + 500) / 1000) as u8;
-    let grey = image::GrayImage::from_fn(width, height, |x, y| image::Luma([luma(picture.get_pixel(x, y))]));
-    let inside =
-        image::GrayImage::from_fn(width, height, |x, y| image::Luma([if within(outline, x as f32, y as f32) { 255 } else { 0 }]));
-    let background = image::imageops::fast_blur(&background_of(picture, &inside), 1.2);
-    TrainingFace { person, grey, background, inside: image::imageops::fast_blur(&inside, 1.2), shape }
 }
 
 /// Whether a place is inside a closed outline (even-odd rule).
