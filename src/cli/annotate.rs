@@ -8,8 +8,10 @@ use std::{
 
 use grimace::{
     annotate::{AnnotateOptions, Annotator},
+    dataset::is_picture,
     output::count,
     pipeline::{PipelineOptions, Workbench},
+    sequence::read_frame,
 };
 
 use super::{
@@ -76,6 +78,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         port: args.port,
         cascades: args.cascades.clone(),
     };
+    // A picture that does not read would be an empty page.
+    if let Some(picture) = args.dataset.as_ref().filter(|path| path.is_file() && is_picture(path)) {
+        read_frame(picture)?;
+    }
     let annotator = Annotator::bind(&options, bench)?;
     for failure in annotator.failures() {
         eprintln!("note: {failure}");

@@ -7,7 +7,10 @@ use grimace::{
     output::count,
 };
 
-use super::{Outcome, shared::check_free};
+use super::{
+    Outcome,
+    shared::{check_free, quoted},
+};
 
 /// Write a manifest for folders of images and videos.
 #[derive(Debug, clap::Args)]
@@ -62,7 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         if !manifest.unknown_people.is_empty() {
             println!("note: not in the table of people: {}", manifest.unknown_people.join(", "));
         }
-        println!("next: grimace run {} -o results", args.folder.display());
+        println!("next: grimace run {} -o results", quoted(&args.folder.display().to_string()));
     }
     Ok(Outcome::Done)
 }

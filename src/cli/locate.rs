@@ -10,7 +10,6 @@ use grimace::{
     pipeline::{PictureSource, pictures_of},
 };
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::{
     Outcome,
@@ -65,16 +64,6 @@ pub struct Args {
     quiet: bool,
 }
 
-#[derive(Serialize)]
-struct Row<'a> {
-    image: &'a str,
-    face: usize,
-    node: u16,
-    x: String,
-    y: String,
-    expected_error: String,
-}
-
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for path in [Some(&args.output), args.overlay.as_ref()].into_iter().flatten() {
@@ -116,17 +105,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let rows = pictures.iter().zip(&found).flat_map(|(picture, faces)| {
         let name = picture.name.as_str();
         faces.iter().flatten().enumerate().flat_map(move |(k, face)| {
-            face.points.iter().map(move |point| Row {
-                image: name,
-                face: k + 1,
-                node: point.node.0,
-                x: nine_digits(point.position.x),
-                y: nine_digits(point.position.y),
-                expected_error: nine_digits(point.expected_error),
+            face.points.iter().map(move |point| {
+                let numbers = [point.position.x, point.position.y, point.expected_error].map(nine_digits);
+                [name.to_owned(), (k + 1).to_string(), point.node.to_string()].into_iter().chain(numbers).collect::<Vec<_>>()
             })
         })
     });
-    output::write_csv(&args.output, rows)?;
+    output::write_records(&args.output, ["image", "face", "node", "x", "y", "expected_error"], rows)?;
     let (mut empty, mut unreadable, mut doubtful, mut count) = (0, failures.len(), 0, 0);
     for failure in &failures {
         eprintln!("{failure}");

@@ -11,7 +11,7 @@ use grimace::{
 
 use super::{
     Outcome,
-    shared::{LearnedFileArgs, check_free, file_name},
+    shared::{LearnedFileArgs, check_free, file_name, quoted},
 };
 
 /// Learn a shape prior for the fit.
@@ -78,10 +78,6 @@ fn command(args: &Args) -> String {
     words.push(format!("--state {} --modes {}", quoted(&args.state), args.modes));
     words.push(format!("-o {}", quoted(&file_name(&args.output))));
     words.join(" ")
-}
-
-fn quoted(word: &str) -> String {
-    if word.contains(char::is_whitespace) { format!("'{word}'") } else { word.to_owned() }
 }
 
 /// Name of a file or folder, `.` as what it stands for.

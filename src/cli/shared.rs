@@ -452,6 +452,12 @@ pub fn marks_or_found(
     }
 }
 
+/// A word as one writes it in a shell.
+pub fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "_-./:,+=@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
 /// An error about a file: its name, where the error's own text lacks it, and the text.
 pub fn about(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> anyhow::Error {
     move |error| {

@@ -116,6 +116,11 @@ const STRENGTH: f64 = 1.0;
 const TURNS: usize = 300;
 /// Median of the distance of a normal number from its mean.
 const MEDIAN: f64 = 0.6745;
+
+/// What a person's own shapes differ from those of the head model, face units: half of the nodes by more, as nodes that sit a little beside
+/// their place do. Without it small offsets that are known well are explained by shapes that cancel each other: of 45 sequences of
+/// photographs and videos eight showed raised lids and a blink at once, and one broad smile no lip corner puller.
+const SHAPE_ERROR: f64 = 6.0;
 /// Intensity, 0 to 5, from which an action unit counts as present, where it also exceeds twice its expected error.
 const PRESENT: f64 = 1.0;
 
@@ -238,7 +243,7 @@ impl ActionUnits {
         let mut rows = Rows::new(count);
         for &(node, expected) in nodes {
             let k = node.index();
-            let inverse = MEDIAN / expected;
+            let inverse = MEDIAN / expected.hypot(SHAPE_ERROR);
             for (axis, along) in self.along(k).into_iter().enumerate() {
                 rows.add_mixture([inverse], [along]);
                 add_mixture(right.as_mut_slice(), [inverse * inverse * offsets[k][axis]], [along]);

@@ -20,7 +20,7 @@ mod template;
 use std::sync::OnceLock;
 
 use image::GrayImage;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 
 pub use model::{Model, ModelError, ModelOrigin};
 pub use points::{PUPILS, points};
@@ -204,6 +204,7 @@ impl Locator {
         let kept = best(likely.collect(), options.most_faces);
         let mut faces: Vec<_> = kept.iter().map(|c| self.read(picture, c.placement)).collect();
         faces.retain(|f| f.eye_distance > 0.0 && f.score >= f64::from(LEAST_SCORE));
+        let mut faces = each_once(faces);
         faces.sort_by(|p, q| q.eye_distance.total_cmp(&p.eye_distance));
         faces
     }
@@ -226,6 +227,21 @@ impl Locator {
         let mirrored = model.mirrored_reading(picture, &mean_at(other));
         face(model, &plain, &mirrored)
     }
+}
+
+/// Faces whose middles are nearer than the larger one's eye distance are one face; the reading with the smallest expected error is kept.
+fn each_once(mut faces: Vec<LocatedFace>) -> Vec<LocatedFace> {
+    faces.sort_by(|p, q| p.expected_error().total_cmp(&q.expected_error()));
+    let mut kept: Vec<(Point2<f64>, LocatedFace)> = Vec::new();
+    for face in faces {
+        let sum = face.shape.iter().fold(Vector2::zeros(), |sum, p| sum + p.coords);
+        let middle = Point2::from(sum / face.shape.len().max(1) as f64);
+        let is_new = |(other, f): &(Point2<f64>, LocatedFace)| (middle - other).norm() >= f.eye_distance.max(face.eye_distance);
+        if kept.iter().all(is_new) {
+            kept.push((middle, face));
+        }
+    }
+    kept.into_iter().map(|(_, face)| face).collect()
 }
 
 /// The mean of two readings and what errors to expect of it.
@@ -295,5 +311,24 @@ impl Model {
             dissent: turned(&reading.dissent),
             ..reading
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_face_that_is_read_twice_is_one() {
+        let face = |x: f64, eye_distance: f64, expected: f64| LocatedFace {
+            points: Vec::new(),
+            shape: vec![Point2::new(x - 5.0, 90.0), Point2::new(x + 5.0, 110.0)],
+            expected_errors: vec![expected * eye_distance; 3],
+            eye_distance,
+            score: 1.0,
+        };
+        // 20 px apart with 60 px between the eyes: the same; 150 px away: somebody else.
+        let kept = each_once(vec![face(100.0, 60.0, 0.03), face(120.0, 50.0, 0.02), face(270.0, 60.0, 0.04)]);
+        assert_eq!(kept.iter().map(|f| f.shape[0].x).collect::<Vec<_>>(), [115.0, 265.0]);
     }
 }

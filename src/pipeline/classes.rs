@@ -76,7 +76,13 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {list}"));
     }
     let alpha = options.alpha;
-    let untrimmed = counted(&|n| n > 1 && alpha > 0.0 && trimmed_count(alpha, n) == 0);
+    // People that weigh less can be dropped where none of as many equal ones could.
+    let is_untrimmed = |r: &Representative| {
+        let n = r.sequences.len();
+        n > 1 && if r.trimming.is_empty() { trimmed_count(alpha, n) == 0 } else { r.trimming.iter().all(|row| !row.dropped) }
+    };
+    let untrimmed = classes.iter().filter(|c| alpha > 0.0 && is_untrimmed(&c.representative));
+    let untrimmed: Vec<String> = untrimmed.map(|c| format!("{} ({})", c.stem, c.representative.sequences.len())).collect();
     if !untrimmed.is_empty() {
         let list = listed(&untrimmed, MOST_NAMED);
         let least = (1.0 / alpha).ceil();

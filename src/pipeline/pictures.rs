@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::{
     dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, is_picture, may_publish},
+    input::CsvFile,
     sequence::{Frame, SequenceError, read_first_frame, read_frame},
 };
 
@@ -80,7 +81,7 @@ pub fn pictures_of(path: &Path) -> Result<(Vec<PictureSource>, Vec<String>), Bat
     }
     match Dataset::open(path) {
         Ok(dataset) => return Ok(neutral_frames(&dataset)),
-        Err(error) if is_manifest || path.join(MANIFEST_NAME).exists() => return Err(error.into()),
+        Err(error) if is_manifest || is_dataset(path) => return Err(error.into()),
         Err(_) => {}
     }
     let mut files = Vec::new();
@@ -90,6 +91,13 @@ pub fn pictures_of(path: &Path) -> Result<(Vec<PictureSource>, Vec<String>), Bat
     }
     files.sort_by(|a, b| natord::compare(&a.to_string_lossy(), &b.to_string_lossy()));
     Ok((files.iter().map(|f| file(f)).collect(), Vec::new()))
+}
+
+/// Whether the manifest of a folder, if it has one, is meant to be one of ours: others keep lists of that name, too.
+fn is_dataset(folder: &Path) -> bool {
+    let path = folder.join(MANIFEST_NAME);
+    path.exists()
+        && CsvFile::open(&path).is_ok_and(|csv| ["subject", "sequence", "emotion"].iter().any(|name| csv.column(name).is_some()))
 }
 
 fn file(path: &Path) -> PictureSource {
@@ -129,6 +137,17 @@ fn gather(folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), BatchError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_list_of_another_kind_is_no_dataset() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.png"), "").unwrap();
+        std::fs::write(folder.path().join(MANIFEST_NAME), "file,licence\na.png,CC0\n").unwrap();
+        assert_eq!(pictures_of(folder.path()).unwrap().0.len(), 1);
+        // One that lacks a column is damaged, and said to be.
+        std::fs::write(folder.path().join(MANIFEST_NAME), "subject,emotion\nS001,anger\n").unwrap();
+        assert!(pictures_of(folder.path()).is_err());
+    }
 
     #[test]
     fn a_folder_gives_its_pictures_in_natural_order() {

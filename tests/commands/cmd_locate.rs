@@ -40,6 +40,8 @@ fn faces_are_found_and_a_picture_without_one_is_named() {
     assert!(work.path("pictures/0001_a.png").is_file());
     let ran = work.grimace("locate a.jpg waves.png -o more.csv").exit(3);
     ran.says(&["waves.png: no face found"]).prints(&["1 without a face"]);
+    work.grimace("locate waves.png -o none.csv").exit(3);
+    assert_eq!(work.read("none.csv"), "image,face,node,x,y,expected_error\n");
     assert_eq!(work.rows("more.csv").iter().filter(|r| r["image"] == "a.jpg").count(), rows.len() / 2);
 }
 

@@ -173,7 +173,10 @@ impl Class {
 
     fn method_text(&self) -> String {
         let a = &self.about;
-        let trimmed = if a.alpha > 0.0 {
+        let drops_none = !self.fields.is_empty() && self.fields.values().flatten().all(|(_, dropped)| !dropped);
+        let trimmed = if a.alpha > 0.0 && drops_none {
+            format!("nothing trimmed ({} % of so few is none)", a.alpha * 100.0)
+        } else if a.alpha > 0.0 {
             format!(
                 "{} % of the models trimmed per {}",
                 a.alpha * 100.0,
