@@ -47,6 +47,16 @@ const MOVEMENTS: [&str; 24] = [
     "mouthShrugUpper",
 ];
 
+/// Shapes of eyes that look are called after their lids here: these stand for lids that open or sink, no eyeball turns, and on a face that
+/// knows the `ARKit` names of the shapes the eyes would roll.
+const LIDS: [(&str, &str); 2] = [("eyeLookDown", "lidsDown"), ("eyeLookUp", "lidsUp")];
+
+/// The name of a shape in the bank.
+fn bank_name(shape: &str) -> String {
+    let lids = LIDS.iter().find_map(|(eyes, lids)| Some(format!("{lids}{}", shape.strip_prefix(eyes)?)));
+    lids.unwrap_or_else(|| shape.to_owned())
+}
+
 /// In ICT-FaceKit's blink the lids nearly meet; at this strength they do.
 const BLINK: (&str, f32) = ("eyeBlink", 1.08);
 
@@ -188,12 +198,13 @@ pub fn head_bank() -> Result<Bank, BankError> {
     let none = || BankError::Source { path: FILE.into(), reason: "its shapes have no ARKit names".to_owned() };
     let expressions = arkit::dominant_expressions(shapes.names()).ok_or_else(none)?;
     let alone = |movement: &str| shapes.names().iter().map(|shape| f64::from(u8::from(is_of(shape, movement)))).collect();
-    let movements = MOVEMENTS.iter().map(|&movement| (movement.to_owned(), alone(movement)));
+    let movements = MOVEMENTS.iter().map(|&movement| (bank_name(movement), alone(movement)));
     let recipes: Vec<Recipe> = expressions.into_iter().chain(movements).map(|(name, weights)| Recipe { name, weights }).collect();
     let displacements = recipes.iter().flat_map(|r| mix(&shapes, &r.weights)).collect();
     let names = recipes.iter().map(|r| r.name.clone()).collect();
     let weights = recipes.into_iter().map(|r| r.weights).collect();
-    head.bank(names, displacements, Some(Composition { shapes: shapes.names().to_vec(), weights }))
+    let shapes = shapes.names().iter().map(|shape| bank_name(shape)).collect();
+    head.bank(names, displacements, Some(Composition { shapes, weights }))
 }
 
 #[cfg(test)]
@@ -223,6 +234,19 @@ mod tests {
         let skin = head.skin.positions.len();
         let on_ball = |v: &usize| (distance(head.mesh.positions()[*v], EYE_CENTRE) - EYE_RADIUS).abs() < 1e-3;
         (skin..head.mesh.vertex_count()).filter(on_ball).collect()
+    }
+
+    #[test]
+    fn lids_that_open_are_no_look_of_the_eyes() {
+        let bank = head_bank().unwrap();
+        let shapes = &bank.info().composition.as_ref().unwrap().shapes;
+        assert!(bank.names().iter().any(|name| name == "lidsUp") && shapes.iter().any(|shape| shape == "lidsDown_L"));
+        // No coefficient of the eyes' gaze can be other than 0.
+        let gaze =
+            |name: &String| arkit::coefficient(name).is_some_and(|k| crate::features::COEFFICIENTS[k].starts_with("eyeLook"));
+        for (k, shape) in shapes.iter().enumerate().filter(|(_, shape)| gaze(shape)) {
+            assert!(bank.info().composition.as_ref().unwrap().weights.iter().all(|row| row[k] == 0.0), "{shape}");
+        }
     }
 
     #[test]
