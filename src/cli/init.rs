@@ -41,6 +41,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let path = manifest_path(&args.folder);
     check_free(&path, args.force)?;
     let folder = args.folder.display();
+    anyhow::ensure!(!args.folder.is_file(), "{folder}: this is a file; give the folder that holds the sequences");
     anyhow::ensure!(args.folder.is_dir(), "{folder}: there is no such folder; give the one that holds the sequences");
     let mut manifest = propose_manifest(&args.folder).map_err(|error| match error {
         DatasetError::NothingFound { root } => anyhow::anyhow!(

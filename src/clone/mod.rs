@@ -8,6 +8,7 @@
 //! KP add the displacement vectors of the source to the target. Neutral offsets are their sums, so nothing is lost, and nothing
 //! accumulates; the rescaling is ours: KP's own models have equal FAPUs before the transfer.
 
+mod arches;
 mod detail;
 mod fap_motion;
 mod output;

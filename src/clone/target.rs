@@ -15,7 +15,7 @@ use crate::{
     normalize::stable_nodes,
     sequence::MAX_SIDE,
     units::NodeId,
-    warp::{NODE_COUNT, OPENINGS, Texture, Warp, smooth_step},
+    warp::{NODE_COUNT, Texture, Warp},
     wireframe::{Face, Fapus},
 };
 
@@ -56,18 +56,6 @@ pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 
 /// How far the ratio of lid openings may lie from the ratio of IRISDs.
 const LID_LIMIT: f64 = 2.0;
-/// Most that a lip beside its middle opens, over the middle.
-const LIP_ROUND: f64 = 0.97;
-/// How round the least is: 1 is a parabola, 0.5 an ellipse.
-const LIP_FULLNESS: f64 = 0.7;
-/// Least and most that a lid goes beside its middle, over the middle's way, and what is about as far: over that way, and over the eye
-/// distance.
-const LID_SHARES: (f64, f64) = (0.45, 1.0);
-const LID_ABOUT: (f64, f64) = (0.20, 0.006);
-/// Distance of the lips over the eye distance at which the lower lip begins to lose its bow, and at which it has none.
-const PARTED: (f64, f64) = (0.06, 0.20);
-/// The same for the bow of the upper lip.
-const STRETCHED: (f64, f64) = (0.03, 0.10);
 /// One half of the face wider than the other by more than this is a face turned away.
 const MAX_HALF_RATIO: f64 = 1.9;
 /// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
@@ -243,13 +231,7 @@ impl Target {
                 p + Vector2::new(up.x, -up.y)
             })
             .collect();
-        let down = self.warp.down();
-        // The further lips part, the less is left of their bow.
-        let flat = smooth_step(PARTED.0, PARTED.1, self.parted(&nodes));
-        self.round_lip(&mut nodes, 40, [83, 84], down, flat);
-        self.round_lip(&mut nodes, 87, [81, 82], -down, 0.0);
-        self.stretch_upper_lip(&mut nodes);
-        self.arch_lids(&mut nodes);
+        self.shape_openings(&mut nodes);
         if head && let Some((_, first)) = source.frames.first() {
             let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
             if let Ok(target_from_source) = Similarity::fit(&pick(first), &pick(neutral), None) {
@@ -258,91 +240,6 @@ impl Target {
             }
         }
         nodes
-    }
-}
-
-impl Target {
-    /// Makes the lips open round: seen from the corners, the points of a lip beside its middle go away from the other lip at least as far as
-    /// on an arch through the middle, between a parabola and an ellipse, and at most nearly as far as the middle. A median over people, and a tracker on lips that part,
-    /// may leave a notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the target's has another
-    /// share. Of the bow that the closed lip has, a share of `flat` is taken away. The change is the least in squares.
-    fn round_lip(
-        &self,
-        nodes: &mut [Point2<f64>],
-        middle_node: usize,
-        beside_nodes: [usize; 2],
-        outwards: Vector2<f64>,
-        flat: f64,
-    ) {
-        let neutral = self.fitted.model.nodes();
-        let line = nalgebra::center(&neutral[88], &neutral[89]);
-        let moved = |n: usize| (nodes[n] - neutral[n]).dot(&outwards) + flat * (neutral[n] - line).dot(&outwards);
-        let corners = f64::midpoint(moved(88), moved(89));
-        let beside = f64::midpoint(moved(beside_nodes[0]), moved(beside_nodes[1])) - corners;
-        let middle = moved(middle_node) - corners;
-        // Where they are between the middle (0) and the corners (1).
-        let width = (neutral[88] - neutral[89]).norm();
-        let place =
-            if width > 0.0 { ((neutral[beside_nodes[0]] - neutral[beside_nodes[1]]).norm() / width).min(1.0) } else { 0.5 };
-        let least = (1.0 - place * place).powf(LIP_FULLNESS).min(LIP_ROUND);
-        let share = if middle > 0.0 && beside < least * middle {
-            least
-        } else if beside > 0.0 && beside > LIP_ROUND * middle {
-            LIP_ROUND
-        } else {
-            return;
-        };
-        let round = (middle + 2.0 * share * beside) / (1.0 + 2.0 * share * share);
-        nodes[middle_node] += outwards * (round - middle);
-        for n in beside_nodes {
-            nodes[n] += outwards * (share * round - beside);
-        }
-    }
-
-    /// Distance of the middles of the lips over the eye distance.
-    fn parted(&self, nodes: &[Point2<f64>]) -> f64 {
-        (nodes[40] - nodes[87]).dot(&self.warp.down()) / self.warp.eye_distance()
-    }
-
-    /// Takes the bow out of the upper lip's inner edge the further the lips part: a lip that is drawn over teeth is straight.
-    fn stretch_upper_lip(&self, nodes: &mut [Point2<f64>]) {
-        let down = self.warp.down();
-        let neutral = self.fitted.model.nodes();
-        let bow = (neutral[87] - nalgebra::center(&neutral[81], &neutral[82])).dot(&down).max(0.0);
-        let taken = bow * smooth_step(STRETCHED.0, STRETCHED.1, self.parted(nodes));
-        nodes[87] -= down * (taken * 2.0 / 3.0);
-        for n in [81, 82] {
-            nodes[n] += down * (taken / 3.0);
-        }
-    }
-
-    /// Makes lids rise and fall as arches: beyond what the corners do, the places beside the middle of a lid go about the share of the
-    /// middle's way that the eye is open there on the photograph. A median over people, and a tracker between lashes, leave a peak or a dent
-    /// above the iris. The middle, MPEG-4's feature point, goes where it was asked to.
-    fn arch_lids(&self, nodes: &mut [Point2<f64>]) {
-        let down = self.warp.down();
-        let neutral = self.fitted.model.nodes();
-        for eye in &OPENINGS[1..] {
-            let (upper, lower) = (eye.upper.map(usize::from), eye.lower.map(usize::from));
-            let [outer, .., inner] = upper;
-            let chord = neutral[inner] - neutral[outer];
-            let open = [1, 2, 3].map(|k: usize| (neutral[lower[k]] - neutral[upper[k]]).dot(&down));
-            if !(open[1] > 0.0) {
-                continue;
-            }
-            for [_, outside, middle, inside, _] in [upper, lower] {
-                let moved = |node: usize| (nodes[node] - neutral[node]).dot(&down);
-                let [outside_way, way, inside_way] = [outside, middle, inside].map(|node| {
-                    let along = ((neutral[node] - neutral[outer]).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-                    moved(node) - moved(outer) * (1.0 - along) - moved(inner) * along
-                });
-                let about = LID_ABOUT.0 * way.abs() + LID_ABOUT.1 * self.warp.eye_distance();
-                for (node, own, open_there) in [(outside, outside_way, open[0]), (inside, inside_way, open[2])] {
-                    let arch = (open_there / open[1]).clamp(LID_SHARES.0, LID_SHARES.1) * way;
-                    nodes[node] += down * (own.clamp(arch - about, arch + about) - own);
-                }
-            }
-        }
     }
 }
 
@@ -397,13 +294,13 @@ mod tests {
         Target::from_fit("t", RgbImage::new(400, 400), fitted, bench)
     }
 
-    /// A smile: the mouth corners go 5 px out and 4 px up, in a head that rolls.
+    /// A smile: the mouth corners go 0.4 px out and 1.5 px up, in a head that rolls.
     fn smile(bench: &Face) -> (SourceMotion, Vec<Point2<f64>>) {
         let start = neutral(&Similarity::identity());
         let roll = Similarity { scale: 1.02, angle: 0.05, translation: Vector2::new(3.0, -2.0) };
         let mut end = start.clone();
-        end[31] += Vector2::new(5.0, -4.0);
-        end[64] += Vector2::new(-5.0, -4.0);
+        end[31] += Vector2::new(0.4, -1.5);
+        end[64] += Vector2::new(-0.4, -1.5);
         let end: Vec<_> = end.iter().map(|p| roll.apply(p)).collect();
         let motion = SourceMotion::from_track("smile", &[tracked(1, &start), tracked(2, &end)], bench).unwrap();
         (motion, end)
@@ -432,8 +329,8 @@ mod tests {
         let start = neutral(&view);
         let large = target(start.clone(), &bench).unwrap();
         let nodes = large.nodes_at(&motion, &motion.at(1.0), Rescale::Fapu, 1.0, false, &bench);
-        // The offset (5, -4) px of the left corner, doubled, and turned with the face.
-        assert!(((nodes[31] - start[31]) - view.apply_vector(&Vector2::new(5.0, -4.0))).norm() < 1e-6);
+        // The offset (0.4, -1.5) px of the left corner, doubled, and turned with the face.
+        assert!(((nodes[31] - start[31]) - view.apply_vector(&Vector2::new(0.4, -1.5))).norm() < 1e-6);
         let half = large.nodes_at(&motion, &motion.at(1.0), Rescale::Fapu, 0.5, false, &bench);
         assert!(((half[31] - start[31]) * 2.0 - (nodes[31] - start[31])).norm() < 1e-9);
     }
@@ -451,6 +348,26 @@ mod tests {
         let nodes = face.nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench);
         let down = |n: usize| nodes[n].y - start[n].y;
         assert!((down(83) - 0.97 * down(40)).abs() < 1e-6 && down(40) > 6.0, "{} {}", down(83), down(40));
+    }
+
+    #[test]
+    fn the_end_of_the_opening_goes_with_the_corner_of_the_mouth() {
+        let bench = bench();
+        let (motion, _) = smile(&bench);
+        let start = neutral(&Similarity::identity());
+        let face = target(start.clone(), &bench).unwrap();
+        let at = |way: Vector2<f64>| {
+            let mut offsets = vec![Vector2::zeros(); 113];
+            (offsets[31], offsets[64]) = (way, way);
+            let moment = Moment { offsets, head: Similarity::identity(), nearest: 0 };
+            face.nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench)
+        };
+        // A pixel: the piece between them turns and stretches a little, its end stays. Up by 14: it turns by 0.55 and keeps 1.15 of its length.
+        assert!((at(Vector2::new(0.5, 0.5))[88] - start[88]).norm() < 1e-9);
+        let (nodes, was) = (at(Vector2::new(0.0, 14.0)), start[31] - start[88]);
+        let is = nodes[31] - nodes[88];
+        assert!((is.norm() / was.norm() - 1.15).abs() < 1e-9 && (was.angle(&is) - 0.55).abs() < 1e-9, "{was} {is}");
+        assert!((nodes[31] - start[31] - Vector2::new(0.0, -14.0)).norm() < 1e-9);
     }
 
     #[test]

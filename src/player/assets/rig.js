@@ -1,6 +1,6 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
-const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]];
+const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
 const MAX_GAZE = 0.12, SHUT = 1e-4, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
@@ -70,6 +70,7 @@ class Rig {
         at[k + 1] -= sin * x + cos * y;
       }
     }
+    this.keepCorners(at);
     const parted = smoothStep(...PARTED, (this.level(at, 40) - this.level(at, 87)) / this.unit);
     this.roundLip(at, 40, [83, 84], 1, parted);
     this.roundLip(at, 87, [81, 82], -1, 0);
@@ -84,6 +85,21 @@ class Rig {
       this.solve(wanted);
     }
     return this.moved;
+  }
+  /** Takes the ends of the opening along with the corners of the mouth. */
+  keepCorners(at) {
+    const { given } = this;
+    for (const [inner, outer] of CORNERS) {
+      const way = (points) => [0, 1].map((axis) => points[2 * outer + axis] - points[2 * inner + axis]);
+      const [was, is] = [way(given), way(at)];
+      const length = Math.hypot(...was);
+      if (!(length > 0)) continue;
+      const turn = clamp(Math.atan2(was[0] * is[1] - was[1] * is[0], was[0] * is[0] + was[1] * is[1]), -CORNER_TURN, CORNER_TURN);
+      const scale = clamp(Math.hypot(...is) / length, ...CORNER_LENGTHS);
+      const [cos, sin] = [Math.cos(turn) * scale, Math.sin(turn) * scale];
+      at[2 * inner] = at[2 * outer] - (cos * was[0] - sin * was[1]);
+      at[2 * inner + 1] = at[2 * outer + 1] - (sin * was[0] + cos * was[1]);
+    }
   }
   /** Lips open round: `sign` 1 for the lower one, -1 for the upper one; `flat` is how much of the closed lip's bow is taken away. */
   roundLip(at, centre, sides, sign, flat) {

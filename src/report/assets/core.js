@@ -1,7 +1,8 @@
 // Data, geometry, the wireframe and its player. Positions are face units, y up; the screen's y is down.
 
 const data = JSON.parse(document.getElementById("data").textContent);
-const { wireframe, representatives, tracks, ids, emotions, reasons } = data;
+const { wireframe, representatives, tracks, ids, reasons } = data;
+const emotions = data.emotions.map((name) => name.replaceAll("_", " "));
 const $ = (selector, root = document) => root.querySelector(selector);
 const $$ = (selector, root = document) => [...root.querySelectorAll(selector)];
 const calm = matchMedia("(prefers-reduced-motion: reduce)");

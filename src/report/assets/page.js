@@ -134,7 +134,8 @@ function showTracks() {
   const start = table.page * PAGE;
   body.replaceChildren(...rows.slice(start, start + PAGE).map(trackRow));
   if (rows.length === 0) body.append(element("tr", {}, element("td", { colspan: 11 }, tracks.length ? "No sequence matches." : "No sequence was tracked.")));
-  $("#track-count").textContent = rows.length === tracks.length ? `${rows.length} sequences` : `${rows.length} of ${tracks.length} sequences`;
+  const all = `${tracks.length} ${tracks.length === 1 ? "sequence" : "sequences"}`;
+  $("#track-count").textContent = rows.length === tracks.length ? all : `${rows.length} of ${all}`;
   $("#track-page").textContent = rows.length ? `${start + 1}–${Math.min(start + PAGE, rows.length)}` : "";
   $("#track-note").textContent = `Printed: rows ${$("#track-page").textContent} of ${tracks.length}, as sorted and filtered on the screen.`;
   $("#track-previous").disabled = table.page === 0;

@@ -1,0 +1,136 @@
+//! Lips and lids as arches, and corners of the mouth at the ends of the lips: what a mouth and an eye do, whatever a median over people or a
+//! tracker makes of their nodes.
+
+use nalgebra::{Point2, Rotation2, Vector2};
+
+use super::target::Target;
+use crate::warp::{OPENINGS, smooth_step};
+
+/// Most that a lip beside its middle opens, over the middle.
+const LIP_ROUND: f64 = 0.97;
+/// How round the least is: 1 is a parabola, 0.5 an ellipse.
+const LIP_FULLNESS: f64 = 0.7;
+/// Least and most that a lid goes beside its middle, over the middle's way, and what is about as far: over that way, and over the eye
+/// distance.
+const LID_SHARES: (f64, f64) = (0.45, 1.0);
+const LID_ABOUT: (f64, f64) = (0.20, 0.006);
+/// Distance of the lips over the eye distance at which the lower lip begins to lose its bow, and at which it has none.
+const PARTED: (f64, f64) = (0.06, 0.20);
+/// The same for the bow of the upper lip.
+const STRETCHED: (f64, f64) = (0.03, 0.10);
+/// Ends of the opening between the lips, and the corners of the mouth beyond them.
+const CORNERS: [(usize, usize); 2] = [(88, 31), (89, 64)];
+/// Most that the way from one to the other turns, radians, and its least and greatest length over the neutral one.
+const CORNER_TURN: f64 = 0.55;
+const CORNER_LENGTHS: (f64, f64) = (0.6, 1.15);
+
+impl Target {
+    /// Makes lips, lids and corners of nodes that were asked for go as those of a face do.
+    pub(super) fn shape_openings(&self, nodes: &mut [Point2<f64>]) {
+        self.keep_corners(nodes);
+        let down = self.warp().down();
+        // The further lips part, the less is left of their bow.
+        let flat = smooth_step(PARTED.0, PARTED.1, self.parted(nodes));
+        self.round_lip(nodes, 40, [83, 84], down, flat);
+        self.round_lip(nodes, 87, [81, 82], -down, 0.0);
+        self.stretch_upper_lip(nodes);
+        self.arch_lids(nodes);
+    }
+
+    /// Takes the ends of the opening along with the corners of the mouth: the lips are one there, a short piece that hardly turns and stretches.
+    /// A tracker that loses one of them would draw that piece into a hook.
+    fn keep_corners(&self, nodes: &mut [Point2<f64>]) {
+        let neutral = self.fitted.model.nodes();
+        for (inner, outer) in CORNERS {
+            let (was, is) = (neutral[outer] - neutral[inner], nodes[outer] - nodes[inner]);
+            if was.norm() > 0.0 {
+                let turn = was.perp(&is).atan2(was.dot(&is)).clamp(-CORNER_TURN, CORNER_TURN);
+                let length = (is.norm() / was.norm()).clamp(CORNER_LENGTHS.0, CORNER_LENGTHS.1);
+                nodes[inner] = nodes[outer] - Rotation2::new(turn) * was * length;
+            }
+        }
+    }
+
+    /// Makes the lips open round: seen from the corners, the points of a lip beside its middle go away from the other lip at least as far as
+    /// on an arch through the middle, between a parabola and an ellipse, and at most nearly as far as the middle. A median over people, and a
+    /// tracker on lips that part, may leave a notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the
+    /// target's has another share. Of the bow that the closed lip has, a share of `flat` is taken away. The change is the least in squares.
+    fn round_lip(
+        &self,
+        nodes: &mut [Point2<f64>],
+        middle_node: usize,
+        beside_nodes: [usize; 2],
+        outwards: Vector2<f64>,
+        flat: f64,
+    ) {
+        let neutral = self.fitted.model.nodes();
+        let line = nalgebra::center(&neutral[88], &neutral[89]);
+        let moved = |n: usize| (nodes[n] - neutral[n]).dot(&outwards) + flat * (neutral[n] - line).dot(&outwards);
+        let corners = f64::midpoint(moved(88), moved(89));
+        let beside = f64::midpoint(moved(beside_nodes[0]), moved(beside_nodes[1])) - corners;
+        let middle = moved(middle_node) - corners;
+        // Where they are between the middle (0) and the corners (1).
+        let width = (neutral[88] - neutral[89]).norm();
+        let place =
+            if width > 0.0 { ((neutral[beside_nodes[0]] - neutral[beside_nodes[1]]).norm() / width).min(1.0) } else { 0.5 };
+        let least = (1.0 - place * place).powf(LIP_FULLNESS).min(LIP_ROUND);
+        let share = if middle > 0.0 && beside < least * middle {
+            least
+        } else if beside > 0.0 && beside > LIP_ROUND * middle {
+            LIP_ROUND
+        } else {
+            return;
+        };
+        let round = (middle + 2.0 * share * beside) / (1.0 + 2.0 * share * share);
+        nodes[middle_node] += outwards * (round - middle);
+        for n in beside_nodes {
+            nodes[n] += outwards * (share * round - beside);
+        }
+    }
+
+    /// Distance of the middles of the lips over the eye distance.
+    fn parted(&self, nodes: &[Point2<f64>]) -> f64 {
+        (nodes[40] - nodes[87]).dot(&self.warp().down()) / self.warp().eye_distance()
+    }
+
+    /// Takes the bow out of the upper lip's inner edge the further the lips part: a lip that is drawn over teeth is straight.
+    fn stretch_upper_lip(&self, nodes: &mut [Point2<f64>]) {
+        let down = self.warp().down();
+        let neutral = self.fitted.model.nodes();
+        let bow = (neutral[87] - nalgebra::center(&neutral[81], &neutral[82])).dot(&down).max(0.0);
+        let taken = bow * smooth_step(STRETCHED.0, STRETCHED.1, self.parted(nodes));
+        nodes[87] -= down * (taken * 2.0 / 3.0);
+        for n in [81, 82] {
+            nodes[n] += down * (taken / 3.0);
+        }
+    }
+
+    /// Makes lids rise and fall as arches: beyond what the corners do, the places beside the middle of a lid go about the share of the
+    /// middle's way that the eye is open there on the photograph. A median over people, and a tracker between lashes, leave a peak or a dent
+    /// above the iris. The middle, MPEG-4's feature point, goes where it was asked to.
+    fn arch_lids(&self, nodes: &mut [Point2<f64>]) {
+        let down = self.warp().down();
+        let neutral = self.fitted.model.nodes();
+        for eye in &OPENINGS[1..] {
+            let (upper, lower) = (eye.upper.map(usize::from), eye.lower.map(usize::from));
+            let [outer, .., inner] = upper;
+            let chord = neutral[inner] - neutral[outer];
+            let open = [1, 2, 3].map(|k: usize| (neutral[lower[k]] - neutral[upper[k]]).dot(&down));
+            if !(open[1] > 0.0) {
+                continue;
+            }
+            for [_, outside, middle, inside, _] in [upper, lower] {
+                let moved = |node: usize| (nodes[node] - neutral[node]).dot(&down);
+                let [outside_way, way, inside_way] = [outside, middle, inside].map(|node| {
+                    let along = ((neutral[node] - neutral[outer]).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+                    moved(node) - moved(outer) * (1.0 - along) - moved(inner) * along
+                });
+                let about = LID_ABOUT.0 * way.abs() + LID_ABOUT.1 * self.warp().eye_distance();
+                for (node, own, open_there) in [(outside, outside_way, open[0]), (inside, inside_way, open[2])] {
+                    let arch = (open_there / open[1]).clamp(LID_SHARES.0, LID_SHARES.1) * way;
+                    nodes[node] += down * (own.clamp(arch - about, arch + about) - own);
+                }
+            }
+        }
+    }
+}
