@@ -15,6 +15,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    run::print_results,
     shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, thread_count},
 };
 
@@ -116,13 +117,7 @@ fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str) -> an
     write_analysis(analysis, &args.output, &title, bench).context("writing the results")?;
     if !args.general.quiet {
         println!("{what}");
-        for (stem, members) in analysis.counts() {
-            println!("  {stem:<12} {:>14}  {}/fap/{stem}.fap", count(members, "sequence", "sequences"), args.output.display());
-        }
-        for warning in &analysis.warnings {
-            println!("note: {warning}");
-        }
-        println!("report: {}/report.html", args.output.display());
+        print_results(&analysis.counts(), &analysis.warnings, &args.output.display());
     }
     Ok(())
 }

@@ -136,11 +136,16 @@ fn print_summary(summary: &RunSummary, out: &std::path::Path) {
     if !skipped.is_empty() {
         println!("{} left out: {}", count(skipped.len(), "sequence", "sequences"), skipped[0].1);
     }
-    let width = summary.representatives.iter().map(|(stem, _)| stem.len()).max().unwrap_or(0);
-    for (stem, members) in &summary.representatives {
+    print_results(&summary.representatives, &summary.warnings, &out);
+}
+
+/// Prints what was written: the representatives with how many sequences each has, notes, and where the report is.
+pub fn print_results(representatives: &[(String, usize)], warnings: &[String], out: &impl std::fmt::Display) {
+    let width = representatives.iter().map(|(stem, _)| stem.len()).max().unwrap_or(0);
+    for (stem, members) in representatives {
         println!("  {stem:<width$}  {:>15}  {out}/fap/{stem}.fap", count(*members, "sequence", "sequences"));
     }
-    for warning in &summary.warnings {
+    for warning in warnings {
         println!("note: {warning}");
     }
     println!("report: {out}/report.html");

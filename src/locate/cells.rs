@@ -118,10 +118,11 @@ impl CellMap {
         let corner = placement.apply([left, top]);
         let step = Placement { a: placement.a / patch.size, b: placement.b / patch.size, x: corner[0], y: corner[1] };
         let mut cells = gradients(&view.warp(step, width, height), width, height);
-        let mut buffer = Vec::new();
+        let (mut buffer, mut blurred) = (Vec::new(), cells.clone());
         for _ in 0..2 {
             blur_lines(&mut cells, &mut buffer, (height, width), (width, 1), patch.blur);
-            blur_columns(&mut cells, width, height, patch.blur);
+            blur_columns(&cells, &mut blurred, width, height, patch.blur);
+            std::mem::swap(&mut cells, &mut blurred);
         }
         Self { width, height, size: patch.size, corner: [left, top], cells }
     }
@@ -151,8 +152,7 @@ impl CellMap {
 }
 
 /// As [`blur_lines`] down the columns, a row at a time.
-fn blur_columns(cells: &mut [Cell], width: usize, height: usize, radius: usize) {
-    let source = cells.to_vec();
+fn blur_columns(source: &[Cell], out: &mut [Cell], width: usize, height: usize, radius: usize) {
     let share = 1.0 / (2 * radius + 1) as f32;
     let mut sums = vec![[0.0_f32; DIRECTIONS]; width];
     let add = |sums: &mut [Cell], row: &[Cell], sign: f32| {
@@ -166,7 +166,7 @@ fn blur_columns(cells: &mut [Cell], width: usize, height: usize, radius: usize) 
         if y + radius < height {
             add(&mut sums, row(y + radius), 1.0);
         }
-        for (cell, sum) in cells[y * width..][..width].iter_mut().zip(&sums) {
+        for (cell, sum) in out[y * width..][..width].iter_mut().zip(&sums) {
             (0..DIRECTIONS).for_each(|d| cell[d] = sum[d] * share);
         }
         if y >= radius {
@@ -210,7 +210,7 @@ mod tests {
         along[24] = [9.0; DIRECTIONS];
         let mut down = along.clone();
         blur_lines(&mut along, &mut Vec::new(), (7, 7), (7, 1), 1);
-        blur_columns(&mut down, 7, 7, 1);
+        blur_columns(&down.clone(), &mut down, 7, 7, 1);
         assert_eq!([along[22][0], along[23][0], along[24][0], along[25][0]], [0.0, 3.0, 3.0, 3.0]);
         assert_eq!([down[10][3], down[17][3], down[24][3], down[31][3]], [0.0, 3.0, 3.0, 3.0]);
     }
