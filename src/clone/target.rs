@@ -335,37 +335,35 @@ mod tests {
         assert!(((half[31] - start[31]) * 2.0 - (nodes[31] - start[31])).norm() < 1e-9);
     }
 
-    #[test]
-    fn a_notched_lower_lip_opens_round() {
+    /// Neutral nodes, and where they go when some of a source's have these offsets (canonical, upright, px, y up).
+    fn moved(ways: &[(usize, Vector2<f64>)]) -> (Vec<Point2<f64>>, Vec<Point2<f64>>) {
         let bench = bench();
         let (motion, _) = smile(&bench);
         let start = neutral(&Similarity::identity());
-        let face = target(start.clone(), &bench).unwrap();
         let mut offsets = vec![Vector2::zeros(); 113];
-        // Canonical upright offsets, y up: the points beside the middle go down, the middle itself does not.
-        (offsets[83].y, offsets[84].y) = (-10.0, -10.0);
+        ways.iter().for_each(|&(node, way)| offsets[node] = way);
         let moment = Moment { offsets, head: Similarity::identity(), nearest: 0 };
-        let nodes = face.nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench);
+        let nodes = target(start.clone(), &bench).unwrap().nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench);
+        (start, nodes)
+    }
+
+    #[test]
+    fn a_notched_lower_lip_opens_round() {
+        // The points beside the middle go down, the middle itself does not.
+        let (start, nodes) = moved(&[83, 84].map(|n| (n, Vector2::new(0.0, -10.0))));
         let down = |n: usize| nodes[n].y - start[n].y;
         assert!((down(83) - 0.97 * down(40)).abs() < 1e-6 && down(40) > 6.0, "{} {}", down(83), down(40));
     }
 
     #[test]
     fn the_end_of_the_opening_goes_with_the_corner_of_the_mouth() {
-        let bench = bench();
-        let (motion, _) = smile(&bench);
-        let start = neutral(&Similarity::identity());
-        let face = target(start.clone(), &bench).unwrap();
-        let at = |way: Vector2<f64>| {
-            let mut offsets = vec![Vector2::zeros(); 113];
-            (offsets[31], offsets[64]) = (way, way);
-            let moment = Moment { offsets, head: Similarity::identity(), nearest: 0 };
-            face.nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench)
-        };
-        // A pixel: the piece between them turns and stretches a little, its end stays. Up by 14: it turns by 0.55 and keeps 1.15 of its length.
-        assert!((at(Vector2::new(0.5, 0.5))[88] - start[88]).norm() < 1e-9);
-        let (nodes, was) = (at(Vector2::new(0.0, 14.0)), start[31] - start[88]);
-        let is = nodes[31] - nodes[88];
+        let at = |way: Vector2<f64>| moved(&[31, 64].map(|n| (n, way)));
+        // Half a pixel: the piece between them turns and stretches a little, its end stays. Up by 14: it turns by 0.55 and keeps 1.15 of its
+        // length.
+        let (start, nodes) = at(Vector2::new(0.5, 0.5));
+        assert!((nodes[88] - start[88]).norm() < 1e-9);
+        let (start, nodes) = at(Vector2::new(0.0, 14.0));
+        let (was, is) = (start[31] - start[88], nodes[31] - nodes[88]);
         assert!((is.norm() / was.norm() - 1.15).abs() < 1e-9 && (was.angle(&is) - 0.55).abs() < 1e-9, "{was} {is}");
         assert!((nodes[31] - start[31] - Vector2::new(0.0, -14.0)).norm() < 1e-9);
     }

@@ -118,7 +118,7 @@ impl CellMap {
         let corner = placement.apply([left, top]);
         let step = Placement { a: placement.a / patch.size, b: placement.b / patch.size, x: corner[0], y: corner[1] };
         let mut cells = gradients(&view.warp(step, width, height), width, height);
-        let (mut buffer, mut blurred) = (Vec::new(), cells.clone());
+        let (mut buffer, mut blurred) = (Vec::new(), vec![[0.0; DIRECTIONS]; cells.len()]);
         for _ in 0..2 {
             blur_lines(&mut cells, &mut buffer, (height, width), (width, 1), patch.blur);
             blur_columns(&cells, &mut blurred, width, height, patch.blur);

@@ -7,6 +7,17 @@ use super::shape::{Placement, Point};
 /// Levels are halved until a side is shorter than this.
 const SMALLEST_SIDE: usize = 24;
 
+/// Places that are read at once.
+const LANES: usize = 8;
+
+/// Between the corners of a pixel's square, the upper ones first: shares of the way to the right and down.
+#[inline]
+fn between(corners: [f32; 4], [right, down]: [f32; 2]) -> f32 {
+    let upper = corners[0] * (1.0 - right) + corners[1] * right;
+    let lower = corners[2] * (1.0 - right) + corners[3] * right;
+    upper * (1.0 - down) + lower * down
+}
+
 #[derive(Clone, Debug)]
 struct Level {
     width: usize,
@@ -32,16 +43,10 @@ impl Level {
         let (left, top) = ((x as usize).min(self.width.saturating_sub(2)), (y as usize).min(self.height.saturating_sub(2)));
         let (fx, fy) = (x - left as f32, y - top as f32);
         let (right, bottom) = ((left + 1).min(self.width - 1), (top + 1).min(self.height - 1));
-        let upper = self.pixels[top * self.width + left] * (1.0 - fx) + self.pixels[top * self.width + right] * fx;
-        let lower = self.pixels[bottom * self.width + left] * (1.0 - fx) + self.pixels[bottom * self.width + right] * fx;
-        upper * (1.0 - fy) + lower * fy
+        let pixel = |row: usize, column: usize| self.pixels[row * self.width + column];
+        between([pixel(top, left), pixel(top, right), pixel(bottom, left), pixel(bottom, right)], [fx, fy])
     }
-}
 
-/// Places that are read at once.
-const LANES: usize = 8;
-
-impl Level {
     /// What [`Level::sample`] reads at `count` places from `start` on, `step` apart; several at a time, by the same sums in the same order.
     fn sample_row(&self, start: Point, step: Point, count: usize, out: &mut Vec<f32>) {
         let place = |column: usize, axis: usize| start[axis] + step[axis] * column as f32;
@@ -67,10 +72,7 @@ impl Level {
             }
             let mut values = [0.0_f32; LANES];
             for k in 0..LANES {
-                let [fx, fy] = [shares[0][k], shares[1][k]];
-                let upper = corners[0][k] * (1.0 - fx) + corners[1][k] * fx;
-                let lower = corners[2][k] * (1.0 - fx) + corners[3][k] * fx;
-                values[k] = upper * (1.0 - fy) + lower * fy;
+                values[k] = between(corners.map(|corner| corner[k]), shares.map(|share| share[k]));
             }
             out.extend_from_slice(&values);
         }

@@ -61,10 +61,11 @@ const MOST_NAMED: usize = 12;
 /// What a person should know before using the results: at most one line of each kind.
 pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -> Vec<String> {
     let mut warnings = Vec::new();
-    let counted = |few: &dyn Fn(usize) -> bool| -> Vec<String> {
-        let chosen = classes.iter().map(|c| (&c.stem, c.representative.sequences.len())).filter(|&(_, n)| few(n));
+    let counted_where = |chosen: &dyn Fn(&Representative) -> bool| -> Vec<String> {
+        let chosen = classes.iter().filter(|c| chosen(&c.representative)).map(|c| (&c.stem, c.representative.sequences.len()));
         chosen.map(|(stem, n)| if n == 1 { stem.clone() } else { format!("{stem} ({n})") }).collect()
     };
+    let counted = |few: &dyn Fn(usize) -> bool| counted_where(&|r| few(r.sequences.len()));
     let single = counted(&|n| n == 1);
     if !single.is_empty() {
         let list = listed(&single, MOST_NAMED);
@@ -81,8 +82,7 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         let n = r.sequences.len();
         n > 1 && if r.trimming.is_empty() { trimmed_count(alpha, n) == 0 } else { r.trimming.iter().all(|row| !row.dropped) }
     };
-    let untrimmed = classes.iter().filter(|c| alpha > 0.0 && is_untrimmed(&c.representative));
-    let untrimmed: Vec<String> = untrimmed.map(|c| format!("{} ({})", c.stem, c.representative.sequences.len())).collect();
+    let untrimmed = counted_where(&|r| alpha > 0.0 && is_untrimmed(r));
     if !untrimmed.is_empty() {
         let list = listed(&untrimmed, MOST_NAMED);
         let least = (1.0 / alpha).ceil();
