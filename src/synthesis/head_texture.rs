@@ -2,6 +2,7 @@
 
 use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Vector3};
+use rayon::prelude::*;
 
 use super::{Bank, FaceScene, FpMotion, SynthesisError, interpolate};
 use crate::{
@@ -32,10 +33,12 @@ const INSIDE: (f64, f64) = (0.05, 0.20);
 const BEYOND: (f64, f64) = (0.32, 0.58);
 /// Passes that carry colours over the borders of what is painted, so that none is seen where a viewer samples beside it.
 const PADDING: usize = 6;
+/// Rows that are painted at once.
+const BAND: u32 = 64;
 /// Brightness over that of skin below which a hidden place is no skin.
 const DARK: f64 = 0.75;
 /// Share of a painted place above which it counts as the portrait's.
-const SURE: f64 = 0.9;
+const SURE: f32 = 0.9;
 
 /// The picture, and where in it every vertex of the bank lies (0 to 1, v downwards).
 #[derive(Clone, Debug)]
@@ -119,7 +122,8 @@ impl HeadTexture {
         let (inside, worn): (Vec<_>, Vec<_>) = skin.into_iter().partition(|triangle| triangle.iter().any(is_inside));
         let unit = portrait_from_head.scale * super::fapu_length(bank, Fapu::Es).unwrap_or(0.0);
         let unit = if unit > 0.0 { unit } else { convex_extent(&to) };
-        let canvas = Canvas::new(Texture::new(portrait), (convex_hull(nodes.to_vec()), convex_hull(to), unit));
+        let canvas =
+            Canvas { portrait: Texture::new(portrait), outline: convex_hull(nodes.to_vec()), features: convex_hull(to), unit };
         let picture = canvas.painted(&worn, &corners);
         let mut colours = own;
         worn.iter().flatten().for_each(|&v| colours[v as usize] = sampled(&picture, places[v as usize]));
@@ -245,77 +249,70 @@ struct Canvas {
     features: Vec<Point2<f64>>,
     /// Distance of the pupils in the portrait, px.
     unit: f64,
-    /// `None` where nothing is.
-    cells: Vec<Option<Cell>>,
 }
 
 /// A place of the texture.
 #[derive(Clone, Copy)]
 struct Cell {
+    /// How much what is there faces the camera; -∞ where nothing is.
+    facing: f32,
     /// Share of the portrait.
-    share: f64,
-    /// How much what is there faces the camera.
-    facing: f64,
-    /// The portrait's colour, and the head's own.
-    seen: [f64; 3],
-    own: [f64; 3],
+    share: f32,
+    /// The portrait's colour, in the end the one that is worn.
+    seen: [f32; 3],
+    /// The head's own colour.
+    own: [f32; 3],
+}
+
+impl Cell {
+    const EMPTY: Self = Self { facing: f32::NEG_INFINITY, share: 0.0, seen: [0.0; 3], own: [0.0; 3] };
+
+    fn is_empty(&self) -> bool {
+        self.facing == f32::NEG_INFINITY
+    }
 }
 
 impl Canvas {
-    fn new(portrait: Texture, (outline, features, unit): (Vec<Point2<f64>>, Vec<Point2<f64>>, f64)) -> Self {
-        Self { portrait, outline, features, unit, cells: vec![None; (SIDE * SIDE) as usize] }
-    }
-
-    fn painted(mut self, skin: &[[u32; 3]], corners: &[Corner]) -> RgbImage {
-        for triangle in skin {
-            self.paint(triangle.map(|v| corners[v as usize]));
-        }
-        // The head's colours in the tone of the portrait.
-        let sure = || self.cells.iter().flatten().filter(|cell| cell.share > SURE);
-        let tone: [f64; 3] = std::array::from_fn(|c| {
-            let (seen, own) = sure().fold((0.0, 0.0), |(seen, own), cell| (seen + cell.seen[c], own + cell.own[c]));
-            if own > 0.0 { seen / own } else { 1.0 }
+    fn painted(&self, skin: &[[u32; 3]], corners: &[Corner]) -> RgbImage {
+        let triangles: Vec<[Corner; 3]> = skin.iter().map(|t| t.map(|v| corners[v as usize])).filter(is_paintable).collect();
+        let mut cells = vec![Cell::EMPTY; (SIDE * SIDE) as usize];
+        cells.par_chunks_mut((BAND * SIDE) as usize).enumerate().for_each(|(k, band)| {
+            triangles.iter().for_each(|triangle| self.paint(triangle, k as u32 * BAND, band));
         });
-        let mixed = |cell: &Cell| -> [f64; 3] {
-            std::array::from_fn(|c| {
-                let head = (cell.own[c] * tone[c]).min(255.0);
-                head + (cell.seen[c] - head) * cell.share
-            })
-        };
-        let mut colours: Vec<Option<[f64; 3]>> = self.cells.iter().map(|cell| cell.as_ref().map(mixed)).collect();
-        for _ in 0..PADDING {
-            pad(&mut colours);
-        }
-        let known: Vec<[f64; 3]> = colours.iter().flatten().copied().collect();
-        let mean = std::array::from_fn(|c| known.iter().map(|k| k[c]).sum::<f64>() / known.len().max(1) as f64);
-        let pixel = |x: u32, y: u32| colours[(y * SIDE + x) as usize].unwrap_or(mean).map(|c| c.round().clamp(0.0, 255.0) as u8);
-        RgbImage::from_fn(SIDE, SIDE, |x, y| Rgb(pixel(x, y)))
+        wear(&mut cells);
+        pad(&mut cells);
+        let worn = || cells.iter().filter(|cell| !cell.is_empty());
+        let count = worn().count().max(1) as f64;
+        let mean: [f32; 3] = std::array::from_fn(|c| (worn().map(|cell| f64::from(cell.seen[c])).sum::<f64>() / count) as f32);
+        let colour = |cell: &Cell| if cell.is_empty() { mean } else { cell.seen };
+        RgbImage::from_fn(SIDE, SIDE, |x, y| {
+            Rgb(colour(&cells[(y * SIDE + x) as usize]).map(|c| c.round().clamp(0.0, 255.0) as u8))
+        })
     }
 
     /// Share of the portrait at a place that faces the camera so much.
     fn share(&self, seen: &Point2<f64>, facing: f64) -> f64 {
+        let facing = smooth_step(FACING.0, FACING.1, facing);
+        if facing <= 0.0 {
+            return 0.0;
+        }
         let inside = inside_depth(&self.outline, seen) / self.unit;
         let beyond = -inside_depth(&self.features, seen) / self.unit;
-        smooth_step(FACING.0, FACING.1, facing)
-            * smooth_step(INSIDE.0, INSIDE.1, inside)
-            * (1.0 - smooth_step(BEYOND.0, BEYOND.1, beyond))
+        facing * smooth_step(INSIDE.0, INSIDE.1, inside) * (1.0 - smooth_step(BEYOND.0, BEYOND.1, beyond))
     }
 
-    fn paint(&mut self, [a, b, c]: [Corner; 3]) {
+    /// Paints what of a triangle lies in a band of rows from `first` on.
+    fn paint(&self, triangle: &[Corner; 3], first: u32, band: &mut [Cell]) {
+        let [a, b, c] = triangle;
         let area = (b.at - a.at).perp(&(c.at - a.at));
-        let span = |axis: usize| {
-            let values = [a.at[axis], b.at[axis], c.at[axis]];
-            (values.into_iter().fold(f64::MAX, f64::min), values.into_iter().fold(f64::MIN, f64::max))
-        };
-        let ((left, right), (top, bottom)) = (span(0), span(1));
-        // A triangle that spans the back of the head would cover the face.
-        let limit = f64::from(SIDE) / 4.0;
-        if area.abs() < 1e-9 || right - left > limit || bottom - top > limit {
+        let ((left, right), (top, bottom)) = (span(triangle, 0), span(triangle, 1));
+        let whole = |value: f64, low: u32, high: u32| value.clamp(f64::from(low), f64::from(high)) as u32;
+        let last = first + band.len() as u32 / SIDE - 1;
+        if bottom + 0.5 < f64::from(first) || top - 0.5 > f64::from(last + 1) {
             return;
         }
-        let whole = |value: f64| value.clamp(0.0, f64::from(SIDE - 1)) as u32;
-        for y in whole(top - 0.5)..=whole(bottom + 0.5) {
-            for x in whole(left - 0.5)..=whole(right + 0.5) {
+        for y in whole(top - 0.5, first, last)..=whole(bottom + 0.5, first, last) {
+            for x in whole(left - 0.5, 0, SIDE - 1)..=whole(right + 0.5, 0, SIDE - 1) {
                 let p = Point2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let (s, t) = ((p - a.at).perp(&(c.at - a.at)) / area, (b.at - a.at).perp(&(p - a.at)) / area);
                 let shares = [1.0 - s - t, s, t];
@@ -323,44 +320,77 @@ impl Canvas {
                     continue;
                 }
                 let mean =
-                    |of: &dyn Fn(&Corner) -> f64| [&a, &b, &c].iter().zip(shares).map(|(corner, w)| of(corner) * w).sum::<f64>();
-                let seen = Point2::new(mean(&|k| k.seen.x), mean(&|k| k.seen.y));
-                let at = (y * SIDE + x) as usize;
+                    |of: &dyn Fn(&Corner) -> f64| triangle.iter().zip(shares).map(|(corner, w)| of(corner) * w).sum::<f64>();
                 let facing = mean(&|k| k.facing);
+                let cell = &mut band[((y - first) * SIDE + x) as usize];
                 // Where the skin lies over itself, what is seen from the front is kept.
-                if self.cells[at].is_none_or(|before| before.facing < facing) {
-                    self.cells[at] = Some(Cell {
-                        share: self.share(&seen, facing),
-                        facing,
-                        seen: self.portrait.sample(seen).map(f64::from),
-                        own: std::array::from_fn(|k| mean(&|corner| corner.colour[k])),
-                    });
+                if cell.facing < facing as f32 {
+                    let seen = Point2::new(mean(&|k| k.seen.x), mean(&|k| k.seen.y));
+                    *cell = Cell {
+                        facing: facing as f32,
+                        share: self.share(&seen, facing) as f32,
+                        seen: self.portrait.sample(seen),
+                        own: std::array::from_fn(|k| mean(&|corner| corner.colour[k]) as f32),
+                    };
                 }
             }
         }
     }
 }
 
-/// Gives places without a colour the mean of their neighbours' colours.
-fn pad(colours: &mut [Option<[f64; 3]>]) {
-    let side = SIDE as usize;
-    let before = colours.to_vec();
-    for y in 1..side - 1 {
-        for x in 1..side - 1 {
-            let at = y * side + x;
-            if before[at].is_some() {
-                continue;
-            }
-            let near = [at - 1, at + 1, at - side, at + side];
-            let (mut sum, mut count) = ([0.0; 3], 0.0);
-            for colour in near.iter().filter_map(|&k| before[k]) {
-                (0..3).for_each(|c| sum[c] += colour[c]);
-                count += 1.0;
-            }
-            if count > 0.0 {
-                colours[at] = Some(sum.map(|c| c / count));
-            }
+/// Extent of a triangle in the texture along an axis.
+fn span(triangle: &[Corner; 3], axis: usize) -> (f64, f64) {
+    let values = triangle.iter().map(|corner| corner.at[axis]);
+    (values.clone().fold(f64::MAX, f64::min), values.fold(f64::MIN, f64::max))
+}
+
+/// Whether a triangle is one in the texture: one that spans the back of the head would cover the face.
+fn is_paintable(triangle: &[Corner; 3]) -> bool {
+    let [a, b, c] = triangle;
+    let extent = |axis: usize| {
+        let (low, high) = span(triangle, axis);
+        high - low
+    };
+    (b.at - a.at).perp(&(c.at - a.at)).abs() >= 1e-9 && extent(0).max(extent(1)) <= f64::from(SIDE) / 4.0
+}
+
+/// Mixes the portrait with the head's own colours in the portrait's tone.
+fn wear(cells: &mut [Cell]) {
+    let tone: [f32; 3] = std::array::from_fn(|c| {
+        let sure = cells.iter().filter(|cell| cell.share > SURE);
+        let (seen, own) =
+            sure.fold((0.0, 0.0), |(seen, own), cell| (seen + f64::from(cell.seen[c]), own + f64::from(cell.own[c])));
+        if own > 0.0 { (seen / own) as f32 } else { 1.0 }
+    });
+    for cell in cells {
+        for ((seen, own), tone) in cell.seen.iter_mut().zip(cell.own).zip(tone) {
+            let head = (own * tone).min(255.0);
+            *seen = head + (*seen - head) * cell.share;
         }
+    }
+}
+
+/// Gives places beside what is painted the mean of their neighbours' colours, [`PADDING`] times.
+fn pad(cells: &mut [Cell]) {
+    let side = SIDE as usize;
+    let around = |at: usize| [at - 1, at + 1, at - side, at + side];
+    let is_inner = |at: usize| (1..side - 1).contains(&(at % side)) && (1..side - 1).contains(&(at / side));
+    let mut next: Vec<usize> = (0..cells.len())
+        .filter(|&at| is_inner(at) && cells[at].is_empty() && around(at).iter().any(|&k| !cells[k].is_empty()))
+        .collect();
+    for _ in 0..PADDING {
+        let mean = |at: &usize| {
+            let known = || around(*at).into_iter().map(|k| &cells[k]).filter(|cell| !cell.is_empty());
+            let count = known().count().max(1) as f32;
+            std::array::from_fn(|c| known().map(|cell| cell.seen[c]).sum::<f32>() / count)
+        };
+        let colours: Vec<[f32; 3]> = next.iter().map(mean).collect();
+        for (&at, seen) in next.iter().zip(colours) {
+            cells[at] = Cell { facing: f32::MIN, seen, ..Cell::EMPTY };
+        }
+        next = next.iter().flat_map(|&at| around(at)).filter(|&at| is_inner(at) && cells[at].is_empty()).collect();
+        next.sort_unstable();
+        next.dedup();
     }
 }
 

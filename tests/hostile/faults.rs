@@ -343,20 +343,31 @@ impl Bench {
 
 const GRIMACE: &str = env!("CARGO_BIN_EXE_grimace");
 
-#[test]
-fn whatever_happens_results_are_whole_and_the_next_run_finishes_them() {
+/// Disturbs runs in a folder of their own and prints what came of it.
+fn disturb(faults: impl FnOnce(&mut Bench, u64)) {
     let rounds = std::env::var("GRIMACE_FAULTS_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(ROUNDS);
     let mut bench = Bench::new();
-    bench.kills(rounds * 3);
-    bench.small_disk(rounds);
-    bench.full_disk(rounds);
-    bench.read_only();
-    bench.few_handles();
-    bench.failing_calls(rounds * 3);
-    bench.two_at_once(rounds);
-    bench.one_bad_file();
-    println!("{:<34} {:>7}  ended", "fault", "rounds");
-    for (fault, rounds, ended) in &bench.table {
-        println!("{fault:<34} {rounds:>7}  {ended}");
-    }
+    faults(&mut bench, rounds);
+    let rows = bench.table.iter().map(|(fault, rounds, ended)| format!("{fault:<34} {rounds:>7}  {ended}\n"));
+    println!("{:<34} {:>7}  ended\n{}", "fault", "rounds", rows.collect::<String>());
+}
+
+#[test]
+fn after_kills_and_two_runs_at_once_results_are_whole_and_the_next_run_finishes_them() {
+    disturb(|bench, rounds| {
+        bench.kills(rounds * 3);
+        bench.two_at_once(rounds);
+        bench.one_bad_file();
+    });
+}
+
+#[test]
+fn after_failing_disks_and_calls_results_are_whole_and_the_next_run_finishes_them() {
+    disturb(|bench, rounds| {
+        bench.small_disk(rounds);
+        bench.full_disk(rounds);
+        bench.read_only();
+        bench.few_handles();
+        bench.failing_calls(rounds * 3);
+    });
 }
