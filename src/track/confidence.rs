@@ -9,8 +9,8 @@
 //!
 //! f: logarithms of the features and indicators of region and state; w: weights by median regression on the logarithm of true errors;
 //! c: a non-decreasing, piecewise linear calibration of the score. Half of the errors of nodes with the same expectation are larger,
-//! half smaller. Weights and calibration were learned from simulated people (`grimace evaluate confidence`) and lie in
-//! `candide/track_confidence.csv`.
+//! half smaller. Weights and calibration were learned from simulated people and from photographs that were moved by known amounts
+//! (`grimace evaluate confidence`) and lie in `candide/track_confidence.csv`.
 
 use std::{fmt::Write as _, sync::LazyLock};
 

@@ -1,29 +1,14 @@
-//! The tracker's expected errors against true ones: samples from simulated people, the fit of the model, and how well it is calibrated.
-//!
-//! Every simulated sequence is tracked twice, from exact positions of all nodes and from a fit to a few marks, as both occur. What is
-//! compared is the error of the neutral offset in every third frame and in the last.
+//! The tracker's expected errors against true ones: the fit of the model to samples (`confidence_samples`), and how well it is calibrated.
 
-use nalgebra::{DMatrix, DVector, Point2};
-use rayon::prelude::*;
-use serde::Serialize;
-
-use super::{
-    Cell, ErrorSummary, EvaluateError, LineChart, MarkNoise, Person, Records, Series, Start, Table, TruthNode, percentile,
-};
-use crate::simulate::{Emotion, SimulateOptions, SimulatedFrame, SimulatedSequence, Subject};
 use grimace::internal::{
-    fit::{Correspondence, Fitter},
-    sequence::Frame,
-    track::{
-        Confidence, NodeFeatures, TrackOptions, TrackPlan, Verdict, expect_errors, eye_distance_px, node_features, summarize,
-        track_sequence,
-    },
-    units::NodeId,
+    track::{Confidence, NodeFeatures, Verdict, expect_errors, summarize},
     wireframe::{Tables, Wireframe},
 };
+use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
 
-/// Frames between two that samples are taken from.
-const FRAME_STEP: usize = 3;
+use super::{Cell, ConfidenceSample, ErrorSummary, LineChart, Records, SampledSequence, Series, Table, percentile};
+
 /// Smallest true error that is told from none, over the eye distance: 0.01 px at 100 px.
 const ERROR_FLOOR: f64 = 1e-4;
 /// Rounds of reweighted least squares.
@@ -36,158 +21,6 @@ const RIDGE: f64 = 1e-4;
 const BINS: usize = 24;
 /// Parts that a table of the calibration has.
 pub const QUINTILES: usize = 5;
-
-/// One kind of simulation to learn from or to judge by.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ConfidenceCondition {
-    /// Name in tables.
-    pub name: String,
-    /// Its options; the seed says who.
-    pub simulation: SimulateOptions,
-}
-
-/// How the samples are tracked.
-#[derive(Clone, Debug)]
-pub struct ConfidenceOptions {
-    /// Options of the tracker.
-    pub track: TrackOptions,
-    /// Nodes marked when a sequence starts from a fit.
-    pub marks: Vec<NodeId>,
-    /// Standard deviation of those marks, px.
-    pub marks_noise_px: f64,
-}
-
-/// A node in a frame: what the tracker knows, and what is true.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ConfidenceSample {
-    /// What the tracker knows.
-    pub features: NodeFeatures,
-    /// True error of the neutral offset over the eye distance.
-    pub error: f64,
-}
-
-/// The samples of one tracked sequence.
-#[derive(Clone, Debug)]
-pub struct SampledSequence {
-    /// Name.
-    pub id: String,
-    /// Name of the condition.
-    pub condition: String,
-    /// How it was started.
-    pub start: Start,
-    /// Eye distance in the neutral frame, px.
-    pub eye_distance: f64,
-    /// The samples.
-    pub samples: Vec<ConfidenceSample>,
-    /// Mean true error at the last frame over the eye distance, all live nodes.
-    pub last_error: f64,
-    /// The frames as tracked, for the verdict.
-    frames: Vec<grimace::internal::track::TrackedFrame>,
-}
-
-/// Simulates and tracks every subject and emotion of every condition. `progress` is called from any thread when a sequence is done and
-/// may return `false` to stop. A sequence whose face the tracker loses gives no samples.
-///
-/// # Errors
-/// [`EvaluateError`] for options out of range, marks that determine no fit, or an interruption.
-pub fn confidence_samples(
-    conditions: &[ConfidenceCondition],
-    fitter: &Fitter,
-    wireframe: &Wireframe,
-    tables: &Tables,
-    options: &ConfidenceOptions,
-    progress: impl Fn() -> bool + Sync,
-) -> Result<Vec<SampledSequence>, EvaluateError> {
-    for condition in conditions {
-        condition.simulation.check()?;
-    }
-    let plan = TrackPlan::new(wireframe, tables);
-    let bench = Bench { fitter, wireframe, tables, options, plan };
-    let cases: Vec<(&ConfidenceCondition, u32, Emotion)> = conditions
-        .iter()
-        .flat_map(|c| {
-            let emotions = move |subject| c.simulation.emotions.iter().map(move |&emotion| (c, subject, emotion));
-            (0..c.simulation.subjects).flat_map(emotions)
-        })
-        .collect();
-    let sampled: Vec<Vec<SampledSequence>> = cases
-        .par_iter()
-        .map(|&(condition, subject, emotion)| {
-            let samples = bench.sample(condition, subject, emotion)?;
-            if progress() { Ok(samples) } else { Err(EvaluateError::Interrupted) }
-        })
-        .collect::<Result<_, _>>()?;
-    Ok(sampled.into_iter().flatten().collect())
-}
-
-struct Bench<'a> {
-    fitter: &'a Fitter,
-    wireframe: &'a Wireframe,
-    tables: &'a Tables,
-    options: &'a ConfidenceOptions,
-    plan: TrackPlan,
-}
-
-impl Bench<'_> {
-    fn sample(
-        &self,
-        condition: &ConfidenceCondition,
-        subject: u32,
-        emotion: Emotion,
-    ) -> Result<Vec<SampledSequence>, EvaluateError> {
-        let person = Subject::new(&condition.simulation, subject)?;
-        let sequence = SimulatedSequence::new(&person, emotion, &condition.simulation)?;
-        let (images, truth): (Vec<_>, Vec<_>) = (0..sequence.frame_count())
-            .map(|k| {
-                let SimulatedFrame { image, nodes } = sequence.frame(k);
-                (image::DynamicImage::ImageRgb8(image).into_luma8(), nodes)
-            })
-            .unzip();
-        let neutral = &truth[0];
-        let Some(eye_distance) = eye_distance_px(self.tables, neutral) else { return Ok(Vec::new()) };
-        let mut out = Vec::new();
-        for start in [Start::Landmarks, Start::Marks] {
-            let fitted = self.fitter.fit(self.wireframe, &self.marks(start, neutral, condition, subject))?;
-            let frames = (1..).zip(&images).map(|(number, image)| Ok(Frame::new(number, image.clone())));
-            let Ok(track) = track_sequence(self.wireframe, &self.plan, &fitted, frames, &self.options.track, |_| true) else {
-                continue;
-            };
-            let features = node_features(&track.frames, self.wireframe, self.tables);
-            let error = |k: usize, id: NodeId| {
-                let found = track.frames[k].nodes[id.index()].position - track.frames[0].nodes[id.index()].position;
-                (found - (truth[k][id.index()] - neutral[id.index()])).norm() / eye_distance
-            };
-            let live = self.wireframe.live_nodes();
-            let last = track.frames.len() - 1;
-            let mut samples = Vec::new();
-            for k in (1..=last).filter(|&k| k % FRAME_STEP == 0 || k == last) {
-                for (&id, features) in live.iter().zip(&features[k]) {
-                    samples.extend(features.map(|features| ConfidenceSample { features, error: error(k, id) }));
-                }
-            }
-            let last_error = live.iter().map(|&id| error(last, id)).sum::<f64>() / live.len().max(1) as f64;
-            let id = format!("{}_{:03}", person.id(), emotion.code());
-            let condition = condition.name.clone();
-            out.push(SampledSequence { id, condition, start, eye_distance, samples, last_error, frames: track.frames });
-        }
-        Ok(out)
-    }
-
-    fn marks(&self, start: Start, neutral: &[Point2<f64>], condition: &ConfidenceCondition, subject: u32) -> Vec<Correspondence> {
-        let live = self.wireframe.live_nodes();
-        let hard = |&node: &NodeId| Correspondence::hard(node, neutral[node.index()]);
-        match start {
-            Start::Landmarks => live.iter().map(hard).collect(),
-            Start::Marks => {
-                let truth = |&node: &NodeId| TruthNode { node, position: neutral[node.index()], inner: true };
-                let truth = live.iter().map(truth).collect();
-                let person = Person::new(String::new(), f64::NAN, truth, condition.simulation.seed, subject);
-                let noise = MarkNoise::Uniform(self.options.marks_noise_px);
-                self.options.marks.iter().filter_map(|&n| person.mark(n, noise)).collect()
-            }
-        }
-    }
-}
 
 /// Learns weights and calibration from samples; `None` of fewer samples than the model has terms, times ten.
 #[must_use]

@@ -16,6 +16,7 @@ mod clone_cross;
 mod clone_quality;
 mod clone_sheets;
 mod confidence;
+mod confidence_samples;
 mod figure;
 mod figures;
 mod fit;
@@ -59,9 +60,11 @@ pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};
 pub use clone_quality::{Likeness, likeness};
 pub use clone_sheets::{SheetSource, TargetSheet, clone_grades_table, draw_clone_sheet};
 pub use confidence::{
-    CalibrationPart, ConfidenceCondition, ConfidenceOptions, ConfidenceSample, ExpectedError, QUINTILES, SampledSequence,
-    calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples, expected_of_records,
-    expected_of_samples, fit_confidence, verdict_table,
+    CalibrationPart, ExpectedError, QUINTILES, calibration, calibration_chart, calibration_rows, calibration_table,
+    expected_of_records, expected_of_samples, fit_confidence, verdict_table,
+};
+pub use confidence_samples::{
+    ConfidenceCondition, ConfidenceOptions, ConfidenceSample, PhotographedPerson, SampledSequence, confidence_samples,
 };
 pub use figure::{LineChart, Series};
 pub use figures::{
@@ -74,7 +77,7 @@ pub use marks::{MarkChoice, SUGGESTED_COUNT, standard_choices, suggest_marks, su
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
-pub use placement::{FOUND, PlacementSample, placement_knots, placement_samples, placement_table};
+pub use placement::{FOUND, PlacementSample, Placements, placement_knots, placement_samples, placement_table};
 pub use pose::{
     LANDMARK_SEQUENCES, PoseStudyOptions, PoseTrial, TurnCase, evaluate_pose, motion_lost, pose_table, pose_trials_table,
 };

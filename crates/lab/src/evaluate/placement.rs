@@ -49,6 +49,15 @@ pub struct PlacementSample {
     pub error: f64,
 }
 
+/// What became of all fits.
+#[derive(Clone, Debug, Default)]
+pub struct Placements {
+    /// The nodes of the fits.
+    pub samples: Vec<PlacementSample>,
+    /// Marks that were refused: who, which, and why. None should be.
+    pub refused: Vec<String>,
+}
+
 /// Fits the faces in many ways by priors that have not seen them. `landmarks` are the same people as a network's landmarks have them; a
 /// person without is left out of that prior. `locator` serves for the people in `found` alone.
 ///
@@ -59,12 +68,12 @@ pub fn placement_samples(
     landmarks: &[NeutralFace],
     found: Option<(&Locator, &BTreeSet<String>)>,
     seed: u64,
-) -> Result<Vec<PlacementSample>, EvaluateError> {
+) -> Result<Placements, EvaluateError> {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let by_hand: Vec<NeutralFace> =
         faces.iter().map(|f| NeutralFace { name: f.person.clone(), points: FacePoints::Nodes(nodes_of(f)) }).collect();
     let part_of: BTreeMap<&str, usize> = faces.iter().enumerate().map(|(k, f)| (f.person.as_str(), k % PARTS)).collect();
-    let mut samples = Vec::new();
+    let mut out = Placements::default();
     for part in 0..PARTS {
         let others = |all: &[NeutralFace]| -> Vec<NeutralFace> {
             all.iter().filter(|f| part_of.get(f.name.as_str()).is_some_and(|p| *p != part)).cloned().collect()
@@ -74,11 +83,10 @@ pub fn placement_samples(
         let of_part: Vec<(usize, &TrainingFace)> = faces.iter().enumerate().filter(|(k, _)| k % PARTS == part).collect();
         let sampled = of_part.par_iter().map(|(index, face)| {
             let person = person(face, seed, *index);
-            let mut out = Vec::new();
-            let mut add = |name: &'static str, marks: &[Correspondence]| {
-                if let Ok(fitted) = fitter.fit(&wireframe, marks) {
-                    out.extend(samples_of(name, part, &fitted, &person));
-                }
+            let mut placed = Placements::default();
+            let mut add = |name: &'static str, marks: &[Correspondence]| match fitter.fit(&wireframe, marks) {
+                Ok(fitted) => placed.samples.extend(samples_of(name, part, &fitted, &person)),
+                Err(why) => placed.refused.push(format!("{}, {name}, {} of them: {why}", face.person, marks.len())),
             };
             for choice in standard_choices(&tables) {
                 for count in COUNTS {
@@ -100,27 +108,29 @@ pub fn placement_samples(
                     seen.first().map(|f| f.points.iter().map(|p| Correspondence::found(p.node, p.position, p.expected_error)));
                 add(FOUND, &found.into_iter().flatten().collect::<Vec<_>>());
             }
-            out
+            placed
         });
-        let sampled: Vec<Vec<PlacementSample>> = sampled.collect();
-        samples.extend(sampled.into_iter().flatten());
+        for placed in sampled.collect::<Vec<_>>() {
+            out.samples.extend(placed.samples);
+            out.refused.extend(placed.refused);
+        }
     }
-    Ok(samples)
+    Ok(out)
 }
 
-fn nodes_of(face: &TrainingFace) -> Vec<(NodeId, Point2<f64>)> {
+pub(super) fn nodes_of(face: &TrainingFace) -> Vec<(NodeId, Point2<f64>)> {
     let named = points().iter().zip(&face.shape);
     named.filter_map(|(point, at)| Some((point.node?, Point2::new(f64::from(at[0]), f64::from(at[1]))))).collect()
 }
 
-fn person(face: &TrainingFace, seed: u64, index: usize) -> Person {
+pub(super) fn person(face: &TrainingFace, seed: u64, index: usize) -> Person {
     let [left, right] = PUPILS.map(|k| Point2::new(f64::from(face.shape[k][0]), f64::from(face.shape[k][1])));
     let truth = nodes_of(face).into_iter().map(|(node, position)| TruthNode { node, position, inner: true }).collect();
     Person::new(face.person.clone(), (left - right).norm(), truth, seed, index as u32)
 }
 
 /// Marks with the errors of hand-set ones.
-fn marks(person: &Person, nodes: &[NodeId]) -> Vec<Correspondence> {
+pub(super) fn marks(person: &Person, nodes: &[NodeId]) -> Vec<Correspondence> {
     let mut markable = markable_nodes().to_vec();
     let others = person.truth.iter().map(|t| t.node).filter(|n| markable.iter().all(|m| m.node != *n)).collect::<Vec<_>>();
     markable.extend(others.into_iter().map(|node| MarkableNode {

@@ -403,6 +403,30 @@ fn confidence_is_learned_judged_and_reproducible() {
 }
 
 #[test]
+fn confidence_is_learned_from_photographs_too() {
+    let faces = crate::common::root().join("../shared/data/faces");
+    if !faces.is_dir() {
+        eprintln!("SKIPPED: ../shared/data/faces is not there; confidence was not learned from photographs");
+        return;
+    }
+    let work = Work::new();
+    let mut people = csv::Reader::from_path(faces.join("delineation189.csv")).unwrap();
+    let left_out: Vec<String> = people.records().skip(20).map(|row| row.unwrap()[0].to_owned()).collect();
+    let options = "--subjects 1 --held-out 1 --emotions happiness --frames 4 --size 240x200";
+    let people = format!("--photographs {} --leave-out {}", faces.display(), left_out.join(","));
+    work.stdout(&format!("evaluate confidence -o out {options} {people}"));
+    // Of 20 people every fifth is judged by, and each of these in one of the four conditions.
+    let results = work.json("out/evaluation.json");
+    assert_eq!((&results["options"]["photographs"], &results["options"]["photographs_held_out"]), (&16.into(), &4.into()));
+    let rows = work.rows("out/confidence_quintiles.csv");
+    for condition in ["photographs, clean", "photographs, hard", "photographs, clean, half size", "photographs, hard, half size"]
+    {
+        assert_eq!(rows.iter().filter(|r| r["sequences"] == condition).count(), 5, "{condition}");
+    }
+    work.grimace("evaluate confidence -o none --leave-out L004").code(2).stderr(contains("--photographs"));
+}
+
+#[test]
 fn the_shipped_confidence_is_judged_by_a_dataset() {
     let folder = tempfile::tempdir().unwrap();
     let (faces, out) = (folder.path().join("faces"), folder.path().join("out"));

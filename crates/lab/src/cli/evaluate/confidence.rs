@@ -6,15 +6,17 @@ use anyhow::Context;
 use grimace::internal::{
     dataset::DEFAULT_LANDMARK_NODES,
     fit::Fitter,
+    locate::learn::{TrainingFace, read_faces},
     output::write_bytes,
     track::Confidence,
     wireframe::{Tables, Wireframe},
 };
 use grimace_lab::{
     evaluate::{
-        ConfidenceCondition, ConfidenceOptions, QUINTILES, SampledSequence, Start, TrackerVariant, TrackingOptions, VariantKind,
-        calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples, dataset_cases,
-        evaluate_tracking, expected_of_records, expected_of_samples, fit_confidence, hard_simulation, verdict_table,
+        ConfidenceCondition, ConfidenceOptions, PhotographedPerson, QUINTILES, SampledSequence, Start, TrackerVariant,
+        TrackingOptions, VariantKind, calibration, calibration_chart, calibration_rows, calibration_table, confidence_samples,
+        dataset_cases, evaluate_tracking, expected_of_records, expected_of_samples, fit_confidence, hard_simulation,
+        verdict_table,
     },
     simulate::SimulateOptions,
 };
@@ -31,12 +33,14 @@ use grimace::internal::cli::{
 #[command(after_help = "\
 Examples:
   grimace evaluate confidence -o confidence
+  grimace evaluate confidence -o confidence --photographs FACES --leave-out L004,L022
   grimace evaluate confidence faces -o confidence --by kind --start landmarks
 
-Without a DATASET, simulated people are tracked (clean and hard, at full and at half size; from exact positions and from the default marks), \
-weights and calibration are fitted and written to track_confidence.csv, and judged by people that were not among them: expected and true \
-median error by quintile in confidence_quintiles.csv and confidence.svg, verdicts in verdicts.csv. With a DATASET the model that is \
-shipped is judged by its landmarks or exact positions.")]
+Without a DATASET, people are tracked: simulated ones and, with --photographs, warped photographs (clean and hard, at full and at half size; \
+from exact positions and from marks). Weights and calibration are fitted and written to track_confidence.csv, and judged by people that were \
+not among them: expected and true median error by quintile in confidence_quintiles.csv and confidence.svg, verdicts in verdicts.csv. \
+FACES is a folder as for `grimace learn locator`; every fifth of its people is kept to judge by. With a DATASET the model that is shipped is \
+judged by its landmarks or exact positions.")]
 pub struct Args {
     /// Dataset with 68-point landmarks or exact positions: judges the model that is shipped
     dataset: Option<PathBuf>,
@@ -52,6 +56,12 @@ pub struct Args {
     /// Further simulated subjects to judge by
     #[arg(long, default_value_t = 6, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=500), conflicts_with = "dataset")]
     held_out: u32,
+    /// Folder of photographs and points, to learn from and to judge by as well
+    #[arg(long, value_name = "FACES", conflicts_with = "dataset")]
+    photographs: Option<PathBuf>,
+    /// People of FACES not to use, separated by commas
+    #[arg(long, requires = "photographs", value_delimiter = ',', value_name = "PERSON")]
+    leave_out: Vec<String>,
     /// Nodes or feature points marked when a sequence starts from a fit
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     marks: Vec<String>,
@@ -68,19 +78,42 @@ pub struct Args {
 /// Added to the seed for the people that are judged by.
 const HELD_OUT_SEED: u64 = 0x5EED_0000;
 
+/// Of the photographed people every so many are judged by.
+const PHOTOGRAPHED_HELD_OUT: usize = 5;
+
 impl Args {
-    fn conditions(&self, subjects: u32, seed: u64) -> Vec<ConfidenceCondition> {
+    /// Rendered people, and the photographed ones that are given.
+    fn conditions(
+        &self,
+        subjects: u32,
+        seed: u64,
+        faces: &[&TrainingFace],
+        (fitter, wireframe, tables): (&Fitter, &Wireframe, &Tables),
+    ) -> anyhow::Result<Vec<ConfidenceCondition>> {
         let clean = self.simulation.options(subjects, seed);
         // People of the smaller pictures are others.
         let small =
             SimulateOptions { width: clean.width / 2, height: clean.height / 2, seed: seed.wrapping_add(1), ..clean.clone() };
-        let condition = |name: &str, simulation| ConfidenceCondition { name: name.to_owned(), simulation };
-        vec![
-            condition("hard", hard_simulation(&clean)),
-            condition("clean", clean),
-            condition("hard, half size", hard_simulation(&small)),
-            condition("clean, half size", small),
-        ]
+        let simulations = [
+            ("hard", hard_simulation(&clean)),
+            ("clean", clean),
+            ("hard, half size", hard_simulation(&small)),
+            ("clean, half size", small),
+        ];
+        let mut out = Vec::new();
+        for (k, (name, simulation)) in simulations.into_iter().enumerate() {
+            // Every photographed person is in one of the four.
+            let chosen = faces.iter().enumerate().filter(|(place, _)| place % 4 == k);
+            let photographs = chosen
+                .map(|(_, face)| Ok(PhotographedPerson::new(face, simulation.width, fitter, wireframe, tables)?))
+                .collect::<anyhow::Result<Vec<_>>>()?;
+            if !photographs.is_empty() {
+                let name = format!("photographs, {name}");
+                out.push(ConfidenceCondition { name, simulation: simulation.clone(), photographs });
+            }
+            out.push(ConfidenceCondition { name: name.to_owned(), simulation, photographs: Vec::new() });
+        }
+        Ok(out)
     }
 }
 
@@ -95,8 +128,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let options = ConfidenceOptions { track: args.track.options(), marks, marks_noise_px: args.simulation.marks_noise };
     let seed = args.common.seed;
-    let (learn, judge) = (args.conditions(args.subjects, seed), args.conditions(args.held_out, seed.wrapping_add(HELD_OUT_SEED)));
-    let total = (learn.len() * args.subjects as usize + judge.len() * args.held_out as usize) * args.simulation.emotions.len();
+    let faces = match &args.photographs {
+        Some(folder) => read_faces(folder, &args.leave_out.iter().cloned().collect())?.faces,
+        None => Vec::new(),
+    };
+    let dealt = faces.iter().enumerate().partition::<Vec<_>, _>(|(k, _)| k % PHOTOGRAPHED_HELD_OUT != 0);
+    let [learn_faces, judge_faces] = [dealt.0, dealt.1].map(|part| part.into_iter().map(|(_, face)| face).collect::<Vec<_>>());
+    let with = (&fitter, &wireframe, &tables);
+    let learn = args.conditions(args.subjects, seed, &learn_faces, with)?;
+    let judge = args.conditions(args.held_out, seed.wrapping_add(HELD_OUT_SEED), &judge_faces, with)?;
+    let total = learn.iter().chain(&judge).map(ConfidenceCondition::sequences).sum();
     let stop = stop_flag()?;
     let bar = bar(args.common.quiet, "tracking", total);
     let tick = || {
@@ -132,7 +173,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder.print("Verdicts, and true mean error at the last frame", &verdicts);
     let count = |sequences: &[SampledSequence]| sequences.iter().map(|s| s.samples.len()).sum::<usize>();
     let written = json!({
-        "subjects": args.subjects, "held_out": args.held_out, "emotions": args.simulation.emotions, "frames": args.simulation.frames,
+        "subjects": args.subjects, "held_out": args.held_out, "photographs": learn_faces.len(), "photographs_held_out": judge_faces.len(), "emotions": args.simulation.emotions, "frames": args.simulation.frames,
         "size": args.simulation.size, "marks": options.marks, "marks_noise_px": options.marks_noise_px,
         "fit": args.fit.options(), "track": options.track,
     });

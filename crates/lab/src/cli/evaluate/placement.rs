@@ -49,7 +49,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let only: BTreeSet<String> = args.only.iter().cloned().collect();
     let locator = args.model.as_ref().map(|path| Model::read(path).map(|(model, _)| Locator::new(model))).transpose()?;
-    let samples = placement_samples(&faces, &landmarks, locator.as_ref().map(|l| (l, &only)), args.common.seed)?;
+    let placed = placement_samples(&faces, &landmarks, locator.as_ref().map(|l| (l, &only)), args.common.seed)?;
+    let (samples, refused) = (placed.samples, placed.refused);
     let table = placement_table(&samples);
     folder.table("expected_errors.csv", &table)?;
     folder.print("Expected and real median error, by fifths of the nodes, percent of the eye distance", &table);
@@ -59,6 +60,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         .map(|(s, e)| vec![Cell::Number(s, 3), Cell::Number(e, 3)])
         .collect();
     folder.table("knots.csv", &knots)?;
-    folder.finish("placement", None, args.common.seed, json!({ "only": args.only }), json!({ "nodes": samples.len() }))?;
-    Ok(Outcome::Done)
+    folder.finish(
+        "placement",
+        None,
+        args.common.seed,
+        json!({ "only": args.only }),
+        json!({ "nodes": samples.len(), "refused": refused.len() }),
+    )?;
+    refused.iter().for_each(|marks| eprintln!("refused: {marks}"));
+    Ok(if refused.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }
