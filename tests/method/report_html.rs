@@ -15,7 +15,8 @@ fn every_emotion_has_a_section_and_its_dispersion() {
     let fixture = Fixture::new("Six emotions", [9, 12, 8, 24, 10, 30], &[]);
     let html = render_html(&fixture.data()).unwrap();
     for (index, emotion) in ["anger", "disgust", "fear", "happiness", "sadness", "surprise"].into_iter().enumerate() {
-        assert!(html.contains(&format!(r##"<a href="#r{index}">{emotion}</a>"##)), "{emotion} in the contents");
+        let listed = format!(r##"<a href="#r{index}"><span class="cap">{emotion}</span></a>"##);
+        assert!(html.contains(&listed), "{emotion} in the contents");
         assert!(html.contains(&format!(r#"<article class="card" id="r{index}""#)), "{emotion} has a card");
         let dispersion = format!("{:.2}", fixture.representatives[index].dispersion.unwrap());
         assert!(html.contains(&format!(r#"<td class="num strong">{dispersion}</td>"#)), "{emotion}: {dispersion} in the table");
