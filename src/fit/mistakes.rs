@@ -35,13 +35,10 @@ const ASPECT: f64 = 0.08;
 const MARK: f64 = 0.015;
 /// Standard deviation of any mark, px: what a small picture allows.
 const MARK_PX: f64 = 1.5;
-/// Times its own expected error that a mark may be off.
+/// Times its own expected error that a mark may be off, and times what its feature leaves open among people who mark it
+/// (`candide/markable_nodes.csv`): brows end where somebody plucked them, and ears are behind hair.
 const OWN_ERROR: f64 = 2.0;
-
-/// Times the deviation of its feature among people who mark it (`candide/markable_nodes.csv`) that a mark may be off: brows end where
-/// somebody plucked them, and ears are behind hair.
-const FEATURE: f64 = 2.0;
-/// The same deviation of a node that nobody marks, as on forehead and cheeks, over the eye distance.
+/// What the feature leaves open at a node that nobody marks, as on forehead and cheeks, over the eye distance.
 const UNMARKED: f64 = 0.04;
 
 /// A mark is wrong that lies more standard deviations from where the others expect it than the first number, and further than the second,
@@ -133,7 +130,7 @@ impl PlausibleFaces {
         let feature = |k: usize| markable_nodes().iter().find(|m| m.node.index() == k).map_or(UNMARKED, |m| m.deviation_es);
         let residual = |k: usize| {
             let beside_modes = SHAPE_FACTOR * priors.iter().map(|p| p.residuals[k]).fold(0.0, f64::max);
-            beside_modes.hypot(FEATURE * feature(k) * eye_distance)
+            beside_modes.hypot(OWN_ERROR * feature(k) * eye_distance)
         };
         let residuals = (0..count).map(residual).collect();
         Self { mean, modes, residuals, eye_distance }

@@ -21,6 +21,16 @@ pub fn root() -> PathBuf {
     here.ancestors().find(|folder| folder.join("candide").is_dir()).unwrap().to_owned()
 }
 
+/// A file or folder of the shared data beside the repository; without it, what was skipped is said.
+pub fn shared_data(name: &str, skipped: &str) -> Option<PathBuf> {
+    let path = root().join("../shared/data").join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("SKIPPED: ../shared/data/{name} is not there; {skipped}");
+    None
+}
+
 /// The command, with `grimace-lab` beside it, which it starts for `simulate` and `evaluate`, and `grimace-opencv`, for videos.
 ///
 /// `cargo test` builds all. It builds only some of them when only one package's tests are asked for; then the others are built here,

@@ -1,15 +1,12 @@
 //! Good marks are never refused, and wrong ones always are: landmarks of real people, of every number, off by several pixels, on small and
 //! turned faces with open mouths, and faces of the shape space at three standard deviations.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 use grimace::internal::{
     dataset::{Dataset, LandmarkSelection, correspondences_from_landmarks},
     fit::{Correspondence, FacePoints, FitOptions, Fitter, ShapePrior, read_neutral_faces, validate_correspondences},
-    locate::{PUPILS, learn::read_faces, points},
+    locate::learn::read_faces,
     units::NodeId,
     wireframe::{Tables, Wireframe},
 };
@@ -38,25 +35,21 @@ fn of_landmarks(name: String, points: &[Point2<f64>], tables: &Tables) -> Face {
 /// 90 people as a network and as a person have them, neutral and, by the network, smiling; and the first and the last frame of every sequence.
 fn real_faces(tables: &Tables) -> Vec<Face> {
     let mut faces = Vec::new();
-    let people = Path::new("../shared/data/people/landmarks68.csv");
-    if !people.is_file() {
-        eprintln!("SKIPPED: no ../shared/data/people; marks of real people were not tried");
-        return faces;
-    }
+    let skipped = "marks of real people were not tried";
+    let [people, photographed, sequences] =
+        ["people/landmarks68.csv", "faces", "sequences"].map(|name| crate::common::shared_data(name, skipped));
+    let (Some(people), Some(photographed), Some(sequences)) = (people, photographed, sequences) else { return faces };
     for state in ["neutral", "smiling"] {
-        let read = read_neutral_faces(people, state).unwrap().faces;
+        let read = read_neutral_faces(&people, state).unwrap().faces;
         for face in read {
             let FacePoints::Landmarks(landmarks) = &face.points else { unreachable!("a file of landmarks") };
             faces.push(of_landmarks(format!("{} {state}", face.name), landmarks, tables));
         }
     }
-    for face in read_faces(Path::new("../shared/data/faces"), &BTreeSet::new()).unwrap().faces {
-        let at = |k: usize| Point2::from(face.shape[k].map(f64::from));
-        let places = points().iter().enumerate().filter_map(|(k, point)| Some((point.node?, at(k)))).collect();
-        let [left, right] = PUPILS.map(at);
-        faces.push(Face { name: format!("{} by hand", face.person), places, eye_distance: (left - right).norm() });
+    for face in read_faces(&photographed, &BTreeSet::new()).unwrap().faces {
+        faces.push(Face { name: format!("{} by hand", face.person), places: face.nodes(), eye_distance: face.eye_distance() });
     }
-    for entry in Dataset::open(Path::new("../shared/data/sequences")).unwrap().sequences {
+    for entry in Dataset::open(&sequences).unwrap().sequences {
         let track = entry.landmarks().unwrap().unwrap();
         let ends = [track.frames.keys().next(), track.frames.keys().next_back()].map(|k| *k.unwrap());
         faces.extend(ends.map(|k| of_landmarks(format!("{} frame {k}", entry.id), &track.frames[&k], tables)));

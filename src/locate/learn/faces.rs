@@ -6,6 +6,7 @@ use std::{
 };
 
 use image::RgbImage;
+use nalgebra::Point2;
 
 use crate::{
     input::{CsvFile, InputError},
@@ -13,6 +14,7 @@ use crate::{
         PUPILS, points,
         shape::{Point, Shape, distance},
     },
+    units::NodeId,
 };
 
 /// Points of a face in the file.
@@ -108,6 +110,18 @@ impl TrainingFace {
             |p: &image::Rgb<u8>| ((u32::from(p[0]) * 299 + u32::from(p[1]) * 587 + u32::from(p[2]) * 114 + 500) / 1000) as u8;
         let grey = image::GrayImage::from_fn(width, height, |x, y| image::Luma([luma(picture.get_pixel(x, y))]));
         Self { person, grey, shape, picture, outline: outline.to_vec() }
+    }
+
+    /// The points that are nodes, px.
+    pub fn nodes(&self) -> Vec<(NodeId, Point2<f64>)> {
+        let named = points().iter().zip(&self.shape);
+        named.filter_map(|(point, at)| Some((point.node?, Point2::from(at.map(f64::from))))).collect()
+    }
+
+    /// Distance of the pupils, px.
+    pub fn eye_distance(&self) -> f64 {
+        let [left, right] = PUPILS.map(|k| Point2::from(self.shape[k].map(f64::from)));
+        (left - right).norm()
     }
 
     /// Its masks, softened by a pixel.

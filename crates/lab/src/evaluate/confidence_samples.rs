@@ -58,15 +58,14 @@ impl PhotographedPerson {
         wireframe: &Wireframe,
         tables: &Tables,
     ) -> Result<Self, EvaluateError> {
-        let scale = EYE_DISTANCE * f64::from(width) / placement::person(face, 0, 0).eye_distance;
+        let scale = EYE_DISTANCE * f64::from(width) / face.eye_distance();
         let side = |pixels: u32| (f64::from(pixels) * scale).round().max(1.0) as u32;
         let (width, height) = face.grey.dimensions();
         let picture = imageops::resize(&face.grey, side(width), side(height), imageops::FilterType::CatmullRom);
         let picture: RgbImage = DynamicImage::ImageLuma8(picture).into_rgb8();
         // Pixel centres meet.
         let scaled = |at: Point2<f64>| at.map(|v| (v + 0.5) * scale - 0.5);
-        let points: Vec<(NodeId, Point2<f64>)> =
-            placement::nodes_of(face).into_iter().map(|(node, at)| (node, scaled(at))).collect();
+        let points: Vec<(NodeId, Point2<f64>)> = face.nodes().into_iter().map(|(node, at)| (node, scaled(at))).collect();
         let marks = points.iter().map(|&(node, at)| Correspondence::mark(node, at)).collect();
         let portrait = Portrait::new(&face.person, &picture, &PortraitMarks::Correspondences(marks), fitter, wireframe, tables)
             .map_err(SimulateError::from)?;

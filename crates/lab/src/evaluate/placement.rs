@@ -9,11 +9,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use grimace::internal::{
     fit::{Correspondence, DEFAULT_MODES, FacePoints, FittedWireframe, Fitter, NeutralFace, learn_prior, placement},
-    locate::{LocateOptions, Locator, PUPILS, learn::TrainingFace, points},
+    locate::{LocateOptions, Locator, learn::TrainingFace},
     units::NodeId,
     wireframe::{MarkableNode, Tables, Wireframe, markable_nodes},
 };
-use nalgebra::Point2;
 use rayon::prelude::*;
 
 use super::{
@@ -71,7 +70,7 @@ pub fn placement_samples(
 ) -> Result<Placements, EvaluateError> {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let by_hand: Vec<NeutralFace> =
-        faces.iter().map(|f| NeutralFace { name: f.person.clone(), points: FacePoints::Nodes(nodes_of(f)) }).collect();
+        faces.iter().map(|f| NeutralFace { name: f.person.clone(), points: FacePoints::Nodes(f.nodes()) }).collect();
     let part_of: BTreeMap<&str, usize> = faces.iter().enumerate().map(|(k, f)| (f.person.as_str(), k % PARTS)).collect();
     let mut out = Placements::default();
     for part in 0..PARTS {
@@ -118,15 +117,9 @@ pub fn placement_samples(
     Ok(out)
 }
 
-pub(super) fn nodes_of(face: &TrainingFace) -> Vec<(NodeId, Point2<f64>)> {
-    let named = points().iter().zip(&face.shape);
-    named.filter_map(|(point, at)| Some((point.node?, Point2::new(f64::from(at[0]), f64::from(at[1]))))).collect()
-}
-
-pub(super) fn person(face: &TrainingFace, seed: u64, index: usize) -> Person {
-    let [left, right] = PUPILS.map(|k| Point2::new(f64::from(face.shape[k][0]), f64::from(face.shape[k][1])));
-    let truth = nodes_of(face).into_iter().map(|(node, position)| TruthNode { node, position, inner: true }).collect();
-    Person::new(face.person.clone(), (left - right).norm(), truth, seed, index as u32)
+fn person(face: &TrainingFace, seed: u64, index: usize) -> Person {
+    let truth = face.nodes().into_iter().map(|(node, position)| TruthNode { node, position, inner: true }).collect();
+    Person::new(face.person.clone(), face.eye_distance(), truth, seed, index as u32)
 }
 
 /// Marks with the errors of hand-set ones.

@@ -78,11 +78,7 @@ struct Face {
 
 /// Neutral frames of the London people with their landmarks; compared at the inner-face landmarks 17 to 67 that were not marked.
 fn real_faces() -> Option<Vec<Face>> {
-    let root = &crate::common::root().join("../shared/data/sequences");
-    if !root.is_dir() {
-        eprintln!("SKIPPED: no ../shared/data/sequences; the prior's accuracy on real faces was not measured");
-        return None;
-    }
+    let root = &crate::common::shared_data("sequences", "the prior's accuracy on real faces was not measured")?;
     let tables = Tables::candide3();
     let mut seen = BTreeSet::new();
     let mut faces = Vec::new();
@@ -106,11 +102,7 @@ fn real_faces() -> Option<Vec<Face>> {
 /// The 90 people's nodes where their hand-set points are, by `candide/locator_points.csv`, with the distance of the pupils.
 fn set_by_hand() -> Option<Vec<(NeutralFace, f64)>> {
     let root = crate::common::root();
-    let path = &root.join("../shared/data/people/delineation189.csv");
-    if !path.is_file() {
-        eprintln!("SKIPPED: no ../shared/data/people; marks set by hand were not tried");
-        return None;
-    }
+    let path = &crate::common::shared_data("people/delineation189.csv", "marks set by hand were not tried")?;
     let rows = |path: &Path| -> Vec<BTreeMap<String, String>> {
         csv::ReaderBuilder::new().flexible(true).from_path(path).unwrap().deserialize().collect::<Result<_, _>>().unwrap()
     };
@@ -228,11 +220,8 @@ fn marks_set_by_hand_are_served_by_what_was_learned_from_such() {
 /// Also a prior learned afresh from half of the people serves on the other half.
 #[test]
 fn a_prior_learned_from_some_people_serves_for_others() {
-    let path = &crate::common::root().join("../shared/data/people/landmarks68.csv");
-    if !path.is_file() {
-        eprintln!("SKIPPED: no ../shared/data/people; learning from half of the people was not measured");
-        return;
-    }
+    let skipped = "learning from half of the people was not measured";
+    let Some(path) = &crate::common::shared_data("people/landmarks68.csv", skipped) else { return };
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let people = read_neutral_faces(path, "neutral").unwrap().faces;
     assert_eq!(people.len(), 90);

@@ -335,11 +335,7 @@ fn help_has_an_example() {
 fn found_points_are_compared_with_points_set_by_hand() {
     let work = Work::new();
     work.grimace("evaluate locate nowhere -o out").failure().code(1).stderr(contains("nowhere"));
-    let faces = crate::common::root().join("../shared/data/faces");
-    if !faces.is_dir() {
-        eprintln!("SKIPPED: ../shared/data/faces is not there; found points were not compared");
-        return;
-    }
+    let Some(faces) = crate::common::shared_data("faces", "found points were not compared") else { return };
     let faces = faces.display();
     work.grimace(&format!("evaluate locate {faces} -o out --only L022,nobody"))
         .failure()
@@ -354,11 +350,7 @@ fn found_points_are_compared_with_points_set_by_hand() {
 /// Plain KLT and the fit on the real sequences, against the figures that independent prototypes gave.
 #[test]
 fn real_sequences_give_the_figures_of_the_prototypes() {
-    let data = crate::common::root().join("../shared/data/sequences");
-    if !data.is_dir() {
-        eprintln!("SKIPPED: ../shared/data/sequences is not there");
-        return;
-    }
+    let Some(data) = crate::common::shared_data("sequences", "the prototypes' figures were not compared") else { return };
     let work = Work::new();
     work.stdout(&format!("evaluate tracking {} -o out --by kind", data.display()));
     let rows = work.rows("out/tracking_last.csv");
@@ -404,11 +396,7 @@ fn confidence_is_learned_judged_and_reproducible() {
 
 #[test]
 fn confidence_is_learned_from_photographs_too() {
-    let faces = crate::common::root().join("../shared/data/faces");
-    if !faces.is_dir() {
-        eprintln!("SKIPPED: ../shared/data/faces is not there; confidence was not learned from photographs");
-        return;
-    }
+    let Some(faces) = crate::common::shared_data("faces", "confidence was not learned from photographs") else { return };
     let work = Work::new();
     let mut people = csv::Reader::from_path(faces.join("delineation189.csv")).unwrap();
     let left_out: Vec<String> = people.records().skip(20).map(|row| row.unwrap()[0].to_owned()).collect();

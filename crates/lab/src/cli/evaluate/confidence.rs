@@ -100,12 +100,12 @@ impl Args {
             ("hard, half size", hard_simulation(&small)),
             ("clean, half size", small),
         ];
-        let mut out = Vec::new();
+        let (mut out, count) = (Vec::new(), simulations.len());
         for (k, (name, simulation)) in simulations.into_iter().enumerate() {
-            // Every photographed person is in one of the four.
-            let chosen = faces.iter().enumerate().filter(|(place, _)| place % 4 == k);
+            // Every photographed person is in one of them.
+            let chosen = faces.iter().skip(k).step_by(count);
             let photographs = chosen
-                .map(|(_, face)| Ok(PhotographedPerson::new(face, simulation.width, fitter, wireframe, tables)?))
+                .map(|face| Ok(PhotographedPerson::new(face, simulation.width, fitter, wireframe, tables)?))
                 .collect::<anyhow::Result<Vec<_>>>()?;
             if !photographs.is_empty() {
                 let name = format!("photographs, {name}");
@@ -132,8 +132,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Some(folder) => read_faces(folder, &args.leave_out.iter().cloned().collect())?.faces,
         None => Vec::new(),
     };
-    let dealt = faces.iter().enumerate().partition::<Vec<_>, _>(|(k, _)| k % PHOTOGRAPHED_HELD_OUT != 0);
-    let [learn_faces, judge_faces] = [dealt.0, dealt.1].map(|part| part.into_iter().map(|(_, face)| face).collect::<Vec<_>>());
+    let judge_faces: Vec<_> = faces.iter().step_by(PHOTOGRAPHED_HELD_OUT).collect();
+    let others = faces.iter().enumerate().filter(|(k, _)| k % PHOTOGRAPHED_HELD_OUT != 0);
+    let learn_faces: Vec<_> = others.map(|(_, face)| face).collect();
     let with = (&fitter, &wireframe, &tables);
     let learn = args.conditions(args.subjects, seed, &learn_faces, with)?;
     let judge = args.conditions(args.held_out, seed.wrapping_add(HELD_OUT_SEED), &judge_faces, with)?;
@@ -173,8 +174,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder.print("Verdicts, and true mean error at the last frame", &verdicts);
     let count = |sequences: &[SampledSequence]| sequences.iter().map(|s| s.samples.len()).sum::<usize>();
     let written = json!({
-        "subjects": args.subjects, "held_out": args.held_out, "photographs": learn_faces.len(), "photographs_held_out": judge_faces.len(), "emotions": args.simulation.emotions, "frames": args.simulation.frames,
-        "size": args.simulation.size, "marks": options.marks, "marks_noise_px": options.marks_noise_px,
+        "subjects": args.subjects, "held_out": args.held_out,
+        "photographs": learn_faces.len(), "photographs_held_out": judge_faces.len(),
+        "emotions": args.simulation.emotions, "frames": args.simulation.frames, "size": args.simulation.size,
+        "marks": options.marks, "marks_noise_px": options.marks_noise_px,
         "fit": args.fit.options(), "track": options.track,
     });
     let results = json!({ "samples": count(&learned), "held_out_samples": count(&held_out) });

@@ -25,7 +25,7 @@ Example:
 FACES is a folder as for `grimace learn locator`, with landmarks68.csv beside delineation189.csv. Every person is fitted by priors that were \
 learned without them, from many kinds of marks; those that were found only for the people of --only, whom the model must not have seen. \
 knots.csv is the calibration that these people would give for marks set by hand; of the rows `others` the expected errors are \
-those that four fifths of the people give for the last fifth.")]
+those that four fifths of the people give for the last fifth. Marks that the fit refuses are named, and the exit status is 3.")]
 pub struct Args {
     /// Folder of photographs and points
     faces: PathBuf,
