@@ -230,6 +230,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "lip": rig.lip,
         "enamel": rig.enamel,
         "teethSize": rig.teeth_size,
+        "tone": { "lines": rig.tone.0, "share": rig.tone.1 },
     }))
 }
 

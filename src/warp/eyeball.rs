@@ -1,21 +1,18 @@
 //! The eyeballs of a photograph as layers of their own.
 //!
 //! A wireframe knows an iris as a box of four nodes, and skin that is stretched from lid to lid makes a shield of it. So the iris is
-//! looked for in the picture, as the circle across whose left and right arcs it grows brightest (Daugman's integro-differential
-//! operator, *High confidence visual recognition of persons*, PAMI 1993, over the arcs that no lid covers; a human iris is nearly the same
-//! share of the distance of the eyes in everybody). What the photograph hides under the lids is filled: the white by a smooth course
+//! looked for in the picture as a circle (see `iris`). What the photograph hides under the lids is filled: the white by a smooth course
 //! from corner to corner, the iris by its mirror image and its mean colours around the centre. In a frame the white stays with the
 //! skull, the iris turns over it with the gaze, and the lids cover both. What the photograph shows is shown as it is there.
-
-use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
 use super::{
     Texture, Warp,
+    iris::{self, Search},
     layout::OPENINGS,
     mesh::OpeningMesh,
-    mouth::{luma, whiteness},
+    mouth::whiteness,
     openings::smooth_step,
 };
 use crate::geometry::{
@@ -23,24 +20,6 @@ use crate::geometry::{
     polygon::{distance_to_line, inside_depth},
 };
 
-/// Radius of an iris, over the eye distance: expected (11.7 of 63 mm), and the deviation at which it costs one unit of score.
-const RADIUS: (f64, f64) = (0.092, 0.009);
-/// Radii that are tried, over the eye distance.
-const RADII: (f64, f64) = (0.074, 0.112);
-/// How far around the iris nodes the centre is looked for, over the eye distance: across and along the face's vertical.
-const REACH: (f64, f64) = (0.09, 0.06);
-/// Steps of the search, over the eye distance: first, and around the best.
-const STEPS: (f64, f64) = (0.012, 0.004);
-/// Score (share of the brightness of the white) that a unit of each prior costs.
-const PRIOR: f64 = 0.03;
-/// Deviation of the centre from the iris nodes that costs one unit of score, over the eye distance.
-const CENTRE: f64 = 0.05;
-/// Least rise of brightness across the outline, as a share of the white's, for a circle to be believed.
-const LEAST_RISE: f64 = 0.05;
-/// Half the width of the arcs to the left and right that are looked at.
-const ARC: f64 = 0.8;
-/// Places on each arc.
-const PLACES: usize = 11;
 /// Where the iris ends and the white is whole, over its radius.
 const LIMBUS: (f64, f64) = (1.03, 1.20);
 /// Band along the lids where the photograph shows lashes and their shadow, over the eye distance: not trusted once the lid has gone.
@@ -67,8 +46,8 @@ pub struct Eyeball {
     white: Vec<[f32; 3]>,
     iris: Vec<[f32; 3]>,
     /// Distance from the lids, px, positive between them.
-    depth: Vec<f32>,
-    eye_distance: f64,
+    pub(super) depth: Vec<f32>,
+    pub(super) eye_distance: f64,
 }
 
 /// Where an eyeball is in a frame.
@@ -110,16 +89,22 @@ impl Turned {
             if opened <= 0.0 {
                 return 1.0;
             }
-            let band = LASHES * eye_distance * smooth_step(0.0, 0.03, opened);
+            let band = LASHES * eye_distance * smooth_step(0.0, 0.012, opened);
             smooth_step(-0.5, 0.5 + band, if depth < 0.0 { -distance } else { distance })
         };
         one(&self.edges[0]).min(one(&self.edges[1])) as f32
     }
 }
 
-impl Eyeball {
-    /// Finds the eyeball behind an opening; `None` when the picture shows no iris.
-    pub fn find(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> Option<Self> {
+/// An eye on its photograph, and the colours there, whose iris is yet to be found.
+struct Patch {
+    eye: Eyeball,
+    photograph: Vec<[f32; 3]>,
+}
+
+impl Patch {
+    /// What lies around an opening; `None` outside of the picture.
+    fn new(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> Option<Self> {
         let nodes = OPENINGS.iter().find(|o| o.opening == opening.opening)?;
         let unit = warp.frame.eye_distance;
         let sum: Vector2<f64> = nodes.iris.iter().map(|&n| warp.nodes[usize::from(n)].coords).sum();
@@ -139,9 +124,9 @@ impl Eyeball {
         if width < 3 || height < 3 {
             return None;
         }
-        let mut eye = Self {
+        let mut eye = Eyeball {
             centre: expected,
-            radius: RADIUS.0 * unit,
+            radius: 0.0,
             left,
             top,
             width,
@@ -153,80 +138,29 @@ impl Eyeball {
         };
         let places: Vec<Point2<f64>> = (0..width * height).map(|k| eye.at(k)).collect();
         eye.depth = places.iter().map(|at| inside_depth(&outline, at) as f32).collect();
-        let photograph: Vec<[f32; 3]> = places.iter().map(|at| texture.sample(*at)).collect();
-        (eye.centre, eye.radius) = eye.search(&photograph, warp.frame.down.into_inner())?;
-        eye.white = eye.filled_white(&photograph, warp.frame.down.into_inner());
-        eye.iris = eye.filled_iris(&photograph, warp.frame.down.into_inner());
-        Some(eye)
+        let photograph = places.iter().map(|at| texture.sample(*at)).collect();
+        Some(Self { eye, photograph })
     }
+}
 
-    /// Centre and radius of the iris.
-    fn search(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Option<(Point2<f64>, f64)> {
-        let unit = self.eye_distance;
-        let across = Vector2::new(down.y, -down.x);
-        let levels: Vec<f32> = photograph.iter().map(|&c| luma(c)).collect();
-        let mut shown: Vec<f32> = levels.iter().zip(&self.depth).filter(|(_, d)| **d > 0.0).map(|(l, _)| *l).collect();
-        if shown.len() < 12 {
-            return None;
-        }
-        shown.sort_by(f32::total_cmp);
-        let white = f64::from(shown[shown.len() * 9 / 10].max(8.0));
-        let expected = self.centre;
-        let level = |p: Point2<f64>| Some(f64::from(self.sampled(&levels, p, |l| [*l, 0.0, 0.0])?[0]));
-        let step = (0.018 * unit).max(0.8);
-        let rise = |centre: Point2<f64>, radius: f64| {
-            let mut sides = [(0.0, 0.0); 2];
-            for (side, sum) in sides.iter_mut().enumerate() {
-                for k in 0..PLACES {
-                    let angle = ARC * (2.0 * k as f64 / (PLACES - 1) as f64 - 1.0) + 2.0 * FRAC_PI_2 * side as f64;
-                    let direction = across * angle.cos() + down * angle.sin();
-                    let [within, beyond] = [radius - step, radius + step].map(|r| centre + direction * r);
-                    if self.depth_at(within) > 0.008 * unit
-                        && self.depth_at(beyond) > 0.008 * unit
-                        && let (Some(a), Some(b)) = (level(within), level(beyond))
-                    {
-                        *sum = (sum.0 + (b - a) / white, sum.1 + 1.0);
-                    }
-                }
-            }
-            // Half of the two arcs at least, and of each a little; where one side is hidden by the corner the other one counts.
-            let count = sides[0].1 + sides[1].1;
-            (count >= PLACES as f64 * 0.7).then(|| (sides[0].0 + sides[1].0) / count)
-        };
-        let score = |centre: Point2<f64>, radius: f64| {
-            let off = (centre - expected).norm() / (CENTRE * unit);
-            let size = (radius / unit - RADIUS.0) / RADIUS.1;
-            Some(rise(centre, radius)? - PRIOR * (off * off + size * size))
-        };
-        let mut best: Option<(f64, Point2<f64>, f64)> = None;
-        let look = |centre: Point2<f64>, radius: f64, best: &mut Option<(f64, Point2<f64>, f64)>| {
-            if let Some(found) = score(centre, radius)
-                && best.as_ref().is_none_or(|b| found > b.0)
-            {
-                *best = Some((found, centre, radius));
-            }
-        };
-        let counts = |reach: f64, step: f64| (reach / step).ceil() as i32;
-        let radii = counts(RADII.1 - RADII.0, STEPS.0);
-        for i in -counts(REACH.0, STEPS.0)..=counts(REACH.0, STEPS.0) {
-            for j in -counts(REACH.1, STEPS.0)..=counts(REACH.1, STEPS.0) {
-                for r in 0..=radii {
-                    let centre = expected + (across * f64::from(i) + down * f64::from(j)) * (STEPS.0 * unit);
-                    look(centre, (RADII.0 + f64::from(r) * (RADII.1 - RADII.0) / f64::from(radii)) * unit, &mut best);
-                }
-            }
-        }
-        let (_, centre, radius) = best?;
-        for i in -3..=3 {
-            for j in -3..=3 {
-                for r in -3..=3 {
-                    let tried = (radius / unit + f64::from(r) * STEPS.1).clamp(RADII.0, RADII.1) * unit;
-                    look(centre + (across * f64::from(i) + down * f64::from(j)) * (STEPS.1 * unit), tried, &mut best);
-                }
-            }
-        }
-        let (_, centre, radius) = best?;
-        (rise(centre, radius)? >= LEAST_RISE).then_some((centre, radius))
+impl Eyeball {
+    /// Finds the eyeballs behind both eyes; `None` where the picture shows no iris.
+    pub fn find(warp: &Warp, texture: &Texture) -> [Option<Self>; 2] {
+        let down = warp.frame.down.into_inner();
+        let patches = [1, 2].map(|k: usize| Patch::new(warp, warp.mesh.openings.get(k)?, texture));
+        let searches = patches.each_ref().map(|patch| {
+            let patch = patch.as_ref()?;
+            Search::new(&patch.eye, &patch.photograph, down)
+        });
+        let circles = iris::both(searches);
+        let mut circles = circles.into_iter();
+        patches.map(|patch| {
+            let (circle, Patch { mut eye, photograph }) = (circles.next()??, patch?);
+            (eye.centre, eye.radius) = (circle.centre, circle.radius);
+            eye.white = eye.filled_white(&photograph, down);
+            eye.iris = eye.filled_iris(&photograph, down);
+            Some(eye)
+        })
     }
 
     /// Place of the pixel `k` of the patch, px.
@@ -235,7 +169,7 @@ impl Eyeball {
     }
 
     /// Values of a patch between its pixels; `None` outside.
-    fn sampled<T>(&self, values: &[T], p: Point2<f64>, of: impl Fn(&T) -> [f32; 3]) -> Option<[f32; 3]> {
+    pub(super) fn sampled<T>(&self, values: &[T], p: Point2<f64>, of: impl Fn(&T) -> [f32; 3]) -> Option<[f32; 3]> {
         let (x, y) = (p.x - self.left as f64, p.y - self.top as f64);
         let inside = x >= 0.0 && y >= 0.0 && x <= (self.width - 1) as f64 && y <= (self.height - 1) as f64;
         if !inside {
@@ -254,7 +188,7 @@ impl Eyeball {
     }
 
     /// Distance from the lids of the photograph, px, positive between them.
-    fn depth_at(&self, p: Point2<f64>) -> f64 {
+    pub(super) fn depth_at(&self, p: Point2<f64>) -> f64 {
         self.sampled(&self.depth, p, |d| [*d, 0.0, 0.0]).map_or(f64::NEG_INFINITY, |d| f64::from(d[0]))
     }
 

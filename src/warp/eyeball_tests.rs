@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use super::*;
 use crate::{
     geometry::polygon::inside,
-    warp::{MouthInside, NODE_COUNT},
+    warp::{MouthInside, NODE_COUNT, mouth::luma},
     wireframe::Wireframe,
 };
 

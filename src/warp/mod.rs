@@ -38,6 +38,7 @@ mod audit;
 mod eyeball;
 mod field;
 mod folds;
+mod iris;
 mod layer;
 mod layout;
 mod lids;
@@ -49,6 +50,7 @@ mod raster;
 mod render;
 mod rig;
 mod sample;
+mod tone;
 
 use nalgebra::{Point2, Vector2};
 
@@ -225,8 +227,8 @@ impl Warp {
     /// Without them, and for an eye in which no iris is found, what lies between the lids is stretched where they open further.
     #[must_use]
     pub fn with_eyes(mut self, photograph: &Texture) -> Self {
-        let find = |opening| Eyeball::find(&self, opening, photograph);
-        self.eyes = self.mesh.openings.iter().map(find).collect();
+        let [left, right] = Eyeball::find(&self, photograph);
+        self.eyes = vec![None, left, right];
         self
     }
 
@@ -429,9 +431,12 @@ mod tests {
     fn nothing_of_the_photograph_is_left_between_lips_that_open() {
         let nodes = face();
         let line = nodes[87].y;
-        // Below the lower lip the photograph is blue; the lip is white, and so is what moves into the gap.
-        let picture =
-            RgbImage::from_fn(200, 230, |_, y| if f64::from(y) > line + 2.5 { Rgb([0, 0, 255]) } else { Rgb([255; 3]) });
+        // Below the lower lip the photograph is blue; the lip is white, and so is what moves into the gap. The brow is red: in one tone it is not.
+        let picture = RgbImage::from_fn(200, 230, |_, y| match f64::from(y) - line {
+            below if below > 2.5 => Rgb([0, 0, 255]),
+            below if below > -40.0 => Rgb([255; 3]),
+            _ => Rgb([200, 60, 20]),
+        });
         let mut open = nodes.clone();
         for n in [40, 83, 84, 8, 85, 86, 9, 10, 32, 65] {
             open[n].y += 12.0;

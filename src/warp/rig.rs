@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::{Opening, Texture, Warp, folds, layout, mouth, openings};
+use super::{Opening, Texture, Warp, folds, layout, mouth, openings, tone::Tone};
 
 /// What it takes to move a face: the mesh on its photograph, how each vertex follows the nodes, and what lies behind lips and lids.
 #[derive(Clone, Debug)]
@@ -39,6 +39,8 @@ pub struct Rig {
     pub enamel: [f32; 3],
     /// Size of the teeth over that of the picture's.
     pub teeth_size: f64,
+    /// The tone of a photograph without colours: level at brightness 0 and its rise, for red, green and blue, and how much of that holds.
+    pub tone: ([[f32; 2]; 3], f32),
 }
 
 /// An opening of the face.
@@ -92,6 +94,7 @@ impl Warp {
             iris: nodes.iris,
             lashes: openings::lash_colour(self, mesh, texture),
         });
+        let tone = Tone::of(texture, &self.nodes);
         Rig {
             given: self.given.clone(),
             nodes: self.nodes.clone(),
@@ -109,6 +112,7 @@ impl Warp {
             lip: mouth::lip_colour(self, texture),
             enamel: mouth::enamel(self, texture),
             teeth_size: mouth::teeth_size(self),
+            tone: (tone.lines, tone.share),
         }
     }
 }

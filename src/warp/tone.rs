@@ -1,0 +1,81 @@
+//! Photographs in one tone, grey or sepia: what is drawn on them is in that tone, too.
+
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::{Texture, mouth::luma};
+
+/// How far the colours of a face lie from one line over their brightness, root mean square over the brightness: up to the first a photograph is
+/// in one tone, from the second on it is in colour. Grey ones have 0, sepia ones 0.015, ten colour photographs 0.042 to 0.062.
+const OFF_TONE: (f64, f64) = (0.018, 0.028);
+
+/// The colours of a photograph as a line over their brightness.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tone {
+    /// Level at brightness 0 and its rise, for red, green and blue.
+    pub lines: [[f32; 2]; 3],
+    /// 1 for a photograph in one tone, 0 for one in colour.
+    pub share: f32,
+}
+
+impl Tone {
+    /// The tone of a photograph at some places of a face.
+    pub fn of(texture: &Texture, places: &[Point2<f64>]) -> Self {
+        let colours: Vec<[f32; 3]> = places.iter().map(|at| texture.sample(*at)).collect();
+        let (mut normal, mut right) = (Matrix2::identity() * 1e-6, [Vector2::zeros(); 3]);
+        for colour in &colours {
+            let row = Vector2::new(1.0, f64::from(luma(*colour)));
+            normal += row * row.transpose();
+            (0..3).for_each(|c| right[c] += row * f64::from(colour[c]));
+        }
+        let inverse = normal.try_inverse().unwrap_or_else(Matrix2::zeros);
+        let lines = right.map(|sum| (inverse * sum).map(|v| v as f32).into());
+        let tone = Self { lines, share: 1.0 };
+        let off = colours.iter().map(|&c| {
+            let toned = tone.apply(c);
+            (0..3).map(|k| f64::from(toned[k] - c[k]).powi(2)).sum::<f64>()
+        });
+        let count = colours.len().max(1) as f64;
+        let bright = colours.iter().map(|&c| f64::from(luma(c))).sum::<f64>() / count;
+        let off = (off.sum::<f64>() / (3.0 * count)).sqrt() / bright.max(1.0);
+        Self { share: 1.0 - super::smooth_step(OFF_TONE.0, OFF_TONE.1, off) as f32, ..tone }
+    }
+
+    /// A colour as such a photograph has it.
+    pub fn apply(&self, colour: [f32; 3]) -> [f32; 3] {
+        let level = luma(colour);
+        std::array::from_fn(|c| {
+            let [from, rise] = self.lines[c];
+            colour[c] + (from + rise * level - colour[c]) * self.share
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, RgbImage};
+
+    use super::*;
+
+    fn of(colour: impl Fn(u32, u32) -> [u8; 3]) -> Tone {
+        let texture = Texture::new(&RgbImage::from_fn(20, 20, |x, y| Rgb(colour(x, y))));
+        let places: Vec<Point2<f64>> = (0..400).map(|k| Point2::new(f64::from(k % 20), f64::from(k / 20))).collect();
+        Tone::of(&texture, &places)
+    }
+
+    #[test]
+    fn a_grey_photograph_makes_everything_grey() {
+        let tone = of(|x, y| [(40 + 8 * x + 2 * y) as u8; 3]);
+        assert!(tone.share > 0.999);
+        let [r, g, b] = tone.apply([150.0, 60.0, 50.0]);
+        assert!((r - g).abs() < 0.1 && (g - b).abs() < 0.1 && (r - luma([150.0, 60.0, 50.0])).abs() < 0.1, "{r} {g} {b}");
+    }
+
+    #[test]
+    fn a_toned_one_keeps_its_tone_and_a_coloured_one_its_colours() {
+        let sepia = of(|x, y| [1.0, 0.8, 0.6].map(|share| (share * f64::from(40 + 8 * x + 2 * y)) as u8));
+        let [r, g, b] = sepia.apply([150.0, 60.0, 50.0]);
+        assert!(sepia.share > 0.99 && (g / r - 0.8).abs() < 0.02 && (b / r - 0.6).abs() < 0.02, "{r} {g} {b}");
+        let colour = of(|x, y| [200, (90 + 5 * x) as u8, (60 + 6 * y) as u8]);
+        assert_eq!((colour.share, colour.apply([150.0, 60.0, 50.0])), (0.0, [150.0, 60.0, 50.0]));
+    }
+}
