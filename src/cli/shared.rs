@@ -123,8 +123,8 @@ fn prior(text: &str) -> Result<PriorKind, String> {
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
     /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --forces same, --forward-backward 0,
-    /// --align-gain 0, --lip-probes off, --rigid-eyes off and --weight sequence, as far as the command has them; each can be set
-    /// otherwise beside it
+    /// --align-gain 0, --lip-probes off, --rigid-eyes off, --even-light off and --weight sequence, as far as the command has them;
+    /// each can be set otherwise beside it
     #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
     pub method: Method,
 }
@@ -188,6 +188,9 @@ pub struct TrackArgs {
     /// Move the corners of each iris box as one [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     rigid_eyes: Option<bool>,
+    /// Give every frame the light of the neutral one: exposure that adapts, a lamp that is dimmed [default: on]
+    #[arg(long, value_parser = switch, value_name = "on|off")]
+    even_light: Option<bool>,
     /// Re-deform the wireframe after every step; off leaves lost nodes where they were
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     deform: bool,
@@ -223,6 +226,7 @@ impl TrackArgs {
             forces: self.forces.unwrap_or(of.forces),
             lip_probes: self.lip_probes.unwrap_or(of.lip_probes),
             rigid_eyes: self.rigid_eyes.unwrap_or(of.rigid_eyes),
+            even_light: self.even_light.unwrap_or(of.even_light),
             deform: self.deform,
             align: AlignOptions { gain: self.align_gain.unwrap_or(of.align.gain), ..of.align },
             klt: self.klt,

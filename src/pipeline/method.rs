@@ -40,6 +40,7 @@ impl Method {
                 forces: Forces::Same,
                 lip_probes: false,
                 rigid_eyes: false,
+                even_light: false,
                 align: AlignOptions { gain: 0.0, ..ours.align },
                 ..ours
             },

@@ -10,7 +10,8 @@
 //! f: logarithms of the features and indicators of region and state; w: weights by median regression on the logarithm of true errors;
 //! c: a non-decreasing, piecewise linear calibration of the score. Half of the errors of nodes with the same expectation are larger,
 //! half smaller. Weights and calibration were learned from simulated people and from photographs that were moved by known amounts
-//! (`grimace evaluate confidence`) and lie in `candide/track_confidence.csv`.
+//! (`grimace evaluate confidence`) and lie in `candide/track_confidence.csv`. On faces smaller than those learned from, ES0 is the smallest of
+//! them.
 
 use std::{fmt::Write as _, sync::LazyLock};
 
@@ -32,6 +33,9 @@ const KNOT: &str = "knot";
 
 /// Largest expected error over the eye distance; a node further off is lost for good.
 const MAX_EXPECTED: f64 = 0.5;
+/// Least eye distance that weights were learned at, px. On smaller faces errors are taken to be as many pixels as there: a pixel is as far as a
+/// picture tells, however small the face. The same eleven faces made smaller show 0.25 to 0.5 px at 29, 14 and 9 px between the eyes.
+const SMALLEST_PX: f64 = 54.0;
 /// Squared grey levels that a perfect match is taken to differ by.
 const DIFFERENCE_FLOOR: f64 = 0.05;
 /// Gradient, grey levels per px, below which a window shows nothing.
@@ -399,7 +403,7 @@ pub fn expect_errors(frames: &mut [TrackedFrame], wireframe: &Wireframe, tables:
     for (frame, features) in frames.iter_mut().zip(features) {
         for (id, features) in wireframe.live_nodes().iter().zip(&features) {
             if let (Some(node), Some(features)) = (frame.nodes.get_mut(id.index()), features) {
-                node.expected_error = Some(confidence.expected(features) * unit);
+                node.expected_error = Some(confidence.expected(features) * unit.max(SMALLEST_PX));
             }
         }
         for follower in wireframe.followers() {

@@ -12,6 +12,7 @@ mod corrections;
 mod file;
 mod klt;
 mod landmarks;
+mod light;
 mod options;
 mod quality;
 mod recover;
@@ -464,6 +465,7 @@ pub struct FrameTracker<'a, T> {
     plan: &'a TrackPlan,
     options: &'a TrackOptions,
     template: Option<align::Template>,
+    light: Option<light::Light>,
     window: u32,
     eye_distance: f64,
     size: ImageSize,
@@ -488,8 +490,9 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let window = window_px(&plan.tables, nodes, options);
         tracker.advance(frame)?;
         let template = plan.template(wireframe, &tracker, nodes, (window, eye_distance), &options.align)?;
+        let light = options.even_light.then(|| light::Light::new(frame, wireframe.live_nodes(), nodes, window));
         let last = TrackedFrame { number: frame.number(), nodes: neutral_nodes(wireframe, fitted) };
-        Ok(Self { tracker, wireframe, plan, options, template, window, eye_distance, size: frame.size(), last })
+        Ok(Self { tracker, wireframe, plan, options, template, light, window, eye_distance, size: frame.size(), last })
     }
 
     /// The frame tracked last.
@@ -502,7 +505,8 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     /// # Errors
     /// [`TrackError`] for a lost face.
     pub fn step(&mut self, frame: &Frame) -> Result<&TrackedFrame, TrackError> {
-        self.tracker.advance(frame)?;
+        let even = self.light.as_ref().and_then(|light| light.undone_at(frame, self.wireframe, &self.last));
+        self.tracker.advance(even.as_ref().unwrap_or(frame))?;
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
         let (size, number, template) = (frame.size(), frame.number(), self.template.as_mut());
         let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };

@@ -11,7 +11,7 @@ use nalgebra::Point2;
 
 use super::{
     NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, eye_distance_px,
-    step::Step, window_px,
+    light::Light, step::Step, window_px,
 };
 use crate::{
     fit::{DrivenNode, Pull, Springs},
@@ -96,15 +96,18 @@ pub fn resume_with(
     let mut previous = first.ok_or(TrackError::TooFewFrames { found: track.len() })?.clone();
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut template = None;
+    let mut light: Option<Light> = None;
     // Frames by number may ascend or descend: what counts is their order in the track.
     let passed: BTreeSet<u32> = track.iter().map(|f| f.number).take_while(|&n| n != start).chain([start]).collect();
     for (index, frame) in frames.into_iter().enumerate() {
         let frame = frame?;
         let number = frame.number();
         if index == 0 || number == start || !passed.contains(&number) {
-            tracker.advance(&frame)?;
+            let even = light.as_ref().and_then(|light| light.undone_at(&frame, wireframe, &previous));
+            tracker.advance(even.as_ref().unwrap_or(&frame))?;
         }
         if index == 0 {
+            light = options.even_light.then(|| Light::new(&frame, wireframe.live_nodes(), &rest, window));
             template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
             // What was corrected looks unlike the neutral frame: from there on it is followed, not drawn back.
             let corrected = corrections.iter().filter(|(number, _)| passed.contains(number)).flat_map(|(_, nodes)| nodes.keys());
