@@ -10,7 +10,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::{Bank, FpMotion, SynthesisError};
 use crate::{
-    fap::{FapCatalog, offsets_from_frame, read_fap},
+    fap::{FapCatalog, FapNumber, offsets_from_frame, read_fap},
     input::CsvFile,
     interpolation::{Curve, FRAMES_BETWEEN, Moment},
     model::DynamicExpressionModel,
@@ -258,8 +258,16 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     face.motion(MotionKind::Track, &model, fps, path)
 }
 
+/// A FAP file's motion. FAPs that no frame sets rest: FAPs are offsets from neutral, and a mixture in which feature points were free
+/// that the file does not speak of would close the eyes or open the mouth for the sake of a brow. So a file that sets few FAPs moves as
+/// the same file with the others at 0, as \[ZL\] have it, whose input is the motion of all 56 feature points, zero or not. What is
+/// unknown are points that no frontal FAP drives, and FAPs in frames that mask them out while others set them.
 fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
-    let sequence = read_fap(path)?.sequence;
+    let mut sequence = read_fap(path)?.sequence;
+    let set = sequence.set_faps();
+    for fap in FapNumber::low_level().filter(|fap| !set.contains(fap)) {
+        sequence.frames.iter_mut().for_each(|frame| frame.set_value(fap, Some(0.0)));
+    }
     let mut frames = Vec::with_capacity(sequence.frames.len());
     for (number, frame) in (0..).zip(&sequence.frames) {
         let offsets = offsets_from_frame(frame, &face.canonical.fapus, FapCatalog::mpeg4())?;
@@ -268,7 +276,7 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
             let offset = Vector2::new(offset.x.unwrap_or(0.0), offset.y.unwrap_or(0.0));
             size.check(number, || format!("node {node}"), offset, from).map_err(implausible(path))?;
         }
-        // A feature point that no FAP drives is unknown; an axis that none drives rests.
+        // An axis that no FAP drives rests with its point.
         frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
     }
     Ok(Motion { kind: MotionKind::Fap, frames, fps: Some(sequence.fps), ignored: Vec::new(), scale: Some(face.scale) })
@@ -440,6 +448,23 @@ mod tests {
         let corner = bank.feature_point_index("8.3".parse().unwrap()).unwrap();
         assert_relative_eq!(motion.offsets[corner].unwrap().x, 10.0 * face.scale[4], epsilon = 1e-12);
         assert_eq!(motion.offsets.iter().flatten().count(), 1);
+    }
+
+    #[test]
+    fn feature_points_of_faps_that_a_file_never_sets_rest() {
+        let bank = candide_bank().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("brow.fap");
+        // Inner brows in both frames, the left middle one in the first frame alone.
+        let mask = |set: &[u8]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+        fs::write(&path, format!("2.1 brow 25 2\n{}\n0 0 0 0\n{}\n1 100 100\n", mask(&[31, 32, 33]), mask(&[31, 32]))).unwrap();
+        let motion = read_motion(&path, &bank, None).unwrap();
+        let offset =
+            |frame: usize, fp: &str| motion.frames[frame].offsets[bank.feature_point_index(fp.parse().unwrap()).unwrap()];
+        assert!(offset(1, "4.1").is_some_and(|v| v.y > 0.0));
+        // Lids, lips and chin stay where they are; of the middle brow nothing is known.
+        assert!(["3.1", "8.3", "2.1"].iter().all(|fp| offset(1, fp) == Some(Vector3::zeros())));
+        assert_eq!((offset(0, "4.3"), offset(1, "4.3").map(|v| v.y)), (Some(Vector3::zeros()), None));
     }
 
     #[test]

@@ -157,6 +157,22 @@ fn tracks_and_fap_files_are_motions_too() {
 }
 
 #[test]
+fn what_a_fap_file_does_not_set_rests() {
+    let work = Work::new();
+    // The upper lids alone: as with all other FAPs at 0.
+    let mask = (1..=68).map(|k| if k == 19 || k == 20 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    work.write("lids.fap", format!("2.1 blink 25 3\n{mask}\n0 0 0\n{mask}\n1 450 450\n{mask}\n2 900 900\n"));
+    work.grimace("fap convert lids.fap --mask all -o all.fap").exit(0);
+    for name in ["lids", "all"] {
+        work.grimace(&format!("synthesize -b head -m {name}.fap -o {name} --bound-starts 0")).exit(0);
+    }
+    assert_eq!(work.read("lids/weights.csv"), work.read("all/weights.csv"));
+    let rows = work.rows("lids/weights.csv");
+    let weight = |member: &str| rows[2][member].parse::<f64>().unwrap();
+    assert!(weight("jawOpen") < 0.05 && weight("surprise") < 0.05 && weight("mouthSmile") < 0.05, "{:?}", rows[2]);
+}
+
+#[test]
 fn every_solver_and_format_runs_and_truth_is_compared() {
     let work = Work::new();
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0.1,0.1,0\n0,8.4,-0.1,0.1,0\n0,2.1,0,-0.05,0\n1,8.3,0.2,0.2,0\n1,8.4,-0.2,0.2,0\n1,2.1,0,-0.1,0\n");
