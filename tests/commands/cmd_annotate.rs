@@ -532,6 +532,25 @@ fn one_picture_is_marked_beside_itself() {
     work.grimace("annotate anna.jpg --tracks anna").exit(1);
 }
 
+#[test]
+fn the_face_of_one_picture_is_proposed_and_accepted() {
+    let work = Work::new();
+    portrait(&work, "anna");
+    let server = Server::start(&work, "anna.jpg");
+    let found = server.get("api/sequences/anna_picture/proposals").ok();
+    assert_eq!((&found["source"], &found["note"]), (&json!("found"), &Value::Null), "{found}");
+    assert!(found["marks"].as_array().unwrap().len() > 40, "{found}");
+    assert!(!work.path("anna.csv").exists());
+    drop(server);
+    let server = Server::start(&work, "anna.jpg --accept 5");
+    assert_eq!(server.lines[0], "1 sequence accepted with the marks that were found");
+    assert_eq!(work.header("anna.csv"), "node,x,y,kind,expected_error");
+    let opened = open(&server, "anna_picture");
+    assert_eq!(opened["marks"].as_array().unwrap().len(), work.rows("anna.csv").len());
+    drop(server);
+    work.grimace("fit anna.jpg -c anna.csv -o fit.csv").exit(0);
+}
+
 /// A connection that is kept for many requests, as a browser does.
 struct Connection {
     stream: BufReader<TcpStream>,
