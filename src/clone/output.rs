@@ -16,7 +16,7 @@ use crate::{
     normalize::{NormalizeOptions, SizeMode},
     output::{FolderRecord, MADE_BY, write_atomic, write_bytes, write_json},
     overlay::draw_overlay,
-    sequence::{Frame, ImageSize, write_video},
+    sequence::{Frame, ImageSize, check_video, write_video},
     track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackOptions, TrackedFrame, TrackedNode, summarize, track_units, write_track},
     units::SequenceId,
     wireframe::Face,
@@ -156,6 +156,15 @@ pub fn write_clone(
     let (mut shown, mut apex_picture) = (BTreeMap::new(), RgbImage::default());
     let name = |k: usize| format!("frames/{}_{:08}.png", clone.target().name, k + 1);
     let file = |k: usize| folder.join(name(k));
+    // What encodes films may be missing: that is said before frames are drawn.
+    for film in films {
+        let name = match film {
+            Film::Gif | Film::Apng => continue,
+            Film::Mp4 => "clone.mp4",
+            Film::Webm => "clone.webm",
+        };
+        check_video(&folder.join(name), clone.fps, clone.target().picture.dimensions())?;
+    }
     let record = FolderRecord::open(folder, FRAMES_RECORD, files.force)?;
     for k in 0..clone.frames.len() {
         let picture = clone.picture(k);
@@ -193,7 +202,7 @@ pub fn write_clone(
     write_track(&csv, &frames, &mut track_info)?;
     let (faps, clamped) = fap_of(&model, clone, source, face)?;
     let asked = clone.frames.iter().map(|frame| FrameExpressionModel::new(frame.asked.clone())).collect();
-    info.faps_cut = faps_cut(&DynamicExpressionModel::new(asked)?, &model, face)?;
+    info.faps_cut = faps_cut(source, &DynamicExpressionModel::new(asked)?, &model, face)?;
     let faps = faps.for_profile(profile).map_err(ConvertError::from)?;
     write_fap_as(&folder.join("clone.fap"), &faps, profile, ValueFormat::Integer)?;
     info.fps = clone.fps;
@@ -298,8 +307,9 @@ fn fap_of(
     Ok(FapSequence::from_model(&normalized, &normalizer.canonical().fapus, FapCatalog::mpeg4(), &name, fps, 0)?)
 }
 
-/// FAPs of the model `shown` that are smaller than those of the model `asked`, each where it is asked for most.
+/// FAPs that the source asks for and that are smaller in the model `shown` than in the model `asked`, each where it is asked for most.
 fn faps_cut(
+    source: &SourceMotion,
     asked: &DynamicExpressionModel<crate::units::Px>,
     shown: &DynamicExpressionModel<crate::units::Px>,
     face: &Face,
@@ -314,7 +324,7 @@ fn faps_cut(
     for frame in 0..asked.frame_count().min(shown.frame_count()) {
         let asked = unlimited_faps(&asked.neutral_offsets(frame), &fapus, catalog)?;
         let shown = unlimited_faps(&shown.neutral_offsets(frame), &fapus, catalog)?;
-        for ((fap, asked), (_, shown)) in asked.into_iter().zip(shown) {
+        for ((fap, asked), (_, shown)) in asked.into_iter().zip(shown).filter(|((fap, _), _)| source.asks_for(*fap)) {
             let known = most.get(&fap.get()).map_or(0.0, |cut| cut.asked.abs());
             if asked.abs() > known {
                 most.insert(fap.get(), CutFap { fap: fap.get(), frame: frame + 1, asked: asked.round(), shown: shown.round() });

@@ -69,6 +69,9 @@ pub struct SourceMotion {
     pub emotion: Option<String>,
     /// FAPs that have values and do not show on a face seen from the front.
     pub not_shown: Vec<FapNumber>,
+    /// FAPs that a FAP file sets, ascending: these are asked for, and what else moves goes along by the springs. `None` where all of the
+    /// motion is meant.
+    pub asked: Option<Vec<FapNumber>>,
 }
 
 impl SourceMotion {
@@ -153,6 +156,7 @@ impl SourceMotion {
             fps: None,
             emotion: None,
             not_shown: Vec::new(),
+            asked: None,
         })
     }
 
@@ -178,6 +182,7 @@ impl SourceMotion {
             fps: None,
             emotion: None,
             not_shown: Vec::new(),
+            asked: None,
         })
     }
 
@@ -202,7 +207,13 @@ impl SourceMotion {
             fps: Some(sequence.fps),
             emotion: None,
             not_shown,
+            asked: Some(sequence.set_faps()),
         })
+    }
+
+    /// Whether the motion asks for a FAP, and not only moves it along.
+    pub fn asks_for(&self, fap: FapNumber) -> bool {
+        self.asked.as_ref().is_none_or(|asked| asked.contains(&fap))
     }
 
     /// Number of frames, at least one.

@@ -121,7 +121,7 @@ fn motion(shown: &Shown, neutral: &FrameExpressionModel<FaceUnit>, canonical: &F
     }))
 }
 
-/// The FAPs that move: number, and its value in every frame.
+/// The FAPs that move, of a FAP file those that it sets: number, and its value in every frame.
 fn curves(
     motion: &SourceMotion,
     neutral: &FrameExpressionModel<FaceUnit>,
@@ -151,7 +151,7 @@ fn curves(
     let (sequence, _) = FapSequence::from_model(&model, canonical, FapCatalog::mpeg4(), &motion.name, 25, 0)
         .map_err(|e| failed(e.to_string()))?;
     let values = |fap: FapNumber| sequence.frames.iter().take(motion.frame_count()).map(move |f| f.value(fap).unwrap_or(0.0));
-    let moving = FapNumber::low_level().filter(|&fap| values(fap).any(|v| v != 0.0));
+    let moving = FapNumber::low_level().filter(|&fap| motion.asks_for(fap) && values(fap).any(|v| v != 0.0));
     Ok(moving.map(|fap| (fap.get(), pack::scaled(&values(fap).collect::<Vec<_>>()))).collect())
 }
 

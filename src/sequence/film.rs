@@ -58,6 +58,27 @@ pub enum FilmError {
     },
 }
 
+/// Tries whether a film could be written: its encoder is started and ended. Whoever makes frames first and a film of them later asks
+/// before.
+///
+/// # Errors
+/// As [`write_video`].
+pub fn check_video(path: &Path, fps: f64, size: (u32, u32)) -> Result<(), FilmError> {
+    let scratch = tempfile::tempdir().map_err(OutputError::at(path))?;
+    let (format, name) = format_of(path);
+    Encoder::start(path, &scratch.path().join(name), format, fps, even(size)).map(drop)
+}
+
+/// Format of a film by its extension, and its temporary name: the container follows the extension, so that has it too.
+fn format_of(path: &Path) -> (&'static str, &'static str) {
+    let is_webm = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("webm"));
+    if is_webm { ("webm", "film.webm") } else { ("mp4", "film.mp4") }
+}
+
+fn even((width, height): (u32, u32)) -> (u32, u32) {
+    (width & !1, height & !1)
+}
+
 /// Writes frames of one size as MP4 or `WebM`, by the extension of the path; odd sides lose their last row or column, as video codecs
 /// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one.
 ///
@@ -71,12 +92,9 @@ pub fn write_video<E: From<FilmError>>(
     let mut frames = frames.into_iter();
     let first = frames.next().ok_or_else(|| FilmError::Empty { path: path.to_owned() })??;
     let scratch = PendingFolder::create(path).map_err(FilmError::from)?;
-    let is_webm = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("webm"));
-    let format = if is_webm { "webm" } else { "mp4" };
-    // The container follows the extension, so the temporary name has it too.
-    let name = if is_webm { "film.webm" } else { "film.mp4" };
+    let (format, name) = format_of(path);
     let temporary = scratch.file(name);
-    let mut encoder = Encoder::start(path, &temporary, format, fps, (first.width() & !1, first.height() & !1))?;
+    let mut encoder = Encoder::start(path, &temporary, format, fps, even(first.dimensions()))?;
     for frame in std::iter::once(Ok(first)).chain(frames) {
         encoder.write(&frame?)?;
     }
@@ -84,7 +102,7 @@ pub fn write_video<E: From<FilmError>>(
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
         return Err(FilmError::Empty { path: path.to_owned() }.into());
     }
-    if is_webm {
+    if format == "webm" {
         set_random_numbers(&temporary).map_err(OutputError::at(path)).map_err(FilmError::from)?;
     }
     Ok(scratch.persist(name).map_err(FilmError::from)?)

@@ -147,6 +147,17 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
 }
 
 #[test]
+fn of_faps_only_those_that_the_file_sets_are_called_cut() {
+    let work = work();
+    // A jaw that falls by nine times the way from nose to mouth takes the lips along: as far as skin goes.
+    work.write("jaw.fap", fap_file(&[3], "9000"));
+    clone(&work, "--source jaw.fap -o jaw").exit(0).says(&["less is shown of FAP 3 ("]);
+    let info: serde_json::Value = serde_json::from_str(&work.read("jaw/clone.json")).unwrap();
+    let cut: Vec<_> = info["faps_cut"].as_array().unwrap().iter().map(|cut| cut["fap"].as_u64().unwrap()).collect();
+    assert_eq!(cut, [3], "{info}");
+}
+
+#[test]
 fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
     let work = work();
     // The upper lip goes up, the lower one down.

@@ -36,6 +36,11 @@ fn pictures_need_no_opencv_and_videos_say_what_is_missing() {
     ran.says(&["face.avi: this needs grimace-opencv", "neither beside this program nor on PATH", "cargo install --path ."]);
     let ran = alone(&work, &format!("track faces/S001/005 -c {MARKS} -o S001_2.csv --klt opencv")).exit(1);
     ran.says(&["this needs grimace-opencv"]);
+    // A film is known to be impossible before its frames are drawn.
+    let clone =
+        format!("clone --source S001_1.csv --target faces/S001/005/S001_005_00000001.png -c {MARKS} -o film --film gif,mp4");
+    alone(&work, &clone).exit(1).says(&["film/clone.mp4: this needs grimace-opencv"]);
+    assert!(!work.path("film").exists());
     // In a run it is not the sequence's fault.
     let manifest = format!("subject,sequence,emotion,frames,correspondences\nS001,1,happiness,../face.avi,../{MARKS}\n");
     work.write("films/manifest.csv", manifest);
