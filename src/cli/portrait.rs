@@ -6,9 +6,11 @@ use anyhow::Context;
 use grimace::{
     clone::Target,
     dataset::{LandmarkSelection, read_marks},
-    pipeline::{Workbench, found_marks},
+    pipeline::Workbench,
     sequence::{read_colour, read_frame},
 };
+
+use super::shared::marks_or_found;
 
 /// A photograph with the marks of a file, or those that are found in it; it is called as its file is.
 pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, bench: &Workbench) -> anyhow::Result<Target> {
@@ -16,7 +18,7 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
     let picture = read_colour(path)?;
     let points = match marks {
         Some(marks) => read_marks(marks, selection, &bench.tables, bench.wireframe.node_count())?,
-        None => found_marks(&read_frame(path)?, bench).with_context(|| path.display().to_string())?,
+        None => marks_or_found(None, bench, path, || Ok(read_frame(path)?))?,
     };
     bench.target(&name, picture, &points).with_context(|| match marks {
         Some(marks) => format!("{} with {}", path.display(), marks.display()),

@@ -16,7 +16,9 @@ use grimace::{
     normalize::PoseMode,
     normalize::{NormalizeOptions, Resample, SizeMode},
     output::target_of,
-    pipeline::{FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks, showcase_target},
+    pipeline::{
+        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks_and_remark, showcase_target,
+    },
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
         MedianKind, StatisticsOptions, TrimLevel, Weighting,
@@ -443,7 +445,7 @@ pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The marks of a file; found in the frame of `picture` where no file is given.
+/// The marks of a file; found in the frame of `picture` where no file is given, and what is to be said of that is said.
 pub fn marks_or_found(
     path: Option<&Path>,
     bench: &Workbench,
@@ -452,7 +454,13 @@ pub fn marks_or_found(
 ) -> anyhow::Result<Vec<Correspondence>> {
     match path {
         Some(path) => Ok(read_marks(path, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?),
-        None => found_marks(&frame()?, bench).map_err(|error| about(picture)(&error)),
+        None => {
+            let (marks, remark) = found_marks_and_remark(&frame()?, bench).map_err(|error| about(picture)(&error))?;
+            if let Some(said) = remark {
+                eprintln!("note: {}: {said}", picture.display());
+            }
+            Ok(marks)
+        }
     }
 }
 

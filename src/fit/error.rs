@@ -83,7 +83,8 @@ pub enum FitError {
     },
     /// The wireframe lies upside down in the image.
     #[error(
-        "the marks place the face upside down (roll {degrees:.0} degrees): left and right are the subject's own, are marks exchanged?"
+        "the marks place the face upside down (roll {degrees:.0} degrees): turn the picture if the face is so in it; else marks are exchanged, left \
+         and right are the subject's own"
     )]
     UpsideDown {
         /// Angle of the face's up against the image's up.

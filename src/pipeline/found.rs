@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Vector2;
+
 use super::Workbench;
 use crate::{
     fit::{Correspondence, validate_correspondences},
@@ -53,6 +55,26 @@ pub struct FoundFace {
     pub eye_distance: f64,
     /// Whether they may be used without a look ([`LocatedFace::trusted`]).
     pub trusted: bool,
+    /// Further faces of the picture that could be the one that is meant: trusted, and smaller.
+    pub others: usize,
+}
+
+impl FoundFace {
+    /// What a person should know who meant another face of the picture.
+    pub fn remark(&self) -> Option<String> {
+        let sum = self.marks.iter().map(|m| m.position.coords).sum::<Vector2<f64>>();
+        let middle = sum / self.marks.len().max(1) as f64;
+        (self.others > 0).then(|| {
+            format!(
+                "{} faces were found, and the largest was taken, whose eyes are {:.0} px apart, near ({:.0}, {:.0}); another one is taken where \
+                 `grimace annotate` marks it",
+                self.others + 1,
+                self.eye_distance,
+                middle.x,
+                middle.y
+            )
+        })
+    }
 }
 
 /// Finds the largest face of a frame; `None` where there is none.
@@ -67,6 +89,7 @@ pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
         expected_error: face.expected_error(),
         eye_distance: face.eye_distance,
         trusted: face.trusted(),
+        others: faces.iter().skip(1).filter(|other| other.trusted()).count(),
     }))
 }
 
@@ -75,11 +98,22 @@ pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
 /// # Errors
 /// `FoundMarksError` where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
 pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondence>, FoundMarksError> {
+    found_marks_and_remark(frame, bench).map(|found| found.0)
+}
+
+/// [`found_marks`], and what is to be said where the frame shows more than one face.
+///
+/// # Errors
+/// As [`found_marks`].
+pub fn found_marks_and_remark(
+    frame: &Frame,
+    bench: &Workbench,
+) -> Result<(Vec<Correspondence>, Option<String>), FoundMarksError> {
     let face = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
     if !face.trusted {
         return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error });
     }
-    Ok(fitting_marks(&face, frame.size(), bench))
+    Ok((fitting_marks(&face, frame.size(), bench), face.remark()))
 }
 
 /// So many of the marks of a face as make a fit; all of them where none do, so that the fit says why.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::{
     AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, SequenceRecord, SequenceSource, Stage, Workbench,
     corrected::correct_frames,
-    found::found_marks,
+    found::found_marks_and_remark,
     landmarks::LandmarkSource,
     ledger::Ledger,
     measured::{measure, measured_files, normalized, write_measured},
@@ -38,9 +38,18 @@ pub(super) struct Planned<'a> {
     pub emotion: String,
     /// What the manifest says; `None` for a row that is damaged.
     pub entry: Option<&'a SequenceEntry>,
-    /// What drives it and the hash of its inputs, or why it cannot be worked on. The hash is only taken where something may be there
-    /// that was made from the same: else it is taken while the frames are decoded.
-    pub source: Result<(Source, Option<String>), SequenceFailure>,
+    /// What drives it, or why it cannot be worked on.
+    pub source: Result<Driven, SequenceFailure>,
+}
+
+/// What drives a sequence, and what is known of that.
+pub(super) struct Driven {
+    pub source: Source,
+    /// Hash of its inputs. It is only taken where something may be there that was made from the same: else it is taken while the frames
+    /// are decoded.
+    pub hash: Option<String>,
+    /// What a person should know of the marks that were found.
+    remark: Option<String>,
 }
 
 /// Where and with what sequences are worked on.
@@ -77,7 +86,7 @@ impl Planned<'_> {
     /// Its images, if it is driven by such.
     pub fn images(&self) -> Option<&SequenceSource> {
         match &self.source {
-            Ok((Source::Images(source), _)) => Some(source),
+            Ok(Driven { source: Source::Images(source), .. }) => Some(source),
             _ => None,
         }
     }
@@ -129,7 +138,7 @@ pub(super) fn process_all(
     let abort = AtomicBool::new(false);
     let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
     let one = |item: &Planned<'_>| {
-        let mut inputs = item.source.as_ref().ok().and_then(|(_, hash)| hash.clone());
+        let mut inputs = item.source.as_ref().ok().and_then(|driven| driven.hash.clone());
         let result = process(item, worked, &mut inputs, &halt, event);
         if !halt() {
             let reused = result.as_ref().is_ok_and(|done| done.reused);
@@ -191,15 +200,15 @@ pub(super) fn collect(planned: Vec<Planned<'_>>, results: Vec<Processed>, record
     Ok(all)
 }
 
-/// Source of a sequence, and the hash of its inputs where that is wanted.
-fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<(Source, Option<String>), SequenceFailure> {
+/// What drives a sequence, with the hash of its inputs where that is wanted.
+fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven, SequenceFailure> {
     if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
         let source = LandmarkSource::new(entry, path, bench)?;
         let hash = hashed.then(|| source.inputs_blake3(bench)).transpose()?;
-        return Ok((Source::Landmarks(source), hash));
+        return Ok(Driven { source: Source::Landmarks(source), hash, remark: None });
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
-    let (marks, marks_from) = marks_of(entry, &frames, bench)?;
+    let (marks, marks_from, remark) = marks_of(entry, &frames, bench)?;
     let source = SequenceSource {
         id: entry.id.clone(),
         emotion: entry.emotion.clone(),
@@ -210,15 +219,15 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<(Sourc
         fps: entry.fps,
     };
     let hash = hashed.then(|| source.inputs_blake3(bench)).transpose()?;
-    Ok((Source::Images(source), hash))
+    Ok(Driven { source: Source::Images(source), hash, remark })
 }
 
-/// The marks of a sequence, and where they come from: its own, landmarks, or found in its neutral frame.
+/// The marks of a sequence, where they come from (its own, landmarks, or found in its neutral frame), and what is to be said of them.
 fn marks_of(
     entry: &SequenceEntry,
     frames: &FrameSource,
     bench: &Workbench,
-) -> Result<(Vec<Correspondence>, &'static str), SequenceFailure> {
+) -> Result<(Vec<Correspondence>, &'static str, Option<String>), SequenceFailure> {
     let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
         CorrespondenceSource::None if bench.options.marks == LandmarkSelection::Auto => {
             let frame = read_first_frame(frames).map_err(SequenceFailure::at(Stage::Track))?;
@@ -226,8 +235,9 @@ fn marks_of(
                 Some(file) => SequenceFailure { reason: format!("{}: {}", file.display(), failure.reason), ..failure },
                 None => failure,
             };
-            let marks = found_marks(&frame, bench).map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
-            return Ok((marks, "found"));
+            let found = found_marks_and_remark(&frame, bench);
+            let (marks, remark) = found.map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
+            return Ok((marks, "found", remark));
         }
         CorrespondenceSource::Landmarks(_) => "landmarks",
         CorrespondenceSource::File(_) | CorrespondenceSource::None => "file",
@@ -236,7 +246,7 @@ fn marks_of(
     let marks = entry
         .correspondences(frames.neutral_number(), &bench.tables, count, &bench.options.marks)
         .map_err(SequenceFailure::at(Stage::Dataset))?;
-    Ok((marks, marks_from))
+    Ok((marks, marks_from, None))
 }
 
 /// Works on one sequence. `inputs` becomes the hash of what was read for it.
@@ -248,7 +258,7 @@ fn process(
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Done, SequenceFailure> {
     let &Worked { out, ledger, bench, overlay, .. } = worked;
-    let (source, hash) = item.source.as_ref().map_err(Clone::clone)?;
+    let Driven { source, hash, remark } = item.source.as_ref().map_err(Clone::clone)?;
     if halt() {
         return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
     }
@@ -319,7 +329,8 @@ fn process(
     let course = features.as_deref().and_then(Course::of);
     let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality), course };
     let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");
-    let notes = info.corrections.iter().flat_map(|c| &c.not_applied).map(misfit).collect();
+    let misfits = info.corrections.iter().flat_map(|c| &c.not_applied).map(misfit);
+    let notes = remark.iter().map(|said| format!("{id}: {said}")).chain(misfits).collect();
     Ok(Done { model, reused, outputs, corrections_blake3: info.corrections.map(|c| c.blake3), notes })
 }
 

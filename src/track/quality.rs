@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{LossReason, NodeState, TrackedFrame, eye_distance_px};
 use crate::{
+    geometry::Similarity,
     robust::median,
     units::{NodeId, SequenceId},
     wireframe::{Region, Tables, Wireframe},
@@ -31,6 +32,10 @@ const MEASURED: [Region; 4] = [Region::Brow, Region::Eye, Region::Mouth, Region:
 const LOST_LIMIT: f64 = 0.1;
 /// or this share of the nodes in one frame.
 const FRAME_LOST_LIMIT: f64 = 0.35;
+/// Nothing moves in a sequence in which fewer nodes than the first number are further from where the head's motion alone would have them
+/// at the apex than the second, over the eye distance. In 50 sequences of photographed people, six expressions, the fifth node moves by 4.6 % and more, in
+/// one that begins with a smile by 3.8 %, and by less than 0.001 % where one picture is repeated.
+const STILL: (usize, f64) = (5, 0.01);
 
 /// Whether a person should look at a tracked sequence again. A warning, never a failure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -269,8 +274,27 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     if let Some(((count, of), number)) = worst_frame.filter(|&((count, of), _)| count as f64 > FRAME_LOST_LIMIT * of as f64) {
         reasons.push(format!("{count} of {of} nodes were lost in frame {number}"));
     }
+    if let Some(apex) = later.last().filter(|apex| !moves(neutral, apex, live, unit)) {
+        reasons.push(format!(
+            "nothing moves: in frame {} no {} nodes are more than {:.1} px ({:.0} % of the eye distance) from where they were in frame {}",
+            apex.number,
+            STILL.0,
+            STILL.1 * unit,
+            100.0 * STILL.1,
+            neutral.number
+        ));
+    }
     summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
     summary.reasons = reasons;
+}
+
+/// Whether enough nodes leave their places far enough (see [`STILL`]); what is unknown moves.
+fn moves(neutral: &TrackedFrame, apex: &TrackedFrame, live: &[NodeId], eye_distance: f64) -> bool {
+    let pair = |id: &NodeId| Some((neutral.nodes.get(id.index())?.position, apex.nodes.get(id.index())?.position));
+    let (from, to): (Vec<Point2<f64>>, Vec<Point2<f64>>) = live.iter().filter_map(pair).unzip();
+    let Ok(head) = Similarity::fit(&from, &to, None) else { return true };
+    let far = from.iter().zip(&to).filter(|(from, to)| (head.apply(from) - **to).norm() > STILL.1 * eye_distance);
+    far.count() >= STILL.0
 }
 
 #[cfg(test)]
@@ -296,6 +320,38 @@ mod tests {
         assert_eq!(summary.worst_nodes, [(NodeId(31), 2)]);
     }
 
+    /// A face of 61.3 px between the pupils, in whose later frames every third node goes 1 px further down.
+    fn place(w: &Wireframe, number: u32, k: usize) -> Point2<f64> {
+        let down = if k.is_multiple_of(3) { f64::from(number) } else { 0.0 };
+        Point2::new(w.frontal()[k].x * 100.0, w.frontal()[k].y * 100.0 + down)
+    }
+
+    #[test]
+    fn where_nothing_moves_is_to_be_looked_at() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        // The head goes aside and turns; of the face only the first `count` live nodes move, by 1 px of 61.3.
+        let frame = |number: u32, count: usize| TrackedFrame {
+            number,
+            nodes: (0..113)
+                .map(|k| {
+                    let p = place(&w, 0, k);
+                    let moved = w.live_nodes().iter().take(count).any(|id| id.index() == k);
+                    let p = Point2::new(p.x + if moved { 1.0 } else { 0.0 }, p.y);
+                    let (sin, cos) = (0.1 * f64::from(number - 1)).sin_cos();
+                    let turned = Point2::new(cos * p.x - sin * p.y + 5.0 * f64::from(number), sin * p.x + cos * p.y);
+                    TrackedNode::new(turned, if number == 1 { NodeState::Fitted } else { NodeState::Tracked }, None)
+                })
+                .collect(),
+        };
+        let still = summarize(&[frame(1, 0), frame(2, 0)], &w, &t);
+        assert_eq!(still.verdict, Verdict::LookAgain);
+        let said =
+            "nothing moves: in frame 2 no 5 nodes are more than 0.6 px (1 % of the eye distance) from where they were in frame 1";
+        assert_eq!(still.reasons, [said]);
+        assert_eq!(summarize(&[frame(1, 0), frame(2, 4)], &w, &t).reasons, [said]);
+        assert_eq!(summarize(&[frame(1, 0), frame(2, 6)], &w, &t).verdict, Verdict::Good);
+    }
+
     #[test]
     fn a_region_that_may_sit_elsewhere_is_to_be_looked_at() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
@@ -306,7 +362,7 @@ mod tests {
                 .map(|k| {
                     let expected = if t.region(NodeId(k as u16)) == Region::Brow { brow } else { 0.5 };
                     let state = if number == 1 { NodeState::Fitted } else { NodeState::Tracked };
-                    TrackedNode { expected_error: Some(expected), ..TrackedNode::new(w.frontal()[k] * 100.0, state, None) }
+                    TrackedNode { expected_error: Some(expected), ..TrackedNode::new(place(&w, number, k), state, None) }
                 })
                 .collect(),
         };
@@ -329,7 +385,7 @@ mod tests {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         let frame = |number: u32, state: fn(usize) -> NodeState| TrackedFrame {
             number,
-            nodes: (0..113).map(|k| TrackedNode::new(w.frontal()[k] * 100.0, state(k), None)).collect(),
+            nodes: (0..113).map(|k| TrackedNode::new(place(&w, number, k), state(k), None)).collect(),
         };
         let neutral = || frame(0, |_| NodeState::Fitted);
         let without = |k: usize| k.is_multiple_of(2);

@@ -128,7 +128,10 @@ fn marks_that_do_not_make_a_fit_are_refused() {
     refused("node,x,y\n20,80\n", &["line 2", "the row has 2 fields where the header has 3"]);
     refused("", &["is empty; a header line was expected"]);
     // The subject's left eye is at the right of the image: these are exchanged, and the chin is above.
-    refused("node,x,y\n20,80,90\n53,120,90\n10,100,40\n", &["upside down", "left and right are the subject's own"]);
+    refused(
+        "node,x,y\n20,80,90\n53,120,90\n10,100,40\n",
+        &["upside down", "turn the picture", "left and right are the subject's own"],
+    );
 }
 
 #[test]
@@ -284,4 +287,29 @@ fn landmarks_are_marks_too() {
     for (a, b) in work.rows("marks.csv.fit.csv").iter().zip(work.rows("marks.pts.fit.csv")) {
         assert!(near(&a["x"], &b["x"]) && near(&a["y"], &b["y"]));
     }
+}
+
+#[test]
+fn of_several_faces_it_is_said_which_was_taken() {
+    let work = Work::new();
+    let portrait = |name: &str| image::open(crate::common::root().join("fixtures/portraits").join(name)).unwrap().to_rgb8();
+    let (left, right) = (portrait("P01.jpg"), portrait("P02.jpg"));
+    let mut both = image::RgbImage::new(left.width() + right.width(), left.height().max(right.height()));
+    image::imageops::replace(&mut both, &left, 0, 0);
+    image::imageops::replace(&mut both, &right, i64::from(left.width()), 0);
+    std::fs::create_dir_all(work.path("faces/both")).unwrap();
+    for name in ["both.png", "faces/both/1.png", "faces/both/2.png"] {
+        both.save(work.path(name)).unwrap();
+    }
+    left.save(work.path("one.png")).unwrap();
+    let said = "2 faces were found, and the largest was taken";
+    work.grimace("fit both.png -o both.csv").exit(0).says(&[&format!("both.png: {said}"), "grimace annotate"]);
+    let alone = work.grimace("fit one.png -o one.csv").exit(0);
+    assert!(!alone.stderr.contains("faces were found"));
+    // A run says it of the sequence, and that nothing moves where one picture is repeated.
+    work.write("faces/manifest.csv", "subject,sequence,emotion,frames\nA,1,joy,both\n");
+    work.grimace("run faces -o out").exit(0).prints(&[&format!("A_1: {said}")]);
+    let verdict = &work.rows("out/verdicts.csv")[0];
+    assert_eq!(verdict["verdict"], "look again");
+    assert!(verdict["reasons"].contains("nothing moves: in frame 2 no 5 nodes are more than"), "{verdict:?}");
 }

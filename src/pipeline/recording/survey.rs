@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn faces_make_stretches_and_what_is_between_is_said() {
-        let face = || FoundFace { marks: Vec::new(), expected_error: 0.01, eye_distance: 60.0, trusted: true };
+        let face = || FoundFace { marks: Vec::new(), expected_error: 0.01, eye_distance: 60.0, trusted: true, others: 0 };
         let seen = [true, true, false, true, false, false, true, true];
         let survey = Survey {
             numbers: (1..=80).collect(),
