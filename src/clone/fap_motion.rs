@@ -28,6 +28,9 @@ const FREE: f64 = 1e-6;
 const REST: f64 = 0.4;
 /// The same for brows that nothing drives: a lid that closes does not pull them down.
 const REST_BROW: f64 = 6.0;
+/// The same, across the face, for lips where cheeks are driven and neither lips nor jaw are: a puffed cheek stands off from the teeth, and
+/// the muscle around the mouth holds the lips shut and in place.
+const REST_LIPS: f64 = 20.0;
 
 /// Offsets of all nodes, frame by frame.
 type NodeOffsets = Vec<Vec<Vector2<f64>>>;
@@ -78,6 +81,8 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
                 }
             }
         }
+        let drives = |region: Region| driven.keys().any(|&node| face.tables.region(node) == region);
+        let holds_lips = drives(Region::Cheek) && !drives(Region::Mouth) && !drives(Region::Jaw);
         let mut targets: Vec<DrivenNode> = Vec::new();
         for &node in face.wireframe.live_nodes() {
             let at = rest[node.index()];
@@ -86,6 +91,9 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
                 let (y, gain_y) = y.unwrap_or((0.0, FREE));
                 let gain = Matrix2::new(gain_x, 0.0, 0.0, gain_y);
                 targets.push(DrivenNode { node, position: at + Vector2::new(x, y), pull: Pull::Matrix(gain) });
+            } else if holds_lips && face.tables.region(node) == Region::Mouth {
+                let pull = Pull::Matrix(Matrix2::new(REST_LIPS, 0.0, 0.0, REST));
+                targets.push(DrivenNode { node, position: at, pull });
             } else {
                 let gain = match face.tables.region(node) {
                     _ if still.contains(&node) => DRIVEN,

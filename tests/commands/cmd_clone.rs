@@ -158,6 +158,23 @@ fn of_faps_only_those_that_the_file_sets_are_called_cut() {
 }
 
 #[test]
+fn puffed_cheeks_leave_the_mouth_where_it_is() {
+    let work = work();
+    work.write("puff.fap", fap_file(&[39, 40], "400 400"));
+    clone(&work, "--source puff.fap -o puff").exit(0);
+    let rows = work.rows("puff/track/target_puff.csv");
+    let aside = |node: &str| {
+        let x =
+            |frame: &str| rows.iter().find(|r| r["frame"] == frame && r["node"] == node).unwrap()["x"].parse::<f64>().unwrap();
+        (x("2") - x("1")).abs()
+    };
+    // Cheek and corner of the mouth, of the left side and of the right one.
+    for (cheek, corner) in [("90", "31"), ("91", "64")] {
+        assert!(aside(cheek) > 10.0 && aside(corner) < 0.1 * aside(cheek), "{} px, {} px", aside(cheek), aside(corner));
+    }
+}
+
+#[test]
 fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
     let work = work();
     // The upper lip goes up, the lower one down.
