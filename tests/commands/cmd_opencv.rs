@@ -1,6 +1,8 @@
 //! How `grimace` gets along with `grimace-opencv`: without it, with another version, with one that breaks down.
 
-use std::{fs, process::Command};
+use std::{ffi::OsString, fs, process::Command};
+
+use grimace::internal::companion::{Answer, Companion, wire::Reply};
 
 use crate::common::{Ran, Work, grimace, video::write_video};
 
@@ -110,4 +112,37 @@ fn the_program_says_what_it_is_for() {
     run("--help").exit(0).prints(&["started by it", "grimace --help"]);
     run("--version").exit(0).prints(&[&format!("grimace-opencv {}", env!("CARGO_PKG_VERSION"))]);
     run("nonsense").exit(2).says(&["grimace --help"]);
+}
+
+/// The first frame of a video, grey.
+fn first_frame(path: &std::path::Path) -> image::GrayImage {
+    let words = ["decode", "grey", "1", "1000000"].map(OsString::from);
+    let mut reader = Companion::start(words.into_iter().chain([path.as_os_str().to_owned()])).unwrap();
+    assert!(matches!(reader.receive(0).unwrap(), Answer::Said(Reply::Video { .. })));
+    match reader.receive::<Reply>(1_000_000).unwrap() {
+        Answer::Pixels(pixels) => image::GrayImage::from_raw(pixels.width, pixels.height, pixels.data).unwrap(),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A telephone films lying and says how to turn that: its matrix takes x to y and y to -x for a quarter turn clockwise.
+#[test]
+fn a_film_stands_as_it_says() {
+    let work = Work::with_sequences(&["S001_005"]);
+    if !write_video(&work, "faces/S001/005", "film.mp4") {
+        return;
+    }
+    let (plain, bytes) = (first_frame(&work.path("film.mp4")), work.bytes("film.mp4"));
+    let matrix = bytes.windows(4).position(|four| four == b"tkhd").unwrap() + 4 + 40;
+    let turned = |name: &str, ab_cd: [i32; 4]| {
+        let mut bytes = bytes.clone();
+        for (value, place) in ab_cd.into_iter().zip([0, 4, 12, 16]) {
+            bytes[matrix + place..matrix + place + 4].copy_from_slice(&(value << 16).to_be_bytes());
+        }
+        work.write(name, bytes);
+        first_frame(&work.path(name))
+    };
+    assert!(turned("clockwise.mp4", [0, 1, -1, 0]) == image::imageops::rotate90(&plain));
+    assert!(turned("back.mp4", [0, -1, 1, 0]) == image::imageops::rotate270(&plain));
+    assert!(turned("over.mp4", [-1, 0, 0, -1]) == image::imageops::rotate180(&plain));
 }

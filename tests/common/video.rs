@@ -9,11 +9,12 @@ use grimace::internal::companion::{
 
 use super::{Work, grimace};
 
-/// Writes the frames of a folder as a video of motion JPEG; whether OpenCV has a writer for it here.
+/// Writes the frames of a folder as a video, AVI (motion JPEG) or MP4 by its name; whether OpenCV has a writer for it here.
 pub fn write_video(work: &Work, folder: &str, name: &str) -> bool {
     // Builds what this test starts where only one test program was built.
     grimace();
-    let words = ["encode", "avi", "25", "200", "160"].map(OsString::from);
+    let kind = name.rsplit('.').next().unwrap();
+    let words = ["encode", kind, "25", "200", "160"].map(OsString::from);
     let mut writer = Companion::start(words.into_iter().chain([work.path(name).into_os_string()])).unwrap();
     match writer.receive(0).unwrap() {
         Answer::Said(Reply::Ready) => {}

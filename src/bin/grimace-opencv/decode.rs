@@ -5,10 +5,13 @@ use std::{ffi::OsString, path::Path};
 
 use grimace::internal::companion::wire::Reply;
 use opencv::{
-    core::Mat,
+    core::{CV_VERSION_MAJOR, CV_VERSION_MINOR, Mat, ROTATE_90_CLOCKWISE, ROTATE_90_COUNTERCLOCKWISE, ROTATE_180, rotate},
     imgproc::{COLOR_BGR2GRAY, COLOR_BGR2RGB, COLOR_GRAY2RGB, cvt_color_def},
     prelude::*,
-    videoio::{CAP_ANY, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_FRAME_HEIGHT, CAP_PROP_FRAME_WIDTH, VideoCapture},
+    videoio::{
+        CAP_ANY, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_FRAME_HEIGHT, CAP_PROP_FRAME_WIDTH, CAP_PROP_ORIENTATION_AUTO,
+        CAP_PROP_ORIENTATION_META, VideoCapture,
+    },
 };
 
 use crate::{
@@ -26,9 +29,12 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
         let reason = "not a video that OpenCV can decode; convert it (for example to H.264 in MP4) or to images";
         return Err(Trouble::Failed(reason.to_owned()));
     };
+    let turn = turn(&mut capture);
     let stated = |property| capture.get(property).unwrap_or(0.0);
     let side = |property| stated(property).max(0.0) as u32;
     let (width, height) = (side(CAP_PROP_FRAME_WIDTH), side(CAP_PROP_FRAME_HEIGHT));
+    let lies = matches!(turn, Some(ROTATE_90_CLOCKWISE | ROTATE_90_COUNTERCLOCKWISE));
+    let (width, height) = if lies { (height, width) } else { (width, height) };
     let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
     let (fps, frames) = (finite(stated(CAP_PROP_FPS)), finite(stated(CAP_PROP_FRAME_COUNT)));
     talk.say(&Reply::Video { fps, frames, width, height })?;
@@ -36,7 +42,7 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
         // The other program says that it is too large, and how large a picture may be.
         return Ok(());
     }
-    let (mut frame, mut converted) = (Mat::default(), Mat::default());
+    let (mut frame, mut converted, mut upright) = (Mat::default(), Mat::default(), Mat::default());
     let mut count = 0;
     loop {
         let of_frame = |error: opencv::Error| Trouble::Failed(format!("frame {}: OpenCV: {error}", count + 1));
@@ -60,6 +66,13 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
                 &converted
             }
         };
+        let pixels = match turn {
+            None => pixels,
+            Some(turn) => {
+                rotate(pixels, &mut upright, turn)?;
+                &upright
+            }
+        };
         let size = (pixels.cols().max(0) as u32, pixels.rows().max(0) as u32);
         if pixels.is_continuous() {
             talk.show(size, channels, pixels.data_bytes()?)?;
@@ -69,4 +82,23 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
     }
     talk.say(&Reply::End { frames: count })?;
     Ok(())
+}
+
+/// How frames have to be turned so that they stand as the video says: a telephone held upright films lying and says so.
+///
+/// OpenCV can do that by itself, but 4.6 takes clockwise for counterclockwise with the FFmpeg that Debian and Ubuntu have it with (mended in
+/// 4.7), and shows such films upside down.
+fn turn(capture: &mut VideoCapture) -> Option<i32> {
+    if !capture.set(CAP_PROP_ORIENTATION_AUTO, 0.0).unwrap_or(false) {
+        return None;
+    }
+    let stated = capture.get(CAP_PROP_ORIENTATION_META).ok().filter(|angle| angle.is_finite()).unwrap_or(0.0);
+    let is_reversed = (CV_VERSION_MAJOR, CV_VERSION_MINOR) == (4, 6);
+    let clockwise = if is_reversed { -stated } else { stated };
+    match (clockwise.rem_euclid(360.0) / 90.0).round() as i32 {
+        1 => Some(ROTATE_90_CLOCKWISE),
+        2 => Some(ROTATE_180),
+        3 => Some(ROTATE_90_COUNTERCLOCKWISE),
+        _ => None,
+    }
 }
