@@ -89,7 +89,7 @@ impl Turned {
             if opened <= 0.0 {
                 return 1.0;
             }
-            let band = LASHES * eye_distance * smooth_step(0.0, 0.012, opened);
+            let band = LASHES * eye_distance * smooth_step(0.0, 0.03, opened);
             smooth_step(-0.5, 0.5 + band, if depth < 0.0 { -distance } else { distance })
         };
         one(&self.edges[0]).min(one(&self.edges[1])) as f32

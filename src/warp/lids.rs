@@ -3,8 +3,7 @@
 //! A fit knows the edge of an upper lid to a few percent of the eye distance. Skin that is cut a little above the lashes leaves them on the
 //! eyeball when the lid rises; cut below them, it takes white along. So the edge is looked for in the picture, as the line from corner to
 //! corner along which dark lashes lie above and the white of the eye below. It moves as a whole, an arch over the corners that may lean
-//! to one side: two numbers for an eye, which a lash or a highlight does not sway. Over the iris there is no white below the lashes: there
-//! their other edge, towards the skin, says how high the arch is, the lashes being as thick as to both sides.
+//! to one side: two numbers for an eye, which a lash or a highlight does not sway.
 
 use nalgebra::{Point2, Vector2};
 
@@ -13,7 +12,6 @@ use super::{
     layout::{self, Frame, OPENINGS, OpeningNodes},
     mouth::whiteness,
 };
-use crate::robust::median;
 
 /// How far up and down the middle of a lid is looked for, and how far it may lean, over the eye distance.
 const REACH: (f64, f64) = (0.048, 0.032);
@@ -32,18 +30,6 @@ const SAY: (f64, f64) = (-0.15, 0.40);
 const SEEN: (f64, f64) = (0.12, 0.88);
 /// Most of the opening that a lid may go down.
 const MOST_SHUT: f64 = 0.3;
-/// Where along a lid lashes have the white below them, to either side, and where the iris, and how far up and down the middle may go beyond
-/// the arch, over the eye distance.
-const BESIDE_IRIS: [(f64, f64); 2] = [(0.18, 0.34), (0.66, 0.82)];
-const OVER_IRIS: (f64, f64) = (0.42, 0.58);
-const CREST: (f64, f64) = (0.030, 0.008);
-/// How far above its centre an iris is seen at most, over the eye distance.
-const IRIS: f64 = 0.088;
-/// How thick a line of lashes may be, and the skin above and the lashes below that are compared, over the eye distance.
-const THICKNESS: f64 = 0.050;
-const SKIN: (f64, f64) = (0.020, 0.012);
-/// Least contrast of skin and lashes, over the brightness of the white.
-const LEAST_CONTRAST: f64 = 0.10;
 
 /// How far from where Candide-3 has them the inner corners of the mouth lie towards the outer ones: lips part to their end.
 const CORNERS: f64 = 0.3;
@@ -78,15 +64,12 @@ pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn
 struct Shift {
     middle: f64,
     lean: f64,
-    /// Of the middle alone, on top.
-    crest: f64,
 }
 
 impl Shift {
     /// At a share of the way between the corners.
     fn at(self, along: f64) -> f64 {
-        let arch = (4.0 * along * (1.0 - along)).max(0.0);
-        arch * (self.middle + self.lean * (2.0 * along - 1.0)) + arch.powi(6) * self.crest
+        (4.0 * along * (1.0 - along)).max(0.0) * (self.middle + self.lean * (2.0 * along - 1.0))
     }
 }
 
@@ -162,43 +145,16 @@ fn shift(eye: &OpeningNodes, nodes: &[Point2<f64>], photograph: &Texture, frame:
     let mut best = (score(Shift::default()), Shift::default());
     for middle in -count(REACH.0)..=count(REACH.0) {
         for lean in -count(REACH.1)..=count(REACH.1) {
-            let tried = Shift { middle: f64::from(middle), lean: f64::from(lean), crest: 0.0 };
+            let tried = Shift { middle: f64::from(middle), lean: f64::from(lean) };
             let found = score(tried);
             if found > best.0 && tried.middle * STEP * unit <= MOST_SHUT * open {
                 best = (found, tried);
             }
         }
     }
-    let (px, arch) = (STEP * unit, best.1);
-    // A lid covers the top of the iris; what looks higher is painted.
-    let iris = eye.iris.iter().map(|&n| frame.height(&nodes[usize::from(n)])).sum::<f64>() / eye.iris.len().max(1) as f64;
-    let highest = (iris - frame.height(&nodes[usize::from(eye.upper[2])])) / px - IRIS / STEP - arch.middle;
-    let crest = crest(&profiles, arch, white).unwrap_or_default().max(highest.min(0.0));
-    let found = Shift { middle: arch.middle * px, lean: arch.lean * px, crest: crest * px };
-    (found.middle != 0.0 || found.lean != 0.0 || found.crest != 0.0).then_some(found)
-}
-
-/// How far below its arch the middle of a lid is, in steps; `None` where the edge of its lashes towards the skin is not seen.
-fn crest(profiles: &[Profile], arch: Shift, white: f64) -> Option<f64> {
-    let steps = |length: f64| (length / STEP).round();
-    // Where it grows dark from the skin to the lashes, between two heights.
-    let upper_edge = |profile: &Profile, from: f64, to: f64| {
-        let contrast = |at: f64| (profile.mean(at - SKIN.0 / STEP, at) - profile.mean(at, at + SKIN.1 / STEP)) / white;
-        let places = (0..=(to - from) as usize).map(|k| from + k as f64);
-        let best = places.map(|at| (contrast(at), at)).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (best.0 >= LEAST_CONTRAST).then_some(best.1)
-    };
-    let within = |range: (f64, f64)| profiles.iter().filter(move |p| (range.0..range.1).contains(&p.along));
-    let thick = BESIDE_IRIS.into_iter().flat_map(within).filter_map(|p| {
-        let edge = arch.at(p.along).round();
-        Some(edge - upper_edge(p, edge - steps(THICKNESS), edge)?)
-    });
-    let thickness = median(&mut thick.collect::<Vec<_>>())?;
-    let off = within(OVER_IRIS).filter_map(|p| {
-        let edge = (arch.at(p.along) - thickness).round();
-        Some(upper_edge(p, edge - steps(CREST.0), edge + steps(CREST.1))? - edge)
-    });
-    median(&mut off.collect::<Vec<_>>())
+    let px = STEP * unit;
+    let found = Shift { middle: best.1.middle * px, lean: best.1.lean * px };
+    (found.middle != 0.0 || found.lean != 0.0).then_some(found)
 }
 
 #[cfg(test)]

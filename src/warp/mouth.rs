@@ -26,8 +26,6 @@ pub const TEETH_WHITE: f32 = 200.0;
 const UPPER_BELOW_LIPS: f64 = 0.058;
 /// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline.
 const FLATTER: f64 = 0.12;
-/// Share of the lip's drop to the sides that the row's edge follows in a mouth that gapes: it recedes there, and is seen from a little above.
-const FOLLOWS: f64 = 0.9;
 /// The same as [`UPPER_BELOW_LIPS`] for the edge of the lower ones, which bite behind them.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
@@ -36,7 +34,7 @@ const LOWER_SIZE: (f64, f64) = (0.70, 0.75);
 /// and of one that gapes: it covers them, until the jaw has dropped so far that the lip is stretched over them.
 const LOWER_ABOVE_LIP: (f64, f64) = (-0.01, 0.054);
 /// Distances of the lips, over the eye distance, between which that changes.
-const GAPING: (f64, f64) = (0.28, 0.60);
+const GAPING: (f64, f64) = (0.14, 0.34);
 /// How much higher the lower row is to the sides in a mouth that gapes, over the eye distance, at the square of the distance from the midline:
 /// a jaw that has turned down shows its arch from above.
 const LOWER_ARCH: f64 = 1.5;
@@ -49,22 +47,10 @@ const MOUTH: (f64, f64) = (0.62, 0.6);
 const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
 /// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
 const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
-/// How far from the corners the lips lie on each other, over the eye distance, in a mouth that is hardly open and in one that gapes, and how
-/// far beyond they have parted as far as they do there: ends of an opening are round.
-const SEALED: (f64, f64) = (0.060, 0.024);
-const ROUND: (f64, f64) = (0.16, 0.06);
-/// Width of the zone in which lips turn inwards, over the eye distance; gaps at which they begin to, and wholly do; what is left of red,
-/// green and blue at the edge.
-pub const ROLL: f64 = 0.040;
-pub const ROLLED: (f64, f64) = (0.01, 0.10);
-const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
-/// Half the width of the line in which lips that lie on each other meet, and of the edge of the opening, over the eye distance.
-const CREASE: f64 = 0.010;
-const EDGE: f64 = 0.006;
-/// Distances of the lips, over the eye distance, of a mouth that is hardly open and of one that gapes.
-const PARTING: (f64, f64) = (0.05, 0.18);
-/// Places along the edge of the opening.
-const EDGE_POINTS: usize = 48;
+/// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
+const SEALED: f64 = 0.16;
+/// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
+const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
 /// Height of what a raised lip bares above the teeth, over the eye distance.
 const GUM_ABOVE: f64 = 0.118;
 
@@ -99,8 +85,7 @@ struct Interior<'a> {
     teeth: Option<&'a Rgba32FImage>,
 }
 
-/// Draws the inside of a mouth that the photograph does not show; `layer` holds the colours of the nearest lip. Returns the edge around it, px:
-/// towards the corners the lips lie on each other.
+/// Draws the inside of a mouth that the photograph does not show. `layer` holds the colours of the nearest lip.
 pub fn made(
     warp: &Warp,
     opening: &OpeningMesh,
@@ -109,7 +94,7 @@ pub fn made(
     gap_px: f64,
     arches: Arches,
     layer: &mut Layer,
-) -> Vec<Point2<f64>> {
+) {
     for triangle in &opening.triangles {
         let to = triangle.map(|v| deformation.vertices[v as usize]);
         layer.fill(to, [Point2::origin(); 3], |_, lip| lip);
@@ -122,14 +107,6 @@ pub fn made(
             *colour = interior.tone.apply(interior.colour(place, *colour));
         }
     }
-    interior.edge()
-}
-
-/// Lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is redder and wet.
-/// `near`: 1 at the edge, 0 where nothing is left of that; `gap`: distance of the lips over the eye distance.
-pub fn rolled(colour: [f32; 3], near: f64, gap: f64) -> [f32; 3] {
-    let share = (smooth_step(ROLLED.0, ROLLED.1, gap) * near.max(0.0).powi(2)) as f32;
-    std::array::from_fn(|c| colour[c] * (1.0 - share * (1.0 - ROLLED_COLOUR[c])))
 }
 
 impl<'a> Interior<'a> {
@@ -180,73 +157,36 @@ impl<'a> Interior<'a> {
         }
     }
 
-    /// Upper and lower edge of what is open at `x`: the lips, but towards the corners, where they lie on each other.
-    fn parted(&self, x: f64) -> Option<(f64, f64)> {
-        let (upper, lower) = (line_at(&self.upper, x)?, line_at(&self.lower, x)?);
-        let gaping = smooth_step(PARTING.0, PARTING.1, self.gap);
-        let of = |(hardly, wide): (f64, f64)| hardly + (wide - hardly) * gaping;
-        let from_end = ((self.from_corner(x) - of(SEALED)) / of(ROUND)).clamp(0.0, 1.0);
-        let half = (lower - upper).max(0.0) / 2.0 * (from_end * (2.0 - from_end)).sqrt();
-        let middle = f64::midpoint(upper, lower);
-        Some((middle - half, middle + half))
-    }
-
-    fn from_corner(&self, x: f64) -> f64 {
-        (x - self.upper[0].0).min(self.upper[self.upper.len() - 1].0 - x)
-    }
-
-    /// The edge around what is open, px.
-    fn edge(&self) -> Vec<Point2<f64>> {
-        let (from, to) = (self.upper[0].0, self.upper[self.upper.len() - 1].0);
-        let at = |k: usize| {
-            let x = from + (to - from) * (k as f64 + 0.5) / EDGE_POINTS as f64;
-            self.parted(x).filter(|(top, bottom)| bottom > top).map(|edges| (x, edges))
-        };
-        let open: Vec<_> = (0..EDGE_POINTS).filter_map(at).collect();
-        let place = |x: f64, y: f64| self.origin + (self.across * x + self.down * y) * self.unit;
-        let above = open.iter().map(|&(x, (top, _))| place(x, top));
-        above.chain(open.iter().rev().map(|&(x, (_, bottom))| place(x, bottom))).collect()
-    }
-
     /// Colour at a pixel between the lips, `lip` being that of the nearest lip.
     fn colour(&self, place: Point2<f64>, lip: [f32; 3]) -> [f32; 3] {
         let p = place - self.origin;
         let (x, y) = (p.dot(&self.across) / self.unit, p.dot(&self.down) / self.unit);
-        let Some((upper, lower)) = self.parted(x) else { return lip };
+        let (Some(upper), Some(lower)) = (line_at(&self.upper, x), line_at(&self.lower, x)) else { return lip };
         let (below_upper, above_lower) = (y - upper, lower - y);
-        let inside = below_upper.min(above_lower);
-        let flesh = self.lips_closed(lip, y - f64::midpoint(upper, lower), inside);
-        if inside <= -EDGE {
-            return flesh;
-        }
-        let from_corner = self.from_corner(x);
-        // Light falls in from the front and above: more of it the further the lips part, least in the middle, where the throat is.
+        let corners = (self.upper[0].0, self.upper[self.upper.len() - 1].0);
+        let from_corner = (x - corners.0).min(corners.1 - x);
+        // Light falls in from the front and above: more of it the further the lips part, less in the corners.
         let open = smooth_step(0.02, 0.40, self.gap);
         let side = smooth_step(0.0, 0.20, from_corner);
         let depth = (below_upper / (lower - upper).max(1e-6)).clamp(0.0, 1.0);
-        let throat = (-((depth - 0.40) / 0.34).powi(2)).exp() * side;
-        let mut colour = self.tinted([1.0, 0.60, 0.57], 0.30 + (0.16 * depth - 0.24 * throat) * open.sqrt());
-        let floor = self.parted(0.0).map_or(lower, |(_, floor)| floor);
-        self.lay_tongue((x, y), floor, open, &mut colour);
+        // Darkest in the middle, where the throat is.
+        let throat = (-((depth - THROAT.0) / THROAT.1).powi(2)).exp() * side;
+        let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt();
+        let mut colour = self.tinted([1.0, 0.60, 0.57], light);
+        self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
         let shadow = (0.58 + 0.42 * smooth_step(0.0, 0.06, below_upper)) * (0.75 + 0.25 * smooth_step(0.0, 0.03, above_lower));
         let width = WET.0.min(WET.1 * (lower - upper).max(0.0)).max(1e-6);
         let round = (1.0 - smooth_step(0.0, width, below_upper)).max(1.0 - smooth_step(0.0, width, above_lower));
-        let within = smooth_step(-EDGE, EDGE, inside) as f32;
+        let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
+        let crease = lip.map(|c| 0.52 * c);
         std::array::from_fn(|c| {
             let wet = lip[c] * [0.74, 0.60, 0.60][c];
             let inside = colour[c] * shadow as f32;
-            let inside = inside + (wet - inside) * (0.85 * round) as f32;
-            flesh[c] + (inside - flesh[c]) * within
+            let inside = inside + (crease[c] - inside) * (0.9 * sealed) as f32;
+            inside + (wet - inside) * (0.85 * round) as f32
         })
-    }
-
-    /// Lips that lie on each other between the opening and a corner. `lip`: the nearest lip's edge; `off`: from the line in which they meet,
-    /// `inside`: into the opening, in eye distances.
-    fn lips_closed(&self, lip: [f32; 3], off: f64, inside: f64) -> [f32; 3] {
-        let crease = 1.0 - 0.25 * (-(off / CREASE).powi(2)).exp() as f32;
-        rolled(lip, 1.0 + inside.min(0.0) / ROLL, self.gap).map(|level| level * crease)
     }
 
     /// The colour of the lips, made redder by `warm`, at a brightness.
@@ -258,12 +198,13 @@ impl<'a> Interior<'a> {
     }
 
     /// The tongue: a mound behind the lower teeth, lighter towards its tip, with a shallow groove.
-    fn lay_tongue(&self, (x, y): (f64, f64), floor: f64, open: f64, colour: &mut [f32; 3]) {
+    fn lay_tongue(&self, (x, y): (f64, f64), lower: f64, open: f64, colour: &mut [f32; 3]) {
         let half = 0.42 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
         let within = 1.0 - (x / half.max(1e-6)).powi(2);
         if within <= 0.0 {
             return;
         }
+        let floor = line_at(&self.lower, 0.0).unwrap_or(lower);
         let height = 0.56 * self.gap * within.sqrt();
         let top = floor - height;
         let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
@@ -310,10 +251,7 @@ impl<'a> Interior<'a> {
             );
             (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * shown as f32);
         }
-        // A lip that is drawn down at the sides shows as much of the row as it follows it, which turns away there.
-        let drop = |x: f64| line_at(&self.upper, x).unwrap_or(0.0);
-        let follows = FOLLOWS * smooth_step(PARTING.0, PARTING.1, self.gap) * (drop(x) - drop(0.0)).max(0.0);
-        let upper_y = y - UPPER_BELOW_LIPS - (FLATTER * x * x).max(follows);
+        let upper_y = y - UPPER_BELOW_LIPS - FLATTER * x * x;
         // Above the crowns is gum.
         let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
         if gum > 0.0 {
@@ -325,7 +263,7 @@ impl<'a> Interior<'a> {
         let wet = wet * (-((upper_y + 0.045) / 0.014).powi(2)).exp();
         let light = 0.56 + 0.44 * smooth_step(0.0, 0.05, below_upper) + wet;
         // A sliver of tooth that the lip all but hides is in the lip's shadow.
-        let bared = smooth_step(0.0, 0.05, below_upper + above_lower);
+        let bared = smooth_step(0.0, 0.03, below_upper + above_lower);
         let before = *colour;
         row(x, upper_y, light, colour);
         (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * bared as f32);

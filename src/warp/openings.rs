@@ -18,6 +18,11 @@ use crate::geometry::{Similarity, polygon::distance_to_line};
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
 const CLOSING: f64 = 0.35;
+/// Width of the zone in which lips turn inwards, over the eye distance; gaps at which they begin to, and wholly do; what is left of red,
+/// green and blue at the edge.
+const ROLL: f64 = 0.040;
+const ROLLED: (f64, f64) = (0.01, 0.10);
+const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
 /// Half the width of the line of lashes, over the eye distance.
 const LASHES: f64 = 0.024;
 
@@ -56,10 +61,8 @@ pub fn draw(
         }
         (Opening::Mouth, MouthInside::Dark | MouthInside::Teeth) => {
             let arches = if warp.closed && matches!(inside, MouthInside::Teeth) { Arches::Shown } else { Arches::Hidden };
-            let edge = mouth::made(warp, opening, texture, deformation, gap, arches, &mut layer);
-            if warp.closed {
-                roll_lips(&edge, warp.frame.eye_distance, gap, &Tone::of(texture, &warp.nodes), frame);
-            } else {
+            mouth::made(warp, opening, texture, deformation, gap, arches, &mut layer);
+            if !warp.closed {
                 mouth::own(warp, opening, texture, deformation, &mut layer);
             }
         }
@@ -78,6 +81,9 @@ pub fn draw(
         }
     }
     layer.spread();
+    if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
+        roll_lips(&outline, warp.frame.eye_distance, gap, &Tone::of(texture, &warp.nodes), frame);
+    }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
         lashes(warp, opening, texture, vertices, gap, frame);
@@ -129,18 +135,23 @@ fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
     OPENINGS.iter().find(|o| o.opening == opening.opening).unwrap_or(&OPENINGS[0])
 }
 
-/// Darkens the lips towards the edge of an open mouth ([`mouth::rolled`]).
-fn roll_lips(edge: &[Point2<f64>], unit: f64, gap: f64, tone: &Tone, frame: &mut RgbImage) {
-    let width = mouth::ROLL * unit;
-    let line: Vec<Point2<f64>> = edge.iter().chain(edge.first()).copied().collect();
-    if line.is_empty() || gap <= mouth::ROLLED.0 * unit {
+/// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is
+/// redder and wet.
+fn roll_lips(outline: &[Point2<f64>], unit: f64, gap: f64, tone: &Tone, frame: &mut RgbImage) {
+    let strength = smooth_step(ROLLED.0, ROLLED.1, gap / unit);
+    if strength <= 0.0 {
         return;
     }
+    let width = ROLL * unit;
+    let line: Vec<Point2<f64>> = outline.iter().chain(outline.first()).copied().collect();
     for (x, y) in pixels_around(&line, width, frame.dimensions()) {
         let near = 1.0 - distance_to_line(&line, &Point2::new(f64::from(x), f64::from(y))) / width;
         if near > 0.0 {
+            let share = (strength * near * near) as f32;
             let pixel = frame.get_pixel_mut(x, y);
-            pixel.0 = tone.apply(mouth::rolled(pixel.0.map(f32::from), near, gap / unit)).map(sample::byte);
+            let level = pixel.0.map(f32::from);
+            let rolled: [f32; 3] = std::array::from_fn(|c| level[c] * (1.0 - share * (1.0 - ROLLED_COLOUR[c])));
+            pixel.0 = tone.apply(rolled).map(sample::byte);
         }
     }
 }

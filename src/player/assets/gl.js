@@ -19,7 +19,7 @@ precision highp float;
 varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
 uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform vec3 enamel; uniform vec2 ends; uniform vec2 teethSize;
 uniform vec2 teethOrigin; uniform float teethScale; uniform float white; uniform float gap; uniform float jaw; uniform float floorY;
-uniform float shown; uniform float ceilY; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
+uniform float shown; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
 vec3 tinted(vec3 warm, float light) {
   float luma = max(dot(lip, vec3(0.3, 0.59, 0.11)), 60.0 / 255.0);
   return (0.4 * lip + 0.6 * vec3(1.45, 0.86, 0.84) * luma) * warm * light;
@@ -33,20 +33,14 @@ vec3 row(vec2 d, float brightness, float side, float fromCorner, vec3 under) {
   return mix(under, tooth.rgb * 255.0 / white * enamel * brightness * side * edge, cover);
 }
 void main() {
-  float x = p.x, y = p.y;
+  float x = p.x, y = p.y, upper = l.x, lower = l.y;
+  float belowUpper = y - upper, aboveLower = lower - y;
   float fromCorner = min(x - ends.x, ends.y - x);
-  // Towards the corners the lips lie on each other.
-  float parting = smoothstep(0.05, 0.18, gap), middle = 0.5 * (l.x + l.y), full = 0.5 * max(l.y - l.x, 0.0);
-  float fromEnd = clamp((fromCorner - mix(0.060, 0.024, parting)) / mix(0.16, 0.06, parting), 0.0, 1.0);
-  float part = full * sqrt(fromEnd * (2.0 - fromEnd)), upper = middle - part, lower = middle + part;
-  float belowUpper = y - upper, aboveLower = lower - y, within0 = min(belowUpper, aboveLower), off = y - middle;
-  vec3 near = texture2D(picture, off < 0.0 ? ua : ub).rgb;
-  float rolled = max(1.0 + min(within0, 0.0) / 0.040, 0.0);
-  vec3 flesh = near * (1.0 - smoothstep(0.01, 0.10, gap) * rolled * rolled * (1.0 - vec3(0.78, 0.64, 0.64)));
-  flesh *= 1.0 - 0.25 * exp(-(off / 0.010) * (off / 0.010));
   float open = smoothstep(0.02, 0.40, gap), side = smoothstep(0.0, 0.20, fromCorner);
-  float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0), throat = (depth - 0.40) / 0.34;
-  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), 0.30 + (0.16 * depth - 0.24 * exp(-throat * throat) * side) * sqrt(open));
+  float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
+  float throat = (depth - 0.40) / 0.34;
+  float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open);
+  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), light0);
   float across = x / max(0.42 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
     float height = 0.56 * gap * sqrt(within), top = floorY - height;
@@ -57,26 +51,28 @@ void main() {
   }
   if (shown > 0.5) {
     float lit = (0.25 + 0.75 * smoothstep(0.0, 0.16, fromCorner)) * (1.0 - 0.42 * smoothstep(0.07, 0.27, abs(x)));
-    float gaping = smoothstep(0.28, 0.60, gap);
+    float gaping = smoothstep(0.14, 0.34, gap);
     float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.01 - 0.064 * gaping) + 1.5 * gaping * x * x;
-    float dropped = smoothstep(0.02, 0.08, jaw);
-    if (dropped > 0.0) {
+    float part = smoothstep(0.02, 0.08, jaw);
+    if (part > 0.0) {
       float light = (0.62 + 0.16 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
-      colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, lit, fromCorner, colour), dropped);
+      colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, lit, fromCorner, colour), part);
     }
-    float upperY = y - 0.058 - max(0.12 * x * x, 0.9 * parting * max(l.x - ceilY, 0.0));
+    float upperY = y - 0.058 - 0.12 * x * x;
     float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * lit), gum);
     float light = 0.56 + 0.44 * smoothstep(0.0, 0.05, belowUpper);
-    colour = mix(colour, row(vec2(x, upperY), light, lit, fromCorner, colour), smoothstep(0.0, 0.05, belowUpper + aboveLower));
+    colour = mix(colour, row(vec2(x, upperY), light, lit, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
   float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
   float width = max(min(0.034, 0.42 * max(lower - upper, 0.0)), 1e-6);
   float round = max(1.0 - smoothstep(0.0, width, belowUpper), 1.0 - smoothstep(0.0, width, aboveLower));
   // A gap as narrow as a line is lip, not cavity.
   round = max(round, 1.0 - smoothstep(0.004, 0.03, lower - upper));
-  vec3 inside = mix(colour * shadow, near * vec3(0.74, 0.60, 0.60), 0.85 * round);
-  vec3 seen = mix(flesh, inside, smoothstep(-0.006, 0.006, within0));
+  vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
+  float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
+  vec3 inside = mix(colour * shadow, near * 0.52, 0.9 * sealed);
+  vec3 seen = mix(inside, near * vec3(0.74, 0.60, 0.60), 0.85 * round);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
 }`;
 const LASH_VERTEX = `
@@ -301,7 +297,7 @@ class GlStage {
     this.uniform(mouth, "ends", ...m.ends);
     this.uniform(mouth, "teethSize", this.teeth.image.naturalWidth, this.teeth.image.naturalHeight);
     this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
-    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["floorY", m.floor], ["ceilY", m.ceiling], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
+    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.teethTexture);
     gl.uniform1i(mouth.at("teeth")[1], 1);

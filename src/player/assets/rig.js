@@ -296,9 +296,9 @@ class Rig {
     };
     const upper = opening.upper.map(place), lower = opening.lower.map(place);
     const jaw = Math.max(((chin[0] - skull[0]) * down[0] + (chin[1] - skull[1]) * down[1]) / unit, 0);
-    const [ceiling, floor] = [upper, lower].map((line) => lineAt([...line].sort((a, b) => a[0] - b[0]), 0));
+    const floor = lineAt([...lower].sort((a, b) => a[0] - b[0]), 0);
     const ends = [upper[0][0], upper[upper.length - 1][0]].sort((a, b) => a - b);
-    return { opening, upper, lower, jaw, ceiling, floor, ends, skull, gap: this.gap(opening, moved) / unit };
+    return { opening, upper, lower, jaw, floor, ends, skull, gap: this.gap(opening, moved) / unit };
   }
   /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, and the edge goes with the lip. */
   ownMouth(skull) {
