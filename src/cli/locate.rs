@@ -44,7 +44,7 @@ pub struct Args {
     /// A model of `grimace learn locator`, instead of the one that ships
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Most faces of a picture
+    /// Most faces of a picture; where there are more, that is said
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=1000), value_name = "COUNT")]
     faces: u16,
     /// Smallest distance of the pupils that is looked for, px; a share of the picture's longer side by default
@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     }
     let bar = frame_bar(args.quiet, Some(pictures.len() as u64));
-    let found: Vec<Result<Vec<LocatedFace>, String>> = pictures
+    let found: Vec<Result<(Vec<LocatedFace>, usize), String>> = pictures
         .par_iter()
         .enumerate()
         .map(|(k, picture)| {
@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     bar.finish_and_clear();
     let rows = pictures.iter().zip(&found).flat_map(|(picture, faces)| {
         let name = picture.name.as_str();
-        faces.iter().flatten().enumerate().flat_map(move |(k, face)| {
+        faces.iter().flat_map(|(faces, _)| faces).enumerate().flat_map(move |(k, face)| {
             face.points.iter().map(move |point| {
                 let numbers = [point.position.x, point.position.y, point.expected_error].map(nine_digits);
                 [name.to_owned(), (k + 1).to_string(), point.node.to_string()].into_iter().chain(numbers).collect::<Vec<_>>()
@@ -123,12 +123,20 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 // What OpenCV or the file system says names the file.
                 if reason.contains(&picture.name) { eprintln!("{reason}") } else { eprintln!("{}: {reason}", picture.name) }
             }
-            Ok(faces) if faces.is_empty() => {
+            Ok((faces, _)) if faces.is_empty() => {
                 empty += 1;
                 eprintln!("{}: no face found", picture.name);
             }
-            Ok(faces) => {
+            Ok((faces, left_out)) => {
                 count += faces.len();
+                if *left_out > 0 {
+                    eprintln!(
+                        "{}: at least {} left out: --faces {} takes no more",
+                        picture.name,
+                        output::count(*left_out, "more face is", "more faces are"),
+                        args.faces
+                    );
+                }
                 for (k, face) in faces.iter().enumerate().filter(|(_, f)| f.expected_error() > args.trust) {
                     doubtful += 1;
                     eprintln!(
@@ -157,9 +165,9 @@ fn locate(
     picture: &PictureSource,
     options: &LocateOptions,
     overlay: Option<(&Path, usize)>,
-) -> anyhow::Result<Vec<LocatedFace>> {
+) -> anyhow::Result<(Vec<LocatedFace>, usize)> {
     let image = picture.read()?.into_image();
-    let faces = locator.locate(&image, options);
+    let (faces, left_out) = locator.locate_counted(&image, options);
     if let Some((folder, number)) = overlay {
         let stem = Path::new(&picture.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let points: Vec<_> =
@@ -167,5 +175,5 @@ fn locate(
         let path = folder.join(format!("{:04}_{stem}.png", number + 1));
         output::write_bytes(&path, &png_bytes(&draw_points(&image, &points))?)?;
     }
-    Ok(faces)
+    Ok((faces, left_out))
 }

@@ -30,7 +30,7 @@ use expect::{Reading, signs};
 use picture::{Picture, View};
 use shape::{Placement, Shape, distance};
 use stages::Placed;
-use template::{Candidate, Search, best, candidates};
+use template::{Candidate, Search, best, best_first, scored};
 
 /// Score of the verifier from which a place counts as a face.
 pub const LEAST_SCORE: f32 = 0.0;
@@ -40,6 +40,9 @@ pub const TRUSTED: f64 = 0.035;
 
 /// A face that is read starts its second reading this much larger (logarithm) and this far off, eye distances.
 const SECOND_START: (f32, f32) = (0.05, 0.03);
+
+/// Where one of this many candidates is a face of its own, more of them are looked at.
+const CROWDED: usize = 4;
 
 /// What to look for.
 ///
@@ -167,7 +170,12 @@ impl Locator {
     ///
     /// Faces are looked for upright and large first; where there are none, small ones and turned ones are.
     pub fn locate(&self, image: &GrayImage, options: &LocateOptions) -> Vec<LocatedFace> {
-        let Some(picture) = Picture::new(image) else { return Vec::new() };
+        self.locate_counted(image, options).0
+    }
+
+    /// [`Locator::locate`], and how many more places look like faces that [`LocateOptions::most_faces`] leaves out.
+    pub fn locate_counted(&self, image: &GrayImage, options: &LocateOptions) -> (Vec<LocatedFace>, usize) {
+        let Some(picture) = Picture::new(image) else { return (Vec::new(), 0) };
         let (longer, shorter) = (picture.width().max(picture.height()) as f32, picture.width().min(picture.height()) as f32);
         let least = options.least_eye_distance.map_or((0.055 * longer).max(18.0), |d| d.max(10.0) as f32);
         let most = (0.5 * shorter).max(least);
@@ -186,27 +194,54 @@ impl Locator {
         ];
         for (least, most, angle, count) in searches {
             let search = Search { eye_distance: (least, most), angle, most: count };
-            let found = self.faces(&picture, &search, options);
+            let (found, left_out) = self.faces(&picture, &search, options);
             if !found.is_empty() {
-                return found;
+                return (found, left_out);
             }
         }
-        Vec::new()
+        (Vec::new(), 0)
     }
 
-    fn faces(&self, picture: &Picture, search: &Search, options: &LocateOptions) -> Vec<LocatedFace> {
+    /// The faces of one search, and how many more places look like some.
+    fn faces(&self, picture: &Picture, search: &Search, options: &LocateOptions) -> (Vec<LocatedFace>, usize) {
+        let likely = self.likely(picture, search, options.most_faces);
+        let mut waiting = likely.iter().map(|c| c.placement);
+        let mut faces: Vec<LocatedFace> = Vec::new();
+        while faces.len() < options.most_faces {
+            let room = options.most_faces - faces.len();
+            let read: Vec<_> = waiting.by_ref().take(room).map(|place| self.read(picture, place)).collect();
+            if read.is_empty() {
+                break;
+            }
+            faces.extend(read.into_iter().filter(|f| f.eye_distance > 0.0 && f.score >= f64::from(LEAST_SCORE)));
+            faces = each_once(faces);
+        }
+        let left_out = places(&likely) - places(&likely[..likely.len() - waiting.len()]);
+        faces.sort_by(|p, q| q.eye_distance.total_cmp(&p.eye_distance));
+        (faces, left_out)
+    }
+
+    /// Places that the verifier takes for faces, best first. Each face takes a few of the search's candidates: where those that were looked
+    /// at are full of faces, twice as many are, until there are more than `most_faces`.
+    fn likely(&self, picture: &Picture, search: &Search, most_faces: usize) -> Vec<Candidate> {
         let view = picture.view(false);
-        let places = candidates(view, (picture.width(), picture.height()), &self.model.template, search);
-        let likely = places.iter().filter_map(|c| {
+        let verified = |c: &Candidate| {
             let (placement, score) = self.verify(view, c.placement);
             (score >= LEAST_SCORE).then_some(Candidate { placement, score })
-        });
-        let kept = best(likely.collect(), options.most_faces);
-        let mut faces: Vec<_> = kept.iter().map(|c| self.read(picture, c.placement)).collect();
-        faces.retain(|f| f.eye_distance > 0.0 && f.score >= f64::from(LEAST_SCORE));
-        let mut faces = each_once(faces);
-        faces.sort_by(|p, q| q.eye_distance.total_cmp(&p.eye_distance));
-        faces
+        };
+        let all = scored(view, (picture.width(), picture.height()), &self.model.template, search);
+        let (mut most, mut verified_so_far, mut looked_at) = (search.most, Vec::new(), 0);
+        loop {
+            let next = best(&all, most);
+            verified_so_far.extend(next.iter().skip(looked_at).filter_map(verified));
+            looked_at = next.len();
+            let likely = best(&best_first(verified_so_far.clone()), usize::MAX);
+            let faces = places(&likely);
+            if looked_at < most || faces * CROWDED < looked_at || faces > most_faces {
+                return likely;
+            }
+            most *= 2;
+        }
     }
 
     /// Where the first joint stages put a face that may be at a place, and how much it looks like one.
@@ -227,6 +262,17 @@ impl Locator {
         let mirrored = model.mirrored_reading(picture, &mean_at(other));
         face(model, &plain, &mirrored)
     }
+}
+
+/// How many faces placements show: those nearer than the larger one's eye distance are one, as in [`each_once`].
+fn places<'a>(candidates: impl IntoIterator<Item = &'a Candidate>) -> usize {
+    let mut apart: Vec<Placement> = Vec::new();
+    for Candidate { placement: p, .. } in candidates {
+        if apart.iter().all(|q| distance([p.x, p.y], [q.x, q.y]) >= p.scale().max(q.scale())) {
+            apart.push(*p);
+        }
+    }
+    apart.len()
 }
 
 /// Faces whose middles are nearer than the larger one's eye distance are one face; the reading with the smallest expected error is kept.

@@ -131,7 +131,12 @@ pub struct Search {
 }
 
 /// Lays a template on a view of `width` x `height` pixels in all sizes of a search: the places with the highest scores, best first.
-pub fn candidates(view: View<'_>, (width, height): (usize, usize), template: &Template, search: &Search) -> Vec<Candidate> {
+pub fn candidates(view: View<'_>, size: (usize, usize), template: &Template, search: &Search) -> Vec<Candidate> {
+    best(&scored(view, size, template, search), search.most)
+}
+
+/// All places on which a template can be laid in a search, best first.
+pub fn scored(view: View<'_>, (width, height): (usize, usize), template: &Template, search: &Search) -> Vec<Candidate> {
     let (w, h) = (width as f32, height as f32);
     let (cos, sin) = (search.angle.cos(), search.angle.sin());
     // The turned grid that covers the picture.
@@ -153,19 +158,24 @@ pub fn candidates(view: View<'_>, (width, height): (usize, usize), template: &Te
         found.extend(scored);
         size *= STEP;
     }
-    best(found, search.most)
+    best_first(found)
 }
 
-/// The best candidates, at most `most`, no two of them alike.
-pub fn best(mut found: Vec<Candidate>, most: usize) -> Vec<Candidate> {
+/// Candidates by their scores, the highest first.
+pub fn best_first(mut found: Vec<Candidate>) -> Vec<Candidate> {
     found.sort_by(|p, q| q.score.total_cmp(&p.score));
+    found
+}
+
+/// The first of the candidates, at most `most`, no two of them alike.
+pub fn best(found: &[Candidate], most: usize) -> Vec<Candidate> {
     let mut kept: Vec<Candidate> = Vec::new();
     for candidate in found {
         if kept.len() >= most {
             break;
         }
         if !kept.iter().any(|k| alike(k.placement, candidate.placement)) {
-            kept.push(candidate);
+            kept.push(*candidate);
         }
     }
     kept

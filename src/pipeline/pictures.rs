@@ -65,14 +65,14 @@ impl PictureSource {
     }
 }
 
-/// The pictures of a path: one file; the neutral frames of a dataset (a folder with a manifest, or in the layout of Cohn-Kanade); or all
+/// The pictures of a path: one file; the neutral frames of a dataset (a manifest, a folder with one, or in the layout of Cohn-Kanade); or all
 /// pictures of a folder and the folders in it, in order of their names. With them, the sequences of a dataset that have no frames, and
 /// why.
 ///
 /// # Errors
 /// [`BatchError`].
 pub fn pictures_of(path: &Path) -> Result<(Vec<PictureSource>, Vec<String>), BatchError> {
-    let is_manifest = path.file_name().is_some_and(|n| n == MANIFEST_NAME);
+    let is_manifest = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     if path.is_file() && !is_manifest {
         return Ok((vec![file(path)], Vec::new()));
     }

@@ -67,6 +67,19 @@ fn marks_of_the_sample_are_found_again() {
 }
 
 #[test]
+fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_told() {
+    let work = Work::new();
+    let face = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_luma8();
+    let face = image::imageops::thumbnail(&face, 110, 140);
+    let mut group = GrayImage::new(5 * 110, 4 * 140);
+    (0..20).for_each(|k| image::imageops::replace(&mut group, &face, k % 5 * 110, k / 5 * 140));
+    group.save(work.path("group.png")).unwrap();
+    work.grimace("locate group.png -o points.csv").exit(0).prints(&["1 picture, 20 faces"]);
+    let ran = work.grimace("locate group.png -o some.csv --faces 16").exit(0);
+    ran.prints(&["1 picture, 16 faces"]).says(&["group.png: at least", "left out: --faces 16 takes no more"]);
+}
+
+#[test]
 fn bad_input_is_named() {
     let work = work();
     work.grimace("locate gone.jpg -o points.csv").exit(1).says(&["gone.jpg: there is no such picture"]);
