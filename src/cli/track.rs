@@ -40,7 +40,7 @@ pub struct Args {
     /// Emotion label, for `analyze`
     #[arg(long, default_value = "unlabelled")]
     emotion: String,
-    /// Number of the neutral frame, as in the file name
+    /// Number of the neutral frame, as in the file name; where several numbers of the names vary, frames are counted from 1
     #[arg(long)]
     first_frame: Option<u32>,
     /// Number of the apex frame, as in the file name

@@ -6,6 +6,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use super::numbering::{Numbering, numbered};
+
 /// Extensions of image files, in any case: png, jpg, jpeg, tif, tiff, bmp, pgm, ppm, webp.
 pub const IMAGE_EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "webp"];
 
@@ -32,7 +34,7 @@ const MINIMUM_FRAMES: usize = 2;
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameFile {
-    /// Its number: the last in the file's name, where [`list_frames`] made the list. In a list of one's own any that ascend or descend.
+    /// Its number, by the file's name where [`list_frames`] made the list. In a list of one's own any that ascend or descend.
     pub number: u32,
     /// The file.
     pub path: PathBuf,
@@ -187,7 +189,8 @@ pub enum FramesError {
 /// frame, both included. Where `first` is the later of the two, frames go back in time.
 ///
 /// Hidden files and files that are no images are passed over. The number of an image is the last run of digits in its name
-/// before the extension; images are in the order of their numbers.
+/// before the extension, or, where that does not tell the images apart or in order, the one run that varies; images are in the order
+/// of their numbers. Where several runs vary, as in dates with times, images are in the order of their names, counted from 1.
 ///
 /// ```
 /// use grimace::dataset::list_frames;
@@ -204,8 +207,27 @@ pub enum FramesError {
 /// a `first` or `last` that is not there, or fewer than two frames.
 pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
     if path.is_dir() {
-        return Ok(FrameSource::Images(cut(path, numbered_images(path)?, first, last)?));
+        let frames = cut(path, numbered_images(path)?, first, last)?;
+        return match frames.len() {
+            found @ 0..MINIMUM_FRAMES => Err(FramesError::TooFew { folder: path.to_owned(), found }),
+            _ => Ok(FrameSource::Images(frames)),
+        };
     }
+    video(path, first, last)
+}
+
+/// [`list_frames`] of a whole recording, which has no neutral and no apex frame: of a folder all images, be it a single one.
+///
+/// # Errors
+/// As [`list_frames`], but for too few frames.
+pub fn list_recording(path: &Path) -> Result<FrameSource, FramesError> {
+    if path.is_dir() {
+        return Ok(FrameSource::Images(cut(path, numbered_images(path)?, None, None)?));
+    }
+    video(path, None, None)
+}
+
+fn video(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
     if !path.exists() {
         return Err(FramesError::NotFound { path: path.to_owned(), near: same_number(path) });
     }
@@ -235,6 +257,11 @@ pub(super) fn has_frames(folder: &Path) -> bool {
     visible(folder).is_ok_and(|entries| entries.iter().any(|e| has_extension(Path::new(&e.file_name()), &IMAGE_EXTENSIONS)))
 }
 
+/// How many images are in a folder.
+pub(super) fn picture_count(folder: &Path) -> usize {
+    visible(folder).map_or(0, |entries| entries.iter().filter(|e| is_picture(&e.path())).count())
+}
+
 /// Names of the folders in a folder, hidden ones left out, sorted.
 pub(super) fn sub_folders(folder: &Path) -> io::Result<Vec<String>> {
     let entries = visible(folder)?;
@@ -260,27 +287,36 @@ pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     extension.is_some_and(|found| extensions.iter().any(|e| e.eq_ignore_ascii_case(found)))
 }
 
-/// The last run of digits in the stem of a file name.
-pub(super) fn last_digits(path: &Path) -> Option<String> {
-    let stem = path.file_stem()?.to_string_lossy();
-    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start =
-        stem[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |k| k + stem[k..].chars().next().map_or(1, char::len_utf8));
-    Some(stem[start..end].to_owned())
+/// Whether there is a digit in the stem of a file name.
+pub(super) fn has_digits(path: &Path) -> bool {
+    path.file_stem().is_some_and(|stem| stem.as_encoded_bytes().iter().any(u8::is_ascii_digit))
 }
 
 /// Images of a folder by number.
 fn numbered_images(folder: &Path) -> Result<Vec<FrameFile>, FramesError> {
     let io = |reason| FramesError::Io { path: folder.to_owned(), reason };
     let mut frames = Vec::new();
+    let mut paths = Vec::new();
     for entry in visible(folder).map_err(io)? {
         let path = entry.path();
         if !has_extension(&path, &IMAGE_EXTENSIONS) || entry.file_type().map_err(io)?.is_dir() {
             continue;
         }
-        let digits = last_digits(&path).ok_or_else(|| FramesError::NoNumber { path: path.clone() })?;
-        let number = digits.parse().map_err(|_| FramesError::NumberTooLarge { path: path.clone(), digits })?;
-        frames.push(FrameFile { number, path });
+        if !has_digits(&path) {
+            return Err(FramesError::NoNumber { path });
+        }
+        paths.push(path);
+    }
+    match numbered(&paths) {
+        Numbering::Counted(places) => {
+            frames.extend(paths.into_iter().zip(places).map(|(path, number)| FrameFile { number, path }));
+        }
+        Numbering::Named(digits) => {
+            for (path, digits) in paths.into_iter().zip(digits) {
+                let number = digits.parse().map_err(|_| FramesError::NumberTooLarge { path: path.clone(), digits })?;
+                frames.push(FrameFile { number, path });
+            }
+        }
     }
     // Stable: two files with one number stay in the order of their names.
     frames.sort_by_key(|frame| frame.number);
@@ -313,16 +349,11 @@ fn cut(folder: &Path, mut frames: Vec<FrameFile>, first: Option<u32>, last: Opti
     if from > to {
         frames.reverse();
     }
-    if frames.len() < MINIMUM_FRAMES {
-        return Err(FramesError::TooFew { folder: folder(), found: frames.len() });
-    }
     Ok(frames)
 }
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
     use super::*;
 
     fn folder(names: &[&str]) -> tempfile::TempDir {
@@ -365,13 +396,16 @@ mod tests {
     }
 
     #[test]
-    fn the_number_is_the_last_run_of_digits_before_the_extension() {
-        let digits = |name: &str| last_digits(Path::new(name));
-        assert_eq!(digits("S005_001_00000012.png").as_deref(), Some("00000012"));
-        assert_eq!(digits("S005_001_00000012_landmarks.txt").as_deref(), Some("00000012"));
-        assert_eq!(digits("12é7ü.v2.png").as_deref(), Some("2"));
-        assert_eq!(digits("é7.mp4").as_deref(), Some("7"));
-        assert_eq!(digits("face.mp4"), None);
+    fn frames_are_in_the_order_in_which_a_person_reads_their_names() {
+        let names = |names: &[&str]| {
+            let folder = folder(names);
+            let FrameSource::Images(frames) = list_frames(folder.path(), None, None).unwrap() else { panic!("a folder") };
+            frames.iter().map(|f| (f.number, f.path.file_name().unwrap().to_string_lossy().into_owned())).collect::<Vec<_>>()
+        };
+        let expected = |list: &[(u32, &str)]| list.iter().map(|(n, name)| (*n, (*name).to_owned())).collect::<Vec<_>>();
+        let times = ["01_12-31-00.png", "01_12-30-59.png", "01_12-31-01.png"];
+        assert_eq!(names(&times), expected(&[(1, times[1]), (2, times[0]), (3, times[2])]));
+        assert_eq!(names(&["007_cam2.png", "003_cam2.png"]), expected(&[(3, "003_cam2.png"), (7, "007_cam2.png")]));
     }
 
     #[test]
@@ -406,14 +440,5 @@ mod tests {
         let error = |name: &str| list_frames(&folder.path().join(name), None, None).unwrap_err().to_string();
         assert!(error("b.txt").contains("neither a folder of images nor a video file"));
         assert!(error("none").contains("there is no such folder"));
-    }
-
-    proptest! {
-        #[test]
-        fn any_name_has_digits_or_none(name in "\\PC{0,20}") {
-            if let Some(digits) = last_digits(Path::new(&name)) {
-                prop_assert!(!digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()));
-            }
-        }
     }
 }

@@ -12,6 +12,7 @@ mod init;
 mod landmarks;
 mod manifest;
 mod marks;
+mod numbering;
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +22,7 @@ pub use cohn_kanade::emotion_code;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError};
-pub use frames::{FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, is_picture, list_frames};
+pub use frames::{FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, is_picture, list_frames, list_recording};
 pub use init::{UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,

@@ -4,9 +4,9 @@
 //! | --- | --- | --- | --- |
 //! | own | CSV `frame,x0,y0,...,x67,y67` | column `frame` | px from 0 |
 //! | `OpenFace` | CSV with `frame`, `confidence`, `success`, `x_0..x_67`, `y_0..y_67` among others | column `frame` | px from 0 |
-//! | iBUG | a `.pts` file per frame | last number in the name | px from 1; shifted to 0 here |
+//! | iBUG | a `.pts` file per frame | in the name, as of images | px from 1; shifted to 0 here |
 //! | `MediaPipe` | CSV as own, with 468 or 478 points; where they are shares of the picture, with `width` and `height` | column `frame` | px from 0, or shares |
-//! | CK+ | a text file per frame, 68 lines `x y` | last number in the name | px, as they are |
+//! | CK+ | a text file per frame, 68 lines `x y` | in the name, as of images | px, as they are |
 //!
 //! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down.
 //! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in
@@ -26,7 +26,10 @@ use std::{
 
 use nalgebra::Point2;
 
-use super::frames::{has_extension, last_digits, visible};
+use super::{
+    frames::{has_digits, has_extension, picture_count, visible},
+    numbering::{Numbering, numbered},
+};
 use crate::{input::InputError, units::NodeId};
 
 pub use correspond::{DEFAULT_LANDMARK_NODES, LandmarkSelection, correspondences_from_landmarks};
@@ -265,6 +268,19 @@ pub enum LandmarksError {
         /// The file.
         path: PathBuf,
     },
+    /// Files that are counted in the order of their names, and do not go with the images.
+    #[error(
+        "{}: several numbers vary in the names, so that files are counted, but there are {files} of landmarks and {images} images; name \
+         them by frame number, such as S005_001_00000001", folder.display()
+    )]
+    Counted {
+        /// The folder.
+        folder: PathBuf,
+        /// Files of landmarks.
+        files: usize,
+        /// Images beside them.
+        images: usize,
+    },
     /// No frame at all.
     #[error("{}: no landmarks of any frame", path.display())]
     Empty {
@@ -404,9 +420,7 @@ pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Resu
             table::read(&file, face, &mut track)?;
         }
         files => {
-            for file in files {
-                let number = last_digits(file).and_then(|digits| digits.parse().ok());
-                let frame = number.ok_or_else(|| LandmarksError::NoNumber { path: file.clone() })?;
+            for (file, frame) in files.iter().zip(frame_numbers(path, files)?) {
                 if track.frames.insert(frame, points::read(file)?).is_some() {
                     return Err(LandmarksError::DuplicateFrame { path: file.clone(), frame });
                 }
@@ -417,6 +431,25 @@ pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Resu
         return Err(LandmarksError::Empty { path: path.to_owned() });
     }
     Ok(track)
+}
+
+/// The frame numbers of files per frame, as the images beside them are numbered.
+fn frame_numbers(folder: &Path, files: &[PathBuf]) -> Result<Vec<u32>, LandmarksError> {
+    let no_number = |file: &PathBuf| LandmarksError::NoNumber { path: file.clone() };
+    if let Some(file) = files.iter().find(|file| !has_digits(file)) {
+        return Err(no_number(file));
+    }
+    match numbered(files) {
+        Numbering::Named(digits) => {
+            files.iter().zip(digits).map(|(file, digits)| digits.parse().map_err(|_| no_number(file))).collect()
+        }
+        Numbering::Counted(places) => match picture_count(folder) {
+            images if images > 0 && images != files.len() => {
+                Err(LandmarksError::Counted { folder: folder.to_owned(), files: files.len(), images })
+            }
+            _ => Ok(places),
+        },
+    }
 }
 
 /// The files that hold the landmarks at `path`: the table itself, or those of a folder; none where a folder has none.

@@ -1,0 +1,166 @@
+//! Which of the numbers in file names is the frame's.
+
+use std::{cmp::Ordering, path::Path};
+
+/// How the files of a folder are numbered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Numbering {
+    /// The digits of each file's number, as they stand in its name.
+    Named(Vec<String>),
+    /// Several numbers vary: the place of each file in the order of names, from 1.
+    Counted(Vec<u32>),
+}
+
+/// A name in pieces: text, digits, text, digits and so on.
+struct Name {
+    /// What stands before each run of digits, and behind the last.
+    texts: Vec<String>,
+    /// Runs of digits.
+    digits: Vec<String>,
+}
+
+impl Name {
+    fn new(path: &Path) -> Self {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let (mut texts, mut digits, mut rest) = (Vec::new(), Vec::new(), &*stem);
+        while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
+            let (text, behind) = rest.split_at(start);
+            let end = behind.find(|c: char| !c.is_ascii_digit()).unwrap_or(behind.len());
+            let (number, behind) = behind.split_at(end);
+            texts.push(text.to_owned());
+            digits.push(number.to_owned());
+            rest = behind;
+        }
+        texts.push(rest.to_owned());
+        Self { texts, digits }
+    }
+
+    /// A number so that it compares by its value, however long it is.
+    fn value(&self, k: usize) -> (usize, &str) {
+        let plain = self.digits.get(k).map_or("", |digits| digits.trim_start_matches('0'));
+        (plain.len(), plain)
+    }
+
+    fn last(&self) -> (usize, &str) {
+        self.value(self.digits.len().saturating_sub(1))
+    }
+
+    /// Whether a minus stands before a number, and no letter or digit before that: `f_-1`, but not `2024-05` nor `frame-1`.
+    fn is_negative(&self, k: usize) -> bool {
+        let before = self.texts.get(k).and_then(|text| text.strip_suffix('-'));
+        before.is_some_and(|before| before.chars().next_back().map_or(k == 0, |c| !c.is_alphanumeric()))
+    }
+
+    /// As a person reads: text as text, numbers by their value, those below zero first.
+    fn compare(&self, other: &Self) -> Ordering {
+        let text = |name: &'_ Self, k: usize| -> String {
+            let text = name.texts.get(k).map_or("", String::as_str);
+            (if name.is_negative(k) { text.strip_suffix('-').unwrap_or(text) } else { text }).to_owned()
+        };
+        let number = |k: usize| match (self.is_negative(k), other.is_negative(k)) {
+            (false, false) => self.value(k).cmp(&other.value(k)),
+            (true, true) => other.value(k).cmp(&self.value(k)),
+            (here, there) => there.cmp(&here),
+        };
+        let places = 0..self.texts.len().max(other.texts.len());
+        places.map(|k| text(self, k).cmp(&text(other, k)).then_with(|| number(k))).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
+    }
+}
+
+/// Numbers files of one folder by their names, each of which has digits.
+///
+/// The number is the last in the name where no two files share it, and where it gives the order in which a person reads the names or
+/// is all that varies. Else it is the one number that varies. Where several do (dates with times, numbers below zero), files are
+/// counted in the order of their names, numbers in them by their value.
+pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
+    let names: Vec<Name> = files.iter().map(|file| Name::new(file.as_ref())).collect();
+    let last = || Numbering::Named(names.iter().map(|name| name.digits.last().cloned().unwrap_or_default()).collect());
+    let mut order: Vec<usize> = (0..names.len()).collect();
+    order.sort_by(|&a, &b| names[a].compare(&names[b]));
+    let in_order = order.windows(2).all(|pair| names[pair[0]].last() < names[pair[1]].last());
+    if in_order {
+        return last();
+    }
+    let groups = names.iter().map(|name| name.digits.len()).max().unwrap_or(0);
+    let varies = |k: usize| names.iter().any(|name| name.digits.len() <= k || name.value(k) != names[0].value(k));
+    let varying: Vec<usize> = (0..groups).filter(|&k| varies(k)).collect();
+    let is_mixed = |k: usize| {
+        let below = names.iter().filter(|name| name.is_negative(k)).count();
+        below > 0 && below < names.len()
+    };
+    // Names that read alike are the same frame twice.
+    let is_twice = order.windows(2).any(|pair| names[pair[0]].compare(&names[pair[1]]).is_eq());
+    match varying[..] {
+        _ if is_twice => last(),
+        [] if !(0..groups).any(is_mixed) => last(),
+        [k] if names.iter().all(|name| name.digits.len() == groups) && !is_mixed(k) => {
+            Numbering::Named(names.iter().filter_map(|name| name.digits.get(k).cloned()).collect())
+        }
+        _ => {
+            let mut places = vec![0; names.len()];
+            (1..).zip(&order).for_each(|(number, &k)| places[k] = number);
+            Numbering::Counted(places)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn numbers(names: &[&str]) -> Vec<u32> {
+        match numbered(names) {
+            Numbering::Named(digits) => digits.iter().map(|d| d.parse().unwrap()).collect(),
+            Numbering::Counted(places) => places,
+        }
+    }
+
+    #[test]
+    fn the_number_is_the_last_in_the_name_where_that_says_the_order() {
+        assert_eq!(numbers(&["a10.png", "a9.png", "a2.jpg", "a0011.webp"]), [10, 9, 2, 11]);
+        assert_eq!(numbers(&["S005_001_00000012.png", "S005_001_00000013.png"]), [12, 13]);
+        assert_eq!(numbers(&["S005_001_00000012_landmarks.txt"]), [12]);
+        assert_eq!(numbers(&["12\u{e9}7\u{fc}.v2.png"]), [2]);
+        assert_eq!(numbers(&["b1.png", "a2.png"]), [1, 2], "nothing else varies");
+        assert_eq!(numbers(&["cam1_7.png", "cam2_8.png"]), [7, 8], "both give the same order");
+        assert_eq!(numbers(&["f_-5.png", "f_-4.png"]), [5, 4], "a minus before all of them is a dash");
+        assert_eq!(numbers(&["f1.png", "f01.jpg"]), [1, 1]);
+        assert_eq!(numbers(&["left_1.png", "left_2.png", "right_1.png", "right_2.png"]), [1, 2, 1, 2], "two sets");
+    }
+
+    #[test]
+    fn a_number_that_alone_varies_is_the_frames() {
+        assert_eq!(numbers(&["002_cam2.png", "001_cam2.png"]), [2, 1]);
+        assert_eq!(numbers(&["10_640x480.png", "9_640x480.png"]), [10, 9]);
+    }
+
+    #[test]
+    fn files_whose_names_vary_in_several_numbers_are_counted() {
+        assert_eq!(
+            numbers(&["2024-05-01_12-31-00.png", "2024-05-01_12-30-50.png", "2024-05-01_12-30-59.png"]),
+            [3, 1, 2],
+            "over a minute"
+        );
+        assert_eq!(numbers(&["t_1700000000.800000.png", "t_1700000001.000000.png", "t_1700000000.900000.png"]), [1, 3, 2]);
+        assert_eq!(numbers(&["f_-1.png", "f_1.png", "f_0.png", "f_-10.png"]), [2, 4, 3, 1], "below zero");
+        assert_eq!(numbers(&["f_-1.png", "f_1.png"]), [1, 2]);
+        assert_eq!(numbers(&["take2_001.png", "take10_002.png", "take1_005.png"]), [2, 3, 1]);
+        assert_eq!(numbers(&["f_-1.png", "f_1.png", "f_1.jpg"]), [1, 1, 1], "the same twice");
+    }
+
+    proptest! {
+        #[test]
+        fn any_names_are_numbered(names in prop::collection::vec("[a-b0-2_-]{0,4}[0-2][a-b_-]{0,2}", 0..6)) {
+            let count = match numbered(&names) {
+                Numbering::Named(digits) => {
+                    prop_assert!(digits.iter().all(|d| !d.is_empty() && d.bytes().all(|b| b.is_ascii_digit())));
+                    digits.len()
+                }
+                Numbering::Counted(places) => places.len(),
+            };
+            prop_assert_eq!(count, names.len());
+        }
+    }
+}
