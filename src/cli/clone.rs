@@ -12,7 +12,7 @@ use grimace::{
         Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
     dataset::{PUBLISH_COLUMN, list_frames, may_publish},
-    output::{MADE_BY, write_atomic},
+    output::{MADE_BY, count, per_second, write_atomic},
     pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
     sequence::read_colour_frames,
@@ -441,9 +441,9 @@ impl Job<'_> {
         })?;
         if !self.args.general.quiet && self.args.source.len() * self.args.target.len() == 1 {
             println!(
-                "{} frames at {} frames per second: {} on {}, in {}",
-                clone.frames.len(),
-                clone.fps,
+                "{} at {}: {} on {}, in {}",
+                count(clone.frames.len(), "frame", "frames"),
+                per_second(clone.fps),
                 source.motion.name,
                 target.name,
                 folder.display()

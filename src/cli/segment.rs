@@ -10,7 +10,7 @@ use std::{
 };
 
 use grimace::{
-    dataset::{FrameSource, list_frames},
+    dataset::{FrameSource, list_recording},
     output::count,
     pipeline::{
         ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow, Workbench, reuse_recording,
@@ -39,7 +39,7 @@ and how sure it is, 0 to 1. Beside it stands a folder of the same name with the 
 frame of every recording: phase, pose, action units. Emotions are not recognized: correct the labels in the table. Run again, recordings that \
 did not change are kept. See docs/recordings.md.
 
-Exit status: 0 done, 3 where nothing can be proposed for a recording, 1 where that is so for all of them.")]
+Exit status: 0 done, 3 where nothing is proposed for a recording, 1 where that is so for all of them.")]
 pub struct Args {
     /// Videos, or folders of images in order
     #[arg(required = true, value_name = "RECORDING")]
@@ -183,6 +183,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                     );
                     files.notes.iter().for_each(|note| println!("  {note}"));
                 }
+                failed += usize::from(files.segments.is_empty());
                 let columns = ManifestColumns {
                     subject: args.subject.clone().unwrap_or_else(|| recording.stem.clone()),
                     emotion: args.emotion.trim().to_lowercase(),
@@ -209,7 +210,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !args.general.quiet {
         println!("{} written to {}", count(rows.len(), "sequence", "sequences"), args.output.display());
     }
-    Ok(if failed > 0 { Outcome::SomeFailed } else { Outcome::Done })
+    Ok(match failed {
+        0 => Outcome::Done,
+        _ if rows.is_empty() => Outcome::Failed,
+        _ => Outcome::SomeFailed,
+    })
 }
 
 /// The recordings by their paths; each has a name of its own.
@@ -217,7 +222,7 @@ fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Re
     let mut names: BTreeMap<String, PathBuf> = BTreeMap::new();
     let mut out = Vec::new();
     for path in &args.recordings {
-        let frames = list_frames(path, None, None)?;
+        let frames = list_recording(path)?;
         let full = path.canonicalize().unwrap_or_else(|_| path.clone());
         let name = match &frames {
             FrameSource::Images(_) => full.file_name(),

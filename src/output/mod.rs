@@ -160,6 +160,11 @@ pub fn count(n: usize, singular: &str, plural: &str) -> String {
     format!("{n} {}", if n == 1 { singular } else { plural })
 }
 
+/// `25 frames per second`, `1 frame per second`.
+pub fn per_second(fps: f64) -> String {
+    format!("{} {} per second", nine_digits(fps), if fps.total_cmp(&1.0).is_eq() { "frame" } else { "frames" })
+}
+
 /// A number with 9 significant digits, the shortest text that has them (`0.1`, `12.3456789`, `-0` becomes `0`).
 pub fn nine_digits(value: f64) -> String {
     let text = format!("{value:.8e}");

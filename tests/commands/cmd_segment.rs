@@ -93,7 +93,24 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     let frames: Vec<i64> = work.rows("out/tracks/P1_talk-01.csv").iter().map(|r| number(r, "frame")).collect();
     assert!(frames.is_sorted() && frames[0] == apex && *frames.last().unwrap() == neutral, "{neutral} {apex}");
     work.grimace("run data -o out").exit(0).prints(&["nothing changed"]);
-    work.grimace("segment data/talk -o none.csv --high 60").exit(0).prints(&["0 sequences proposed", "no expression was found"]);
+    // Nothing is found in one of two: it is named.
+    work.grimace("segment data/talk -o none.csv --high 60").exit(1).prints(&["0 sequences proposed", "no expression was found"]);
+    record(&work, "data/still", &[Shot::Face("005", 1); 40]);
+    work.grimace("segment data/talk data/still -o some.csv")
+        .exit(3)
+        .prints(&["still: 0 sequences proposed", "1 sequence written"]);
+    let two = "subject,sequence,emotion,frames,segment\nP1,talk,happiness,talk,auto\nP2,still,happiness,still,auto\n";
+    work.write("data/manifest.csv", two);
+    work.grimace("run data -o out").exit(3).prints(&["2 sequences: 0 tracked, 1 unchanged, 1 failed"]);
+    let failures = work.rows("out/failures.csv");
+    assert_eq!(failures.len(), 1, "{failures:?}");
+    assert_eq!((failures[0]["id"].as_str(), failures[0]["stage"].as_str()), ("P2_still", "dataset"));
+    assert!(failures[0]["reason"].ends_with("no sequence can be proposed: no expression was found"), "{failures:?}");
+    work.grimace("run data -o out").exit(3).prints(&["nothing changed"]);
+    work.write("alone.csv", "subject,sequence,emotion,frames,segment\nP2,still,happiness,data/still,auto\n");
+    work.grimace("run alone.csv -o nothing").exit(1).says(&["none of the 1 sequences", "no expression was found"]);
+    // A table of segments is a manifest for `locate`, too.
+    work.grimace("locate some.csv -o points.csv").exit(0).prints(&["1 picture, 1 face"]);
 }
 
 #[test]
@@ -131,6 +148,9 @@ fn what_is_no_recording_is_said() {
     assert!(!work.path("a.csv").exists());
     record(&work, "short", &expression("005")[..12]);
     work.grimace("segment short -o a.csv").exit(1).says(&["short", "too short for a rest and an expression"]);
+    record(&work, "one", &expression("005")[..1]);
+    work.grimace("segment one -o a.csv").exit(1).says(&["too short for a rest", "1 frame, 25 at least at 25 frames per second"]);
+    work.grimace("segment one -o a.csv --fps 1").exit(1).says(&["1 frame, 2 at least at 1 frame per second"]);
     work.grimace("segment nothing -o a.csv").exit(1).says(&["nothing: there is no such folder"]);
     work.grimace("segment short other/short -o a.csv").exit(1);
     work.grimace("segment short -o segments").exit(1).says(&["the table is a .csv"]);

@@ -9,7 +9,7 @@ use super::{
     Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording, write_recording,
 };
 use crate::{
-    dataset::{Dataset, DatasetError, FailedEntry, SEGMENT_COLUMN, SequenceEntry, list_frames},
+    dataset::{Dataset, DatasetError, FailedEntry, SEGMENT_COLUMN, SequenceEntry, list_recording},
     output::OutputError,
     pipeline::{Event, RunError, Workbench},
     segment::SegmentOptions,
@@ -36,7 +36,7 @@ pub(in super::super) fn expand(
     for entry in recordings {
         event(Event::Segmenting { id: entry.id.clone() });
         let folder = out.join(SEGMENTS_FOLDER).join(&entry.id.subject);
-        match segmented(&entry, &folder, bench, stop) {
+        match segmented(&entry, &folder, bench, stop).and_then(with_segments) {
             Ok(files) => sequences.extend(files.segments.iter().map(|segment| sequence(&entry, segment, &folder))),
             Err(RecordingError::Interrupted) => return Err(RunError::Interrupted),
             Err(RecordingError::Output(error)) => return Err(OutputError::into(error)),
@@ -52,13 +52,18 @@ pub(in super::super) fn expand(
     Ok(())
 }
 
+/// What was found in a recording; one in which nothing was found is a failure as a bad sequence is, with its notes for a reason.
+fn with_segments(files: RecordingFiles) -> Result<RecordingFiles, RecordingError> {
+    if files.segments.is_empty() { Err(RecordingError::Nothing { reasons: files.notes }) } else { Ok(files) }
+}
+
 fn segmented(
     entry: &SequenceEntry,
     folder: &Path,
     bench: &Workbench,
     stop: &AtomicBool,
 ) -> Result<RecordingFiles, RecordingError> {
-    let frames = list_frames(&entry.frames_path, None, None).map_err(|e| RecordingError::Row { reason: e.to_string() })?;
+    let frames = list_recording(&entry.frames_path).map_err(|e| RecordingError::Row { reason: e.to_string() })?;
     let marks = match (&entry.correspondences_path, entry.first_frame) {
         (None, _) => None,
         (Some(path), Some(frame)) => {

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use self::{
     follow::{CompactFrame, Followed, Start, follow},
     measure::{marks_in, measure},
-    survey::{Look, Stretch, Survey},
+    survey::{Look, SHORTEST, Stretch, Survey, too_short},
 };
 use super::{FoundMarksError, Workbench, found::fitting_marks};
 use crate::{
@@ -185,8 +185,6 @@ pub enum RecordingError {
     Interrupted,
 }
 
-/// Shortest stretch that is worth tracking, seconds.
-const SHORTEST: f64 = 1.0;
 /// Activity up to which the frame that was fitted serves as the neutral one.
 const AT_REST: f64 = 0.5;
 
@@ -256,11 +254,7 @@ fn tracked_stretches(
     while let Some(stretch) = waiting.pop_front() {
         let named = format!("frames {} to {}", number(stretch.first), number(stretch.last));
         if ((stretch.last - stretch.first + 1) as f64) < SHORTEST * survey.fps {
-            let (frames, least) = (stretch.last - stretch.first + 1, (SHORTEST * survey.fps).ceil());
-            notes.push(format!(
-                "{named}: too short for a rest and an expression: {frames} frames, {least} at least at {} frames per second",
-                survey.fps
-            ));
+            notes.push(too_short(&named, stretch.last - stretch.first + 1, survey.fps));
             continue;
         }
         let given = recording.marks.as_ref().and_then(|(frame, marks)| {

@@ -10,6 +10,7 @@ use crate::{
     fit::Correspondence,
     geometry::Similarity,
     normalize::stable_nodes,
+    output::{count, per_second},
     pipeline::{FoundFace, Workbench, found_face},
     segment::densest,
     sequence::{Frame, ImageSize, SequenceReader},
@@ -63,9 +64,21 @@ pub(super) struct Stretch {
     pub last: usize,
 }
 
+/// Shortest stretch that is worth tracking, seconds.
+pub(super) const SHORTEST: f64 = 1.0;
+
+/// What is said of frames that last for less than [`SHORTEST`].
+pub(super) fn too_short(named: &str, frames: usize, fps: f64) -> String {
+    let (found, least) = (count(frames, "frame", "frames"), (SHORTEST * fps).ceil().max(2.0));
+    format!("{named}: too short for a rest and an expression: {found}, {least} at least at {}", per_second(fps))
+}
+
 impl Survey {
     /// Looks through a recording once.
     pub fn new(source: &FrameSource, fps: Option<f64>, tick: Tick<'_>) -> Result<Self, RecordingError> {
+        if matches!(source, FrameSource::Images(files) if files.len() == 1) {
+            return Err(RecordingError::Nothing { reasons: vec![too_short("the only frame", 1, fps.unwrap_or(USUAL_FPS))] });
+        }
         let mut reader = SequenceReader::open(source)?;
         let total = match source {
             FrameSource::Images(files) => Some(files.len()),
