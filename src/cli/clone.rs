@@ -15,7 +15,7 @@ use grimace::{
     output::{MADE_BY, count, per_second, write_atomic},
     pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
-    sequence::read_colour_frames,
+    sequence::{ImageSize, read_colour_frames},
     track::read_track_info,
 };
 use image::RgbImage;
@@ -312,10 +312,9 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     for path in &args.source {
         let read = || -> anyhow::Result<Source> {
             let motion = SourceMotion::read(path, bench)?;
-            if args.look.source_frames.is_some()
-                && !motion.frames.is_empty()
-                && let Some(info) = read_track_info(path)?
-            {
+            let wants_pictures = args.look.source_frames.is_some() && !motion.frames.is_empty();
+            let info = if wants_pictures { read_track_info(path)? } else { None };
+            if let Some(info) = &info {
                 anyhow::ensure!(
                     may_publish(&info.metadata),
                     "{}: the column `{PUBLISH_COLUMN}` of its manifest says that pictures of this person may not be shown; \
@@ -323,7 +322,8 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                     path.display()
                 );
             }
-            let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion)).transpose()?;
+            let size = info.map(|info| info.image_size);
+            let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion, size)).transpose()?;
             let skin = skin_of(&args.look.skin, path, &motion, bench)?;
             Ok(Source { path, motion, pictures, skin })
         };
@@ -346,8 +346,8 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     Ok((sources, failed))
 }
 
-/// The pictures of a track's frames.
-fn pictures(folder: &Path, motion: &SourceMotion) -> anyhow::Result<Vec<RgbImage>> {
+/// The pictures of a track's frames, which are of the size of those that were tracked where that is known.
+fn pictures(folder: &Path, motion: &SourceMotion, size: Option<ImageSize>) -> anyhow::Result<Vec<RgbImage>> {
     anyhow::ensure!(
         !motion.frames.is_empty(),
         "--source-frames belong to a track; {} is a representative, a model or a FAP file and has none",
@@ -364,6 +364,16 @@ fn pictures(folder: &Path, motion: &SourceMotion) -> anyhow::Result<Vec<RgbImage
         numbers.len(),
         motion.name
     );
+    for (number, picture) in &read {
+        let found = ImageSize { width: picture.width(), height: picture.height() };
+        anyhow::ensure!(
+            size.is_none_or(|expected| found == expected),
+            "{}: frame {number} is {found}, but the track {} was made from frames of {}; give the folder or video that it was made from",
+            folder.display(),
+            motion.name,
+            size.unwrap_or(found)
+        );
+    }
     Ok(read.into_iter().map(|(_, picture)| picture).collect())
 }
 

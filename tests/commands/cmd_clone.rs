@@ -350,6 +350,13 @@ fn sources_that_do_not_fit_are_named() {
     clone(&work, "--source analysed/representatives/happiness.csv --source-frames faces/S001/005 --wrinkles -o out")
         .exit(1)
         .says(&["belong to a track"]);
+    for k in 1..=6 {
+        let small = image::imageops::thumbnail(&picture(&work, &format!("faces/S001/005/S001_005_{k:08}.png")), 40, 40);
+        work.write(&format!("small/f_{k}.png"), png(small));
+    }
+    clone(&work, "--source S001_005.csv --source-frames small --wrinkles -o out")
+        .exit(1)
+        .says(&["small: frame 1 is 40x40, but the track S001_005 was made from frames of"]);
     std::fs::remove_file(work.path("faces/S001/005/S001_005_00000003.png")).unwrap();
     clone(&work, "--source S001_005.csv --source-frames faces/S001/005 --wrinkles -o out")
         .exit(1)
