@@ -12,6 +12,7 @@ use grimace::{
         FapFile, FapMask, FapReadError, FapSequence, FapSummary, Finding, Profile, SequenceSummary, Severity, ValueFormat,
         check_fap, check_lips, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
     },
+    input::is_stdin,
     interpolation::FPS,
     output::nine_digits,
 };
@@ -79,7 +80,7 @@ struct ConvertArgs {
     /// The file to convert: a CSV table if its name ends in .csv, else a .fap file.
     #[arg(value_name = "FILE")]
     input: PathBuf,
-    /// The file to write: a CSV table if its name ends in .csv, else a .fap file.
+    /// The file to write: a CSV table if its name ends in .csv, else a .fap file; `-` for a .fap file on standard output.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Frames per second of the output; frames are interpolated so that the motion keeps its duration.
@@ -263,7 +264,7 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
 
 fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     let output = &args.output;
-    if !args.force && output.symlink_metadata().is_ok() {
+    if !args.force && !is_stdin(output) && output.symlink_metadata().is_ok() {
         bail!("{} exists; give --force to overwrite it", output.display());
     }
     let to_csv = is_csv(output);
@@ -272,8 +273,10 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     }
     let (sequence, like_input) = read(args)?;
     let profile = args.profile.unwrap_or(like_input);
-    let mut sequence = set_timing(args, profile, sequence)?;
+    let mut sequence = sequence;
+    // Before the timing: what frames between two others are depends on what an unset FAP is.
     sequence.apply_mask(&args.mask);
+    let mut sequence = set_timing(args, profile, sequence)?;
     if !to_csv {
         let prepared = profile.prepare(&mut sequence);
         if let Some(name) = prepared.renamed {
@@ -300,8 +303,15 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     }
     if to_csv {
         write_tidy_csv(output, &sequence)?;
+        return Ok(Outcome::Done);
+    }
+    let format = if values == Values::Integer { ValueFormat::Integer } else { ValueFormat::Float };
+    if is_stdin(output) {
+        let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+        let path = folder.path().join("out.fap");
+        write_fap_as(&path, &sequence, profile, format).context("standard output")?;
+        print(&std::fs::read_to_string(&path).context("cannot read the file back")?)?;
     } else {
-        let format = if values == Values::Integer { ValueFormat::Integer } else { ValueFormat::Float };
         write_fap_as(output, &sequence, profile, format).with_context(|| output.display().to_string())?;
     }
     Ok(Outcome::Done)

@@ -201,7 +201,22 @@ impl Parser {
             _ => (bytes, false),
         };
         let mut line = 0;
-        for raw in body.split(|&b| b == b'\n').filter(|_| !bytes.is_empty()) {
+        // What old Macs wrote: every line would be the end of the first one.
+        let end =
+            if body.contains(&b'\n') || !body.contains(&b'\r') || body.iter().position(|&b| b == b'\r') == Some(body.len() - 1) {
+                b'\n'
+            } else {
+                b'\r'
+            };
+        let (body, ends) = match body {
+            [body @ .., b'\r'] if end == b'\r' => (body, true),
+            _ => (body, ends),
+        };
+        if end == b'\r' {
+            let message = "the lines end with CR alone; save the file with LF".to_owned();
+            self.findings.error(1, "line", Rule::LineEnding, message);
+        }
+        for raw in body.split(|&b| b == end).filter(|_| !bytes.is_empty()) {
             line += 1;
             if self.findings.given_up() {
                 return (header, frames);
@@ -258,8 +273,8 @@ impl Parser {
         if line == 1
             && let Some(rest) = raw.strip_prefix(b"\xEF\xBB\xBF")
         {
-            let message = "the file starts with a byte order mark; save it as plain ASCII".to_owned();
-            self.findings.error(line, "file", Rule::ByteOrderMark, message);
+            let message = || "the file starts with a byte order mark; save it as plain ASCII".to_owned();
+            self.findings.warning(line, "file", Rule::ByteOrderMark, message);
             raw = rest;
         }
         if let Some(rest) = raw.strip_suffix(b"\r") {
@@ -332,7 +347,7 @@ impl Parser {
         let fps = fps_text.parse::<f64>().ok().filter(|fps| *fps > 0.0 && *fps <= VALUE_LIMIT);
         match fps {
             None => {
-                let message = format!("`{}` is not a frame rate; expected a positive integer, such as 25", excerpt(fps_text));
+                let message = format!("`{}` is not a frame rate; expected a positive number, such as 25", excerpt(fps_text));
                 self.findings.error(line, "fps", Rule::FpsInteger, message);
             }
             Some(_) if !is_plain_integer(fps_text) => {

@@ -200,7 +200,7 @@ fn what_no_tool_writes_is_refused_with_line_and_rule() {
         ("version 3", one("2.1", "3"), 1, "version"),
         ("no name", one("2.1 joy 25 3", "2.1 25 3"), 1, "header"),
         ("a frame rate of 0", one(" 25 ", " 0 "), 1, "fps-integer"),
-        ("a byte order mark", format!("\u{feff}{}", strict()), 1, "byte-order-mark"),
+        ("lines that end with CR", strict().replace('\n', "\r"), 1, "line-ending"),
         ("an empty file", String::new(), 1, "header"),
     ];
     for (case, text, line, rule) in cases {
@@ -244,6 +244,32 @@ fn convert_keeps_the_duration_or_the_frames_at_another_rate() {
     assert!(fast.contains("\n2 10 -20 30\n") && fast.contains("\n4 40 -60 80\n"), "{fast}");
     work.fap("convert joy.fap --fps 50 --keep-frames -o same.fap").success();
     assert_eq!(work.read("same.fap"), strict().replace("joy 25", "joy 50"));
+}
+
+#[test]
+fn an_unset_fap_is_the_same_at_another_rate() {
+    let work = Work::new();
+    // The second of three frames sets nothing: readers take that for 0.
+    let (some, none) = (mask(&[4]), mask(&[]));
+    work.write("gap.fap", format!("2.1 joy 25 3\n{some}\n0 90\n{none}\n1\n{some}\n2 90\n"));
+    work.fap("convert gap.fap --fps 50 -o once.fap").success();
+    work.fap("convert gap.fap -o filled.fap").success();
+    work.fap("convert filled.fap --fps 50 -o twice.fap").success();
+    assert_eq!(work.read("once.fap"), work.read("twice.fap"));
+    assert!(work.read("once.fap").contains("\n1 45\n"), "{}", work.read("once.fap"));
+    // `-` is standard output.
+    assert_eq!(work.stdout("convert gap.fap --fps 50 -o -"), work.read("once.fap"));
+    assert!(!work.path("-").exists());
+}
+
+#[test]
+fn a_byte_order_mark_is_tolerated_and_a_rate_of_0_is_not() {
+    let work = Work::new();
+    work.write("bom.fap", format!("\u{feff}{}", strict())).write("still.fap", strict().replace(" 25 ", " 0 "));
+    work.fap("check bom.fap").success().stdout(contains("bom.fap:1: warning byte-order-mark"));
+    work.fap("convert bom.fap -o plain.fap").success();
+    assert_eq!(work.read("plain.fap"), strict());
+    work.fap("check still.fap").code(1).stdout(contains("`0` is not a frame rate; expected a positive number"));
 }
 
 #[test]
