@@ -20,9 +20,16 @@ pub const UNKNOWN_EMOTION: &str = "?";
 /// Folders within folders that are looked into.
 const MOST_LEVELS: usize = 8;
 
+/// Words that say no to an emotion, as words of their own or as beginnings.
+const NEGATIONS: [&str; 6] = ["not", "non", "no", "un", "never", "without"];
+
+/// The word for anger in short, which other words and names begin with (`angle`, `Angela`).
+const ANGER: &str = "ang";
+
 /// Words that say an emotion, beginning with these letters.
-const EMOTION_WORDS: [(&str, &str); 14] = [
-    ("ang", "anger"),
+const EMOTION_WORDS: [(&str, &str); 15] = [
+    ("anger", "anger"),
+    ("angr", "anger"),
     ("disg", "disgust"),
     ("fear", "fear"),
     ("afraid", "fear"),
@@ -248,10 +255,29 @@ fn has_other_words(name: &str) -> bool {
     words(name).len() > 1 || name.chars().any(|c| c.is_ascii_digit())
 }
 
-/// The emotion that a name says.
+/// The emotion that a name says; [`UNKNOWN_EMOTION`] where it says several, or that it is not one.
 fn emotion_of(name: &str) -> Option<&'static str> {
-    let of_word = |word: &String| EMOTION_WORDS.iter().find(|(start, _)| word.starts_with(start)).map(|(_, emotion)| *emotion);
-    words(name).iter().find_map(of_word)
+    let at_start = |word: &str| match EMOTION_WORDS.iter().find(|(start, _)| word.starts_with(start)) {
+        Some((start, emotion)) => Some((start.len(), *emotion)),
+        None => (word == ANGER).then_some((ANGER.len(), "anger")),
+    };
+    let mut found: BTreeSet<&'static str> = BTreeSet::new();
+    let words = words(name);
+    for word in &words {
+        if NEGATIONS.iter().any(|no| word.strip_prefix(no).is_some_and(|rest| at_start(rest).is_some())) {
+            return Some(UNKNOWN_EMOTION);
+        }
+        let Some((length, emotion)) = at_start(word) else { continue };
+        found.insert(emotion);
+        // Another one may follow in the same word: `happysad`.
+        let rest = word.get(length..).unwrap_or_default();
+        found.extend(rest.char_indices().filter_map(|(k, _)| at_start(&rest[k..])).map(|(_, emotion)| emotion));
+    }
+    let is_negated = words.iter().any(|word| NEGATIONS.contains(&word.as_str()));
+    match found.first() {
+        Some(_) if found.len() > 1 || is_negated => Some(UNKNOWN_EMOTION),
+        only => only.copied(),
+    }
 }
 
 /// Where the manifest of a folder lies.
@@ -289,6 +315,31 @@ mod tests {
             ["S2", "a-sad_01", "sadness", "S2/a/sad_01"],
         ];
         assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
+    }
+
+    #[test]
+    fn names_that_say_no_emotion_or_several_leave_it_open() {
+        for (name, emotion) in [
+            ("happy_01", Some("happiness")),
+            ("01-SMILING", Some("happiness")),
+            ("disgusted", Some("disgust")),
+            ("surprise neutral", Some("?")),
+            ("not_happy", Some("?")),
+            ("non-sad", Some("?")),
+            ("unhappy", Some("?")),
+            ("no smile", Some("?")),
+            ("happysad", Some("?")),
+            ("happy_happiness", Some("happiness")),
+            ("ang-2", Some("anger")),
+            ("angry", Some("anger")),
+            ("angela_happy", Some("happiness")),
+            ("nora", None),
+            ("un_1", None),
+        ] {
+            assert_eq!(emotion_of(name), emotion, "{name}");
+        }
+        let files = ["S1/happy/not_happy/1.png", "S1/happy/not_happy/2.png", "S1/x/1.png", "S1/x/2.png"];
+        assert_eq!(rows(&files).iter().map(|r| r[2].as_str()).collect::<Vec<_>>(), ["?", "?"]);
     }
 
     #[test]
