@@ -31,10 +31,11 @@ pub(super) fn landmarks(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     POINTS.iter().filter_map(|&k| points.get(k).copied()).collect()
 }
 
-/// Whether points are shares of the picture's width and height, as `MediaPipe` gives them: all near 0 to 1.
-pub(super) fn is_normalized(points: &[Point2<f64>]) -> bool {
+/// Whether points are shares of the picture's width and height, as `MediaPipe` gives them: all near 0 to 1, and not all in one place, as
+/// zeros of a face that was not found are.
+pub(in super::super) fn is_normalized(points: &[Point2<f64>]) -> bool {
     let near = |value: f64| (-OUTSIDE..=1.0 + OUTSIDE).contains(&value);
-    points.iter().all(|p| near(p.x) && near(p.y))
+    points.iter().all(|p| near(p.x) && near(p.y)) && points.iter().any(|p| Some(p) != points.first())
 }
 
 /// Normalized points in pixels: 0 is the left or upper edge of the first pixel, whose centre is (0, 0) here.

@@ -5,12 +5,13 @@
 //! | own | CSV `frame,x0,y0,...,x67,y67` | column `frame` | px from 0 |
 //! | `OpenFace` | CSV with `frame`, `confidence`, `success`, `x_0..x_67`, `y_0..y_67` among others | column `frame` | px from 0 |
 //! | iBUG | a `.pts` file per frame | in the name, as of images | px from 1; shifted to 0 here |
-//! | `MediaPipe` | CSV as own, with 468 or 478 points; where they are shares of the picture, with `width` and `height` | column `frame` | px from 0, or shares |
+//! | `MediaPipe` | CSV as own, with 468 or 478 points; where they are shares of the picture, with `width` and `height`; so may the others | column `frame` | px from 0, or shares |
 //! | CK+ | a text file per frame, 68 lines `x y` | in the name, as of images | px, as they are |
 //!
 //! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down.
 //! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in
-//! their order. A frame is *lost* when its row says so (`success` 0, a confidence under the least one, or no coordinates at all).
+//! their order. A frame is *lost* when its row says so (`success` 0, a confidence under the least one, or a coordinate missing: empty,
+//! NaN, NA or null).
 
 mod correspond;
 mod mediapipe;
@@ -192,6 +193,12 @@ pub enum LandmarksError {
         /// Line, from 1.
         line: usize,
     },
+    /// As [`LandmarksError::Normalized`], in a file of one frame.
+    #[error("{}: the points are shares of the picture's width and height (0 to 1); multiply x by the width and y by the height, px", path.display())]
+    NormalizedFile {
+        /// The file.
+        path: PathBuf,
+    },
     /// A folder with more than one set of landmarks.
     #[error("{}: more than one set of landmarks: {}; name one in the manifest's column `landmarks`, or leave one in the folder", folder.display(), found.join(", "))]
     Ambiguous {
@@ -207,7 +214,7 @@ pub enum LandmarksError {
         path: PathBuf,
     },
     /// Every frame was lost.
-    #[error("{}: the face is lost in all {frames} frames (no success, or a confidence under {least})", path.display())]
+    #[error("{}: the face is lost in all {frames} frames (no success, a confidence under {least}, or a coordinate missing)", path.display())]
     AllLost {
         /// File or folder.
         path: PathBuf,

@@ -21,7 +21,13 @@ pub(in super::super) fn read(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksE
         _ if has_pts_name => read_pts(path, text)?,
         _ => numbered_lines(text).map(|(line, content)| point(path, line, content)).collect::<Result<_, _>>()?,
     };
-    if points.len() == LANDMARK_COUNT {
+    let from_zero: Vec<Point2<f64>> = match form_of(path) {
+        Form::Pts => points.iter().map(|p| p + nalgebra::Vector2::repeat(PTS_FIRST_PIXEL)).collect(),
+        _ => points.clone(),
+    };
+    if points.len() == LANDMARK_COUNT && super::mediapipe::is_normalized(&from_zero) {
+        Err(LandmarksError::NormalizedFile { path: path.to_owned() })
+    } else if points.len() == LANDMARK_COUNT {
         Ok(points)
     } else {
         Err(LandmarksError::Count { path: path.to_owned(), found: points.len() })

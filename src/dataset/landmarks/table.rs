@@ -137,7 +137,7 @@ fn read_row(row: &CsvRow<'_>, frame: usize, columns: &Columns, least: f64, path:
     let number = |column: usize| row.number(column).map_err(|error| explained(error, row.get(column)));
     let face = columns.face.map(|k| row.get(k).to_owned()).unwrap_or_default();
     let frame = row.whole_number(frame)?;
-    let time = columns.timestamp.filter(|&k| !row.get(k).is_empty()).map(number).transpose()?;
+    let time = columns.timestamp.filter(|&k| !is_missing(row.get(k))).map(number).transpose()?;
     if is_lost(row, columns, least)? {
         return Ok(Row { frame, face, time, points: None });
     }
@@ -145,12 +145,12 @@ fn read_row(row: &CsvRow<'_>, frame: usize, columns: &Columns, least: f64, path:
     for &(x, y) in &columns.points {
         points.push(Point2::new(number(x)?, number(y)?));
     }
+    if mediapipe::is_normalized(&points) {
+        let (width, height) =
+            columns.size.ok_or_else(|| LandmarksError::Normalized { path: path.to_owned(), line: row.line() })?;
+        mediapipe::in_pixels(&mut points, number(width)?, number(height)?);
+    }
     if points.len() != LANDMARK_COUNT {
-        if mediapipe::is_normalized(&points) {
-            let (width, height) =
-                columns.size.ok_or_else(|| LandmarksError::Normalized { path: path.to_owned(), line: row.line() })?;
-            mediapipe::in_pixels(&mut points, number(width)?, number(height)?);
-        }
         points = mediapipe::landmarks(&points);
     }
     Ok(Row { frame, face, time, points: Some(points) })
@@ -158,7 +158,7 @@ fn read_row(row: &CsvRow<'_>, frame: usize, columns: &Columns, least: f64, path:
 
 /// Whether a row says that the face was not found.
 fn is_lost(row: &CsvRow<'_>, columns: &Columns, least: f64) -> Result<bool, LandmarksError> {
-    let given = |column: Option<usize>| column.filter(|&k| !row.get(k).is_empty());
+    let given = |column: Option<usize>| column.filter(|&k| !is_missing(row.get(k)));
     let number = |k: usize| row.number(k).map_err(|error| explained(error, row.get(k)));
     if let Some(k) = given(columns.success)
         && number(k)? <= 0.0
@@ -170,7 +170,14 @@ fn is_lost(row: &CsvRow<'_>, columns: &Columns, least: f64) -> Result<bool, Land
     {
         return Ok(true);
     }
-    Ok(columns.points.iter().all(|&(x, y)| row.get(x).is_empty() && row.get(y).is_empty()))
+    Ok(columns.points.iter().any(|&(x, y)| is_missing(row.get(x)) || is_missing(row.get(y))))
+}
+
+/// What programs write where there is no value.
+const MISSING: [&str; 5] = ["", "nan", "na", "n/a", "null"];
+
+fn is_missing(field: &str) -> bool {
+    MISSING.iter().any(|word| field.eq_ignore_ascii_case(word))
 }
 
 /// An error of the table, with decimal commas named where they are the cause.

@@ -35,11 +35,31 @@ fn other_counts_and_bad_numbers_are_refused() {
     assert!(error(header(67) + &row(1, 67)).ends_with("67 points, 68 were expected"));
     assert!(error(header(69) + &row(1, 69)).ends_with("69 points, 68 were expected"));
     assert!(error(header(68) + &row(1, 67)).ends_with("line 2: the row has 135 fields where the header has 137"));
-    let nan = (header(68) + &row(1, 68)).replace("1,0,1000,", "1,0,NaN,");
-    assert!(error(nan).ends_with("line 2: y0 is `NaN`; a finite number was expected"));
+    let inf = (header(68) + &row(1, 68)).replace("1,0,1000,", "1,0,inf,");
+    assert!(error(inf).ends_with("line 2: y0 is `inf`; a finite number was expected"));
+    let shares = (0..68).map(|k| format!(",0.{k:02},0.5")).collect::<String>();
+    let shares = format!("{}1{shares}\n", header(68));
+    assert!(error(shares.clone()).contains("line 2: the points are shares of the picture's width and height (0 to 1)"));
+    let sized = shares.replace("y67\n", "y67,width,height\n").replace(",0.67,0.5\n", ",0.67,0.5,100,50\n");
+    assert_eq!(csv(&sized).unwrap().frame(1).unwrap()[1], Point2::new(0.5, 24.5));
+    let file = (0..68).map(|k| format!("0.{k:02} 0.5\n")).collect::<String>();
+    let folder = text_folder(&[("a_1.txt", file)]);
+    let found = read_landmarks(folder.path()).unwrap_err().to_string();
+    assert!(found.ends_with("a_1.txt: the points are shares of the picture's width and height (0 to 1); multiply x by the width and y by the height, px"), "{found}");
     assert!(error(header(68) + &row(1, 68) + &row(1, 68)).contains("frame 1 are there twice"));
     assert!(error(header(68)).contains("no landmarks of any frame"));
     assert!(error(header(68).replace("frame", "f")).contains("has no column `frame`"));
+}
+
+#[test]
+fn a_frame_without_a_coordinate_is_lost() {
+    for word in ["", "NaN", "nan", "NA", "n/a", "NULL"] {
+        let text = header(68) + &row(1, 68) + &row(2, 68).replace("2,0,2000,", &format!("2,0,{word},")) + &row(3, 68);
+        let track = csv(&text).unwrap();
+        assert_eq!((track.frames.keys().copied().collect::<Vec<_>>(), &track.lost[..]), (vec![1, 3], &[2][..]), "{word}");
+    }
+    let all = header(68) + &row(1, 68).replace("1,0,1000,", "1,0,NA,");
+    assert!(csv(&all).is_ok_and(|track| track.frames.is_empty() && track.lost == [1]));
 }
 
 fn text_folder(files: &[(&str, String)]) -> tempfile::TempDir {
@@ -190,12 +210,12 @@ fn mediapipes_points_are_read_in_pixels_and_in_shares() {
 }
 
 #[test]
-fn rows_without_any_coordinate_are_lost_and_half_empty_ones_are_wrong() {
+fn rows_without_a_coordinate_are_lost() {
     let empty = format!("2{}\n", ",".repeat(136));
     let track = csv(&(header(68) + &row(1, 68) + &empty + &row(3, 68))).unwrap();
     assert_eq!((track.frames.len(), track.lost), (2, vec![2]));
     let half = row(2, 68).replace(",67,2067", ",,");
-    assert!(csv(&(header(68) + &row(1, 68) + &half)).unwrap_err().contains("x67 is ``; a finite number was expected"));
+    assert_eq!(csv(&(header(68) + &row(1, 68) + &half)).unwrap().lost, [2]);
 }
 
 fn pts(count: u32) -> String {
@@ -281,7 +301,7 @@ fn missing_frames_are_filled_in_as_lost() {
 fn sequences_without_ends_or_mostly_lost_are_refused() {
     let error = |frames: &[u32], lost: &[u32], first, last| numbers(frames, lost, first, last).unwrap_err();
     let all = error(&[], &[1, 2, 3], None, None);
-    assert_eq!(all, "l.csv: the face is lost in all 3 frames (no success, or a confidence under 0.75)");
+    assert_eq!(all, "l.csv: the face is lost in all 3 frames (no success, a confidence under 0.75, or a coordinate missing)");
     let neutral = error(&[2, 3], &[1], None, None);
     assert!(neutral.contains("lost in frame 1, the neutral frame; choose another `first_frame` (found in frames 2 to 3)"));
     assert!(error(&[1, 2], &[3], None, None).contains("frame 3, the apex frame; choose another `last_frame`"));
