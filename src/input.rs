@@ -1,7 +1,8 @@
 //! CSV files as users bring them: with a byte order mark, CRLF, quotes, trailing commas, or a line that is not UTF-8.
 //!
-//! One line is one row. A quoted field may hold commas and doubled quotes but no line break, so that a quote left open costs its
-//! own row and not all the rows behind it. Blank lines and rows of empty fields are passed over.
+//! One line is one row, and a quoted field may hold commas, doubled quotes and line breaks. Lines belong to one row only where they make one
+//! with as many fields as the header, so that a quote left open costs its own row and not all the rows behind it. Blank lines and rows of
+//! empty fields are passed over.
 
 mod open;
 
@@ -9,10 +10,11 @@ use crate::{formula::without_apostrophe, text::excerpt};
 use std::{
     borrow::Cow,
     fmt, io,
+    ops::Range,
     path::{Path, PathBuf},
 };
 
-pub use open::{MAX_BYTES, file_blake3, open_file, open_or_stdin, read, read_or_stdin};
+pub use open::{MAX_BYTES, file_blake3, is_stdin, open_file, open_or_stdin, read, read_or_stdin};
 
 /// What is wrong in a CSV file.
 #[derive(Debug, thiserror::Error)]
@@ -36,7 +38,7 @@ pub enum InputErrorKind {
         byte: usize,
     },
     /// A quoted field without its closing quotation mark.
-    #[error("a quotation mark is not closed in the line (fields may not run over several lines)")]
+    #[error("a quotation mark is not closed")]
     UnclosedQuote,
     /// Columns that must be there.
     #[error(
@@ -100,14 +102,20 @@ impl fmt::Display for LineSuffix {
 }
 
 /// First bytes of files that are taken for tables, and what they are.
-const KINDS: [(&[u8], &str); 6] = [
+const KINDS: [(&[u8], &str); 9] = [
     (b"\xFF\xD8\xFF", "JPEG picture"),
     (b"\x89PNG", "PNG picture"),
+    (b"GIF8", "GIF picture"),
+    (b"II*\0", "TIFF picture"),
+    (b"MM\0*", "TIFF picture"),
     (b"PK\x03\x04", "ZIP archive or a spreadsheet's own file"),
     (b"%PDF", "PDF document"),
     (b"PAR1", "Parquet file"),
     (b"\x1F\x8B", "compressed file"),
 ];
+
+/// Most lines of a row.
+const MOST_LINES: usize = 100;
 
 /// Most columns that a message names.
 const MOST_NAMES: usize = 20;
@@ -239,9 +247,60 @@ impl CsvFile {
 
     /// All rows in order. A bad row is an error of its own and does not end the iteration.
     pub fn rows(&self) -> impl Iterator<Item = Result<CsvRow<'_>, InputError>> {
+        self.records().filter_map(|(lines, text)| self.row(lines.start, text).transpose())
+    }
+
+    /// As [`CsvFile::rows`], with the fields of a bad row as far as they read.
+    pub fn rows_or_fields(&self) -> impl Iterator<Item = Result<CsvRow<'_>, (InputError, Vec<String>)>> {
+        let fields = |text: &[u8]| -> Vec<String> {
+            let fields = split_fields(text).unwrap_or_default();
+            fields.iter().map(|field| without_apostrophe(field.trim()).to_owned()).collect()
+        };
+        self.records()
+            .filter_map(move |(lines, text)| self.row(lines.start, text).map_err(|error| (error, fields(text))).transpose())
+    }
+
+    /// The lines of every row that runs over several, the last one excluded.
+    pub fn long_rows(&self) -> impl Iterator<Item = Range<usize>> {
+        self.records().map(|(lines, _)| lines).filter(|lines| lines.len() > 1)
+    }
+
+    /// Lines and text of every row that is not blank.
+    fn records(&self) -> impl Iterator<Item = (Range<usize>, &[u8])> {
         let (offset, line) = self.body;
-        let lines = Lines { bytes: &self.bytes, offset, line };
-        lines.filter(|(_, text)| !is_blank(text)).filter_map(|(line, text)| self.row(line, text).transpose())
+        let mut lines = Lines { bytes: &self.bytes, offset, line };
+        std::iter::from_fn(move || {
+            loop {
+                let start = lines.offset;
+                let (line, text) = lines.next()?;
+                if !is_blank(text) {
+                    let text = self.joined(&mut lines, (start, line), text);
+                    return Some((line..lines.line, text));
+                }
+            }
+        })
+    }
+
+    /// A line, and those behind it to the end of a field that it leaves open, where all together make a row.
+    fn joined<'a>(&'a self, lines: &mut Lines<'a>, (start, line): (usize, usize), text: &'a [u8]) -> &'a [u8] {
+        if !text.contains(&b'"') || end_of_fields(text) != Ends::Open {
+            return text;
+        }
+        let mut ahead = lines.clone();
+        for _ in 1..MOST_LINES {
+            let from = ahead.offset;
+            let Some((_, next)) = ahead.next() else { break };
+            let all = self.bytes.get(start..from + next.len()).unwrap_or(text);
+            match end_of_fields(all) {
+                Ends::Open => {}
+                Ends::Closed if self.row(line, all).is_ok_and(|row| row.is_some()) => {
+                    *lines = ahead;
+                    return all;
+                }
+                _ => break,
+            }
+        }
+        text
     }
 
     /// A row; `None` when all its fields are empty.
@@ -303,7 +362,35 @@ impl CsvRow<'_> {
     }
 }
 
+/// How the last field of some text ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ends {
+    /// Outside of quotation marks.
+    Closed,
+    /// Within them.
+    Open,
+    /// Something stands behind a closing quotation mark.
+    Strange,
+}
+
+/// How fields end, as RFC 4180 has it.
+fn end_of_fields(text: &[u8]) -> Ends {
+    let (mut inside, mut starts, mut closed) = (false, true, false);
+    for &byte in text {
+        match byte {
+            b'"' if inside => (inside, closed) = (false, true),
+            b'"' if starts || closed => (inside, starts, closed) = (true, false, false),
+            _ if inside => {}
+            b',' => (starts, closed) = (true, false),
+            _ if closed => return Ends::Strange,
+            _ => starts = false,
+        }
+    }
+    if inside { Ends::Open } else { Ends::Closed }
+}
+
 /// Lines of a byte text with their numbers; LF, CRLF and CR end a line.
+#[derive(Clone)]
 struct Lines<'a> {
     bytes: &'a [u8],
     offset: usize,
@@ -401,6 +488,17 @@ mod tests {
         assert!(rows[2].as_ref().unwrap_err().starts_with("a.csv, line 4: byte 1 of the line is not UTF-8"));
         assert_eq!(rows[3], row(5, &["5", "6"]));
         assert_eq!(texts(b"a,b\n5\",x\n\"y\"z\",\"\"\n"), [row(2, &["5\"", "x"]), row(3, &["yz\"", ""])]);
+    }
+
+    #[test]
+    fn a_row_may_run_over_lines() {
+        let text = b"a,b\n1,\"x\ny, \"\"z\"\"\r\n\r\nw\"\n\"2\n\",v\n3,u\n";
+        assert_eq!(texts(text), [row(2, &["1", "x\ny, \"z\"\r\n\r\nw"]), row(6, &["2", "v"]), row(8, &["3", "u"])]);
+        // A quote that is left open costs its own row, whatever quotes stand behind it.
+        let rows = texts(b"a,b\n1,\"x\n2,\"y\"\n3,z\n\"4,\"\n5,w\n");
+        assert!(rows[0].as_ref().unwrap_err().ends_with("line 2: a quotation mark is not closed"));
+        assert_eq!(rows[1..3], [row(3, &["2", "y"]), row(4, &["3", "z"])]);
+        assert_eq!(rows[4], row(6, &["5", "w"]));
     }
 
     #[test]

@@ -74,7 +74,7 @@ fn set_field(path: &Path, bytes: Vec<u8>, id: &SequenceId, column: &str, value: 
     let columns = csv.header().len();
     let mut out = Vec::with_capacity(bytes.len() + 64);
     let mut header_seen = false;
-    for (number, range) in (1..).zip(lines(&bytes)) {
+    for (number, range) in rows(&bytes, csv.long_rows()) {
         let text = &bytes[range.clone()];
         let mut content = text.to_vec();
         let end = content.iter().rposition(|b| !matches!(b, b'\n' | b'\r')).map_or(0, |k| k + 1);
@@ -143,7 +143,7 @@ pub fn relative(root: &Path, path: &Path) -> String {
 }
 
 fn quoted(value: &str) -> String {
-    if value.contains(['"', ',']) { format!("\"{}\"", value.replace('"', "\"\"")) } else { value.to_owned() }
+    if value.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", value.replace('"', "\"\"")) } else { value.to_owned() }
 }
 
 /// Lines with their ends: LF, CRLF or CR, as the reader has them.
@@ -158,6 +158,20 @@ fn lines(bytes: &[u8]) -> Vec<Range<usize>> {
         start += length + end;
     }
     ranges
+}
+
+/// Rows with the numbers of their first lines: lines, those of `long` rows together.
+fn rows(bytes: &[u8], long: impl Iterator<Item = Range<usize>>) -> Vec<(usize, Range<usize>)> {
+    let mut long = long.peekable();
+    let mut rows: Vec<(usize, Range<usize>)> = Vec::new();
+    for (number, range) in (1..).zip(lines(bytes)) {
+        while long.next_if(|row| row.end <= number).is_some() {}
+        match rows.last_mut() {
+            Some((_, row)) if long.peek().is_some_and(|lines| lines.start < number) => row.end = range.end,
+            _ => rows.push((number, range)),
+        }
+    }
+    rows
 }
 
 /// Places of the fields of a line, quotes included. A quotation mark opens a quoted field only at its start, as in the reader.
@@ -222,6 +236,14 @@ mod tests {
         assert_eq!(set(text, &[("last_frame", "")]).unwrap(), text);
         let both = set("subject,sequence,emotion\nS1,2,joy\n", &[("first_frame", "1"), ("last_frame", "9")]).unwrap();
         assert_eq!(both, "subject,sequence,emotion,first_frame,last_frame\nS1,2,joy,1,9\n");
+    }
+
+    #[test]
+    fn rows_over_several_lines_stay_whole() {
+        let text = "subject,sequence,emotion,note\nS1,1,joy,\"a,\nb\"\nS1,2,joy,\"c\r\n\r\nd\"\nS1,3,joy,\n";
+        let expected = "subject,sequence,emotion,note,fps\nS1,1,joy,\"a,\nb\",\nS1,2,joy,\"c\r\n\r\nd\",25\nS1,3,joy,,\n";
+        assert_eq!(set(text, &[("fps", "25")]).unwrap(), expected);
+        assert_eq!(set(text, &[("note", "x")]).unwrap(), text.replace("\"c\r\n\r\nd\"", "x"));
     }
 
     #[test]

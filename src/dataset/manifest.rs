@@ -51,11 +51,16 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
     let mut seen: BTreeMap<String, (usize, SequenceId)> = BTreeMap::new();
     let mut sequences = Vec::new();
     let mut failures = Vec::new();
-    for row in csv.rows() {
+    for row in csv.rows_or_fields() {
         let row = match row {
             Ok(row) => row,
-            Err(error) => {
-                failures.push(FailedEntry { subject: String::new(), sequence: String::new(), error: error.into() });
+            Err((error, fields)) => {
+                let field = |k: usize| fields.get(k).cloned().unwrap_or_default();
+                failures.push(FailedEntry {
+                    subject: field(columns.subject),
+                    sequence: field(columns.sequence),
+                    error: error.into(),
+                });
                 continue;
             }
         };
@@ -176,6 +181,11 @@ fn entry(
         default_correspondences_path: folder.join(CORRESPONDENCES_NAME),
         landmarks_paths,
         fps,
-        metadata: columns.metadata.iter().map(|(k, name)| (name.clone(), row.get(*k).to_owned())).collect(),
+        metadata: columns.metadata.iter().map(|(k, name)| (name.clone(), one_line(row.get(*k)))).collect(),
     })
+}
+
+/// A field with blanks for the line breaks in it.
+fn one_line(field: &str) -> String {
+    field.split(['\n', '\r']).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
 }

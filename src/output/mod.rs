@@ -22,6 +22,7 @@ pub use pending::{PendingFile, PendingFolder, target_of};
 pub use record::FolderRecord;
 pub(crate) use record::is_inside;
 pub(crate) use sweep::once as sweep_once;
+pub(crate) use sync::create_folders;
 pub use sync::{remove_durably, sync_written};
 
 /// Program and version, as written into every file that says where it came from.

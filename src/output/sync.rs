@@ -94,7 +94,7 @@ pub(super) fn folder(path: &Path) -> io::Result<()> {
 }
 
 /// Makes a folder and those above it; new ones are synced into the folders above them.
-pub(super) fn create_folders(path: &Path) -> io::Result<()> {
+pub(crate) fn create_folders(path: &Path) -> io::Result<()> {
     if path.is_dir() {
         return Ok(());
     }
@@ -103,6 +103,11 @@ pub(super) fn create_folders(path: &Path) -> io::Result<()> {
     while let Some(parent) = missing.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
         new.push(parent);
         missing = parent;
+    }
+    if let Some(link) = path.ancestors().find(|p| p.is_symlink() && !p.exists()) {
+        let named = if link == path { "it".to_owned() } else { link.display().to_string() };
+        let reason = format!("{named} is a link to a folder that is not there; remove the link or make the folder");
+        return Err(io::Error::new(io::ErrorKind::NotFound, reason));
     }
     fs::create_dir_all(path)?;
     new.into_iter().try_for_each(|created| folder(folder_of(created)))

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     dataset::{Dataset, MANIFEST_NAME},
-    output::{OutputError, sweep_once},
+    output::{OutputError, create_folders, sweep_once},
     statistics::{check_columns, check_groups},
     track::CORRECTIONS_FOLDER,
 };
@@ -79,7 +79,7 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
     let mut entries = match fs::read_dir(out) {
         Ok(entries) => entries,
         Err(e) if e.kind() == io::ErrorKind::NotFound => {
-            fs::create_dir_all(out).map_err(error)?;
+            create_folders(out).map_err(error)?;
             return Ok(None);
         }
         Err(e) if e.kind() == io::ErrorKind::NotADirectory => {

@@ -29,6 +29,28 @@ fn a_manifest_is_read_as_spreadsheets_write_it() {
 }
 
 #[test]
+fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
+    let manifest = "subject,sequence,emotion,note\nS001,005,happiness,\"a\n\nb\"\nS002,005,happiness\n";
+    let work = with_manifest(manifest);
+    work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 1 tracked, 1 failed"]);
+    let failures = work.rows("out/failures.csv");
+    assert_eq!((failures.len(), failures[0]["id"].as_str()), (1, "S002_005"));
+    assert!(failures[0]["reason"].ends_with("line 5: the row has 3 fields where the header has 4"), "{failures:?}");
+    assert!(work.read("out/tracks/S001_005.json").contains("\"note\": \"a b\""));
+}
+
+#[test]
+#[cfg(unix)]
+fn a_link_to_nowhere_is_named() {
+    let work = with_manifest(PLAIN);
+    std::os::unix::fs::symlink(work.path("nowhere"), work.path("link")).unwrap();
+    work.grimace("run faces -o link").exit(1).says(&["cannot write link: it is a link to a folder that is not there"]);
+    work.grimace("annotate faces/none.gif").exit(1);
+    work.write("a.gif", "GIF89a\u{1}");
+    work.grimace("annotate a.gif").exit(1).says(&["a.gif: is a GIF picture"]);
+}
+
+#[test]
 fn a_manifest_that_is_none_is_refused_as_a_whole() {
     let refused = |manifest: &[u8], texts: &[&str]| {
         let work = with_manifest(manifest);
