@@ -12,10 +12,10 @@ use crate::{
     dataset::Dataset,
     output::write_records,
     pipeline::{
-        NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, load_tracks, recognition_header, recognition_record,
-        track_files, tracks_folder, write_recognition,
+        NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, left_out_said, load_tracks, recognition_header,
+        recognition_record, track_files, tracks_folder, write_recognition,
     },
-    statistics::recognize::Recognizer,
+    statistics::recognize::{Recognizer, shown_by_several},
 };
 
 /// Label sequences by the expressions of people seen before.
@@ -81,6 +81,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
     }
     let labelled: Vec<_> = known.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
+    let (labelled, left_out) = shown_by_several(labelled, |(model, label)| (model, label));
+    if let Some(said) = left_out_said(&left_out) {
+        eprintln!("note: {said}");
+    }
     let recognizer = Recognizer::new(&labelled, bench.wireframe.live_nodes(), || {})
         .with_context(|| format!("cannot learn from {}", args.with.display()))?;
     let subjects: std::collections::BTreeSet<&str> = known.iter().map(|m| m.model.id.subject.as_str()).collect();
@@ -94,7 +98,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Ok(RecognizedRow { id: m.model.id.clone(), emotion: m.emotion.clone(), recognized: recognizer.recognize(&m.model)? })
     };
     let rows = unseen.iter().map(row).collect::<anyhow::Result<Vec<_>>>()?;
-    let results = RecognitionResults { labels: recognizer.labels.clone(), rows };
+    let results = RecognitionResults { labels: recognizer.labels.clone(), rows, left_out };
     match &args.output {
         Some(path) => {
             write_recognition(path, &results, args.none)?;

@@ -11,7 +11,7 @@ use super::{
     AmplitudeResults, Failure, RecognitionResults, Workbench,
     classes::{class, spelling_warnings, unique_stem, warnings},
     parts::EmotionPart,
-    recognition::recognize_left_out,
+    recognition::{left_out_said, recognize_left_out},
     variation::{EmotionVariation, variations},
 };
 use crate::{
@@ -194,6 +194,7 @@ pub(super) fn analyze_with(
     // One emotion alone is nothing to recognize, and nobody expects it.
     let several = emotions.len() > 1;
     warnings.extend(recognition.as_ref().err().filter(|_| several).map(|why| format!("no recognition.csv: {why}")));
+    warnings.extend(recognition.as_ref().ok().and_then(|results| left_out_said(&results.left_out)));
     let variations = variations(&emotions, &classes, &fapus, bench);
     let findings = amplitudes.findings(options.groups.compare.significance, &options.groups.amplitude);
     if !findings.is_empty() {

@@ -70,7 +70,9 @@ pub use measured::normalize_track;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use pictures::{PictureSource, pictures_of};
-pub use recognition::{NONE_LEVEL, RecognitionResults, RecognizedRow, recognition_header, recognition_record, write_recognition};
+pub use recognition::{
+    NONE_LEVEL, RecognitionResults, RecognizedRow, left_out_said, recognition_header, recognition_record, write_recognition,
+};
 pub use recording::{
     ManifestColumns, Recording, RecordingError, RecordingFiles, RecordingStep, SegmentRow, SegmentedRecording, reuse_recording,
     segment_recording, segments_folder, write_recording, write_recording_film, write_segments,

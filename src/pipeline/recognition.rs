@@ -4,10 +4,10 @@ use std::path::Path;
 
 use super::Workbench;
 use crate::{
-    output::{OutputError, nine_digits, write_records},
+    output::{OutputError, listed, nine_digits, write_records},
     statistics::{
         LabelledModel, SequenceModel,
-        recognize::{Recognized, Recognizer},
+        recognize::{Recognized, Recognizer, shown_by_several},
     },
     units::SequenceId,
 };
@@ -39,6 +39,15 @@ pub struct RecognitionResults {
     pub labels: Vec<String>,
     /// By sequence.
     pub rows: Vec<RecognizedRow>,
+    /// Labels that one person shows: nobody else's sequences say what they look like.
+    pub left_out: Vec<String>,
+}
+
+/// What is said of labels that are left out.
+pub fn left_out_said(labels: &[String]) -> Option<String> {
+    let (are, ones) = if labels.len() == 1 { ("is", "a label") } else { ("are", "labels") };
+    (!labels.is_empty())
+        .then(|| format!("{} {are} not among what is recognized: {ones} that one person shows", listed(labels, 6)))
 }
 
 /// Recognizes every model with its person left out.
@@ -54,6 +63,7 @@ pub(super) fn recognize_left_out(models: &[LabelledModel], bench: &Workbench) ->
     }
     let mut sorted: Vec<&LabelledModel> = models.iter().collect();
     sorted.sort_by(|a, b| a.model.id.cmp(&b.model.id));
+    let (sorted, left_out) = shown_by_several(sorted, |m| (&m.model, &m.emotion));
     let labelled: Vec<(&SequenceModel, &str)> = sorted.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
     let recognizer = Recognizer::new(&labelled, bench.wireframe.live_nodes(), || {}).map_err(|why| why.to_string())?;
     let rows = sorted.iter().zip(&recognizer.left_out).map(|(m, recognized)| RecognizedRow {
@@ -61,7 +71,7 @@ pub(super) fn recognize_left_out(models: &[LabelledModel], bench: &Workbench) ->
         emotion: m.emotion.clone(),
         recognized: recognized.clone(),
     });
-    Ok(RecognitionResults { rows: rows.collect(), labels: recognizer.labels.clone() })
+    Ok(RecognitionResults { rows: rows.collect(), labels: recognizer.labels.clone(), left_out })
 }
 
 /// Writes `subject,sequence,emotion,recognized,probability`, the probability of every label as `p_LABEL`, `distance,typicality,id`.

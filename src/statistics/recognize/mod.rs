@@ -136,6 +136,21 @@ pub enum RecognizeError {
     Discriminants(#[from] DiscriminantError),
 }
 
+/// The sequences whose labels at least two people show, and the other labels: with their only person left out, nobody shows those. Where
+/// fewer than two labels remain, all sequences.
+pub fn shown_by_several<T>(models: Vec<T>, of: impl Fn(&T) -> (&SequenceModel, &str)) -> (Vec<T>, Vec<String>) {
+    let mut people: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for item in &models {
+        let (model, label) = of(item);
+        people.entry(label.to_owned()).or_default().insert(model.id.subject.clone());
+    }
+    let alone: Vec<String> = people.iter().filter(|(_, people)| people.len() < 2).map(|(label, _)| label.clone()).collect();
+    if people.len() < alone.len() + 2 {
+        return (models, Vec::new());
+    }
+    (models.into_iter().filter(|item| !alone.iter().any(|label| label == of(item).1)).collect(), alone)
+}
+
 /// A recognizer made of labelled sequences.
 ///
 /// ```
@@ -440,6 +455,19 @@ mod tests {
         let usual = people(20, 0.5, 5);
         let none = usual.iter().filter(|(m, _)| recognizer.recognize(m).unwrap().is_none(0.02)).count();
         assert!(none <= 4, "{none}");
+    }
+
+    #[test]
+    fn labels_of_one_person_are_left_out_where_two_others_remain() {
+        let mut all = people(4, 1.0, 1);
+        let (mut odd, _) = all[0].clone();
+        odd.id.sequence = "odd".to_owned();
+        all.push((odd, "awe"));
+        let (kept, alone) = shown_by_several(all.clone(), |(model, label)| (model, label));
+        assert_eq!((kept.len(), alone), (8, vec!["awe".to_owned()]));
+        assert!(recognizer(&kept).is_ok() && recognizer(&all).is_err());
+        let few: Vec<_> = all.into_iter().filter(|(_, label)| *label != "fear").collect();
+        assert_eq!(shown_by_several(few, |(model, label)| (model, label)).1, [""; 0], "one label would remain");
     }
 
     #[test]
