@@ -164,7 +164,10 @@ pub fn main() -> ExitCode {
     if version::asked(std::env::args_os().skip(1)) {
         return exit_code(version::run());
     }
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(said) => return print::said_by_clap(&said),
+    };
     cli.pictures.apply();
     exit_code(match cli.command {
         Command::Run(args) => run::run(&args),

@@ -4,6 +4,7 @@ use grimace::text::{message, printable};
 use std::{
     fmt,
     io::{self, Write},
+    process::ExitCode,
     sync::OnceLock,
 };
 
@@ -29,5 +30,16 @@ pub fn check() -> anyhow::Result<()> {
     match FAILURE.get() {
         Some(error) => Err(anyhow::anyhow!("cannot write to standard output: {error}")),
         None => Ok(()),
+    }
+}
+
+/// Prints help, version or an error of usage, and gives the exit status: that of the usage, or 1 where help cannot be printed.
+pub fn said_by_clap(said: &clap::Error) -> ExitCode {
+    match said.print().and_then(|()| io::stdout().flush()) {
+        Err(error) if !said.use_stderr() && error.kind() != io::ErrorKind::BrokenPipe => {
+            error_line(format_args!("error: cannot write to standard output: {error}"));
+            ExitCode::FAILURE
+        }
+        _ => ExitCode::from(u8::try_from(said.exit_code()).unwrap_or(1)),
     }
 }

@@ -3,8 +3,9 @@
 use std::io::Cursor;
 
 use image::{
-    DynamicImage, ImageDecoder, ImageError, Limits,
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageError, Limits,
     codecs::{bmp::BmpDecoder, png::PngDecoder, pnm::PnmDecoder, tiff::TiffDecoder, webp::WebPDecoder},
+    error::{UnsupportedError, UnsupportedErrorKind},
     metadata::Orientation,
 };
 
@@ -71,13 +72,29 @@ fn open<D>(decoder: Result<D, ImageError>, format: &'static str) -> Result<D, De
 fn failure(error: ImageError, format: &'static str) -> DecodeError {
     match error {
         ImageError::Unsupported(what) => {
-            DecodeError::Unsupported { format, found: what.to_string(), supported: "grey and colour of 8 and 16 bits" }
+            DecodeError::Unsupported { format, found: unsupported(&what), supported: "grey and colour of 8 and 16 bits" }
         }
         ImageError::IoError(cut) if cut.kind() == std::io::ErrorKind::UnexpectedEof => {
             DecodeError::Truncated { format, reason: "its data end early".to_owned() }
         }
         other => DecodeError::Damaged { format, reason: other.to_string() },
     }
+}
+
+/// What a picture has that is not decoded, in words that follow on `has`.
+fn unsupported(what: &UnsupportedError) -> String {
+    let text = match what.kind() {
+        UnsupportedErrorKind::Color(ExtendedColorType::Unknown(bits)) => {
+            return format!("pixels of {bits} bits that are no integers of 8 or 16 bits");
+        }
+        UnsupportedErrorKind::Color(colour) => return format!("pixels of the kind {colour:?}"),
+        UnsupportedErrorKind::GenericFeature(text) => text,
+        other => return format!("a form that is not read ({other:?})"),
+    };
+    if text.contains("RGBPalette") {
+        return "a palette".to_owned();
+    }
+    format!("a feature that is not read ({text})")
 }
 
 /// The picture behind an opened header.
@@ -237,6 +254,36 @@ mod tests {
         assert!(message == "the PNG image is cut off: 48 % of its rows" || message.ends_with("49 % of its rows"), "{message}");
         assert!(reason(b"P5\n4 4\n255\n123").ends_with("3 of 16 bytes of pixels, 18 %"));
         assert!(reason(b"P6 4 4 255\n123").ends_with("3 of 48 bytes of pixels, 6 %"));
+    }
+
+    /// A TIFF file of 2 x 2 pixels of `bits` bits, with tags beside those that all have.
+    fn tiff(bits: u16, tags: &[(u16, u16)], color_map: bool) -> Vec<u8> {
+        let mut entries: Vec<(u16, u16, u32, u32)> =
+            vec![(256, 3, 1, 2), (257, 3, 1, 2), (258, 3, 1, bits.into()), (259, 3, 1, 1), (277, 3, 1, 1), (278, 3, 1, 2)];
+        entries.extend(tags.iter().map(|&(tag, value)| (tag, 3, 1, value.into())));
+        let strip = 8 + 2 + 12 * (entries.len() as u32 + 2 + u32::from(color_map)) + 4;
+        let length = 4 * u32::from(bits) / 8;
+        entries.extend([(273, 4, 1, strip), (279, 4, 1, length)]);
+        entries.extend(color_map.then_some((320, 3, 768, strip + length)));
+        entries.sort_unstable();
+        let mut file = b"II*\0\x08\0\0\0".to_vec();
+        file.extend((entries.len() as u16).to_le_bytes());
+        for (tag, kind, count, value) in entries {
+            file.extend([tag.to_le_bytes(), kind.to_le_bytes()].concat());
+            file.extend([count.to_le_bytes(), value.to_le_bytes()].concat());
+        }
+        file.resize(strip as usize + length as usize + if color_map { 2 * 768 } else { 0 }, 0);
+        file
+    }
+
+    #[test]
+    fn tiff_files_that_are_not_read_say_plainly_why() {
+        let error = |bytes: &[u8]| decode(bytes, Wanted::Grey).unwrap_err().to_string();
+        assert!(decode(&tiff(8, &[(262, 1)], false), Wanted::Grey).is_ok());
+        let palette = error(&tiff(8, &[(262, 3)], true));
+        assert_eq!(palette, "the TIFF image has a palette; grey and colour of 8 and 16 bits are supported");
+        let float = error(&tiff(32, &[(262, 1), (339, 3)], false));
+        assert!(float.starts_with("the TIFF image has pixels of"), "{float}");
     }
 
     #[test]

@@ -25,6 +25,9 @@ pub struct LabelledModel {
 /// Columns that every sequence has besides its emotion.
 const ID_COLUMNS: [&str; 2] = ["subject", "sequence"];
 
+/// The column of the label.
+const EMOTION_COLUMN: &str = "emotion";
+
 /// Why models cannot be grouped.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GroupError {
@@ -35,6 +38,12 @@ pub enum GroupError {
         column: String,
         /// `subject`, `sequence`, and the metadata columns that at least one sequence has, sorted.
         known: Vec<String>,
+    },
+    /// The emotion, by which everything is told apart in any case.
+    #[error("`{column}` is no column to group by: every emotion has its representative as it is, and groups are within emotions")]
+    Emotion {
+        /// The column asked for.
+        column: String,
     },
     /// A column that is there and empty in every sequence.
     #[error("the column `{column}` to group by is empty in all {sequences} sequences")]
@@ -161,7 +170,7 @@ pub fn check_groups<'a>(
 /// Checks that every column to group by is `subject`, `sequence`, or a metadata column of at least one sequence.
 ///
 /// # Errors
-/// [`GroupError::UnknownColumn`], [`GroupError::EmptyColumn`]; without any sequence nothing is checked.
+/// [`GroupError::UnknownColumn`], [`GroupError::EmptyColumn`], [`GroupError::Emotion`]; without any sequence nothing is checked.
 pub fn check_columns<'a>(
     by: &[String],
     metadata: impl IntoIterator<Item = &'a BTreeMap<String, String>>,
@@ -172,6 +181,9 @@ pub fn check_columns<'a>(
         sequences += 1;
         known.extend(columns.keys());
         filled.extend(columns.iter().filter(|(_, value)| !value.trim().is_empty()).map(|(column, _)| column));
+    }
+    if let Some(column) = by.iter().find(|column| *column == EMOTION_COLUMN && !known.contains(column)) {
+        return Err(GroupError::Emotion { column: column.clone() });
     }
     let is_empty = |column: &&String| known.contains(column) && !filled.contains(column);
     if let Some(column) = by.iter().find(is_empty) {
@@ -243,6 +255,12 @@ mod tests {
     fn spellings_of_one_value_are_one_group() {
         let models = ["FEMALE", "female", " female", "Male"].map(|sex| labelled(&sex.to_lowercase(), "anger", &[("sex", sex)]));
         assert_eq!(classes(&models, &["sex"])[1..], ["anger/Male: male", "anger/female: femalefemale female"]);
+    }
+
+    #[test]
+    fn the_emotion_is_no_column_to_group_by() {
+        let error = group_models(&sample(), &["emotion".to_owned()]).unwrap_err();
+        assert_eq!(error, GroupError::Emotion { column: "emotion".to_owned() });
     }
 
     #[test]

@@ -168,6 +168,12 @@ pub enum TrackFileError {
         /// What stands there, and what states there are.
         reason: String,
     },
+    /// What a run made of many tracks.
+    #[error("{}: a representative, and no track: it has no sequence of its own; tracks are in the folder tracks of a run", path.display())]
+    Representative {
+        /// The table.
+        path: PathBuf,
+    },
     /// The `.json` does not read.
     #[error("{}: {source}", path.display())]
     Json {
@@ -275,7 +281,19 @@ pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileEr
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(TrackFileError::Io { path, source }),
     };
-    serde_json::from_slice(&bytes).map(Some).map_err(|source| TrackFileError::Json { path, source })
+    serde_json::from_slice(&bytes).map(Some).map_err(|source| {
+        if is_representative(&bytes) {
+            TrackFileError::Representative { path: csv_path.to_owned() }
+        } else {
+            TrackFileError::Json { path, source }
+        }
+    })
+}
+
+/// Whether the `.json` beside a table is that of a representative: it lists the sequences that it was made of.
+fn is_representative(bytes: &[u8]) -> bool {
+    let read = serde_json::from_slice::<serde_json::Value>(bytes).unwrap_or_default();
+    read.get("sequences").is_some_and(serde_json::Value::is_array) && read.get("image_size").is_none()
 }
 
 /// The number of the neutral frame that stands in the `.json` beside a track; what else stands there does not matter.

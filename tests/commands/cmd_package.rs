@@ -25,6 +25,17 @@ fn there_is_a_manual_page_for_every_command() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn help_that_cannot_be_printed_is_no_success() {
+    let work = Work::new();
+    for what in ["--help", "run --help", "--version"] {
+        work.shell(&format!("\"$GRIMACE\" {what} > /dev/full")).exit(1).says(&["cannot write to standard output"]);
+        work.shell(&format!("\"$GRIMACE\" {what} > /dev/null")).exit(0);
+    }
+    work.grimace("run --nonsense").exit(2).says(&["--nonsense"]);
+}
+
+#[test]
 fn the_version_in_full_says_what_the_build_can_do() {
     let work = Work::new();
     work.grimace("--version --verbose").exit(0).prints(&[
