@@ -42,7 +42,7 @@ pub mod dataset {
     pub use crate::modules::dataset::{
         DEFAULT_LANDMARK_NODES, Dataset, DatasetError, FrameSource, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkFrame,
         LandmarkSelection, LandmarkSequence, LandmarksError, MANIFEST_NAME, SequenceEntry, correspondences_from_landmarks,
-        emotion_code, list_frames, list_recording, may_publish, read_landmarks, read_marks,
+        emotion_code, list_frames, may_publish, read_landmarks, read_marks,
     };
 }
 pub mod fap {
@@ -95,7 +95,7 @@ pub mod normalize {
 }
 pub mod output {
     pub use crate::modules::output::{
-        FolderRecord, OutputError, count, csv_into, csv_writer, nine_digits, per_second, write_atomic, write_bytes, write_json,
+        FolderRecord, OutputError, count, csv_into, csv_writer, nine_digits, write_atomic, write_bytes, write_json,
     };
 }
 pub mod overlay {

@@ -256,7 +256,7 @@ fn an_unset_fap_is_the_same_at_another_rate() {
     work.fap("convert gap.fap -o filled.fap").success();
     work.fap("convert filled.fap --fps 50 -o twice.fap").success();
     assert_eq!(work.read("once.fap"), work.read("twice.fap"));
-    assert!(work.read("once.fap").contains("\n1 45\n"), "{}", work.read("once.fap"));
+    assert!(work.read("once.fap").contains("\n1 34\n"), "{}", work.read("once.fap"));
     // `-` is standard output.
     assert_eq!(work.stdout("convert gap.fap --fps 50 -o -"), work.read("once.fap"));
     assert!(!work.path("-").exists());

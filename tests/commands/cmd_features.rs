@@ -127,7 +127,8 @@ fn what_is_no_track_or_no_face_is_refused_by_name() {
     work.write("x.csv", "frame,node,x\n1,0,3\n");
     work.grimace("features x.csv -o out").exit(1).says(&["x.csv, line 1: has no column `y`"]);
     work.grimace("features nothing -o out").exit(1).says(&["nothing"]);
-    work.write("joy.csv", "frame,node,x,y\n0,0,1,1\n").write("joy.json", "{\"emotion\": \"joy\", \"sequences\": [\"A_1\"]}");
+    work.write("joy.csv", "frame,node,x,y\n0,0,1,1\n1,0,2,2\n")
+        .write("joy.json", "{\"emotion\": \"joy\", \"sequences\": [\"A_1\"]}");
     work.grimace("features joy.csv -o out").exit(1).says(&["joy.csv: a representative, and no track"]);
     // A table of OpenFace without its landmarks.
     work.write("heads/manifest.csv", "subject,sequence,emotion,frames\nA,1,anger,A.csv\n");

@@ -32,7 +32,7 @@ fn a_manifest_is_read_as_spreadsheets_write_it() {
 fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
     let manifest = "subject,sequence,emotion,note\nS001,005,happiness,\"a\n\nb\"\nS002,005,happiness\n";
     let work = with_manifest(manifest);
-    work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 1 tracked, 1 failed"]);
+    work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 1 tracked, 0 unchanged, 1 failed"]);
     let failures = work.rows("out/failures.csv");
     assert_eq!((failures.len(), failures[0]["id"].as_str()), (1, "S002_005"));
     assert!(failures[0]["reason"].ends_with("line 5: the row has 3 fields where the header has 4"), "{failures:?}");
