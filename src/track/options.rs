@@ -33,6 +33,8 @@ pub enum Forces {
 /// let options = TrackOptions { levels: 3, ..TrackOptions::default() };
 /// assert_eq!((options.window * 100.0, options.levels), (8.0, 3));
 /// ```
+// Switches of parts that work without each other.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrackOptions {

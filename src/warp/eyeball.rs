@@ -152,7 +152,7 @@ impl Eyeball {
             let patch = patch.as_ref()?;
             Search::new(&patch.eye, &patch.photograph, down)
         });
-        let circles = iris::both(searches);
+        let circles = iris::both(&searches);
         let mut circles = circles.into_iter();
         patches.map(|patch| {
             let (circle, Patch { mut eye, photograph }) = (circles.next()??, patch?);

@@ -49,7 +49,7 @@ pub struct Search<'a> {
 }
 
 /// The irises of two eyes, of one size where both are found.
-pub fn both(eyes: [Option<Search<'_>>; 2]) -> [Option<Circle>; 2] {
+pub fn both(eyes: &[Option<Search<'_>>; 2]) -> [Option<Circle>; 2] {
     let found: [Vec<Option<Circle>>; 2] = [0, 1].map(|k: usize| match &eyes[k] {
         Some(eye) => (0..SIZES).map(|size| eye.best(size)).collect(),
         None => vec![None; SIZES],
