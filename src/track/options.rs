@@ -33,10 +33,9 @@ pub enum Forces {
 /// let options = TrackOptions { levels: 3, ..TrackOptions::default() };
 /// assert_eq!((options.window * 100.0, options.levels), (8.0, 3));
 /// ```
-// Switches of parts that work without each other.
-#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
+#[allow(clippy::struct_excessive_bools)] // Switches of parts that work without each other.
 pub struct TrackOptions {
     /// Side of the KLT window over the eye distance, 0.08; the result is odd and at least 7.
     pub window: f64,

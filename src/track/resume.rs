@@ -94,6 +94,7 @@ pub fn resume_with(
     let springs = Springs::new(wireframe);
     let first = track.iter().find(|f| f.number == start);
     let mut previous = first.ok_or(TrackError::TooFewFrames { found: track.len() })?.clone();
+    let before_start = track.iter().take_while(|f| f.number != start).last();
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut template = None;
     let mut light: Option<Light> = None;
@@ -103,7 +104,9 @@ pub fn resume_with(
         let frame = frame?;
         let number = frame.number();
         if index == 0 || number == start || !passed.contains(&number) {
-            let even = light.as_ref().and_then(|light| light.undone_at(&frame, wireframe, &previous));
+            // As when it was tracked, from the nodes of the frame before it.
+            let before = if number == start { before_start.unwrap_or(&previous) } else { &previous };
+            let even = light.as_ref().and_then(|light| light.undone_at(&frame, wireframe, before));
             tracker.advance(even.as_ref().unwrap_or(&frame))?;
         }
         if index == 0 {
