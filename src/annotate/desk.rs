@@ -17,7 +17,7 @@ use nalgebra::Point2;
 use super::{
     AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, RequestError,
     found::propose_from_face,
-    frames::{FrameList, FrameShelf, Picture, neutral_frame, picture_frames},
+    frames::{FrameList, FrameShelf, Picture, picture_frames},
     manifest_edit::{manifest_text, relative, set_fields},
     messages::{Fit, List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved, ToFit, hundredth},
     proposals::{propose_from_cascades, propose_from_landmarks},
@@ -27,7 +27,7 @@ use crate::{
     fit::{Correspondence, FitError, read_correspondences, validate_correspondences, write_correspondences},
     output::{remove_durably, write_durable},
     pipeline::Workbench,
-    sequence::ImageSize,
+    sequence::{ImageSize, read_first_frame},
     track::eye_distance_px,
     units::SequenceId,
 };
@@ -280,7 +280,7 @@ impl Desk {
             Ok(None) => None,
             Err(note) => Some(note),
         };
-        let frame = neutral_frame(&frames).map_err(RequestError::refused)?;
+        let frame = read_first_frame(&frames).map_err(RequestError::refused)?;
         match propose_from_face(&frame) {
             Ok(Some((found, doubt))) => return Ok(Proposed { note: doubt.or(note), ..Proposed::of(&found) }),
             Ok(None) => {}

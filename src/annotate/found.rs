@@ -2,11 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::{AnnotateError, ProposalSource, ProposedMarks, desk::Desk, frames::neutral_frame};
+use super::{AnnotateError, ProposalSource, ProposedMarks, desk::Desk};
 use crate::{
     fit::Correspondence,
     pipeline::{FoundFace, found_face},
-    sequence::Frame,
+    sequence::{Frame, read_first_frame},
     units::SequenceId,
 };
 
@@ -66,7 +66,7 @@ impl Desk {
 
     fn sure_marks(&self, id: &SequenceId, limit: f64) -> Result<Vec<Correspondence>, String> {
         let frames = self.neutral_frames(id).map_err(|e| e.to_string())?;
-        let frame = neutral_frame(&frames).map_err(|e| e.to_string())?;
+        let frame = read_first_frame(&frames).map_err(|e| e.to_string())?;
         let face = found_face(&frame).map_err(|e| e.to_string())?.ok_or("no face was found")?;
         let percent = 100.0 * face.expected_error;
         if !face.trusted || percent >= limit {

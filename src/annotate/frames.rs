@@ -10,7 +10,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use super::RequestError;
 use crate::{
     dataset::{FrameFile, FrameSource, is_picture, list_frames},
-    sequence::{Frame, ImageSize, SequenceError, SequenceReader, read_first_frame, read_frame},
+    sequence::{Frame, ImageSize, SequenceReader, read_frame},
 };
 
 /// Most frames of a video that are kept for scrubbing.
@@ -103,14 +103,6 @@ impl FrameShelf {
 /// One picture as the frames of a sequence.
 pub fn picture_frames(path: &Path) -> FrameSource {
     FrameSource::Images(vec![FrameFile { number: 1, path: path.to_owned() }])
-}
-
-/// The neutral frame of what `frames` lists, which may be a picture alone: nothing behind the frame is wanted, so nothing has to be there.
-pub fn neutral_frame(frames: &FrameSource) -> Result<Frame, SequenceError> {
-    match frames {
-        FrameSource::Images(files) => read_frame(&files.first().ok_or(SequenceError::TooFewFrames { found: 0 })?.path),
-        FrameSource::Video { .. } => read_first_frame(frames),
-    }
 }
 
 /// The frames of a folder, a video or a picture.

@@ -10,7 +10,7 @@ use anyhow::{Context as _, bail, ensure};
 use grimace::{
     fap::{
         FapFile, FapMask, FapReadError, FapSequence, FapSummary, Finding, Profile, SequenceSummary, Severity, ValueFormat,
-        check_fap, check_lips, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
+        check_fap, check_lips, fap_text, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
     },
     input::is_stdin,
     interpolation::FPS,
@@ -271,9 +271,8 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     if let (true, Some(profile)) = (to_csv, args.profile) {
         bail!("--profile {profile} is for .fap files, but {} is a CSV table", output.display());
     }
-    let (sequence, like_input) = read(args)?;
+    let (mut sequence, like_input) = read(args)?;
     let profile = args.profile.unwrap_or(like_input);
-    let mut sequence = sequence;
     // Before the timing: what frames between two others are depends on what an unset FAP is.
     sequence.apply_mask(&args.mask);
     let mut sequence = set_timing(args, profile, sequence)?;
@@ -307,10 +306,7 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     }
     let format = if values == Values::Integer { ValueFormat::Integer } else { ValueFormat::Float };
     if is_stdin(output) {
-        let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-        let path = folder.path().join("out.fap");
-        write_fap_as(&path, &sequence, profile, format).context("standard output")?;
-        print(&std::fs::read_to_string(&path).context("cannot read the file back")?)?;
+        print(&fap_text(&sequence, profile, format).context("standard output")?)?;
     } else {
         write_fap_as(output, &sequence, profile, format).with_context(|| output.display().to_string())?;
     }

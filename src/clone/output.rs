@@ -35,6 +35,17 @@ pub enum Film {
     Webm,
 }
 
+impl Film {
+    fn file_name(self) -> &'static str {
+        match self {
+            Self::Gif => "clone.gif",
+            Self::Apng => "clone.apng",
+            Self::Mp4 => "clone.mp4",
+            Self::Webm => "clone.webm",
+        }
+    }
+}
+
 /// Version of the schema of `clone.json`.
 pub const CLONE_SCHEMA: u32 = 1;
 
@@ -158,12 +169,9 @@ pub fn write_clone(
     let file = |k: usize| folder.join(name(k));
     // What encodes films may be missing: that is said before frames are drawn.
     for film in films {
-        let name = match film {
-            Film::Gif | Film::Apng => continue,
-            Film::Mp4 => "clone.mp4",
-            Film::Webm => "clone.webm",
-        };
-        check_video(&folder.join(name), clone.fps, clone.target().picture.dimensions())?;
+        if matches!(film, Film::Mp4 | Film::Webm) {
+            check_video(&folder.join(film.file_name()), clone.fps, clone.target().picture.dimensions())?;
+        }
     }
     let record = FolderRecord::open(folder, FRAMES_RECORD, files.force)?;
     for k in 0..clone.frames.len() {
@@ -189,11 +197,11 @@ pub fn write_clone(
     for film in films {
         let count = clone.frames.len();
         let frames = (0..count).map(frame);
+        let path = folder.join(film.file_name());
         match film {
-            Film::Gif => write_bytes(&folder.join("clone.gif"), &picture::animated_gif(frames, clone.fps)?)?,
-            Film::Apng => write_bytes(&folder.join("clone.apng"), &picture::animated_png(frames, count, clone.fps)?)?,
-            Film::Mp4 => write_video(&folder.join("clone.mp4"), frames, clone.fps)?,
-            Film::Webm => write_video(&folder.join("clone.webm"), frames, clone.fps)?,
+            Film::Gif => write_bytes(&path, &picture::animated_gif(frames, clone.fps)?)?,
+            Film::Apng => write_bytes(&path, &picture::animated_png(frames, count, clone.fps)?)?,
+            Film::Mp4 | Film::Webm => write_video(&path, frames, clone.fps)?,
         }
     }
     let model = clone.model()?;

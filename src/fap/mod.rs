@@ -32,4 +32,4 @@ pub use reader::{FapFile, FapReadError, is_for_greta, read_fap, read_fap_bytes};
 pub use sequence::{FapFrame, FapSequence, name_token};
 pub use summary::{FapSummary, SequenceSummary};
 pub use tidy::{TidyError, read_tidy_csv, write_tidy_csv};
-pub use writer::{FapWriteError, FapWriteErrorKind, ValueFormat, write_fap, write_fap_as};
+pub use writer::{FapWriteError, FapWriteErrorKind, ValueFormat, fap_text, write_fap, write_fap_as};

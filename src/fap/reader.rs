@@ -202,12 +202,8 @@ impl Parser {
         };
         let mut line = 0;
         // What old Macs wrote: every line would be the end of the first one.
-        let end =
-            if body.contains(&b'\n') || !body.contains(&b'\r') || body.iter().position(|&b| b == b'\r') == Some(body.len() - 1) {
-                b'\n'
-            } else {
-                b'\r'
-            };
+        let (_, before_last) = body.split_last().unwrap_or((&0, &[]));
+        let end = if !body.contains(&b'\n') && before_last.contains(&b'\r') { b'\r' } else { b'\n' };
         let (body, ends) = match body {
             [body @ .., b'\r'] if end == b'\r' => (body, true),
             _ => (body, ends),

@@ -321,10 +321,15 @@ pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
 /// # Errors
 /// [`SequenceError`] when it does not read.
 pub fn read_first_frame(source: &FrameSource) -> Result<Frame, SequenceError> {
-    let source = match source {
-        // Nothing behind it is wanted, and in a video nothing before it is.
-        FrameSource::Video { path, first, .. } => FrameSource::Video { path: path.clone(), first: *first, last: None },
-        images @ FrameSource::Images(_) => images.clone(),
-    };
-    SequenceReader::open(&source)?.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }))
+    // Nothing behind it is wanted, so nothing has to be there, and in a video nothing before it is.
+    match source {
+        FrameSource::Images(files) => {
+            let file = files.first().ok_or(SequenceError::TooFewFrames { found: 0 })?;
+            Ok(Frame { number: file.number, ..read_frame(&file.path)? })
+        }
+        FrameSource::Video { path, first, .. } => {
+            let source = FrameSource::Video { path: path.clone(), first: *first, last: None };
+            SequenceReader::open(&source)?.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }))
+        }
+    }
 }

@@ -34,7 +34,7 @@ const KNOT: &str = "knot";
 /// Largest expected error over the eye distance; a node further off is lost for good.
 const MAX_EXPECTED: f64 = 0.5;
 /// Least eye distance that weights were learned at, px. On smaller faces errors are taken to be as many pixels as there: a pixel is as far as a
-/// picture tells, however small the face. The same eleven faces made smaller show 0.25 to 0.5 px at 29, 14 and 9 px between the eyes.
+/// picture tells, however small the face. Real sequences made smaller are 0.25 to 0.5 px off at 29, 14 and 9 px.
 const SMALLEST_PX: f64 = 54.0;
 /// Squared grey levels that a perfect match is taken to differ by.
 const DIFFERENCE_FLOOR: f64 = 0.05;

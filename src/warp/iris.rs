@@ -58,7 +58,7 @@ pub fn both(eyes: &[Option<Search<'_>>; 2]) -> [Option<Circle>; 2] {
     let own = [0, 1].map(|k: usize| found[k].iter().max_by(|a, b| score(a).total_cmp(&score(b))).copied().flatten());
     // What is best at the smallest size of all is the part of an iris that narrow lids show.
     let rises = |k: usize| match (&eyes[k], own[k].filter(|c| found[k][0].is_none_or(|least| c.score > least.score))) {
-        (Some(eye), Some(circle)) => eye.rise(circle.centre, circle.radius).is_some_and(|(rise, _)| rise >= LEAST_RISE),
+        (Some(eye), Some(circle)) => eye.rise(circle.centre, circle.radius).is_some_and(|rise| rise >= LEAST_RISE),
         _ => false,
     };
     match (rises(0), rises(1)) {
@@ -84,8 +84,8 @@ impl<'a> Search<'a> {
         Some(Self { eye, levels, white, across: Vector2::new(down.y, -down.x), down })
     }
 
-    /// How much brighter it is outside of a circle, over the white, and the share of its arcs that says so; `None` where lids cover too much.
-    fn rise(&self, centre: Point2<f64>, radius: f64) -> Option<(f64, f64)> {
+    /// How much brighter it is outside of a circle, over the white; `None` where lids cover too much of it.
+    fn rise(&self, centre: Point2<f64>, radius: f64) -> Option<f64> {
         let unit = self.eye.eye_distance;
         let step = (0.018 * unit).max(0.8);
         let level = |p: Point2<f64>| Some(f64::from(self.eye.sampled(&self.levels, p, |l| [*l, 0.0, 0.0])?[0]));
@@ -104,15 +104,14 @@ impl<'a> Search<'a> {
             }
         }
         // Half of the two arcs at least; where one side is hidden by the corner the other one counts.
-        (count >= PLACES as f64 * 0.7).then(|| (sum / count, count / (2 * PLACES) as f64))
+        (count >= PLACES as f64 * 0.7).then(|| sum / count)
     }
 
     fn circle(&self, centre: Point2<f64>, radius: f64) -> Option<Circle> {
         let unit = self.eye.eye_distance;
         let off = (centre - self.eye.centre).norm() / (CENTRE * unit);
         let size = (radius / unit - RADIUS.0) / RADIUS.1;
-        let (rise, _) = self.rise(centre, radius)?;
-        let score = rise - PRIOR * (off * off + size * size);
+        let score = self.rise(centre, radius)? - PRIOR * (off * off + size * size);
         Some(Circle { centre, radius, score })
     }
 
