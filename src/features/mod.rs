@@ -33,6 +33,8 @@ pub const TRUSTED_TURN: f64 = 25.0;
 pub const MEASURED_TURN: f64 = 40.0;
 /// Expected error of a node of a track that tells none, share of the eye distance.
 const NODE_ERROR: f64 = 0.01;
+/// Frames of a FAP file for one of the track: of more, numbers are not taken to count frames.
+const MOST_FILLED: u64 = 10;
 /// Upper and lower lid of the left and the right eye, inner upper and lower lip.
 const LIDS: [[usize; 2]; 2] = [[21, 22], [54, 55]];
 const LIPS: [usize; 2] = [87, 40];
@@ -273,22 +275,42 @@ fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
     rows
 }
 
-/// The FAPs of a track as a file, frames by ascending number.
+/// The FAPs of a track as a file, frames by ascending number; where some are missing, as many on the way from the one before to the next.
 pub fn fap_sequence(features: &[FrameFeatures], name: &str, fps: f64) -> FapSequence {
-    let frame = |row: &&FrameFeatures| {
+    let rows = in_time(features);
+    let frame = |(k, share): (usize, f64)| {
         let mut frame = FapFrame::default();
-        row.faps.iter().for_each(|&(fap, value)| frame.set_value(fap, Some(value)));
+        for &(fap, value) in &rows[k].faps {
+            let next = rows.get(k + 1).and_then(|next| next.faps.iter().find(|(other, _)| *other == fap));
+            let after = next.map_or(value, |(_, after)| *after);
+            frame.set_value(fap, Some(value + (after - value) * share));
+        }
         frame
     };
+    let numbers: Vec<u32> = rows.iter().map(|row| row.frame).collect();
     let mut sequence = FapSequence {
         version: "2.1".to_owned(),
         name: crate::fap::name_token(name),
         // Files of the strict subset have whole frame rates.
         fps: fps.round().clamp(1.0, 1000.0),
-        frames: in_time(features).iter().map(frame).collect(),
+        frames: every_frame(&numbers).into_iter().map(frame).collect(),
     };
     sequence.round();
     sequence
+}
+
+/// All frames from the first to the last of ascending numbers: which of them is the last one that is there, and the share of the way to
+/// the next one. Where the numbers count something else than frames, only those that are there.
+fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
+    let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let usual = steps.iter().copied().min().unwrap_or(1).max(1);
+    let total: u64 = steps.iter().map(|step| u64::from(step / usual)).sum();
+    let frames = steps.iter().all(|step| step.is_multiple_of(usual)) && total <= MOST_FILLED * numbers.len() as u64;
+    let of = |k: usize| {
+        let count = steps.get(k).filter(|_| frames).map_or(1, |step| step / usual).max(1);
+        (0..count).map(move |m| (k, f64::from(m) / f64::from(count)))
+    };
+    (0..numbers.len()).flat_map(of).collect()
 }
 
 /// Why a person should look at a track again for its head's turns; `None` where they can be trusted.
@@ -341,6 +363,17 @@ fn reason(row: &FrameFeatures, fit: &HeadFit, m: usize) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn missing_frames_are_filled_where_numbers_count_frames() {
+        assert_eq!(every_frame(&[3, 4, 7, 8]), [(0, 0.0), (1, 0.0), (1, 1.0 / 3.0), (1, 2.0 / 3.0), (2, 0.0), (3, 0.0)]);
+        assert_eq!(every_frame(&[10, 20, 30]), [(0, 0.0), (1, 0.0), (2, 0.0)]);
+        // Milliseconds; and a neutral frame of another time.
+        assert_eq!(every_frame(&[33, 66, 100]).len(), 3);
+        assert_eq!(every_frame(&[1, 500, 501]).len(), 3);
+        assert_eq!(every_frame(&[5]), [(0, 0.0)]);
+        assert!(every_frame(&[]).is_empty());
+    }
 
     #[test]
     fn the_head_faps_are_hundred_thousandths_of_a_radian() {

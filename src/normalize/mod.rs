@@ -18,7 +18,7 @@ use crate::{
 };
 
 pub use orientation::{EyeCorners, stable_nodes};
-pub use time::{Resample, resample};
+pub use time::{Resample, resample, resample_at};
 
 /// Frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
 ///
@@ -244,6 +244,18 @@ impl<'a> Normalizer<'a> {
     /// [`NormalizeError`].
     pub fn normalize(&self, track: &DynamicExpressionModel<Px>) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
         self.normalize_every_frame(&resample(track, FRAMES_PER_MODEL, self.options.resample)?)
+    }
+
+    /// As [`Normalizer::normalize`], of frames with numbers, of which some may be missing: key frames are uniform in frame number.
+    ///
+    /// # Errors
+    /// [`NormalizeError`].
+    pub fn normalize_numbered(
+        &self,
+        track: &DynamicExpressionModel<Px>,
+        numbers: &[u32],
+    ) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
+        self.normalize_every_frame(&resample_at(track, numbers, FRAMES_PER_MODEL, self.options.resample)?)
     }
 
     /// As [`Normalizer::normalize`], with all frames of the track.

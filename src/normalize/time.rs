@@ -27,7 +27,7 @@ pub enum Resample {
     Linear,
 }
 
-/// `count` frames at uniform distances from the first to the last, both included.
+/// `count` frames at uniform distances in time from the first to the last, both included; the frames are equally far from each other.
 ///
 /// A sequence with fewer frames than `count` repeats frames under [`Resample::Nearest`].
 ///
@@ -38,22 +38,48 @@ pub fn resample<U: Unit>(
     count: usize,
     mode: Resample,
 ) -> Result<DynamicExpressionModel<U>, ModelError> {
+    let numbers: Vec<u32> = (0..model.frame_count() as u32).collect();
+    resample_at(model, &numbers, count, mode)
+}
+
+/// As [`resample`], of frames with numbers: frame number is time, so that frames which are missing are no jump. Numbers ascend, or
+/// descend where the neutral frame is the later one; of others only the order counts.
+///
+/// # Errors
+/// [`ModelError::TooFewFrames`] when `count` is less than 2.
+pub fn resample_at<U: Unit>(
+    model: &DynamicExpressionModel<U>,
+    numbers: &[u32],
+    count: usize,
+    mode: Resample,
+) -> Result<DynamicExpressionModel<U>, ModelError> {
     if count < 2 {
         return Err(ModelError::TooFewFrames { found: count });
     }
-    let last = model.frame_count() - 1;
-    let frames = (0..count).map(|m| match mode {
-        // round(m * last / (count - 1)) in whole numbers, half up.
-        Resample::Nearest => model.frames()[(2 * m * last + count - 1) / (2 * (count - 1))].clone(),
-        Resample::Linear => {
-            let (whole, rest) = (m * last / (count - 1), m * last % (count - 1));
-            let share = rest as f64 / (count - 1) as f64;
-            let (a, b) = (&model.frames()[whole], &model.frames()[(whole + 1).min(last)]);
-            let between = |(p, q): (&Point2<f64>, &Point2<f64>)| p + (q - p) * share;
-            FrameExpressionModel::new(a.nodes().iter().zip(b.nodes()).map(between).collect())
+    let frames = model.frames();
+    let since = |number: &u32| u64::from(number.abs_diff(numbers[0]));
+    let mut times: Vec<u64> = if numbers.len() == frames.len() { numbers.iter().map(since).collect() } else { Vec::new() };
+    if !(times.len() == frames.len() && times.windows(2).all(|pair| pair[0] < pair[1])) {
+        times = (0..frames.len() as u64).collect();
+    }
+    // Times are multiplied by this, so that those asked for are whole numbers.
+    let parts = count as u64 - 1;
+    let last = times[times.len() - 1];
+    let frame = |m: u64| {
+        let wanted = m * last;
+        let before = times.partition_point(|time| time * parts <= wanted) - 1;
+        let after = (before + 1).min(frames.len() - 1);
+        let [earlier, later] = [before, after].map(|k| times[k] * parts);
+        match mode {
+            Resample::Nearest => frames[if later.abs_diff(wanted) <= wanted.abs_diff(earlier) { after } else { before }].clone(),
+            Resample::Linear => {
+                let share = (wanted - earlier) as f64 / (later - earlier).max(1) as f64;
+                let between = |(p, q): (&Point2<f64>, &Point2<f64>)| p + (q - p) * share;
+                FrameExpressionModel::new(frames[before].nodes().iter().zip(frames[after].nodes()).map(between).collect())
+            }
         }
-    });
-    DynamicExpressionModel::new(frames.collect())
+    };
+    DynamicExpressionModel::new((0..=parts).map(frame).collect())
 }
 
 #[cfg(test)]
@@ -77,6 +103,23 @@ mod tests {
         assert_eq!(xs(&resample(&ramp(12), 5, Resample::Nearest).unwrap()), [0.0, 3.0, 6.0, 8.0, 11.0]);
         // 2 frames: 0, 0.25, 0.5, 0.75, 1.
         assert_eq!(xs(&resample(&ramp(2), 5, Resample::Nearest).unwrap()), [0.0, 0.0, 1.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn frames_that_are_missing_are_no_jump() {
+        // 24 frames without 14 to 23, by their numbers: 1, 6.75, 12.5, 18.25, 24 -> 1, 7, 13, 13, 24.
+        let numbers: Vec<u32> = (1..=13).chain([24]).collect();
+        let frame = |n: &u32| FrameExpressionModel::new(vec![Point2::new(f64::from(*n), 0.0)]);
+        let model = DynamicExpressionModel::<Px>::new(numbers.iter().map(frame).collect()).unwrap();
+        let at = |numbers: &[u32], mode| xs(&resample_at(&model, numbers, 5, mode).unwrap());
+        assert_eq!(at(&numbers, Resample::Nearest), [1.0, 7.0, 13.0, 13.0, 24.0]);
+        assert_eq!(at(&numbers, Resample::Linear), [1.0, 6.75, 12.5, 18.25, 24.0]);
+        // The apex before the neutral frame in time: 30 to 7.
+        let back: Vec<u32> = numbers.iter().map(|n| 31 - n).collect();
+        assert_eq!(at(&back, Resample::Nearest), [1.0, 7.0, 13.0, 13.0, 24.0]);
+        // Numbers in no order tell no time.
+        let odd: Vec<u32> = numbers.iter().map(|n| n % 5).collect();
+        assert_eq!(at(&odd, Resample::Nearest), xs(&resample(&model, 5, Resample::Nearest).unwrap()));
     }
 
     #[test]

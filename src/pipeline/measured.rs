@@ -69,7 +69,8 @@ pub(super) fn normalized(
         }
     };
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
-    let model = normalizer.normalize(&head_free).map_err(SequenceFailure::at(Stage::Normalize))?;
+    let numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
+    let model = normalizer.normalize_numbered(&head_free, &numbers).map_err(SequenceFailure::at(Stage::Normalize))?;
     // One such model would end the statistics of all.
     FaceSize::CANONICAL.check_model(&model).map_err(|e| {
         let reason = format!("of the frames of the normalized model, {e}");

@@ -36,6 +36,10 @@ const FRAME_LOST_LIMIT: f64 = 0.35;
 /// at the apex than the second, over the eye distance. In 50 sequences of photographed people, six expressions, the fifth node moves by 4.6 % and more, in
 /// one that begins with a smile by 3.8 %, and by less than 0.001 % where one picture is repeated.
 const STILL: (usize, f64) = (5, 0.01);
+/// Frames are missing where their numbers go on by more than so many times the usual step,
+const GAP_STEPS: u32 = 3;
+/// and it matters where that is more than this share of the sequence.
+const GAP_SHARE: f64 = 0.25;
 
 /// Whether a person should look at a tracked sequence again. A warning, never a failure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -284,8 +288,26 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
             neutral.number
         ));
     }
+    if let Some((first, last)) = missing_frames(frames) {
+        reasons.push(format!(
+            "frames {first} to {last} are missing: how the face moved meanwhile is not known, and the frames of its model are those nearest in number"
+        ));
+    }
     summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
     summary.reasons = reasons;
+}
+
+/// The longest part that is missing, by frame number, where it matters (see [`GAP_STEPS`]).
+fn missing_frames(frames: &[TrackedFrame]) -> Option<(u32, u32)> {
+    let mut numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
+    numbers.sort_unstable();
+    let span = numbers.last()? - numbers.first()?;
+    let mut steps: Vec<(u32, u32)> = numbers.windows(2).map(|pair| (pair[1] - pair[0], pair[0])).collect();
+    steps.sort_unstable();
+    let usual = steps.get(steps.len() / 2)?.0.max(1);
+    let &(longest, before) = steps.last()?;
+    let matters = longest / usual > GAP_STEPS && f64::from(longest) > GAP_SHARE * f64::from(span);
+    matters.then(|| (before + usual, before + longest - usual))
 }
 
 /// Whether enough nodes leave their places far enough (see [`STILL`]); what is unknown moves.
@@ -318,6 +340,21 @@ mod tests {
         assert!((summary.eye_distance_px - 61.3).abs() < 1e-9);
         assert_eq!(summary.recovered, BTreeMap::from([("extreme".to_owned(), 2)]));
         assert_eq!(summary.worst_nodes, [(NodeId(31), 2)]);
+    }
+
+    #[test]
+    fn missing_frames_are_said_where_they_matter() {
+        let gap = |numbers: &[u32]| {
+            let frames: Vec<_> = numbers.iter().map(|&number| TrackedFrame { number, nodes: Vec::new() }).collect();
+            missing_frames(&frames)
+        };
+        let without = |from: u32, to: u32| (1..=24).filter(|n| !(from..=to).contains(n)).collect::<Vec<u32>>();
+        assert_eq!(gap(&without(14, 23)), Some((14, 23)));
+        assert_eq!(gap(&without(14, 16)), None);
+        assert_eq!(gap(&[1, 40]), None);
+        assert_eq!(gap(&[10, 20, 30, 40]), None);
+        // Every tenth frame, the later one first.
+        assert_eq!(gap(&[200, 190, 180, 80, 70, 60]), Some((90, 170)));
     }
 
     /// A face of 61.3 px between the pupils, in whose later frames every third node goes 1 px further down.
