@@ -41,6 +41,7 @@ mod folds;
 mod iris;
 mod layer;
 mod layout;
+mod lid_skin;
 mod lids;
 mod mesh;
 mod motion;
@@ -54,7 +55,7 @@ mod tone;
 
 use nalgebra::{Point2, Vector2};
 
-use self::{eyeball::Eyeball, field::Weights, layout::Frame, mesh::Mesh};
+use self::{eyeball::Eyeball, field::Weights, layout::Frame, lid_skin::LidSkin, mesh::Mesh};
 use crate::geometry::Similarity;
 
 pub(crate) use layout::OPENINGS;
@@ -116,6 +117,8 @@ pub struct Warp {
     bows: [Vec<(usize, f64)>; 2],
     /// Eyeballs found in the photograph, one for each opening; none for the mouth, and for an eye in which no iris was found.
     eyes: Vec<Option<Eyeball>>,
+    /// The skin of their upper lids without lashes.
+    lids: Vec<Option<LidSkin>>,
 }
 
 /// Where everything is in one frame.
@@ -198,6 +201,7 @@ impl Warp {
             neighbours,
             bows: Default::default(),
             eyes: Vec::new(),
+            lids: Vec::new(),
         };
         let identity = Similarity::identity();
         warp.source = warp.solve(&warp.mesh.vertices, &warp.reference_nodes, &warp.nodes, &identity);
@@ -229,6 +233,8 @@ impl Warp {
     pub fn with_eyes(mut self, photograph: &Texture) -> Self {
         let [left, right] = Eyeball::find(&self, photograph);
         self.eyes = vec![None, left, right];
+        let [left, right] = LidSkin::find(&self, photograph);
+        self.lids = vec![None, left, right];
         self
     }
 
@@ -280,6 +286,7 @@ impl Warp {
         if *background == Similarity::identity() {
             layout::keep_brows(&mut wanted, &self.nodes, &self.frame);
         }
+        let closed = self.close_lids(nodes, &mut wanted);
         self.separate(&mut wanted);
         let (vertices, rounds) = self.unfolded(&mut wanted, background);
         // Nodes that drive are where their vertex is; the others go with the skin or the eye around them.
@@ -291,6 +298,9 @@ impl Warp {
         }
         for (n, shift) in &self.placed {
             found[*n] -= background.apply_vector(shift);
+        }
+        for (n, shift) in closed {
+            found[n] -= shift;
         }
         for nodes in &OPENINGS[1..] {
             let (eye, gaze) = motion::eye_motion(nodes, &self.nodes, &wanted, self.frame.eye_distance);

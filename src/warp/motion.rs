@@ -106,6 +106,33 @@ impl Warp {
         }
     }
 
+    /// Lids that shut on the nodes as given shut on the photograph, whose lids may lie elsewhere: what is left of an opening is the same share
+    /// of both, and beside the middle of a lid no larger one than there. The nodes that go further than asked, and by how much.
+    pub(super) fn close_lids(&self, asked: &[Point2<f64>], wanted: &mut [Point2<f64>]) -> Vec<(usize, Vector2<f64>)> {
+        let gap = |points: &[Point2<f64>], eye: &OpeningNodes, k: usize| {
+            self.frame.height(&points[usize::from(eye.lower[k])]) - self.frame.height(&points[usize::from(eye.upper[k])])
+        };
+        let mut further = Vec::new();
+        for eye in &OPENINGS[1..] {
+            let left = |k: usize| {
+                let given = gap(&self.given, eye, k);
+                if given > SHUT * self.frame.eye_distance { (gap(asked, eye, k) / given).max(0.0) } else { 1.0 }
+            };
+            let middle = left(2);
+            for k in 1..4 {
+                let share = left(k).min(middle);
+                let excess = gap(wanted, eye, k) - share * gap(&self.nodes, eye, k);
+                if share < 1.0 && excess > 0.0 {
+                    let upper = usize::from(eye.upper[k]);
+                    let shift = self.frame.down.into_inner() * excess;
+                    wanted[upper] += shift;
+                    further.push((upper, shift));
+                }
+            }
+        }
+        further
+    }
+
     /// Lips and lids do not pass through each other.
     pub(super) fn separate(&self, nodes: &mut [Point2<f64>]) {
         for OpeningNodes { upper, lower, .. } in &OPENINGS {

@@ -17,7 +17,7 @@ use super::{
 use crate::geometry::{Similarity, polygon::distance_to_line};
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
-const CLOSING: f64 = 0.35;
+const CLOSING: f64 = 0.6;
 /// Width of the zone in which lips turn inwards, over the eye distance; gaps at which they begin to, and wholly do; what is left of red,
 /// green and blue at the edge.
 const ROLL: f64 = 0.040;
@@ -192,7 +192,7 @@ fn extend_edges(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformati
 }
 
 /// Largest distance of the edges, px.
-fn gap(warp: &Warp, opening: &OpeningMesh, vertices: &[Point2<f64>]) -> f64 {
+pub(super) fn gap(warp: &Warp, opening: &OpeningMesh, vertices: &[Point2<f64>]) -> f64 {
     let height = |v: u32| warp.frame.height(&vertices[v as usize]);
     opening.upper.iter().zip(&opening.lower).map(|(&a, &b)| height(b) - height(a)).fold(0.0, f64::max)
 }

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use super::{Deformation, Placement, Texture, Warp, openings, raster, sample};
+use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, openings, raster, sample};
 use crate::geometry::Similarity;
 
 /// What is seen between lips that part.
@@ -42,17 +42,31 @@ impl Warp {
             let back = deformation.background.inverse();
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
+        let lids = self.shutting_lids(deformation);
         for triangle in &self.mesh.skin {
             let to = triangle.map(|v| deformation.vertices[v as usize]);
             let from = triangle.map(|v| self.source[v as usize]);
             if still && to == from {
                 continue;
             }
-            raster::fill(to, from, size, |x, y, at| put(frame, x, y, texture.sample(at)));
+            raster::fill(to, from, size, |x, y, at| {
+                let photograph = texture.sample(at);
+                put(frame, x, y, lids.iter().fold(photograph, |colour, (lid, shut)| lid.colour(at, *shut, colour, texture)));
+            });
         }
         for opening in &self.mesh.openings {
             openings::draw(self, opening, texture, deformation, inside, frame);
         }
+    }
+
+    /// The lids that go down in a frame, and the share of their openings that is gone.
+    fn shutting_lids(&self, deformation: &Deformation) -> Vec<(&LidSkin, f64)> {
+        let pairs = self.mesh.openings.iter().zip(&self.lids);
+        let shut = pairs.filter_map(|(opening, lid)| {
+            let gap = |vertices| openings::gap(self, opening, vertices);
+            Some((lid.as_ref()?, 1.0 - gap(&deformation.vertices) / gap(&self.source).max(1e-9)))
+        });
+        shut.filter(|(_, shut)| *shut > 0.0).collect()
     }
 
     /// Carries another picture into the geometry of the photograph: what lies at a point of the mesh there is drawn at the same

@@ -78,6 +78,7 @@ class Rig {
     this.archLids(at);
     for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
     this.keepBrows(wanted);
+    this.closeLids(at, wanted);
     this.separate(wanted);
     this.solve(wanted);
     for (let round = 0; round < UNFOLD_ROUNDS && this.unfold(wanted); round++) {
@@ -160,6 +161,19 @@ class Rig {
       const was = this.level(this.nodes, lower) - this.level(this.nodes, upper);
       const is = this.level(wanted, lower) - this.level(wanted, upper);
       if (was > 0) this.shift(wanted, lower, clamp(is, BROW_THICKNESS[0] * was, BROW_THICKNESS[1] * was) - is);
+    }
+  }
+  /** Lids that shut on the nodes as given shut on the photograph, whose lids may lie elsewhere. */
+  closeLids(at, wanted) {
+    const { given, nodes } = this;
+    for (const { upperNodes, lowerNodes } of this.openings.slice(1)) {
+      const gap = (points, k) => this.level(points, lowerNodes[k]) - this.level(points, upperNodes[k]);
+      const left = (k) => (gap(given, k) > SHUT * this.unit ? Math.max(gap(at, k) / gap(given, k), 0) : 1);
+      const middle = left(2);
+      for (let k = 1; k < 4; k++) {
+        const share = Math.min(left(k), middle), excess = gap(wanted, k) - share * gap(nodes, k);
+        if (share < 1 && excess > 0) this.shift(wanted, upperNodes[k], excess);
+      }
     }
   }
   separate(wanted) {

@@ -1,0 +1,251 @@
+//! The skin of upper lids as it is without lashes, for eyes that shut.
+//!
+//! A lid that shuts draws the skin above it down, and lashes that stand over that skin on the photograph would be drawn out to stripes. So
+//! the skin is guessed as it would be without them: at every place along the lid the brighter colours of what lies between lid and brow,
+//! where no lash is, carried down to the edge. It takes the place of the photograph's while the lid goes down; the line of lashes is drawn
+//! over it (see `openings`).
+
+use nalgebra::{Point2, Vector2};
+
+use super::{
+    Texture, Warp,
+    layout::{LID_SKIN, OPENINGS},
+    mesh::OpeningMesh,
+    mouth::luma,
+    openings::smooth_step,
+};
+
+/// Least and most height above the lid that is looked at, over the eye distance, and the most over the way to the brow.
+const HEIGHTS: (f64, f64) = (0.05, 0.15);
+const BROW_SHARE: f64 = 0.6;
+/// Step upwards, over the eye distance; places along the lid.
+const STEP: f64 = 0.006;
+const PLACES: usize = 28;
+/// Places to either side whose colours count for one.
+const BESIDE: usize = 3;
+/// Of the colours above a place, by their brightness, those that are skin without lashes.
+const SKIN: (f64, f64) = (0.75, 0.95);
+/// Lashes end where it is this bright over that skin.
+const LASHLESS: f64 = 0.93;
+/// Least height of the band of lashes, and that over which it fades, over the eye distance.
+const LEAST_BAND: f64 = 0.03;
+const FADE: f64 = 0.055;
+/// Skin from above the lashes is laid over the guess, that much of it, and from so much less of a height than it is laid on; not where it is
+/// darker than this over the guess, and wholly where it is as bright as that.
+const GRAIN: f32 = 0.55;
+const FOLDED: f64 = 0.4;
+const CLEAR: (f64, f64) = (0.80, 0.95);
+/// Share of the opening that is gone when the skin begins to take the place of the photograph's, and when it has.
+const SHUT: (f64, f64) = (0.25, 0.70);
+
+/// The skin above one eye.
+#[derive(Clone, Debug)]
+pub struct LidSkin {
+    /// Outer corner of the eye, and the way to the inner one.
+    from: Point2<f64>,
+    across: Vector2<f64>,
+    down: Vector2<f64>,
+    eye_distance: f64,
+    /// The lid at every place along it, as a height above the line between the corners, px.
+    edge: Vec<f64>,
+    /// The skin there, and how high lashes reach, px.
+    skin: Vec<[f32; 3]>,
+    band: Vec<f64>,
+}
+
+impl LidSkin {
+    /// The skin above both eyes, the subject's left one first; `None` where there is no room for any.
+    pub fn find(warp: &Warp, texture: &Texture) -> [Option<Self>; 2] {
+        [1, 2].map(|k: usize| Self::new(warp, warp.mesh.openings.get(k)?, texture))
+    }
+
+    fn new(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> Option<Self> {
+        let unit = warp.frame.eye_distance;
+        let nodes = OPENINGS.iter().find(|o| o.opening == opening.opening)?;
+        let upper: Vec<Point2<f64>> = opening.upper.iter().map(|&v| warp.source[v as usize]).collect();
+        let (from, to) = (*upper.first()?, *upper.last()?);
+        let across = to - from;
+        let down = warp.frame.down.into_inner();
+        if across.norm_squared() < 1e-9 {
+            return None;
+        }
+        let mut lid = Self { from, across, down, eye_distance: unit, edge: Vec::new(), skin: Vec::new(), band: Vec::new() };
+        let spots: Vec<(f64, f64)> = upper.iter().map(|p| lid.place(p)).collect();
+        let on_edge = |along: f64| {
+            let pair = spots.windows(2).find(|pair| along <= pair[1].0).or(spots.windows(2).last())?;
+            let share = ((along - pair[0].0) / (pair[1].0 - pair[0].0).max(1e-9)).clamp(0.0, 1.0);
+            Some(pair[0].1 + (pair[1].1 - pair[0].1) * share)
+        };
+        lid.edge = (0..PLACES).map(|k| on_edge(along(k))).collect::<Option<_>>()?;
+        let brow = LID_SKIN.iter().find(|skin| skin.lid == nodes.upper[2])?.brow.map(|n| warp.nodes[usize::from(n)]);
+        let room = lid.place(&nalgebra::center(&brow[0], &brow[1])).1 - lid.place(&warp.nodes[usize::from(nodes.upper[2])]).1;
+        let height = (BROW_SHARE * room / unit).min(HEIGHTS.1);
+        if height < HEIGHTS.0 {
+            return None;
+        }
+        let steps = (height / STEP) as usize;
+        let column = |k: usize| -> Vec<[f32; 3]> {
+            let at = from + across * along(k);
+            (0..steps).map(|m| texture.sample(at - down * (lid.edge[k] + m as f64 * STEP * unit))).collect()
+        };
+        let columns: Vec<Vec<[f32; 3]>> = (0..PLACES).map(column).collect();
+        for k in 0..PLACES {
+            let beside = &columns[k.saturating_sub(BESIDE)..(k + BESIDE + 1).min(PLACES)];
+            let mut colours: Vec<[f32; 3]> = beside.iter().flatten().copied().collect();
+            colours.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
+            let part = |share: f64| (share * colours.len() as f64) as usize;
+            lid.skin.push(mean(&colours[part(SKIN.0)..part(SKIN.1)])?);
+            let limit = LASHLESS as f32 * luma(lid.skin[k]);
+            let row = |m: usize| beside.iter().map(|column| luma(column[m])).sum::<f32>() / beside.len() as f32;
+            let reach = (0..steps).find(|&m| m as f64 * STEP >= LEAST_BAND && row(m) >= limit).unwrap_or(steps);
+            lid.band.push(reach as f64 * STEP * unit);
+        }
+        lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
+        lid.band = smoothed(&lid.band, |list| list.iter().copied().fold(0.0, f64::max));
+        Some(lid)
+    }
+
+    /// Share of the way from the outer to the inner corner, and height above the line between them, px.
+    fn place(&self, p: &Point2<f64>) -> (f64, f64) {
+        let off = p - self.from;
+        // Along the line between the corners, but straight up from it: the face's own vertical.
+        let determinant = self.across.perp(&self.down);
+        (off.perp(&self.down) / determinant, -self.across.perp(&off) / determinant)
+    }
+
+    /// The photograph's colour at a place, as it is while the eye shuts: `shut` of the opening is gone.
+    pub fn colour(&self, at: Point2<f64>, shut: f64, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
+        let gone = smooth_step(SHUT.0, SHUT.1, shut);
+        let (along, height) = self.place(&at);
+        let place = along * PLACES as f64 - 0.5;
+        if gone <= 0.0 || !(-1.0..=PLACES as f64).contains(&place) {
+            return photograph;
+        }
+        let k = (place.max(0.0) as usize).min(PLACES - 2);
+        let t = (place - k as f64).clamp(0.0, 1.0);
+        let between = |a: f64, b: f64| a + (b - a) * t;
+        let above = height - between(self.edge[k], self.edge[k + 1]);
+        let band = between(self.band[k], self.band[k + 1]);
+        // Beside the corners, too, it is the photograph's again.
+        let inside = smooth_step(-0.06, 0.10, along) * (1.0 - smooth_step(0.90, 1.06, along));
+        let share = gone * inside * (1.0 - smooth_step(band, band + FADE * self.eye_distance, above));
+        if share <= 0.0 || above < -0.5 * LEAST_BAND * self.eye_distance {
+            return photograph;
+        }
+        let guess: [f32; 3] = std::array::from_fn(|c| self.skin[k][c] + (self.skin[k + 1][c] - self.skin[k][c]) * t as f32);
+        let rise = FOLDED * (band - above).max(0.0) + (band - above).max(0.0) + 0.5 * FADE * self.eye_distance;
+        let beyond = texture.sample(at - self.down * rise);
+        let clear = smooth_step(CLEAR.0, CLEAR.1, f64::from(luma(beyond) / luma(guess).max(1.0)));
+        let grain = GRAIN * clear as f32;
+        std::array::from_fn(|c| {
+            let skin = guess[c] + (beyond[c] - guess[c]) * grain;
+            photograph[c] + (skin - photograph[c]) * share as f32
+        })
+    }
+}
+
+/// Share of the way between the corners of a place along the lid.
+fn along(k: usize) -> f64 {
+    (k as f64 + 0.5) / PLACES as f64
+}
+
+fn mean(colours: &[[f32; 3]]) -> Option<[f32; 3]> {
+    let count = colours.len() as f32;
+    (!colours.is_empty()).then(|| std::array::from_fn(|c| colours.iter().map(|colour| colour[c]).sum::<f32>() / count))
+}
+
+/// Each value by those beside it.
+fn smoothed<T: Copy>(values: &[T], of: impl Fn(&[T]) -> T) -> Vec<T> {
+    (0..values.len()).map(|k| of(&values[k.saturating_sub(BESIDE)..(k + BESIDE + 1).min(values.len())])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, RgbImage};
+
+    use super::*;
+    use crate::{geometry::polygon::distance_to_line, warp::MouthInside, wireframe::Wireframe};
+
+    fn nodes() -> Vec<Point2<f64>> {
+        let scale = 110.0 / 0.6;
+        Wireframe::candide3().vertices().iter().map(|v| Point2::new(150.0 + scale * v.x, 190.0 - scale * v.y)).collect()
+    }
+
+    /// Skin; around the irises' centres dark circles in white; dark lashes that stand up to `reach` px over the upper lids.
+    fn drawn(nodes: &[Point2<f64>], reach: f64) -> RgbImage {
+        let lids: Vec<Vec<Point2<f64>>> =
+            OPENINGS[1..].iter().map(|eye| eye.upper.map(|n| nodes[usize::from(n)]).to_vec()).collect();
+        let eyes = OPENINGS[1..]
+            .iter()
+            .map(|eye| nodes[usize::from(eye.upper[0])].coords.lerp(&nodes[usize::from(eye.upper[4])].coords, 0.5).into());
+        let eyes: Vec<Point2<f64>> = eyes.collect();
+        RgbImage::from_fn(300, 380, |x, y| {
+            let at = Point2::new(f64::from(x), f64::from(y));
+            let lash = lids.iter().any(|lid| distance_to_line(lid, &at) < reach && at.y < lid[2].y + 3.0);
+            let apart = eyes.iter().map(|eye| (at - eye).norm()).fold(f64::INFINITY, f64::min);
+            match (lash, apart) {
+                (true, _) => Rgb([40, 30, 30]),
+                (_, a) if a < 6.0 => Rgb([60, 40, 20]),
+                (_, a) if a < 11.0 => Rgb([230, 228, 226]),
+                _ => Rgb([205, 160, 140]),
+            }
+        })
+    }
+
+    #[test]
+    fn eyes_that_shut_have_lids_of_skin_and_one_line_of_lashes() {
+        let nodes = nodes();
+        let picture = drawn(&nodes, 4.0);
+        let texture = Texture::new(&picture);
+        let warp = Warp::new(&nodes).unwrap().with_eyes(&texture);
+        let mut shut = nodes.clone();
+        for eye in &OPENINGS[1..] {
+            for k in 1..4 {
+                shut[usize::from(eye.upper[k])] = shut[usize::from(eye.lower[k])];
+            }
+        }
+        let frame = warp.render(&texture, &warp.deform(&shut).unwrap(), &MouthInside::Dark);
+        for eye in &OPENINGS[1..] {
+            let [from, to] = [eye.upper[2], eye.lower[2]].map(|n| nodes[usize::from(n)]);
+            let dark = |share: f64| {
+                let at = from + (to - from) * share;
+                frame.get_pixel(at.x.round() as u32, at.y.round() as u32).0[0] < 120
+            };
+            assert!((1..=6).all(|k| !dark(f64::from(k) / 10.0)), "lashes over the lid");
+            assert!(dark(1.0), "no line of lashes");
+        }
+        // Open, it is the photograph.
+        assert_eq!(warp.render(&texture, &warp.deform(&nodes).unwrap(), &MouthInside::Dark), picture);
+    }
+
+    #[test]
+    fn lids_shut_where_the_photograph_has_them() {
+        // The photograph's lids are 3 px higher than the fit's.
+        let given = nodes();
+        let picture = drawn(&given, 3.0);
+        let mut warp = Warp::on_photograph(&given, &Texture::new(&picture), |_| true).unwrap();
+        for eye in &OPENINGS[1..] {
+            for &n in &eye.upper[1..4] {
+                warp.nodes[usize::from(n)].y -= 3.0;
+            }
+        }
+        let gap = |points: &[Point2<f64>], k: usize| {
+            points[usize::from(OPENINGS[1].lower[k])].y - points[usize::from(OPENINGS[1].upper[k])].y
+        };
+        let closed = |left: f64| {
+            let mut asked = given.clone();
+            for eye in &OPENINGS[1..] {
+                // FAP files move the middle of a lid alone.
+                let [upper, lower] = [eye.upper[2], eye.lower[2]].map(usize::from);
+                asked[upper].y = asked[lower].y - left * (asked[lower].y - asked[upper].y);
+            }
+            let mut wanted: Vec<Point2<f64>> = (0..given.len()).map(|k| warp.nodes[k] + (asked[k] - given[k])).collect();
+            warp.close_lids(&asked, &mut wanted);
+            (1..4).map(|k| gap(&wanted, k) / gap(&warp.nodes, k)).collect::<Vec<_>>()
+        };
+        for left in [0.0, 0.4] {
+            assert!(closed(left).iter().all(|share| (share - left).abs() < 1e-9), "{left}: {:?}", closed(left));
+        }
+        assert!(closed(1.2).iter().all(|share| *share >= 1.0));
+    }
+}
