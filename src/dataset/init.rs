@@ -23,6 +23,9 @@ const MOST_LEVELS: usize = 8;
 /// Words that say no to an emotion, as words of their own or as beginnings.
 const NEGATIONS: [&str; 6] = ["not", "non", "no", "un", "never", "without"];
 
+/// What divides a name into parts.
+const SEPARATORS: [char; 3] = ['_', '-', ' '];
+
 /// The word for anger in short, which other words and names begin with (`angle`, `Angela`).
 const ANGER: &str = "ang";
 
@@ -228,16 +231,27 @@ fn names(root: &Path, path: &Path) -> Vec<String> {
 }
 
 /// Subject and sequence by the names: the first that is no emotion, and the others. Of one name alone, what stands before the first `_`,
-/// `-` or space is the subject.
+/// `-` or space is the subject; where that is an emotion, the next part that is none.
 fn subject_and_sequence(root: &Path, names: &[String]) -> (String, String) {
     let of_root = || root.canonicalize().ok().and_then(|p| p.file_name().map(|n| n.to_string_lossy().into_owned()));
     let place = names.iter().position(|name| emotion_of(name).is_none_or(|_| has_other_words(name)));
     match (names, place) {
         ([], _) => (of_root().unwrap_or_else(|| "1".to_owned()), "1".to_owned()),
-        ([name], _) => match name.split_once(['_', '-', ' ']) {
-            Some((subject, sequence)) if !subject.is_empty() && !sequence.is_empty() => (subject.to_owned(), sequence.to_owned()),
-            _ => (name.clone(), "1".to_owned()),
-        },
+        ([name], _) => {
+            let parts: Vec<&str> = name.split(SEPARATORS).collect();
+            let is_emotion = |part: &str| emotion_of(part).is_some() && !has_other_words(part);
+            match (name.split_once(SEPARATORS), parts.iter().position(|part| !part.is_empty() && !is_emotion(part))) {
+                (Some(_), Some(place)) if is_emotion(parts[0]) => {
+                    let others: Vec<&str> =
+                        parts.iter().enumerate().filter(|(k, _)| *k != place).map(|(_, part)| *part).collect();
+                    (parts[place].to_owned(), others.join("_"))
+                }
+                (Some((subject, sequence)), _) if !subject.is_empty() && !sequence.is_empty() => {
+                    (subject.to_owned(), sequence.to_owned())
+                }
+                _ => (name.clone(), "1".to_owned()),
+            }
+        }
         (_, place) => {
             let place = place.unwrap_or(0);
             let others: Vec<&str> = names.iter().enumerate().filter(|(k, _)| *k != place).map(|(_, n)| n.as_str()).collect();
@@ -349,6 +363,13 @@ mod tests {
         assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
         let expected = [["anna", "surprised", "surprise", "anna_surprised.avi"], ["ben", "2", "?", "ben-2.mov"]];
         assert_eq!(rows(&["anna_surprised.avi", "ben-2.mov"]), expected.map(|r| r.map(str::to_owned)));
+        // The emotion first: it is no person.
+        let expected = [
+            ["P01", "happy", "happiness", "happy_P01.mp4"],
+            ["P01", "sad_2", "sadness", "sad-P01-2.mp4"],
+            ["happy", "sad", "?", "happy_sad.mp4"],
+        ];
+        assert_eq!(rows(&["happy_P01.mp4", "happy_sad.mp4", "sad-P01-2.mp4"]), expected.map(|r| r.map(str::to_owned)));
     }
 
     #[test]

@@ -33,9 +33,9 @@ const KNOT: &str = "knot";
 
 /// Largest expected error over the eye distance; a node further off is lost for good.
 const MAX_EXPECTED: f64 = 0.5;
-/// Least eye distance that weights were learned at, px. On smaller faces errors are taken to be as many pixels as there: a pixel is as far as a
-/// picture tells, however small the face. Real sequences made smaller are 0.25 to 0.5 px off at 29, 14 and 9 px.
-const SMALLEST_PX: f64 = 54.0;
+/// Least and most eye distance that weights were learned at, px. On larger faces errors are taken to be as large over the eye distance as at the
+/// most; on smaller ones as many pixels as at the least: a pixel is as far as a picture tells, however small the face.
+const SIZES: (f64, f64) = (15.0, 110.0);
 /// Squared grey levels that a perfect match is taken to differ by.
 const DIFFERENCE_FLOOR: f64 = 0.05;
 /// Gradient, grey levels per px, below which a window shows nothing.
@@ -70,6 +70,8 @@ pub struct NodeFeatures {
     pub lost: bool,
     /// Whether its place in the neutral frame was set exactly.
     pub hard_start: bool,
+    /// The eye distance itself, px.
+    pub size: f64,
     /// Frames since the neutral frame.
     pub frames: f64,
     /// Share of these frames in which it was lost.
@@ -125,6 +127,7 @@ impl NodeFeatures {
             "log_head",
             "hard_start_log_frames",
             "hard_start_log_offset",
+            "log_size",
         ];
         let regions = Region::ALL.iter().skip(1).map(|region| format!("region_{region}"));
         fixed.into_iter().map(str::to_owned).chain(regions).collect()
@@ -157,6 +160,7 @@ impl NodeFeatures {
             log(self.head, 0.01),
             hard * self.frames.max(1.0).ln(),
             hard * log(self.offset, 0.005),
+            self.size.clamp(SIZES.0, SIZES.1).ln(),
         ];
         terms.extend(Region::ALL.iter().skip(1).map(|&region| flag(self.region == region)));
         terms
@@ -198,6 +202,7 @@ pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Ta
                 region: tables.region(id),
                 lost,
                 hard_start: start.state == NodeState::Corrected,
+                size: unit,
                 frames: f64::from(k),
                 lost_share: f64::from(sum.lost) / f64::from(k),
                 offset: (offset - context.head).norm() / unit,
@@ -403,7 +408,7 @@ pub fn expect_errors(frames: &mut [TrackedFrame], wireframe: &Wireframe, tables:
     for (frame, features) in frames.iter_mut().zip(features) {
         for (id, features) in wireframe.live_nodes().iter().zip(&features) {
             if let (Some(node), Some(features)) = (frame.nodes.get_mut(id.index()), features) {
-                node.expected_error = Some(confidence.expected(features) * unit.max(SMALLEST_PX));
+                node.expected_error = Some(confidence.expected(features) * unit.max(SIZES.0));
             }
         }
         for follower in wireframe.followers() {

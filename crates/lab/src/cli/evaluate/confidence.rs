@@ -36,8 +36,8 @@ Examples:
   grimace evaluate confidence -o confidence --photographs FACES --leave-out L004,L022
   grimace evaluate confidence faces -o confidence --by kind --start landmarks
 
-Without a DATASET, people are tracked: simulated ones and, with --photographs, warped photographs (clean and hard, at full and at half size; \
-from exact positions and from marks). Weights and calibration are fitted and written to track_confidence.csv, and judged by people that were \
+Without a DATASET, people are tracked: simulated ones and, with --photographs, warped photographs (clean and hard, at full, half, quarter and \
+sixth size; from exact positions and from marks). Clean simulated ones are only judged where there are photographs. Weights and calibration are fitted and written to track_confidence.csv, and judged by people that were \
 not among them: expected and true median error by quintile in confidence_quintiles.csv and confidence.svg, verdicts in verdicts.csv. \
 FACES is a folder as for `grimace learn locator`; every fifth of its people is kept to judge by. With a DATASET the model that is shipped is \
 judged by its landmarks or exact positions.")]
@@ -80,6 +80,10 @@ const HELD_OUT_SEED: u64 = 0x5EED_0000;
 
 /// Of the photographed people every so many are judged by.
 const PHOTOGRAPHED_HELD_OUT: usize = 5;
+/// The others are split over so many kinds of pictures.
+const PHOTOGRAPHED_SPLIT: usize = 4;
+/// What pictures without noise, blur and changing light are called.
+const CLEAN: &str = "clean";
 
 impl Args {
     /// Rendered people, and the photographed ones that are given.
@@ -92,26 +96,32 @@ impl Args {
     ) -> anyhow::Result<Vec<ConfidenceCondition>> {
         let clean = self.simulation.options(subjects, seed);
         // People of the smaller pictures are others.
-        let small =
-            SimulateOptions { width: clean.width / 2, height: clean.height / 2, seed: seed.wrapping_add(1), ..clean.clone() };
-        let simulations = [
-            ("hard", hard_simulation(&clean)),
-            ("clean", clean),
-            ("hard, half size", hard_simulation(&small)),
-            ("clean, half size", small),
-        ];
-        let (mut out, count) = (Vec::new(), simulations.len());
-        for (k, (name, simulation)) in simulations.into_iter().enumerate() {
-            // Every photographed person is in one of them.
-            let chosen = faces.iter().skip(k).step_by(count);
+        let smaller = |part: u32| SimulateOptions {
+            width: clean.width / part,
+            height: clean.height / part,
+            seed: seed.wrapping_add(u64::from(part)),
+            ..clean.clone()
+        };
+        let sizes = [("", 1), (", half size", 2), (", quarter size", 4), (", sixth size", 6)];
+        let simulations = sizes.iter().flat_map(|&(size, part)| {
+            let clean = smaller(part);
+            [(format!("hard{size}"), hard_simulation(&clean)), (format!("{CLEAN}{size}"), clean)]
+        });
+        let mut out = Vec::new();
+        for (k, (name, simulation)) in simulations.enumerate() {
+            // Every photographed person is in two of them, a larger and a smaller one.
+            let chosen = faces.iter().skip(k % PHOTOGRAPHED_SPLIT).step_by(PHOTOGRAPHED_SPLIT);
             let photographs = chosen
                 .map(|face| Ok(PhotographedPerson::new(face, simulation.width, fitter, wireframe, tables)?))
                 .collect::<anyhow::Result<Vec<_>>>()?;
             if !photographs.is_empty() {
-                let name = format!("photographs, {name}");
-                out.push(ConfidenceCondition { name, simulation: simulation.clone(), photographs });
+                out.push(ConfidenceCondition {
+                    name: format!("photographs, {name}"),
+                    simulation: simulation.clone(),
+                    photographs,
+                });
             }
-            out.push(ConfidenceCondition { name: name.to_owned(), simulation, photographs: Vec::new() });
+            out.push(ConfidenceCondition { name, simulation, photographs: Vec::new() });
         }
         Ok(out)
     }
@@ -136,7 +146,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let others = faces.iter().enumerate().filter(|(k, _)| k % PHOTOGRAPHED_HELD_OUT != 0);
     let learn_faces: Vec<_> = others.map(|(_, face)| face).collect();
     let with = (&fitter, &wireframe, &tables);
-    let learn = args.conditions(args.subjects, seed, &learn_faces, with)?;
+    let mut learn = args.conditions(args.subjects, seed, &learn_faces, with)?;
+    if !learn_faces.is_empty() {
+        // Nothing that is photographed is as clear as what is rendered without noise: that is only judged.
+        learn.retain(|condition| !(condition.photographs.is_empty() && condition.name.starts_with(CLEAN)));
+    }
     let judge = args.conditions(args.held_out, seed.wrapping_add(HELD_OUT_SEED), &judge_faces, with)?;
     let total = learn.iter().chain(&judge).map(ConfidenceCondition::sequences).sum();
     let stop = stop_flag()?;
