@@ -133,8 +133,8 @@ pub struct Deformation {
 }
 
 impl Deformation {
-    /// Where a node is in this frame. That is where it was asked to be, unless lips or lids would have passed through each other or
-    /// the skin would have folded.
+    /// Where a node is in this frame. That is where it was asked to be, unless lips or lids would have passed through each other, a lid shuts
+    /// in its middle, or the skin would have folded.
     ///
     /// # Panics
     /// If Candide-3 has no such node (a programmer's error).
@@ -286,7 +286,7 @@ impl Warp {
         if *background == Similarity::identity() {
             layout::keep_brows(&mut wanted, &self.nodes, &self.frame);
         }
-        let closed = self.close_lids(nodes, &mut wanted);
+        self.close_lids(&mut wanted);
         self.separate(&mut wanted);
         let (vertices, rounds) = self.unfolded(&mut wanted, background);
         // Nodes that drive are where their vertex is; the others go with the skin or the eye around them.
@@ -298,9 +298,6 @@ impl Warp {
         }
         for (n, shift) in &self.placed {
             found[*n] -= background.apply_vector(shift);
-        }
-        for (n, shift) in closed {
-            found[n] -= shift;
         }
         for nodes in &OPENINGS[1..] {
             let (eye, gaze) = motion::eye_motion(nodes, &self.nodes, &wanted, self.frame.eye_distance);

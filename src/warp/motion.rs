@@ -13,6 +13,8 @@ use crate::geometry::Similarity;
 const MAX_GAZE: f64 = 0.12;
 /// Edges of an opening this near, over the eye distance, are shut.
 const SHUT: f64 = 1e-4;
+/// Share of its opening that is left beside the middle of a lid, at most, over that in the middle.
+const BESIDE_MIDDLE: f64 = 1.35;
 /// Distance of the lips over the eye distance at which the edges of the upper and the lower one begin to lose the bow in which they meet, and
 /// at which they have none: an upper lip is drawn over teeth.
 const PARTED: [(f64, f64); 2] = [(0.03, 0.10), (0.06, 0.20)];
@@ -106,31 +108,25 @@ impl Warp {
         }
     }
 
-    /// Lids that shut on the nodes as given shut on the photograph, whose lids may lie elsewhere: what is left of an opening is the same share
-    /// of both, and beside the middle of a lid no larger one than there. The nodes that go further than asked, and by how much.
-    pub(super) fn close_lids(&self, asked: &[Point2<f64>], wanted: &mut [Point2<f64>]) -> Vec<(usize, Vector2<f64>)> {
-        let gap = |points: &[Point2<f64>], eye: &OpeningNodes, k: usize| {
-            self.frame.height(&points[usize::from(eye.lower[k])]) - self.frame.height(&points[usize::from(eye.upper[k])])
-        };
-        let mut further = Vec::new();
+    /// An eye that shuts shuts from corner to corner: beside the middle of a lid little more of the opening is left than there, whatever was
+    /// asked for. FAP files move the middle alone.
+    pub(super) fn close_lids(&self, nodes: &mut [Point2<f64>]) {
         for eye in &OPENINGS[1..] {
-            let left = |k: usize| {
-                let given = gap(&self.given, eye, k);
-                if given > SHUT * self.frame.eye_distance { (gap(asked, eye, k) / given).max(0.0) } else { 1.0 }
+            let gap = |points: &[Point2<f64>], k: usize| {
+                self.frame.height(&points[usize::from(eye.lower[k])]) - self.frame.height(&points[usize::from(eye.upper[k])])
             };
-            let middle = left(2);
-            for k in 1..4 {
-                let share = left(k).min(middle);
-                let excess = gap(wanted, eye, k) - share * gap(&self.nodes, eye, k);
-                if share < 1.0 && excess > 0.0 {
-                    let upper = usize::from(eye.upper[k]);
-                    let shift = self.frame.down.into_inner() * excess;
-                    wanted[upper] += shift;
-                    further.push((upper, shift));
+            let whole: [f64; 5] = std::array::from_fn(|k| gap(&self.nodes, k));
+            if whole[2] <= SHUT * self.frame.eye_distance {
+                continue;
+            }
+            let most = BESIDE_MIDDLE * gap(nodes, 2).max(0.0) / whole[2];
+            for k in [1, 3] {
+                let excess = gap(nodes, k) - most * whole[k];
+                if most < 1.0 && whole[k] > 0.0 && excess > 0.0 {
+                    nodes[usize::from(eye.upper[k])] += self.frame.down.into_inner() * excess;
                 }
             }
         }
-        further
     }
 
     /// Lips and lids do not pass through each other.

@@ -192,7 +192,7 @@ impl<'a> Interior<'a> {
     /// The colour of the lips, made redder by `warm`, at a brightness.
     fn tinted(&self, warm: [f32; 3], light: f64) -> [f32; 3] {
         // Flesh in the light that falls on the lips: half as they are, half as the inside of every mouth is.
-        let luma = luma(self.lip).max(60.0);
+        let luma = luma(self.lip).max((0.5 * luma(self.enamel)).min(60.0));
         let flesh = [1.45, 0.86, 0.84].map(|c| c * luma);
         std::array::from_fn(|c| (0.4 * self.lip[c] + 0.6 * flesh[c]) * warm[c] * light as f32)
     }
@@ -361,7 +361,9 @@ pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
     });
     whites.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
     let skin = [27_usize, 60, 90, 91].map(|n| luma(texture.sample(warp.nodes[n]))).iter().sum::<f32>() / 4.0;
-    let light = (skin * 0.95 + 45.0).max(luma(whites[2])).min(222.0);
+    // In a dark photograph the whites of the eyes are dark, too, whatever the skin.
+    let brightest = 1.15 * luma(whites[3]).max(1.25 * skin);
+    let light = (skin * 0.95 + 45.0).max(luma(whites[2])).min(brightest).min(222.0);
     let white = luma(whites[2]).max(1.0);
     std::array::from_fn(|c| {
         let tint = (whites[2][c] / white).clamp(0.92, 1.05);

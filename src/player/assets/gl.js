@@ -21,7 +21,8 @@ uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform ve
 uniform vec2 teethOrigin; uniform float teethScale; uniform float white; uniform float gap; uniform float jaw; uniform float floorY;
 uniform float shown; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
 vec3 tinted(vec3 warm, float light) {
-  float luma = max(dot(lip, vec3(0.3, 0.59, 0.11)), 60.0 / 255.0);
+  vec3 grey = vec3(0.3, 0.59, 0.11);
+  float luma = max(dot(lip, grey), min(60.0 / 255.0, 0.5 * dot(enamel, grey)));
   return (0.4 * lip + 0.6 * vec3(1.45, 0.86, 0.84) * luma) * warm * light;
 }
 vec3 row(vec2 d, float brightness, float side, float fromCorner, vec3 under) {

@@ -1,7 +1,7 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
 const LID_LIMIT = 2, LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
-const MAX_GAZE = 0.12, SHUT = 1e-4, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
+const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
 class Rig {
@@ -78,7 +78,7 @@ class Rig {
     this.archLids(at);
     for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
     this.keepBrows(wanted);
-    this.closeLids(at, wanted);
+    this.closeLids(wanted);
     this.separate(wanted);
     this.solve(wanted);
     for (let round = 0; round < UNFOLD_ROUNDS && this.unfold(wanted); round++) {
@@ -163,16 +163,16 @@ class Rig {
       if (was > 0) this.shift(wanted, lower, clamp(is, BROW_THICKNESS[0] * was, BROW_THICKNESS[1] * was) - is);
     }
   }
-  /** Lids that shut on the nodes as given shut on the photograph, whose lids may lie elsewhere. */
-  closeLids(at, wanted) {
-    const { given, nodes } = this;
+  /** An eye that shuts shuts from corner to corner. */
+  closeLids(wanted) {
     for (const { upperNodes, lowerNodes } of this.openings.slice(1)) {
       const gap = (points, k) => this.level(points, lowerNodes[k]) - this.level(points, upperNodes[k]);
-      const left = (k) => (gap(given, k) > SHUT * this.unit ? Math.max(gap(at, k) / gap(given, k), 0) : 1);
-      const middle = left(2);
-      for (let k = 1; k < 4; k++) {
-        const share = Math.min(left(k), middle), excess = gap(wanted, k) - share * gap(nodes, k);
-        if (share < 1 && excess > 0) this.shift(wanted, upperNodes[k], excess);
+      const middle = gap(this.nodes, 2);
+      if (middle <= SHUT * this.unit) continue;
+      const most = (BESIDE_MIDDLE * Math.max(gap(wanted, 2), 0)) / middle;
+      for (const k of [1, 3]) {
+        const whole = gap(this.nodes, k), excess = gap(wanted, k) - most * whole;
+        if (most < 1 && whole > 0 && excess > 0) this.shift(wanted, upperNodes[k], excess);
       }
     }
   }
