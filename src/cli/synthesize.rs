@@ -321,6 +321,20 @@ impl<'a> Played<'a> {
         let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));
         let answers = synthesizer.animate(&motion.frames, || bar.inc(1));
         bar.finish_and_clear();
+        if let Some(held) = synthesizer.held_back(&answers, &motion.frames) {
+            let unit = &synthesizer.bank().info().unit;
+            eprintln!(
+                "warning: {}: the bank moves points that should rest along with those that should move, so only {:.0} % of the motion is shown: \
+                 in frame {} feature point {} goes {:.3} {unit} instead of resting, where the farthest motion asked for is {:.3}. A bank of \
+                 single movements (`bank mix head`) shows more; for one side of the face, --regions 2",
+                path.display(),
+                100.0 * held.shown,
+                held.frame,
+                held.point,
+                held.moved,
+                held.asked,
+            );
+        }
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { path, name, motion, noise, fps, answers })
     }

@@ -21,8 +21,9 @@ use super::{
     search::{GaOptions, Run},
     solve::{best_member, bound, genetic, interpolate, least_squares, refined},
     surface::surface,
-    target::summed_length,
+    target::{REST_REACH, moving_points, staying_points, summed_length},
 };
+use crate::units::FeaturePoint;
 
 /// Default width of the smoothing in time, frames.
 pub const SMOOTHING_FRAMES: f64 = 2.0;
@@ -269,19 +270,22 @@ impl<'b> Synthesizer<'b> {
             None => self.joined_motion(&answer.weights),
         };
         let fitness_of = |goal: &Goal, is_in: &dyn Fn(usize) -> bool| {
-            let moved = self.moving_points(motion, is_in);
-            let flat: Vec<f64> = moved
-                .iter()
-                .flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }])
-                .collect();
-            fitness(goal, &flat)
+            let flat = |chosen: Vec<usize>| -> Vec<f64> {
+                chosen
+                    .iter()
+                    .flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }])
+                    .collect()
+            };
+            let count = self.bank.feature_points().len();
+            let rest = flat(staying_points(motion, count, is_in));
+            goal.counting_rest(fitness(goal, &flat(self.moving_points(motion, is_in))), &rest)
         };
         answer.fitness = self.whole_goal(motion).map(|goal| fitness_of(&goal, &|_| true));
         for region in 0..self.regions.count() {
             let goal = self.goal(motion, region);
             answer.region_fitness[region] = goal.map(|goal| match &rbf {
                 Some(_) => fitness_of(&goal, &|point| self.regions.point_shares(region)[point] > 0.0),
-                None => fitness(&goal, &goal.motion(&answer.weights[region])),
+                None => goal.fitness_of(&answer.weights[region]),
             });
         }
         if rbf.is_some() {
@@ -293,7 +297,7 @@ impl<'b> Synthesizer<'b> {
 
     /// The feature points that a goal calls moving, in its order.
     fn moving_points(&self, motion: &FpMotion, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
-        super::target::moving_points(motion, self.bank.feature_points().len(), is_in)
+        moving_points(motion, self.bank.feature_points().len(), is_in)
     }
 
     /// Motion of the feature points in the joined surface.
@@ -319,6 +323,35 @@ impl<'b> Synthesizer<'b> {
         } else {
             surface(self.bank, &self.regions, &answer.weights)
         }
+    }
+
+    /// Where points that should rest hold the motion back: the frame that asks for most of these. `motions` as given, not emphasized.
+    pub(crate) fn held_back(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> Option<HeldBack> {
+        if self.options.solver == Solver::Rbf {
+            return None;
+        }
+        let count = self.bank.feature_points().len();
+        let mut held: Option<HeldBack> = None;
+        for (frame, (answer, motion)) in answers.iter().zip(motions).enumerate() {
+            let motion = motion.emphasized(self.options.emphasis);
+            let points = self.joined_motion(&answer.weights);
+            let length = |[x, y, z]: [f64; 3]| x.hypot(y).hypot(if motion.planar { 0.0 } else { z });
+            let moving: Vec<(usize, f64)> = self
+                .moving_points(&motion, &|_| true)
+                .into_iter()
+                .filter_map(|point| Some((point, length(motion.offsets[point]?.into()))))
+                .collect();
+            let asked = moving.iter().map(|m| m.1).fold(0.0, f64::max);
+            let shown = moving.iter().map(|m| length(points[m.0])).sum::<f64>() / moving.iter().map(|m| m.1).sum::<f64>();
+            let rest = staying_points(&motion, count, &|_| true).into_iter().map(|point| (point, length(points[point])));
+            let Some((point, moved)) = rest.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+            // At the length asked for, the point would go this far.
+            let would_tear = moved > 0.99 * REST_REACH * asked * shown;
+            if shown < SHOWN && would_tear && held.as_ref().is_none_or(|h| asked > h.asked) {
+                held = Some(HeldBack { point: self.bank.feature_points()[point].fp, frame, moved, asked, shown });
+            }
+        }
+        held
     }
 
     /// Solves all frames and makes them smooth in time. Frames are spread over threads; the answer does not depend on their number.
@@ -361,6 +394,24 @@ impl<'b> Synthesizer<'b> {
             }
         }
     }
+}
+
+/// Share of a motion's length from which it is as good as shown.
+const SHOWN: f64 = 0.9;
+
+/// A motion of which a bank shows less than is asked for, because it moves points that should rest along.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct HeldBack {
+    /// The point that should rest and goes farthest.
+    pub point: FeaturePoint,
+    /// Frame, from 0.
+    pub frame: usize,
+    /// How far it goes, the bank's unit.
+    pub moved: f64,
+    /// The longest motion asked for in that frame.
+    pub asked: f64,
+    /// Summed length of the motion that is shown there, as a share of that asked for.
+    pub shown: f64,
 }
 
 /// The tridiagonal system of the smoother, eliminated.

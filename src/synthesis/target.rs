@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::Bank;
+use super::{Bank, fitness::fitness};
 
 /// Motion of the bank's feature points in one frame.
 ///
@@ -83,6 +83,11 @@ impl FpBasis {
 /// A feature point's motion shorter than this share of the frame's longest counts as none: rounding, not motion.
 const STILL_SHARE: f64 = 1e-6;
 
+/// Share of the longest target motion that a point which should stay goes along at most.
+pub const REST_REACH: f64 = 0.5;
+/// Share that it may go along for nothing.
+const REST_FREE: f64 = 0.25;
+
 /// A feature point and its target motion.
 type PointTarget = (usize, [f64; 3]);
 
@@ -98,6 +103,11 @@ fn split_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool)
 /// The moving feature points in the order of a goal over those for which `is_in` holds.
 pub(super) fn moving_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
     split_points(motion, points, is_in).0.into_iter().map(|p| p.0).collect()
+}
+
+/// The feature points that should stay, in the order of such a goal.
+pub(super) fn staying_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
+    split_points(motion, points, is_in).1.into_iter().map(|p| p.0).collect()
 }
 
 /// One search: the feature points of a region with their target motions, and what the members have there.
@@ -184,18 +194,67 @@ impl Goal {
         sum
     }
 
-    /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; what does not move stays.
-    pub fn fit_length(&self, weights: &mut [f64]) {
-        let length = summed_length(&self.motion(weights));
+    /// What the feature points that should stay do in a weighted sum of members.
+    fn rest_motion(&self, weights: &[f64]) -> Vec<f64> {
+        let from = 3 * self.moving;
+        let mut sum = vec![0.0; self.target.len() - from];
+        for (member, &weight) in weights.iter().enumerate().filter(|(_, w)| **w != 0.0) {
+            sum.iter_mut().zip(&self.candidate(member)[from..]).for_each(|(s, c)| *s += weight * c);
+        }
+        sum
+    }
+
+    /// The longest target motion, the bank's unit.
+    fn longest(&self) -> f64 {
+        longest(&self.target)
+    }
+
+    /// A fitness, the points that should stay counted: one that goes along farther than [`REST_FREE`] of the longest target motion counts
+    /// as one whose direction is wrong, by how much farther it goes. `rest` is their motion, three numbers each.
+    pub fn counting_rest(&self, fitness: f64, rest: &[f64]) -> f64 {
+        let longest = self.longest();
+        let beyond: f64 = rest.as_chunks::<3>().0.iter().map(|v| (norm(v) / longest - REST_FREE).max(0.0)).sum();
+        if beyond > 0.0 { fitness * self.moving as f64 / (self.moving as f64 + beyond) } else { fitness }
+    }
+
+    /// The same for a weighted sum of members.
+    pub fn fitness_of(&self, weights: &[f64]) -> f64 {
+        self.counting_rest(fitness(self, &self.motion(weights)), &self.rest_motion(weights))
+    }
+
+    /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; what does not move stays. Where a point
+    /// that should stay would go farther than [`REST_REACH`] of the longest target motion, they are scaled so that all points come closest
+    /// to what is asked for, that one to [`REST_REACH`] at most: what a bank cannot move alone it would otherwise move at the cost of the
+    /// rest of the face. Whether that was so.
+    pub fn fit_length(&self, weights: &mut [f64]) -> bool {
+        let motion = self.motion(weights);
+        let length = summed_length(&motion);
+        let mut is_held = false;
         if length > 0.0 {
-            let factor = self.length / length;
+            let mut factor = self.length / length;
+            let rest = self.rest_motion(weights);
+            let (farthest, reach) = (longest(&rest) * factor, REST_REACH * self.longest());
+            is_held = farthest > reach;
+            if is_held {
+                let most = factor * reach / farthest;
+                let along: f64 = motion.iter().zip(&self.target).map(|(v, d)| v * d).sum();
+                let square: f64 = motion.iter().chain(&rest).map(|v| v * v).sum();
+                let closest = along / square;
+                factor = if closest > 0.0 { closest.min(most) } else { most };
+            }
             weights.iter_mut().for_each(|w| *w *= factor);
         }
+        is_held
     }
 }
 
 pub(super) fn norm(v: &[f64; 3]) -> f64 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+/// The length of the longest vector of a flat array.
+fn longest(motion: &[f64]) -> f64 {
+    motion.as_chunks::<3>().0.iter().map(norm).fold(0.0, f64::max)
 }
 
 /// The summed length of the vectors of a flat array.

@@ -107,10 +107,18 @@ pub fn genetic(goal: &Goal, options: &GaOptions, frame: usize, region: usize) ->
     Solution { weights: runs[best].weights.clone(), fitness: runs[best].fitness, runs }
 }
 
-/// The genetic algorithm's answer refined by a climb.
+/// The genetic algorithm's answer refined by a climb. Where points that should stay hold it back, least squares are the answer if they are
+/// fitter, those points counted.
 pub fn refined(goal: &Goal, options: &GaOptions, is_signed: bool, frame: usize, region: usize) -> Solution {
     let found = genetic(goal, options, frame, region);
-    let (weights, fitness) = climb(goal, &found.weights, Climb::with_pull(is_signed));
+    let (mut weights, fitness) = climb(goal, &found.weights, Climb::with_pull(is_signed));
+    if goal.fit_length(&mut weights.clone()) {
+        let closest = least_squares(goal);
+        if goal.fitness_of(&closest.weights) > goal.fitness_of(&weights) {
+            weights = closest.weights;
+        }
+        return Solution { fitness: goal.fitness_of(&weights), weights, runs: found.runs };
+    }
     Solution { weights, fitness, runs: found.runs }
 }
 
