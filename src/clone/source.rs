@@ -8,13 +8,13 @@ use super::{CloneError, fap_motion};
 use crate::{
     fap::{FapNumber, FapSequence, read_fap},
     geometry::Similarity,
-    model::{DynamicExpressionModel, FrameExpressionModel},
-    normalize::{EyeCorners, NormalizeOptions, Normalizer},
+    model::DynamicExpressionModel,
+    normalize::{Canonical, EyeCorners, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
     positions::PositionTable,
     track::{TrackFileError, TrackedFrame, read_track, read_track_info, track_model},
     units::{FaceUnit, Px},
-    wireframe::{Face, Fapus},
+    wireframe::{Face, Fapus, LID_LIMIT, LidUnits},
 };
 
 /// What a motion was read from.
@@ -57,7 +57,7 @@ pub struct SourceMotion {
     pub offsets: Vec<Vec<Vector2<f64>>>,
     /// FAPUs of the source's neutral face.
     pub fapus: Fapus,
-    /// Distance of the lids of the neutral face at each pair of `LID_PAIRS`, same unit.
+    /// Distance of the lids of the neutral face at each pair of `LID_PAIRS`, same unit; of face units, one IRISD0 at their middle.
     pub lid_gaps: [f64; LID_PAIRS.len()],
     /// Motion of the head from the neutral frame to each frame, in the source's picture (px); the identity where it is not known.
     pub head: Vec<Similarity>,
@@ -150,7 +150,7 @@ impl SourceMotion {
             kind: SourceKind::Track,
             offsets: upright.iter().map(|f| f.iter().zip(&upright[0]).map(|(p, n)| p - n).collect()).collect(),
             fapus,
-            lid_gaps: lid_gaps(&upright[0]),
+            lid_gaps: lid_gaps(&upright[0], &fapus, normalizer.canonical()),
             head,
             frames: frames.iter().map(|f| (f.number, f.nodes.iter().map(|n| n.position).collect())).collect(),
             fps: None,
@@ -169,15 +169,16 @@ impl SourceMotion {
         if model.node_count() != expected {
             return Err(CloneError::Topology { what: name.to_owned(), found: model.node_count(), expected });
         }
-        let fapus = canonical_fapus(face)?;
+        let normalizer = normalizer(face)?;
+        let canonical = normalizer.canonical();
         let offsets: Vec<_> = (0..model.frame_count()).map(|m| model.neutral_offsets(m)).collect();
         Ok(Self {
             name: name.to_owned(),
             kind: SourceKind::Model,
             head: vec![Similarity::identity(); offsets.len()],
             offsets,
-            fapus,
-            lid_gaps: lid_gaps(model.neutral().nodes()),
+            fapus: canonical.fapus,
+            lid_gaps: canonical_lid_gaps(canonical),
             frames: Vec::new(),
             fps: None,
             emotion: None,
@@ -192,6 +193,8 @@ impl SourceMotion {
     /// [`CloneError`] for a file without frames, or without a FAP that shows from the front.
     pub fn from_fap(name: &str, sequence: &FapSequence, face: &Face) -> Result<Self, CloneError> {
         let (mut offsets, not_shown) = fap_motion::offsets(name, sequence, face)?;
+        let normalizer = normalizer(face)?;
+        let canonical = normalizer.canonical();
         if offsets.len() == 1 {
             // A single pose is reached from the neutral face.
             offsets.insert(0, vec![Vector2::zeros(); face.wireframe.node_count()]);
@@ -201,8 +204,8 @@ impl SourceMotion {
             kind: SourceKind::Fap,
             head: vec![Similarity::identity(); offsets.len()],
             offsets,
-            fapus: canonical_fapus(face)?,
-            lid_gaps: lid_gaps(canonical_neutral(face)?.nodes()),
+            fapus: canonical.fapus,
+            lid_gaps: canonical_lid_gaps(canonical),
             frames: Vec::new(),
             fps: Some(sequence.fps),
             emotion: None,
@@ -214,6 +217,11 @@ impl SourceMotion {
     /// Whether the motion asks for a FAP, and not only moves it along.
     pub fn asks_for(&self, fap: FapNumber) -> bool {
         self.asked.as_ref().is_none_or(|asked| asked.contains(&fap))
+    }
+
+    /// Its units of the FAPs of the lids.
+    pub(crate) fn lid_units(&self) -> LidUnits {
+        lid_units(&self.fapus, &self.lid_gaps)
     }
 
     /// Number of frames, at least one.
@@ -232,28 +240,43 @@ impl SourceMotion {
 /// Nodes of the upper lid margin, each with the one of the lower lid that it meets: left eye, right eye, from outside to inside.
 pub const LID_PAIRS: [(usize, usize); 6] = [(97, 99), (21, 22), (105, 107), (98, 100), (54, 55), (106, 108)];
 
-/// Distance of the lids of an upright face (y up) at each pair; 0 where the wireframe lacks them.
-pub fn lid_gaps(upright: &[Point2<f64>]) -> [f64; LID_PAIRS.len()] {
+/// Places in [`LID_PAIRS`] of the middle of the left and of the right eye.
+const MIDDLES: [usize; 2] = [1, 4];
+
+/// Distance of the lids of an upright face (y up) at each pair, within what its iris boxes leave plausible; 0 where the wireframe lacks
+/// them.
+pub(super) fn lid_gaps(upright: &[Point2<f64>], fapus: &Fapus, canonical: &Canonical) -> [f64; LID_PAIRS.len()] {
+    let scale = fapus.irisd / canonical.fapus.irisd;
+    let (seen, of_boxes) = (gaps(upright), canonical_lid_gaps(canonical).map(|gap| gap * scale));
+    std::array::from_fn(|pair| match (seen[pair], of_boxes[pair]) {
+        (seen, expected) if seen > 0.0 && expected > 0.0 => seen.clamp(expected / LID_LIMIT, expected * LID_LIMIT),
+        (_, expected) => expected,
+    })
+}
+
+/// The same of face units: the lids of the canonical neutral, whose middles stand for one IRISD0 apart, whatever was normalized by it.
+pub fn canonical_lid_gaps(canonical: &Canonical) -> [f64; LID_PAIRS.len()] {
+    let gaps = gaps(canonical.neutral.nodes());
+    let middle = MIDDLES.map(|pair| gaps[pair]).iter().sum::<f64>() / MIDDLES.len() as f64;
+    gaps.map(|gap| if middle > 0.0 && gap > 0.0 { gap * canonical.fapus.irisd / middle } else { 0.0 })
+}
+
+fn gaps(upright: &[Point2<f64>]) -> [f64; LID_PAIRS.len()] {
     LID_PAIRS.map(|(above, below)| match (upright.get(above), upright.get(below)) {
         (Some(above), Some(below)) => above.y - below.y,
         _ => 0.0,
     })
 }
 
+/// Units of the FAPs of the lids of a face with these distances of its lids.
+pub(super) fn lid_units(fapus: &Fapus, gaps: &[f64; LID_PAIRS.len()]) -> LidUnits {
+    LidUnits::new(fapus, MIDDLES.map(|pair| gaps[pair]))
+}
+
 /// A normalizer of the face, for what does not depend on its options: upright frames and the canonical neutral.
 pub(super) fn normalizer(face: &Face) -> Result<Normalizer<'_>, CloneError> {
     Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())
         .map_err(|source| CloneError::Fapus { what: "the wireframe", source })
-}
-
-fn canonical_neutral(face: &Face) -> Result<FrameExpressionModel<FaceUnit>, CloneError> {
-    let normalizer = normalizer(face)?;
-    Ok(normalizer.canonical().neutral.clone())
-}
-
-fn canonical_fapus(face: &Face) -> Result<Fapus, CloneError> {
-    let normalizer = normalizer(face)?;
-    Ok(normalizer.canonical().fapus)
 }
 
 fn with_path(error: CloneError, path: &Path) -> CloneError {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     CloneError, SourceMotion,
-    source::{LID_PAIRS, lid_gaps},
+    source::{LID_PAIRS, lid_gaps, lid_units, normalizer},
     timing::Moment,
 };
 use crate::{
@@ -16,7 +16,7 @@ use crate::{
     sequence::MAX_SIDE,
     units::NodeId,
     warp::{NODE_COUNT, Texture, Warp},
-    wireframe::{Face, Fapus},
+    wireframe::{Face, Fapus, LidUnits},
 };
 
 /// How offsets are scaled from the source's face to the target's.
@@ -54,8 +54,6 @@ pub enum Rescale {
 /// Least distance of the eyes, px.
 pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 
-/// How far the ratio of lid openings may lie from the ratio of IRISDs.
-const LID_LIMIT: f64 = 2.0;
 /// One half of the face wider than the other by more than this is a face turned away.
 const MAX_HALF_RATIO: f64 = 1.9;
 /// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
@@ -152,7 +150,7 @@ impl Target {
         let warp = Warp::on_photograph(nodes, &texture, by_hand)?.with_eyes(&texture);
         // What is between the lids on the photograph, not on the fit: what shuts the one shuts the other.
         let seen: Vec<Point2<f64>> = warp.texture_nodes().iter().map(|p| unroll * Point2::new(p.x, -p.y)).collect();
-        let lid_gaps = lid_gaps(&seen);
+        let lid_gaps = lid_gaps(&seen, &fapus, normalizer(face)?.canonical());
         Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
     }
 
@@ -169,6 +167,11 @@ impl Target {
     /// Distance of its lids at each pair of `LID_PAIRS`, px.
     pub fn lid_gaps(&self) -> [f64; LID_PAIRS.len()] {
         self.lid_gaps
+    }
+
+    /// Its units of the FAPs of the lids.
+    pub(crate) fn lid_units(&self) -> LidUnits {
+        lid_units(&self.fapus, &self.lid_gaps)
     }
 
     /// The face with some room around it, in the photograph: left, top, width, height, px.
@@ -201,19 +204,40 @@ impl Target {
         head: bool,
         face: &Face,
     ) -> Vec<Point2<f64>> {
+        let mut nodes = self.unshaped_nodes_at(source, moment, rescale, emphasis, face);
+        let neutral = self.fitted.model.nodes();
+        self.shape_openings(&mut nodes);
+        if head && let Some((_, first)) = source.frames.first() {
+            let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
+            if let Ok(target_from_source) = Similarity::fit(&pick(first), &pick(neutral), None) {
+                let motion = target_from_source.after(&moment.head).after(&target_from_source.inverse());
+                nodes.iter_mut().for_each(|p| *p = motion.apply(p));
+            }
+        }
+        nodes
+    }
+
+    /// As [`Target::nodes_at`], before lids and lips are made to open round and without the head's motion: what the source asks for.
+    pub(super) fn unshaped_nodes_at(
+        &self,
+        source: &SourceMotion,
+        moment: &Moment,
+        rescale: Rescale,
+        emphasis: f64,
+        face: &Face,
+    ) -> Vec<Point2<f64>> {
         let roll = Rotation2::new(self.roll);
         let ratio = |fapu| match (self.fapus.length(fapu), source.fapus.length(fapu)) {
             (Some(target), Some(source)) => target / source,
             _ => self.fapus.es / source.fapus.es,
         };
-        // IRISD is the opening of the lids in neutral. On a fitted wireframe the lids know that better than the boxes around the irises:
-        // what shuts the source's eye shuts the target's.
+        // IRISD is the opening of the lids in neutral (see `LidUnits`): what shuts the source's eye shuts the target's.
         let lid_ratio = |pair: usize, irisd: f64| {
             let (own, other) = (self.lid_gaps[pair], source.lid_gaps[pair]);
-            if own > 0.0 && other > 0.0 { (own / other).clamp(irisd / LID_LIMIT, irisd * LID_LIMIT) } else { irisd }
+            if own > 0.0 && other > 0.0 { own / other } else { irisd }
         };
         let neutral = self.fitted.model.nodes();
-        let mut nodes: Vec<Point2<f64>> = neutral
+        neutral
             .iter()
             .zip(&moment.offsets)
             .enumerate()
@@ -230,16 +254,7 @@ impl Target {
                 let up = roll * (offset.component_mul(&scale) * emphasis);
                 p + Vector2::new(up.x, -up.y)
             })
-            .collect();
-        self.shape_openings(&mut nodes);
-        if head && let Some((_, first)) = source.frames.first() {
-            let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
-            if let Ok(target_from_source) = Similarity::fit(&pick(first), &pick(neutral), None) {
-                let motion = target_from_source.after(&moment.head).after(&target_from_source.inverse());
-                nodes.iter_mut().for_each(|p| *p = motion.apply(p));
-            }
-        }
-        nodes
+            .collect()
     }
 }
 

@@ -6,6 +6,9 @@
 //! is taken relative to the eye, that is less the mean neutral offset of the two corners of that eye: whatever head motion
 //! normalizing left moves corners and iris alike, and is no gaze. (At r = 195 face units, 10 units of residual motion would pass
 //! for three degrees.) The other FAPs have no such fixed points beside them and are taken as they are.
+//!
+//! Face units are normalized by IRISD0 of the iris boxes. Where the face that a motion was measured on is known, FAPs of the lids are
+//! in openings of its lids ([`LidUnits`]).
 
 use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 
@@ -19,7 +22,7 @@ use super::{
 use crate::{
     model::DynamicExpressionModel,
     units::{FaceUnit, NodeId},
-    wireframe::{Axis, Fapu, Fapus},
+    wireframe::{Axis, Fapu, Fapus, LidUnits},
 };
 
 /// FAP units in one FAPU length [MPEG-4].
@@ -118,7 +121,22 @@ impl FapSequence {
         fps: u32,
         between: usize,
     ) -> Result<(Self, Vec<Clamped>), ConvertError> {
-        let (frames, clamped) = key_frames(model, fapus, catalog)?;
+        Self::from_measured(model, (fapus, LidUnits::CANONICAL), catalog, name, fps, between)
+    }
+
+    /// As [`FapSequence::from_model`], of a model measured on one face: FAPs of the lids are in openings of its own lids.
+    ///
+    /// # Errors
+    /// As [`FapSequence::from_model`].
+    pub(crate) fn from_measured(
+        model: &DynamicExpressionModel<FaceUnit>,
+        units: (&Fapus, LidUnits),
+        catalog: &FapCatalog,
+        name: &str,
+        fps: u32,
+        between: usize,
+    ) -> Result<(Self, Vec<Clamped>), ConvertError> {
+        let (frames, clamped) = key_frames(model, units, catalog)?;
         let keys = Self { version: VERSION.to_owned(), name: name_token(name), fps: f64::from(fps), frames };
         let mut sequence = keys.with_frames_between(between)?;
         sequence.round();
@@ -152,29 +170,33 @@ pub fn measure_faps(
     fapus: &Fapus,
     catalog: &FapCatalog,
 ) -> Result<Vec<FapFrame>, ConvertError> {
-    Ok(key_frames(model, fapus, catalog)?.0)
+    Ok(key_frames(model, (fapus, LidUnits::CANONICAL), catalog)?.0)
 }
 
-/// FAP values of the neutral offsets of one frame, neither limited to the standard's ranges nor rounded; `fapus` as in
-/// [`FapSequence::from_model`].
+/// FAP values of the neutral offsets of one frame, neither limited to the standard's ranges nor rounded; `units` as in
+/// [`FapSequence::from_measured`].
 ///
 /// # Errors
 /// As [`measure_faps`].
 pub fn unlimited_faps(
     offsets: &[Vector2<f64>],
-    fapus: &Fapus,
+    units: (&Fapus, LidUnits),
     catalog: &FapCatalog,
 ) -> Result<Vec<(FapNumber, f64)>, ConvertError> {
-    Ok(values(offsets, fapus, catalog)?.into_iter().map(|(row, value)| (row.number, value)).collect())
+    Ok(values(offsets, units, catalog)?.into_iter().map(|(row, value)| (row.number, value)).collect())
 }
 
 /// Values of all FAPs that a frontal view measures and the standard has a range for.
-fn values<'a>(offsets: &[Vector2<f64>], fapus: &Fapus, catalog: &'a FapCatalog) -> Result<Vec<(&'a FapRow, f64)>, ConvertError> {
+fn values<'a>(
+    offsets: &[Vector2<f64>],
+    (fapus, lids): (&Fapus, LidUnits),
+    catalog: &'a FapCatalog,
+) -> Result<Vec<(&'a FapRow, f64)>, ConvertError> {
     let mut found = Vec::new();
     for row in catalog.rows().iter().filter(|row| row.frontal.is_measured() && row.range.is_some()) {
         let Some(scale) = Scale::of(row, fapus)? else { continue };
         let shift = mean_offset(row, &row.nodes, offsets)? - mean_offset(row, &row.relative_to, offsets)?;
-        found.push((row, scale.value(along(scale.axis, shift))));
+        found.push((row, scale.value(along(scale.axis, shift)) * lids.of_fap(row.number.get())));
     }
     Ok(found)
 }
@@ -182,13 +204,13 @@ fn values<'a>(offsets: &[Vector2<f64>], fapus: &Fapus, catalog: &'a FapCatalog) 
 /// FAP values of every frame of a model, limited to their ranges but not rounded, and what that limited.
 fn key_frames(
     model: &DynamicExpressionModel<FaceUnit>,
-    fapus: &Fapus,
+    units: (&Fapus, LidUnits),
     catalog: &FapCatalog,
 ) -> Result<(Vec<FapFrame>, Vec<Clamped>), ConvertError> {
     let (mut frames, mut clamped) = (Vec::with_capacity(model.frame_count()), Vec::new());
     for index in 0..model.frame_count() {
         let mut frame = FapFrame::default();
-        for (row, value) in values(&model.neutral_offsets(index), fapus, catalog)? {
+        for (row, value) in values(&model.neutral_offsets(index), units, catalog)? {
             let Some((min, max)) = row.range else { continue };
             let limited = value.clamp(f64::from(min), f64::from(max));
             if value.round() != limited.round() {

@@ -14,12 +14,12 @@ use nalgebra::{Point2, Vector2};
 use crate::{
     dataset::LANDMARK_COUNT,
     fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence},
-    model::{DynamicExpressionModel, ModelError},
+    model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     normalize::{NormalizeError, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
     track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
     units::{FaceUnit, NodeId},
-    wireframe::{Tables, Wireframe},
+    wireframe::{Fapus, LidUnits, Tables, Wireframe},
 };
 
 pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
@@ -182,7 +182,8 @@ impl FeatureMeter {
         let Measured { track, fit, model } = measured;
         let canonical = normalizer.canonical();
         let catalog = FapCatalog::mpeg4();
-        let (faps, _) = FapSequence::from_model(model, &canonical.fapus, catalog, "track", 1, 0)?;
+        let (faps, _) =
+            FapSequence::from_measured(model, (&canonical.fapus, lid_units(track, normalizer, tables)), catalog, "track", 1, 0)?;
         let neutral: Vec<Point2<f64>> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
         let es = eye_distance_px(tables, &neutral).unwrap_or(1.0);
         let face_units_per_px = canonical.fapus.es / es;
@@ -250,6 +251,18 @@ impl FeatureMeter {
         }
         Ok(features)
     }
+}
+
+/// Units of the FAPs of the lids on the tracked person's neutral face; those of the canonical one where it does not stand upright.
+fn lid_units(track: &[TrackedFrame], normalizer: &Normalizer<'_>, tables: &Tables) -> LidUnits {
+    let upright = || {
+        let first = track.first()?;
+        let neutral = FrameExpressionModel::new(first.nodes.iter().map(|n| n.position).collect());
+        let still = DynamicExpressionModel::new(vec![neutral.clone(), neutral]).ok()?;
+        normalizer.upright(&still).ok()?.into_iter().next()
+    };
+    let units = |upright: Vec<Point2<f64>>| Some(LidUnits::measure(&Fapus::measure(&tables.fapus, &upright).ok()?, &upright));
+    upright().and_then(units).unwrap_or(LidUnits::CANONICAL)
 }
 
 /// The landmarks of a frame from its nodes: where their marks would be.

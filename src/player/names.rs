@@ -17,8 +17,29 @@ const WORDS: [(&str, &str); 13] = [
     ("eyelid", "lid"),
 ];
 
-/// The name of a FAP as people would say it: `raise_l_i_eyebrow` is `raise left inner brow`.
+/// FAPs whose names do not tell where a positive value goes, or tell the contrary, as MPEG-4's 18 does.
+const DIRECTIONS: [(&str, &str); 13] = [
+    ("depress_chin", "push chin up"),
+    ("shift_jaw", "shift jaw to the right"),
+    ("yaw_l_eyeball", "turn left eyeball to the left"),
+    ("yaw_r_eyeball", "turn right eyeball to the left"),
+    ("pitch_l_eyeball", "turn left eyeball down"),
+    ("pitch_r_eyeball", "turn right eyeball down"),
+    ("squeeze_l_eyebrow", "squeeze left brow inwards"),
+    ("squeeze_r_eyebrow", "squeeze right brow inwards"),
+    ("shift_tongue_tip", "shift tongue tip to the right"),
+    ("bend_nose", "bend nose to the right"),
+    ("head_pitch", "turn head down"),
+    ("head_yaw", "turn head to the left"),
+    ("head_roll", "tilt head to the right"),
+];
+
+/// The name of a FAP as people would say it, a positive value going the way it says: `raise_l_i_eyebrow` is `raise left inner brow`.
+/// Left and right are the subject's.
 pub fn fap_in_words(name: &str) -> String {
+    if let Some((_, words)) = DIRECTIONS.iter().find(|(known, _)| *known == name) {
+        return (*words).to_owned();
+    }
     let (stem, outer) = match name.strip_suffix("_o") {
         Some(stem) if name.contains("lip") => (stem, true),
         _ => (name, false),
@@ -57,6 +78,8 @@ mod tests {
         assert_eq!(fap_in_words("stretch_r_cornerlip_o"), "stretch right corner of the mouth (outer edge)");
         assert_eq!(fap_in_words("lower_t_lip_lm"), "lower upper lip left of the middle (inner edge)");
         assert_eq!(fap_in_words("open_jaw"), "open jaw");
+        // MPEG-4 calls it `depress_chin`, and a positive value goes up.
+        assert_eq!(fap_in_words("depress_chin"), "push chin up");
     }
 
     #[test]
@@ -65,5 +88,6 @@ mod tests {
         words.sort();
         words.dedup();
         assert_eq!(words.len(), 68);
+        assert!(DIRECTIONS.iter().all(|(name, _)| FapCatalog::mpeg4().rows().iter().any(|row| row.name == *name)));
     }
 }

@@ -90,7 +90,7 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             .map(|n| wire.tables.node_fapus(NodeId(n as u16)))
             .flat_map(|(x, y)| [x, y].map(place_of))
             .collect::<Vec<_>>(),
-        "canonical": { "fapus": lengths(&canonical.fapus), "lids": crate::clone::lid_gaps(canonical.neutral.nodes()) },
+        "canonical": { "fapus": lengths(&canonical.fapus), "lids": crate::clone::canonical_lid_gaps(canonical) },
         "lidPairs": LID_PAIRS,
         "teeth": { "picture": pack::data_url("image/png", teeth), "scale": scale, "origin": [origin.0, origin.1], "white": white },
     }))
@@ -148,8 +148,9 @@ fn curves(
         frames.push(frames[0].clone());
     }
     let model = DynamicExpressionModel::new(frames).map_err(|e| failed(e.to_string()))?;
-    let (sequence, _) = FapSequence::from_model(&model, canonical, FapCatalog::mpeg4(), &motion.name, 25, 0)
-        .map_err(|e| failed(e.to_string()))?;
+    let (sequence, _) =
+        FapSequence::from_measured(&model, (canonical, motion.lid_units()), FapCatalog::mpeg4(), &motion.name, 25, 0)
+            .map_err(|e| failed(e.to_string()))?;
     let values = |fap: FapNumber| sequence.frames.iter().take(motion.frame_count()).map(move |f| f.value(fap).unwrap_or(0.0));
     let moving = FapNumber::low_level().filter(|&fap| motion.asks_for(fap) && values(fap).any(|v| v != 0.0));
     Ok(moving.map(|fap| (fap.get(), pack::scaled(&values(fap).collect::<Vec<_>>()))).collect())
@@ -186,9 +187,15 @@ fn fap(row: &FapRow, wire: &Wire) -> Result<Value, PlayerError> {
         "unit": row.unit_name(),
         "nodes": row.nodes,
         "range": [least.max(-most), greatest.min(most)],
-        "step": if is_angle { 400 } else { 8 },
+        "step": step(is_angle, least.max(-most), greatest.min(most)),
         "offsets": pack::scaled(&flat),
     }))
+}
+
+/// The step of a slider: 0 has to lie on its grid, which begins at its least value.
+fn step(is_angle: bool, least: i32, greatest: i32) -> i32 {
+    let steps = if is_angle { [400, 200, 100] } else { [8, 4, 2] };
+    steps.into_iter().find(|step| least % step == 0 && greatest % step == 0).unwrap_or(1)
 }
 
 /// A face: its picture, cropped, and everything that moves it, in pixels of that picture.
@@ -255,4 +262,23 @@ fn jpeg(name: &str, picture: &RgbImage) -> Result<Vec<u8>, PlayerError> {
         .encode_image(picture)
         .map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zero_lies_on_the_grid_of_every_slider() {
+        for slider in faps(&Wire::candide3()).unwrap() {
+            let number = |key: &serde_json::Value| key.as_i64().unwrap();
+            let (least, greatest, step) = (number(&slider["range"][0]), number(&slider["range"][1]), number(&slider["step"]));
+            assert!(
+                least <= 0 && least % step == 0 && greatest % step == 0,
+                "{}: {least} to {greatest} by {step}",
+                slider["name"]
+            );
+        }
+        assert_eq!((step(false, -1024, 1024), step(false, -420, 420), step(true, -40_000, 40_000)), (8, 4, 400));
+    }
 }

@@ -20,7 +20,7 @@ use crate::{
     text::excerpt,
     track::{read_track, read_track_info, track_model},
     units::{FaceUnit, FeaturePoint, NodeId},
-    wireframe::{Fapu, Tables, Wireframe},
+    wireframe::{Fapu, Fapus, LidUnits, Tables, Wireframe},
 };
 
 /// What a motion was read from.
@@ -246,7 +246,7 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
 fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let table = PositionTable::new(file)?;
     let model = table.model()?;
-    face.motion(MotionKind::Model, &model, None, table.path())
+    face.motion(MotionKind::Model, (&model, LidUnits::CANONICAL), None, table.path())
 }
 
 fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
@@ -255,7 +255,12 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     let normalizer = Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())?;
     let model =
         normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
-    face.motion(MotionKind::Track, &model, fps, path)
+    // As in the FAP file of the same track.
+    let lids = normalizer.upright(&track).ok().and_then(|frames| {
+        let neutral = frames.first()?;
+        Some(LidUnits::measure(&Fapus::measure(&face.tables.fapus, neutral).ok()?, neutral))
+    });
+    face.motion(MotionKind::Track, (&model, lids.unwrap_or(LidUnits::CANONICAL)), fps, path)
 }
 
 /// A FAP file's motion. FAPs that no frame sets rest: FAPs are offsets from neutral, and a mixture in which feature points were free
@@ -318,7 +323,7 @@ impl<'b> BankFace<'b> {
     fn motion(
         &self,
         kind: MotionKind,
-        model: &DynamicExpressionModel<FaceUnit>,
+        (model, lids): (&DynamicExpressionModel<FaceUnit>, LidUnits),
         fps: Option<f64>,
         path: &Path,
     ) -> Result<Motion, SynthesisError> {
@@ -331,7 +336,7 @@ impl<'b> BankFace<'b> {
         let frames = (0..model.frame_count())
             .map(|m| {
                 let offsets = model.neutral_offsets(m);
-                self.frame(|node| offsets.get(node.index()).copied())
+                self.frame(|node| offsets.get(node.index()).map(|o| Vector2::new(o.x, o.y * lids.of_node(node))))
             })
             .collect();
         Ok(Motion { kind, frames, fps, ignored: Vec::new(), scale: Some(self.scale) })

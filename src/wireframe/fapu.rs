@@ -221,6 +221,57 @@ impl Fapus {
     }
 }
 
+/// Nodes of the middles of the lids, MPEG-4's feature points 3.1 and 3.3 of the left eye, 3.2 and 3.4 of the right one.
+const LID_MIDDLES: [(usize, usize); 2] = [(21, 22), (54, 55)];
+/// How far the opening of lids may lie from the height of the iris boxes: what is farther was measured wrong.
+pub(crate) const LID_LIMIT: f64 = 3.0;
+
+/// IRISD0 as the FAPs of the lids (19 to 22) have it, eye by eye: the opening of the lids of the neutral face, 3.1.y - 3.3.y and
+/// 3.2.y - 3.4.y \[MPEG-4\]. A lid that moves by 1024 shuts the eye.
+///
+/// [`Fapus::irisd`] is measured on Candide-3's iris boxes, whose height is the opening on Candide-3's own face, and by it models are
+/// normalized. On the face of a person lids are marked or found, and the boxes are carried along by the springs: there the lids tell.
+/// This is kept as the height of the boxes over the opening, by which values in IRISD of the boxes become such of the lids.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LidUnits([f64; 2]);
+
+impl LidUnits {
+    /// Of face units: whatever was measured, one IRISD0 of the canonical neutral is one opening.
+    pub const CANONICAL: Self = Self([1.0, 1.0]);
+
+    /// Of a face whose openings, left and right, are known beside its FAPUs.
+    pub fn new(fapus: &Fapus, openings: [f64; 2]) -> Self {
+        let unit = |opening: f64| if opening > 0.0 { (fapus.irisd / opening).clamp(1.0 / LID_LIMIT, LID_LIMIT) } else { 1.0 };
+        Self(openings.map(unit))
+    }
+
+    /// Of an upright neutral face, y up.
+    pub fn measure(fapus: &Fapus, upright: &[Point2<f64>]) -> Self {
+        Self::new(
+            fapus,
+            LID_MIDDLES.map(|(above, below)| match (upright.get(above), upright.get(below)) {
+                (Some(above), Some(below)) => above.y - below.y,
+                _ => 0.0,
+            }),
+        )
+    }
+
+    /// Factor on a value of this FAP in IRISD of the iris boxes; 1 for one that is not of the lids.
+    pub fn of_fap(self, fap: u8) -> f64 {
+        match fap {
+            19 | 21 => self.0[0],
+            20 | 22 => self.0[1],
+            _ => 1.0,
+        }
+    }
+
+    /// Factor on the way of a node in IRISD of the iris boxes; 1 for one that is not the middle of a lid.
+    pub fn of_node(self, node: NodeId) -> f64 {
+        let eye = LID_MIDDLES.iter().position(|&(above, below)| node.index() == above || node.index() == below);
+        eye.map_or(1.0, |eye| self.0[eye])
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
@@ -237,6 +288,22 @@ mod tests {
         assert_relative_eq!(fapus.ens, 0.4225, epsilon = 1e-12);
         assert_relative_eq!(fapus.mns, 0.196, epsilon = 1e-12);
         assert_relative_eq!(fapus.mw, 0.492, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn one_irisd_of_the_lids_is_the_opening_of_their_eye() {
+        let mut face = Wireframe::candide3().frontal();
+        // Lids found wider than the boxes: 0.1 on the left, 0.17 on the right.
+        (face[21].y, face[22].y) = (0.22, 0.12);
+        (face[54].y, face[55].y) = (0.28, 0.11);
+        let fapus = Fapus::measure(&Tables::candide3().fapus, &face).unwrap();
+        let units = LidUnits::measure(&fapus, &face);
+        // A lid that goes down by the opening is measured as this many IRISD of the boxes.
+        assert_relative_eq!(units.of_fap(19) * 0.1 / fapus.irisd, 1.0, epsilon = 1e-12);
+        assert_relative_eq!(units.of_node(NodeId(55)) * 0.17 / fapus.irisd, 1.0, epsilon = 1e-12);
+        assert_eq!((units.of_fap(31), units.of_node(NodeId(31))), (1.0, 1.0));
+        // A shut neutral eye has no opening to measure in.
+        assert_eq!(LidUnits::new(&fapus, [0.0, -1.0]), LidUnits::CANONICAL);
     }
 
     #[test]

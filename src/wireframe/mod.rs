@@ -15,7 +15,8 @@ use crate::units::NodeId;
 
 pub use expression::{Emotion, ExpressionUnit, expressions, find_unit, keep_lips_apart, settle_offsets};
 pub use face::Face;
-pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError};
+pub(crate) use fapu::LID_LIMIT;
+pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError, LidUnits};
 pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};
