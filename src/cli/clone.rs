@@ -8,8 +8,8 @@ use std::{
 
 use grimace::{
     clone::{
-        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, Film, Rescale, SKIN_SUFFIX, Sheet,
-        Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
+        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, Film, Rescale,
+        SKIN_SUFFIX, Sheet, Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
     dataset::{PUBLISH_COLUMN, list_frames, may_publish},
     output::{MADE_BY, count, per_second, write_atomic},
@@ -379,10 +379,12 @@ fn pictures(folder: &Path, motion: &SourceMotion, size: Option<ImageSize>) -> an
 
 /// What a person should know of FAPs that were cut.
 fn cut_said(cut: &[CutFap]) -> Option<String> {
-    let one = |c: &CutFap| format!("{} ({} of {})", c.fap, c.shown, c.asked);
+    let none_the_other_way = |c: &CutFap| if c.shown * c.asked < 0.0 { 0.0 } else { c.shown };
+    let one = |c: &CutFap| format!("{} ({} of {})", c.fap, none_the_other_way(c), c.asked);
     let list = cut.iter().map(one).collect::<Vec<_>>().join(", ");
-    (!cut.is_empty())
-        .then(|| format!("skin would fold over, or lips or lids pass through each other: less is shown of FAP {list}"))
+    (!cut.is_empty()).then(|| {
+        format!("skin would fold over, or lips or lids lose their shape or pass through each other: less is shown of FAP {list}")
+    })
 }
 
 /// One target in work.
@@ -402,6 +404,13 @@ impl Job<'_> {
 
     fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<RgbImage> {
         self.args.general.check_free(&folder.join("clone.json"))?;
+        // A folder of a clone that was interrupted has a record of it.
+        let used = folder.read_dir().is_ok_and(|mut entries| entries.next().is_some()) && !folder.join(FRAMES_RECORD).exists();
+        anyhow::ensure!(
+            self.args.general.force || !used,
+            "{} is not empty and no clone wrote into it; choose a new folder, or --force to write into it",
+            folder.display()
+        );
         let details = match &source.pictures {
             Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
             None => None,

@@ -36,11 +36,11 @@ use crate::{
 };
 
 pub use detail::{Details, Teeth};
-pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, Film, encode_png, write_clone};
+pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, FRAMES_RECORD, Film, encode_png, write_clone};
 pub use picture::{Sheet, at_height};
 pub use render::{CloneFrame, CloneOptions, ClonedExpression, clone_expression};
 pub use skin::{ClonedSkin, LEAST_SKIN_PEOPLE, MOST_SKIN_PEOPLE, NoSkin, SKIN_SUFFIX, Skin, SkinLayout, SkinSample};
-pub use source::{LID_PAIRS, SourceKind, SourceMotion, lid_gaps};
+pub use source::{LID_PAIRS, SourceKind, SourceMotion, canonical_lid_gaps};
 pub use target::{Rescale, Target};
 pub use timing::{Course, Ease, Moment, Timing};
 

@@ -36,6 +36,8 @@ pub enum Film {
 }
 
 impl Film {
+    const ALL: [Self; 4] = [Self::Gif, Self::Apng, Self::Mp4, Self::Webm];
+
     fn file_name(self) -> &'static str {
         match self {
             Self::Gif => "clone.gif",
@@ -105,8 +107,8 @@ pub struct CutFap {
 }
 
 /// A FAP is cut when what it lacks is more than this share of what was asked, and more than this many units (angles: 1e-5 rad).
-const CUT_SHARE: f64 = 0.04;
-const CUT_UNITS: f64 = 12.0;
+const CUT_SHARE: f64 = 0.1;
+const CUT_UNITS: f64 = 20.0;
 const CUT_ANGLE: f64 = 500.0;
 
 /// Where a clone is written, and what besides the frames.
@@ -131,14 +133,14 @@ pub struct CloneFiles<'a> {
 pub struct WrittenClone {
     /// The rendered apex frame.
     pub apex: RgbImage,
-    /// Frames of an earlier clone that were changed since: they were kept.
+    /// Frames, films and tracks of an earlier clone that were changed since, or that it did not record: they were kept.
     pub kept: Vec<String>,
     /// FAPs whose motion was cut.
     pub faps_cut: Vec<CutFap>,
 }
 
-/// The record of the frames written.
-const FRAMES_RECORD: &str = "frames.b3";
+/// The record of the frames, the track and the films written.
+pub const FRAMES_RECORD: &str = "frames.b3";
 /// Height of the pictures of a sheet, px.
 const SHEET_HEIGHT: u32 = 480;
 /// Frames of each row of the side-by-side sheet.
@@ -149,7 +151,8 @@ const SHEET_FRAMES: usize = 5;
 ///
 /// `info` is completed with what the rendering found. `tick` is called after every frame and says whether to go on.
 ///
-/// Frames of an earlier clone in the folder that this one does not have are removed, if nobody changed them since (`frames.b3` tells).
+/// Frames, films and tracks of an earlier clone in the folder that this one does not have are removed, if nobody changed them since
+/// (`frames.b3` tells).
 ///
 /// # Errors
 /// [`CloneError`] for a file that cannot be written, or an interruption.
@@ -174,6 +177,7 @@ pub fn write_clone(
         }
     }
     let record = FolderRecord::open(folder, FRAMES_RECORD, files.force)?;
+    films.iter().try_for_each(|film| record.check_free(film.file_name()))?;
     for k in 0..clone.frames.len() {
         let picture = clone.picture(k);
         record.write(&name(k), |writer| encode_png(&picture, writer))?;
@@ -187,8 +191,6 @@ pub fn write_clone(
             return Err(CloneError::Interrupted);
         }
     }
-    let kept = record.remove_stale()?;
-    record.close()?;
     // Films are made from the frames written, one at a time: a film of large pictures does not fit into memory.
     let frame = |k: usize| match image::open(file(k)) {
         Ok(picture) => Ok(picture.into_rgb8()),
@@ -203,14 +205,22 @@ pub fn write_clone(
             Film::Apng => write_bytes(&path, &picture::animated_png(frames, count, clone.fps)?)?,
             Film::Mp4 | Film::Webm => write_video(&path, frames, clone.fps)?,
         }
+        record.enter_written(film.file_name())?;
     }
     let model = clone.model()?;
     let frames = tracked(clone, face);
     let (csv, mut track_info) = track_info(files, clone, source, &frames, &info, face);
     write_track(&csv, &frames, &mut track_info)?;
+    for extension in ["csv", "json"] {
+        record.enter_written(&format!("track/{}.{extension}", track_info.id))?;
+    }
+    let mut kept = record.remove_stale()?;
+    // Films were not recorded by versions up to 0.1.0.
+    let unrecorded = |film: &Film| !record.knows(film.file_name()) && folder.join(film.file_name()).exists();
+    kept.extend(Film::ALL.iter().filter(|film| unrecorded(film)).map(|film| film.file_name().to_owned()));
+    record.close()?;
     let (faps, clamped) = fap_of(&model, clone, source, face)?;
-    let asked = clone.frames.iter().map(|frame| FrameExpressionModel::new(frame.asked.clone())).collect();
-    info.faps_cut = faps_cut(source, &DynamicExpressionModel::new(asked)?, &model, face)?;
+    info.faps_cut = faps_cut(source, clone, &model, face)?;
     let faps = faps.for_profile(profile).map_err(ConvertError::from)?;
     write_fap_as(&folder.join("clone.fap"), &faps, profile, ValueFormat::Integer)?;
     info.fps = clone.fps;
@@ -310,15 +320,17 @@ fn fap_of(
     let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
     let normalized = normalizer.normalize_every_frame(model)?;
     let name = format!("{}_{}", clone.target().name, source.name);
+    let units = (&normalizer.canonical().fapus, clone.target().lid_units());
     // FAP files have whole frame rates.
     let fps = clone.fps.round().clamp(1.0, 1000.0) as u32;
-    Ok(FapSequence::from_model(&normalized, &normalizer.canonical().fapus, FapCatalog::mpeg4(), &name, fps, 0)?)
+    Ok(FapSequence::from_measured(&normalized, units, FapCatalog::mpeg4(), &name, fps, 0)?)
 }
 
-/// FAPs that the source asks for and that are smaller in the model `shown` than in the model `asked`, each where it is asked for most.
+/// FAPs that the source asks for and that are smaller in the model `shown`, each where it is asked for most. Values of a FAP file are
+/// its own, times the emphasis.
 fn faps_cut(
     source: &SourceMotion,
-    asked: &DynamicExpressionModel<crate::units::Px>,
+    clone: &ClonedExpression,
     shown: &DynamicExpressionModel<crate::units::Px>,
     face: &Face,
 ) -> Result<Vec<CutFap>, CloneError> {
@@ -326,12 +338,13 @@ fn faps_cut(
     let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
     let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
     let catalog = FapCatalog::mpeg4();
-    let fapus = normalizer.canonical().fapus;
-    let (asked, shown) = (normalizer.normalize_every_frame(asked)?, normalizer.normalize_every_frame(shown)?);
+    let units = (&normalizer.canonical().fapus, clone.target().lid_units());
+    let asked = DynamicExpressionModel::new(clone.unshaped(source, face)?.into_iter().map(FrameExpressionModel::new).collect())?;
+    let (asked, shown) = (normalizer.normalize_every_frame(&asked)?, normalizer.normalize_every_frame(shown)?);
     let mut most: BTreeMap<u8, CutFap> = BTreeMap::new();
     for frame in 0..asked.frame_count().min(shown.frame_count()) {
-        let asked = unlimited_faps(&asked.neutral_offsets(frame), &fapus, catalog)?;
-        let shown = unlimited_faps(&shown.neutral_offsets(frame), &fapus, catalog)?;
+        let asked = unlimited_faps(&asked.neutral_offsets(frame), units, catalog)?;
+        let shown = unlimited_faps(&shown.neutral_offsets(frame), units, catalog)?;
         for ((fap, asked), (_, shown)) in asked.into_iter().zip(shown).filter(|((fap, _), _)| source.asks_for(*fap)) {
             let known = most.get(&fap.get()).map_or(0.0, |cut| cut.asked.abs());
             if asked.abs() > known {
@@ -339,12 +352,16 @@ fn faps_cut(
             }
         }
     }
-    let is_cut = |cut: &CutFap| {
-        let lacking = cut.asked.abs() - cut.shown * cut.asked.signum();
-        let is_angle = catalog.rows().iter().any(|r| r.number.get() == cut.fap && r.motion.is_some_and(FapMotion::is_angle));
-        lacking > CUT_SHARE * cut.asked.abs() && lacking > if is_angle { CUT_ANGLE } else { CUT_UNITS }
-    };
-    Ok(most.into_values().filter(is_cut).collect())
+    Ok(most.into_values().filter(|cut| is_cut(cut, catalog)).collect())
+}
+
+/// Whether less is shown than was asked for, so that one sees it. What goes the other way goes along with other FAPs, and is not less.
+fn is_cut(cut: &CutFap, catalog: &FapCatalog) -> bool {
+    let is_angle = catalog.rows().iter().any(|r| r.number.get() == cut.fap && r.motion.is_some_and(FapMotion::is_angle));
+    let visible = if is_angle { CUT_ANGLE } else { CUT_UNITS };
+    let (asked, shown) = (cut.asked.abs(), cut.shown * cut.asked.signum());
+    let lacking = asked - shown;
+    shown > -visible && lacking > CUT_SHARE * asked && lacking > visible
 }
 
 /// Writes a picture as PNG, quickly.
@@ -355,4 +372,24 @@ pub fn encode_png(picture: &RgbImage, writer: &mut dyn io::Write) -> io::Result<
     PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
         .write_image(picture, picture.width(), picture.height(), image::ExtendedColorType::Rgb8)
         .map_err(io::Error::other)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_visibly_less_is_cut() {
+        let cut = |fap, asked, shown| is_cut(&CutFap { fap, frame: 1, asked, shown }, FapCatalog::mpeg4());
+        assert!(cut(6, 300.0, 138.0) && cut(4, -300.0, -191.0) && cut(3, 500.0, 0.0));
+        // Rounding; little; more; the other way.
+        assert!(
+            !cut(19, 1024.0, 988.0)
+                && !cut(31, 30.0, 12.0)
+                && !cut(19, 0.0, -163.0)
+                && !cut(42, -5.0, 9.0)
+                && !cut(4, 37.0, -36.0)
+        );
+        assert!(!cut(23, 20_000.0, 19_600.0) && cut(23, 20_000.0, 12_000.0));
+    }
 }

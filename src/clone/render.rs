@@ -226,6 +226,14 @@ impl ClonedExpression<'_> {
         }
     }
 
+    /// Where the source asks the nodes to be, frame by frame: before lids and lips are made to open round, without blinks and the head's
+    /// motion.
+    pub(super) fn unshaped(&self, source: &SourceMotion, face: &Face) -> Result<Vec<Vec<Point2<f64>>>, CloneError> {
+        let CloneOptions { rescale, emphasis, timing, .. } = self.options;
+        let (_, moments) = timing.moments(source)?;
+        Ok(moments.iter().map(|m| self.target.unshaped_nodes_at(source, m, rescale, emphasis, face)).collect())
+    }
+
     /// The target's own dynamic model, px.
     ///
     /// # Errors

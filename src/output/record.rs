@@ -60,13 +60,39 @@ impl FolderRecord {
     /// [`OutputError`] when it cannot be written; of the kind [`io::ErrorKind::AlreadyExists`] when a file stands there that no earlier
     /// command wrote.
     pub fn write(&self, name: &str, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
+        self.check_free(name)?;
+        let path = self.folder.join(name);
+        let hash = write_hashed(&path, fill)?.to_hex().to_string();
+        self.enter(name, hash).map_err(OutputError::at(&self.path))
+    }
+
+    /// Refuses to write over the file `name` where no earlier command wrote it, unless forced.
+    ///
+    /// # Errors
+    /// [`OutputError`] of the kind [`io::ErrorKind::AlreadyExists`].
+    pub fn check_free(&self, name: &str) -> Result<(), OutputError> {
         let path = self.folder.join(name);
         if !self.force && !self.earlier.contains_key(name) && fs::symlink_metadata(&path).is_ok() {
             let reason = "it is there already and no earlier command of ours wrote it; --force writes over it";
             return Err(OutputError::at(&path)(io::Error::new(io::ErrorKind::AlreadyExists, reason)));
         }
-        let hash = write_hashed(&path, fill)?.to_hex().to_string();
+        Ok(())
+    }
+
+    /// Enters the file `name`, which others wrote into the folder just now.
+    ///
+    /// # Errors
+    /// [`OutputError`] when it cannot be read, or not be entered.
+    pub fn enter_written(&self, name: &str) -> Result<(), OutputError> {
+        let path = self.folder.join(name);
+        let unread = || OutputError::at(&path)(io::Error::new(io::ErrorKind::NotFound, "it cannot be read back"));
+        let hash = file_blake3(&path).ok_or_else(unread)?;
         self.enter(name, hash).map_err(OutputError::at(&self.path))
+    }
+
+    /// Whether an earlier command or this one entered the file `name`.
+    pub fn knows(&self, name: &str) -> bool {
+        self.earlier.contains_key(name) || self.now.lock().unwrap_or_else(PoisonError::into_inner).written.contains_key(name)
     }
 
     fn enter(&self, name: &str, hash: String) -> io::Result<()> {

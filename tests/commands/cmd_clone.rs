@@ -83,8 +83,30 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     ran.says(&["a/frames/target_00000011.png: of an earlier clone and changed since; it is kept"]);
     assert_eq!(work.files("a/frames").len(), 8);
     work.write("b2/frames/target_00000002.png", "mine");
-    clone(&work, "--source S001_005.csv -o b2").exit(1).says(&["b2/frames/target_00000002.png", "--force writes over it"]);
+    clone(&work, "--source S001_005.csv -o b2").exit(1).says(&["b2 is not empty", "--force to write into it"]);
     assert_eq!(work.read("b2/frames/target_00000002.png"), "mine");
+    // Forced, it writes over what has its names, and leaves the rest.
+    work.write("b2/mine.txt", "mine");
+    clone(&work, "--source S001_005.csv -o b2 --force").exit(0);
+    assert_eq!(work.read("b2/mine.txt"), "mine");
+    assert_ne!(work.bytes("b2/frames/target_00000002.png"), b"mine");
+}
+
+#[test]
+fn films_and_tracks_of_an_earlier_clone_go_with_its_frames() {
+    let work = work();
+    clone(&work, "--source S001_005.csv -o a --film gif,apng").exit(0);
+    work.write("raised.fap", fap_file(&[31, 32], "200 200"));
+    clone(&work, "--source raised.fap -o a --force --film apng").exit(0);
+    let names = work.files("a");
+    assert!(!names.contains_key("clone.gif") && names.contains_key("clone.apng"), "{:?}", names.keys());
+    assert!(!names.contains_key("track/target_S001-005.csv") && names.contains_key("track/target_raised.csv"));
+    // One that somebody cut, and one that is not recorded, are named.
+    work.write("a/clone.apng", "cut");
+    work.write("a/clone.gif", "of version 0.1.0");
+    let ran = clone(&work, "--source S001_005.csv -o a --force").exit(0);
+    ran.says(&["a/clone.apng: of an earlier clone", "a/clone.gif: of an earlier clone"]);
+    assert_eq!((work.read("a/clone.apng").as_str(), work.read("a/clone.gif").as_str()), ("cut", "of version 0.1.0"));
 }
 
 #[test]
@@ -144,6 +166,35 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
     assert!(gap("2") < 0.25 * gap("1"), "the lids close: {} of {}", gap("2"), gap("1"));
     work.write("tongue.fap", fap_file(&[44], "500"));
     clone(&work, "--source tongue.fap -o tongue").exit(1).says(&["tongue.fap: none of its FAPs (44) shows"]);
+}
+
+#[test]
+fn lids_move_by_what_a_fap_file_says_whoever_they_belong_to() {
+    let work = work();
+    // Lids marked wider apart than the boxes of the irises, which the springs carry: the unit of the lids is their opening.
+    let lids = "21,190,133\n22,190,143.5\n54,129.7,132\n55,129.7,142.5\n";
+    let marks = work.read("marks.csv");
+    work.write("marks.csv", format!("{}\n{lids}", marks.trim_end()));
+    let values = |name: &str| {
+        let sequence = read_fap(&work.path(name)).unwrap().sequence;
+        [19, 20, 21, 22, 31].map(|fap| sequence.frames.last().unwrap().value(FapNumber::try_from(fap).unwrap()).unwrap())
+    };
+    work.write("lids.fap", fap_file(&[19, 20, 21, 22, 31], "300 -200 100 150 300"));
+    clone(&work, "--source lids.fap -o once").exit(0);
+    clone(&work, "--source once/clone.fap -o twice").exit(0);
+    let near = |found: [f64; 5]| found.iter().zip([300.0, -200.0, 100.0, 150.0, 300.0]).all(|(a, b)| (a - b).abs() <= 4.0);
+    assert!(
+        near(values("once/clone.fap")) && near(values("twice/clone.fap")),
+        "{:?} {:?}",
+        values("once/clone.fap"),
+        values("twice/clone.fap")
+    );
+    // A track moves lids as its own FAP file does.
+    work.grimace("run faces -o out -q").exit(0);
+    clone(&work, "--source out/tracks/S001_005.csv -o track").exit(0);
+    clone(&work, "--source out/fap/tracks/S001_005.fap -o fap").exit(0);
+    let (track, fap) = (values("track/clone.fap"), values("fap/clone.fap"));
+    assert!(track.iter().zip(&fap).take(4).all(|(a, b)| (a - b).abs() < 20.0), "{track:?} {fap:?}");
 }
 
 #[test]
