@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Version of the record of a recording.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
 /// Height of the faces of a segment's picture, px.
 const PICTURE_HEIGHT: u32 = 320;
 /// Columns of a table of segments.
@@ -175,7 +175,11 @@ fn frames_units() -> BTreeMap<String, String> {
         ("mouth_opening", "distance of the inner lips over MNS0"),
         ("AU.._r", "intensity 0 to 5"),
         ("*_frame", "number of a frame"),
-        ("confidence", "how sure it is that this is an expression from rest to apex, 0 to 1"),
+        (
+            "confidence",
+            "of a frame: share of the nodes that were seen, 0 to 1; of a sequence: how sure it is that this is an expression from rest to \
+             apex, 0 to 1",
+        ),
     ]
     .into_iter()
     .map(|(k, v)| (k.to_owned(), v.to_owned()))
@@ -199,7 +203,8 @@ fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
         "eye_opening_right",
         "mouth_opening",
     ];
-    let header = fixed.into_iter().map(str::to_owned).chain(ACTION_UNITS.iter().map(|u| format!("AU{:02}_r", u.number)));
+    let units = ACTION_UNITS.iter().map(|u| format!("AU{:02}_r", u.number));
+    let header = fixed.into_iter().map(str::to_owned).chain(units).chain(["confidence".to_owned()]);
     let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
     let first = found.frames.first().map_or(1, |f| f.measured.number).min(1);
     let row = |frame: &RecordingFrame| {
@@ -213,7 +218,7 @@ fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
             u8::from(m.reason.is_none()).to_string(),
             m.reason.clone().unwrap_or_default(),
         ];
-        let measured = m.pose.iter().chain(&m.eyes).chain([&m.mouth]).chain(&m.units);
+        let measured = m.pose.iter().chain(&m.eyes).chain([&m.mouth]).chain(&m.units).chain([&m.confidence]);
         row.extend(measured.map(|&value| number(f64::from(value))));
         row
     };
