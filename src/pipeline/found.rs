@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::Vector2;
+use nalgebra::{Point2, Vector2};
 
 use super::Workbench;
 use crate::{
@@ -44,7 +44,7 @@ pub enum FoundMarksError {
     Model(#[from] ModelError),
 }
 
-/// The largest face of a frame, as marks.
+/// A face of a frame, as marks.
 #[derive(Clone, Debug)]
 pub struct FoundFace {
     /// Its points inside the picture, each with its expected error.
@@ -55,25 +55,34 @@ pub struct FoundFace {
     pub eye_distance: f64,
     /// Whether they may be used without a look ([`LocatedFace::trusted`]).
     pub trusted: bool,
-    /// Further faces of the picture that could be the one that is meant: trusted, and smaller.
+    /// Further faces of the picture that could be the one that is meant: trusted ones.
     pub others: usize,
 }
 
 impl FoundFace {
     /// What a person should know who meant another face of the picture.
     pub fn remark(&self) -> Option<String> {
-        let sum = self.marks.iter().map(|m| m.position.coords).sum::<Vector2<f64>>();
-        let middle = sum / self.marks.len().max(1) as f64;
+        self.chosen_of_several("the largest was taken", "another one is taken where `grimace annotate` marks it")
+    }
+
+    /// That there are several faces, which one was `taken`, and how another one is; `None` where there is one.
+    pub(super) fn chosen_of_several(&self, taken: &str, another: &str) -> Option<String> {
+        let middle = self.middle();
         (self.others > 0).then(|| {
             format!(
-                "{} faces were found, and the largest was taken, whose eyes are {:.0} px apart, near ({:.0}, {:.0}); another one is taken where \
-                 `grimace annotate` marks it",
+                "{} faces were found, and {taken}, whose eyes are {:.0} px apart, near ({:.0}, {:.0}); {another}",
                 self.others + 1,
                 self.eye_distance,
                 middle.x,
                 middle.y
             )
         })
+    }
+
+    /// The middle of its marks.
+    pub(super) fn middle(&self) -> Point2<f64> {
+        let sum = self.marks.iter().map(|m| m.position.coords).sum::<Vector2<f64>>();
+        Point2::from(sum / self.marks.len().max(1) as f64)
     }
 }
 
@@ -82,15 +91,25 @@ impl FoundFace {
 /// # Errors
 /// [`FoundMarksError::Model`].
 pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
+    Ok(found_faces(frame)?.into_iter().next())
+}
+
+/// Finds the faces of a frame, the largest first.
+///
+/// # Errors
+/// [`FoundMarksError::Model`].
+pub(super) fn found_faces(frame: &Frame) -> Result<Vec<FoundFace>, FoundMarksError> {
     let size = frame.size();
     let faces = Locator::shipped()?.locate(frame.image(), &LocateOptions::default());
-    Ok(faces.first().map(|face| FoundFace {
+    let all_trusted = faces.iter().filter(|face| face.trusted()).count();
+    let found = |face: &LocatedFace| FoundFace {
         marks: marks_of(face, |p| size.contains(p)),
         expected_error: face.expected_error(),
         eye_distance: face.eye_distance,
         trusted: face.trusted(),
-        others: faces.iter().skip(1).filter(|other| other.trusted()).count(),
-    }))
+        others: all_trusted - usize::from(face.trusted()),
+    };
+    Ok(faces.iter().map(found).collect())
 }
 
 /// Finds the marks of the largest face of a frame, those outside the picture left out; so many of them as make a fit.
@@ -133,7 +152,7 @@ pub(super) fn fitting_marks(face: &FoundFace, size: ImageSize, bench: &Workbench
     tried.iter().find(|marks| fits(marks)).unwrap_or(all).clone()
 }
 
-fn marks_of(face: &LocatedFace, inside: impl Fn(&nalgebra::Point2<f64>) -> bool) -> Vec<Correspondence> {
+fn marks_of(face: &LocatedFace, inside: impl Fn(&Point2<f64>) -> bool) -> Vec<Correspondence> {
     let points = face.points.iter().filter(|p| inside(&p.position));
     points.map(|p| Correspondence::found(p.node, p.position, p.expected_error)).collect()
 }

@@ -3,6 +3,7 @@
 use nalgebra::Point2;
 
 use super::{
+    super::found::found_faces,
     RecordingError, RecordingStep, Tick,
     survey::{Stretch, Survey},
 };
@@ -106,15 +107,18 @@ pub(super) fn follow(
                 }
                 Some(running) => match running.step(&frame) {
                     Ok(tracked) => tracked.clone(),
-                    Err(error @ TrackError::FaceLost { .. }) => return Ok((out, Some(error.to_string()))),
+                    Err(error @ TrackError::FaceLost { .. }) => return Ok((out, Some(lost(&error)))),
                     Err(error) => return Err(error.into()),
                 },
             };
+            if !(stretch.first..=stretch.last).contains(&place) && !is_found(&frame, &tracked, eye_distance)? {
+                return Ok((out, None));
+            }
             if let Some(reason) = astray(survey, place, &tracked, eye_distance, bench) {
                 // Since the last look it may have been astray already.
                 let step = survey.looks.iter().map(|look| look.place.abs_diff(place)).filter(|&d| d > 0).min().unwrap_or(1);
                 out.truncate(out.len().saturating_sub(step - 1).max(1));
-                return Ok((out, Some(reason)));
+                return Ok((out, Some(lost(&reason))));
             }
             out.push(CompactFrame::new(&tracked));
             if !tick(RecordingStep::Tracking, 1, Some(survey.numbers.len())) {
@@ -123,20 +127,39 @@ pub(super) fn follow(
         }
         Ok((out, None))
     };
-    let (ahead, lost_ahead) = one_way(stretch.last)?;
-    let (mut frames, lost_behind) = if start.place > stretch.first { one_way(stretch.first)? } else { (Vec::new(), None) };
+    let (from, to) = stretch.reach;
+    let (ahead, lost_ahead) = one_way(to)?;
+    let (mut frames, lost_behind) = if start.place > from { one_way(from)? } else { (Vec::new(), None) };
     // The fitted frame is the first of both.
     let behind = frames.len().saturating_sub(1);
     frames.drain(..frames.len().min(1));
     frames.reverse();
     frames.extend(ahead);
     let (first, last) = (start.place - behind, start.place - behind + frames.len() - 1);
+    let before = Stretch { first: stretch.first, last: first.saturating_sub(1), reach: (from, first.saturating_sub(1)) };
+    let after = Stretch { first: last + 1, last: stretch.last, reach: (last + 1, to) };
     let mut left = Vec::new();
-    left.extend(
-        lost_behind.filter(|_| first > stretch.first).map(|why| (Stretch { first: stretch.first, last: first - 1 }, why)),
-    );
-    left.extend(lost_ahead.filter(|_| last < stretch.last).map(|why| (Stretch { first: last + 1, last: stretch.last }, why)));
+    left.extend(lost_behind.filter(|_| first > stretch.first).map(|why| (before, why)));
+    left.extend(lost_ahead.filter(|_| last < stretch.last).map(|why| (after, why)));
     Ok(Followed { frames, first, fitted: behind, marks: start.marks.to_vec(), eye_distance, left })
+}
+
+/// That a face was lost, and why.
+fn lost(why: &impl std::fmt::Display) -> String {
+    format!("the face was lost: {why}")
+}
+
+/// Whether a face is found where it was tracked to.
+fn is_found(frame: &Frame, tracked: &TrackedFrame, eye_distance: f64) -> Result<bool, RecordingError> {
+    let faces = found_faces(frame)?;
+    Ok(faces.iter().filter_map(|face| apart(tracked, &face.marks)).any(|apart| apart <= ASTRAY * eye_distance))
+}
+
+/// Median distance between tracked nodes and marks, px.
+fn apart(tracked: &TrackedFrame, marks: &[Correspondence]) -> Option<f64> {
+    let apart = |m: &Correspondence| tracked.nodes.get(m.node.index()).map(|n| (n.position - m.position).norm());
+    let mut distances: Vec<f64> = marks.iter().filter_map(apart).collect();
+    crate::robust::median(&mut distances)
 }
 
 /// Why the tracked nodes are not on the face any more, where a look at their frame says so.
@@ -148,9 +171,7 @@ fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f
         let is_gone = look.face.is_none() && lost as f64 > GONE * live.len() as f64;
         return is_gone.then(|| format!("frame {}: no face is found, and {lost} nodes were lost", tracked.number));
     };
-    let apart = |m: &Correspondence| tracked.nodes.get(m.node.index()).map(|n| (n.position - m.position).norm());
-    let mut distances: Vec<f64> = marks.iter().filter_map(apart).collect();
-    let median = crate::robust::median(&mut distances)?;
+    let median = apart(tracked, marks)?;
     (median > ASTRAY * eye_distance)
         .then(|| format!("frame {}: the face is {median:.0} px from where it was tracked to", tracked.number))
 }

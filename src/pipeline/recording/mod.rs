@@ -9,6 +9,7 @@ mod files;
 mod film;
 mod follow;
 mod measure;
+mod persons;
 mod survey;
 
 use std::{collections::VecDeque, path::PathBuf};
@@ -198,8 +199,9 @@ pub fn segment_recording(
     options: &SegmentOptions,
     tick: Tick<'_>,
 ) -> Result<SegmentedRecording, RecordingError> {
-    let survey = Survey::new(&recording.frames, recording.fps, tick)?;
-    let (stretches, mut notes) = survey.stretches();
+    let survey = Survey::new(recording, tick)?;
+    let (stretches, turns) = survey.stretches();
+    let mut later = Vec::new();
     if let Some((frame, _)) = &recording.marks
         && survey.numbers.binary_search(frame).is_err()
     {
@@ -211,10 +213,13 @@ pub fn segment_recording(
         });
     }
     if stretches.is_empty() {
-        notes.push("no face was found".to_owned());
+        later.push("no face was found".to_owned());
     }
-    let mut tracked = tracked_stretches(recording, &survey, stretches, bench, tick, &mut notes)?;
+    let mut tracked = tracked_stretches(recording, &survey, stretches, bench, tick, &mut later)?;
     tracked.sort_by_key(|followed| followed.first);
+    let places: Vec<(usize, usize)> = tracked.iter().map(|f| (f.first, f.first + f.frames.len().saturating_sub(1))).collect();
+    let mut notes: Vec<String> = survey.several(recording.marks.is_some()).into_iter().collect();
+    notes.extend(turns.into_iter().map(|turn| survey.told(turn, &places)).chain(later));
     let mut result = SegmentedRecording {
         stem: recording.stem.clone(),
         fps: survey.fps,
@@ -263,7 +268,7 @@ fn tracked_stretches(
         });
         let is_given = given.is_some();
         let found = || {
-            let Look { place, face } = survey.usual_face(stretch, bench)?;
+            let Look { place, face, .. } = survey.usual_face(stretch, bench)?;
             Some((*place, fitting_marks(face.as_ref()?, survey.size, bench)))
         };
         let Some((place, marks)) = given.or_else(found) else {
@@ -273,7 +278,7 @@ fn tracked_stretches(
         match follow(&recording.frames, survey, stretch, &Start { place, marks: &marks }, bench, tick) {
             Ok(followed) => {
                 for (left, why) in &followed.left {
-                    notes.push(format!("the face was lost: {why}"));
+                    notes.push(why.clone());
                     waiting.push_back(*left);
                 }
                 tracked.push(followed);

@@ -4,14 +4,14 @@ use image::{GrayImage, imageops::FilterType};
 use nalgebra::Point2;
 use rayon::prelude::*;
 
-use super::{RecordingError, RecordingStep, Tick};
+use super::{super::found::found_faces, Recording, RecordingError, RecordingStep, Tick, persons::followed};
 use crate::{
     dataset::FrameSource,
     fit::Correspondence,
     geometry::Similarity,
     normalize::stable_nodes,
     output::{count, per_second},
-    pipeline::{FoundFace, Workbench, found_face},
+    pipeline::{FoundFace, Workbench},
     segment::densest,
     sequence::{Frame, ImageSize, SequenceReader},
     units::NodeId,
@@ -38,8 +38,10 @@ const ALIKE: f32 = 0.08;
 pub(super) struct Look {
     /// Place of the frame among all.
     pub place: usize,
-    /// The largest face, where there is one.
+    /// The face that is followed, where there is one.
     pub face: Option<FoundFace>,
+    /// Whose it is, among the people of its scene.
+    pub person: usize,
 }
 
 /// What a recording consists of.
@@ -62,6 +64,21 @@ pub(super) struct Stretch {
     pub first: usize,
     /// Place of its last frame.
     pub last: usize,
+    /// Places of the first and the last frame that may belong to it, too: those between a look at the face and one that does not find it.
+    pub reach: (usize, usize),
+}
+
+/// What is to be said of the frames between stretches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Turn {
+    /// The first frame behind a cut.
+    Cut(usize),
+    /// A look that finds no face any more.
+    Gone(usize),
+    /// A look that finds a face again.
+    Back(usize),
+    /// A look at another face than before.
+    Other(usize),
 }
 
 /// Shortest stretch that is worth tracking, seconds.
@@ -75,7 +92,8 @@ pub(super) fn too_short(named: &str, frames: usize, fps: f64) -> String {
 
 impl Survey {
     /// Looks through a recording once.
-    pub fn new(source: &FrameSource, fps: Option<f64>, tick: Tick<'_>) -> Result<Self, RecordingError> {
+    pub fn new(recording: &Recording, tick: Tick<'_>) -> Result<Self, RecordingError> {
+        let (source, fps) = (&recording.frames, recording.fps);
         if matches!(source, FrameSource::Images(files) if files.len() == 1) {
             return Err(RecordingError::Nothing { reasons: vec![too_short("the only frame", 1, fps.unwrap_or(USUAL_FPS))] });
         }
@@ -110,15 +128,25 @@ impl Survey {
         }
         looks.extend(look_at(waiting)?);
         let size = size.ok_or(RecordingError::NoFrames)?;
+        let marked = recording.marks.as_ref().and_then(|(frame, marks)| {
+            let sum = marks.iter().map(|m| m.position.coords).sum::<nalgebra::Vector2<f64>>();
+            Some((numbers.binary_search(frame).ok()?, Point2::from(sum / marks.len().max(1) as f64)))
+        });
+        let scene_of = |place: usize| cuts.partition_point(|&cut| cut <= place);
+        let mut scenes: Vec<Vec<(usize, Vec<FoundFace>)>> = vec![Vec::new(); cuts.len() + 1];
+        for look in looks {
+            scenes[scene_of(look.0)].push(look);
+        }
+        let marked_in = |scene: usize| marked.filter(|(place, _)| scene_of(*place) == scene);
+        let looks = scenes.into_iter().enumerate().flat_map(|(k, looks)| followed(looks, marked_in(k))).collect();
         Ok(Self { numbers, size, fps, cuts, looks, content: reader.into_content_blake3()? })
     }
 
     /// The stretches with a face, and what is to be said of the frames between them.
-    pub fn stretches(&self) -> (Vec<Stretch>, Vec<String>) {
-        let (mut stretches, mut notes): (Vec<Stretch>, Vec<String>) = (Vec::new(), Vec::new());
-        let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
+    pub fn stretches(&self) -> (Vec<Stretch>, Vec<Turn>) {
+        let (mut stretches, mut turns): (Vec<Stretch>, Vec<Turn>) = (Vec::new(), Vec::new());
         let starts: Vec<usize> = std::iter::once(0).chain(self.cuts.iter().copied()).collect();
-        notes.extend(self.cuts.iter().map(|&cut| format!("frame {}: a new scene begins", number(cut))));
+        turns.extend(self.cuts.iter().map(|&cut| Turn::Cut(cut)));
         // Whether it was said that there is no face.
         let mut gone = false;
         for (k, &start) in starts.iter().enumerate() {
@@ -129,25 +157,61 @@ impl Survey {
                 let at = |k: usize| looks.get(k).is_some_and(|look| look.face.is_some());
                 at(k) || (k > 0 && at(k - 1) && at(k + 1))
             };
-            let mut open: Option<usize> = None;
+            // The first look of the stretch, and the first frame that may belong to it.
+            let mut open: Option<(usize, usize)> = None;
             for (k, look) in looks.iter().enumerate() {
+                let before = k.checked_sub(1).map_or(start, |k| looks[k].place);
                 match (is_seen(k), open) {
-                    (true, None) => open = Some(if k == 0 { start } else { look.place }),
-                    (false, Some(first)) => {
-                        stretches.push(Stretch { first, last: looks[k - 1].place });
+                    (true, None) => open = Some(if k == 0 { (start, start) } else { (look.place, before + 1) }),
+                    (false, Some((first, from))) => {
+                        stretches.push(Stretch { first, last: before, reach: (from, look.place - 1) });
                         open = None;
+                    }
+                    (true, Some((first, from))) if looks[k - 1].person != look.person => {
+                        stretches.push(Stretch { first, last: before, reach: (from, before) });
+                        open = Some((look.place, look.place));
+                        turns.push(Turn::Other(look.place));
                     }
                     _ => {}
                 }
                 if is_seen(k) == gone {
-                    let what = if gone { "a face is found again" } else { "no face is found from here on" };
-                    notes.push(format!("frame {}: {what}", number(look.place)));
+                    turns.push(if gone { Turn::Back(look.place) } else { Turn::Gone(look.place) });
                     gone = !gone;
                 }
             }
-            stretches.extend(open.map(|first| Stretch { first, last: end - 1 }));
+            stretches.extend(open.map(|(first, from)| Stretch { first, last: end - 1, reach: (from, end - 1) }));
         }
-        (stretches, notes)
+        (stretches, turns)
+    }
+
+    /// A turn in words, by the places of the first and last frames of all that was tracked.
+    pub fn told(&self, turn: Turn, tracked: &[(usize, usize)]) -> String {
+        let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
+        match turn {
+            Turn::Cut(place) => format!("frame {}: a new scene begins", number(place)),
+            Turn::Gone(place) => {
+                let before = self.looks.iter().map(|look| look.place).take_while(|&look| look < place).last().unwrap_or_default();
+                let ends = tracked.iter().map(|&(_, last)| last + 1).filter(|end| (before + 1..=place).contains(end)).max();
+                format!("frame {}: no face is found from here on", number(ends.unwrap_or(place)))
+            }
+            Turn::Back(place) => {
+                let first =
+                    tracked.iter().find(|&&(first, last)| (first..=last).contains(&place)).map_or(place, |&(first, _)| first);
+                format!("frame {}: a face is found again", number(first))
+            }
+            Turn::Other(place) => format!("frame {}: another face is followed from here on", number(place)),
+        }
+    }
+
+    /// That several faces are seen and which one is followed, by the first look that shows them; nothing where marks say which one is.
+    pub fn several(&self, marked: bool) -> Option<String> {
+        let (taken, another) =
+            ("the one that is largest on the whole is followed", "another one is followed where its marks are given for a frame");
+        let told = |look: &Look| {
+            let said = look.face.as_ref()?.chosen_of_several(taken, another)?;
+            Some(format!("frame {}: {said}", self.numbers.get(look.place)?))
+        };
+        if marked { None } else { self.looks.iter().find_map(told) }
     }
 
     /// The look whose face is the most usual of a stretch, among those that are trusted.
@@ -163,8 +227,9 @@ impl Survey {
     }
 }
 
-fn look_at(frames: Vec<(usize, Frame)>) -> Result<Vec<Look>, RecordingError> {
-    let look = |(place, frame): (usize, Frame)| Ok(Look { place, face: found_face(&frame)? });
+/// The faces of frames, the largest first.
+fn look_at(frames: Vec<(usize, Frame)>) -> Result<Vec<(usize, Vec<FoundFace>)>, RecordingError> {
+    let look = |(place, frame): (usize, Frame)| Ok((place, found_faces(&frame)?));
     frames.into_par_iter().map(look).collect()
 }
 
@@ -224,23 +289,46 @@ mod tests {
         assert_eq!(cuts, [false, false, false, false, false, true, false]);
     }
 
-    #[test]
-    fn faces_make_stretches_and_what_is_between_is_said() {
+    /// A recording of 80 frames with a look at every tenth.
+    fn survey(seen: [Option<usize>; 8], cuts: Vec<usize>) -> Survey {
         let face = || FoundFace { marks: Vec::new(), expected_error: 0.01, eye_distance: 60.0, trusted: true, others: 0 };
-        let seen = [true, true, false, true, false, false, true, true];
-        let survey = Survey {
+        let look = |(k, person): (usize, &Option<usize>)| Look {
+            place: 10 * k,
+            face: person.map(|_| face()),
+            person: person.unwrap_or(0),
+        };
+        Survey {
             numbers: (1..=80).collect(),
             size: ImageSize { width: 64, height: 48 },
             fps: 25.0,
-            cuts: vec![70],
-            looks: seen.iter().enumerate().map(|(k, &s)| Look { place: 10 * k, face: s.then(face) }).collect(),
+            cuts,
+            looks: seen.iter().enumerate().map(look).collect(),
             content: blake3::hash(b""),
-        };
-        let (stretches, notes) = survey.stretches();
-        assert_eq!(stretches, [Stretch { first: 0, last: 30 }, Stretch { first: 60, last: 69 }, Stretch { first: 70, last: 79 }]);
-        assert_eq!(
-            notes,
-            ["frame 71: a new scene begins", "frame 41: no face is found from here on", "frame 61: a face is found again"]
-        );
+        }
+    }
+
+    #[test]
+    fn faces_make_stretches_and_what_is_between_is_said() {
+        let (a, none) = (Some(0), None);
+        let survey = survey([a, a, none, a, none, none, a, a], vec![70]);
+        let (stretches, turns) = survey.stretches();
+        let of = |first, last, reach| Stretch { first, last, reach };
+        assert_eq!(stretches, [of(0, 30, (0, 39)), of(60, 69, (51, 69)), of(70, 79, (70, 79))]);
+        let told = |tracked: &[(usize, usize)]| turns.iter().map(|&turn| survey.told(turn, tracked)).collect::<Vec<_>>();
+        let said = ["frame 71: a new scene begins", "frame 41: no face is found from here on", "frame 61: a face is found again"];
+        assert_eq!(told(&[]), said);
+        // The face was there after the look that found it last, and before the one that finds it again.
+        let said = ["frame 71: a new scene begins", "frame 36: no face is found from here on", "frame 57: a face is found again"];
+        assert_eq!(told(&[(0, 34), (56, 69), (70, 79)]), said);
+    }
+
+    #[test]
+    fn another_person_is_another_stretch() {
+        let (a, b) = (Some(0), Some(1));
+        let survey = survey([a, a, a, b, b, b, a, a], Vec::new());
+        let (stretches, turns) = survey.stretches();
+        assert_eq!(stretches, [(0, 20), (30, 50), (60, 79)].map(|reach| Stretch { first: reach.0, last: reach.1, reach }));
+        assert_eq!(turns, [Turn::Other(30), Turn::Other(60)]);
+        assert_eq!(survey.told(turns[0], &[]), "frame 31: another face is followed from here on");
     }
 }

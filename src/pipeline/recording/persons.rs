@@ -1,0 +1,153 @@
+//! Which face of a recording is followed where its frames show several.
+
+use nalgebra::Point2;
+
+use super::survey::Look;
+use crate::pipeline::FoundFace;
+
+/// A face of the next look belongs to a person whose last face is nearer than this, over the eye distance; heads side by side are about
+/// two apart, and the nearest person is taken first.
+const NEAR: f64 = 2.5;
+/// What a change of size by e counts, over the eye distance.
+const GROWTH: f64 = 2.0;
+
+/// Somebody who is seen in a scene.
+struct Person {
+    middle: Point2<f64>,
+    eye_distance: f64,
+    /// Sum of the eye distances of all looks: who is large, and long there.
+    weight: f64,
+}
+
+impl Person {
+    /// How far a face is from this person's last one, over the eye distance.
+    fn apart(&self, face: &FoundFace) -> f64 {
+        let larger = self.eye_distance.max(face.eye_distance).max(1.0);
+        let growth = (face.eye_distance.max(1.0) / self.eye_distance.max(1.0)).ln().abs();
+        (face.middle() - self.middle).norm() / larger + GROWTH * growth
+    }
+}
+
+/// The looks of a scene, with all faces that were found in each, the largest first, as looks at the person who is followed.
+///
+/// Where all looks show one face, that is it, wherever it is. Where one shows several, faces of following looks are one person by their
+/// places and sizes, and the person who is largest on the whole is followed, or the one at `marked` (place of a frame, and a point on
+/// the face); in looks without that person the next one is.
+pub(super) fn followed(looks: Vec<(usize, Vec<FoundFace>)>, marked: Option<(usize, Point2<f64>)>) -> Vec<Look> {
+    if looks.iter().all(|(_, faces)| faces.first().is_none_or(|face| face.others == 0)) {
+        let first = |(place, faces): (usize, Vec<FoundFace>)| Look { place, face: faces.into_iter().next(), person: 0 };
+        return looks.into_iter().map(first).collect();
+    }
+    let (mut persons, seen) = persons(&looks);
+    if let Some((place, point)) = marked
+        && let Some(k) = (0..looks.len()).filter(|&k| !looks[k].1.is_empty()).min_by_key(|&k| looks[k].0.abs_diff(place))
+    {
+        let apart = |face: usize| (looks[k].1[face].middle() - point).norm();
+        let nearest = seen[k].iter().min_by(|a, b| apart(a.1).total_cmp(&apart(b.1))).map(|seen| seen.0);
+        if let Some(person) = nearest.and_then(|person| persons.get_mut(person)) {
+            person.weight = f64::INFINITY;
+        }
+    }
+    let mut order: Vec<usize> = (0..persons.len()).collect();
+    order.sort_by(|&a, &b| persons[b].weight.total_cmp(&persons[a].weight));
+    let face_of = |person: usize, k: usize| seen.get(k)?.iter().find(|seen| seen.0 == person).map(|seen| seen.1);
+    let mut before = order.first().copied().unwrap_or_default();
+    let mut chosen: Vec<(usize, Option<usize>)> = Vec::with_capacity(looks.len());
+    for k in 0..looks.len() {
+        // Who is missed once between two looks is there.
+        let is_there = |person: usize, k: usize| face_of(person, k).is_some();
+        let is_missed = |person: usize| k > 0 && is_there(person, k - 1) && is_there(person, k + 1);
+        let person = order.iter().copied().find(|&person| is_there(person, k) || is_missed(person));
+        before = person.unwrap_or(before);
+        chosen.push((before, face_of(before, k)));
+    }
+    let look = |((place, faces), (person, face)): ((usize, Vec<FoundFace>), (usize, Option<usize>))| Look {
+        place,
+        face: face.and_then(|face| faces.into_iter().nth(face)),
+        person,
+    };
+    looks.into_iter().zip(chosen).map(look).collect()
+}
+
+/// The persons of a scene, and who the faces of each look are: (person, face).
+fn persons(looks: &[(usize, Vec<FoundFace>)]) -> (Vec<Person>, Vec<Vec<(usize, usize)>>) {
+    let (mut persons, mut seen): (Vec<Person>, Vec<Vec<(usize, usize)>>) = (Vec::new(), Vec::new());
+    for (_, faces) in looks {
+        let pairs = persons.iter().enumerate().flat_map(|(person, p)| {
+            faces.iter().enumerate().map(move |(face, f)| (p.apart(f), person, face)).filter(|pair| pair.0 < NEAR)
+        });
+        let mut pairs: Vec<(f64, usize, usize)> = pairs.collect();
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut known: Vec<(usize, usize)> = Vec::new();
+        for (_, person, face) in pairs {
+            if known.iter().all(|k| k.0 != person && k.1 != face) {
+                known.push((person, face));
+            }
+        }
+        for (face, found) in faces.iter().enumerate() {
+            let (middle, eye_distance) = (found.middle(), found.eye_distance);
+            let person = known.iter().find(|k| k.1 == face).map(|k| k.0);
+            if let Some(person) = person.and_then(|person| persons.get_mut(person)) {
+                *person = Person { middle, eye_distance, weight: person.weight + eye_distance };
+            } else if found.trusted {
+                known.push((persons.len(), face));
+                persons.push(Person { middle, eye_distance, weight: eye_distance });
+            }
+        }
+        seen.push(known);
+    }
+    (persons, seen)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{fit::Correspondence, units::NodeId};
+
+    fn face(x: f64, eye_distance: f64, others: usize) -> FoundFace {
+        let marks = vec![Correspondence::found(NodeId(5), Point2::new(x, 100.0), 1.0)];
+        FoundFace { marks, expected_error: 0.01, eye_distance, trusted: true, others }
+    }
+
+    fn middles(looks: &[Look]) -> Vec<Option<f64>> {
+        looks.iter().map(|look| look.face.as_ref().map(|face| face.middle().x)).collect()
+    }
+
+    /// Two persons whose sizes are found now larger, now smaller than the other's; the left one is a little larger on the whole.
+    fn two(looks: usize) -> Vec<(usize, Vec<FoundFace>)> {
+        let pair = |k: usize| {
+            let (left, right) = (face(100.0 + k as f64, 62.0, 1), face(400.0, if k % 3 == 0 { 64.0 } else { 59.0 }, 1));
+            (10 * k, if k % 3 == 0 { vec![right, left] } else { vec![left, right] })
+        };
+        (0..looks).map(pair).collect()
+    }
+
+    #[test]
+    fn the_person_who_is_largest_on_the_whole_is_followed() {
+        let looks = followed(two(9), None);
+        assert!(middles(&looks).iter().all(|x| x.is_some_and(|x| x < 110.0)), "{:?}", middles(&looks));
+        assert!(looks.iter().all(|look| look.person == looks[0].person));
+        let marked = followed(two(9), Some((43, Point2::new(390.0, 110.0))));
+        assert_eq!(middles(&marked), [Some(400.0); 9]);
+    }
+
+    #[test]
+    fn who_is_missed_once_is_there_and_who_leaves_is_followed_by_the_other() {
+        let mut looks = two(9);
+        for (k, (_, faces)) in looks.iter_mut().enumerate() {
+            faces.retain(|face| face.middle().x > 200.0 || (k != 2 && k < 6));
+        }
+        let looks = followed(looks, None);
+        let (left, right) = (looks[0].person, looks[8].person);
+        assert_ne!(left, right);
+        assert_eq!(looks.iter().map(|look| look.person).collect::<Vec<_>>(), [[left; 6].as_slice(), &[right; 3]].concat());
+        assert_eq!(looks.iter().map(|look| look.face.is_some()).collect::<Vec<_>>()[..4], [true, true, false, true]);
+    }
+
+    #[test]
+    fn a_single_face_is_followed_wherever_it_is() {
+        let looks = (0..6).map(|k| (10 * k, vec![face(if k < 3 { 100.0 } else { 500.0 }, 60.0, 0)])).collect();
+        let looks = followed(looks, None);
+        assert!(looks.iter().all(|look| look.person == 0 && look.face.is_some()));
+    }
+}
