@@ -27,7 +27,8 @@ pub use points::{PUPILS, points};
 
 use crate::units::NodeId;
 use expect::{Reading, signs};
-use picture::{Picture, View};
+pub(crate) use picture::Picture;
+use picture::View;
 use shape::{Placement, Shape, distance};
 use stages::Placed;
 use template::{Candidate, Search, best, best_first, scored};

@@ -5,6 +5,7 @@ use nalgebra::Point2;
 use super::{
     super::found::found_faces,
     RecordingError, RecordingStep, Tick,
+    likeness::is_another,
     survey::{Stretch, Survey},
 };
 use crate::{
@@ -92,6 +93,7 @@ pub(super) fn follow(
     let one_way = |to: usize| -> Result<(Vec<CompactFrame>, Option<String>), RecordingError> {
         let mut out: Vec<CompactFrame> = Vec::new();
         let mut running = None;
+        let mut before: Option<(Frame, TrackedFrame)> = None;
         let places: Vec<usize> =
             if to >= start.place { (start.place..=to).collect() } else { (to..=start.place).rev().collect() };
         let frames = frames_between(source, survey.numbers[start.place], survey.numbers[to])?;
@@ -111,6 +113,12 @@ pub(super) fn follow(
                     Err(error) => return Err(error.into()),
                 },
             };
+            if let Some((frame_before, before)) = &before
+                && is_another((frame_before, before), (&frame, &tracked), eye_distance, bench)?
+            {
+                let behind = frame.number().max(before.number);
+                return Ok((out, Some(format!("frame {behind}: the face of another person begins, as behind a cut"))));
+            }
             if !(stretch.first..=stretch.last).contains(&place) && !is_found(&frame, &tracked, eye_distance)? {
                 return Ok((out, None));
             }
@@ -121,6 +129,7 @@ pub(super) fn follow(
                 return Ok((out, Some(lost(&reason))));
             }
             out.push(CompactFrame::new(&tracked));
+            before = Some((frame, tracked));
             if !tick(RecordingStep::Tracking, 1, Some(survey.numbers.len())) {
                 return Err(RecordingError::Interrupted);
             }

@@ -8,6 +8,7 @@ mod expand;
 mod files;
 mod film;
 mod follow;
+mod likeness;
 mod measure;
 mod persons;
 mod survey;
