@@ -36,6 +36,22 @@ fn record(work: &Work, folder: &str, shots: &[Shot]) {
     }
 }
 
+/// Frames of 480 x 320 px before an even wall, each with portraits whose eyes are about 55 px apart, at (name, x, share of that size).
+fn record_before_a_wall(work: &Work, folder: &str, frames: &[Vec<(&str, i64, f64)>]) {
+    fs::create_dir_all(work.path(folder)).unwrap();
+    for (k, faces) in frames.iter().enumerate() {
+        let mut frame = image::RgbImage::from_pixel(480, 320, image::Rgb([120; 3]));
+        for (name, x, share) in faces {
+            let face = image::open(root().join("fixtures/portraits").join(name)).unwrap().to_rgb8();
+            let side = |side: u32| (f64::from(side) * 0.5 * share).round() as u32;
+            let face =
+                image::imageops::resize(&face, side(face.width()), side(face.height()), image::imageops::FilterType::Triangle);
+            image::imageops::replace(&mut frame, &face, *x, 20);
+        }
+        frame.save(work.path(&format!("{folder}/r_{:05}.jpg", k + 1))).unwrap();
+    }
+}
+
 fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> i64 {
     row[column].parse().unwrap_or_else(|_| panic!("{column} is `{}`", row[column]))
 }
@@ -160,4 +176,40 @@ fn what_is_no_recording_is_said() {
     // In a manifest it costs that recording.
     work.write("manifest.csv", "subject,sequence,emotion,frames,segment\nP1,dark,anger,dark,auto\n");
     work.grimace("run manifest.csv -o out").exit(1).says(&["no face was found"]);
+}
+
+#[test]
+fn a_person_who_is_cut_to_is_another_one_and_frames_beside_a_gap_are_kept() {
+    let work = Work::new();
+    let (first, second, nobody) = (vec![("P01.jpg", 130, 1.0)], vec![("P10.jpg", 130, 1.0)], Vec::new());
+    let frames: Vec<_> = [(36, &first), (20, &nobody), (28, &first), (28, &second)]
+        .iter()
+        .flat_map(|(count, faces)| std::iter::repeat_n((*faces).clone(), *count))
+        .collect();
+    record_before_a_wall(&work, "talk", &frames);
+    let said = [
+        "a face in 92 of 112 frames",
+        "frame 37: no face is found from here on",
+        "frame 57: a face is found again",
+        "frame 85: the face of another person begins, as behind a cut",
+    ];
+    work.grimace("segment talk -o segments.csv --no-faces").exit(1).prints(&said);
+    let rows = work.rows("segments/talk_frames.csv");
+    let stretches: Vec<(i64, i64)> = rows.iter().map(|r| (number(r, "frame"), number(r, "stretch"))).collect();
+    let expected = (1..=36).map(|k| (k, 1)).chain((57..=84).map(|k| (k, 2))).chain((85..=112).map(|k| (k, 3)));
+    assert_eq!(stretches, expected.collect::<Vec<_>>());
+    // The share of nodes that were seen is the last column.
+    assert!(work.read("segments/talk_frames.csv").lines().next().unwrap().ends_with(",confidence"));
+    assert!(rows.iter().all(|r| r["confidence"].parse::<f64>().is_ok_and(|c| (0.5..=1.0).contains(&c))));
+}
+
+#[test]
+fn of_two_people_one_is_followed_and_that_is_said() {
+    let work = Work::new();
+    let frames = vec![vec![("P01.jpg", 10, 1.0), ("P10.jpg", 250, 0.9)]; 40];
+    record_before_a_wall(&work, "two", &frames);
+    let said = "frame 1: 2 faces were found, and the one that is largest on the whole is followed";
+    let ran = work.grimace("segment two -o segments.csv --no-faces");
+    ran.exit(1).prints(&[said, "a face in 40 of 40 frames"]);
+    assert!(work.rows("segments/two_frames.csv").iter().all(|row| row["stretch"] == "1"));
 }

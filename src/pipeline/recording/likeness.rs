@@ -24,7 +24,7 @@ use crate::{
 /// Share of the nodes lost in a step from which the face may be another one.
 const SUSPECT: f64 = 0.4;
 /// Correlation below which two faces are two people's.
-const SAME: f64 = 0.92;
+const SAME: f64 = 0.87;
 /// A face is that of a tracked wireframe whose middle is nearer than this, over the eye distance.
 const NEAR: f64 = 1.5;
 /// Corners of the eyes.

@@ -136,6 +136,7 @@ mod tests {
         let mut looks = two(9);
         for (k, (_, faces)) in looks.iter_mut().enumerate() {
             faces.retain(|face| face.middle().x > 200.0 || (k != 2 && k < 6));
+            faces.iter_mut().filter(|face| face.middle().x < 200.0).for_each(|face| face.eye_distance = 120.0);
         }
         let looks = followed(looks, None);
         let (left, right) = (looks[0].person, looks[8].person);
