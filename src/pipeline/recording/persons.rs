@@ -116,8 +116,8 @@ mod tests {
     /// Two persons whose sizes are found now larger, now smaller than the other's; the left one is a little larger on the whole.
     fn two(looks: usize) -> Vec<(usize, Vec<FoundFace>)> {
         let pair = |k: usize| {
-            let (left, right) = (face(100.0 + k as f64, 62.0, 1), face(400.0, if k % 3 == 0 { 64.0 } else { 59.0 }, 1));
-            (10 * k, if k % 3 == 0 { vec![right, left] } else { vec![left, right] })
+            let (left, right) = (face(100.0 + k as f64, 62.0, 1), face(400.0, if k.is_multiple_of(3) { 64.0 } else { 59.0 }, 1));
+            (10 * k, if k.is_multiple_of(3) { vec![right, left] } else { vec![left, right] })
         };
         (0..looks).map(pair).collect()
     }
