@@ -4,7 +4,7 @@
 //! thirds of its nodes in that step, and none in the next. Blinks and hands lose a third; so where many are lost, the skin around eyes and nose
 //! is compared. Both faces are read at the same places by the marks that are found in each, light and contrast taken out, and
 //! correlated. One face with noise and marks that tremble by 2 % of the eye distance is like itself by 0.99; of two real people that is 0.86
-//! and less in 99 of 100 pairs. At rest and at the apex one person is like himself by 0.84 to 0.99, but no face goes that way in one step.
+//! and less in 99 of 100 pairs. At rest and at the apex one person is like himself by 0.77 to 0.99, but no face goes that way in one step.
 
 use nalgebra::Point2;
 
