@@ -172,8 +172,21 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
 fn lids_move_by_what_a_fap_file_says_whoever_they_belong_to() {
     let work = work();
     // Lids marked wider apart than the boxes of the irises, which the springs carry: the unit of the lids is their opening.
-    let lids = "21,190,133\n22,190,143.5\n54,129.7,132\n55,129.7,142.5\n";
     let marks = work.read("marks.csv");
+    let mark = |node: &str| -> [f64; 2] {
+        let line = marks.lines().find(|line| line.starts_with(&format!("{node},"))).unwrap();
+        let values: Vec<f64> = line.split(',').skip(1).take(2).map(|value| value.parse().unwrap()).collect();
+        [values[0], values[1]]
+    };
+    let lids: String = [("20", "23", [21, 22]), ("53", "56", [54, 55])]
+        .into_iter()
+        .flat_map(|(outer, inner, nodes)| {
+            let ([ax, ay], [bx, by]) = (mark(outer), mark(inner));
+            let half = 0.19 * (ax - bx).hypot(ay - by);
+            let (x, y) = (f64::midpoint(ax, bx), f64::midpoint(ay, by));
+            [format!("{},{x},{}\n", nodes[0], y - half), format!("{},{x},{}\n", nodes[1], y + 0.8 * half)]
+        })
+        .collect();
     work.write("marks.csv", format!("{}\n{lids}", marks.trim_end()));
     let values = |name: &str| {
         let sequence = read_fap(&work.path(name)).unwrap().sequence;

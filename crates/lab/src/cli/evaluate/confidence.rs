@@ -37,7 +37,7 @@ Examples:
   grimace evaluate confidence faces -o confidence --by kind --start landmarks
 
 Without a DATASET, people are tracked: simulated ones and, with --photographs, warped photographs (clean and hard, at full, half, quarter and \
-sixth size; from exact positions and from marks). Clean simulated ones are only judged where there are photographs. Weights and calibration are fitted and written to track_confidence.csv, and judged by people that were \
+sixth size, as far as that is 64 px; from exact positions and from marks). Clean simulated ones are only judged where there are photographs. Weights and calibration are fitted and written to track_confidence.csv, and judged by people that were \
 not among them: expected and true median error by quintile in confidence_quintiles.csv and confidence.svg, verdicts in verdicts.csv. \
 FACES is a folder as for `grimace learn locator`; every fifth of its people is kept to judge by. With a DATASET the model that is shipped is \
 judged by its landmarks or exact positions.")]
@@ -82,6 +82,8 @@ const HELD_OUT_SEED: u64 = 0x5EED_0000;
 const PHOTOGRAPHED_HELD_OUT: usize = 5;
 /// The others are split over so many kinds of pictures.
 const PHOTOGRAPHED_SPLIT: usize = 4;
+/// Smaller pictures, px, are left out: none are rendered.
+const LEAST_SIDE: u32 = 64;
 /// What pictures without noise, blur and changing light are called.
 const CLEAN: &str = "clean";
 
@@ -103,13 +105,14 @@ impl Args {
             ..clean.clone()
         };
         let sizes = [("", 1), (", half size", 2), (", quarter size", 4), (", sixth size", 6)];
-        let simulations = sizes.iter().flat_map(|&(size, part)| {
+        let fits = |part: u32| part == 1 || clean.width.min(clean.height) / part >= LEAST_SIDE;
+        let simulations = sizes.iter().filter(|(_, part)| fits(*part)).flat_map(|&(size, part)| {
             let clean = smaller(part);
             [(format!("hard{size}"), hard_simulation(&clean)), (format!("{CLEAN}{size}"), clean)]
         });
         let mut out = Vec::new();
         for (k, (name, simulation)) in simulations.enumerate() {
-            // Every photographed person is in two of them, a larger and a smaller one.
+            // Every photographed person is in one of the larger and in one of the smaller ones.
             let chosen = faces.iter().skip(k % PHOTOGRAPHED_SPLIT).step_by(PHOTOGRAPHED_SPLIT);
             let photographs = chosen
                 .map(|face| Ok(PhotographedPerson::new(face, simulation.width, fitter, wireframe, tables)?))
