@@ -69,12 +69,31 @@ try:
     location_f, location_p = location["test statistic"], location["p-value"]
 except ImportError:
     location_f = location_p = math.nan
-own = np.array([np.linalg.norm(POINTS[i] - POINTS[labels == labels[i]].mean(axis=0)) for i in range(15)])
-scatter = stats.f_oneway(*(own[labels == g] for g in range(3)))
+
+
+def scatter_f(points, order):
+    """F of everybody's distance to the centroid of the group that they are in now."""
+    groups = [points[order == g] for g in np.unique(order)]
+    return stats.f_oneway(*(np.linalg.norm(group - group.mean(axis=0), axis=1) for group in groups)).statistic
+
+
+def pseudo_f(points, order):
+    squares = lambda group: ((group - group.mean(axis=0)) ** 2).sum()
+    groups = [points[order == g] for g in np.unique(order)]
+    within = sum(squares(group) for group in groups)
+    return ((squares(points) - within) / (len(groups) - 1)) / (within / (len(points) - len(groups)))
+
+
 random = np.random.default_rng(1)
-f = lambda order: stats.f_oneway(*(own[order == g] for g in range(3))).statistic
-larger = sum(f(random.permutation(labels)) >= scatter.statistic - 1e-10 for _ in range(9999))
-show("SCIKIT_BIO", [location_f, scatter.statistic, location_p, (1 + larger) / 10000])
+scatter = scatter_f(POINTS, labels)
+larger = sum(scatter_f(POINTS, random.permutation(labels)) >= scatter - 1e-10 for _ in range(9999))
+show("SCIKIT_BIO", [location_f, scatter, location_p, (1 + larger) / 10000])
+
+# The first two of the groups by all ways to part them.
+ten, halves = POINTS[:10], labels[:10]
+orders = [np.isin(np.arange(10), split).astype(int) for split in itertools.combinations(range(10), 5)]
+exact = [np.mean([f(ten, o) >= f(ten, halves) * (1 - 1e-10) for o in orders]) for f in (pseudo_f, scatter_f)]
+show("NUMPY_EXACT", exact)
 
 # Shrinkage of a covariance (Ledoit and Wolf), and discriminants with it.
 from sklearn.covariance import ledoit_wolf

@@ -1,12 +1,15 @@
 //! `grimace analyze`.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use anyhow::Context;
 use grimace::{
     columnar::ColumnarModels,
     dataset::Dataset,
-    output::count,
+    output::{FolderRecord, count},
     pipeline::{
         Analysis, PipelineOptions, Workbench, analyze, analyze_columnar, load_columnar, load_tracks, track_files, write_analysis,
         write_columnar, write_model,
@@ -54,6 +57,12 @@ pub struct Args {
     general: GeneralArgs,
 }
 
+/// Names and hashes of the results in a folder, by which a later analysis knows what it may remove.
+const RECORD_NAME: &str = "analyze.b3";
+
+/// Files written, by name relative to the output folder, with their BLAKE3.
+type Written = BTreeMap<String, String>;
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
@@ -66,6 +75,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let mut options = PipelineOptions::default();
     args.analysis.fill(&mut options, args.method.method);
+    if used && !args.output.join(RECORD_NAME).exists() {
+        eprintln!(
+            "note: {} has no {RECORD_NAME}, the record of an earlier analysis: whatever is there under a name that this one does not write \
+             stays, and `figures` may show it",
+            args.output.display()
+        );
+    }
     let bench = args.general.workbench(options)?;
     if let Some(path) = &args.models {
         return from_models(args, path, &bench);
@@ -80,15 +96,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(!models.is_empty(), "none of the {} tracks can be used", files.len());
     let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
+    let mut written = Written::new();
+    let mut wrote = |name: String, hash: blake3::Hash| written.insert(name, hash.to_hex().to_string());
     if bench.options.columnar {
-        write_columnar(&args.output.join("models.parquet"), &models)?;
+        wrote("models.parquet".to_owned(), write_columnar(&args.output.join("models.parquet"), &models)?);
     }
     let analysis = analyze(models, failures, &bench)?;
     for model in &normalized {
-        write_model(&args.output.join("models").join(format!("{}.csv", model.id)), &model.model)?;
+        let name = format!("models/{}.csv", model.id);
+        let hash = write_model(&args.output.join(&name), &model.model)?;
+        wrote(name, hash);
     }
     let what = format!("{}, {failed} failed", count(files.len(), "track", "tracks"));
-    finish(args, &analysis, &bench, &what)?;
+    finish(args, &analysis, &bench, &what, written)?;
     Ok(if failed == 0 { Outcome::Done } else { Outcome::SomeFailed })
 }
 
@@ -107,14 +127,22 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
     } else {
         analyze_columnar(&file, bench, args.memory)?
     };
-    finish(args, &analysis, bench, &format!("{} models", file.row_count()))?;
+    finish(args, &analysis, bench, &format!("{} models", file.row_count()), Written::new())?;
     Ok(Outcome::Done)
 }
 
-/// Writes and prints the results.
-fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str) -> anyhow::Result<()> {
+/// Writes and prints the results, and removes those of an earlier analysis that this one did not make.
+fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str, mut written: Written) -> anyhow::Result<()> {
     let title = args.output.file_name().map_or_else(|| "tracks".to_owned(), |n| n.to_string_lossy().into_owned());
-    write_analysis(analysis, &args.output, &title, bench).context("writing the results")?;
+    let record = FolderRecord::open(&args.output, RECORD_NAME, true)?;
+    written.extend(write_analysis(analysis, &args.output, &title, bench).context("writing the results")?);
+    for (name, hash) in written {
+        record.wrote(&name, hash)?;
+    }
+    for name in record.remove_stale()? {
+        eprintln!("note: {name} is of an earlier analysis and was changed since; it is kept");
+    }
+    record.close()?;
     if !args.general.quiet {
         println!("{what}");
         print_results(&analysis.counts(), &analysis.warnings, &args.output.display());

@@ -90,6 +90,14 @@ impl FolderRecord {
         self.enter(name, hash).map_err(OutputError::at(&self.path))
     }
 
+    /// Enters the file `name`, which was written with this hash.
+    ///
+    /// # Errors
+    /// [`OutputError`] when the record cannot be written.
+    pub fn wrote(&self, name: &str, hash: String) -> Result<(), OutputError> {
+        self.enter(name, hash).map_err(OutputError::at(&self.path))
+    }
+
     /// Whether an earlier command or this one entered the file `name`.
     pub fn knows(&self, name: &str) -> bool {
         self.earlier.contains_key(name) || self.now.lock().unwrap_or_else(PoisonError::into_inner).written.contains_key(name)

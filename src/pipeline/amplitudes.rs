@@ -179,6 +179,7 @@ pub(super) fn write_amplitudes(
         "people_for_power",
         "words",
         "not_tested",
+        "p_equivalence_holm",
     ];
     let rows = results.comparisons.iter().map(|c| {
         let mut row = vec![c.emotion.clone(), c.region.to_owned(), group_values(&c.groups[0]), group_values(&c.groups[1])];
@@ -193,10 +194,11 @@ pub(super) fn write_amplitudes(
                         .map(nine_digits),
                 );
                 row.extend([t.people_for_power.map(|n| n.to_string()).unwrap_or_default(), words, String::new()]);
+                row.push(nine_digits(t.p_equivalence_adjusted));
             }
             Err(why) => {
-                row.extend(std::iter::repeat_n(String::new(), header.len() - 6));
-                row.extend([words, why.clone()]);
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 7));
+                row.extend([words, why.clone(), String::new()]);
             }
         }
         row

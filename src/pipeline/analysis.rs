@@ -25,7 +25,7 @@ use crate::{
         bootstrap::DispersionInterval,
         check_columns,
         compare::{Comparisons, Strata},
-        group_models, spelling_key,
+        group_models, is_missing, missing_words_said, spelling_key,
     },
     track::{TrackQuality, Verdict},
     units::SequenceId,
@@ -165,6 +165,7 @@ pub(super) fn analyze_with(
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let grouped = labelled(models);
     let spelled = spelling_warnings(&grouped, &options.by);
+    let missing = missing_words_said(&grouped, &[options.by.as_slice(), &options.strata].concat());
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);
     let strata = strata.as_ref();
@@ -188,6 +189,7 @@ pub(super) fn analyze_with(
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
     warnings.extend(spelled);
+    warnings.extend(missing);
     let amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
     warnings.extend(amplitudes.warnings());
     let recognition = recognize_left_out(&grouped, bench);
@@ -216,8 +218,12 @@ pub(super) fn analyze_with(
 
 /// The strata of all people, where columns are named.
 pub(super) fn strata_of(models: &[LabelledModel], columns: &[String]) -> Option<Strata> {
-    let values =
-        |m: &LabelledModel| columns.iter().map(|c| m.metadata.get(c).map_or_else(String::new, |v| spelling_key(v))).collect();
+    let values = |m: &LabelledModel| {
+        columns
+            .iter()
+            .map(|c| m.metadata.get(c).filter(|v| !is_missing(v)).map_or_else(String::new, |v| spelling_key(v)))
+            .collect()
+    };
     (!columns.is_empty()).then(|| Strata::new(columns, models.iter().map(|m| (m.model.id.subject.as_str(), values(m)))))
 }
 

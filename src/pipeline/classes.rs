@@ -9,8 +9,9 @@ use crate::{
     output::listed,
     statistics::{
         ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, likely_emotion,
-        near_twins, scale::MANY_MODELS, spelling_key, trimming::trimmed_count,
+        near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, trimming::trimmed_count,
     },
+    units::SequenceId,
     wireframe::Fapus,
 };
 
@@ -49,7 +50,7 @@ pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> S
 /// Longest stem of a file name, characters: the file systems in use allow 255 bytes.
 const MAX_STEM: usize = 60;
 
-/// Sequences below which a representative says little.
+/// People below which a representative says little.
 const SMALL_CLASS: usize = 5;
 
 /// FAP units by which a value is changed before a person need be told.
@@ -71,10 +72,26 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         let list = listed(&single, MOST_NAMED);
         warnings.push(format!("a single sequence is its own representative and has no dispersion: {list}"));
     }
-    let small = counted(&|n| n > 1 && n < SMALL_CLASS);
+    let is_small = |c: &&AnalyzedClass| c.representative.sequences.len() > 1 && c.subjects < SMALL_CLASS;
+    let small: Vec<String> = classes.iter().filter(is_small).map(|c| format!("{} ({})", c.stem, c.subjects)).collect();
     if !small.is_empty() {
         let list = listed(&small, MOST_NAMED);
-        warnings.push(format!("fewer than {SMALL_CLASS} sequences say little about anybody else: {list}"));
+        warnings.push(format!("fewer than {SMALL_CLASS} people say little about anybody else: {list}"));
+    }
+    let held: Vec<String> = classes
+        .iter()
+        .filter_map(|c| {
+            let (who, share) = heaviest_person(&c.representative, options.weighting)?;
+            // Of two people who are kept alike each is half, and that there are two was said.
+            let is_heavy = share > 0.5 + SHARE_ROUNDING || (c.subjects > 2 && share > 0.5 - SHARE_ROUNDING);
+            (c.subjects > 1 && is_heavy).then(|| format!("{} ({who}, {:.0} %)", c.stem, share * 100.0))
+        })
+        .collect();
+    if !held.is_empty() {
+        let list = listed(&held, MOST_NAMED);
+        warnings.push(format!(
+            "one person has half or more of the weight that trimming leaves, so that representative and dispersion are hardly anybody else's: {list}"
+        ));
     }
     let alpha = options.alpha;
     // People that weigh less can be dropped where none of as many equal ones could.
@@ -82,11 +99,18 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         let n = r.sequences.len();
         n > 1 && if r.trimming.is_empty() { trimmed_count(alpha, n) == 0 } else { r.trimming.iter().all(|row| !row.dropped) }
     };
-    let untrimmed = counted_where(&|r| alpha > 0.0 && is_untrimmed(r));
+    let untrimmed = counted_where(&|r| alpha > 0.0 && !r.weighted && is_untrimmed(r));
     if !untrimmed.is_empty() {
         let list = listed(&untrimmed, MOST_NAMED);
         let least = (1.0 / alpha).ceil();
         warnings.push(format!("alpha {alpha} trims nothing of fewer than {least} sequences: {list}"));
+    }
+    let heavy = counted_where(&|r| alpha > 0.0 && r.weighted && is_untrimmed(r));
+    if !heavy.is_empty() {
+        let list = listed(&heavy, MOST_NAMED);
+        warnings.push(format!(
+            "alpha {alpha} trims nothing where the farthest sequence weighs more than {alpha} of all people: {list}"
+        ));
     }
     let weighted: Vec<String> = classes
         .iter()
@@ -139,6 +163,32 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
             .push(format!("values outside the standard's range were clamped, see `clamped` in representatives/*.json: {list}"));
     }
     warnings
+}
+
+/// Rounding of shares of weights.
+const SHARE_ROUNDING: f64 = 1e-9;
+
+/// The person with the largest share of the weight that trimming leaves in a displacement field, and that share.
+fn heaviest_person(r: &Representative, weighting: Weighting) -> Option<(&str, f64)> {
+    let weights = sequence_weights(&r.sequences, weighting).unwrap_or_else(|| vec![1.0; r.sequences.len()]);
+    let weights: BTreeMap<&SequenceId, f64> = r.sequences.iter().zip(weights).collect();
+    let weight = |id: &SequenceId| weights.get(id).copied().unwrap_or(0.0);
+    // Where many are trimmed nobody keeps the rows.
+    let of_field = |field: Option<usize>| {
+        let mut people: BTreeMap<&str, f64> = BTreeMap::new();
+        match field {
+            None => r.sequences.iter().for_each(|id| *people.entry(&id.subject).or_default() += weight(id)),
+            Some(field) => {
+                let kept = r.trimming.iter().filter(|row| row.field == field && !row.dropped);
+                kept.for_each(|row| *people.entry(&row.id.subject).or_default() += weight(&row.id));
+            }
+        }
+        let total: f64 = people.values().sum();
+        people.into_iter().map(|(who, weight)| (who, weight / total)).max_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let fields: BTreeSet<usize> = r.trimming.iter().map(|row| row.field).collect();
+    let fields: Vec<Option<usize>> = if fields.is_empty() { vec![None] } else { fields.into_iter().map(Some).collect() };
+    fields.into_iter().filter_map(of_field).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Labels that may be misspelt, and people who may be one.

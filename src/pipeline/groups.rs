@@ -131,6 +131,8 @@ fn write_omnibus(path: &Path, comparisons: &[OmnibusComparison]) -> Result<blake
         "scatter_p_holm",
         "permutations",
         "not_tested",
+        "exhaustive",
+        "left_out",
     ];
     let joined = |texts: Vec<String>| texts.join("; ");
     let rows = comparisons.iter().map(|c| {
@@ -141,13 +143,14 @@ fn write_omnibus(path: &Path, comparisons: &[OmnibusComparison]) -> Result<blake
                 row.extend([t.location_f, t.location_share, t.location_p, t.location_p_adjusted].map(nine_digits));
                 row.push(joined(t.scatters.iter().copied().map(nine_digits).collect()));
                 row.extend([t.scatter_f, t.scatter_p, t.scatter_p_adjusted].map(nine_digits));
-                row.extend([t.permutations.to_string(), String::new()]);
+                row.extend([t.permutations.to_string(), String::new(), t.exhaustive.to_string()]);
             }
             Err(why) => {
-                row.extend(std::iter::repeat_n(String::new(), header.len() - 3));
-                row.push(why.clone());
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 5));
+                row.extend([why.clone(), String::new()]);
             }
         }
+        row.push(joined(c.left_out.iter().map(group_values).collect()));
         row
     });
     write_records(path, header, rows)

@@ -130,6 +130,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("p_t", PROBABILITY),
             ("p_holm", PROBABILITY),
             ("p_equivalence", PROBABILITY),
+            ("p_equivalence_holm", PROBABILITY),
         ],
     ),
     (

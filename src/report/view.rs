@@ -20,7 +20,7 @@ use crate::{
     wireframe::Fapu,
 };
 
-/// Classes of fewer sequences are marked as small.
+/// Classes of fewer people are marked as small.
 const SMALL_CLASS: usize = 5;
 /// Bars in the chart of FAPs, as in the script.
 const TOP_FAPS: usize = 20;
@@ -277,12 +277,13 @@ impl<'a> DispersionTable<'a> {
 
 impl Cell {
     fn new(r: &Representative) -> Self {
+        let people = r.sequences.iter().map(|id| &id.subject).collect::<BTreeSet<_>>().len();
         Self {
             sequences: r.sequences.len().to_string(),
             after: fixed_or_dash(r.dispersion, 2),
             before: fixed_or_dash(r.dispersion_untrimmed, 2),
             single: r.sequences.len() == 1,
-            small: (2..SMALL_CLASS).contains(&r.sequences.len()),
+            small: r.sequences.len() > 1 && people < SMALL_CLASS,
         }
     }
 }

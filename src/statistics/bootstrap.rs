@@ -24,7 +24,7 @@ use super::{
     trimming::{sums_of_distances, trim_outliers},
     weights::{Weighting, sequence_weights},
 };
-use crate::units::NodeId;
+use crate::{output::count, units::NodeId};
 
 /// Models up to which the median without a person is searched for.
 pub const MAX_EXACT: usize = 400;
@@ -49,7 +49,8 @@ const QUANTILE: f64 = 1.959_963_985;
 
 /// Why a class has no interval; `None` where it has enough people.
 pub fn no_interval(people: usize) -> Option<String> {
-    (people < LEAST_PEOPLE).then(|| format!("{people} people are too few for an interval; {LEAST_PEOPLE} are needed"))
+    (people < LEAST_PEOPLE)
+        .then(|| format!("{} too few for an interval; {LEAST_PEOPLE} are needed", count(people, "person is", "people are")))
 }
 
 /// An interval for the dispersion of a class.

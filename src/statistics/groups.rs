@@ -3,13 +3,48 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{ClassLabel, SequenceModel, common_spellings, spelling_key};
-use crate::units::SequenceId;
+use crate::{
+    output::{count, listed},
+    units::SequenceId,
+};
 
 /// The emotion labels of the project in the order of every table; other labels follow alphabetically.
 pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadness", "surprise", "contempt", "neutral"];
 
-/// Group of the models whose metadata column is missing or empty.
+/// Group of the models whose metadata column is missing, empty or a word for that ([`is_missing`]).
 pub const UNKNOWN_GROUP: &str = "unknown";
+
+/// Words, whatever their case, by which R, pandas, SQL and spreadsheets write that there is no value.
+const MISSING_WORDS: [&str; 4] = ["na", "n/a", "nan", "null"];
+
+/// Whether a value of a column to group by, or of strata, says that there is none: it is blank, or one of the words for it.
+pub fn is_missing(value: &str) -> bool {
+    let value = value.trim();
+    value.is_empty() || is_missing_word(value)
+}
+
+fn is_missing_word(value: &str) -> bool {
+    MISSING_WORDS.iter().any(|word| value.trim().eq_ignore_ascii_case(word))
+}
+
+/// What a person should know where words stand for missing values in columns to group by, or of strata.
+pub fn missing_words_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
+    let mut found: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+    for column in columns {
+        let values = models.iter().filter_map(|m| m.metadata.get(column)).map(|value| value.trim());
+        values.filter(|value| is_missing_word(value)).for_each(|value| *found.entry((column, value)).or_default() += 1);
+    }
+    let first = found.keys().next()?;
+    let list: Vec<String> = found
+        .iter()
+        .map(|((column, value), n)| format!("`{value}` in the column `{column}` ({})", count(*n, "sequence", "sequences")))
+        .collect();
+    Some(format!(
+        "words for a missing value are read as none: {}; a group that is really called so needs a name of more letters, such as `{} group`",
+        listed(&list, 6),
+        first.1
+    ))
+}
 
 /// A model with what its sequence is labelled with.
 #[derive(Clone, Debug)]
@@ -71,7 +106,7 @@ pub const MAX_CLASSES: usize = 1000;
 /// Splits models into classes: one for every emotion and, with columns in `by`, one for every emotion and combination of the
 /// columns' values that occurs.
 ///
-/// A missing or blank value is the group [`UNKNOWN_GROUP`]; values that differ in case or blanks only are one group
+/// A missing or blank value, or a word for it, is the group [`UNKNOWN_GROUP`]; values that differ in case or blanks only are one group
 /// ([`common_spellings`]). Emotions are in the order of [`EMOTIONS`], then alphabetical; within
 /// an emotion the whole of it comes first, then its groups, alphabetically by the values in the order of `by`. A class's models
 /// keep the order of `models`.
@@ -132,7 +167,7 @@ impl<'a> Columns<'a> {
             let value = match column.as_str() {
                 "subject" => &id.subject,
                 "sequence" => &id.sequence,
-                _ => metadata.get(column).map_or("", |value| {
+                _ => metadata.get(column).filter(|value| !is_missing(value)).map_or("", |value| {
                     let common = self.spellings.get(column.as_str()).and_then(|known| known.get(&spelling_key(value)));
                     common.map_or(value.trim(), String::as_str)
                 }),
@@ -180,7 +215,7 @@ pub fn check_columns<'a>(
     for columns in metadata {
         sequences += 1;
         known.extend(columns.keys());
-        filled.extend(columns.iter().filter(|(_, value)| !value.trim().is_empty()).map(|(column, _)| column));
+        filled.extend(columns.iter().filter(|(_, value)| !is_missing(value)).map(|(column, _)| column));
     }
     if let Some(column) = by.iter().find(|column| *column == EMOTION_COLUMN && !known.contains(column)) {
         return Err(GroupError::Emotion { column: column.clone() });
@@ -249,6 +284,27 @@ mod tests {
         let both = classes(&sample(), &["sex", "age"]);
         // Label values are in column order (age, sex); the classes are in the order of the columns asked for.
         assert_eq!(both[..4], ["anger/: cef", "anger/old+f: e", "anger/old+m: f", "anger/unknown+m: c"]);
+    }
+
+    #[test]
+    fn words_for_missing_values_are_unknown_and_said() {
+        let values = ["NA", "n/a", " nan", "NULL", "null", "", "Nauru", "native", "none", "na"];
+        let models: Vec<LabelledModel> =
+            values.iter().zip('a'..).map(|(v, s)| labelled(&s.to_string(), "anger", &[("land", v)])).collect();
+        assert_eq!(
+            classes(&models, &["land"])[1..],
+            ["anger/Nauru: g", "anger/native: h", "anger/none: i", "anger/unknown: abcdefj"]
+        );
+        let said = missing_words_said(&models, &["land".to_owned()]).unwrap();
+        assert!(
+            said.starts_with("words for a missing value are read as none: `NA` in the column `land` (1 sequence), "),
+            "{said}"
+        );
+        assert!(said.ends_with("such as `NA group`"), "{said}");
+        assert_eq!(missing_words_said(&sample(), &["age".to_owned(), "sex".to_owned()]), None);
+        // A column of nothing else is empty.
+        let error = group_models(&models[..6], &["land".to_owned()]).unwrap_err();
+        assert!(matches!(error, GroupError::EmptyColumn { sequences: 6, .. }), "{error}");
     }
 
     #[test]

@@ -75,6 +75,33 @@ fn options_of_the_statistics_take_effect() {
 }
 
 #[test]
+fn what_an_earlier_analysis_made_goes_and_nothing_else() {
+    let work = Work::with_faces();
+    work.grimace("run faces -o out").exit(0);
+    work.grimace("analyze out/tracks -o again --by cohort --alpha 0.4").exit(0);
+    let stale = ["comparisons.csv", "representatives/happiness_cohort-B.json", "fap/happiness_cohort-B.fap"];
+    assert!(stale.iter().all(|name| work.path(&format!("again/{name}")).exists()));
+    work.write("again/representatives/mine.txt", "mine").write("again/intervals.csv", "edited");
+    let ran = work.grimace("analyze out/tracks -o again --alpha 0 --force").exit(0);
+    ran.says(&["note: intervals.csv is of an earlier analysis and was changed since; it is kept"]);
+    assert!(stale.iter().all(|name| !work.path(&format!("again/{name}")).exists()));
+    work.grimace("figures again -o figures -q").exit(0);
+    assert!(!work.read("figures/captions.md").contains("cohort"));
+    // What is left is what a new folder gets.
+    work.grimace("analyze out/tracks -o new/again --alpha 0").exit(0);
+    let (mut again, mut new) = (work.files("again"), work.files("new/again"));
+    assert_eq!(again.remove("representatives/mine.txt").as_deref(), Some(&b"mine"[..]));
+    assert_eq!(again.remove("intervals.csv").as_deref(), Some(&b"edited"[..]));
+    assert!(again.remove("analyze.b3").is_some() && new.remove("analyze.b3").is_some());
+    assert_same_files(&again, &new);
+    // Without a record nothing can be told, and that is said.
+    work.write("foreign/representatives/joy.json", "{}");
+    let ran = work.grimace("analyze out/tracks -o foreign --force").exit(0);
+    ran.says(&["note: foreign has no analyze.b3, the record of an earlier analysis"]);
+    assert!(work.path("foreign/representatives/joy.json").exists());
+}
+
+#[test]
 fn a_bad_track_costs_that_track() {
     let work = Work::with_faces();
     work.grimace("run faces -o out").exit(0);

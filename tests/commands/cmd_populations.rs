@@ -322,6 +322,77 @@ fn spellings_are_one_group_near_twins_are_named_and_people_count_once() {
     }
 }
 
+#[test]
+fn words_for_missing_values_make_no_group() {
+    let work = Work::new();
+    let rows: Vec<(String, f64, &str)> = [",20,x", ",20,x", ",30,x", ",30,x", ",NA,n/a", ",na,x", ",,x"]
+        .into_iter()
+        .enumerate()
+        .map(|(k, metadata)| (format!("p{k}"), 4.0 + k as f64, metadata))
+        .collect();
+    let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, *m)).collect();
+    people(&work, ",age,site", &rows);
+    let ran = work.grimace("run people -o out --resample linear --by age --permutations 99 --bootstrap 0").exit(0);
+    ran.prints(&[
+        "read as none: `NA` in the column `age` (1 sequence), `na` in the column `age` (1 sequence)",
+        "such as `NA group`",
+    ]);
+    let groups: Vec<String> =
+        work.rows("out/statistics.csv").into_iter().map(|r| r["age"].clone() + ":" + &r["sequences"]).collect();
+    assert_eq!(groups, [":7", "20:2", "30:2", "unknown:3"]);
+    assert_eq!(work.rows("out/comparisons.csv").len(), 1);
+    let strata = work.grimace("analyze out/tracks -o strata --resample linear --by age --strata site --permutations 99").exit(0);
+    strata.prints(&["`n/a` in the column `site` (1 sequence)"]);
+    work.grimace("analyze out/tracks/p4_1.csv out/tracks/p5_1.csv -o none --by age")
+        .exit(1)
+        .says(&["column `age` to group by is empty"]);
+}
+
+#[test]
+fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
+    let work = Work::new();
+    let mut manifest = "subject,sequence,emotion,frames\n".to_owned();
+    let mut add = |subject: &str, sequence: usize, emotion: &str, smile: f64| {
+        let name = format!("{subject}_{emotion}_{sequence}.csv");
+        work.write(&format!("people/{name}"), own(&[(1, 0.0), (2, smile)]));
+        manifest += &format!("{subject},{emotion}{sequence},{emotion},{name}\n");
+    };
+    for k in 0..6 {
+        add("P", k, "alone", 5.0 + k as f64);
+    }
+    // Trimming takes two of P's eleven, so that Q alone outweighs the other nine.
+    add("Q", 0, "pair", 5.0);
+    for k in 0..11 {
+        add("P", k, "pair", 4.0 + k as f64);
+    }
+    // Nine people, one of them twice: the farthest is a whole person, more than a tenth of nine.
+    for k in 0..8 {
+        add(&format!("m{k}"), 0, "many", if k == 0 { 30.0 } else { 5.0 + 0.1 * k as f64 });
+    }
+    add("m8", 0, "many", 5.3);
+    add("m8", 1, "many", 5.4);
+    for k in 0..10 {
+        add(&format!("t{k}"), 0, "ten", 5.0 + k as f64);
+    }
+    work.write("people/manifest.csv", &manifest);
+    let ran = work.grimace("run people -o out --resample linear").exit(0);
+    ran.prints(&[
+        "fewer than 5 people say little about anybody else: alone (1), pair (2)",
+        "hardly anybody else's: pair (Q, 55 %)",
+        "alpha 0.1 trims nothing of fewer than 10 sequences: alone (6)",
+        "alpha 0.1 trims nothing where the farthest sequence weighs more than 0.1 of all people: many (10)",
+    ]);
+    assert!(work.read("out/report.html").contains("fewer than 5 people"));
+    work.grimace("figures out -o figures -q").exit(0);
+    let rows = work.rows("figures/captions.csv");
+    let of = |name: &str| rows.iter().find(|r| r["figure"] == name).unwrap().clone();
+    let expected = "10 % of the models trimmed per displacement field (of alone; many nothing: 10 % of so few is none)";
+    let overview = of("representatives");
+    assert!(overview["caption"].contains(expected) && overview["method"].contains(expected), "{overview:?}");
+    assert!(of("fields_ten")["method"].contains("10 % of the models trimmed per displacement field,"));
+    assert!(of("fields_alone")["method"].contains("nothing trimmed"));
+}
+
 /// Writes `count` people between those of a file of models, without fitting any.
 fn write_between(models: &Path, count: usize, path: &Path) {
     let file = ColumnarModels::open(models).unwrap();

@@ -99,7 +99,7 @@ fn a_single_sequence_and_a_small_class_are_said_to_be_so() {
     let fixture = Fixture::new("Few", [1, 4, 5, 9, 9, 9], &[]);
     let html = render_html(&fixture.data()).unwrap();
     assert_eq!(html.matches("single sequence: no dispersion").count(), 1);
-    assert_eq!(html.matches("small class: N″ &lt; 5").count(), 1);
+    assert_eq!(html.matches("small class: fewer than 5 people").count(), 1);
     assert!(html.contains("<td class=\"num strong\">–<sup>†</sup></td>"));
     let data = payload(&html);
     assert!(data["representatives"][0].get("nodeDispersion").is_none());

@@ -171,12 +171,24 @@ impl Class {
         format!("the representative of {} ({n} of {}; {})", self.label(), people(self), self.method_text())
     }
 
+    /// Whether trimming, though asked for, dropped nothing.
+    fn drops_none(&self) -> bool {
+        let dropped_none = !self.fields.is_empty() && self.fields.values().flatten().all(|(_, dropped)| !dropped);
+        self.about.alpha > 0.0 && dropped_none
+    }
+
     fn method_text(&self) -> String {
+        self.method_with(&if self.drops_none() {
+            format!("nothing trimmed ({} % of so few is none)", self.about.alpha * 100.0)
+        } else {
+            self.trimmed_text()
+        })
+    }
+
+    /// What is trimmed, where there are enough to trim any.
+    fn trimmed_text(&self) -> String {
         let a = &self.about;
-        let drops_none = !self.fields.is_empty() && self.fields.values().flatten().all(|(_, dropped)| !dropped);
-        let trimmed = if a.alpha > 0.0 && drops_none {
-            format!("nothing trimmed ({} % of so few is none)", a.alpha * 100.0)
-        } else if a.alpha > 0.0 {
+        if a.alpha > 0.0 {
             format!(
                 "{} % of the models trimmed per {}",
                 a.alpha * 100.0,
@@ -184,7 +196,12 @@ impl Class {
             )
         } else {
             "nothing trimmed".to_owned()
-        };
+        }
+    }
+
+    /// How the representative was found, of which so much was trimmed.
+    fn method_with(&self, trimmed: &str) -> String {
+        let a = &self.about;
         let run = if self.method.is_empty() { String::new() } else { format!(", method {}", self.method) };
         format!("{} generalized median, {trimmed}, equal weight for every {}{run}", a.median, a.weighting)
     }
@@ -214,6 +231,22 @@ impl Class {
     }
 }
 
+/// How the representatives were found: where only some of the classes are large enough to be trimmed, the others are named.
+fn method_of_all(classes: &[Class]) -> String {
+    let first = &classes[0];
+    let untrimmed: Vec<String> = classes.iter().filter(|c| c.drops_none()).map(Class::label).collect();
+    if untrimmed.is_empty() || untrimmed.len() == classes.len() {
+        return first.method_text();
+    }
+    let of_them = format!(
+        "{} (of {} nothing: {} % of so few is none)",
+        first.trimmed_text(),
+        untrimmed.join("; "),
+        first.about.alpha * 100.0
+    );
+    first.method_with(&of_them)
+}
+
 /// All representatives at the apex.
 fn overview(results: &Results, lines: &Lines) -> Figure {
     let models: Vec<(String, &Model)> = results.classes.iter().map(|c| (c.label(), &c.model)).collect();
@@ -227,8 +260,9 @@ fn overview(results: &Results, lines: &Lines) -> Figure {
         let _ = write!(caption, "{separator} {} ({n} of {})", class.label(), people(class));
     }
     let first = &results.classes[0];
-    let mut figure =
-        first.figure("representatives", "representatives", drawing, &format!("{caption}. Each is the {}.", first.method_text()));
+    let method = method_of_all(&results.classes);
+    let mut figure = first.figure("representatives", "representatives", drawing, &format!("{caption}. Each is the {method}."));
+    figure.about.method = method;
     "representatives".clone_into(&mut figure.name);
     figure.about.figure.clone_from(&figure.name);
     figure.about.emotion.clear();

@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::{CompareOptions, Comparison, OmnibusComparison, Strata, Tested, adjust, adjust_omnibus, compare, omnibus};
+use super::{
+    CompareOptions, Comparison, LEAST_PEOPLE, OmnibusComparison, Strata, Tested, adjust, adjust_omnibus, compare, omnibus,
+};
 use crate::{
     output::{count, listed, nine_digits},
     statistics::{ClassLabel, SequenceModel, UNKNOWN_GROUP, amplitude::AmplitudeOptions},
@@ -79,16 +81,20 @@ pub(crate) fn compare_groups(
         all.too_many.push((emotion.to_owned(), known.len()));
         return all;
     }
+    let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
     if known.len() > 1 {
-        let labels: Vec<(&str, &BTreeMap<String, String>)> = known.iter().map(|(label, _)| (emotion, &label.group)).collect();
-        let members: Vec<Vec<&SequenceModel>> = known.iter().map(|(_, models)| models.clone()).collect();
+        // Somebody alone says nothing about a group; the others can be compared without them.
+        let (enough, too_few): (Vec<_>, Vec<_>) = known.iter().partition(|(_, models)| people(models) >= LEAST_PEOPLE);
+        let (compared, left_out) = if enough.len() > 1 { (enough, too_few) } else { (known.iter().collect(), Vec::new()) };
+        let labels: Vec<(&str, &BTreeMap<String, String>)> = compared.iter().map(|(label, _)| (emotion, &label.group)).collect();
+        let members: Vec<Vec<&SequenceModel>> = compared.iter().map(|(_, models)| models.clone()).collect();
         all.omnibus.push(OmnibusComparison {
             emotion: emotion.to_owned(),
-            groups: known.iter().map(|(label, _)| label.group.clone()).collect(),
+            groups: compared.iter().map(|(label, _)| label.group.clone()).collect(),
+            left_out: left_out.iter().map(|(label, _)| label.group.clone()).collect(),
             outcome: omnibus(&members, live, &options.compare, strata, stream_of(&labels)),
         });
     }
-    let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
     for (i, (a, of_a)) in known.iter().enumerate() {
         for (b, of_b) in &known[i + 1..] {
             let stream = stream_of(&[(emotion, &a.group), (emotion, &b.group)]);
@@ -138,6 +144,15 @@ impl Comparisons {
             .collect();
         if !untested.is_empty() {
             warnings.push(format!("not tested: {}", listed(&untested, 5)));
+        }
+        let left_out: Vec<String> = self
+            .omnibus
+            .iter()
+            .filter(|c| !c.left_out.is_empty())
+            .map(|c| format!("{}: {}", c.emotion, c.left_out.iter().map(group_values).collect::<Vec<_>>().join(", ")))
+            .collect();
+        if !left_out.is_empty() {
+            warnings.push(format!("the test of all groups at once leaves out groups of one person: {}", listed(&left_out, 5)));
         }
         if !self.too_many.is_empty() {
             let list: Vec<String> = self.too_many.iter().map(|(emotion, groups)| format!("{emotion} has {groups}")).collect();

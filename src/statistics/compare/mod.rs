@@ -14,8 +14,8 @@
 //! together.
 //!
 //! **Null distribution.** People, not sequences, are exchangeable: the labels of people are permuted, each with all their sequences;
-//! the distance of two people is the mean over their sequences. All splits are tried where there are no more than the permutations
-//! asked for; otherwise that many are drawn, and p = (1 + those at least as large) / (1 + drawn), which never rejects too often.
+//! the distance of two people is the mean over their sequences. All splits, within strata where there are any, are tried where there are no
+//! more than the permutations asked for; otherwise that many are drawn, and p = (1 + those at least as large) / (1 + drawn), which never rejects too often.
 //!
 //! **Designs.** With [`Strata`] people exchange labels within their stratum only. People who are in both groups cannot be tested here: E
 //! hardly sees a change that is small beside how much people differ; their amplitudes are compared in pairs ([`super::amplitude`]).
@@ -29,6 +29,7 @@
 //!
 //! **Effect size.** H = E / (2 mean d(a, b)), 0 for groups alike to 1 for groups apart, beside what permutations reach by chance.
 
+mod arrangements;
 mod groups;
 mod holm;
 mod omnibus;
@@ -43,6 +44,7 @@ use serde::{Deserialize, Serialize};
 use super::{SequenceModel, distance::DisplacementFields};
 use crate::units::NodeId;
 
+pub(crate) use arrangements::Arrangements;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
 pub(crate) use groups::{compare_groups, is_known, stream_of};
 pub use holm::holm;

@@ -3,7 +3,13 @@
 //! **Location.** The pseudo-F of a permutational analysis of variance (Anderson 2001) on the distances d of people: the squared distances
 //! between groups over those within. **Scatter.** The F of an analysis of variance of the people's distances to the centroid of their
 //! own group (Anderson 2006), computed from d alone. The first answers to a shift, the second to one group being more alike than
-//! another; the energy test between pairs answers to both. In both, labels of people are permuted, within strata where asked for.
+//! another; the energy test between pairs answers to both. In both, labels of people are permuted, within strata where asked for, and
+//! everything is computed anew for the groups that come out: the centroids, too. Distances to the centroids that were observed are no
+//! property of the people alone, since everybody pulls the centroid of a small group to themselves; permuted as they stand they reject
+//! too often.
+//!
+//! Squared distances are computed once. Those to a centroid follow from them: with D of all pairs of a group of n people, the square for
+//! person i is `mean_j D_ij - mean_jk D_jk / 2`. A permutation costs a sum over the pairs within its groups.
 
 use std::collections::BTreeMap;
 
@@ -12,9 +18,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    CompareOptions, NotTested, SequenceModel, Strata, by_subject,
+    CompareOptions, NotTested, SequenceModel, Strata,
+    arrangements::Arrangements,
+    by_subject,
     holm::holm,
-    pairs::PairDistances,
+    pairs::distance_matrix,
     permutation::{draw, generator},
 };
 use crate::{statistics::distance::DisplacementFields, units::NodeId};
@@ -42,6 +50,9 @@ pub struct Omnibus {
     pub scatter_p_adjusted: f64,
     /// Permutations.
     pub permutations: usize,
+    /// Whether these are all there are.
+    #[serde(default)]
+    pub exhaustive: bool,
 }
 
 /// All groups of one emotion, compared at once.
@@ -49,8 +60,11 @@ pub struct Omnibus {
 pub struct OmnibusComparison {
     /// Emotion.
     pub emotion: String,
-    /// The groups.
+    /// The groups that are compared.
     pub groups: Vec<BTreeMap<String, String>>,
+    /// Groups of fewer than [`super::LEAST_PEOPLE`], which are left out where there are enough others.
+    #[serde(default)]
+    pub left_out: Vec<BTreeMap<String, String>>,
     /// The tests, or why there are none.
     pub outcome: Result<Omnibus, String>,
 }
@@ -105,7 +119,7 @@ pub fn omnibus(
             blocks
         }
     };
-    test(&PairDistances::new(&people).matrix(), &labels, &blocks, options, stream)
+    test(&distance_matrix(&people), &labels, &blocks, options, stream)
 }
 
 /// The tests for a matrix of distances; people exchange labels within blocks.
@@ -117,13 +131,23 @@ fn test(
     stream: u32,
 ) -> Result<Omnibus, String> {
     let sizes = sizes(labels);
-    let location = Location::new(distances, labels, &sizes);
-    let own = distances_to_centroid(distances, labels, &sizes);
-    let scatter_f = analysis_of_variance(&own, labels, &sizes);
-    if !(location.total > 0.0) || location.within <= ROUNDING * location.total {
+    let observed = Split::new(distances, labels, &sizes);
+    let total = total(distances);
+    if !(total > 0.0) || observed.within <= ROUNDING * total {
         return Err("all people of a group are alike; a test needs people who differ".to_owned());
     }
-    let location_f = location.f(labels.len(), sizes.len());
+    let location_f = observed.location_f(total);
+    let scatter_f = analysis_of_variance(&observed.to_centroid, labels, &sizes);
+    let is_as_large = |shuffled: &[usize]| {
+        let split = Split::new(distances, shuffled, &sizes);
+        let at_least = |f: f64, observed: f64| f >= observed - ROUNDING * observed.abs();
+        // Groups within which nobody scatters differ beyond any number.
+        let scatter = scatter_f.is_some_and(|observed| {
+            analysis_of_variance(&split.to_centroid, shuffled, &sizes).is_none_or(|f| at_least(f, observed))
+        });
+        (at_least(split.location_f(total), location_f), scatter)
+    };
+    let all = Arrangements::new(labels, blocks.iter().map(Vec::as_slice), options.permutations.max(1));
     let permuted = |unit: usize| {
         let mut random = generator(options.seed, stream, PERMUTATIONS, unit as u64);
         let mut shuffled = labels.to_vec();
@@ -132,26 +156,29 @@ fn test(
                 shuffled.swap(places[k], places[random.random_range(0..=k)]);
             }
         }
-        let f = Location::new(distances, &shuffled, &sizes).f(labels.len(), sizes.len());
-        let at_least = |f: f64, observed: f64| f >= observed - ROUNDING * observed.abs();
-        let scatter = scatter_f
-            .is_some_and(|observed| analysis_of_variance(&own, &shuffled, &sizes).is_some_and(|f| at_least(f, observed)));
-        (at_least(f, location_f), scatter)
+        is_as_large(&shuffled)
     };
-    let outcomes: Vec<(bool, bool)> = (0..options.permutations).into_par_iter().map(permuted).collect();
-    let p = |count: usize| (1 + count) as f64 / (1 + outcomes.len()) as f64;
-    let scatters = (0..sizes.len())
-        .map(|g| own.iter().zip(labels).filter(|(_, label)| **label == g).map(|(z, _)| z).sum::<f64>() / sizes[g] as f64);
+    let outcomes: Vec<(bool, bool)> = if let Some(all) = &all {
+        (0..all.count()).into_par_iter().map(|k| is_as_large(&all.nth(k))).collect()
+    } else {
+        (0..options.permutations).into_par_iter().map(permuted).collect()
+    };
+    // Among all of them is the observed one; to those drawn it is added.
+    let extra = usize::from(all.is_none());
+    let p = |count: usize| (extra + count) as f64 / (extra + outcomes.len()) as f64;
+    let of_group = |g: usize| observed.to_centroid.iter().zip(labels).filter(move |(_, label)| **label == g).map(|(z, _)| z);
+    let scatters = (0..sizes.len()).map(|g| of_group(g).sum::<f64>() / sizes[g] as f64);
     Ok(Omnibus {
         scatters: scatters.collect(),
         location_f,
-        location_share: 1.0 - location.within / location.total,
+        location_share: 1.0 - observed.within / total,
         location_p: p(outcomes.iter().filter(|o| o.0).count()),
         location_p_adjusted: 1.0,
         scatter_f: scatter_f.unwrap_or(0.0),
         scatter_p: if scatter_f.is_some() { p(outcomes.iter().filter(|o| o.1).count()) } else { 1.0 },
         scatter_p_adjusted: 1.0,
         permutations: outcomes.len(),
+        exhaustive: all.is_some(),
         people: sizes,
     })
 }
@@ -162,46 +189,49 @@ fn sizes(labels: &[usize]) -> Vec<usize> {
     sizes
 }
 
-/// Sums of squared distances over all people and within groups.
-struct Location {
-    total: f64,
-    within: f64,
+/// The sum of squares over all people: that of their squared distances over their number.
+fn total(distances: &[Vec<f64>]) -> f64 {
+    let pairs = distances.iter().enumerate().flat_map(|(i, row)| &row[i + 1..]);
+    pairs.fold(0.0, |sum, d| sum + d * d) / distances.len() as f64
 }
 
-impl Location {
+/// What one way of parting people into groups gives.
+struct Split {
+    groups: usize,
+    /// Sum of squares within the groups.
+    within: f64,
+    /// Everybody's distance to the centroid of their group.
+    to_centroid: Vec<f64>,
+}
+
+impl Split {
     fn new(distances: &[Vec<f64>], labels: &[usize], sizes: &[usize]) -> Self {
-        let (mut total, mut within) = (0.0, vec![0.0; sizes.len()]);
-        for (i, row) in distances.iter().enumerate() {
-            for (j, d) in row.iter().enumerate().skip(i + 1) {
-                total += d * d;
-                if labels[i] == labels[j] {
-                    within[labels[i]] += d * d;
+        let mut members: Vec<Vec<usize>> = sizes.iter().map(|&n| Vec::with_capacity(n)).collect();
+        labels.iter().enumerate().for_each(|(i, &g)| members[g].push(i));
+        let (mut within, mut to_centroid) = (0.0, vec![0.0; labels.len()]);
+        for members in &members {
+            let n = members.len() as f64;
+            let mut pairs = 0.0;
+            for (k, &i) in members.iter().enumerate() {
+                for &j in &members[k + 1..] {
+                    let square = distances[i][j] * distances[i][j];
+                    pairs += square;
+                    to_centroid[i] += square;
+                    to_centroid[j] += square;
                 }
             }
+            within += pairs / n;
+            // Distances that no space has may make this negative: 0 then.
+            members.iter().for_each(|&i| to_centroid[i] = (to_centroid[i] / n - pairs / (n * n)).max(0.0).sqrt());
         }
-        let within = within.iter().zip(sizes).map(|(sum, &n)| sum / n as f64).sum();
-        Self { total: total / distances.len() as f64, within }
+        Self { groups: sizes.len(), within, to_centroid }
     }
 
-    fn f(&self, people: usize, groups: usize) -> f64 {
-        ((self.total - self.within) / (groups - 1) as f64) / (self.within / (people - groups) as f64)
+    /// The pseudo-F, given the sum of squares over all people.
+    fn location_f(&self, total: f64) -> f64 {
+        let freedom = self.to_centroid.len() - self.groups;
+        ((total - self.within) / (self.groups - 1) as f64) / (self.within / freedom as f64)
     }
-}
-
-/// Distance of everybody to the centroid of their group, from distances between people.
-fn distances_to_centroid(distances: &[Vec<f64>], labels: &[usize], sizes: &[usize]) -> Vec<f64> {
-    let squares = |i: usize, g: usize| -> f64 {
-        distances[i].iter().zip(labels).filter(|(_, label)| **label == g).map(|(d, _)| d * d).sum()
-    };
-    let to_own: Vec<f64> = (0..labels.len()).map(|i| squares(i, labels[i])).collect();
-    let mut sums = vec![0.0; sizes.len()];
-    to_own.iter().zip(labels).for_each(|(sum, &g)| sums[g] += sum);
-    let distance = |(i, &g): (usize, &usize)| {
-        let n = sizes[g] as f64;
-        // Sums over all ordered pairs are twice those over pairs. Distances that no space has may make this negative: 0 then.
-        (to_own[i] / n - sums[g] / (2.0 * n * n)).max(0.0).sqrt()
-    };
-    labels.iter().enumerate().map(distance).collect()
 }
 
 /// F of a one-way analysis of variance; `None` where no group scatters.
@@ -253,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn location_and_scatter_agree_with_scikit_bio_and_scipy() {
+    fn location_and_scatter_agree_with_scikit_bio_and_numpy() {
         let labels: Vec<usize> = (0..15).map(|i| i / 5).collect();
         let options = CompareOptions { permutations: 9999, ..CompareOptions::default() };
         let found = test(&distances(), &labels, &[(0..15).collect()], &options, 0).unwrap();
@@ -267,12 +297,48 @@ mod tests {
     }
 
     #[test]
+    fn centroids_follow_the_labels_and_all_labels_are_tried_where_they_are_few() {
+        // Five against five: 252 ways, of which scripts/check_statistics.py tries every one by coordinates.
+        let labels: Vec<usize> = (0..10).map(|i| i / 5).collect();
+        let ten: Vec<Vec<f64>> = distances()[..10].iter().map(|row| row[..10].to_vec()).collect();
+        let options = CompareOptions::default();
+        let found = test(&ten, &labels, &[(0..10).collect()], &options, 0).unwrap();
+        assert!(found.exhaustive && found.permutations == 252);
+        approx::assert_relative_eq!(found.location_p, NUMPY_EXACT[0], max_relative = 1e-6);
+        approx::assert_relative_eq!(found.scatter_p, NUMPY_EXACT[1], max_relative = 1e-6);
+        // Within two strata 3 of 5 and 2 of 5: 100 ways.
+        let blocks = [vec![0, 1, 2, 5, 6], vec![3, 4, 7, 8, 9]];
+        let within = test(&ten, &labels, &blocks, &options, 0).unwrap();
+        assert!(within.exhaustive && within.permutations == 100);
+        assert!(!test(&ten, &labels, &blocks, &CompareOptions { permutations: 99, ..options }, 0).unwrap().exhaustive);
+    }
+
+    #[test]
+    fn the_test_of_the_scatter_rejects_no_more_often_than_it_says() {
+        // 3 and 12 people from one place, with heavy tails: distances to fixed centroids reject 12 % of them at 5 %.
+        let labels: Vec<usize> = (0..15).map(|i| usize::from(i >= 3)).collect();
+        let options = CompareOptions { permutations: 99, ..CompareOptions::default() };
+        let mut random = generator(7, 0, 0, 0);
+        let mut draw = || (0..8).map(|_| (random.random::<f64>() - 0.5) / (random.random::<f64>() + 0.1)).collect::<Vec<f64>>();
+        let rejected = (0..400).filter(|_| {
+            let points: Vec<Vec<f64>> = (0..15).map(|_| draw()).collect();
+            let d = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt();
+            let distances: Vec<Vec<f64>> = points.iter().map(|a| points.iter().map(|b| d(a, b)).collect()).collect();
+            test(&distances, &labels, &[(0..15).collect()], &options, 0).unwrap().scatter_p <= 0.05
+        });
+        // 20 are expected, with a standard deviation of 4.4.
+        let rejected = rejected.count();
+        assert!((7..=33).contains(&rejected), "{rejected}");
+    }
+
+    #[test]
     fn people_who_are_all_alike_say_so() {
         let same = vec![vec![0.0; 4]; 4];
         let why = test(&same, &[0, 0, 1, 1], &[vec![0, 1, 2, 3]], &CompareOptions::default(), 0).unwrap_err();
         assert!(why.starts_with("all people of a group are alike"));
     }
 
-    // F of location and scatter and their p, from scripts/check_statistics.py
-    const SCIKIT_BIO: [f64; 4] = [7.6077193, 10.0998815, 3e-5, 0.0056];
+    // From scripts/check_statistics.py: p of location and scatter over all ways; F of location and scatter and their p.
+    const NUMPY_EXACT: [f64; 2] = [0.00793650794, 0.0952380952];
+    const SCIKIT_BIO: [f64; 4] = [7.6077193, 10.0998815, 3e-5, 0.0088];
 }

@@ -65,18 +65,6 @@ impl PairDistances {
         self.nodes
     }
 
-    /// Distances of all people: means over the nodes.
-    pub fn matrix(&self) -> Vec<Vec<f64>> {
-        let distance = |i: usize, j: usize| {
-            if i == j {
-                return 0.0;
-            }
-            let start = self.place(i.min(j), i.max(j)) * self.nodes;
-            mean(&self.pairs[start..start + self.nodes])
-        };
-        (0..self.people).map(|i| (0..self.people).map(|j| distance(i, j)).collect()).collect()
-    }
-
     /// Place of the pair (i, j), i < j, among the pairs.
     fn place(&self, i: usize, j: usize) -> usize {
         i * self.people - i * (i + 1) / 2 + (j - i - 1)
@@ -108,6 +96,16 @@ impl PairDistances {
         let nodes: Vec<f64> = nodes.collect();
         Energy { between: between / self.nodes.max(1) as f64, nodes }
     }
+}
+
+/// Distances of all people: means over the nodes.
+pub(super) fn distance_matrix(people: &[Vec<DisplacementFields>]) -> Vec<Vec<f64>> {
+    let n = people.len();
+    let nodes = people.first().and_then(|p| p.first()).map_or(0, DisplacementFields::node_count);
+    let row = |i: usize| -> Vec<f64> { (i + 1..n).map(|j| mean(&distances(&people[i], &people[j], nodes))).collect() };
+    let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(row).collect();
+    let distance = |i: usize, j: usize| if i == j { 0.0 } else { rows[i.min(j)][i.max(j) - i.min(j) - 1] };
+    (0..n).map(|i| (0..n).map(|j| distance(i, j)).collect()).collect()
 }
 
 /// The distances of two people, node by node.

@@ -5,7 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::{
-    CompareOptions, mean,
+    CompareOptions,
+    arrangements::Arrangements,
+    mean,
     pairs::{Energy, PairDistances},
     strata::Block,
 };
@@ -47,6 +49,38 @@ impl Design {
         match self {
             Self::Free => f64::INFINITY,
             Self::Strata(blocks) => blocks.iter().map(|(places, first)| choose(places.len(), *first)).product(),
+        }
+    }
+
+    /// The first groups, ascending, of all splits of `people`, where there are no more than `limit`.
+    fn all_splits(&self, people: usize, size: usize, limit: usize) -> Option<Vec<Vec<usize>>> {
+        match self {
+            Self::Free => {
+                let mut splits = Vec::with_capacity(subset_count(people, size, limit)?);
+                let mut split: Vec<usize> = (0..size).collect();
+                loop {
+                    splits.push(split.clone());
+                    if !next_subset(&mut split, people) {
+                        break;
+                    }
+                }
+                Some(splits)
+            }
+            Self::Strata(blocks) => {
+                let mut labels = vec![1; people];
+                blocks.iter().flat_map(|(places, first)| &places[..*first]).for_each(|&place| labels[place] = 0);
+                let all = Arrangements::new(&labels, blocks.iter().map(|(places, _)| places.as_slice()), limit)?;
+                let first = |labels: Vec<usize>| (0..people).filter(|&place| labels[place] == 0).collect();
+                Some((0..all.count()).map(|k| first(all.nth(k))).collect())
+            }
+        }
+    }
+
+    /// Whether every split is there twice, as itself and as its complement: all groups that exchange people are of one size.
+    fn has_twins(&self, people: usize, size: usize) -> bool {
+        match self {
+            Self::Free => 2 * size == people,
+            Self::Strata(blocks) => blocks.iter().all(|(places, first)| 2 * first == places.len()),
         }
     }
 }
@@ -131,19 +165,10 @@ pub(super) fn permute(
     let (n, wanted) = (distances.people(), options.permutations.max(1));
     // The smaller group is the cheaper one to sum over; E is the same from both sides.
     let size = if *design == Design::Free { first.min(n - first) } else { first };
-    let all = if *design == Design::Free { subset_count(n, size, wanted) } else { None };
+    let all = design.all_splits(n, size, wanted);
+    let exhaustive = all.is_some();
     let energies: Vec<(f64, Energy)> = match all {
-        Some(count) => {
-            let mut splits = Vec::with_capacity(count);
-            let mut split: Vec<usize> = (0..size).collect();
-            loop {
-                splits.push(split.clone());
-                if !next_subset(&mut split, n) {
-                    break;
-                }
-            }
-            splits.par_iter().map(|split| distances.energy(split)).map(|e| (e.effect(), e)).collect()
-        }
+        Some(splits) => splits.par_iter().map(|split| distances.energy(split)).map(|e| (e.effect(), e)).collect(),
         None => (0..wanted.div_ceil(CHUNK))
             .into_par_iter()
             .flat_map_iter(|unit| {
@@ -154,13 +179,11 @@ pub(super) fn permute(
             .collect(),
     };
     let permutations = energies.len();
-    let exhaustive = all.is_some();
     let slack = ROUNDING * observed.between.abs();
     let total = mean(&observed.nodes);
     let at_least = energies.iter().filter(|(_, e)| mean(&e.nodes) >= total - slack).count();
     let node_p = node_p(distances.nodes(), observed, &energies, exhaustive);
-    // Two groups of one size: every split is there twice, as itself and as its complement.
-    let twins = if 2 * size == n { 2.0 } else { 1.0 };
+    let twins = if design.has_twins(n, size) { 2.0 } else { 1.0 };
     let least_p = if exhaustive {
         (twins / permutations as f64).min(1.0)
     } else {

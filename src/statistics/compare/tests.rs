@@ -6,6 +6,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::*;
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
+    statistics::ClassLabel,
     units::{FaceUnit, SequenceId},
 };
 
@@ -86,6 +87,27 @@ fn groups_that_can_not_be_tested_say_why() {
 }
 
 #[test]
+fn a_group_of_one_is_left_out_of_the_test_of_all() {
+    let models: Vec<SequenceModel> = (0..7).map(|i| model(&format!("s{i}"), "1", f64::from(i * i))).collect();
+    let group = |name: &str, range: std::ops::Range<usize>| {
+        let label = ClassLabel { emotion: "joy".to_owned(), group: [("site".to_owned(), name.to_owned())].into() };
+        (label, models[range].iter().collect::<Vec<_>>())
+    };
+    let compared = |groups: &[(ClassLabel, Vec<&SequenceModel>)]| {
+        compare_groups("joy", groups, &[NodeId(0)], &GroupOptions::default(), None)
+    };
+    let two = compared(&[group("a", 0..3), group("c", 4..7)]);
+    let with_one = compared(&[group("a", 0..3), group("b", 3..4), group("c", 4..7)]);
+    assert_eq!(with_one.omnibus[0].outcome, two.omnibus[0].outcome);
+    assert!(two.omnibus[0].outcome.is_ok() && two.omnibus[0].left_out.is_empty());
+    assert_eq!(with_one.omnibus[0].left_out, [[("site".to_owned(), "b".to_owned())].into()]);
+    let said = with_one.warnings(0.05).join(" ");
+    assert!(said.contains("the test of all groups at once leaves out groups of one person: joy: b"), "{said}");
+    let alone = compared(&[group("a", 0..3), group("b", 3..4)]);
+    assert!(alone.omnibus[0].outcome.is_err() && alone.omnibus[0].left_out.is_empty());
+}
+
+#[test]
 fn large_groups_are_tested_on_a_draw_that_the_seed_decides() {
     let models: Vec<SequenceModel> = (0..60).map(|i| model(&format!("s{i:02}"), "1", f64::from(i % 7))).collect();
     let (a, b): (Vec<_>, Vec<_>) = models.iter().partition(|m| m.id.subject.as_str() < "s40");
@@ -109,6 +131,13 @@ fn people_are_exchanged_within_strata_only() {
     let free = compare(&a, &b, &[NodeId(0)], &options, None, 0).unwrap();
     let within = compare(&a, &b, &[NodeId(0)], &options, Some(&strata), 0).unwrap();
     assert!(free.p <= 0.01 && within.p > 0.1, "{} {}", free.p, within.p);
+    // Where the ways to exchange people within the sites are few, all are tried: of 3 and 3, 1 and 2 in A, nine.
+    let few: Vec<&SequenceModel> =
+        models.iter().filter(|m| matches!(&m.id.subject[1..], "08" | "09" | "10" | "12" | "22" | "23")).collect();
+    let (a, b): (Vec<&SequenceModel>, Vec<&SequenceModel>) = few.into_iter().partition(in_a);
+    let all = compare(&a, &b, &[NodeId(0)], &options, Some(&strata), 0).unwrap();
+    assert!(all.exhaustive && all.permutations == 9 && (all.p * 9.0).fract().abs() < 1e-9, "{all:?}");
+    assert_eq!(all.least_p, 1.0 / 9.0);
     let group = |m: &SequenceModel| vec![m.id.sequence.clone() + if in_a(&m) { "a" } else { "b" }];
     let same = Strata::new(&["group".to_owned()], models.iter().map(|m| (m.id.subject.as_str(), group(m))));
     let why = compare(&a, &b, &[NodeId(0)], &options, Some(&same), 0).unwrap_err();
