@@ -206,8 +206,7 @@ pub fn normalize<'py>(py: Python<'py>, track: Bound<'py, Track>, options: &str) 
     let track: Py<Track> = track.unbind();
     let model = run_long(py, None, false, move |_| {
         let track = track.get();
-        let marks = track.info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
-        normalize_track(track.frames(), &marks, &bench).map_err(|f| of_stage(&f))
+        normalize_track(track.frames(), track.info.as_ref(), &bench).map_err(|f| of_stage(&f))
     })?;
     model_array(py, &model)
 }

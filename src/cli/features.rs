@@ -97,6 +97,7 @@ fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
     let target = args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")));
     args.general.check_free(&target)?;
+    let clock = info.as_ref().map(TrackInfo::clock).unwrap_or_default();
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let fit = bench.fit_head(&track, &marks)?;
     let model = bench.frontal_model(&fit, &track)?;
@@ -109,7 +110,7 @@ fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     };
     let blendshapes = args.blendshapes.as_deref().and_then(|path| blendshapes_of(path, &id.to_string()));
     let beside = blendshapes.map(|path| read_blendshapes(&path)?.beside(&features)).transpose()?;
-    write_features(&target, &features, info.and_then(|info| info.fps), names, beside.as_ref())?;
+    write_features(&target, &features, &clock, names, beside.as_ref())?;
     Ok(())
 }
 

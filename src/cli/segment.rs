@@ -59,7 +59,7 @@ pub struct Args {
     /// Number of the frame that the marks are for
     #[arg(long, value_name = "NUMBER", requires = "correspondences")]
     neutral_frame: Option<u32>,
-    /// Frames per second, where the recording does not say; 25 where nobody does
+    /// Frames per second, instead of what the recording says; 25 where neither does
     #[arg(long, value_parser = positive)]
     fps: Option<f64>,
     /// A film (.mp4, .webm) of the (only) recording with wireframe, pose, phases and the strongest action units, or a folder for
@@ -203,7 +203,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let rows: Vec<SegmentRow<'_>> = done
         .iter()
-        .flat_map(|(of, files)| files.segments.iter().map(move |segment| SegmentRow { of, fps: files.fps, segment }))
+        .flat_map(|(of, files)| {
+            files.segments.iter().map(move |segment| SegmentRow { of, fps: (!files.uneven).then_some(files.fps), segment })
+        })
         .collect();
     let marks = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     write_segments(&args.output, &marks, &rows)?;

@@ -46,7 +46,7 @@ pub struct Args {
     /// Number of the apex frame, as in the file name
     #[arg(long)]
     last_frame: Option<u32>,
-    /// Frames per second, where the source does not say
+    /// Frames per second, instead of what a video says
     #[arg(long, value_parser = positive)]
     fps: Option<f64>,
     /// Folder for a picture of the wireframe on every frame
@@ -138,6 +138,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 "expected error of the median node's motion in the last frame: {expected:.2} px; verdict: {}",
                 s.verdict.name()
             );
+        }
+        for note in info.clock().remark().iter().chain(&info.notes) {
+            println!("  {note}");
         }
         for misfit in info.corrections.iter().flat_map(|c| &c.not_applied) {
             println!("  {} does not fit any more and is kept: {misfit}", corrections_path(&args.output).display());

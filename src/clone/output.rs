@@ -293,6 +293,8 @@ fn track_info(
         source: vec![info.target.clone()],
         image_size: ImageSize { width, height },
         fps: Some(clone.fps),
+        times: None,
+        notes: Vec::new(),
         marks_from: "clone".to_owned(),
         marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
         fit: files.fit.clone(),

@@ -6,6 +6,7 @@ use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, in_time, o
 use crate::{
     fap::FapCatalog,
     output::{self, OutputError, nine_digits, write_records},
+    sequence::Clock,
 };
 
 /// The units of the columns.
@@ -33,7 +34,7 @@ pub fn features_units() -> BTreeMap<String, String> {
 }
 
 /// Header and rows of a feature file, frames by ascending number.
-pub fn features_csv(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String>, Vec<Vec<String>>) {
+pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, Vec<Vec<String>>) {
     let catalog = FapCatalog::mpeg4();
     let fixed = [
         "frame",
@@ -68,7 +69,7 @@ pub fn features_csv(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String
         let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
         let mut row = vec![
             f.frame.to_string(),
-            fps.filter(|fps| *fps > 0.0).map(|fps| number(f64::from(f.frame.saturating_sub(first)) / fps)).unwrap_or_default(),
+            clock.seconds(f.frame.saturating_sub(first)).map(number).unwrap_or_default(),
             number(f.confidence),
             u8::from(f.reason.is_none()).to_string(),
             f.reason.clone().unwrap_or_default(),
@@ -115,14 +116,14 @@ pub enum ColumnNames {
 pub fn write_features(
     path: &Path,
     features: &[FrameFeatures],
-    fps: Option<f64>,
+    clock: &Clock,
     names: ColumnNames,
     beside: Option<&ColumnsBeside>,
 ) -> Result<FeatureHashes, OutputError> {
     let ((mut header, mut rows), mut units) = match names {
-        ColumnNames::Grimace => (features_csv(features, fps), features_units()),
+        ColumnNames::Grimace => (features_csv(features, clock), features_units()),
         ColumnNames::OpenFace => {
-            (openface::table(features, fps), openface::ABOUT.iter().map(|&(k, v)| (k.to_owned(), v.to_owned())).collect())
+            (openface::table(features, clock), openface::ABOUT.iter().map(|&(k, v)| (k.to_owned(), v.to_owned())).collect())
         }
     };
     if let Some(beside) = beside {

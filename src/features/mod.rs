@@ -17,6 +17,7 @@ use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     normalize::{NormalizeError, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
+    sequence::Clock,
     track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
     units::{FaceUnit, NodeId},
     wireframe::{Fapus, LidUnits, Tables, Wireframe},
@@ -289,8 +290,11 @@ fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
 }
 
 /// The FAPs of a track as a file, frames by ascending number; where some are missing, as many on the way from the one before to the next.
-pub fn fap_sequence(features: &[FrameFeatures], name: &str, fps: f64) -> FapSequence {
+/// Frames that are not even in time become even ones. `usual` is the frame rate where the track's is not known.
+pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual: f64) -> FapSequence {
     let rows = in_time(features);
+    // Files of the strict subset have whole frame rates.
+    let fps = clock.fps.unwrap_or(usual).round().clamp(1.0, 1000.0);
     let frame = |(k, share): (usize, f64)| {
         let mut frame = FapFrame::default();
         for &(fap, value) in &rows[k].faps {
@@ -304,12 +308,29 @@ pub fn fap_sequence(features: &[FrameFeatures], name: &str, fps: f64) -> FapSequ
     let mut sequence = FapSequence {
         version: "2.1".to_owned(),
         name: crate::fap::name_token(name),
-        // Files of the strict subset have whole frame rates.
-        fps: fps.round().clamp(1.0, 1000.0),
-        frames: every_frame(&numbers).into_iter().map(frame).collect(),
+        fps,
+        frames: even_frames(&numbers, clock, fps).into_iter().map(frame).collect(),
     };
     sequence.round();
     sequence
+}
+
+/// [`every_frame`] of frames that are even in time; else where even ones lie between those that are there.
+fn even_frames(numbers: &[u32], clock: &Clock, fps: f64) -> Vec<(usize, f64)> {
+    let first = numbers.first().copied().unwrap_or_default();
+    let own = |times: &Vec<f64>| numbers.iter().map(|n| times.get(n.saturating_sub(first) as usize).copied()).collect();
+    let Some(times): Option<Vec<f64>> = clock.times.as_ref().and_then(own) else { return every_frame(numbers) };
+    let count = (times.last().copied().unwrap_or_default() * fps).round() as usize;
+    if count as u64 > MOST_FILLED * numbers.len() as u64 {
+        return every_frame(numbers);
+    }
+    let at = |m: usize| {
+        let time = m as f64 / fps;
+        let k = times.partition_point(|t| *t <= time).saturating_sub(1);
+        let share = times.get(k + 1).map_or(0.0, |next| (time - times[k]) / (next - times[k]));
+        (k, share)
+    };
+    (0..=count).map(at).collect()
 }
 
 /// All frames from the first to the last of ascending numbers: which of them is the last one that is there, and the share of the way to

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3};
 
 use super::{FrameFeatures, in_time};
-use crate::{output::nine_digits, pose::HeadPose};
+use crate::{output::nine_digits, pose::HeadPose, sequence::Clock};
 
 /// Action units that the files have.
 const UNITS: [u8; 17] = [1, 2, 4, 5, 6, 7, 9, 10, 12, 14, 15, 17, 20, 23, 25, 26, 45];
@@ -34,7 +34,7 @@ fn angles([yaw, pitch, roll]: [f64; 3]) -> [f64; 3] {
 }
 
 /// Header and rows.
-pub(super) fn table(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String>, Vec<Vec<String>>) {
+pub(super) fn table(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, Vec<Vec<String>>) {
     let mut header: Vec<String> =
         ["frame", "face_id", "timestamp", "confidence", "success", "pose_Rx", "pose_Ry", "pose_Rz"].map(str::to_owned).into();
     let landmarks = features.first().map_or(0, |f| f.landmarks.len());
@@ -46,7 +46,7 @@ pub(super) fn table(features: &[FrameFeatures], fps: Option<f64>) -> (Vec<String
     let first = features.first().map_or(0, |f| f.frame);
     let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
     let rows = features.iter().map(|f| {
-        let seconds = fps.filter(|fps| *fps > 0.0).map_or(0.0, |fps| f64::from(f.frame.saturating_sub(first)) / fps);
+        let seconds = clock.seconds(f.frame.saturating_sub(first)).unwrap_or(0.0);
         let mut row = vec![f.frame.to_string(), "0".to_owned(), number(seconds), number(f.confidence)];
         row.push(u8::from(f.reason.is_none()).to_string());
         row.extend(angles(f.pose).map(number));

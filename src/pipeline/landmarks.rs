@@ -139,6 +139,8 @@ impl LandmarkSource {
             source: read.files.iter().map(|file| file_name(file)).collect(),
             image_size: ImageSize { width: 0, height: 0 },
             fps: self.fps.or(read.fps),
+            times: None,
+            notes: Vec::new(),
             marks_from: self.marks_from.to_owned(),
             marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
             fit: bench.options.fit.clone(),

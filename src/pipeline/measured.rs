@@ -39,22 +39,25 @@ impl Normalized {
     }
 }
 
-/// The normalized model of tracked frames with the marks of the neutral one, as far as they are known.
+/// The normalized model of tracked frames, with the marks of the neutral one and the frames' times as far as they are known.
 ///
 /// # Errors
 /// [`SequenceFailure`] when no head fits the track or its model is none that a face makes.
 pub fn normalize_track(
     frames: &[TrackedFrame],
-    marks: &[(NodeId, Point2<f64>)],
+    info: Option<&TrackInfo>,
     bench: &Workbench,
 ) -> Result<DynamicExpressionModel<FaceUnit>, SequenceFailure> {
-    normalized(frames, marks, bench).map(|normalized| normalized.model)
+    let marks = info.map(TrackInfo::mark_places).unwrap_or_default();
+    let times = info.and_then(|info| info.times.as_deref());
+    normalized(frames, &marks, times, bench).map(|normalized| normalized.model)
 }
 
-/// The normalized model of tracked frames with the marks of the neutral one.
+/// The normalized model of tracked frames with the marks of the neutral one; `times` by ascending number where they are not even.
 pub(super) fn normalized(
     frames: &[TrackedFrame],
     marks: &[(NodeId, Point2<f64>)],
+    times: Option<&[f64]>,
     bench: &Workbench,
 ) -> Result<Normalized, SequenceFailure> {
     let failed = |error: PoseError| SequenceFailure::at(Stage::Normalize)(error);
@@ -69,7 +72,7 @@ pub(super) fn normalized(
         }
     };
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
-    let numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
+    let numbers = moments(frames, times);
     let model = normalizer.normalize_numbered(&head_free, &numbers).map_err(SequenceFailure::at(Stage::Normalize))?;
     // One such model would end the statistics of all.
     FaceSize::CANONICAL.check_model(&model).map_err(|e| {
@@ -77,6 +80,19 @@ pub(super) fn normalized(
         SequenceFailure { stage: Stage::Normalize, reason, fatal: false }
     })?;
     Ok(Normalized { model, head_free, fit })
+}
+
+/// Steps per second in which times that are not even count as frame numbers do: models take their frames evenly in time.
+const STEPS: f64 = 1e4;
+
+/// When the frames of a track are shown: their numbers, or steps of time where these are not even.
+fn moments(frames: &[TrackedFrame], times: Option<&[f64]>) -> Vec<u32> {
+    let first = frames.iter().map(|frame| frame.number).min().unwrap_or_default();
+    let own = times.filter(|times| times.len() == frames.len()).and_then(|times| {
+        let at = |frame: &TrackedFrame| times.get((frame.number - first) as usize).map(|s| (s * STEPS).round() as u32);
+        frames.iter().map(at).collect()
+    });
+    own.unwrap_or_else(|| frames.iter().map(|frame| frame.number).collect())
 }
 
 /// Names of the files of [`write_measured`].
@@ -104,9 +120,10 @@ pub(super) fn write_measured(
 ) -> Result<BTreeMap<String, String>, SequenceFailure> {
     let id = &info.id;
     let [csv, json, fap] = measured_files(id);
-    let hashes = write_features(&out.join(&csv), features, info.fps, ColumnNames::Grimace, None);
+    let clock = info.clock();
+    let hashes = write_features(&out.join(&csv), features, &clock, ColumnNames::Grimace, None);
     let hashes = hashes.map_err(SequenceFailure::at(Stage::Write))?;
-    let faps = fap_sequence(features, &id.to_string(), info.fps.unwrap_or(f64::from(bench.options.fap.fps)));
+    let faps = fap_sequence(features, &id.to_string(), &clock, f64::from(bench.options.fap.fps));
     let profile = bench.options.fap.profile;
     let faps = faps.for_profile(profile).map_err(SequenceFailure::at(Stage::Write))?;
     let fap_hash =

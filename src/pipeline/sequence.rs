@@ -19,7 +19,7 @@ use crate::{
     output,
     overlay::{draw_axes, draw_overlay},
     pose::HeadPose,
-    sequence::{Frame, SequenceError, SequenceReader, content_blake3},
+    sequence::{Clock, Frame, SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
         Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, neutral_first, parse_track,
@@ -97,7 +97,7 @@ pub struct SequenceSource {
     pub marks: Vec<Correspondence>,
     /// Where the marks came from: `file`, `landmarks`, `command line`.
     pub marks_from: String,
-    /// Frames per second, where known.
+    /// Frames per second where somebody says so; the frames of a video tell by themselves.
     pub fps: Option<f64>,
 }
 
@@ -175,8 +175,13 @@ pub(super) fn track_recorded(
             return (inputs, Err(SequenceFailure::at(Stage::Track)(error)));
         }
     };
-    let fps = source.fps.or_else(|| reader.fps());
-    let tracked = track_frames(source, bench, fps, &mut reader, tick);
+    let mut tracked = track_frames(source, bench, &mut reader, tick);
+    if let Ok((_, info)) = &mut tracked {
+        // Only frames that were read tell their times; a rate that somebody gave is known better.
+        let clock = source.fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
+        (info.fps, info.times) = (clock.fps, clock.times);
+        info.notes.extend(reader.remark().map(str::to_owned));
+    }
     (reader.into_content_blake3().map(|content| source.inputs_with(content, bench)), tracked)
 }
 
@@ -205,7 +210,7 @@ pub fn track_pictures(
         }
         _ => Ok(frame),
     });
-    let (track, mut info) = track_frames(source, bench, source.fps, &mut frames, tick)?;
+    let (track, mut info) = track_frames(source, bench, &mut frames, tick)?;
     info.inputs_blake3 = source.inputs_with(content, bench);
     Ok((track, info))
 }
@@ -213,7 +218,6 @@ pub fn track_pictures(
 fn track_frames(
     source: &SequenceSource,
     bench: &Workbench,
-    fps: Option<f64>,
     frames: &mut impl Iterator<Item = Result<Frame, SequenceError>>,
     tick: impl FnMut(u32) -> bool,
 ) -> Result<(Track, TrackInfo), SequenceFailure> {
@@ -237,7 +241,9 @@ fn track_frames(
         metadata: source.metadata.clone(),
         source: source.frames.files().into_iter().map(file_name).collect(),
         image_size: track.size,
-        fps,
+        fps: source.fps,
+        times: None,
+        notes: Vec::new(),
         marks_from: source.marks_from.clone(),
         marks: source.marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
         fit: bench.options.fit.clone(),
@@ -314,12 +320,16 @@ fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<
     let same = info.emotion == labels.emotion
         && info.metadata == *labels.metadata
         && info.fps == fps
+        && (info.times.is_none() || labels.fps.is_none())
         && info.marks_from == labels.marks_from;
     if !same {
         labels.emotion.clone_into(&mut info.emotion);
         info.metadata.clone_from(labels.metadata);
         labels.marks_from.clone_into(&mut info.marks_from);
         info.fps = fps;
+        if labels.fps.is_some() {
+            info.times = None;
+        }
         let written = output::write_hashed(&csv_path.with_extension("json"), |out| output::json_into(out, &info));
         track.hashes.json = written.map_err(SequenceFailure::at(Stage::Write))?.to_hex().to_string();
     }
@@ -391,7 +401,7 @@ mod tests {
         };
         let track = |code: i32| {
             let unread = SequenceError::Decode { path: "a.png".into(), source: DecodeError::Io(Error::from_raw_os_error(code)) };
-            track_frames(&source, &bench, None, &mut [Ok(first.clone()), Err(unread)].into_iter(), |_| true).unwrap_err()
+            track_frames(&source, &bench, &mut [Ok(first.clone()), Err(unread)].into_iter(), |_| true).unwrap_err()
         };
         // EIO, and ENOENT: a file that is not there is the sequence's own.
         assert!(track(5).fatal && track(5).reason.starts_with(MACHINE));

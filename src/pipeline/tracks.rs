@@ -116,6 +116,7 @@ fn load(
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
+    let times = info.as_ref().and_then(|info| info.times.clone());
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
         (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
@@ -131,7 +132,7 @@ fn load(
             });
         }
     };
-    let normalized = normalized(&frames, &marks, bench).map_err(|failure| {
+    let normalized = normalized(&frames, &marks, times.as_deref(), bench).map_err(|failure| {
         let reason = format!("{}: {}", path.display(), failure.reason);
         SequenceFailure { reason, ..failure }
     })?;

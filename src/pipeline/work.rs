@@ -293,7 +293,7 @@ fn process(
     let RunTrack { frames, info, reused, hashes } =
         track_or_reuse(&labels, hash.as_deref(), &out.join(&csv_name), bench, make, correct)
             .map_err(|failure| name_marks(failure, item.entry))?;
-    let normalized = normalized(&frames, &info.mark_places(), bench)?;
+    let normalized = normalized(&frames, &info.mark_places(), info.times.as_deref(), bench)?;
     if let (Some(folder), Source::Images(source)) = (overlay, source)
         && bench.options.shows(&source.metadata)
     {
@@ -330,7 +330,7 @@ fn process(
     let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality), course };
     let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");
     let misfits = info.corrections.iter().flat_map(|c| &c.not_applied).map(misfit);
-    let notes = remark.iter().map(|said| format!("{id}: {said}")).chain(misfits).collect();
+    let notes = remark.iter().chain(&info.notes).map(|said| format!("{id}: {said}")).chain(misfits).collect();
     Ok(Done { model, reused, outputs, corrections_blake3: info.corrections.map(|c| c.blake3), notes })
 }
 

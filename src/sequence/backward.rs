@@ -7,7 +7,11 @@ use std::path::{Path, PathBuf};
 
 use image::GrayImage;
 
-use super::{SequenceError, video::VideoReader};
+use super::{
+    SequenceError,
+    clock::{Clock, FrameTimes},
+    video::VideoReader,
+};
 
 /// Pixels held at a time, bytes.
 const HELD_BYTES: u64 = 48 << 20;
@@ -26,13 +30,22 @@ pub(super) struct BackwardVideo {
     piece: Vec<(u32, GrayImage)>,
     /// Frames of a piece; known once one frame was seen.
     length: u32,
+    times: FrameTimes,
 }
 
 impl BackwardVideo {
     /// Opens a video for its frames `from` down to `to`, both included.
     pub(super) fn open(path: &Path, from: u32, to: u32) -> Result<Self, SequenceError> {
         let whole = VideoReader::open(path, Some(to), Some(from))?;
-        Ok(Self { path: path.to_owned(), whole, to, next: Some(from), piece: Vec::new(), length: 1 })
+        Ok(Self {
+            path: path.to_owned(),
+            whole,
+            to,
+            next: Some(from),
+            piece: Vec::new(),
+            length: 1,
+            times: FrameTimes::default(),
+        })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -41,6 +54,10 @@ impl BackwardVideo {
 
     pub(super) fn fps(&self) -> Option<f64> {
         self.whole.fps()
+    }
+
+    pub(super) fn clock(&self) -> Clock {
+        self.times.clock(self.fps())
     }
 
     pub(super) fn content_blake3(self) -> Result<blake3::Hash, SequenceError> {
@@ -68,6 +85,7 @@ impl BackwardVideo {
             self.length = u32::try_from(HELD_BYTES / bytes).unwrap_or(PIECE.1).clamp(PIECE.0, PIECE.1);
             self.piece.push((number, image));
         }
+        self.times.append(reader.times().clone());
         self.next = (first > self.to).then(|| first - 1);
         Ok(())
     }

@@ -4,6 +4,7 @@
 //! file lacks. Image files are decoded here, videos by the program `grimace-opencv`.
 
 mod backward;
+mod clock;
 mod colour;
 mod content;
 mod decode;
@@ -24,6 +25,7 @@ use crate::{
     dataset::{FrameFile, FrameSource},
 };
 
+pub use clock::Clock;
 pub use colour::{ColourReader, MAX_SIDE, colour_of, read_colour, read_colour_frames};
 pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder, grey_of};
@@ -214,7 +216,32 @@ impl SequenceReader {
         Ok(Self { source, size: None, content: ContentHasher::default() })
     }
 
-    /// Frames per second that the file states; images state none.
+    /// How fast the frames that were read follow on each other, by their own times; of images nobody knows.
+    pub(crate) fn clock(&self) -> Clock {
+        match &self.source {
+            Source::Images { .. } => Clock::default(),
+            Source::Video(video) => video.clock(),
+            Source::Backward(video) => video.clock(),
+        }
+    }
+
+    /// Time of the frame of a video that was read last, s from the start of the video, where it is known.
+    pub(crate) fn time(&self) -> Option<f64> {
+        match &self.source {
+            Source::Video(video) => video.times().last(),
+            Source::Images { .. } | Source::Backward(_) => None,
+        }
+    }
+
+    /// What is to be said of a video that was read to its end, such as that frames are missing there.
+    pub(crate) fn remark(&self) -> Option<&str> {
+        match &self.source {
+            Source::Video(video) => video.remark(),
+            Source::Images { .. } | Source::Backward(_) => None,
+        }
+    }
+
+    /// Frames per second that the file states, which may be a time base instead (see [`SequenceReader::clock`]); images state none.
     pub fn fps(&self) -> Option<f64> {
         match &self.source {
             Source::Images { .. } => None,

@@ -2,6 +2,7 @@
 
 use std::{
     ffi::{OsStr, OsString},
+    io::Read,
     path::{Path, PathBuf},
 };
 
@@ -9,6 +10,7 @@ use image::GrayImage;
 
 use super::{
     DecodeError, SequenceError,
+    clock::{Clock, FrameTimes},
     content::{Stamp, content_blake3},
     limit::{check_size, max_pixels},
 };
@@ -30,6 +32,8 @@ pub(super) struct Stream {
     fps: f64,
     /// Frames that the file's header states; 0 or less when it does not. Some containers only estimate it.
     stated: f64,
+    /// When the frame that was given last is shown, s from the start of the video.
+    time: Option<f64>,
 }
 
 /// What comes next in a video.
@@ -54,7 +58,7 @@ impl Stream {
                     let of_size = |e: DecodeError| SequenceError::Video { path: path.to_owned(), reason: e.to_string() };
                     check_size(width, height).map_err(of_size)?;
                 }
-                Ok(Self { path: path.to_owned(), companion, fps, stated: frames })
+                Ok(Self { path: path.to_owned(), companion, fps, stated: frames, time: None })
             }
             Answer::Said(Reply::Failed { reason }) => Err(SequenceError::Video { path: path.to_owned(), reason }),
             other => Err(failed(other.unexpected())),
@@ -64,7 +68,13 @@ impl Stream {
     /// The next frame, or the end.
     pub(super) fn next(&mut self) -> Result<Next, SequenceError> {
         let failed = |source: CompanionError| SequenceError::Decoder { path: self.path.clone(), source };
-        match self.companion.receive(max_pixels()).map_err(failed)? {
+        let mut answer = self.companion.receive(max_pixels()).map_err(failed)?;
+        self.time = None;
+        if let Answer::Said(Reply::Time { seconds }) = answer {
+            self.time = Some(seconds);
+            answer = self.companion.receive(max_pixels()).map_err(failed)?;
+        }
+        match answer {
             Answer::Pixels(pixels) => {
                 let of_size = |e: DecodeError| SequenceError::Video { path: self.path.clone(), reason: e.to_string() };
                 check_size(pixels.width, pixels.height).map_err(of_size)?;
@@ -87,6 +97,8 @@ pub struct VideoReader {
     next: u32,
     given: usize,
     ended: bool,
+    times: FrameTimes,
+    remark: Option<String>,
 }
 
 impl VideoReader {
@@ -101,7 +113,18 @@ impl VideoReader {
             let reason = "the frames of a video are numbered from 1; `first_frame` is 0".to_owned();
             return Err(SequenceError::Video { path: path.to_owned(), reason });
         }
-        Ok(Self { path: path.to_owned(), stamp, stream, first, last, next: first, given: 0, ended: false })
+        Ok(Self {
+            path: path.to_owned(),
+            stamp,
+            stream,
+            first,
+            last,
+            next: first,
+            given: 0,
+            ended: false,
+            times: FrameTimes::default(),
+            remark: None,
+        })
     }
 
     /// The file.
@@ -117,6 +140,21 @@ impl VideoReader {
             Ok(stamp) if stamp == self.stamp => Ok(content),
             _ => Err(SequenceError::Changed { path: self.path }),
         }
+    }
+
+    /// Times of the frames that were given.
+    pub(super) fn times(&self) -> &FrameTimes {
+        &self.times
+    }
+
+    /// How fast the frames that were given follow on each other.
+    pub fn clock(&self) -> Clock {
+        self.times.clock(self.fps())
+    }
+
+    /// What is to be said of a video that was read to its end.
+    pub fn remark(&self) -> Option<&str> {
+        self.remark.as_deref()
     }
 
     /// Frames per second stated by the file.
@@ -149,6 +187,7 @@ impl VideoReader {
             Ok(Next::Frame(Pixels { width, height, data, .. })) => {
                 self.next += 1;
                 self.given += 1;
+                self.times.enter(number, self.stream.time);
                 Some(Ok((number, GrayImage::from_raw(width, height, data).unwrap_or_default())))
             }
             Ok(Next::End(count)) => self.end(count).map(Err),
@@ -157,18 +196,44 @@ impl VideoReader {
     }
 
     /// The error, if any, of a video that ended after `count` frames.
-    fn end(&self, count: u32) -> Option<SequenceError> {
+    fn end(&mut self, count: u32) -> Option<SequenceError> {
         let error = |reason: String| Some(SequenceError::Video { path: self.path.clone(), reason });
         match self.last {
             Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
             None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
-            None if f64::from(count) < COMPLETE * self.stream.stated => {
+            None if self.breaks_off(count) => {
                 error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stream.stated))
             }
             None if self.given < 2 => {
                 error(format!("a sequence needs at least 2 frames, from neutral to apex; found {}", self.given))
             }
-            None => None,
+            None => {
+                self.remark = self.remark_at(count);
+                None
+            }
         }
     }
+
+    /// Whether a video of `count` frames lacks its end. Some containers state how long they are, and their frames only as a guess from
+    /// that, which is too many where frames were dropped, or where their rate is none: there the last frame's time tells.
+    fn breaks_off(&self, count: u32) -> bool {
+        let Stream { stated, fps, .. } = self.stream;
+        let is_late = |end: f64| fps > 0.0 && end * fps + 1.0 >= COMPLETE * stated;
+        f64::from(count) < COMPLETE * stated && !self.times.end().is_some_and(is_late)
+    }
+
+    /// What is to be said of a video in which `count` frames were found.
+    fn remark_at(&self, count: u32) -> Option<String> {
+        let Stream { stated, fps, .. } = self.stream;
+        let is_early = |end: f64| fps > 0.0 && end * fps < stated - 1.0;
+        let lacks = f64::from(count) < stated && self.times.end().is_none_or(is_early) && counts_frames(&self.path);
+        lacks.then(|| format!("{count} of the {stated} frames that the file promises were found in it; it may be cut"))
+    }
+}
+
+/// Whether a video's header counts its frames: that of AVI and MP4 does, others only say how long they are, the sound included.
+fn counts_frames(path: &Path) -> bool {
+    let mut begin = [0; 8];
+    let read = crate::input::open_file(path).and_then(|mut file| file.read_exact(&mut begin));
+    read.is_ok() && (begin.starts_with(b"RIFF") || begin.ends_with(b"ftyp"))
 }

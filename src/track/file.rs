@@ -15,7 +15,7 @@ use crate::{
     input::{CsvFile, InputError},
     output::{self, OutputError, nine_digits},
     positions::{PositionRow, PositionTable, PositionsError},
-    sequence::ImageSize,
+    sequence::{Clock, ImageSize},
     units::{NodeId, SequenceId},
 };
 
@@ -43,6 +43,8 @@ const EXPECTED_STEPS: f64 = 1000.0;
 /// #     source: vec![],
 /// #     image_size: ImageSize { width: 320, height: 320 },
 /// #     fps: Some(25.0),
+/// #     times: None,
+/// #     notes: vec![],
 /// #     marks_from: "file".to_owned(),
 /// #     marks: vec![],
 /// #     fit: Default::default(),
@@ -82,8 +84,14 @@ pub struct TrackInfo {
     pub source: Vec<String>,
     /// Size of the frames; 0x0 for a track from landmarks, which has no images.
     pub image_size: ImageSize,
-    /// Frames per second, where known.
+    /// Frames per second, where known; in the mean where `times` are there.
     pub fps: Option<f64>,
+    /// Seconds from the first frame to every frame, by ascending number, where a video's frames are not even.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub times: Option<Vec<f64>>,
+    /// What is to be said of the video.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Where the marks came from: `file`, `landmarks` or `command line`.
     pub marks_from: String,
     /// Marks on the neutral frame: node, x, y in px, and whether set by hand (hard).
@@ -110,6 +118,11 @@ pub struct TrackInfo {
 }
 
 impl TrackInfo {
+    /// When its frames are shown.
+    pub(crate) fn clock(&self) -> Clock {
+        Clock { fps: self.fps, times: self.times.clone() }
+    }
+
     /// Nodes with a mark, and where it is, px.
     pub fn mark_places(&self) -> Vec<(NodeId, Point2<f64>)> {
         self.marks.iter().map(|&(node, x, y, _)| (NodeId(node), Point2::new(x, y))).collect()
@@ -231,6 +244,8 @@ pub struct TrackHashes {
 /// #     source: vec![],
 /// #     image_size: ImageSize { width: 320, height: 320 },
 /// #     fps: Some(25.0),
+/// #     times: None,
+/// #     notes: vec![],
 /// #     marks_from: "file".to_owned(),
 /// #     marks: vec![],
 /// #     fit: Default::default(),

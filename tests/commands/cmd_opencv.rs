@@ -86,8 +86,8 @@ fn script(folder: &std::path::Path, text: &str) {
 fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("face.avi", "any bytes");
-    // The first message is the text {"hello":{"version":1}}; then comes a video without frames, and no more.
-    let hello = r#"printf '\000\027\000\000\000{"hello":{"version":1}}'"#;
+    // The first message is the text {"hello":{"version":2}}; then comes a video without frames, and no more.
+    let hello = r#"printf '\000\027\000\000\000{"hello":{"version":2}}'"#;
     let video = r#"printf '\000\070\000\000\000{"video":{"fps":25,"frames":9,"width":200,"height":160}}'"#;
     let huge = r#"printf '\001\377\377\377\377\377\377\000\000\377\377\000\000\003'"#;
     let cases = [
@@ -119,6 +119,7 @@ fn first_frame(path: &std::path::Path) -> image::GrayImage {
     let words = ["decode", "grey", "1", "1000000"].map(OsString::from);
     let mut reader = Companion::start(words.into_iter().chain([path.as_os_str().to_owned()])).unwrap();
     assert!(matches!(reader.receive(0).unwrap(), Answer::Said(Reply::Video { .. })));
+    assert!(matches!(reader.receive(0).unwrap(), Answer::Said(Reply::Time { seconds: 0.0 })));
     match reader.receive::<Reply>(1_000_000).unwrap() {
         Answer::Pixels(pixels) => image::GrayImage::from_raw(pixels.width, pixels.height, pixels.data).unwrap(),
         other => panic!("{other:?}"),

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{Work, root};
+use crate::common::{Work, root, video::matroska};
 
 /// Frames of a recording: each a fixture sequence's frame number (from 1) or black.
 #[derive(Clone, Copy)]
@@ -127,6 +127,30 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     work.grimace("run alone.csv -o nothing").exit(1).says(&["none of the 1 sequences", "no expression was found"]);
     // A table of segments is a manifest for `locate`, too.
     work.grimace("locate some.csv -o points.csv").exit(0).prints(&["1 picture, 1 face"]);
+}
+
+#[test]
+fn a_recording_keeps_the_times_of_its_frames() {
+    let work = Work::new();
+    record(&work, "talk", &expression("005"));
+    // 40 ms apart, from the middle on 60 ms; no rate is stated.
+    let files = work.files("talk");
+    let frames: Vec<Vec<u8>> = files.values().cloned().collect();
+    let times: Vec<u64> = (0..LENGTH as u64).map(|k| 40 * k + 20 * k.saturating_sub(43)).collect();
+    let length = times[times.len() - 1] + 60;
+    work.write("talk.mkv", matroska(&frames, &times, None, length as f64));
+    let ran = work.grimace("segment talk.mkv -o segments.csv --subject P1 --emotion happiness").exit(0);
+    ran.prints(&["talk.mkv: 1 sequence proposed", "the frames are 40 to 60 ms apart (19.95 frames per second in the mean)"]);
+    let rows = work.rows("segments.csv");
+    assert!(rows.len() == 1 && is_apex(number(&rows[0], "last_frame"), 1), "{rows:?}");
+    assert_eq!(rows[0]["fps"], "", "the video tells it better");
+    for row in work.rows("segments/talk_frames.csv") {
+        let time = times[number(&row, "frame") as usize - 1] as f64 / 1e3;
+        assert!((row["timestamp"].parse::<f64>().unwrap() - time).abs() < 1e-9, "{row:?}");
+    }
+    work.grimace("segment talk.mkv -o given.csv --fps 30").exit(0);
+    assert_eq!(work.rows("given.csv")[0]["fps"], "30");
+    assert_eq!(work.rows("given/talk_frames.csv")[3]["timestamp"], "0.1");
 }
 
 #[test]

@@ -1,6 +1,9 @@
 //! `grimace track`: what a user types, and what comes out; frames of every format, and frames that are none.
 
-use crate::common::{Work, video::write_video};
+use crate::common::{
+    Work,
+    video::{matroska, write_video},
+};
 use image::{DynamicImage, ImageFormat};
 use opencv::{
     core::{CV_16U, Mat, Vector},
@@ -243,6 +246,86 @@ fn a_video_is_a_sequence() {
     work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --first-frame 9")).exit(1).says(&["face.avi: has 6 frames"]);
     let ran = work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --first-frame 6")).exit(1);
     ran.says(&["face.avi", "at least 2 frames"]);
+}
+
+/// The frames of the sequence as JPEG.
+fn jpegs(work: &Work) -> Vec<Vec<u8>> {
+    let jpeg = with_image(ImageFormat::Jpeg, |image| image.to_rgb8().into());
+    (1..=6).map(|number| jpeg(&work.bytes(&frame(number)))).collect()
+}
+
+/// What stands in the `.json` of a track: the rate and the frames' own times.
+fn rate_and_times(work: &Work, json: &str) -> (f64, Option<Vec<f64>>) {
+    let info: serde_json::Value = serde_json::from_str(&work.read(json)).unwrap();
+    let times = info.get("times").map(|times| serde_json::from_value(times.clone()).unwrap());
+    (info["fps"].as_f64().unwrap(), times)
+}
+
+#[test]
+fn frames_of_a_video_have_their_own_times() {
+    let work = work();
+    let frames = jpegs(&work);
+    // No rate is stated: OpenCV takes the time base for one, 1000 frames per second.
+    let uneven = [0, 40, 80, 160, 240, 320];
+    work.write("films/uneven.mkv", matroska(&frames, &uneven, None, 400.0));
+    work.write("films/even.mkv", matroska(&frames, &[40, 120, 200, 280, 360, 440], None, 520.0));
+    let marks = format!("../{MARKS}");
+    let row = |sequence: &str, file: &str, rest: &str| format!("S001,{sequence},happiness,{file}.mkv,{marks},{rest}\n");
+    let rows = [row("1", "uneven", ",,"), row("2", "uneven", "6,1,"), row("3", "uneven", ",,25"), row("4", "even", ",,")];
+    let header = "subject,sequence,emotion,frames,correspondences,first_frame,last_frame,fps\n";
+    work.write("films/manifest.csv", header.to_owned() + &rows.concat());
+    work.grimace("run films -o out").exit(0);
+    let own: Vec<f64> = uneven.iter().map(|&ms| ms as f64 / 1e3).collect();
+    let times = |sequence: u32| -> Vec<f64> {
+        work.rows(&format!("out/features/S001_{sequence}.csv")).iter().map(|row| row["timestamp"].parse().unwrap()).collect()
+    };
+    let of = |sequence: u32| rate_and_times(&work, &format!("out/tracks/S001_{sequence}.json"));
+    assert_eq!((of(1), times(1)), ((15.625, Some(own.clone())), own.clone()));
+    assert_eq!((of(2), times(2)), ((15.625, Some(own.clone())), own.clone()), "back in time");
+    // Who gives a rate is believed.
+    assert_eq!((of(3), times(3)), ((25.0, None), vec![0.0, 0.04, 0.08, 0.12, 0.16, 0.2]));
+    assert_eq!((of(4), times(4)), ((12.5, None), vec![0.0, 0.08, 0.16, 0.24, 0.32, 0.4]));
+    // Its FAPs are even: 0.32 s at 16 frames per second.
+    let fap = work.read("out/fap/tracks/S001_1.fap");
+    assert!(fap.starts_with("2.1 S001_1 16 6\n"), "{}", &fap[..40]);
+    // Models take their frames evenly in time: the second of five is the third, of 0.08 s; by place it would be the second.
+    assert_ne!(work.read("out/models/S001_1.csv"), work.read("out/models/S001_3.csv"));
+    // From the files it is the same again.
+    work.grimace("features out/tracks -o again").exit(0);
+    assert_eq!(work.read("again/S001_1.csv"), work.read("out/features/S001_1.csv"));
+    let ran = work.grimace(&format!("track films/uneven.mkv -c {MARKS} -o S001_9.csv")).exit(0);
+    ran.prints(&["the frames are 40 to 80 ms apart (15.63 frames per second in the mean); times are their own"]);
+    work.grimace(&format!("track films/uneven.mkv -c {MARKS} -o S001_8.csv --fps 30")).exit(0);
+    assert_eq!(rate_and_times(&work, "S001_8.json"), (30.0, None));
+}
+
+#[test]
+fn a_video_with_dropped_frames_is_whole_and_a_cut_one_is_not() {
+    let work = work();
+    let frames = jpegs(&work);
+    // 25 frames per second are stated, and 9 or 25 frames follow from the length.
+    let times = [0, 40, 120, 160, 240, 320];
+    work.write("dropped.mkv", matroska(&frames, &times, Some(40), 360.0));
+    work.write("cut.mkv", matroska(&frames, &times, Some(40), 1000.0));
+    work.grimace(&format!("track dropped.mkv -c {MARKS} -o S001_1.csv")).exit(0).prints(&["6 frames", "40 to 80 ms apart"]);
+    let ran = work.grimace(&format!("track cut.mkv -c {MARKS} -o S001_2.csv")).exit(1);
+    ran.says(&["cut.mkv: breaks off at frame 6 of 25; the file is cut or damaged"]);
+    // An AVI says how many frames it has. 5 times the sequence, cut where the last frame begins: the decoder leaves out the one before it, too.
+    for copy in 1..=4 {
+        for number in 1..=6 {
+            work.write(&format!("faces/S001/005/copy_{copy}_{number}.png"), work.bytes(&frame(number)));
+        }
+    }
+    if !write_video(&work, "faces/S001/005", "whole.avi") {
+        return;
+    }
+    let whole = work.bytes("whole.avi");
+    let chunks: Vec<usize> = (0..whole.len() - 4).filter(|&k| &whole[k..k + 4] == b"00dc").collect();
+    work.write("cut.avi", &whole[..chunks[29] + 2]);
+    let ran = work.grimace(&format!("track cut.avi -c {MARKS} -o S001_3.csv")).exit(0);
+    ran.prints(&["28 frames,", "28 of the 30 frames that the file promises were found in it; it may be cut"]);
+    let ran = work.grimace(&format!("track whole.avi -c {MARKS} -o S001_4.csv")).exit(0);
+    assert!(!ran.stdout.contains("may be cut"), "{}", ran.stdout);
 }
 
 #[test]

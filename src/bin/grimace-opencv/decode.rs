@@ -1,5 +1,5 @@
 //! `decode grey|colour FIRST MOST_PIXELS FILE`: says what the video's header says, then gives its frames from number FIRST (counted from 1)
-//! on, then how many it has.
+//! on, each with its time where it is known, then how many it has.
 
 use std::{ffi::OsString, path::Path};
 
@@ -10,7 +10,7 @@ use opencv::{
     prelude::*,
     videoio::{
         CAP_ANY, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_FRAME_HEIGHT, CAP_PROP_FRAME_WIDTH, CAP_PROP_ORIENTATION_AUTO,
-        CAP_PROP_ORIENTATION_META, VideoCapture,
+        CAP_PROP_ORIENTATION_META, CAP_PROP_POS_MSEC, VideoCapture,
     },
 };
 
@@ -43,13 +43,15 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
         return Ok(());
     }
     let (mut frame, mut converted, mut upright) = (Mat::default(), Mat::default(), Mat::default());
-    let mut count = 0;
+    let (mut count, mut before) = (0, None);
     loop {
         let of_frame = |error: opencv::Error| Trouble::Failed(format!("frame {}: OpenCV: {error}", count + 1));
         if !capture.read(&mut frame).map_err(of_frame)? || frame.empty() {
             break;
         }
         count += 1;
+        let time = capture.get(CAP_PROP_POS_MSEC).ok().map(|ms| ms / 1e3).filter(|seconds| is_time(*seconds, before));
+        before = time.or(before);
         if count < first {
             continue;
         }
@@ -73,6 +75,9 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
                 &upright
             }
         };
+        if let Some(seconds) = time {
+            talk.say(&Reply::Time { seconds })?;
+        }
         let size = (pixels.cols().max(0) as u32, pixels.rows().max(0) as u32);
         if pixels.is_continuous() {
             talk.show(size, channels, pixels.data_bytes()?)?;
@@ -82,6 +87,14 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
     }
     talk.say(&Reply::End { frames: count })?;
     Ok(())
+}
+
+/// Longest video that is believed, s: what is beyond it was never written as a time.
+const LONGEST: f64 = 1e6;
+
+/// Whether OpenCV knows a frame's time: frames that a decoder still held at the end of the file have 0.
+fn is_time(seconds: f64, before: Option<f64>) -> bool {
+    (0.0..LONGEST).contains(&seconds) && before.is_none_or(|before| seconds > before)
 }
 
 /// How frames have to be turned so that they stand as the video says: a telephone held upright films lying and says so.

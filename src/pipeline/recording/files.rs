@@ -36,8 +36,11 @@ pub struct RecordingFiles {
     units: BTreeMap<String, String>,
     /// BLAKE3 of all it was made from.
     inputs_blake3: String,
-    /// Frames per second.
+    /// Frames per second; in the mean where `uneven`.
     pub fps: f64,
+    /// Frames are not even in time: each has its own.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub uneven: bool,
     /// Frames in all, and those with a tracked face.
     pub frames: [usize; 2],
     /// The sequences.
@@ -153,6 +156,7 @@ pub fn write_recording(
         units: frames_units(),
         inputs_blake3: inputs_of(recording, &found.content_blake3, options, bench),
         fps: found.fps,
+        uneven: found.clock.times.is_some(),
         frames: [found.frame_count, found.frames.len()],
         segments: found.segments.clone(),
         notes: found.notes.clone(),
@@ -211,7 +215,7 @@ fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
         let m = &frame.measured;
         let mut row = vec![
             m.number.to_string(),
-            number(f64::from(m.number.saturating_sub(first)) / found.fps),
+            found.clock.seconds(m.number.saturating_sub(first)).map(number).unwrap_or_default(),
             frame.stretch.to_string(),
             frame.phase.name().to_owned(),
             number(frame.activity),
@@ -263,8 +267,8 @@ fn segment_pictures(
 pub struct SegmentRow<'a> {
     /// What the table says of its recording.
     pub of: &'a ManifestColumns,
-    /// Frames per second.
-    pub fps: f64,
+    /// Frames per second; `None` where frames are not even, and their times stand in the video.
+    pub fps: Option<f64>,
     /// The segment.
     pub segment: &'a Segment,
 }
@@ -286,7 +290,7 @@ pub fn write_segments(path: &Path, folder: &str, rows: &[SegmentRow<'_>]) -> Res
             segment.neutral_frame.to_string(),
             segment.apex_frame.to_string(),
             marks,
-            nine_digits(*fps),
+            fps.map(nine_digits).unwrap_or_default(),
             nine_digits(confidence),
         ]
     };

@@ -29,7 +29,7 @@ use crate::{
     output::OutputError,
     pose::{HeadPose, PoseError},
     segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, segment},
-    sequence::{FilmError, ImageSize, SequenceError},
+    sequence::{Clock, FilmError, ImageSize, SequenceError},
     track::TrackError,
 };
 
@@ -60,7 +60,7 @@ pub struct Recording {
     pub stem: String,
     /// All its frames.
     pub frames: FrameSource,
-    /// Frames per second where the file does not say; 25 where nobody does.
+    /// Frames per second where somebody says so; else those of the video, 25 where nobody does.
     pub fps: Option<f64>,
     /// Number of a neutral frame and the marks set on it by hand.
     pub marks: Option<(u32, Vec<Correspondence>)>,
@@ -108,6 +108,8 @@ pub struct SegmentedRecording {
     pub stem: String,
     /// Frames per second.
     pub fps: f64,
+    /// When its frames are shown.
+    pub clock: Clock,
     /// Size of its frames.
     pub size: ImageSize,
     /// Frames in all.
@@ -219,11 +221,12 @@ pub fn segment_recording(
     let mut tracked = tracked_stretches(recording, &survey, stretches, bench, tick, &mut later)?;
     tracked.sort_by_key(|followed| followed.first);
     let places: Vec<(usize, usize)> = tracked.iter().map(|f| (f.first, f.first + f.frames.len().saturating_sub(1))).collect();
-    let mut notes: Vec<String> = survey.several(recording.marks.is_some()).into_iter().collect();
+    let mut notes: Vec<String> = survey.notes.iter().cloned().chain(survey.several(recording.marks.is_some())).collect();
     notes.extend(turns.into_iter().map(|turn| survey.told(turn, &places)).chain(later));
     let mut result = SegmentedRecording {
         stem: recording.stem.clone(),
         fps: survey.fps,
+        clock: survey.clock.clone(),
         size: survey.size,
         frame_count: survey.numbers.len(),
         frames: Vec::new(),

@@ -13,12 +13,14 @@ use crate::{
     output::{count, per_second},
     pipeline::{FoundFace, Workbench},
     segment::densest,
-    sequence::{Frame, ImageSize, SequenceReader},
+    sequence::{Clock, Frame, ImageSize, SequenceReader},
     units::NodeId,
 };
 
 /// Seconds between two looks for a face.
 const BETWEEN_LOOKS: f64 = 0.4;
+/// Times in files are whole milliseconds, s.
+const TIME_STEP: f64 = 0.002;
 /// Frames that are looked at together.
 const TOGETHER: usize = 8;
 /// Size of the small pictures that show a cut.
@@ -50,6 +52,10 @@ pub(super) struct Survey {
     pub numbers: Vec<u32>,
     pub size: ImageSize,
     pub fps: f64,
+    /// When frames are shown; without times where no video tells any.
+    pub clock: Clock,
+    /// What is to be said of the video.
+    pub notes: Vec<String>,
     /// Places of first frames behind a cut.
     pub cuts: Vec<usize>,
     pub looks: Vec<Look>,
@@ -102,13 +108,17 @@ impl Survey {
             FrameSource::Images(files) => Some(files.len()),
             FrameSource::Video { .. } => reader.stated_frames(),
         };
-        let fps = fps.or_else(|| reader.fps()).unwrap_or(USUAL_FPS);
-        let step = ((BETWEEN_LOOKS * fps).round() as usize).max(1);
+        let stated = fps.or_else(|| reader.fps()).unwrap_or(USUAL_FPS);
+        let step = ((BETWEEN_LOOKS * stated).round() as usize).max(1);
         let (mut numbers, mut cuts, mut looks, mut size) = (Vec::new(), Vec::new(), Vec::new(), None);
         let mut waiting: Vec<(usize, Frame)> = Vec::new();
         let mut scenes = Scenes::default();
-        for frame in reader.by_ref() {
+        // What a video states may be no rate: then frames' own times tell when it is time to look.
+        let (longest, mut looked) = (BETWEEN_LOOKS + 0.5 / stated, None);
+        while let Some(frame) = reader.next() {
             let frame = frame?;
+            let time = reader.time().filter(|_| fps.is_none());
+            let is_due = time.zip(looked).is_some_and(|(time, looked)| time - looked > longest + TIME_STEP);
             let place = numbers.len();
             numbers.push(frame.number());
             size.get_or_insert(frame.size());
@@ -116,7 +126,11 @@ impl Survey {
             if is_cut {
                 cuts.push(place);
             }
-            if is_cut || place.is_multiple_of(step) {
+            let is_regular = is_due || place.is_multiple_of(step);
+            if is_regular {
+                looked = time.or(looked);
+            }
+            if is_cut || is_regular {
                 waiting.push((place, frame));
             }
             if waiting.len() == TOGETHER {
@@ -139,7 +153,11 @@ impl Survey {
         }
         let marked_in = |scene: usize| marked.filter(|(place, _)| scene_of(*place) == scene);
         let looks = scenes.into_iter().enumerate().flat_map(|(k, looks)| followed(looks, marked_in(k))).collect();
-        Ok(Self { numbers, size, fps, cuts, looks, content: reader.into_content_blake3()? })
+        let clock = fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
+        let notes = clock.remark().into_iter().chain(reader.remark().map(str::to_owned)).collect();
+        let fps = clock.fps.unwrap_or(USUAL_FPS);
+        let clock = Clock { fps: Some(fps), ..clock };
+        Ok(Self { numbers, size, fps, clock, notes, cuts, looks, content: reader.into_content_blake3()? })
     }
 
     /// The stretches with a face, and what is to be said of the frames between them.
@@ -301,6 +319,8 @@ mod tests {
             numbers: (1..=80).collect(),
             size: ImageSize { width: 64, height: 48 },
             fps: 25.0,
+            clock: Clock::even(Some(25.0)),
+            notes: Vec::new(),
             cuts,
             looks: seen.iter().enumerate().map(look).collect(),
             content: blake3::hash(b""),
