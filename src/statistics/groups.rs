@@ -30,7 +30,7 @@ fn is_missing_word(value: &str) -> bool {
 /// What a person should know where words stand for missing values in columns to group by, or of strata.
 pub fn missing_words_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
     let mut found: BTreeMap<(&str, &str), usize> = BTreeMap::new();
-    for column in columns {
+    for column in columns.iter().collect::<BTreeSet<_>>() {
         let values = models.iter().filter_map(|m| m.metadata.get(column)).map(|value| value.trim());
         values.filter(|value| is_missing_word(value)).for_each(|value| *found.entry((column, value)).or_default() += 1);
     }
@@ -40,7 +40,7 @@ pub fn missing_words_said(models: &[LabelledModel], columns: &[String]) -> Optio
         .map(|((column, value), n)| format!("`{value}` in the column `{column}` ({})", count(*n, "sequence", "sequences")))
         .collect();
     Some(format!(
-        "words for a missing value are read as none: {}; a group that is really called so needs a name of more letters, such as `{} group`",
+        "words for a missing value are read as none: {} (a group that is really called so needs a name of more letters, such as `{} group`)",
         listed(&list, 6),
         first.1
     ))
@@ -300,7 +300,7 @@ mod tests {
             said.starts_with("words for a missing value are read as none: `NA` in the column `land` (1 sequence), "),
             "{said}"
         );
-        assert!(said.ends_with("such as `NA group`"), "{said}");
+        assert!(said.ends_with("such as `NA group`)"), "{said}");
         assert_eq!(missing_words_said(&sample(), &["age".to_owned(), "sex".to_owned()]), None);
         // A column of nothing else is empty.
         let error = group_models(&models[..6], &["land".to_owned()]).unwrap_err();

@@ -334,7 +334,7 @@ fn words_for_missing_values_make_no_group() {
     people(&work, ",age,site", &rows);
     let ran = work.grimace("run people -o out --resample linear --by age --permutations 99 --bootstrap 0").exit(0);
     ran.prints(&[
-        "read as none: `NA` in the column `age` (1 sequence), `na` in the column `age` (1 sequence)",
+        "read as none: `NA` in the column `age` (1 sequence); `na` in the column `age` (1 sequence)",
         "such as `NA group`",
     ]);
     let groups: Vec<String> =
@@ -377,7 +377,7 @@ fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     work.write("people/manifest.csv", &manifest);
     let ran = work.grimace("run people -o out --resample linear").exit(0);
     ran.prints(&[
-        "fewer than 5 people say little about anybody else: alone (1), pair (2)",
+        "fewer than 5 people say little about anybody else: alone (1); pair (2)",
         "hardly anybody else's: pair (Q, 55 %)",
         "alpha 0.1 trims nothing of fewer than 10 sequences: alone (6)",
         "alpha 0.1 trims nothing where the farthest sequence weighs more than 0.1 of all people: many (10)",
