@@ -241,7 +241,7 @@ impl SequenceReader {
         }
     }
 
-    /// Frames per second that the file states, which may be a time base instead (see [`SequenceReader::clock`]); images state none.
+    /// Frames per second that the file states, which may be a time base instead; images state none.
     pub fn fps(&self) -> Option<f64> {
         match &self.source {
             Source::Images { .. } => None,

@@ -297,7 +297,7 @@ mod tests {
         );
         let said = missing_words_said(&models, &["land".to_owned()]).unwrap();
         assert!(
-            said.starts_with("words for a missing value are read as none: `NA` in the column `land` (1 sequence), "),
+            said.starts_with("words for a missing value are read as none: `NA` in the column `land` (1 sequence); "),
             "{said}"
         );
         assert!(said.ends_with("such as `NA group`)"), "{said}");
