@@ -14,13 +14,13 @@ use nalgebra::{Point2, Vector2};
 use crate::{
     dataset::LANDMARK_COUNT,
     fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence},
-    model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
+    model::{DynamicExpressionModel, ModelError},
     normalize::{NormalizeError, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
     sequence::Clock,
     track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
     units::{FaceUnit, NodeId},
-    wireframe::{Fapus, LidUnits, Tables, Wireframe},
+    wireframe::{Tables, Wireframe},
 };
 
 pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
@@ -183,9 +183,9 @@ impl FeatureMeter {
         let Measured { track, fit, model } = measured;
         let canonical = normalizer.canonical();
         let catalog = FapCatalog::mpeg4();
-        let (faps, _) =
-            FapSequence::from_measured(model, (&canonical.fapus, lid_units(track, normalizer, tables)), catalog, "track", 1, 0)?;
         let neutral: Vec<Point2<f64>> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
+        let (faps, _) =
+            FapSequence::from_measured(model, (&canonical.fapus, normalizer.lid_units(&neutral)), catalog, "track", 1, 0)?;
         let es = eye_distance_px(tables, &neutral).unwrap_or(1.0);
         let face_units_per_px = canonical.fapus.es / es;
         let mut features = Vec::with_capacity(track.len());
@@ -254,18 +254,6 @@ impl FeatureMeter {
     }
 }
 
-/// Units of the FAPs of the lids on the tracked person's neutral face; those of the canonical one where it does not stand upright.
-fn lid_units(track: &[TrackedFrame], normalizer: &Normalizer<'_>, tables: &Tables) -> LidUnits {
-    let upright = || {
-        let first = track.first()?;
-        let neutral = FrameExpressionModel::new(first.nodes.iter().map(|n| n.position).collect());
-        let still = DynamicExpressionModel::new(vec![neutral.clone(), neutral]).ok()?;
-        normalizer.upright(&still).ok()?.into_iter().next()
-    };
-    let units = |upright: Vec<Point2<f64>>| Some(LidUnits::measure(&Fapus::measure(&tables.fapus, &upright).ok()?, &upright));
-    upright().and_then(units).unwrap_or(LidUnits::CANONICAL)
-}
-
 /// The landmarks of a frame from its nodes: where their marks would be.
 fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> Vec<Option<Point2<f64>>> {
     let mut points = vec![None; LANDMARK_COUNT];
@@ -298,7 +286,8 @@ pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual
     let frame = |(k, share): (usize, f64)| {
         let mut frame = FapFrame::default();
         for &(fap, value) in &rows[k].faps {
-            let next = rows.get(k + 1).and_then(|next| next.faps.iter().find(|(other, _)| *other == fap));
+            let next = rows.get(k + 1).filter(|_| share > 0.0);
+            let next = next.and_then(|next| next.faps.iter().find(|(other, _)| *other == fap));
             let after = next.map_or(value, |(_, after)| *after);
             frame.set_value(fap, Some(value + (after - value) * share));
         }

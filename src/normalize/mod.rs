@@ -14,7 +14,7 @@ use crate::{
     geometry::SimilarityError,
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     units::{FaceUnit, Px},
-    wireframe::{Fapus, FapusError, Tables, Wireframe},
+    wireframe::{Fapus, FapusError, LidUnits, Tables, Wireframe},
 };
 
 pub use orientation::{EyeCorners, stable_nodes};
@@ -235,6 +235,19 @@ impl<'a> Normalizer<'a> {
             return Err(NormalizeError::NodeCount { found: track.node_count(), expected });
         }
         orientation::upright(track, &self.wireframe.frontal(), self.tables)
+    }
+
+    /// Units of the FAPs of the lids on a tracked person's neutral face, whose nodes are in pixels, y down; those of the canonical one where
+    /// it cannot be turned upright.
+    pub fn lid_units(&self, neutral: &[Point2<f64>]) -> LidUnits {
+        let frontal = self.wireframe.frontal();
+        let upright = (neutral.len() == frontal.len()).then(|| {
+            let still = DynamicExpressionModel::new(vec![FrameExpressionModel::new(neutral.to_vec()); 2]).ok()?;
+            orientation::upright(&still, &frontal, self.tables).ok()?.into_iter().next()
+        });
+        let units =
+            |upright: Vec<Point2<f64>>| Some(LidUnits::measure(&Fapus::measure(&self.tables.fapus, &upright).ok()?, &upright));
+        upright.flatten().and_then(units).unwrap_or(LidUnits::CANONICAL)
     }
 
     /// The normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright and in one place (see [`PoseMode`] for turns to a side), with

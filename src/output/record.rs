@@ -63,7 +63,7 @@ impl FolderRecord {
         self.check_free(name)?;
         let path = self.folder.join(name);
         let hash = write_hashed(&path, fill)?.to_hex().to_string();
-        self.enter(name, hash).map_err(OutputError::at(&self.path))
+        self.wrote(name, hash)
     }
 
     /// Refuses to write over the file `name` where no earlier command wrote it, unless forced.
@@ -87,7 +87,7 @@ impl FolderRecord {
         let path = self.folder.join(name);
         let unread = || OutputError::at(&path)(io::Error::new(io::ErrorKind::NotFound, "it cannot be read back"));
         let hash = file_blake3(&path).ok_or_else(unread)?;
-        self.enter(name, hash).map_err(OutputError::at(&self.path))
+        self.wrote(name, hash)
     }
 
     /// Enters the file `name`, which was written with this hash.

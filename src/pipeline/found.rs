@@ -81,9 +81,14 @@ impl FoundFace {
 
     /// The middle of its marks.
     pub(super) fn middle(&self) -> Point2<f64> {
-        let sum = self.marks.iter().map(|m| m.position.coords).sum::<Vector2<f64>>();
-        Point2::from(sum / self.marks.len().max(1) as f64)
+        middle_of(&self.marks)
     }
+}
+
+/// The middle of marks.
+pub(super) fn middle_of(marks: &[Correspondence]) -> Point2<f64> {
+    let sum = marks.iter().map(|m| m.position.coords).sum::<Vector2<f64>>();
+    Point2::from(sum / marks.len().max(1) as f64)
 }
 
 /// Finds the largest face of a frame; `None` where there is none.

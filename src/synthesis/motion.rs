@@ -20,7 +20,7 @@ use crate::{
     text::excerpt,
     track::{read_track, read_track_info, track_model},
     units::{FaceUnit, FeaturePoint, NodeId},
-    wireframe::{Fapu, Fapus, LidUnits, Tables, Wireframe},
+    wireframe::{Fapu, LidUnits, Tables, Wireframe},
 };
 
 /// What a motion was read from.
@@ -256,11 +256,8 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     let model =
         normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
     // As in the FAP file of the same track.
-    let lids = normalizer.upright(&track).ok().and_then(|frames| {
-        let neutral = frames.first()?;
-        Some(LidUnits::measure(&Fapus::measure(&face.tables.fapus, neutral).ok()?, neutral))
-    });
-    face.motion(MotionKind::Track, (&model, lids.unwrap_or(LidUnits::CANONICAL)), fps, path)
+    let lids = normalizer.lid_units(track.neutral().nodes());
+    face.motion(MotionKind::Track, (&model, lids), fps, path)
 }
 
 /// A FAP file's motion. FAPs that no frame sets rest: FAPs are offsets from neutral, and a mixture in which feature points were free

@@ -113,12 +113,16 @@ impl LidSkin {
         (off.perp(&self.down) / determinant, -self.across.perp(&off) / determinant)
     }
 
-    /// The photograph's colour at a place, as it is while the eye shuts: `shut` of the opening is gone.
-    pub fn colour(&self, at: Point2<f64>, shut: f64, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
-        let gone = smooth_step(SHUT.0, SHUT.1, shut);
+    /// How far it takes the place of the photograph's where `shut` of the opening is gone, 0 to 1.
+    pub fn share(shut: f64) -> f64 {
+        smooth_step(SHUT.0, SHUT.1, shut)
+    }
+
+    /// The photograph's colour at a place, as it is while the eye shuts, by [`LidSkin::share`].
+    pub fn colour(&self, at: Point2<f64>, gone: f64, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
         let (along, height) = self.place(&at);
         let place = along * PLACES as f64 - 0.5;
-        if gone <= 0.0 || !(-1.0..=PLACES as f64).contains(&place) {
+        if !(-1.0..=PLACES as f64).contains(&place) {
             return photograph;
         }
         let k = (place.max(0.0) as usize).min(PLACES - 2);
@@ -133,7 +137,8 @@ impl LidSkin {
             return photograph;
         }
         let guess: [f32; 3] = std::array::from_fn(|c| self.skin[k][c] + (self.skin[k + 1][c] - self.skin[k][c]) * t as f32);
-        let rise = FOLDED * (band - above).max(0.0) + (band - above).max(0.0) + 0.5 * FADE * self.eye_distance;
+        let missing = (band - above).max(0.0);
+        let rise = FOLDED * missing + missing + 0.5 * FADE * self.eye_distance;
         let beyond = texture.sample(at - self.down * rise);
         let clear = smooth_step(CLEAR.0, CLEAR.1, f64::from(luma(beyond) / luma(guess).max(1.0)));
         let grain = GRAIN * clear as f32;

@@ -51,7 +51,7 @@ impl Warp {
             }
             raster::fill(to, from, size, |x, y, at| {
                 let photograph = texture.sample(at);
-                put(frame, x, y, lids.iter().fold(photograph, |colour, (lid, shut)| lid.colour(at, *shut, colour, texture)));
+                put(frame, x, y, lids.iter().fold(photograph, |colour, (lid, gone)| lid.colour(at, *gone, colour, texture)));
             });
         }
         for opening in &self.mesh.openings {
@@ -59,14 +59,14 @@ impl Warp {
         }
     }
 
-    /// The lids that go down in a frame, and the share of their openings that is gone.
+    /// The lids that shut in a frame, and how far their skin takes the place of the photograph's.
     fn shutting_lids(&self, deformation: &Deformation) -> Vec<(&LidSkin, f64)> {
         let pairs = self.mesh.openings.iter().zip(&self.lids);
-        let shut = pairs.filter_map(|(opening, lid)| {
+        let shutting = pairs.filter_map(|(opening, lid)| {
             let gap = |vertices| openings::gap(self, opening, vertices);
-            Some((lid.as_ref()?, 1.0 - gap(&deformation.vertices) / gap(&self.source).max(1e-9)))
+            Some((lid.as_ref()?, LidSkin::share(1.0 - gap(&deformation.vertices) / gap(&self.source).max(1e-9))))
         });
-        shut.filter(|(_, shut)| *shut > 0.0).collect()
+        shutting.filter(|(_, gone)| *gone > 0.0).collect()
     }
 
     /// Carries another picture into the geometry of the photograph: what lies at a point of the mesh there is drawn at the same

@@ -4,7 +4,11 @@ use image::{GrayImage, imageops::FilterType};
 use nalgebra::Point2;
 use rayon::prelude::*;
 
-use super::{super::found::found_faces, Recording, RecordingError, RecordingStep, Tick, persons::followed};
+use super::{
+    super::found::{found_faces, middle_of},
+    Recording, RecordingError, RecordingStep, Tick,
+    persons::followed,
+};
 use crate::{
     dataset::FrameSource,
     fit::Correspondence,
@@ -142,10 +146,8 @@ impl Survey {
         }
         looks.extend(look_at(waiting)?);
         let size = size.ok_or(RecordingError::NoFrames)?;
-        let marked = recording.marks.as_ref().and_then(|(frame, marks)| {
-            let sum = marks.iter().map(|m| m.position.coords).sum::<nalgebra::Vector2<f64>>();
-            Some((numbers.binary_search(frame).ok()?, Point2::from(sum / marks.len().max(1) as f64)))
-        });
+        let marked =
+            recording.marks.as_ref().and_then(|(frame, marks)| Some((numbers.binary_search(frame).ok()?, middle_of(marks))));
         let scene_of = |place: usize| cuts.partition_point(|&cut| cut <= place);
         let mut scenes: Vec<Vec<(usize, Vec<FoundFace>)>> = vec![Vec::new(); cuts.len() + 1];
         for look in looks {

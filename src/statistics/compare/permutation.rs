@@ -54,26 +54,16 @@ impl Design {
 
     /// The first groups, ascending, of all splits of `people`, where there are no more than `limit`.
     fn all_splits(&self, people: usize, size: usize, limit: usize) -> Option<Vec<Vec<usize>>> {
-        match self {
-            Self::Free => {
-                let mut splits = Vec::with_capacity(subset_count(people, size, limit)?);
-                let mut split: Vec<usize> = (0..size).collect();
-                loop {
-                    splits.push(split.clone());
-                    if !next_subset(&mut split, people) {
-                        break;
-                    }
-                }
-                Some(splits)
-            }
-            Self::Strata(blocks) => {
-                let mut labels = vec![1; people];
-                blocks.iter().flat_map(|(places, first)| &places[..*first]).for_each(|&place| labels[place] = 0);
-                let all = Arrangements::new(&labels, blocks.iter().map(|(places, _)| places.as_slice()), limit)?;
-                let first = |labels: Vec<usize>| (0..people).filter(|&place| labels[place] == 0).collect();
-                Some((0..all.count()).map(|k| first(all.nth(k))).collect())
-            }
-        }
+        let everybody = [((0..people).collect(), size)];
+        let blocks: &[Block] = match self {
+            Self::Free => &everybody,
+            Self::Strata(blocks) => blocks,
+        };
+        let mut labels = vec![1; people];
+        blocks.iter().flat_map(|(places, first)| &places[..*first]).for_each(|&place| labels[place] = 0);
+        let all = Arrangements::new(&labels, blocks.iter().map(|(places, _)| places.as_slice()), limit)?;
+        let first = |labels: Vec<usize>| (0..people).filter(|&place| labels[place] == 0).collect();
+        Some((0..all.count()).map(|k| first(all.nth(k))).collect())
     }
 
     /// Whether every split is there twice, as itself and as its complement: all groups that exchange people are of one size.
@@ -128,29 +118,6 @@ fn subset(count: usize, size: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     places.truncate(size);
     places.sort_unstable();
     places
-}
-
-/// Number of subsets of `size` out of `count`, or `None` beyond `limit`.
-fn subset_count(count: usize, size: usize, limit: usize) -> Option<usize> {
-    let mut number: u128 = 1;
-    for k in 0..size.min(count - size) {
-        number = number * (count - k) as u128 / (k + 1) as u128;
-        if number > limit as u128 {
-            return None;
-        }
-    }
-    usize::try_from(number).ok()
-}
-
-/// The next subset in lexicographic order; false after the last.
-fn next_subset(subset: &mut [usize], count: usize) -> bool {
-    let size = subset.len();
-    let Some(at) = (0..size).rev().find(|&k| subset[k] < count - size + k) else { return false };
-    subset[at] += 1;
-    for k in at + 1..size {
-        subset[k] = subset[k - 1] + 1;
-    }
-    true
 }
 
 /// Tries other splits into groups of `first` and the rest.
@@ -232,16 +199,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_subsets_come_once_in_order() {
-        let mut split = vec![0, 1];
-        let mut seen = vec![split.clone()];
-        while next_subset(&mut split, 4) {
-            seen.push(split.clone());
-        }
-        assert_eq!(seen, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]);
+    fn all_splits_come_once_in_order() {
+        let splits = Design::Free.all_splits(4, 2, 6).unwrap();
+        assert_eq!(splits, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]);
         // 90 over 10 is about 5.7e12; 4 over 2 is 6.
-        assert_eq!((subset_count(4, 2, 6), subset_count(4, 2, 5), subset_count(90, 10, 9999)), (Some(6), None, None));
-        assert_eq!(subset_count(1000, 500, usize::MAX), None);
+        assert!(Design::Free.all_splits(4, 2, 5).is_none() && Design::Free.all_splits(90, 10, 9999).is_none());
+        assert!(Design::Free.all_splits(1000, 500, usize::MAX).is_none());
     }
 
     #[test]
