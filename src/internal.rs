@@ -184,8 +184,8 @@ pub mod warp {
 }
 pub mod wireframe {
     pub use crate::modules::wireframe::{
-        Emotion, ExpressionUnit, Face, Fapu, Fapus, FapusError, LandmarkConfidence, LandmarkRow, MarkableNode, Region,
-        SuggestedMark, Tables, UnitKind, Wireframe, expressions, find_unit, keep_lips_apart, markable_nodes,
+        Emotion, ExpressionUnit, Face, Fapu, Fapus, FapusError, LID_MARGINS, LandmarkConfidence, LandmarkRow, MarkableNode,
+        Region, SuggestedMark, Tables, UnitKind, Wireframe, expressions, find_unit, keep_lips_apart, markable_nodes,
         parse_node_or_feature_point, settle_offsets, suggested_marks, write_wfm,
     };
 }

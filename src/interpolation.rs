@@ -94,6 +94,12 @@ impl Curve {
     }
 }
 
+/// 0 below `from`, 1 above `to`, smooth between.
+pub(crate) fn smooth_step(from: f64, to: f64, value: f64) -> f64 {
+    let t = ((value - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;

@@ -193,6 +193,9 @@ pub struct TrackArgs {
     /// Give every frame the light of the neutral one: exposure that adapts, a lamp that is dimmed [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     even_light: Option<bool>,
+    /// Put upper lids that shut where their eyes look as if they were [default: on]
+    #[arg(long, value_parser = switch, value_name = "on|off")]
+    read_lids: Option<bool>,
     /// Re-deform the wireframe after every step; off leaves lost nodes where they were
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     deform: bool,
@@ -229,6 +232,7 @@ impl TrackArgs {
             lip_probes: self.lip_probes.unwrap_or(of.lip_probes),
             rigid_eyes: self.rigid_eyes.unwrap_or(of.rigid_eyes),
             even_light: self.even_light.unwrap_or(of.even_light),
+            read_lids: self.read_lids.unwrap_or(of.read_lids),
             deform: self.deform,
             align: AlignOptions { gain: self.align_gain.unwrap_or(of.align.gain), ..of.align },
             klt: self.klt,

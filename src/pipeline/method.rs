@@ -30,7 +30,7 @@ impl Method {
         }
     }
 
-    /// Options of the tracker: in \[KP\] KLT forward only, one force for all nodes, no alignment, no knowledge of lips and eyes.
+    /// Options of the tracker: in \[KP\] KLT forward only, one force for all nodes, no alignment, no knowledge of lips, eyes and lids.
     pub fn track(self) -> TrackOptions {
         let ours = TrackOptions::default();
         match self {
@@ -41,6 +41,7 @@ impl Method {
                 lip_probes: false,
                 rigid_eyes: false,
                 even_light: false,
+                read_lids: false,
                 align: AlignOptions { gain: 0.0, ..ours.align },
                 ..ours
             },

@@ -12,6 +12,7 @@ mod corrections;
 mod file;
 mod klt;
 mod landmarks;
+mod lids;
 mod light;
 mod options;
 mod quality;
@@ -466,6 +467,7 @@ pub struct FrameTracker<'a, T> {
     options: &'a TrackOptions,
     template: Option<align::Template>,
     light: Option<light::Light>,
+    lids: Option<lids::Lids>,
     window: u32,
     eye_distance: f64,
     size: ImageSize,
@@ -491,8 +493,9 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         tracker.advance(frame)?;
         let template = plan.template(wireframe, &tracker, nodes, (window, eye_distance), &options.align)?;
         let light = options.even_light.then(|| light::Light::new(frame, wireframe.live_nodes(), nodes, window));
+        let lids = options.read_lids.then(|| lids::Lids::new(frame, nodes));
         let last = TrackedFrame { number: frame.number(), nodes: neutral_nodes(wireframe, fitted) };
-        Ok(Self { tracker, wireframe, plan, options, template, light, window, eye_distance, size: frame.size(), last })
+        Ok(Self { tracker, wireframe, plan, options, template, light, lids, window, eye_distance, size: frame.size(), last })
     }
 
     /// The frame tracked last.
@@ -510,7 +513,10 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
         let (size, number, template) = (frame.size(), frame.number(), self.template.as_mut());
         let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
-        let nodes = step.run(&mut self.tracker, &self.last)?;
+        let mut nodes = step.run(&mut self.tracker, &self.last)?;
+        if let Some(lids) = &self.lids {
+            lids.place(frame, &mut nodes);
+        }
         self.last = TrackedFrame { number, nodes };
         Ok(&self.last)
     }

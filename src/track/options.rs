@@ -52,12 +52,14 @@ pub struct TrackOptions {
     pub mismatch: f64,
     /// What the forces are made of; measured by default.
     pub forces: Forces,
-    /// Search for nodes of the inner lip within their own lip: where the lips meet, KLT sees both. On, as the next three.
+    /// Search for nodes of the inner lip within their own lip: where the lips meet, KLT sees both. On, as the next four.
     pub lip_probes: bool,
     /// Let the corners of each iris box move as one.
     pub rigid_eyes: bool,
     /// Give every frame the light of the neutral one before points are searched for in it.
     pub even_light: bool,
+    /// Put upper lids that shut where their eyes look as if they were.
+    pub read_lids: bool,
     /// Re-deform after each step. Without it lost nodes stay where they were.
     pub deform: bool,
     /// Alignment with the neutral frame after the re-deformation.
@@ -80,6 +82,7 @@ impl Default for TrackOptions {
             lip_probes: true,
             rigid_eyes: true,
             even_light: true,
+            read_lids: true,
             deform: true,
             align: AlignOptions::default(),
             klt: KltKind::default(),

@@ -11,7 +11,7 @@ use nalgebra::Point2;
 
 use super::{
     NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, eye_distance_px,
-    light::Light, step::Step, window_px,
+    lids::Lids, light::Light, step::Step, window_px,
 };
 use crate::{
     fit::{DrivenNode, Pull, Springs},
@@ -97,7 +97,7 @@ pub fn resume_with(
     let before_start = track.iter().take_while(|f| f.number != start).last();
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut template = None;
-    let mut light: Option<Light> = None;
+    let (mut light, mut lids): (Option<Light>, Option<Lids>) = (None, None);
     // Frames by number may ascend or descend: what counts is their order in the track.
     let passed: BTreeSet<u32> = track.iter().map(|f| f.number).take_while(|&n| n != start).chain([start]).collect();
     for (index, frame) in frames.into_iter().enumerate() {
@@ -111,20 +111,24 @@ pub fn resume_with(
         }
         if index == 0 {
             light = options.even_light.then(|| Light::new(&frame, wireframe.live_nodes(), &rest, window));
+            lids = options.read_lids.then(|| Lids::new(&frame, &rest));
             template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
             // What was corrected looks unlike the neutral frame: from there on it is followed, not drawn back.
             let corrected = corrections.iter().filter(|(number, _)| passed.contains(number)).flat_map(|(_, nodes)| nodes.keys());
-            corrected.for_each(|node| release(template.as_mut(), wireframe, *node));
+            corrected.for_each(|node| release(template.as_mut(), lids.as_mut(), wireframe, *node));
         }
         if passed.contains(&number) {
             continue;
         }
         let (size, template_now) = (frame.size(), template.as_mut());
         let mut step = Step { wireframe, plan, options, template: template_now, window, eye_distance, size, number };
-        let nodes = step.run(tracker, &previous)?;
+        let mut nodes = step.run(tracker, &previous)?;
+        if let Some(lids) = &lids {
+            lids.place(&frame, &mut nodes);
+        }
         let nodes = match corrections.get(&number) {
             Some(hard) => {
-                hard.keys().for_each(|node| release(template.as_mut(), wireframe, *node));
+                hard.keys().for_each(|node| release(template.as_mut(), lids.as_mut(), wireframe, *node));
                 correct_nodes(wireframe, &springs, &nodes, hard)?
             }
             None => nodes,
@@ -135,7 +139,10 @@ pub fn resume_with(
     Ok(out)
 }
 
-fn release(template: Option<&mut Template>, wireframe: &Wireframe, node: NodeId) {
+fn release(template: Option<&mut Template>, lids: Option<&mut Lids>, wireframe: &Wireframe, node: NodeId) {
+    if let Some(lids) = lids {
+        lids.release(node);
+    }
     if let (Some(template), Ok(place)) = (template, wireframe.live_nodes().binary_search(&node)) {
         template.release(place);
     }

@@ -13,7 +13,7 @@ use super::{
     layout::OPENINGS,
     mesh::OpeningMesh,
     mouth::whiteness,
-    openings::smooth_step,
+    smooth_step,
 };
 use crate::geometry::{
     Similarity,

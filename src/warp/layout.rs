@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Unit, Vector2};
 
-use crate::units::NodeId;
+use crate::{units::NodeId, wireframe::LID_MARGINS};
 
 /// An opening of the face, which the skin cannot be stretched over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,18 +31,8 @@ pub struct OpeningNodes {
 /// The three openings, their edges from the outer to the inner corner (the mouth: from the subject's left to the right).
 pub const OPENINGS: [OpeningNodes; 3] = [
     OpeningNodes { opening: Opening::Mouth, upper: [88, 81, 87, 82, 89], lower: [88, 83, 40, 84, 89], iris: &[] },
-    OpeningNodes {
-        opening: Opening::LeftEye,
-        upper: [20, 97, 21, 105, 23],
-        lower: [20, 99, 22, 107, 23],
-        iris: &[67, 71, 72, 68],
-    },
-    OpeningNodes {
-        opening: Opening::RightEye,
-        upper: [53, 98, 54, 106, 56],
-        lower: [53, 100, 55, 108, 56],
-        iris: &[69, 73, 74, 70],
-    },
+    OpeningNodes { opening: Opening::LeftEye, upper: LID_MARGINS[0][0], lower: LID_MARGINS[0][1], iris: &[67, 71, 72, 68] },
+    OpeningNodes { opening: Opening::RightEye, upper: LID_MARGINS[1][0], lower: LID_MARGINS[1][1], iris: &[69, 73, 74, 70] },
 ];
 
 /// Nodes that do not drive the skin: the irises, and the lid creases, which lie so near the lid margins that their small errors

@@ -12,7 +12,7 @@ use super::{
     layout::{LID_SKIN, OPENINGS},
     mesh::OpeningMesh,
     mouth::luma,
-    openings::smooth_step,
+    smooth_step,
 };
 
 /// Least and most height above the lid that is looked at, over the eye distance, and the most over the way to the brow.

@@ -58,10 +58,10 @@ use nalgebra::{Point2, Vector2};
 use self::{eyeball::Eyeball, field::Weights, layout::Frame, lid_skin::LidSkin, mesh::Mesh};
 use crate::geometry::Similarity;
 
+pub(crate) use crate::interpolation::smooth_step;
 pub(crate) use layout::OPENINGS;
 pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;
-pub(crate) use openings::smooth_step;
 pub use render::MouthInside;
 pub use rig::{RigOpening, teeth_picture};
 pub use sample::Texture;

@@ -5,7 +5,7 @@ use nalgebra::{Point2, Vector2};
 use super::{
     Warp,
     layout::{self, OPENINGS, OpeningNodes},
-    openings::smooth_step,
+    smooth_step,
 };
 use crate::geometry::Similarity;
 

@@ -11,7 +11,7 @@ use super::{
     mesh::OpeningMesh,
     motion::eye_motion,
     mouth::{self, Arches},
-    sample,
+    sample, smooth_step,
     tone::Tone,
 };
 use crate::geometry::{Similarity, polygon::distance_to_line};
@@ -267,10 +267,4 @@ pub fn lash_colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f3
         .collect();
     colours.sort_by(|a, b| a.iter().sum::<f32>().total_cmp(&b.iter().sum::<f32>()));
     colours[colours.len() / 6]
-}
-
-/// 0 below `from`, 1 above `to`, smooth between.
-pub fn smooth_step(from: f64, to: f64, value: f64) -> f64 {
-    let t = ((value - from) / (to - from)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }

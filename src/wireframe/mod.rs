@@ -21,6 +21,11 @@ pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};
 
+/// Nodes of the lids from the outer to the inner corner, the upper lid's and the lower one's, of the subject's left eye and of the right one;
+/// both lids of an eye begin and end at its corners.
+pub const LID_MARGINS: [[[u16; 5]; 2]; 2] =
+    [[[20, 97, 21, 105, 23], [20, 99, 22, 107, 23]], [[53, 98, 54, 106, 56], [53, 100, 55, 108, 56]]];
+
 /// What a motion unit of a wireframe stands for.
 ///
 /// ```

@@ -1,11 +1,11 @@
 //! A blink in the middle of a sequence: the lids close and open again, before the apex.
 
+use grimace::internal::wireframe::LID_MARGINS;
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 
 use super::{
     SimulateOptions,
-    mesh::LID_MARGINS,
     motion::smooth_step,
     random::{Purpose, generator},
 };

@@ -1,8 +1,9 @@
 //! Eyeballs, seen through the opening between the lids.
 
+use grimace::internal::wireframe::LID_MARGINS;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 
-use super::{mesh::LID_MARGINS, motion::HeadPose, noise, render::Samples, subject::Subject};
+use super::{motion::HeadPose, noise, render::Samples, subject::Subject};
 
 /// Corners of the iris boxes, subject's left then right.
 const IRIS_BOXES: [[usize; 4]; 2] = [[67, 68, 71, 72], [69, 70, 73, 74]];

@@ -17,9 +17,6 @@ const ROUNDS: usize = 2;
 const TENSION: f64 = 0.85;
 /// The nodes of the iris boxes: triangles with one of them belong to the eyeball, not to the skin.
 const EYEBALL: std::ops::RangeInclusive<u16> = 67..=74;
-/// Lid margins, outer corner to inner corner: upper then lower, subject's left then right.
-pub const LID_MARGINS: [[[u16; 5]; 2]; 2] =
-    [[[20, 97, 21, 105, 23], [20, 99, 22, 107, 23]], [[53, 98, 54, 106, 56], [53, 100, 55, 108, 56]]];
 /// Distance of the first ring of the skirt from the face's middle, as a factor on the border node's distance.
 const INNER_RING: f64 = 1.32;
 /// Middle of the face for the skirt, model units.

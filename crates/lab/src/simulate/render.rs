@@ -4,6 +4,7 @@
 //! texture there. Two samples per pixel and direction; pixel (i, j) is the mean of the samples at `i ± 1/4`, `j ± 1/4`, so the centre
 //! of the top-left pixel is (0, 0).
 
+use grimace::internal::wireframe::LID_MARGINS;
 use nalgebra::{Point2, Point3, Vector3};
 
 use super::{
@@ -147,7 +148,7 @@ pub fn render(subject: &Subject, texture: &Texture, offsets: &[Vector3<f64>], po
         .collect();
     let (width, height) = (size.0 as usize * SAMPLES, size.1 as usize * SAMPLES);
     let mut samples = Samples { width, height, data: vec![[0; 4]; width * height] };
-    for eye in crate::simulate::mesh::LID_MARGINS {
+    for eye in LID_MARGINS {
         // Under the lids the skin goes on, so that no crack opens between a lid's curve and its triangles.
         let [upper, lower] = eye;
         for k in 0..4 {
@@ -302,7 +303,7 @@ mod tests {
         let px = super::super::motion::px_per_unit(&options);
         // On the edge of an opening, eye or mouth may win the very sample; the eyeballs are no skin.
         let lips = [87, 81, 82, 88, 89, 40, 83, 84];
-        let edge: Vec<u16> = super::super::mesh::LID_MARGINS.concat().concat().into_iter().chain(lips).collect();
+        let edge: Vec<u16> = LID_MARGINS.concat().concat().into_iter().chain(lips).collect();
         let mut checked = 0;
         for (emotion, frame) in [(Emotion::Anger, 0), (Emotion::Surprise, 1), (Emotion::Happiness, 1), (Emotion::Disgust, 1)] {
             let sequence = SimulatedSequence::new(&subject, emotion, &options).unwrap();

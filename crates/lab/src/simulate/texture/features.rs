@@ -106,7 +106,7 @@ impl Painter<'_> {
     }
 
     fn lid(&mut self, side: usize) {
-        let margins = super::super::mesh::LID_MARGINS[side].map(|chain| chain.map(|n| self.p(usize::from(n))));
+        let margins = grimace::internal::wireframe::LID_MARGINS[side].map(|chain| chain.map(|n| self.p(usize::from(n))));
         let crease_nodes = if side == 0 { [20, 95, 19, 103, 23] } else { [53, 96, 52, 104, 56] };
         let crease = self.points(crease_nodes);
         let [upper, lower] = margins.map(|points| smooth(&points, false, 10));

@@ -1,0 +1,451 @@
+//! Lids that shut. Ours, beyond KP.
+//!
+//! A blink takes a tenth of a second: an upper lid goes down over the eye within two or three frames, and its window shows an iris and
+//! lashes before and skin behind. KLT loses it or finds it half-way, and the alignment, to which the neutral frame shows no lid that is
+//! down, lets it stay there. But what the eye would look like with its lid further down can be told from the neutral frame: the skin above
+//! comes down with the lashes at its edge, and what is below the edge stays as it was. So each eye is compared with pictures of itself,
+//! shut by so much; if one of them is more like it than the one shut as far as the tracker says, the lid is put there.
+//!
+//! The picture of an eye whose upper lid is down by a share s of its opening, and whose lower one is up by a share t, at a place v below
+//! the line between its corners (u along that line, both over the eye's width; U, L: upper and lower lid of the neutral frame N, all of u):
+//!
+//! ```text
+//! f = L - t (L - U), e = min(U + s (L - U), f)   the edges
+//! N(u, v + t (L - U))                            v > f: the lower lid and what is below it
+//! N(u, v)                                        f > v > e: the eyeball
+//! N(u, U - (e - v))                              e - v < b: lashes and the skin among them move along
+//! N(u, U - b - (e - v - b) r)                    above them skin unfolds, r = (h - b) / (h - b + e - U)
+//! ```
+//!
+//! Pictures are compared by their normalized correlation c, which light does not change. What counts is how much of what the picture at
+//! the tracker's place leaves unexplained, 1 - c, the best one explains.
+
+use image::GrayImage;
+use nalgebra::{Point2, Vector2};
+
+use super::{NodeState, TrackedNode};
+use crate::{interpolation::smooth_step, sequence::Frame, units::NodeId, wireframe::LID_MARGINS};
+
+/// Places along and across an eye that are compared, and where the first and the last are: shares of the eye's width, from the outer
+/// corner to the inner one and below the line between them.
+const COLUMNS: usize = 20;
+const ROWS: usize = 26;
+const ALONG: (f64, f64) = (0.06, 0.94);
+const BELOW: (f64, f64) = (-0.45, 0.32);
+/// b, the height of the lashes, and h, above which skin stays, over the eye's width.
+const LASHES: f64 = 0.10;
+const HEIGHT: f64 = 0.42;
+/// Shares of the opening by which upper lids are down in the pictures, and lower ones up: how many, the least, the most.
+const DOWN: (usize, f64, f64) = (13, -0.2, 1.0);
+const UP: (usize, f64, f64) = (4, 0.0, 0.45);
+/// What a lid that rises uncovers looks like the eyeball this far below its edge, over the eye's width.
+const UNCOVERED: f64 = 0.03;
+/// What the tracker may have put the corners wrong by, over the eye's width.
+const OFF: [f64; 3] = [-0.03, 0.0, 0.03];
+/// Advantage of the best picture over that at the tracker's place, as correlations and as a share of what that leaves unexplained, from
+/// which the lids begin to go there, and at which they are put there.
+const ADVANTAGE: (f64, f64) = (0.02, 0.05);
+const EXPLAINED: (f64, f64) = (0.12, 0.28);
+/// An eye that looks like none of its pictures, by this correlation, is covered, or turned away.
+const UNLIKE: f64 = 0.45;
+/// Least opening of the neutral eye, over its width and in px, and the least width in px: what is narrower shows no lid that goes down.
+const LEAST_OPENING: (f64, f64) = (0.12, 3.0);
+const LEAST_WIDTH: f64 = 12.0;
+/// Least share of the opening that stays between lids that meet.
+const MEETING: f64 = 0.02;
+/// Standard deviation of the grey levels of an eye below which there is nothing to see.
+const FLAT: f64 = 2.0;
+
+/// Both eyes as the neutral frame shows them.
+#[derive(Clone, Debug)]
+pub struct Lids(Vec<Eye>);
+
+/// One eye.
+#[derive(Clone, Debug)]
+struct Eye {
+    /// Indices of the nodes of the upper and the lower lid, from the outer to the inner corner.
+    upper: [usize; 5],
+    lower: [usize; 5],
+    /// 1 where the way down is to the right of the way from the outer to the inner corner, in an image with y down; -1 where it is left.
+    side: f64,
+    /// Heights of the lids of the neutral frame at the nodes between the corners, below the line between these, over the eye's width.
+    rest: [[f64; 3]; 2],
+    /// Its pictures, shut further and further, each of mean 0 and of norm 1.
+    pictures: Vec<Vec<f32>>,
+}
+
+/// Where an eye is in a frame.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    outer: Point2<f64>,
+    along: Vector2<f64>,
+    down: Vector2<f64>,
+}
+
+impl Place {
+    fn new(outer: Point2<f64>, inner: Point2<f64>, side: f64) -> Self {
+        let along = inner - outer;
+        Self { outer, along, down: Vector2::new(-along.y, along.x) * side }
+    }
+
+    fn at(&self, u: f64, v: f64) -> Point2<f64> {
+        self.outer + self.along * u + self.down * v
+    }
+
+    /// Share of the way from corner to corner, and height below, over the eye's width.
+    fn of(&self, point: &Point2<f64>) -> [f64; 2] {
+        let off = point - self.outer;
+        [off.dot(&self.along), off.dot(&self.down)].map(|v| v / self.along.norm_squared())
+    }
+}
+
+impl Lids {
+    /// The eyes of the neutral frame, whose nodes are at `nodes`; those that are shut, tiny, or show nothing are left out.
+    pub fn new(frame: &Frame, nodes: &[Point2<f64>]) -> Self {
+        Self(LID_MARGINS.iter().filter_map(|margins| Eye::new(frame.image(), nodes, *margins)).collect())
+    }
+
+    /// Leaves the eye of a node that was set by hand alone from now on.
+    pub fn release(&mut self, node: NodeId) {
+        self.0.retain(|eye| !eye.upper.iter().chain(&eye.lower).any(|&k| k == node.index()));
+    }
+
+    /// Puts the upper lids of a tracked frame where the eyes look as if they were.
+    pub fn place(&self, frame: &Frame, nodes: &mut [TrackedNode]) {
+        for eye in &self.0 {
+            eye.place(frame.image(), nodes);
+        }
+    }
+}
+
+impl Eye {
+    fn new(image: &GrayImage, nodes: &[Point2<f64>], margins: [[u16; 5]; 2]) -> Option<Self> {
+        let [upper, lower] = margins.map(|chain| chain.map(usize::from));
+        let at = |k: usize| nodes.get(k).copied();
+        let [outer, above, inner, below] = [at(upper[0])?, at(upper[2])?, at(upper[4])?, at(lower[2])?];
+        let side = if (inner - outer).perp(&(below - above)) < 0.0 { -1.0 } else { 1.0 };
+        let place = Place::new(outer, inner, side);
+        let width = place.along.norm();
+        let chain = |ids: [usize; 5]| ids.iter().map(|&k| Some(place.of(&at(k)?))).collect::<Option<Vec<_>>>();
+        let (chain_above, chain_below) = (chain(upper)?, chain(lower)?);
+        let inside = |chain: &[[f64; 2]]| [1, 2, 3].map(|k: usize| chain[k][1]);
+        let rest = [inside(&chain_above), inside(&chain_below)];
+        let opening = (rest[1][1] - rest[0][1]) * width;
+        let enough = width >= LEAST_WIDTH && opening >= LEAST_OPENING.1 && opening >= LEAST_OPENING.0 * width;
+        if !enough || !opening.is_finite() {
+            return None;
+        }
+        let picture = |k: usize| {
+            let [down, up] = [share((k % DOWN.0) as f64, DOWN), share((k / DOWN.0) as f64, UP)];
+            let levels = samples(|u, v| {
+                let (lid, lower) = (height_at(&chain_above, u), height_at(&chain_below, u));
+                let opening = (lower - lid).max(0.0);
+                let (gone, raised) = (opening * down.min(1.0 - up), opening * up);
+                let above = lid + gone - v;
+                let source = if v > lower - raised {
+                    v + raised
+                } else if above <= 0.0 {
+                    if gone < 0.0 { v.max(lid + UNCOVERED) } else { v }
+                } else if above < LASHES {
+                    lid - above
+                } else {
+                    lid - LASHES - (above - LASHES) * (HEIGHT - LASHES) / (HEIGHT - LASHES + gone)
+                };
+                level(image, place.at(u, source))
+            });
+            normalized(levels)
+        };
+        Some(Self { upper, lower, side, rest, pictures: (0..DOWN.0 * UP.0).map(picture).collect::<Option<_>>()? })
+    }
+
+    /// Shares of the neutral opening by which the upper lid is down and the lower one up.
+    fn shut(&self, place: &Place, nodes: &[TrackedNode]) -> Option<[f64; 2]> {
+        let mut sums = [0.0; 2];
+        for k in 0..3 {
+            let opening = self.opening(k);
+            for ((sum, lid), sign) in sums.iter_mut().zip([(self.upper, 0), (self.lower, 1)]).zip([1.0, -1.0]) {
+                *sum += sign * (place.of(&nodes.get(lid.0[k + 1])?.position)[1] - self.rest[lid.1][k]) / opening / 3.0;
+            }
+        }
+        sums.iter().all(|sum| sum.is_finite()).then_some(sums)
+    }
+
+    /// Neutral opening at one of the three nodes between the corners, over the eye's width.
+    fn opening(&self, k: usize) -> f64 {
+        (self.rest[1][k] - self.rest[0][k]).max(1e-3)
+    }
+
+    fn place(&self, image: &GrayImage, nodes: &mut [TrackedNode]) {
+        let Some((outer, inner)) = nodes.get(self.upper[0]).zip(nodes.get(self.upper[4])) else { return };
+        let place = Place::new(outer.position, inner.position, self.side);
+        let Some(tracked) = self.shut(&place, nodes) else { return };
+        let Some(([down, up], share)) = self.look(image, &place, tracked) else { return };
+        let down = down.min(1.0 - MEETING - up);
+        for k in 0..3 {
+            let opening = self.opening(k);
+            let there =
+                [(self.upper[k + 1], self.rest[0][k] + down * opening), (self.lower[k + 1], self.rest[1][k] - up * opening)];
+            for (node, there) in there {
+                let Some(node) = nodes.get_mut(node) else { continue };
+                node.position += place.down * (share * (there - place.of(&node.position)[1]));
+                if share >= 0.5 {
+                    // Found by its eye, not by its window.
+                    (node.state, node.evidence) = (NodeState::Tracked, None);
+                }
+            }
+        }
+    }
+
+    /// By how much of its opening the eye looks shut from above and from below, and the share of the way there that lids go; `None` where
+    /// they stay as they were tracked.
+    fn look(&self, image: &GrayImage, place: &Place, tracked: [f64; 2]) -> Option<([f64; 2], f64)> {
+        let go = |values: &[f64]| {
+            let (best, value) = greatest(values);
+            let tracked = between(values, tracked);
+            let explained = (value - tracked) / (1.0 - tracked).max(1e-6);
+            let share = smooth_step(ADVANTAGE.0, ADVANTAGE.1, value - tracked) * smooth_step(EXPLAINED.0, EXPLAINED.1, explained);
+            (best, value, share)
+        };
+        let mut most = self.correlations(image, place, [0.0; 2])?;
+        // Mostly the tracker is right; then one look is enough.
+        if go(&most).2 <= 0.0 {
+            return None;
+        }
+        for off in OFF.into_iter().flat_map(|v| OFF.map(|u| [u, v])) {
+            if let Some(found) = self.correlations(image, place, off) {
+                most.iter_mut().zip(found).for_each(|(most, found)| *most = most.max(found));
+            }
+        }
+        let (best, value, share) = go(&most);
+        (value >= UNLIKE && share > 0.0).then(|| (peak(&most, best), share))
+    }
+
+    /// Correlations of the eye, taken to be off by a little, with its pictures.
+    fn correlations(&self, image: &GrayImage, place: &Place, [off_u, off_v]: [f64; 2]) -> Option<Vec<f64>> {
+        let seen = normalized(samples(|u, v| level(image, place.at(u + off_u, v + off_v))))?;
+        Some(self.pictures.iter().map(|picture| f64::from(dot(picture, &seen))).collect())
+    }
+}
+
+/// What a function of the places compared has there, row by row.
+fn samples(value: impl Fn(f64, f64) -> f32) -> Vec<f32> {
+    let spread = |(from, to): (f64, f64), k: usize, count: usize| from + (to - from) * k as f64 / (count - 1) as f64;
+    let rows = (0..ROWS).map(|row| spread(BELOW, row, ROWS));
+    rows.flat_map(|v| (0..COLUMNS).map(move |column| (spread(ALONG, column, COLUMNS), v))).map(|(u, v)| value(u, v)).collect()
+}
+
+/// Height of a lid, whose nodes ascend along the eye, at a place along it.
+fn height_at(chain: &[[f64; 2]], u: f64) -> f64 {
+    let pair = chain.windows(2).find(|pair| u <= pair[1][0]).or(chain.windows(2).last());
+    let Some([from, to]) = pair.map(|pair| [pair[0], pair[1]]) else { return 0.0 };
+    from[1] + (to[1] - from[1]) * ((u - from[0]) / (to[0] - from[0]).max(1e-9)).clamp(0.0, 1.0)
+}
+
+/// Grey level between pixels, the border's beyond it.
+fn level(image: &GrayImage, at: Point2<f64>) -> f32 {
+    let (width, height) = image.dimensions();
+    if width == 0 || height == 0 {
+        return 0.0;
+    }
+    let cell = |at: f64, size: u32| {
+        let at = if at.is_finite() { at.clamp(0.0, f64::from(size - 1)) } else { 0.0 };
+        let first = (at as u32).min(size.saturating_sub(2));
+        (first, (first + 1).min(size - 1), (at - f64::from(first)) as f32)
+    };
+    let ((x, right, s), (y, low, t)) = (cell(at.x, width), cell(at.y, height));
+    let pixel = |x: u32, y: u32| f32::from(image.get_pixel(x, y).0[0]);
+    let row = |y: u32| pixel(x, y) + (pixel(right, y) - pixel(x, y)) * s;
+    row(y) + (row(low) - row(y)) * t
+}
+
+/// Levels with their mean taken out and of norm 1; `None` where they hardly differ.
+fn normalized(mut levels: Vec<f32>) -> Option<Vec<f32>> {
+    let count = levels.len() as f32;
+    let mean = levels.iter().sum::<f32>() / count;
+    levels.iter_mut().for_each(|level| *level -= mean);
+    let norm = dot(&levels, &levels).sqrt();
+    if f64::from(norm / count.sqrt()) < FLAT {
+        return None;
+    }
+    levels.iter_mut().for_each(|level| *level /= norm);
+    Some(levels)
+}
+
+/// Sum of products, in lanes that always add up alike.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut lanes = [0.0_f32; 8];
+    for (a, b) in a.chunks(8).zip(b.chunks(8)) {
+        lanes.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    }
+    lanes.iter().sum()
+}
+
+/// Index and value of the greatest of the correlations, the first of equals.
+fn greatest(values: &[f64]) -> (usize, f64) {
+    values.iter().copied().enumerate().fold((0, f64::NEG_INFINITY), |best, (k, v)| if v > best.1 { (k, v) } else { best })
+}
+
+/// The share of the opening that a picture stands for.
+fn share(k: f64, (count, least, most): (usize, f64, f64)) -> f64 {
+    least + (most - least) * k / (count - 1) as f64
+}
+
+/// The correlation with a picture between those there are.
+fn between(values: &[f64], [down, up]: [f64; 2]) -> f64 {
+    let cell = |share: f64, (count, least, most): (usize, f64, f64)| {
+        let at = ((share - least) / (most - least)).clamp(0.0, 1.0) * (count - 1) as f64;
+        let k = (at as usize).min(count - 2);
+        (k, at - k as f64)
+    };
+    let ((k, s), (row, t)) = (cell(down, DOWN), cell(up, UP));
+    let value = |row: usize, k: usize| values.get(row * DOWN.0 + k).copied().unwrap_or(0.0);
+    let along = |row: usize| value(row, k) + (value(row, k + 1) - value(row, k)) * s;
+    along(row) + (along(row + 1) - along(row)) * t
+}
+
+/// Shares of the opening at which correlations peak, about the greatest of them: those of the parabolas through its neighbours.
+fn peak(values: &[f64], best: usize) -> [f64; 2] {
+    let along = |k: usize, step: usize, range: (usize, f64, f64)| {
+        let beside = |k: Option<usize>| k.and_then(|k| values.get(k)).copied();
+        let before = beside(if k > 0 { best.checked_sub(step) } else { None });
+        let after = beside((k + 1 < range.0).then_some(best + step));
+        let off = match (before, after) {
+            (Some(before), Some(after)) => {
+                let bend = before - 2.0 * values[best] + after;
+                if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 }
+            }
+            _ => 0.0,
+        };
+        share(k as f64 + off, range)
+    };
+    [along(best % DOWN.0, 1, DOWN), along(best / DOWN.0, DOWN.0, UP)]
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Luma;
+
+    use super::*;
+
+    /// Width of the eye, and the heights of its lids in the middle, px.
+    const WIDTH: f64 = 60.0;
+    const LIDS: (f64, f64) = (-14.0, 6.0);
+
+    /// Height of a lid below the line between the corners at a share of it: a parabola through both.
+    fn arc(middle: f64, u: f64) -> f64 {
+        4.0 * middle * u * (1.0 - u)
+    }
+
+    /// An eye with a dark iris `gaze` px from the middle under a lid that is down by a share `shut`, drawn: skin that grows darker downwards with a
+    /// grain, lashes on the upper lid's edge, the white of the eye.
+    fn eye(number: u32, shut: f64, gaze: f64) -> Frame {
+        let level = |x: u32, y: u32| {
+            let (x, y) = (f64::from(x) - 40.0, f64::from(y) - 60.0);
+            let u = x / WIDTH;
+            let grain = 6.0 * (x * 0.7).sin() * (y * 0.45).cos();
+            let (upper, lower) = (arc(LIDS.0 + shut * (LIDS.1 - LIDS.0), u), arc(LIDS.1, u));
+            if !(0.0..=1.0).contains(&u) || y > lower || y < upper - 3.0 {
+                150.0 - 0.4 * y + grain
+            } else if y < upper {
+                40.0
+            } else if (x - WIDTH / 2.0 - gaze).hypot(y + 5.0) < 10.0 {
+                60.0
+            } else {
+                215.0
+            }
+        };
+        Frame::new(number, GrayImage::from_fn(140, 110, |x, y| Luma([level(x, y).round() as u8])))
+    }
+
+    /// The nodes of Candide-3 with the subject's left eye where [`eye`] has it, in an image that is mirrored: the outer corner on the left.
+    fn nodes(shut: f64) -> Vec<TrackedNode> {
+        let mut nodes = vec![TrackedNode::new(Point2::origin(), NodeState::Fitted, None); 113];
+        let [upper, lower] = LID_MARGINS[0];
+        for (chain, middle) in [(upper, LIDS.0 + shut * (LIDS.1 - LIDS.0)), (lower, LIDS.1)] {
+            for (k, node) in chain.into_iter().enumerate() {
+                let u = k as f64 / 4.0;
+                nodes[usize::from(node)].position = Point2::new(40.0 + u * WIDTH, 60.0 + arc(middle, u));
+            }
+        }
+        nodes
+    }
+
+    fn lids() -> Lids {
+        let positions: Vec<_> = nodes(0.0).iter().map(|n| n.position).collect();
+        Lids::new(&eye(1, 0.0, 0.0), &positions)
+    }
+
+    /// Share of the opening that is left between the middles of the lids.
+    fn opening(nodes: &[TrackedNode]) -> f64 {
+        (nodes[22].position.y - nodes[21].position.y) / (LIDS.1 - LIDS.0)
+    }
+
+    #[test]
+    fn a_lid_that_the_tracker_left_behind_goes_down() {
+        for shut in [0.5, 0.8, 1.0] {
+            // The tracker lost it a fifth of the way down.
+            let mut found = nodes(0.2);
+            found[21].state = NodeState::Recovered(super::super::LossReason::Klt);
+            lids().place(&eye(2, shut, 0.0), &mut found);
+            let left = opening(&found);
+            assert!((left - (1.0 - shut).max(MEETING)).abs() < 0.12, "{left} is left open where {shut} is gone");
+            assert_eq!(found[21].state, NodeState::Tracked);
+            // Corners stay, and so does what is no lid.
+            assert!(found[20] == nodes(0.0)[20] && found[23] == nodes(0.0)[23] && found[30] == nodes(0.0)[30]);
+        }
+    }
+
+    #[test]
+    fn what_is_tracked_well_stays() {
+        for (shut, gaze) in [(0.0, 0.0), (0.0, 8.0), (0.0, -12.0), (0.3, 0.0), (0.6, 3.0)] {
+            let mut found = nodes(shut);
+            lids().place(&eye(2, shut, gaze), &mut found);
+            let moved = (opening(&found) - opening(&nodes(shut))).abs();
+            assert!(moved < 0.06, "shut by {shut}, gaze {gaze}: {moved}");
+        }
+    }
+
+    #[test]
+    fn a_lid_that_stayed_down_comes_up_with_the_eye_open() {
+        let mut found = nodes(0.5);
+        lids().place(&eye(2, 0.0, 0.0), &mut found);
+        assert!((opening(&found) - 1.0).abs() < 0.08, "{}", opening(&found));
+    }
+
+    #[test]
+    fn light_does_not_count() {
+        let darker = eye(2, 1.0, 0.0);
+        let image = GrayImage::from_fn(140, 110, |x, y| Luma([darker.image().get_pixel(x, y).0[0] / 2 + 20]));
+        let mut found = nodes(0.2);
+        lids().place(&Frame::new(2, image), &mut found);
+        assert!(opening(&found) < 0.12, "{}", opening(&found));
+    }
+
+    #[test]
+    fn shut_tiny_and_flat_eyes_and_odd_nodes_are_left_alone() {
+        let frame = eye(1, 0.0, 0.0);
+        let positions = |scale: f64, shut: f64| nodes(shut).iter().map(|n| n.position * scale).collect::<Vec<_>>();
+        assert!(Lids::new(&frame, &positions(1.0, 0.9)).0.is_empty(), "shut");
+        assert!(Lids::new(&frame, &positions(0.15, 0.0)).0.is_empty(), "9 px wide");
+        assert!(Lids::new(&frame, &positions(1.0, 0.0)[..50]).0.is_empty(), "too few nodes");
+        let flat = Frame::new(1, GrayImage::from_pixel(140, 110, Luma([90])));
+        assert!(Lids::new(&flat, &positions(1.0, 0.0)).0.is_empty(), "flat");
+        let mut odd = nodes(0.2);
+        odd[20].position.x = f64::NAN;
+        lids().place(&eye(2, 1.0, 0.0), &mut odd);
+        assert_eq!(odd[21], nodes(0.2)[21]);
+        // Nothing but skin where the eye should be.
+        let mut covered = nodes(0.2);
+        lids().place(&flat, &mut covered);
+        assert_eq!(covered, nodes(0.2));
+    }
+
+    #[test]
+    fn an_eye_with_a_node_set_by_hand_is_left_alone() {
+        let mut lids = lids();
+        lids.release(NodeId(53));
+        assert_eq!(lids.0.len(), 1);
+        lids.release(NodeId(22));
+        assert!(lids.0.is_empty());
+    }
+}
