@@ -15,7 +15,11 @@ use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, Normalizer},
     units::{FaceUnit, NodeId},
-    warp::{Opening, RigOpening, teeth_picture},
+    warp::{
+        Opening, RigOpening,
+        lid_skin::{self, LidSkin},
+        teeth_picture,
+    },
     wireframe::{Face as Wire, Fapu, Fapus},
 };
 
@@ -92,6 +96,16 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             .collect::<Vec<_>>(),
         "canonical": { "fapus": lengths(&canonical.fapus), "lids": crate::clone::canonical_lid_gaps(canonical) },
         "lidPairs": LID_PAIRS,
+        // What the skin of a shutting lid goes by, on every face.
+        "lidSkin": {
+            "shut": lid_skin::SHUT,
+            "leastBand": lid_skin::LEAST_BAND,
+            "fade": lid_skin::FADE,
+            "ends": lid_skin::ENDS,
+            "folded": lid_skin::FOLDED,
+            "grain": lid_skin::GRAIN,
+            "clear": lid_skin::CLEAR,
+        },
         "teeth": { "picture": pack::data_url("image/png", teeth), "scale": scale, "origin": [origin.0, origin.1], "white": white },
     }))
 }
@@ -226,7 +240,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "drivers": rig.drivers,
         "weights": pack::scaled(&rig.weights),
         "neighbours": rig.neighbours,
-        "openings": rig.openings.iter().map(opening).collect::<Vec<_>>(),
+        "openings": rig.openings.iter().map(|o| opening(o, place, scale)).collect::<Vec<_>>(),
         "bows": rig.bows.each_ref().map(|edge| edge.iter().map(|(v, bow)| json!([v, (bow * scale) as f32])).collect::<Vec<_>>()),
         "closed": rig.closed,
         "unit": rig.eye_distance * scale,
@@ -241,7 +255,20 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
     }))
 }
 
-fn opening(opening: &RigOpening) -> Value {
+/// The skin of an upper lid; lengths in pixels of the face's picture, in which the outer corner of the eye is at `from`.
+fn lid_skin(lid: &LidSkin, from: [f64; 2], scale: f64) -> Value {
+    let lengths = |list: &[f64]| pack::single(list.iter().map(|v| v * scale));
+    json!({
+        "from": from,
+        "across": [lid.across.x * scale, lid.across.y * scale],
+        "edge": lengths(&lid.edge),
+        "band": lengths(&lid.band),
+        "skin": pack::single(lid.skin.iter().flatten().map(|&level| f64::from(level))),
+    })
+}
+
+/// An opening, of an eye with the skin of its upper lid; `place` and `scale` lead to the face's picture.
+fn opening(opening: &RigOpening, place: impl Fn(&Point2<f64>) -> [f64; 2], scale: f64) -> Value {
     json!({
         "kind": match opening.opening { Opening::Mouth => "mouth", Opening::LeftEye => "left eye", Opening::RightEye => "right eye" },
         "upper": opening.upper,
@@ -253,6 +280,7 @@ fn opening(opening: &RigOpening) -> Value {
         "lowerNodes": opening.lower_nodes,
         "iris": opening.iris,
         "lashes": opening.lashes,
+        "lid": opening.lid.as_ref().map(|lid| lid_skin(lid, place(&lid.from), scale)),
     })
 }
 
@@ -266,7 +294,46 @@ fn jpeg(name: &str, picture: &RgbImage) -> Result<Vec<u8>, PlayerError> {
 
 #[cfg(test)]
 mod tests {
+    use base64::{Engine, prelude::BASE64_STANDARD};
+
     use super::*;
+    use crate::{correspondence::read_correspondences, fit::Fitter};
+
+    #[test]
+    fn the_skin_of_lids_is_that_of_the_library() {
+        let wire = Wire::candide3();
+        let marks = read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &wire.tables, 113).unwrap();
+        let picture = image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8();
+        let fitter = Fitter::new(&wire.wireframe, crate::fit::FitOptions::default());
+        let target = Target::new("P01", picture, &marks, &fitter, &wire).unwrap();
+        let (left, top, _, height) = target.surroundings();
+        let numbers = |packed: &Value| -> Vec<f64> {
+            let bytes = BASE64_STANDARD.decode(packed.as_str().unwrap()).unwrap();
+            bytes.chunks_exact(4).map(|four| f64::from(f32::from_le_bytes(four.try_into().unwrap()))).collect()
+        };
+        // As large as it is, and half as large.
+        for (most, scale) in [(height, 1.0), (height / 2, f64::from(height / 2) / f64::from(height))] {
+            let shown = face(&Face { label: "P01", target: &target, height: most }).unwrap();
+            assert!(shown["openings"][0]["lid"].is_null(), "a mouth has no lid");
+            for k in [1, 2] {
+                let lid = target.warp().rig(target.texture()).openings[k].lid.clone().unwrap();
+                let packed = &shown["openings"][k]["lid"];
+                let is_near = |list: &Value, expected: &[f64]| {
+                    let got: Vec<f64> =
+                        list.as_array().map_or_else(|| numbers(list), |l| l.iter().map(|v| v.as_f64().unwrap()).collect());
+                    assert!(got.len() == expected.len() && got.iter().all(|v| v.is_finite()), "{got:?}");
+                    assert!(got.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{got:?}, expected {expected:?}");
+                };
+                let place = |v: f64, origin: u32| (v - f64::from(origin) + 0.5) * scale - 0.5;
+                is_near(&packed["from"], &[place(lid.from.x, left), place(lid.from.y, top)]);
+                is_near(&packed["across"], &[lid.across.x * scale, lid.across.y * scale]);
+                is_near(&packed["edge"], &lid.edge.iter().map(|v| v * scale).collect::<Vec<_>>());
+                is_near(&packed["band"], &lid.band.iter().map(|v| v * scale).collect::<Vec<_>>());
+                is_near(&packed["skin"], &lid.skin.iter().flatten().map(|&v| f64::from(v)).collect::<Vec<_>>());
+                assert!(lid.edge.len() == 28 && lid.skin.len() == 28 && lid.band.iter().all(|&v| v > 0.0));
+            }
+        }
+    }
 
     #[test]
     fn zero_lies_on_the_grid_of_every_slider() {

@@ -3,7 +3,7 @@
 //! A lid that shuts draws the skin above it down, and lashes that stand over that skin on the photograph would be drawn out to stripes. So
 //! the skin is guessed as it would be without them: at every place along the lid the brighter colours of what lies between lid and brow,
 //! where no lash is, carried down to the edge. It takes the place of the photograph's while the lid goes down; the line of lashes is drawn
-//! over it (see `openings`).
+//! over it (see `openings`). The page of `play` does the same (`player/assets/lids.js`): who changes one changes the other.
 
 use nalgebra::{Point2, Vector2};
 
@@ -28,29 +28,31 @@ const SKIN: (f64, f64) = (0.75, 0.95);
 /// Lashes end where it is this bright over that skin.
 const LASHLESS: f64 = 0.93;
 /// Least height of the band of lashes, and that over which it fades, over the eye distance.
-const LEAST_BAND: f64 = 0.03;
-const FADE: f64 = 0.055;
+pub const LEAST_BAND: f64 = 0.03;
+pub const FADE: f64 = 0.055;
 /// Skin from above the lashes is laid over the guess, that much of it, and from so much less of a height than it is laid on; not where it is
 /// darker than this over the guess, and wholly where it is as bright as that.
-const GRAIN: f32 = 0.55;
-const FOLDED: f64 = 0.4;
-const CLEAR: (f64, f64) = (0.80, 0.95);
+pub const GRAIN: f32 = 0.55;
+pub const FOLDED: f64 = 0.4;
+pub const CLEAR: (f64, f64) = (0.80, 0.95);
+/// Where along the lid it begins beside the outer corner, and where it ends beside the inner one.
+pub const ENDS: [(f64, f64); 2] = [(-0.06, 0.10), (0.90, 1.06)];
 /// Share of the opening that is gone when the skin begins to take the place of the photograph's, and when it has.
-const SHUT: (f64, f64) = (0.25, 0.70);
+pub const SHUT: (f64, f64) = (0.25, 0.70);
 
 /// The skin above one eye.
 #[derive(Clone, Debug)]
 pub struct LidSkin {
     /// Outer corner of the eye, and the way to the inner one.
-    from: Point2<f64>,
-    across: Vector2<f64>,
+    pub from: Point2<f64>,
+    pub across: Vector2<f64>,
     down: Vector2<f64>,
     eye_distance: f64,
     /// The lid at every place along it, as a height above the line between the corners, px.
-    edge: Vec<f64>,
-    /// The skin there, and how high lashes reach, px.
-    skin: Vec<[f32; 3]>,
-    band: Vec<f64>,
+    pub edge: Vec<f64>,
+    /// The skin there, levels, and how high lashes reach, px.
+    pub skin: Vec<[f32; 3]>,
+    pub band: Vec<f64>,
 }
 
 impl LidSkin {
@@ -131,7 +133,7 @@ impl LidSkin {
         let above = height - between(self.edge[k], self.edge[k + 1]);
         let band = between(self.band[k], self.band[k + 1]);
         // Beside the corners, too, it is the photograph's again.
-        let inside = smooth_step(-0.06, 0.10, along) * (1.0 - smooth_step(0.90, 1.06, along));
+        let inside = smooth_step(ENDS[0].0, ENDS[0].1, along) * (1.0 - smooth_step(ENDS[1].0, ENDS[1].1, along));
         let share = gone * inside * (1.0 - smooth_step(band, band + FADE * self.eye_distance, above));
         if share <= 0.0 || above < -0.5 * LEAST_BAND * self.eye_distance {
             return photograph;

@@ -41,7 +41,7 @@ mod folds;
 mod iris;
 mod layer;
 mod layout;
-mod lid_skin;
+pub(crate) mod lid_skin;
 mod lids;
 mod mesh;
 mod motion;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::{Opening, Texture, Warp, folds, layout, mouth, openings, tone::Tone};
+use super::{Opening, Texture, Warp, folds, layout, lid_skin::LidSkin, mouth, openings, tone::Tone};
 
 /// What it takes to move a face: the mesh on its photograph, how each vertex follows the nodes, and what lies behind lips and lids.
 #[derive(Clone, Debug)]
@@ -66,6 +66,8 @@ pub struct RigOpening {
     pub iris: &'static [u16],
     /// Colour of the lashes, levels.
     pub lashes: [f32; 3],
+    /// The skin of its upper lid without lashes.
+    pub lid: Option<LidSkin>,
 }
 
 impl Warp {
@@ -82,7 +84,7 @@ impl Warp {
                 folds::least_area(area(&self.mesh.vertices, t), area(&self.source, t))
             }
         };
-        let openings = self.mesh.openings.iter().zip(&layout::OPENINGS).map(|(mesh, nodes)| RigOpening {
+        let openings = self.mesh.openings.iter().zip(&layout::OPENINGS).enumerate().map(|(k, (mesh, nodes))| RigOpening {
             opening: mesh.opening,
             upper: mesh.upper.clone(),
             lower: mesh.lower.clone(),
@@ -93,6 +95,7 @@ impl Warp {
             lower_nodes: nodes.lower,
             iris: nodes.iris,
             lashes: openings::lash_colour(self, mesh, texture),
+            lid: self.lids.get(k).cloned().flatten(),
         });
         let tone = Tone::of(texture, &self.nodes);
         Rig {

@@ -5,6 +5,7 @@ class FlatStage {
     this.canvas = canvas;
     this.context = canvas.getContext("2d");
     this.teeth = teeth;
+    this.lids = new Map();
   }
   /** The part of the picture in a triangle, drawn into another. */
   triangle(image, [a, b, c], [p, q, r]) {
@@ -44,7 +45,8 @@ class FlatStage {
       canvas.height = rig.height;
     }
     if (rig.kind === "head") return this.head(rig);
-    context.drawImage(rig.image, 0, 0);
+    const picture = this.withLids(rig);
+    context.drawImage(picture, 0, 0);
     const { vertices, moved, skin } = rig;
     const point = (list, v) => [list[2 * v], list[2 * v + 1]];
     const loose = (triangles, at) => {
@@ -58,7 +60,7 @@ class FlatStage {
     for (let k = 0; k < skin.length; k += 3) {
       const corners = [skin[k], skin[k + 1], skin[k + 2]];
       if (corners.some((v) => Math.abs(moved[2 * v] - vertices[2 * v]) + Math.abs(moved[2 * v + 1] - vertices[2 * v + 1]) > 0.03)) {
-        this.triangle(rig.image, corners.map((v) => point(moved, v)), corners.map((v) => point(vertices, v)));
+        this.triangle(picture, corners.map((v) => point(moved, v)), corners.map((v) => point(vertices, v)));
       }
     }
     for (const opening of rig.openings.slice(1)) {
@@ -71,6 +73,24 @@ class FlatStage {
         context.stroke();
       }
     }
+  }
+  /** The picture, with the skin of lids that shut over it. */
+  withLids(rig) {
+    const shutting = rig.shuttingLids(), { width, height } = rig;
+    if (!shutting.length) return rig.image;
+    if (!this.lids.has(rig)) {
+      const skin = node("canvas", { width, height });
+      skin.getContext("2d").putImageData(rig.lidPicture(), 0, 0);
+      this.lids.set(rig, { skin, mixed: node("canvas", { width, height }) });
+    }
+    const { skin, mixed } = this.lids.get(rig), context = mixed.getContext("2d");
+    context.globalAlpha = 1;
+    context.drawImage(rig.image, 0, 0);
+    for (const { lid: { box: [x, y, w, h] }, gone } of shutting) {
+      context.globalAlpha = gone;
+      context.drawImage(skin, x, y, w, h, x, y, w, h);
+    }
+    return mixed;
   }
   /** A head from back to front, each triangle in one shade. */
   head(rig) {

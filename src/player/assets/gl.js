@@ -1,11 +1,11 @@
-// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, the lashes.
+// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, that of lids that shut, the lashes.
 
 const SKIN_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute float cover; uniform vec2 size; varying vec2 uv; varying float c;
 void main() { c = cover; uv = (from + 0.5) / size; vec2 p = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, 0.0, 1.0); }`;
 const SKIN_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
-void main() { gl_FragColor = vec4(texture2D(picture, uv).rgb, c); }`;
+void main() { vec4 t = texture2D(picture, uv); gl_FragColor = vec4(t.rgb, c * t.a); }`;
 // `place` is in eye distances from where the closed lips meet, `lips` the heights of both lips there.
 const MOUTH_VERTEX = `
 attribute vec2 at; attribute vec2 place; attribute vec2 lips; attribute vec2 above; attribute vec2 below; uniform vec2 size;
@@ -117,6 +117,7 @@ class GlStage {
     this.lash = this.program(LASH_VERTEX, LASH_FRAGMENT);
     this.head = this.program(HEAD_VERTEX, HEAD_FRAGMENT);
     this.pictures = new Map();
+    this.lidPictures = new Map();
     this.around = null;
     this.buffers = new Map();
     this.teethTexture = this.texture(this.teeth.image);
@@ -222,13 +223,38 @@ class GlStage {
     this.attribute(this.skin, "from");
     this.buffer(`skin ${rig.index}`, () => rig.skin, gl.ELEMENT_ARRAY_BUFFER, true);
     gl.drawElements(gl.TRIANGLES, rig.skin.length, gl.UNSIGNED_SHORT, 0);
-    // The edges of lids and lips run out softly.
     gl.enable(gl.BLEND);
+    const shutting = rig.shuttingLids();
+    this.drawLids(rig, shutting);
+    // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
-      if (rig.gap(opening, rig.moved) > 0.5) this.loose(rig, edgeStrips(rig, opening, 1.2), true);
+      if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
+      const strips = edgeStrips(rig, opening, 1.2);
+      this.loose(rig, strips, true);
+      const { gone } = shutting.find((entry) => entry.opening === opening) ?? { gone: 0 };
+      if (gone > 0) this.byLidPicture(rig, () => this.loose(rig, strips.map((c) => [...c.slice(0, 4), c[4] * gone]), true));
     }
     for (const opening of rig.openings.slice(1)) this.drawLashes(rig, opening);
     gl.disable(gl.BLEND);
+  }
+  /** Over the skin that has just been drawn, and by its buffers: that of lids that shut. */
+  drawLids(rig, shutting) {
+    const { gl } = this;
+    for (const { opening, lid, gone } of shutting) {
+      this.byLidPicture(rig, () => {
+        gl.vertexAttrib1f(this.skin.at("cover")[0], gone);
+        this.buffer(`lid ${rig.index} ${opening.kind}`, () => lid.triangles, gl.ELEMENT_ARRAY_BUFFER, true);
+        gl.drawElements(gl.TRIANGLES, lid.triangles.length, gl.UNSIGNED_SHORT, 0);
+      });
+    }
+  }
+  /** Draws with the skin of lids for the picture. */
+  byLidPicture(rig, draw) {
+    const { gl, pictures, lidPictures } = this;
+    if (!lidPictures.has(rig)) lidPictures.set(rig, this.texture(rig.lidPicture()));
+    gl.bindTexture(gl.TEXTURE_2D, lidPictures.get(rig));
+    draw();
+    gl.bindTexture(gl.TEXTURE_2D, pictures.get(rig));
   }
   drawHead(rig) {
     const { gl, head } = this;

@@ -1,7 +1,7 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
-const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002;
+const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002, CLOSING = 0.6;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
 class Rig {
@@ -17,6 +17,7 @@ class Rig {
     this.offsets = new Float32Array(2 * entry.drivers.length);
     this.wanted = Float32Array.from(this.nodes);
     this.scales = new Map();
+    this.lidSkins = entry.openings.map(({ lid }) => lid && new LidSkin(lid, this));
   }
   level(p, k) {
     return p[2 * k] * this.down[0] + p[2 * k + 1] * this.down[1];
@@ -326,9 +327,20 @@ class Rig {
     }
     return at;
   }
+  /** The lids that shut, and how far their skin takes the place of the picture's, 0 to 1. */
+  shuttingLids() {
+    const { lidSkins, openings, moved, vertices, shared } = this;
+    const gone = (k) => smoothStep(...shared.lidSkin.shut, 1 - this.gap(openings[k], moved) / Math.max(this.gap(openings[k], vertices), 1e-9));
+    return lidSkins.map((lid, k) => ({ opening: openings[k], lid, gone: lid ? gone(k) : 0 })).filter((entry) => entry.gone > 0);
+  }
+  /** The skin of both lids over the picture, made when a lid first shuts. */
+  lidPicture() {
+    this.lidPixels ??= lidPicture(this);
+    return this.lidPixels;
+  }
   /** The line of the lashes of an eye whose lids come near each other: points, how shut (0 to 1), half its width. */
   lashLine(opening) {
-    const shut = 1 - this.gap(opening, this.moved) / Math.max(0.35 * this.gap(opening, this.vertices), 1e-9);
+    const shut = 1 - this.gap(opening, this.moved) / Math.max(CLOSING * this.gap(opening, this.vertices), 1e-9);
     const { moved } = this;
     const line = opening.upper.map((a, k) => [0, 1].map((axis) => (moved[2 * a + axis] + moved[2 * opening.lower[k] + axis]) / 2));
     return { line, shut: clamp(shut, 0, 1), width: Math.max(0.024 * this.unit, 0.6) };

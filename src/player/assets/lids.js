@@ -1,0 +1,87 @@
+// The skin of upper lids as it is without lashes, for eyes that shut. The same steps as the library's `warp/lid_skin.rs`; see there for the
+// reasons. What it takes the place of depends on a place of the picture only, so it is a picture of its own that is laid over the other.
+
+const luma = (r, g, b) => 0.3 * r + 0.59 * g + 0.11 * b;
+
+class LidSkin {
+  constructor({ from, across, edge, band, skin }, rig) {
+    Object.assign(this, { from, across, down: rig.down, unit: rig.unit, look: rig.shared.lidSkin });
+    Object.assign(this, { edge: singles(edge), band: singles(band), skin: singles(skin) });
+    this.places = this.edge.length;
+    // Bilinear reading goes a pixel beyond the edge.
+    this.below = Math.max(0.5 * this.look.leastBand * this.unit, 1);
+    this.reach(rig);
+  }
+  /** Share of the way from the outer to the inner corner, and height above the line between them, px. */
+  place(x, y) {
+    const { from, across, down } = this;
+    const [ox, oy] = [x - from[0], y - from[1]], size = across[0] * down[1] - across[1] * down[0];
+    return [(ox * down[1] - oy * down[0]) / size, (across[1] * ox - across[0] * oy) / size];
+  }
+  /** The part of the picture that it reaches, and the triangles of the skin that show any of that. */
+  reach({ skin, vertices, width, height }) {
+    const { from, across, down, places, edge, band, unit, look, below } = this;
+    const ends = [-0.5 / places, 1 + 0.5 / places];
+    const low = Math.min(...edge) - below, high = Math.max(...edge.map((v, k) => v + band[k])) + look.fade * unit;
+    const corners = ends.flatMap((along) => [low, high].map((up) => [0, 1].map((axis) => from[axis] + across[axis] * along - down[axis] * up)));
+    const bounds = (axis, size) => {
+      const list = corners.map((p) => p[axis]);
+      const first = clamp(Math.floor(Math.min(...list)) - 2, 0, size);
+      return [first, clamp(Math.ceil(Math.max(...list)) + 3, first, size) - first];
+    };
+    const [[x, w], [y, h]] = [bounds(0, width), bounds(1, height)];
+    this.box = [x, y, w, h];
+    const found = [];
+    for (let k = 0; k < skin.length; k += 3) {
+      const three = [skin[k], skin[k + 1], skin[k + 2]];
+      const at = three.map((v) => this.place(vertices[2 * v], vertices[2 * v + 1]));
+      const meets = (axis, [least, most]) => at.some((p) => p[axis] > least) && at.some((p) => p[axis] < most);
+      if (meets(0, ends) && meets(1, [low, high])) found.push(...three);
+    }
+    this.triangles = Uint16Array.from(found);
+  }
+  /** Red, green and blue (levels) at a place of the picture, and how far they take the place of its own over a lid that has shut. */
+  colour(x, y, sample) {
+    const { edge, band: bands, skin, places, unit, down, look } = this;
+    const [along, height] = this.place(x, y);
+    const place = along * places - 0.5, k = clamp(Math.floor(place), 0, places - 2), t = clamp(place - k, 0, 1);
+    const between = (list, step = 1, c = 0) => list[step * k + c] + (list[step * (k + 1) + c] - list[step * k + c]) * t;
+    const above = height - between(edge), band = between(bands), fade = look.fade * unit;
+    const inside = smoothStep(...look.ends[0], along) * (1 - smoothStep(...look.ends[1], along));
+    const isOut = place < -1 || place > places || above < -this.below;
+    const share = isOut ? 0 : inside * (1 - smoothStep(band, band + fade, above));
+    const guess = [0, 1, 2].map((c) => between(skin, 3, c));
+    const missing = Math.max(band - above, 0), rise = look.folded * missing + missing + 0.5 * fade;
+    const beyond = sample(x - down[0] * rise, y - down[1] * rise);
+    const grain = look.grain * smoothStep(...look.clear, luma(...beyond) / Math.max(luma(...guess), 1));
+    return [...guess.map((v, c) => v + (beyond[c] - v) * grain), 255 * share];
+  }
+}
+
+/** The skin of a face's lids as a picture to be laid over its own. */
+function lidPicture(rig) {
+  const { width, height } = rig;
+  const context = node("canvas", { width, height }).getContext("2d", { willReadFrequently: true });
+  context.drawImage(rig.image, 0, 0);
+  const { data } = context.getImageData(0, 0, width, height);
+  const sample = (x, y) => {
+    const [px, py] = [clamp(x, 0, width - 1), clamp(y, 0, height - 1)];
+    const [left, top] = [Math.floor(px), Math.floor(py)], [fx, fy] = [px - left, py - top];
+    const a = 4 * (top * width + left), right = left + 1 < width ? 4 : 0, under = top + 1 < height ? 4 * width : 0;
+    const row = (k) => data[k] + (data[k + right] - data[k]) * fx;
+    return [0, 1, 2].map((c) => row(a + c) + (row(a + under + c) - row(a + c)) * fy);
+  };
+  const picture = new ImageData(width, height);
+  for (const lid of rig.lidSkins) {
+    if (!lid) continue;
+    const [left, top, w, h] = lid.box;
+    for (let y = top; y < top + h; y++) {
+      for (let x = left; x < left + w; x++) {
+        const at = 4 * (y * width + x);
+        // Where there is none of it, too, it has a colour, which the pixels beside are mixed with; the other lid's own stays.
+        if (!picture.data[at + 3]) picture.data.set(lid.colour(x, y, sample), at);
+      }
+    }
+  }
+  return picture;
+}
