@@ -35,6 +35,8 @@ pub const FADE: f64 = 0.055;
 pub const GRAIN: f32 = 0.55;
 pub const FOLDED: f64 = 0.4;
 pub const CLEAR: (f64, f64) = (0.80, 0.95);
+/// Offsets to either side, over the eye distance, whose skin counts for one place: single lashes that reach higher are no stripes then.
+pub const STRIPS: [f64; 5] = [-0.024, -0.012, 0.0, 0.012, 0.024];
 /// Where along the lid it begins beside the outer corner, and where it ends beside the inner one.
 pub const ENDS: [(f64, f64); 2] = [(-0.06, 0.10), (0.90, 1.06)];
 /// Share of the opening that is gone when the skin begins to take the place of the photograph's, and when it has.
@@ -104,6 +106,11 @@ impl LidSkin {
         }
         lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
         lid.band = smoothed(&lid.band, |list| list.iter().copied().fold(0.0, f64::max));
+        // No steps from one place to the next: skin has none.
+        for _ in 0..2 {
+            lid.band = smoothed(&lid.band, |list| list.iter().sum::<f64>() / list.len() as f64);
+            lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
+        }
         Some(lid)
     }
 
@@ -141,7 +148,9 @@ impl LidSkin {
         let guess: [f32; 3] = std::array::from_fn(|c| self.skin[k][c] + (self.skin[k + 1][c] - self.skin[k][c]) * t as f32);
         let missing = (band - above).max(0.0);
         let rise = FOLDED * missing + missing + 0.5 * FADE * self.eye_distance;
-        let beyond = texture.sample(at - self.down * rise);
+        let unit = self.across * (self.eye_distance / self.across.norm());
+        let strips = STRIPS.map(|off| texture.sample(at - self.down * rise + unit * off));
+        let beyond: [f32; 3] = std::array::from_fn(|c| strips.iter().map(|colour| colour[c]).sum::<f32>() / STRIPS.len() as f32);
         let clear = smooth_step(CLEAR.0, CLEAR.1, f64::from(luma(beyond) / luma(guess).max(1.0)));
         let grain = GRAIN * clear as f32;
         std::array::from_fn(|c| {
