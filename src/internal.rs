@@ -104,8 +104,8 @@ pub mod overlay {
 pub mod pipeline {
     pub use crate::modules::pipeline::{
         AnalyzedModel, Event, FapOptions, Method, NONE_LEVEL, PipelineOptions, Recording, RecordingError, RunError, RunSummary,
-        SegmentedRecording, SequenceFailure, SequenceSource, Workbench, analyze, fit_landmarks, found_marks,
-        found_marks_and_remark, id_of, load_tracks, normalize_track, read_model, run, segment_recording, showcase_target,
+        SegmentedRecording, SequenceFailure, SequenceSource, Workbench, analyze, face_of_marks, fit_landmarks, found_marks,
+        found_marks_and_remark, held, id_of, load_tracks, normalize_track, read_model, run, segment_recording, showcase_target,
         track_files, track_one, track_pictures, write_analysis, write_model,
     };
 }

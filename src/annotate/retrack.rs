@@ -326,7 +326,8 @@ impl TrackDesk {
         });
         let mut frames = frames.to_vec();
         expect_errors(&mut frames, &self.bench.wireframe, &self.bench.tables, Confidence::shipped());
-        info.summary = summarize(&frames, &self.bench.wireframe, &self.bench.tables);
+        let beside = std::mem::take(&mut info.summary.beside);
+        info.summary = summarize(&frames, &self.bench.wireframe, &self.bench.tables).with_marks_beside(beside);
         write_track(&item.csv, &frames, &mut info).map_err(RequestError::failed)?;
         item.corrected = count_corrected(&frames);
         item.summary = info.summary;

@@ -7,7 +7,7 @@ use grimace::{
     fit::{MarkKind, validate_correspondences},
     output::{self, nine_digits},
     overlay::{draw_overlay, png_bytes},
-    pipeline::PipelineOptions,
+    pipeline::{PipelineOptions, marks_beside},
     sequence::read_frame,
     track::{eye_distance_px, neutral_nodes},
 };
@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use super::{
     Outcome,
-    shared::{FitArgs, GeneralArgs, MethodArgs, marks_or_found},
+    shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, marks_or_found},
 };
 
 /// Fit the wireframe to one neutral face.
@@ -48,6 +48,8 @@ pub struct Args {
     #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
+    check: CheckArgs,
+    #[command(flatten)]
     general: GeneralArgs,
 }
 
@@ -76,8 +78,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(path) = &overlay {
         args.general.check_free(path)?;
     }
-    let bench =
-        args.general.workbench(PipelineOptions { fit: args.fit.options_of(args.method.method), ..PipelineOptions::default() })?;
+    let options = PipelineOptions {
+        fit: args.fit.options_of(args.method.method),
+        unchecked_marks: args.check.unchecked(),
+        ..PipelineOptions::default()
+    };
+    let bench = args.general.workbench(options)?;
     let frame = read_frame(&args.image)?;
     let marks = marks_or_found(args.correspondences.as_deref(), &bench, &args.image, || Ok(read_frame(&args.image)?))?;
     let in_file = || args.correspondences.as_ref().unwrap_or(&args.image).display().to_string();
@@ -108,6 +114,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
         for warning in &fitted.warnings {
             println!("note: {warning}");
+        }
+        if args.correspondences.is_some() {
+            for beside in marks_beside(&frame, &marks, &fitted, &bench) {
+                println!("note: {beside}");
+            }
         }
         if marks.len() < 5 {
             println!("note: 5 to 8 marks make a fit, those that `grimace fit --help` names a good one");

@@ -10,7 +10,9 @@ use grimace::{
 use super::{
     Outcome,
     progress::SequenceBar,
-    shared::{AnalysisArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, TrackArgs, set_threads, stop_flag, thread_count},
+    shared::{
+        AnalysisArgs, CheckArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, TrackArgs, set_threads, stop_flag, thread_count,
+    },
 };
 
 /// The main job: every stage over a dataset.
@@ -46,6 +48,8 @@ pub struct Args {
     track: TrackArgs,
     #[command(flatten)]
     analysis: AnalysisArgs,
+    #[command(flatten)]
+    check: CheckArgs,
     #[command(flatten)]
     general: GeneralArgs,
 }
@@ -100,6 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         track: args.track.options_of(args.method.method),
         marks: args.marks.marks.clone(),
         landmarks: args.marks.landmarks(),
+        unchecked_marks: args.check.unchecked(),
         ..PipelineOptions::default()
     };
     args.analysis.fill(&mut options, args.method.method);

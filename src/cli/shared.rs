@@ -392,6 +392,21 @@ impl MarksArgs {
     }
 }
 
+/// Whether marks are held against the picture.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Marks and landmarks")]
+pub struct CheckArgs {
+    /// Hold marks that are given against the face that is read in the neutral frame, and say so where they lie beside it
+    #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
+    check_marks: bool,
+}
+
+impl CheckArgs {
+    pub fn unchecked(&self) -> bool {
+        !self.check_marks
+    }
+}
+
 /// What is read as a picture, for every command.
 #[derive(Debug, clap::Args)]
 pub struct PictureArgs {

@@ -17,7 +17,7 @@ use grimace::{
 use super::{
     Outcome,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
+    shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
 };
 
 /// Track one sequence.
@@ -59,6 +59,8 @@ pub struct Args {
     #[command(flatten)]
     track: TrackArgs,
     #[command(flatten)]
+    check: CheckArgs,
+    #[command(flatten)]
     general: GeneralArgs,
 }
 
@@ -71,6 +73,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let options = PipelineOptions {
         fit: args.fit.options_of(args.method.method),
         track: args.track.options_of(args.method.method),
+        unchecked_marks: args.check.unchecked(),
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;

@@ -252,6 +252,17 @@ impl Locator {
         (placed.placement, self.model.score(&features))
     }
 
+    /// Reads the face that may be where points of it are thought to be; `None` where nothing looks like one.
+    pub(crate) fn read_near(&self, image: &GrayImage, places: &[(NodeId, Point2<f64>)]) -> Option<LocatedFace> {
+        let picture = Picture::new(image)?;
+        let mean =
+            |node: NodeId| points().iter().zip(&self.model.mean).find(|(p, _)| p.node == Some(node)).map(|(_, &mean)| mean);
+        let pairs = places.iter().filter_map(|(node, p)| Some((mean(*node)?, [p.x as f32, p.y as f32])));
+        let (from, to): (Shape, Shape) = pairs.unzip();
+        let face = (from.len() >= 2).then(|| self.read(&picture, Placement::fit(&from, &to)))?;
+        (face.eye_distance > 0.0 && face.score >= f64::from(LEAST_SCORE)).then_some(face)
+    }
+
     /// Reads the face at a place.
     pub(crate) fn read(&self, picture: &Picture, start: Placement) -> LocatedFace {
         let model = &self.model;

@@ -185,7 +185,8 @@ pub(super) fn analyze_with(
         }
         comparisons.push(part.comparisons);
     }
-    let mut warnings: Vec<String> = look_again(&tracks).into_iter().chain(warnings(&classes, &options.statistics)).collect();
+    let mut warnings: Vec<String> =
+        marks_beside(&tracks).into_iter().chain(look_again(&tracks)).chain(warnings(&classes, &options.statistics)).collect();
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
     warnings.extend(spelled);
@@ -229,6 +230,20 @@ pub(super) fn strata_of(models: &[LabelledModel], columns: &[String]) -> Option<
 
 /// Sequences named in the warning to look at some again.
 const NAMED_SEQUENCES: usize = 6;
+
+/// Sequences whose marks lie beside the face, of which the warning says how.
+const NAMED_BESIDE: usize = 3;
+
+/// The warning that marks do not lie on the face of the picture, if there are such.
+fn marks_beside(tracks: &[TrackQuality]) -> Option<String> {
+    let found: Vec<&TrackQuality> = tracks.iter().filter(|t| !t.summary.beside.is_empty()).collect();
+    let said = found.iter().take(NAMED_BESIDE).map(|t| format!("{}: {}", t.id, t.summary.beside.join("; ")));
+    let said = said.collect::<Vec<_>>().join("; ");
+    let more = found.len().checked_sub(NAMED_BESIDE + 1).map(|more| format!("; and {} more", more + 1)).unwrap_or_default();
+    let (count, all) = (found.len(), tracks.len());
+    (count > 0)
+        .then(|| format!("marks of {count} of {all} sequences do not lie where the face is read in the picture: {said}{more}"))
+}
 
 /// The warning to look at sequences again, if there are such.
 fn look_again(tracks: &[TrackQuality]) -> Option<String> {

@@ -2,6 +2,7 @@
 
 mod amplitudes;
 mod analysis;
+mod beside;
 mod classes;
 #[cfg(feature = "columnar")]
 mod columnar;
@@ -58,6 +59,7 @@ use crate::{
 pub use crate::input::file_blake3;
 pub use amplitudes::AmplitudeResults;
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
+pub use beside::{face_of_marks, held, marks_beside};
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
@@ -117,6 +119,9 @@ pub struct PipelineOptions {
     /// Wireframes only: no picture of a face in the report and beside it.
     #[serde(default)]
     pub no_faces: bool,
+    /// Leave out to hold marks that are given against the face that is read in the neutral frame.
+    #[serde(default)]
+    pub unchecked_marks: bool,
     /// Sequences given as landmarks.
     #[serde(default)]
     pub landmarks: LandmarkOptions,

@@ -10,6 +10,7 @@ use nalgebra::Point2;
 
 use super::{
     MADE_BY, Stage, Workbench,
+    beside::marks_beside,
     corrected::{apply, saved_or_carried_over},
 };
 use crate::{
@@ -27,6 +28,9 @@ use crate::{
     },
     units::SequenceId,
 };
+
+/// Where marks came from that were found in the picture.
+const FOUND: &str = "found";
 
 /// A sequence that cannot be processed, and where it failed.
 #[derive(Clone, Debug)]
@@ -95,7 +99,7 @@ pub struct SequenceSource {
     pub frames: FrameSource,
     /// Marks on the neutral frame.
     pub marks: Vec<Correspondence>,
-    /// Where the marks came from: `file`, `landmarks`, `command line`.
+    /// Where the marks came from: `file`, `landmarks`, `command line`, `found`.
     pub marks_from: String,
     /// Frames per second where somebody says so; the frames of a video tell by themselves.
     pub fps: Option<f64>,
@@ -137,6 +141,9 @@ impl SequenceSource {
         }
         if let FrameSource::Video { first, last, .. } = &self.frames {
             part(format!("{first:?} {last:?}").as_bytes());
+        }
+        if bench.options.unchecked_marks {
+            part(b"unchecked marks");
         }
         part(content.as_bytes());
         hasher.finalize().to_hex().to_string()
@@ -226,6 +233,7 @@ fn track_frames(
     let size = first.size();
     validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
     let fitted = bench.fit(&source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
+    let beside = if source.marks_from == FOUND { Vec::new() } else { marks_beside(&first, &source.marks, &fitted, bench) };
     let frames = std::iter::once(Ok(first)).chain(frames);
     let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
         let is_interrupted = matches!(error, TrackError::Interrupted);
@@ -248,7 +256,7 @@ fn track_frames(
         marks: source.marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
         fit: bench.options.fit.clone(),
         track: bench.options.track,
-        summary: summarize(&track.frames, &bench.wireframe, &bench.tables),
+        summary: summarize(&track.frames, &bench.wireframe, &bench.tables).with_marks_beside(beside),
         inputs_blake3: String::new(),
         csv_blake3: String::new(),
         corrections: None,

@@ -102,6 +102,22 @@ pub struct TrackSummary {
     /// Why to look at it again, a sentence each.
     #[serde(default)]
     pub reasons: Vec<String>,
+    /// Those of the reasons that say where marks that were given lie beside the face of the neutral frame.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub beside: Vec<String>,
+}
+
+impl TrackSummary {
+    /// With what is known of marks that lie beside the face, as reasons to look at it again.
+    #[must_use]
+    pub(crate) fn with_marks_beside(mut self, beside: Vec<String>) -> Self {
+        if !beside.is_empty() {
+            self.verdict = Verdict::LookAgain;
+        }
+        self.reasons.extend(beside.iter().cloned());
+        self.beside = beside;
+        self
+    }
 }
 
 /// How well one sequence was tracked: its summary with its name.
@@ -204,6 +220,7 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
         expected_error_px: None,
         verdict: Verdict::Good,
         reasons: Vec::new(),
+        beside: Vec::new(),
     };
     judge(&mut summary, frames, wireframe, tables);
     summary

@@ -9,6 +9,7 @@ mod common;
 mod cmd_analyze;
 mod cmd_annotate;
 mod cmd_bank;
+mod cmd_beside;
 mod cmd_clone;
 mod cmd_consent;
 mod cmd_fap;

@@ -1,6 +1,7 @@
 //! `grimace evaluate`: the experiments.
 
 mod action_units;
+mod beside;
 mod clone;
 mod clone_sheets;
 mod confidence;
@@ -53,6 +54,8 @@ pub struct Args {
 enum Experiment {
     /// Intensities of action units against the strengths that made the faces.
     ActionUnits(action_units::Args),
+    /// Marks beside the face of the picture: how many are noticed, and how many good ones are called so.
+    Beside(beside::Args),
     /// Accuracy of clones: a sequence on its own neutral frame, and simulated people on each other.
     Clone(clone::Args),
     /// Error of the fit by number and choice of marks, and which marks are best.
@@ -85,6 +88,7 @@ enum Experiment {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.experiment {
         Experiment::ActionUnits(args) => action_units::run(args),
+        Experiment::Beside(args) => beside::run(args),
         Experiment::Clone(args) => clone::run(args),
         Experiment::Fit(args) => fit::run(args),
         Experiment::Figures(args) => figures::run(args),

@@ -10,6 +10,7 @@
 
 mod action_unit_images;
 mod action_units;
+mod beside;
 mod calibration;
 mod clone;
 mod clone_cross;
@@ -54,6 +55,7 @@ use grimace::internal::{
 
 pub use action_unit_images::evaluate_action_units_in_images;
 pub use action_units::{ActionUnitOptions, ActionUnitTrial, action_unit_table, evaluate_action_units, judged_mean};
+pub use beside::{BesidePerson, BesideTrial, beside_table, beside_trials, evaluate_beside, evaluate_beside_in};
 pub use calibration::{Calibration, CalibrationClass, evaluate_discriminants};
 pub use clone::{SelfRow, SelfVariant, evaluate_self_cloning, self_rows_table, self_table};
 pub use clone_cross::{CrossRow, Transfer, cross_table, evaluate_cross_cloning};

@@ -1,0 +1,96 @@
+//! `grimace evaluate beside`.
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use grimace::internal::{
+    cli::Outcome,
+    dataset::Dataset,
+    fit::{NeutralFace, read_neutral_faces},
+    locate::{
+        Locator, Model,
+        learn::{TrainingFace, read_faces},
+    },
+    sequence::read_frame,
+};
+use grimace_lab::evaluate::{BesidePerson, beside_table, beside_trials, evaluate_beside, evaluate_beside_in};
+use serde_json::json;
+
+use super::{CommonArgs, bar};
+
+/// Marks beside the face of the picture: how many are noticed, and how many good ones are called so.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  grimace learn locator FACES -o others.bin --leave-out L022,L045
+  grimace evaluate beside FACES -o beside --model others.bin --only L022,L045
+
+FACES is a folder as for `grimace learn locator`, with landmarks68.csv and smiling/PERSON.jpg beside it. The model that ships was learned from the \
+London Set: judge on its people only with a model that was learned without them.")]
+pub struct Args {
+    /// Folder of photographs and points, or a dataset
+    faces: PathBuf,
+    /// FACES is a dataset with landmarks: those of the first and the last frame of every sequence are tried
+    #[arg(long)]
+    sequences: bool,
+    /// A model of `grimace learn locator`, instead of the one that ships
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// People to judge on, separated by commas; all if not given
+    #[arg(long, value_delimiter = ',', value_name = "PERSON")]
+    only: Vec<String>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Measures.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut folder = args.common.start()?;
+    let locator = match &args.model {
+        Some(path) => Locator::new(Model::read(path)?.0),
+        None => Locator::shipped()?.clone(),
+    };
+    let trials = if args.sequences {
+        let mut dataset = Dataset::open(&args.faces)?;
+        dataset.sequences.retain(|entry| args.only.is_empty() || args.only.contains(&entry.id.subject));
+        let bar = bar(args.common.quiet, "sequences", dataset.sequences.len());
+        let trials = evaluate_beside_in(&dataset, &locator, || bar.inc(1))?;
+        bar.finish_and_clear();
+        trials
+    } else {
+        let people = people(&args.faces, &args.only)?;
+        let bar = bar(args.common.quiet, "people", people.len());
+        let trials = evaluate_beside(&people, &locator, args.common.seed, || bar.inc(1));
+        bar.finish_and_clear();
+        trials
+    };
+    let table = beside_table(&trials);
+    folder.table("noticed.csv", &table)?;
+    folder.print("Marks of which something is said", &table);
+    folder.table("trials.csv", &beside_trials(&trials))?;
+    let options = json!({ "only": args.only, "sequences": args.sequences });
+    folder.finish("beside", None, args.common.seed, options, json!({ "sets": trials.len() }))?;
+    Ok(Outcome::Done)
+}
+
+/// The people of a folder, all or those that are named.
+fn people(folder: &Path, only: &[String]) -> anyhow::Result<Vec<BesidePerson>> {
+    let mut faces = read_faces(folder, &BTreeSet::new())?.faces;
+    if let Some(name) = only.iter().find(|name| !faces.iter().any(|f| &f.person == *name)) {
+        anyhow::bail!("--only: {} has nobody called {name}", folder.display());
+    }
+    faces.retain(|f| only.is_empty() || only.contains(&f.person));
+    let landmarks = |state: &str| anyhow::Ok(read_neutral_faces(&folder.join("landmarks68.csv"), state)?.faces);
+    let (neutral, smiling) = (landmarks("neutral")?, landmarks("smiling")?);
+    let of = |all: &[NeutralFace], name: &str| all.iter().find(|f| f.name == name).map(|f| f.points.clone());
+    let person = |face: TrainingFace| {
+        let smile = of(&smiling, &face.person).map(|points| {
+            let picture = read_frame(&folder.join("smiling").join(format!("{}.jpg", face.person)))?;
+            anyhow::Ok((picture.image().clone(), points))
+        });
+        Ok(BesidePerson { landmarks: of(&neutral, &face.person), smile: smile.transpose()?, neutral: face })
+    };
+    faces.into_iter().map(person).collect()
+}

@@ -1,0 +1,77 @@
+//! Marks that lie beside the face of their picture: `run`, `track` and `fit` say so, of right ones nothing.
+
+use crate::common::{Work, root};
+
+/// A portrait that smiles, as the dataset `faces`: its frames, its marks, and a manifest.
+fn smiling() -> Work {
+    let work = Work::new();
+    let fixture = |name: &str| root().join("fixtures").join(name).display().to_string();
+    let (smile, portrait) = (fixture("golden/fap/happiness.fap"), fixture("portraits/P01.jpg"));
+    let marks = fixture("portraits/P01_correspondences.csv");
+    work.grimace(&format!("clone --source {smile} --target {portrait} -c {marks} -o clone -q")).exit(0);
+    for (name, bytes) in work.files("clone/frames") {
+        work.write(&format!("faces/P01/001/{name}"), bytes);
+    }
+    work.write("faces/manifest.csv", "subject,sequence,emotion\nP01,001,happiness\n");
+    work.write(MARKS, std::fs::read(marks).unwrap());
+    work
+}
+
+const MARKS: &str = "faces/P01/001/correspondences.csv";
+
+/// The marks of the file, each moved by (x, y) px times a factor.
+fn move_marks(work: &Work, to: &str, moved: impl Fn(u16, f64, f64) -> (f64, f64)) {
+    let rows = work.rows(MARKS);
+    let row = |row: &std::collections::BTreeMap<String, String>| {
+        let [x, y] = ["x", "y"].map(|axis| row[axis].parse::<f64>().unwrap());
+        let (x, y) = moved(row["node"].parse().unwrap(), x, y);
+        format!("{},{x},{y}\n", row["node"])
+    };
+    let text: String = rows.iter().map(row).collect();
+    work.write(to, format!("node,x,y\n{text}"));
+}
+
+#[test]
+fn shifted_marks_are_not_good_and_right_ones_are() {
+    let work = smiling();
+    work.grimace("run faces -o right").exit(0);
+    let verdict = |out: &str| work.rows(&format!("{out}/verdicts.csv"))[0].clone();
+    assert_eq!((verdict("right")["verdict"].as_str(), verdict("right")["reasons"].as_str()), ("good", ""));
+    // The eyes of the portrait are 107 px apart: 30 px are 0.28 of that.
+    move_marks(&work, MARKS, |_, x, y| (x + 30.0, y));
+    let said = "the marks lie 30 px (0.28 of the eye distance) beside the face that is found in the picture: are they of this frame, \
+                and of this person?";
+    work.grimace("run faces -o beside").exit(0).prints(&["marks of 1 of 1 sequences do not lie where the face is read", said]);
+    assert_eq!((verdict("beside")["verdict"].as_str(), verdict("beside")["reasons"].as_str()), ("look again", said));
+    assert!(work.read("beside/report.html").contains("0.28 of the eye distance"));
+    // Run again, and analysed anew from the tracks, it is still known.
+    work.grimace("analyze beside/tracks -o again").exit(0);
+    assert_eq!(verdict("again")["reasons"], said);
+    work.grimace("run faces -o trusted --check-marks off").exit(0);
+    assert_eq!(verdict("trusted")["verdict"], "good");
+}
+
+#[test]
+fn fit_and_track_say_which_marks_lie_beside_what() {
+    let work = smiling();
+    let first = "faces/P01/001/P01_00000001.png";
+    let quiet = work.grimace(&format!("fit {first} -c {MARKS} -o right.csv")).exit(0);
+    assert!(!quiet.stdout.contains("picture"), "{}", quiet.stdout);
+    // The left mouth corner 30 px further out and 20 px up, on the cheek.
+    move_marks(&work, "cheek.csv", |node, x, y| if node == 31 { (x + 30.0, y - 20.0) } else { (x, y) });
+    let said = "marks lie beside where the picture shows what they mark: left mouth corner";
+    work.grimace(&format!("fit {first} -c cheek.csv -o fit.csv")).exit(0).prints(&["note: ", said]);
+    work.grimace("track faces/P01/001 -c cheek.csv -o track.csv").exit(0).prints(&[said, "verdict: look again"]);
+    // A file of coordinates in a picture three quarters as large.
+    move_marks(&work, "other_size.csv", |_, x, y| (0.75 * x, 0.75 * y));
+    let scaled = work.grimace(&format!("fit {first} -c other_size.csv -o scaled.csv")).exit(0);
+    scaled.prints(&["beside the face that is found in the picture and are of one 0.7", "are they of a picture of this size?"]);
+    let off = work.grimace(&format!("fit {first} -c cheek.csv -o off.csv --check-marks off")).exit(0);
+    assert!(!off.stdout.contains(said), "{}", off.stdout);
+    // Where no face is found nothing is said.
+    image::GrayImage::from_fn(440, 560, |x, y| image::Luma([(40 + (x * 7 + y * 3) % 60) as u8]))
+        .save(work.path("wall.png"))
+        .unwrap();
+    let wall = work.grimace("fit wall.png -c cheek.csv -o wall.csv").exit(0);
+    assert!(!wall.stdout.contains("picture"), "{}", wall.stdout);
+}
