@@ -4,7 +4,7 @@
 use nalgebra::{Point2, Rotation2, Vector2};
 
 use super::target::Target;
-use crate::warp::{OPENINGS, smooth_step};
+use crate::{interpolation::smooth_step, warp::OPENINGS};
 
 /// Most that a lip beside its middle opens, over the middle.
 const LIP_ROUND: f64 = 0.97;

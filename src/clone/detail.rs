@@ -14,7 +14,8 @@ use serde::{Deserialize, Serialize};
 use super::{CloneError, SourceMotion, Target};
 use crate::{
     geometry::polygon::{self, inside_depth},
-    warp::{MouthInside, Placement, Texture, byte, smooth_step},
+    interpolation::smooth_step,
+    warp::{MouthInside, Placement, Texture, byte},
 };
 
 /// What shows between open lips.

@@ -6,9 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{CloneError, ClonedSkin, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail, source::LID_PAIRS};
 use crate::{
+    interpolation::smooth_step,
     model::{DynamicExpressionModel, FrameExpressionModel},
     units::Px,
-    warp::{Deformation, smooth_step},
+    warp::Deformation,
     wireframe::Face,
 };
 

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::{CloneError, SourceKind, SourceMotion};
 use crate::{
     geometry::Similarity,
+    interpolation::smooth_step,
     interpolation::{FPS, cubic, slopes},
-    warp::smooth_step,
     wireframe::Wireframe,
 };
 

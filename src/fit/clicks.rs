@@ -1,6 +1,6 @@
 //! How precisely a person can set a mark.
 
-use crate::{units::NodeId, wireframe::markable_nodes};
+use crate::{units::NodeId, wireframe::mark_deviation};
 
 /// Standard deviations up to here, over the eye distance, are those of any mark: what priors take for granted.
 const SHARP: f64 = 0.016;
@@ -11,7 +11,7 @@ const SHARP: f64 = 0.016;
 /// `None` where a mark is as good as any. Along a soft contour people differ by 3 to 6 % of the eye distance; a fit that took
 /// such marks for exact would explain the difference by another face.
 pub(super) fn soft_deviation(node: NodeId) -> Option<f64> {
-    markable_nodes().iter().find(|m| m.node == node).map(|m| m.deviation_es).filter(|&deviation| deviation > SHARP)
+    mark_deviation(node).filter(|&deviation| deviation > SHARP)
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Point2, Vector2};
 use super::{Correspondence, FitError, MEDIAN_OVER_DEVIATION, ShapePrior};
 use crate::{
     units::NodeId,
-    wireframe::{Wireframe, markable_nodes},
+    wireframe::{Wireframe, mark_deviation},
 };
 
 /// Standard deviation of the modes of a prior here, over that of a fit.
@@ -127,7 +127,7 @@ impl PlausibleFaces {
         modes.push(mean.iter().map(|p| Vector2::new(p.x, -p.y) * ASPECT).collect());
         modes.push(mean.iter().map(|p| Vector2::new(p.y, p.x) * ASPECT).collect());
         modes.retain(|mode| mode.iter().any(|v| *v != Vector2::zeros()));
-        let feature = |k: usize| markable_nodes().iter().find(|m| m.node.index() == k).map_or(UNMARKED, |m| m.deviation_es);
+        let feature = |k: usize| mark_deviation(NodeId(k as u16)).unwrap_or(UNMARKED);
         let residual = |k: usize| {
             let beside_modes = SHAPE_FACTOR * priors.iter().map(|p| p.residuals[k]).fold(0.0, f64::max);
             beside_modes.hypot(OWN_ERROR * feature(k) * eye_distance)

@@ -10,7 +10,7 @@ use crate::{
     robust::median,
     sequence::Frame,
     units::NodeId,
-    wireframe::markable_nodes,
+    wireframe::mark_deviation,
 };
 
 /// A part of the face that is held against the picture by itself.
@@ -219,7 +219,7 @@ pub fn held(face: &LocatedFace, marks: &[Correspondence], fitted: &FittedWirefra
     // From where a node is read to where it was given, and what both expect, px.
     let of_mark = |node: NodeId| {
         let mark = marks.iter().find(|m| m.node == node)?;
-        let by_hand = || MEDIAN_OVER_DEVIATION * deviation(node) * unit;
+        let by_hand = || MEDIAN_OVER_DEVIATION * mark_deviation(node).unwrap_or(OTHER_DEVIATION) * unit;
         Some((mark.position, mark.expected_error.unwrap_or_else(by_hand)))
     };
     let of_fit = |node: NodeId| Some((*fitted.model.nodes().get(node.index())?, *expected.as_ref()?.get(node.index())?));
@@ -259,11 +259,6 @@ fn common<'a>(
     marks: &'a [Correspondence],
 ) -> impl Iterator<Item = (&'a Correspondence, &'a LocatedPoint)> {
     marks.iter().filter_map(|mark| Some((mark, face.points.iter().find(|p| p.node == mark.node)?)))
-}
-
-/// Deviation of a careful person's mark at a node, in x and in y, over the eye distance.
-fn deviation(node: NodeId) -> f64 {
-    markable_nodes().iter().find(|m| m.node == node).map_or(OTHER_DEVIATION, |m| m.deviation_es)
 }
 
 /// How much further apart the first of each two points are than the second, the median over all pairs; 1 where there is no pair.

@@ -7,9 +7,10 @@ use rayon::prelude::*;
 use super::{Bank, FaceScene, FpMotion, SynthesisError, interpolate};
 use crate::{
     geometry::{Similarity, polygon::inside_depth},
+    interpolation::smooth_step,
     mesh::vertex_normals,
     units::FeaturePoint,
-    warp::{Texture, convex_hull, smooth_step},
+    warp::{Texture, convex_hull},
     wireframe::{Fapu, Tables},
 };
 

@@ -12,7 +12,7 @@
 //! ```text
 //! f = L - t (L - U), e = min(U + s (L - U), f)   the edges
 //! N(u, v + t (L - U))                            v > f: the lower lid and what is below it
-//! N(u, v)                                        f > v > e: the eyeball
+//! N(u, v)                                        f > v > e: the eyeball; where a lid that rises uncovers it, as right below U
 //! N(u, U - (e - v))                              e - v < b: lashes and the skin among them move along
 //! N(u, U - b - (e - v - b) r)                    above them skin unfolds, r = (h - b) / (h - b + e - U)
 //! ```
@@ -35,9 +35,9 @@ const BELOW: (f64, f64) = (-0.45, 0.32);
 /// b, the height of the lashes, and h, above which skin stays, over the eye's width.
 const LASHES: f64 = 0.10;
 const HEIGHT: f64 = 0.42;
-/// Shares of the opening by which upper lids are down in the pictures, and lower ones up: how many, the least, the most.
-const DOWN: (usize, f64, f64) = (13, -0.2, 1.0);
-const UP: (usize, f64, f64) = (4, 0.0, 0.45);
+/// Shares of the opening by which upper lids are down in the pictures, and lower ones up.
+const DOWN: Shares = Shares { count: 13, least: -0.2, most: 1.0 };
+const UP: Shares = Shares { count: 4, least: 0.0, most: 0.45 };
 /// What a lid that rises uncovers looks like the eyeball this far below its edge, over the eye's width.
 const UNCOVERED: f64 = 0.03;
 /// What the tracker may have put the corners wrong by, over the eye's width.
@@ -55,6 +55,28 @@ const LEAST_WIDTH: f64 = 12.0;
 const MEETING: f64 = 0.02;
 /// Standard deviation of the grey levels of an eye below which there is nothing to see.
 const FLAT: f64 = 2.0;
+
+/// Shares of the opening, evenly spaced.
+#[derive(Clone, Copy, Debug)]
+struct Shares {
+    count: usize,
+    least: f64,
+    most: f64,
+}
+
+impl Shares {
+    /// The share at a place, also between two.
+    fn at(self, place: f64) -> f64 {
+        self.least + (self.most - self.least) * place / (self.count - 1) as f64
+    }
+
+    /// The place before a share, and how far from there to the next one it lies; shares beyond the ends are those of the ends.
+    fn place(self, share: f64) -> (usize, f64) {
+        let at = ((share - self.least) / (self.most - self.least)).clamp(0.0, 1.0) * (self.count - 1) as f64;
+        let k = (at as usize).min(self.count - 2);
+        (k, at - k as f64)
+    }
+}
 
 /// Both eyes as the neutral frame shows them.
 #[derive(Clone, Debug)]
@@ -136,7 +158,7 @@ impl Eye {
             return None;
         }
         let picture = |k: usize| {
-            let [down, up] = [share((k % DOWN.0) as f64, DOWN), share((k / DOWN.0) as f64, UP)];
+            let [down, up] = [DOWN.at((k % DOWN.count) as f64), UP.at((k / DOWN.count) as f64)];
             let levels = samples(|u, v| {
                 let (lid, lower) = (height_at(&chain_above, u), height_at(&chain_below, u));
                 let opening = (lower - lid).max(0.0);
@@ -155,7 +177,7 @@ impl Eye {
             });
             normalized(levels)
         };
-        Some(Self { upper, lower, side, rest, pictures: (0..DOWN.0 * UP.0).map(picture).collect::<Option<_>>()? })
+        Some(Self { upper, lower, side, rest, pictures: (0..DOWN.count * UP.count).map(picture).collect::<Option<_>>()? })
     }
 
     /// Shares of the neutral opening by which the upper lid is down and the lower one up.
@@ -211,7 +233,7 @@ impl Eye {
         if go(&most).2 <= 0.0 {
             return None;
         }
-        for off in OFF.into_iter().flat_map(|v| OFF.map(|u| [u, v])) {
+        for off in OFF.into_iter().flat_map(|v| OFF.map(|u| [u, v])).filter(|off| *off != [0.0; 2]) {
             if let Some(found) = self.correlations(image, place, off) {
                 most.iter_mut().zip(found).for_each(|(most, found)| *most = most.max(found));
             }
@@ -285,30 +307,20 @@ fn greatest(values: &[f64]) -> (usize, f64) {
     values.iter().copied().enumerate().fold((0, f64::NEG_INFINITY), |best, (k, v)| if v > best.1 { (k, v) } else { best })
 }
 
-/// The share of the opening that a picture stands for.
-fn share(k: f64, (count, least, most): (usize, f64, f64)) -> f64 {
-    least + (most - least) * k / (count - 1) as f64
-}
-
 /// The correlation with a picture between those there are.
 fn between(values: &[f64], [down, up]: [f64; 2]) -> f64 {
-    let cell = |share: f64, (count, least, most): (usize, f64, f64)| {
-        let at = ((share - least) / (most - least)).clamp(0.0, 1.0) * (count - 1) as f64;
-        let k = (at as usize).min(count - 2);
-        (k, at - k as f64)
-    };
-    let ((k, s), (row, t)) = (cell(down, DOWN), cell(up, UP));
-    let value = |row: usize, k: usize| values.get(row * DOWN.0 + k).copied().unwrap_or(0.0);
+    let ((k, s), (row, t)) = (DOWN.place(down), UP.place(up));
+    let value = |row: usize, k: usize| values.get(row * DOWN.count + k).copied().unwrap_or(0.0);
     let along = |row: usize| value(row, k) + (value(row, k + 1) - value(row, k)) * s;
     along(row) + (along(row + 1) - along(row)) * t
 }
 
 /// Shares of the opening at which correlations peak, about the greatest of them: those of the parabolas through its neighbours.
 fn peak(values: &[f64], best: usize) -> [f64; 2] {
-    let along = |k: usize, step: usize, range: (usize, f64, f64)| {
+    let along = |k: usize, step: usize, shares: Shares| {
         let beside = |k: Option<usize>| k.and_then(|k| values.get(k)).copied();
         let before = beside(if k > 0 { best.checked_sub(step) } else { None });
-        let after = beside((k + 1 < range.0).then_some(best + step));
+        let after = beside((k + 1 < shares.count).then_some(best + step));
         let off = match (before, after) {
             (Some(before), Some(after)) => {
                 let bend = before - 2.0 * values[best] + after;
@@ -316,9 +328,9 @@ fn peak(values: &[f64], best: usize) -> [f64; 2] {
             }
             _ => 0.0,
         };
-        share(k as f64 + off, range)
+        shares.at(k as f64 + off)
     };
-    [along(best % DOWN.0, 1, DOWN), along(best / DOWN.0, DOWN.0, UP)]
+    [along(best % DOWN.count, 1, DOWN), along(best / DOWN.count, DOWN.count, UP)]
 }
 
 #[cfg(test)]

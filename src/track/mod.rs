@@ -511,13 +511,10 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let even = self.light.as_ref().and_then(|light| light.undone_at(frame, self.wireframe, &self.last));
         self.tracker.advance(even.as_ref().unwrap_or(frame))?;
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
-        let (size, number, template) = (frame.size(), frame.number(), self.template.as_mut());
-        let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, size, number };
-        let mut nodes = step.run(&mut self.tracker, &self.last)?;
-        if let Some(lids) = &self.lids {
-            lids.place(frame, &mut nodes);
-        }
-        self.last = TrackedFrame { number, nodes };
+        let (template, lids) = (self.template.as_mut(), self.lids.as_ref());
+        let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, lids, frame };
+        let nodes = step.run(&mut self.tracker, &self.last)?;
+        self.last = TrackedFrame { number: frame.number(), nodes };
         Ok(&self.last)
     }
 }

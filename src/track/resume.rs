@@ -120,12 +120,9 @@ pub fn resume_with(
         if passed.contains(&number) {
             continue;
         }
-        let (size, template_now) = (frame.size(), template.as_mut());
-        let mut step = Step { wireframe, plan, options, template: template_now, window, eye_distance, size, number };
-        let mut nodes = step.run(tracker, &previous)?;
-        if let Some(lids) = &lids {
-            lids.place(&frame, &mut nodes);
-        }
+        let (template_now, lids_now, frame) = (template.as_mut(), lids.as_ref(), &frame);
+        let mut step = Step { wireframe, plan, options, template: template_now, window, eye_distance, lids: lids_now, frame };
+        let nodes = step.run(tracker, &previous)?;
         let nodes = match corrections.get(&number) {
             Some(hard) => {
                 hard.keys().for_each(|node| release(template.as_mut(), lids.as_mut(), wireframe, *node));

@@ -17,11 +17,12 @@ use super::{
     AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
     TrackedFrame, TrackedNode,
     align::{Template, Ties},
+    lids::Lids,
     recover,
 };
 use crate::{
     fit::{DrivenNode, Pull, Springs},
-    sequence::ImageSize,
+    sequence::Frame,
     units::NodeId,
     wireframe::{Tables, Wireframe},
 };
@@ -141,10 +142,10 @@ pub(super) struct Step<'a> {
     pub window: u32,
     /// ES0 of the neutral frame, px.
     pub eye_distance: f64,
-    /// Size of the frames.
-    pub size: ImageSize,
-    /// Number of the current frame.
-    pub number: u32,
+    /// The eyes of the neutral frame, where lids are read.
+    pub lids: Option<&'a Lids>,
+    /// The current frame, as it is: the tracker may hold it in another light.
+    pub frame: &'a Frame,
 }
 
 impl Step<'_> {
@@ -162,7 +163,7 @@ impl Step<'_> {
         }
         let tracked = steps.iter().filter(|s| s.loss.is_none()).count();
         if tracked < MIN_TRACKED.min(live.len()) {
-            return Err(TrackError::FaceLost { frame: self.number, found: tracked, live: live.len() });
+            return Err(TrackError::FaceLost { frame: self.frame.number(), found: tracked, live: live.len() });
         }
         let gradients = tracker.gradients(Slot::Previous, self.window, &starts)?;
         let mut moved = self.place(&positions, &steps, &gradients)?;
@@ -177,6 +178,9 @@ impl Step<'_> {
                 let correction = (node.position - positions[step.node.index()] - step.displacement).norm();
                 node.evidence = Some(Evidence { difference: step.difference, gradients: root_eigenvalues(gradient), correction });
             }
+        }
+        if let Some(lids) = self.lids {
+            lids.place(self.frame, &mut nodes);
         }
         Ok(nodes)
     }
@@ -216,7 +220,7 @@ impl Step<'_> {
             loss: Some(reason),
         };
         let Found::At { position, difference } = forward else { return lost(LossReason::Klt, None) };
-        if !self.size.contains(&position) {
+        if !self.frame.size().contains(&position) {
             return lost(LossReason::Outside, None);
         }
         let residual = match backward {

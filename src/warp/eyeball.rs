@@ -13,11 +13,13 @@ use super::{
     layout::OPENINGS,
     mesh::OpeningMesh,
     mouth::whiteness,
-    smooth_step,
 };
-use crate::geometry::{
-    Similarity,
-    polygon::{distance_to_line, inside_depth},
+use crate::{
+    geometry::{
+        Similarity,
+        polygon::{distance_to_line, inside_depth},
+    },
+    interpolation::smooth_step,
 };
 
 /// Where the iris ends and the white is whole, over its radius.

@@ -12,8 +12,8 @@ use super::{
     layout::{LID_SKIN, OPENINGS},
     mesh::OpeningMesh,
     mouth::luma,
-    smooth_step,
 };
+use crate::interpolation::smooth_step;
 
 /// Least and most height above the lid that is looked at, over the eye distance, and the most over the way to the brow.
 const HEIGHTS: (f64, f64) = (0.05, 0.15);

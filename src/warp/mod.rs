@@ -58,7 +58,6 @@ use nalgebra::{Point2, Vector2};
 use self::{eyeball::Eyeball, field::Weights, layout::Frame, lid_skin::LidSkin, mesh::Mesh};
 use crate::geometry::Similarity;
 
-pub(crate) use crate::interpolation::smooth_step;
 pub(crate) use layout::OPENINGS;
 pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;

@@ -5,9 +5,8 @@ use nalgebra::{Point2, Vector2};
 use super::{
     Warp,
     layout::{self, OPENINGS, OpeningNodes},
-    smooth_step,
 };
-use crate::geometry::Similarity;
+use crate::{geometry::Similarity, interpolation::smooth_step};
 
 /// Largest turn of the gaze that is shown, as a shift of the iris over the eye distance.
 const MAX_GAZE: f64 = 0.12;

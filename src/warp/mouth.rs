@@ -11,7 +11,8 @@ use std::sync::OnceLock;
 use image::{Rgba32FImage, RgbaImage};
 use nalgebra::{Point2, Vector2};
 
-use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, smooth_step, tone::Tone};
+use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, tone::Tone};
+use crate::interpolation::smooth_step;
 
 /// The mean picture of the upper teeth.
 pub const TEETH: &[u8] = include_bytes!("../../candide/teeth.png");

@@ -11,10 +11,13 @@ use super::{
     mesh::OpeningMesh,
     motion::eye_motion,
     mouth::{self, Arches},
-    sample, smooth_step,
+    sample,
     tone::Tone,
 };
-use crate::geometry::{Similarity, polygon::distance_to_line};
+use crate::{
+    geometry::{Similarity, polygon::distance_to_line},
+    interpolation::smooth_step,
+};
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
 const CLOSING: f64 = 0.6;

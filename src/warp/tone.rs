@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Texture, mouth::luma};
+use crate::interpolation::smooth_step;
 
 /// How far the colours of a face lie from one line over their brightness, root mean square over the brightness: up to the first a photograph is
 /// in one tone, from the second on it is in colour. Grey ones have 0, sepia ones 0.015, ten colour photographs 0.042 to 0.062.
@@ -37,7 +38,7 @@ impl Tone {
         let count = colours.len().max(1) as f64;
         let bright = colours.iter().map(|&c| f64::from(luma(c))).sum::<f64>() / count;
         let off = (off.sum::<f64>() / (3.0 * count)).sqrt() / bright.max(1.0);
-        Self { share: 1.0 - super::smooth_step(OFF_TONE.0, OFF_TONE.1, off) as f32, ..tone }
+        Self { share: 1.0 - smooth_step(OFF_TONE.0, OFF_TONE.1, off) as f32, ..tone }
     }
 
     /// A colour as such a photograph has it.

@@ -56,6 +56,11 @@ pub fn markable_nodes() -> &'static [MarkableNode] {
     &NODES
 }
 
+/// Standard deviation of a careful person's mark at a node, in x and in y, over the eye distance; `None` where nobody can mark it.
+pub(crate) fn mark_deviation(node: NodeId) -> Option<f64> {
+    markable_nodes().iter().find(|m| m.node == node).map(|m| m.deviation_es)
+}
+
 /// The suggested marks in order, from `candide/suggested_marks.csv`; the first eleven are the default ones.
 pub fn suggested_marks() -> &'static [SuggestedMark] {
     #[derive(Deserialize)]

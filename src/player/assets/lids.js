@@ -8,6 +8,7 @@ class LidSkin {
     Object.assign(this, { from, across, down: rig.down, unit: rig.unit, look: rig.shared.lidSkin });
     Object.assign(this, { edge: singles(edge), band: singles(band), skin: singles(skin) });
     this.places = this.edge.length;
+    this.strips = this.look.strips.map((off) => (off * this.unit) / Math.hypot(...across));
     // Bilinear reading goes a pixel beyond the edge.
     this.below = Math.max(0.5 * this.look.leastBand * this.unit, 1);
     this.reach(rig);
@@ -52,8 +53,7 @@ class LidSkin {
     const share = isOut ? 0 : inside * (1 - smoothStep(band, band + fade, above));
     const guess = [0, 1, 2].map((c) => between(skin, 3, c));
     const missing = Math.max(band - above, 0), rise = look.folded * missing + missing + 0.5 * fade;
-    const beside = look.strips.map((off) => (off * unit) / Math.hypot(...this.across));
-    const strips = beside.map((off) => sample(x - down[0] * rise + this.across[0] * off, y - down[1] * rise + this.across[1] * off));
+    const strips = this.strips.map((off) => sample(x - down[0] * rise + this.across[0] * off, y - down[1] * rise + this.across[1] * off));
     const beyond = [0, 1, 2].map((c) => strips.reduce((sum, colour) => sum + colour[c], 0) / strips.length);
     const grain = look.grain * smoothStep(...look.clear, luma(...beyond) / Math.max(luma(...guess), 1));
     return [...guess.map((v, c) => v + (beyond[c] - v) * grain), 255 * share];

@@ -18,12 +18,18 @@ mod synthesis;
 mod tracking;
 
 use std::{
+    borrow::Cow,
+    collections::BTreeSet,
     io::IsTerminal,
     path::{Path, PathBuf},
 };
 
 use anyhow::Context;
 use grimace::internal::{
+    locate::{
+        Locator, Model,
+        learn::{TrainingFace, read_faces},
+    },
     output::{write_bytes, write_json},
     units::NodeId,
     wireframe::{Tables, Wireframe, parse_node_or_feature_point},
@@ -103,6 +109,30 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Experiment::Segment(args) => segment::run(args),
         Experiment::Scale(args) => scale::run(args),
     }
+}
+
+/// The people of a folder with hand-set points; `only` names some of them, or none for all.
+fn people_named(folder: &Path, only: &[String]) -> anyhow::Result<Vec<TrainingFace>> {
+    let mut faces = read_faces(folder, &BTreeSet::new())?.faces;
+    check_named(&faces, folder, only)?;
+    faces.retain(|f| only.is_empty() || only.contains(&f.person));
+    Ok(faces)
+}
+
+/// Refuses names that nobody in a folder has.
+fn check_named(faces: &[TrainingFace], folder: &Path, only: &[String]) -> anyhow::Result<()> {
+    match only.iter().find(|name| !faces.iter().any(|f| &f.person == *name)) {
+        Some(name) => anyhow::bail!("--only: {} has nobody called {name}", folder.display()),
+        None => Ok(()),
+    }
+}
+
+/// The locator of a file, or the one that ships.
+fn locator(model: Option<&Path>) -> anyhow::Result<Cow<'static, Locator>> {
+    Ok(match model {
+        Some(path) => Cow::Owned(Locator::new(Model::read(path)?.0)),
+        None => Cow::Borrowed(Locator::shipped()?),
+    })
 }
 
 /// Flags of every experiment.

@@ -1,24 +1,18 @@
 //! `grimace evaluate beside`.
 
-use std::{
-    collections::BTreeSet,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use grimace::internal::{
     cli::Outcome,
     dataset::Dataset,
     fit::{NeutralFace, read_neutral_faces},
-    locate::{
-        Locator, Model,
-        learn::{TrainingFace, read_faces},
-    },
+    locate::learn::TrainingFace,
     sequence::read_frame,
 };
 use grimace_lab::evaluate::{BesidePerson, beside_table, beside_trials, evaluate_beside, evaluate_beside_in};
 use serde_json::json;
 
-use super::{CommonArgs, bar};
+use super::{CommonArgs, bar, locator, people_named};
 
 /// Marks beside the face of the picture: how many are noticed, and how many good ones are called so.
 #[derive(Debug, clap::Args)]
@@ -48,10 +42,7 @@ pub struct Args {
 /// Measures.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    let locator = match &args.model {
-        Some(path) => Locator::new(Model::read(path)?.0),
-        None => Locator::shipped()?.clone(),
-    };
+    let locator = locator(args.model.as_deref())?;
     let trials = if args.sequences {
         let mut dataset = Dataset::open(&args.faces)?;
         dataset.sequences.retain(|entry| args.only.is_empty() || args.only.contains(&entry.id.subject));
@@ -77,11 +68,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 /// The people of a folder, all or those that are named.
 fn people(folder: &Path, only: &[String]) -> anyhow::Result<Vec<BesidePerson>> {
-    let mut faces = read_faces(folder, &BTreeSet::new())?.faces;
-    if let Some(name) = only.iter().find(|name| !faces.iter().any(|f| &f.person == *name)) {
-        anyhow::bail!("--only: {} has nobody called {name}", folder.display());
-    }
-    faces.retain(|f| only.is_empty() || only.contains(&f.person));
     let landmarks = |state: &str| anyhow::Ok(read_neutral_faces(&folder.join("landmarks68.csv"), state)?.faces);
     let (neutral, smiling) = (landmarks("neutral")?, landmarks("smiling")?);
     let of = |all: &[NeutralFace], name: &str| all.iter().find(|f| f.name == name).map(|f| f.points.clone());
@@ -92,5 +78,5 @@ fn people(folder: &Path, only: &[String]) -> anyhow::Result<Vec<BesidePerson>> {
         });
         Ok(BesidePerson { landmarks: of(&neutral, &face.person), smile: smile.transpose()?, neutral: face })
     };
-    faces.into_iter().map(person).collect()
+    people_named(folder, only)?.into_iter().map(person).collect()
 }

@@ -2,15 +2,11 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use grimace::internal::{
-    cli::Outcome,
-    input::CsvFile,
-    locate::{Locator, Model, learn::read_faces},
-};
+use grimace::internal::{cli::Outcome, input::CsvFile};
 use grimace_lab::evaluate::{evaluate_locate, locate_calibration, locate_failures, locate_table};
 use serde_json::json;
 
-use super::{CommonArgs, bar};
+use super::{CommonArgs, bar, locator, people_named};
 
 /// How right found points are, on photographs with hand-set points.
 #[derive(Debug, clap::Args)]
@@ -43,19 +39,8 @@ pub struct Args {
 /// Measures.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
-    let shipped;
-    let locator = match &args.model {
-        Some(path) => {
-            shipped = Locator::new(Model::read(path)?.0);
-            &shipped
-        }
-        None => Locator::shipped()?,
-    };
-    let mut faces = read_faces(&args.faces, &std::collections::BTreeSet::new())?.faces;
-    if let Some(name) = args.only.iter().find(|name| !faces.iter().any(|f| &f.person == *name)) {
-        anyhow::bail!("--only: {} has nobody called {name}", args.faces.display());
-    }
-    faces.retain(|f| args.only.is_empty() || args.only.contains(&f.person));
+    let locator = locator(args.model.as_deref())?;
+    let faces = people_named(&args.faces, &args.only)?;
     let mut groups = BTreeMap::new();
     if let (Some(path), Some(by)) = (&args.people, &args.by) {
         let csv = CsvFile::open(path)?;
@@ -66,7 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
     }
     let bar = bar(args.common.quiet, "faces", faces.len());
-    let people = evaluate_locate(&faces, locator, || bar.inc(1));
+    let people = evaluate_locate(&faces, &locator, || bar.inc(1));
     bar.finish_and_clear();
     let (errors, calibration) = (locate_table(&people, &groups), locate_calibration(&people));
     let [missed, gross, doubtful] = locate_failures(&people);

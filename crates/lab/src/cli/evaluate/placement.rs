@@ -10,7 +10,7 @@ use grimace::internal::{
 use grimace_lab::evaluate::{Cell, FOUND, Table, placement_knots, placement_samples, placement_table};
 use serde_json::json;
 
-use super::CommonArgs;
+use super::{CommonArgs, check_named};
 
 /// Parts of the calibration.
 const BINS: usize = 16;
@@ -44,9 +44,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
     let faces = read_faces(&args.faces, &BTreeSet::new())?.faces;
     let landmarks = read_neutral_faces(&args.faces.join("landmarks68.csv"), "neutral")?.faces;
-    if let Some(name) = args.only.iter().find(|name| !faces.iter().any(|f| &f.person == *name)) {
-        anyhow::bail!("--only: {} has nobody called {name}", args.faces.display());
-    }
+    check_named(&faces, &args.faces, &args.only)?;
     let only: BTreeSet<String> = args.only.iter().cloned().collect();
     let locator = args.model.as_ref().map(|path| Model::read(path).map(|(model, _)| Locator::new(model))).transpose()?;
     let placed = placement_samples(&faces, &landmarks, locator.as_ref().map(|l| (l, &only)), args.common.seed)?;
