@@ -125,8 +125,8 @@ fn prior(text: &str) -> Result<PriorKind, String> {
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
     /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --forces same, --forward-backward 0,
-    /// --align-gain 0, --lip-probes off, --rigid-eyes off, --even-light off and --weight sequence, as far as the command has them;
-    /// each can be set otherwise beside it
+    /// --align-gain 0, --corner-stiffness 0, --lip-probes off, --rigid-eyes off, --even-light off, --read-lids off and
+    /// --weight sequence, as far as the command has them; each can be set otherwise beside it
     #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
     pub method: Method,
 }
@@ -184,6 +184,9 @@ pub struct TrackArgs {
     /// Gain of the alignment with the neutral frame; 0 leaves it out [default: 150]
     #[arg(long, value_parser = not_negative, value_name = "GAIN")]
     align_gain: Option<f64>,
+    /// Stiffness of the springs that hold the inner corners of the mouth to the outer ones; 0 leaves them free [default: 25]
+    #[arg(long, value_parser = not_negative, value_name = "STIFFNESS")]
+    corner_stiffness: Option<f64>,
     /// Search for nodes of the inner lip within their own lip [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     lip_probes: Option<bool>,
@@ -234,7 +237,11 @@ impl TrackArgs {
             even_light: self.even_light.unwrap_or(of.even_light),
             read_lids: self.read_lids.unwrap_or(of.read_lids),
             deform: self.deform,
-            align: AlignOptions { gain: self.align_gain.unwrap_or(of.align.gain), ..of.align },
+            align: AlignOptions {
+                gain: self.align_gain.unwrap_or(of.align.gain),
+                corners: self.corner_stiffness.unwrap_or(of.align.corners),
+                ..of.align
+            },
             klt: self.klt,
         }
     }

@@ -163,6 +163,14 @@ impl Skyline {
         self.add_at(&places, block);
     }
 
+    /// Adds a spring between two different nodes, which the layout must couple.
+    pub fn add_spring(&mut self, [a, b]: [usize; 2], stiffness: f64) {
+        let block = Matrix2::identity() * stiffness;
+        self.add_diagonal(a, &block);
+        self.add_diagonal(b, &block);
+        self.add_coupling(a, b, &-block);
+    }
+
     /// [`Self::add_diagonal`] or [`Self::add_coupling`] at places that are known.
     #[inline]
     pub fn add_at(&mut self, places: &BlockPlaces, block: &Matrix2<f64>) {

@@ -223,7 +223,7 @@ impl Springs {
         }
         for (strut, i, j) in struts.into_iter().filter(|(_, i, j)| i != j) {
             let force = (strut.offset - (rest[strut.to.index()] - rest[strut.from.index()])) * strut.stiffness;
-            add_spring(&mut system, [i, j], strut.stiffness);
+            system.add_spring([i, j], strut.stiffness);
             displacement[i] -= force;
             displacement[j] += force;
         }
@@ -243,17 +243,9 @@ impl Springs {
     }
 }
 
-/// Adds a spring between two different nodes.
-fn add_spring(system: &mut Skyline, [i, j]: [usize; 2], stiffness: f64) {
-    let block = Matrix2::identity() * stiffness;
-    system.add_diagonal(i, &block);
-    system.add_diagonal(j, &block);
-    system.add_coupling(i, j, &-block);
-}
-
 fn laplacian(layout: &Arc<Layout>, edges: &[[usize; 2]]) -> Skyline {
     let mut laplacian = Skyline::new(layout);
-    edges.iter().for_each(|edge| add_spring(&mut laplacian, *edge, 1.0));
+    edges.iter().for_each(|edge| laplacian.add_spring(*edge, 1.0));
     laplacian
 }
 

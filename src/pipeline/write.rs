@@ -396,6 +396,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Spring force on tracked nodes (over stiffness)", o.track.force.to_string()),
         ("Weight of the mismatch against gradients", o.track.mismatch.to_string()),
         ("Gain of the alignment with the neutral frame", o.track.align.gain.to_string()),
+        ("Stiffness that holds inner to outer corners of the mouth", o.track.align.corners.to_string()),
         ("Landmarks used as marks", json(serde_json::to_value(&o.marks))),
     ];
     let tests = [

@@ -36,6 +36,9 @@ const MIN_TRACKED: usize = 8;
 /// Share of the way from the inner to the outer edge of a lip at which an inner-lip node is searched for.
 const LIP_PROBE: f64 = 0.7;
 
+/// The same of an inner corner of the mouth: it goes with the outer one, at which there is something to see.
+const CORNER_PROBE: f64 = 1.0;
+
 /// Squared grey levels that a perfect match is taken to differ by.
 const MISMATCH_FLOOR: f64 = 0.05;
 
@@ -44,6 +47,9 @@ const FORCE_FLOOR: f64 = 1e-3;
 
 /// Inner and outer nodes of the lips, by feature point: upper middle, upper left and right, lower middle, lower left and right.
 const LIPS: [(&str, &str); 6] = [("2.2", "8.1"), ("2.6", "8.5"), ("2.7", "8.6"), ("2.3", "8.2"), ("2.8", "8.7"), ("2.9", "8.8")];
+
+/// Inner and outer corners of the mouth, left and right.
+const CORNERS: [(&str, &str); 2] = [("2.4", "8.3"), ("2.5", "8.4")];
 
 /// Pupils, whose nodes are the corners of the iris boxes.
 const PUPILS: [&str; 2] = ["3.5", "3.6"];
@@ -80,6 +86,7 @@ pub struct TrackPlan {
     ties: Ties,
     neighbours: recover::Neighbours,
     lips: Vec<LipTwin>,
+    corners: Vec<LipTwin>,
     /// Places among the live nodes of nodes that move as one: the corners of each iris box.
     rigid: Vec<Vec<usize>>,
     pub(super) tables: Tables,
@@ -105,11 +112,15 @@ impl TrackPlan {
         };
         let place = |node: &NodeId| wireframe.live_nodes().iter().position(|n| n == node);
         let springs = Springs::new(wireframe);
+        let twin = |(inner, outer): &(&str, &str)| Some(LipTwin { inner: single(inner)?, outer: single(outer)? });
+        let corners: Vec<_> = CORNERS.iter().filter_map(twin).collect();
+        let held: Vec<_> = corners.iter().map(|corner| [corner.outer, corner.inner]).collect();
         Self {
-            ties: Ties::new(wireframe, &springs),
+            ties: Ties::new(wireframe, &springs, &held),
             springs,
             neighbours: recover::Neighbours::new(wireframe),
-            lips: LIPS.iter().filter_map(|(i, o)| Some(LipTwin { inner: single(i)?, outer: single(o)? })).collect(),
+            lips: LIPS.iter().filter_map(twin).collect(),
+            corners,
             rigid: PUPILS.iter().map(|fp| nodes(fp).iter().filter_map(place).collect()).collect(),
             tables: tables.clone(),
         }
@@ -187,8 +198,13 @@ impl Step<'_> {
 
     /// Where a node is searched for, relative to it.
     fn probe_offset(&self, node: NodeId, positions: &[Point2<f64>]) -> Vector2<f64> {
-        let lip = self.plan.lips.iter().find(|lip| self.options.lip_probes && lip.inner == node);
-        lip.map_or_else(Vector2::zeros, |lip| (positions[lip.outer.index()] - positions[node.index()]) * LIP_PROBE)
+        let of = |twins: &[LipTwin], share: f64| {
+            let twin = twins.iter().find(|twin| twin.inner == node)?;
+            Some((positions[twin.outer.index()] - positions[node.index()]) * share)
+        };
+        let lip = if self.options.lip_probes { of(&self.plan.lips, LIP_PROBE) } else { None };
+        let corner = if self.options.align.corners > 0.0 { of(&self.plan.corners, CORNER_PROBE) } else { None };
+        lip.or(corner).unwrap_or_default()
     }
 
     /// Searches for every live node forward and back.
