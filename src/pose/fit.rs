@@ -160,8 +160,8 @@ pub fn fit_head(
         (0..model.node_count()).map(|k| frames[1..].iter().any(|f| f.seen.iter().any(|s| s.node == k))).collect();
     let is_marked = |k: usize| matches!(neutral.nodes[k].state, NodeState::Marked | NodeState::Corrected);
     frames[0].seen.retain(|s| is_marked(s.node) || is_followed[s.node]);
-    let own = own_offsets(model, neutral);
     let start = rough_pose(model, tables, neutral)?;
+    let own = own_offsets(model, neutral, start.scale);
     let sequence = Sequence {
         model,
         frames: &frames,
@@ -227,17 +227,39 @@ impl Sequence<'_> {
     /// again and again.
     ///
     /// That comes to rest slowly, for each can take over from the others, as the depth of a nose from a turn; so each turn begins with a
-    /// mixture of the last ones ([`Mixture`]).
+    /// mixture of the last ones ([`Mixture`]). Frames that the head does not explain in the end are left out, and it is sought again.
     fn head(&self) -> Result<Found, PoseError> {
         let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
         let usable: Vec<&Frame> = rest.iter().filter(|frame| frame.is_seen()).collect();
         let mut chosen: Vec<&Frame> = spread(usable.len(), HEAD_FRAMES).into_iter().map(|k| usable[k]).collect();
-        let mut found = self.first_head(first, &mut chosen)?;
+        loop {
+            let found = self.head_of(first, &mut chosen)?;
+            let shape = found.head.shape(self.model);
+            let explains = |frame: &Frame, solved: &Solved| {
+                let shape = shape_with(&shape, &self.model.expression, &solved.coefficients);
+                !is_unexplained(residual(&shape, &solved.pose, &frame.seen), &solved.pose)
+            };
+            let kept: Vec<&Frame> = chosen
+                .iter()
+                .zip(&found.frames)
+                .filter(|(frame, solved)| explains(frame, solved))
+                .map(|(frame, _)| *frame)
+                .collect();
+            if kept.len() == chosen.len() {
+                return Ok(found);
+            }
+            chosen = kept;
+        }
+    }
+
+    /// The head of the neutral frame and the chosen ones; frames that no pose explains from the start are no longer chosen.
+    fn head_of(&self, first: &Frame, chosen: &mut Vec<&Frame>) -> Result<Found, PoseError> {
+        let mut found = self.first_head(first, chosen)?;
         let mut mixture = Mixture::default();
         let mut matrices = vec![Matrix::default(); found.frames.len()];
         for _ in 0..TURNS {
             let before = self.numbers(&found);
-            self.turn(&mut found, first, &chosen, &mut matrices)?;
+            self.turn(&mut found, first, chosen, &mut matrices)?;
             let after = self.numbers(&found);
             if (&after - &before).amax() < AT_REST {
                 break;
@@ -352,7 +374,6 @@ impl Sequence<'_> {
         mark_shifts: Vec<Vec<Vector2<f64>>>,
     ) -> Result<HeadFit, PoseError> {
         let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
-        let is_unexplained = |residual: f64, pose: &HeadPose| residual > UNEXPLAINED * HEAD_ES * pose.scale;
         let left = residual(&neutral, &neutral_pose, &first.seen);
         if is_unexplained(left, &neutral_pose) {
             return Err(PoseError::NoHead { frame: first.number });
@@ -393,6 +414,11 @@ impl Sequence<'_> {
         }
         Ok(fit)
     }
+}
+
+/// Whether a head does not explain nodes from which it lies `residual` px on the median.
+fn is_unexplained(residual: f64, pose: &HeadPose) -> bool {
+    residual > UNEXPLAINED * HEAD_ES * pose.scale
 }
 
 fn no_expression(model: &HeadModel, pose: HeadPose) -> Solved {

@@ -4,9 +4,10 @@ use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
 use super::{CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose, PoseError, frontal::normals, solve::Seen};
 use crate::{
+    fit::MEDIAN_OVER_DEVIATION,
     geometry::Similarity,
     normalize::stable_nodes,
-    track::{LossReason, NodeState, TrackedFrame},
+    track::{LossReason, NodeState, TrackedFrame, TrackedNode},
     units::NodeId,
     wireframe::Tables,
 };
@@ -112,13 +113,22 @@ impl Own {
     }
 }
 
-/// Each person's own offset by node.
-pub(super) fn own_offsets(model: &HeadModel, neutral: &TrackedFrame) -> Vec<Own> {
-    let own = |(k, normal): (usize, &Vector3<f64>)| match neutral.nodes[k].state {
-        NodeState::Marked | NodeState::Corrected | NodeState::Tracked => Own::new(OWN_MARKED, OWN_MARKED, &Vector3::z()),
-        _ => Own::new(OWN_ALONG, OWN_ACROSS, &normal.try_normalize(1e-12).unwrap_or_else(Vector3::z)),
+/// Each person's own offset by node; a model unit of the neutral head is `scale` px.
+///
+/// A mark that may be off (a found one is, by several pixels) lies that far on another place of the skin, in every frame alike, and
+/// says nothing of how deep it lies: taken at its word it would turn the head. What a hand is off is in [`OWN_MARKED`].
+pub(super) fn own_offsets(model: &HeadModel, neutral: &TrackedFrame, scale: f64) -> Vec<Own> {
+    let own = |(node, normal): (&TrackedNode, &Vector3<f64>)| {
+        let normal = normal.try_normalize(1e-12).unwrap_or_else(Vector3::z);
+        match node.state {
+            NodeState::Marked | NodeState::Corrected | NodeState::Tracked => {
+                let off = node.expected_error.map_or(0.0, |median| median / MEDIAN_OVER_DEVIATION / scale);
+                Own::new(OWN_MARKED.max(off), OWN_MARKED, &normal)
+            }
+            _ => Own::new(OWN_ALONG, OWN_ACROSS, &normal),
+        }
     };
-    normals(model, &model.mean).iter().enumerate().map(own).collect()
+    neutral.nodes.iter().zip(&normals(model, &model.mean)).map(own).collect()
 }
 
 /// A frontal pose by the similarity of the points that expressions do not move.
@@ -142,5 +152,34 @@ pub(super) fn pose_of(placed: &Similarity) -> HeadPose {
         scale: placed.scale,
         position: placed.apply(&Point2::origin()),
         distance: CAMERA_DISTANCE * HEAD_ES,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wireframe::Face;
+
+    #[test]
+    fn a_mark_that_may_be_off_lies_elsewhere_along_the_skin_and_not_deeper() {
+        let Face { wireframe, tables } = Face::candide3();
+        let model = HeadModel::shipped(&wireframe, &tables);
+        let scale = 50.0;
+        let place = |k: usize| Point2::from(frontal(&model, k).coords * scale);
+        let nodes = (0..model.node_count()).map(|k| TrackedNode::new(place(k), NodeState::Marked, None)).collect();
+        let mut neutral = TrackedFrame { number: 1, nodes };
+        // Standard deviations of 1.25 px, 0.025 of a head's units, and of 0.25 px.
+        neutral.nodes[5].expected_error = Some(1.25 * MEDIAN_OVER_DEVIATION);
+        neutral.nodes[7].expected_error = Some(0.25 * MEDIAN_OVER_DEVIATION);
+        neutral.nodes[6].state = NodeState::Fitted;
+        let own = own_offsets(&model, &neutral, scale);
+        let normal = normals(&model, &model.mean)[5].normalize();
+        let aside = normal.cross(&Vector3::x()).normalize();
+        let deviation = |own: &Own, along: &Vector3<f64>| (own.spread * along).norm();
+        assert!((deviation(&own[5], &aside) - 0.025).abs() < 1e-12);
+        assert!((deviation(&own[5], &normal) - OWN_MARKED).abs() < 1e-12);
+        // One that is off by little is the same in every direction; a node without one may lie further off, but not much deeper.
+        assert!((deviation(&own[7], &aside) - OWN_MARKED).abs() < 1e-12);
+        assert_eq!([own[5].deviation, own[6].deviation, own[7].deviation], [0.025, OWN_ALONG, OWN_MARKED]);
     }
 }

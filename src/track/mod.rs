@@ -73,8 +73,8 @@ pub struct TrackedNode {
     pub residual: Option<f64>,
     /// What the step into this frame knew of the node; `None` in the neutral frame, for a lost node, and in a track read from a file.
     pub evidence: Option<Evidence>,
-    /// Expected error of the neutral offset, px: half of such nodes are further off, half less; see [`Confidence`]. `None` in the
-    /// neutral frame.
+    /// Expected error, px; half of such nodes are further off, half less. Neutral frame: of the node's place on the face, `None` where
+    /// that is not known. Later: of its offset from the neutral frame, see [`Confidence`].
     pub expected_error: Option<f64>,
 }
 

@@ -8,19 +8,17 @@ use rayon::prelude::*;
 use super::{
     EvaluateError,
     action_units::{ActionUnitOptions, ActionUnitTrial, bursts, judge},
+    image_marks::marks_of_picture,
     pose::failed,
 };
 use crate::simulate::{SimulateOptions, SimulatedFrame, Subject, show_units};
 use grimace::internal::{
-    dataset::DEFAULT_LANDMARK_NODES,
     features::ACTION_UNITS,
-    fit::Correspondence,
     pipeline::{SequenceFailure, Workbench},
     pose::PoseError,
     report::Stage,
     sequence::Frame,
     track::track_sequence,
-    units::NodeId,
 };
 
 /// Action units of FACS and Candide's vectors that show them.
@@ -30,7 +28,7 @@ const BLINK: u8 = 45;
 /// Largest strength of a vector: all of Candide's at once tear a face apart.
 const STRONGEST: f64 = 0.6;
 
-/// Makes the study: people of a simulation (an orthographic camera), marked exactly at the default nodes, turning by `options.turn`.
+/// Makes the study: people of a simulation (an orthographic camera), marked at `options.marks`, turning by `options.turn`.
 ///
 /// # Errors
 /// [`EvaluateError`] when a sequence fails.
@@ -64,9 +62,8 @@ fn one_person(head: usize, bench: &Workbench, options: &ActionUnitOptions) -> Re
         let angle = |k: usize| options.turn * begun * (m as f64 / 18.0 + phases[k]).sin();
         show_units(&who, &units, lids[m], [angle(0), angle(1)], &simulated, m)
     };
-    let neutral = seen(0).nodes;
-    let marks: Vec<Correspondence> =
-        DEFAULT_LANDMARK_NODES.iter().map(|&node: &NodeId| Correspondence::mark(node, neutral[node.index()])).collect();
+    let neutral = seen(0);
+    let marks = marks_of_picture(&neutral.nodes, neutral.image, &options.marks, bench)?;
     let fitted = bench.fit(&marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?;
     let frames =
         (1..).zip(0..options.frames).map(|(number, m)| Ok(Frame::new(number, DynamicImage::ImageRgb8(seen(m).image).to_luma8())));

@@ -14,7 +14,7 @@ use super::{
     pose::{failed, tracked},
 };
 use grimace::internal::{
-    dataset::{LandmarkFrame, LandmarkSequence},
+    dataset::{LandmarkFrame, LandmarkSelection, LandmarkSequence},
     features::{ACTION_UNITS, ActionUnit, FULL, FrameFeatures, Intensity},
     pipeline::{SequenceFailure, Workbench},
     pose::PoseError,
@@ -43,13 +43,24 @@ pub struct ActionUnitOptions {
     pub turn: f64,
     /// Distance of the camera, px at the size of the head.
     pub camera: f64,
+    /// Through images: marks of the neutral frame.
+    pub marks: LandmarkSelection,
     /// Seed of heads, strengths and noise.
     pub seed: u64,
 }
 
 impl Default for ActionUnitOptions {
     fn default() -> Self {
-        Self { heads: 5, first_mode: 15, frames: 120, noise_px: 0.4, turn: 10.0, camera: 1200.0, seed: 1 }
+        Self {
+            heads: 5,
+            first_mode: 15,
+            frames: 120,
+            noise_px: 0.4,
+            turn: 10.0,
+            camera: 1200.0,
+            marks: LandmarkSelection::Default,
+            seed: 1,
+        }
     }
 }
 

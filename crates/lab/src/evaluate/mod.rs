@@ -23,6 +23,7 @@ mod figures;
 mod fit;
 mod groups;
 mod heads;
+mod image_marks;
 mod locate;
 mod marks;
 mod people;

@@ -16,7 +16,7 @@ use super::{
     heads::{Camera, Faces},
 };
 use grimace::internal::{
-    dataset::{LandmarkFrame, LandmarkSequence},
+    dataset::{LandmarkFrame, LandmarkSelection, LandmarkSequence},
     model::DynamicExpressionModel,
     normalize::{FRAMES_PER_MODEL, PoseMode},
     pipeline::{SequenceFailure, Workbench, fit_landmarks},
@@ -82,13 +82,24 @@ pub struct PoseStudyOptions {
     pub noise_px: f64,
     /// Distances of the camera, px at the size of the head: its focal length where eyes are 110 px apart.
     pub cameras: Vec<f64>,
+    /// Through images: marks of the neutral frame.
+    pub marks: LandmarkSelection,
     /// Seed of heads and noise.
     pub seed: u64,
 }
 
 impl Default for PoseStudyOptions {
     fn default() -> Self {
-        Self { heads: 5, first_mode: 0, spread: 0.6, frames: 9, noise_px: 0.0, cameras: vec![1200.0], seed: 1 }
+        Self {
+            heads: 5,
+            first_mode: 0,
+            spread: 0.6,
+            frames: 9,
+            noise_px: 0.0,
+            cameras: vec![1200.0],
+            marks: LandmarkSelection::Default,
+            seed: 1,
+        }
     }
 }
 

@@ -6,12 +6,11 @@ use rayon::prelude::*;
 
 use super::{
     EvaluateError,
+    image_marks::marks_of_picture,
     pose::{PoseStudyOptions, PoseTrial, SeenCase, Still, TurnCase, case, failed, judge},
 };
 use crate::simulate::{Emotion, SimulateOptions, SimulatedSequence, Subject, TurnCourse};
 use grimace::internal::{
-    dataset::DEFAULT_LANDMARK_NODES,
-    fit::Correspondence,
     pipeline::{SequenceFailure, Workbench},
     report::Stage,
     sequence::Frame,
@@ -42,7 +41,7 @@ const CASES: [TurnCase; 8] = [
 /// Number of sequences of each head.
 pub const IMAGE_SEQUENCES: usize = CASES.len() * EMOTIONS.len();
 
-/// Makes the study: the people of a simulation (an orthographic camera), marked exactly at the default nodes.
+/// Makes the study: the people of a simulation (an orthographic camera), marked at `options.marks`.
 ///
 /// # Errors
 /// [`EvaluateError`] when a sequence fails.
@@ -91,8 +90,7 @@ fn one_sequence(
     let subject = Subject::new(&simulated, head as u32)?;
     let sequence = SimulatedSequence::new(&subject, emotion, &simulated)?;
     let neutral = sequence.nodes(0);
-    let mark = |&node: &NodeId| Correspondence::mark(node, neutral[node.index()]);
-    let marks: Vec<Correspondence> = DEFAULT_LANDMARK_NODES.iter().map(mark).collect();
+    let marks = marks_of_picture(&neutral, sequence.image(0), &options.marks, full)?;
     let fitted = full.fit(&marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?;
     let images = (1..)
         .zip(0..options.frames)

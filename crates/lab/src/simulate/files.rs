@@ -237,15 +237,20 @@ impl Layout {
     }
 }
 
-/// The 68 landmarks of a frame as CK+ writes them: a line `x y` each, 8 significant digits.
-fn landmark_text(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> String {
+/// The 68 landmarks of a face, px: each between the nodes (`nodes`, by number) that it stands for.
+pub(crate) fn landmark_points(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> Vec<Point2<f64>> {
     let place = |row: &LandmarkRow| {
         let sum: Vector2<f64> = row.nodes.iter().map(|&(node, weight)| nodes[node.index()].coords * weight).sum();
         let total: f64 = row.nodes.iter().map(|&(_, weight)| weight).sum();
-        sum / total
+        Point2::from(sum / total)
     };
+    landmarks.iter().map(place).collect()
+}
+
+/// The 68 landmarks of a frame as CK+ writes them: a line `x y` each, 8 significant digits.
+fn landmark_text(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> String {
     let mut text = String::new();
-    for p in landmarks.iter().map(place) {
+    for p in landmark_points(nodes, landmarks) {
         // Writing to a string does not fail.
         let _ = writeln!(text, "   {}   {}", exponential(p.x), exponential(p.y));
     }

@@ -46,6 +46,7 @@ mod units;
 pub use camera::CameraOptions;
 pub use dataset::{DatasetSummary, simulate_dataset};
 pub use expression::faps_without_unit;
+pub(crate) use files::landmark_points;
 pub use grimace::internal::wireframe::Emotion;
 pub use motion::{Course, HeadPose};
 pub use neutral::{UnitScope, neutral_nodes, performed_nodes};

@@ -2,7 +2,10 @@
 
 use std::{path::PathBuf, sync::atomic::Ordering};
 
-use grimace::internal::pipeline::{PipelineOptions, Workbench};
+use grimace::internal::{
+    dataset::LandmarkSelection,
+    pipeline::{PipelineOptions, Workbench},
+};
 use grimace_lab::evaluate::{
     ActionUnitOptions, action_unit_table, evaluate_action_units, evaluate_action_units_in_images, judged_mean,
 };
@@ -17,6 +20,7 @@ use grimace::internal::cli::{Outcome, shared::stop_flag};
 Example:
   grimace evaluate action-units ict -o action-units
   grimace evaluate action-units --images -o action-units-images
+  grimace evaluate action-units --images --marks auto -o action-units-found
 
 Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show action units in bursts, several at once, while they \
 turn, seen in perspective as 68 landmarks, 110 px between the pupils. The table has the correlation over time of measured and true intensity, \
@@ -46,6 +50,10 @@ pub struct Args {
     /// Distance of the camera at 110 px between the pupils, px
     #[arg(long, default_value_t = 1200.0, value_name = "PX", value_parser = grimace::internal::cli::shared::positive)]
     camera: f64,
+    /// With --images, marks of the neutral frame: `default`, `high`, `all`, or a list of nodes, exactly where they are, or `auto`,
+    /// found in the picture
+    #[arg(long, default_value = "default", value_name = "WHICH", requires = "images")]
+    marks: LandmarkSelection,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -61,6 +69,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         noise_px: args.noise,
         turn: args.turn,
         camera: args.camera,
+        marks: args.marks.clone(),
         seed: args.common.seed,
     };
     let stop = stop_flag()?;
@@ -81,7 +90,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         .print(&format!("Action units against the strengths that made the faces; {mean:.3} on the mean of those judged"), &table);
     let written = json!({
         "images": args.images, "heads": args.heads, "first_mode": args.first_mode, "frames": args.frames, "noise_px": args.noise, "turn_degrees": args.turn,
-        "camera_px": args.camera,
+        "camera_px": args.camera, "marks": args.marks,
     });
     folder.finish("action-units", args.folder.as_deref(), options.seed, written, json!({ "mean_correlation": mean }))?;
     Ok(Outcome::Done)

@@ -3,6 +3,7 @@
 use std::{path::PathBuf, sync::atomic::Ordering};
 
 use grimace::internal::{
+    dataset::LandmarkSelection,
     normalize::NormalizeOptions,
     normalize::PoseMode,
     pipeline::{PipelineOptions, Workbench},
@@ -21,6 +22,7 @@ use grimace::internal::cli::{Outcome, shared::stop_flag};
 Example:
   grimace evaluate pose ict -o pose
   grimace evaluate pose --images -o pose-images
+  grimace evaluate pose --images --marks auto -o pose-found
 
 Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show four expressions, still and turning, seen in \
 perspective as 68 landmarks, 110 px between the pupils. Motion lost: mean distance of the nodes of the normalized apex models of the turning \
@@ -29,7 +31,7 @@ pub struct Args {
     /// Folder of the face model
     #[arg(value_name = "MODEL", required_unless_present = "images")]
     folder: Option<PathBuf>,
-    /// Through images instead of landmarks: simulated people, rendered, marked at the default nodes and tracked
+    /// Through images instead of landmarks: simulated people, rendered, marked and tracked
     #[arg(long, conflicts_with_all = ["folder", "camera", "noise", "first_mode", "spread"])]
     images: bool,
     /// Number of heads
@@ -50,6 +52,10 @@ pub struct Args {
     /// Standard deviation of the landmarks' error, px
     #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative)]
     noise: f64,
+    /// With --images, marks of the neutral frame: `default`, `high`, `all`, or a list of nodes, exactly where they are, or `auto`,
+    /// found in the picture
+    #[arg(long, default_value = "default", value_name = "WHICH", requires = "images")]
+    marks: LandmarkSelection,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -70,6 +76,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         frames: args.frames,
         noise_px: args.noise,
         cameras: args.camera.clone(),
+        marks: args.marks.clone(),
         seed: args.common.seed,
     };
     let stop = stop_flag()?;
@@ -93,7 +100,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let written = json!({
         "heads": args.heads, "first_mode": args.first_mode, "spread": args.spread, "frames": args.frames, "noise_px": args.noise,
-        "camera_px": args.camera,
+        "camera_px": args.camera, "marks": args.marks,
     });
     folder.finish("pose", args.folder.as_deref(), options.seed, written, json!({ "sequences": trials.len() }))?;
     Ok(Outcome::Done)
