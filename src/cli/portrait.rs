@@ -20,8 +20,17 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
         Some(marks) => read_marks(marks, selection, &bench.tables, bench.wireframe.node_count())?,
         None => marks_or_found(None, bench, path, || Ok(read_frame(path)?))?,
     };
-    bench.target(&name, picture, &points).with_context(|| match marks {
+    let target = bench.target(&name, picture, &points).with_context(|| match marks {
         Some(marks) => format!("{} with {}", path.display(), marks.display()),
         None => format!("{} with marks that were found", path.display()),
-    })
+    })?;
+    if let Some(apart) = target.lips_apart() {
+        eprintln!(
+            "note: {}: the lips are parted, by {:.0} % of the eye distance; what shows between them stays, with the upper jaw. Expressions look \
+             best on a neutral face, its lips closed",
+            path.display(),
+            100.0 * apart
+        );
+    }
+    Ok(target)
 }

@@ -35,7 +35,7 @@ pub struct Patch {
 
 impl Patch {
     /// Numbers per point.
-    pub fn len(&self) -> usize {
+    pub const fn len(&self) -> usize {
         self.side * self.side * DIRECTIONS
     }
 }

@@ -3,13 +3,15 @@
 //! A linear template over gradient cells says where faces may be; joint stages place all points together at each such place; a linear
 //! verifier says whether that is a face; local stages let each point look around itself. Each face is read twice, once in the mirror:
 //! the points are the mean of both, and how far the two are apart tells, with other signs, the error to expect. Everything is learned by
-//! [`learn`] from hand-set points; what was learned ships with the program.
+//! [`learn`] from hand-set points; what was learned ships with the program. Hand-set points are there of closed mouths only, so a last
+//! stage looks whether the lips are parted, and where their inner edges are then.
 
 pub mod learn;
 
 mod cells;
 mod expect;
 mod linear;
+mod lips;
 mod model;
 mod picture;
 mod points;
@@ -272,7 +274,7 @@ impl Locator {
         let shift = SECOND_START.1 * start.scale();
         let other = Placement { a: start.a * larger, b: start.b * larger, x: start.x + shift, y: start.y - shift };
         let mirrored = model.mirrored_reading(picture, &mean_at(other));
-        face(model, &plain, &mirrored)
+        face(model, picture, &plain, &mirrored)
     }
 }
 
@@ -302,14 +304,25 @@ fn each_once(mut faces: Vec<LocatedFace>) -> Vec<LocatedFace> {
     kept.into_iter().map(|(_, face)| face).collect()
 }
 
-/// The mean of two readings and what errors to expect of it.
-fn face(model: &Model, plain: &Reading, mirrored: &Reading) -> LocatedFace {
-    let shape: Shape = plain.shape.iter().zip(&mirrored.shape).map(|(p, q)| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]).collect();
+/// The mean of two readings.
+fn mean_shape(plain: &Reading, mirrored: &Reading) -> Shape {
+    plain.shape.iter().zip(&mirrored.shape).map(|(p, q)| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]).collect()
+}
+
+/// The mean of two readings, with lips that are parted where they are, and what errors to expect of it.
+fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -> LocatedFace {
+    let mut shape = mean_shape(plain, mirrored);
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
     let unit = eye_distance.max(1e-3);
     let apart: Vec<f32> = plain.shape.iter().zip(&mirrored.shape).map(|(&p, &q)| distance(p, q) / unit).collect();
-    let expected: Vec<f64> =
+    let mut expected: Vec<f64> =
         (0..shape.len()).map(|k| f64::from(model.errors.expect(k, &signs(k, &apart, [plain, mirrored], unit)) * unit)).collect();
+    if let Some(lips) = &model.lips {
+        for (k, point) in lips.parted(picture, &model.mean, &shape).into_iter().flatten() {
+            shape[k] = point;
+            expected[k] = expected[k].max(f64::from(lips.expected_error * unit));
+        }
+    }
     let shape: Vec<Point2<f64>> = shape.iter().map(|p| Point2::new(f64::from(p[0]), f64::from(p[1]))).collect();
     let named = points().iter().zip(&shape).zip(&expected);
     let mut found: Vec<LocatedPoint> = named

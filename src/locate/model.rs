@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     cells::Patch,
+    lips::{self, LipStage},
     points::points,
     shape::Shape,
     stages::{JointStage, LocalStage},
@@ -39,6 +40,8 @@ pub struct Model {
     pub verifier: (Vec<f32>, f32),
     /// What errors to expect.
     pub errors: ErrorModel,
+    /// Lips that are parted; none in a model that was learned without such.
+    pub lips: Option<LipStage>,
 }
 
 /// The error to expect of a point from how the reading went: `log e = intercept + sum of slope x sign`, then a calibration.
@@ -81,6 +84,9 @@ struct Header {
     template_bias: f32,
     verifier_bias: f32,
     errors: ErrorModel,
+    /// Of parted lips: from which distance they are, and what errors to expect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lips: Option<(f32, f32)>,
     origin: ModelOrigin,
     /// Names of the matrices in order, with their numbers and the numbers of a row.
     matrices: Vec<(String, usize, usize)>,
@@ -201,6 +207,11 @@ impl Model {
             parts.push((format!("local.{k}.base"), &stage.base, steps));
             parts.push((format!("local.{k}.mix"), &stage.mix, steps));
         }
+        if let Some(lips) = &self.lips {
+            parts.push(("lips.offset".to_owned(), &lips.offset, lips.offset.len()));
+            parts.push(("lips.weights".to_owned(), &lips.weights, lips::LENGTH));
+            parts.push(("lips.base".to_owned(), &lips.base, 1));
+        }
         let header = Header {
             schema: SCHEMA,
             points: self.mean.len(),
@@ -210,6 +221,7 @@ impl Model {
             template_bias: self.template.bias,
             verifier_bias: self.verifier.1,
             errors: self.errors.clone(),
+            lips: self.lips.as_ref().map(|l| (l.parted_from, l.expected_error)),
             origin: origin.clone(),
             matrices: parts.iter().map(|(name, values, row)| (name.clone(), values.len(), *row)).collect(),
         };
@@ -272,6 +284,19 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     let mean = matrices.take("mean", Some(steps))?;
     let verifier = matrices.take("verifier", Some(header.joint.last().map_or(0, length)))?;
     let weights = matrices.take("template", Some(template::LENGTH))?;
+    let lips = match header.lips {
+        Some((parted_from, expected_error)) if !(0.0..1.0).contains(&parted_from) || !(0.0..1.0).contains(&expected_error) => {
+            return Err(format!("lips parted from {parted_from}, to {expected_error}: both are shares of the eye distance"));
+        }
+        Some((parted_from, expected_error)) => Some(LipStage {
+            offset: matrices.take("lips.offset", Some(lips::LENGTH))?,
+            weights: matrices.take("lips.weights", Some(lips::PREDICTED * lips::LENGTH))?,
+            base: matrices.take("lips.base", Some(lips::PREDICTED))?,
+            parted_from,
+            expected_error,
+        }),
+        None => None,
+    };
     let model = Model {
         mean: mean.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
         features: header.features,
@@ -280,6 +305,7 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
         template: Template { weights, bias: header.template_bias },
         verifier: (verifier, header.verifier_bias),
         errors: header.errors,
+        lips,
     };
     Ok((model, header.origin))
 }

@@ -11,6 +11,7 @@ use super::{
     Texture,
     layout::{self, Frame, OPENINGS, OpeningNodes},
     mouth::whiteness,
+    parted::place_lower_lip,
 };
 
 /// How far up and down the middle of a lid is looked for, and how far it may lean, over the eye distance.
@@ -34,7 +35,7 @@ const MOST_SHUT: f64 = 0.3;
 /// How far from where Candide-3 has them the inner corners of the mouth lie towards the outer ones: lips part to their end.
 const CORNERS: f64 = 0.3;
 
-/// The nodes with the upper lids where the picture shows them, and lips that end near their corners; a node of which `is_set` says that a
+/// The nodes with the upper lids and a parted lower lip where the picture shows them, and lips that end near their corners; a node of which `is_set` says that a
 /// person placed it stays.
 pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool) -> Vec<Point2<f64>> {
     let mut placed = nodes.to_vec();
@@ -45,6 +46,7 @@ pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn
         }
     }
     let Some(frame) = Frame::of(nodes) else { return placed };
+    place_lower_lip(&mut placed, photograph, &is_set, &frame);
     for eye in &OPENINGS[1..] {
         if eye.upper[1..4].iter().any(|&n| is_set(n)) {
             continue;

@@ -47,6 +47,7 @@ mod mesh;
 mod motion;
 mod mouth;
 mod openings;
+mod parted;
 mod raster;
 mod render;
 mod rig;
@@ -235,6 +236,11 @@ impl Warp {
         let [left, right] = LidSkin::find(&self, photograph);
         self.lids = vec![None, left, right];
         self
+    }
+
+    /// Whether the photograph shows the inside of the mouth: what is there stays, with the upper jaw, and none is made.
+    pub fn shows_mouth(&self) -> bool {
+        !self.closed
     }
 
     /// Centre and radius (px) of the iris found in each eye, the subject's left one first; `None` before [`Warp::with_eyes`], and

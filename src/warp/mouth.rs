@@ -372,20 +372,45 @@ pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
     })
 }
 
-/// Draws what the photograph shows in its open mouth over the dark: it stays with the skull, and where the mouth is now wider open than
-/// on the photograph, its edge is stretched to meet the lip.
+/// How far below its place on the photograph the inside of a mouth is stretched after a lower lip that drops, over the eye distance: further
+/// down there is what the photograph does not show. Up to there, the lip's own colour at its edge fades.
+const OWN_STRETCH: f64 = 0.02;
+/// Where a lower lip is that far away, so much of its edge on the photograph fades into what is made.
+const OWN_FADE: f64 = 0.022;
+
+/// Draws what the photograph shows in its open mouth over what is made: it stays with the skull, and where the upper lip is now higher than
+/// on the photograph, its edge is stretched to meet it. A lower lip that drops leaves it, as it leaves the upper teeth.
 pub fn own(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
     let moved = deformation.nodes[6] - warp.nodes[6];
+    let (unit, down) = (warp.frame.eye_distance, warp.frame.down.into_inner());
+    let across = Vector2::new(down.y, -down.x);
     let height = |p: &Point2<f64>| warp.frame.height(p);
     let lower = &opening.lower[1..opening.lower.len() - 1];
+    let dropped = |v: u32| height(&deformation.vertices[v as usize]) - height(&(warp.source[v as usize] + moved));
     let at = |v: u32| {
         let (stays, lip) = (warp.source[v as usize] + moved, deformation.vertices[v as usize]);
-        let inwards = if lower.contains(&v) { height(&lip) < height(&stays) } else { height(&lip) > height(&stays) };
-        if inwards { stays } else { lip }
+        match (lower.contains(&v), dropped(v)) {
+            (true, way) if way > 0.0 => stays + (lip - stays) * (OWN_STRETCH * unit / way).min(1.0),
+            (true, _) => stays,
+            (false, way) if way > 0.0 => stays,
+            (false, _) => lip,
+        }
+    };
+    let furthest = lower.iter().map(|&v| dropped(v)).fold(0.0, f64::max);
+    let left = smooth_step(0.5 * OWN_STRETCH, 2.0 * OWN_STRETCH, furthest / unit);
+    let mut edge: Vec<(f64, f64)> =
+        opening.lower.iter().map(|&v| warp.source[v as usize].coords).map(|p| (p.dot(&across), p.dot(&down))).collect();
+    edge.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let faded = |at: Point2<f64>| {
+        let above = line_at(&edge, at.coords.dot(&across)).map_or(0.0, |y| (y - at.coords.dot(&down)) / unit);
+        left * (1.0 - smooth_step(0.0, OWN_FADE, above))
     };
     for triangle in &opening.triangles {
         let from = triangle.map(|v| warp.source[v as usize]);
-        layer.fill(triangle.map(at), from, |at, _| texture.sample(at));
+        layer.fill(triangle.map(at), from, |at, made| {
+            let (own, gone) = (texture.sample(at), faded(at) as f32);
+            std::array::from_fn(|c| own[c] + (made[c] - own[c]) * gone)
+        });
     }
 }
 

@@ -42,3 +42,41 @@ fn real_sequences_give_representatives_with_the_signs_of_their_expressions() {
         assert!(row["certificate_gap"].parse::<f64>().unwrap() <= 1e-9, "certificate of {}", row["emotion"]);
     }
 }
+
+#[test]
+fn parted_lips_of_real_smiles_are_found_and_said() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/faces");
+    if !folder.join("smiling").is_dir() {
+        eprintln!("SKIPPED, NOTHING WAS TESTED: {} is not there", folder.display());
+        return;
+    }
+    let work = Work::new();
+    let people = ["L030", "L096", "L130"];
+    let pictures = ["neutral", "smiling"].map(|state| people.map(|p| folder.join(state).join(format!("{p}.jpg"))));
+    let located = work.command().arg("locate").args(pictures.concat()).args(["-o", "points.csv"]).output().unwrap();
+    crate::common::Ran::from(located).exit(0);
+    let rows = work.rows("points.csv");
+    let at = |picture: &Path, node: &str| -> [f64; 2] {
+        let name = picture.file_name().unwrap().to_string_lossy().into_owned();
+        let state = picture.parent().unwrap().file_name().unwrap().to_string_lossy().into_owned();
+        let is_it = |image: &str| image.ends_with(&name) && image.contains(&state);
+        let row = rows.iter().find(|row| is_it(&row["image"]) && row["node"] == node).unwrap();
+        ["x", "y"].map(|axis| row[axis].parse().unwrap())
+    };
+    for (state, range) in pictures.iter().zip([-0.03..0.03, 0.10..0.30]) {
+        for picture in state {
+            // Inner edges of the lips over the distance of the outer corners of the eyes, which is 1.4 to 1.5 of the eye distance.
+            let gap = (at(picture, "40")[1] - at(picture, "87")[1])
+                / (1.45_f64.recip() * (at(picture, "20")[0] - at(picture, "53")[0]));
+            assert!(range.contains(&gap), "{}: {gap:.3}", picture.display());
+        }
+    }
+    for (picture, says) in [(&pictures[0][0], false), (&pictures[1][0], true)] {
+        let fap = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/golden/fap/happiness.fap");
+        let out = if says { "smiling" } else { "neutral" };
+        let cloned = work.command().arg("clone").arg("-s").arg(fap).arg("-t").arg(picture).args(["-o", out]).output().unwrap();
+        let said = String::from_utf8_lossy(&cloned.stderr).into_owned();
+        crate::common::Ran::from(cloned).exit(0);
+        assert_eq!(said.contains("the lips are parted"), says, "{said}");
+    }
+}

@@ -1,5 +1,7 @@
 //! Faces to learn from: photographs with the 189 hand-set points of the Face Research Lab London Set.
 
+mod smiles;
+
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
@@ -93,6 +95,16 @@ pub struct TrainingFace {
     outline: Vec<Point>,
 }
 
+/// A person of [`TrainingFaces::faces`] with another expression: all points are those of the neutral face, but for those of
+/// the lips.
+#[derive(Clone, Debug)]
+pub struct Smile {
+    /// Index of the person among the faces.
+    pub person: usize,
+    /// The photograph.
+    pub face: TrainingFace,
+}
+
 /// What of a photograph is face, and what is behind the person.
 #[derive(Clone, Debug)]
 pub struct Masks {
@@ -139,8 +151,25 @@ impl TrainingFace {
 pub struct TrainingFaces {
     /// In the order of the table.
     pub faces: Vec<TrainingFace>,
-    /// BLAKE3 of the table and all photographs used, in hexadecimal.
+    /// The same people smiling, as far as they are there and were asked for.
+    pub smiles: Vec<Smile>,
+    /// BLAKE3 of the tables and all photographs used, in hexadecimal.
     pub blake3: String,
+}
+
+impl TrainingFaces {
+    /// With those of these people who smile in `FOLDER/smiling/PERSON.jpg`: whom `FOLDER/landmarks68.csv`
+    /// (`person,state,x0,y0,...,x67,y67`, iBUG's order, px) has both `neutral` and `smiling`. Without that table nobody does.
+    ///
+    /// # Errors
+    /// `FacesError`.
+    pub fn with_smiles(self, folder: &Path) -> Result<Self, FacesError> {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.blake3.as_bytes());
+        let smiles = smiles::read(folder, &self.faces, &mut hasher)?;
+        let blake3 = if smiles.is_empty() { self.blake3 } else { hasher.finalize().to_hex().to_string() };
+        Ok(Self { smiles, blake3, ..self })
+    }
 }
 
 /// Reads `FOLDER/delineation189.csv` (`person,x0,y0,...,x188,y188`, px) and `FOLDER/neutral/PERSON.jpg`.
@@ -172,10 +201,7 @@ pub fn read_faces(folder: &Path, leave_out: &BTreeSet<String>) -> Result<Trainin
             return Err(FacesError::Small { path, line: row.line(), name: person, distance: apart });
         }
         let (picture, bytes) = read_picture(&folder.join("neutral").join(format!("{person}.jpg")))?;
-        hasher.update(&blake3::hash(&bytes).as_bytes()[..]);
-        numbers.iter().for_each(|n| {
-            hasher.update(&n.to_le_bytes());
-        });
+        add(&mut hasher, &bytes, &numbers);
         faces.push(TrainingFace::new(person, picture, &all[OUTLINE], shape));
     }
     if let Some(name) = leave_out.iter().find(|name| !seen.contains(*name)) {
@@ -184,7 +210,15 @@ pub fn read_faces(folder: &Path, leave_out: &BTreeSet<String>) -> Result<Trainin
     if faces.len() < super::LEAST_PEOPLE {
         return Err(FacesError::TooFew { path, found: faces.len() });
     }
-    Ok(TrainingFaces { faces, blake3: hasher.finalize().to_hex().to_string() })
+    Ok(TrainingFaces { faces, smiles: Vec::new(), blake3: hasher.finalize().to_hex().to_string() })
+}
+
+/// A photograph and its points are among what was learned from.
+fn add(hasher: &mut blake3::Hasher, picture: &[u8], numbers: &[f64]) {
+    hasher.update(&blake3::hash(picture).as_bytes()[..]);
+    numbers.iter().for_each(|n| {
+        hasher.update(&n.to_le_bytes());
+    });
 }
 
 fn mean_of(all: &[Point], sources: &[(usize, f64)]) -> Point {

@@ -4,6 +4,7 @@ mod augment;
 mod calibrate;
 mod detector;
 mod faces;
+mod lips;
 mod ridge;
 mod scenery;
 mod summary;
@@ -13,12 +14,15 @@ use std::collections::BTreeSet;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-pub use faces::{TrainingFace, read_faces};
+pub use faces::{Smile, TrainingFace, TrainingFaces, read_faces};
+pub use lips::LipSummary;
 pub use summary::LearnSummary;
 
 use super::{
     PUPILS,
     cells::Patch,
+    expect::Reading,
+    mean_shape,
     model::{ErrorModel, Model},
     picture::Picture,
     points,
@@ -28,6 +32,7 @@ use super::{
 use augment::{Sample, Source, normal, render, stream};
 use calibrate::{JudgedReading, learn_errors};
 use detector::{learn_template, learn_verifier, scenes};
+use lips::learn_lips;
 use ridge::{FOLDS, Folded, among_numbers, among_samples, centre_rows, each_point};
 
 /// Fewest people to learn from.
@@ -80,7 +85,8 @@ pub struct Learned {
 ///
 /// # Errors
 /// [`FacesError::TooFew`] is for [`read_faces`] to find; nothing here fails.
-pub fn learn_locator(faces: &[TrainingFace], options: &LearnOptions, progress: &dyn Fn(&str)) -> Learned {
+pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &dyn Fn(&str)) -> Learned {
+    let faces = &people.faces;
     progress("making pictures");
     let sources: Vec<Source> = faces.iter().filter_map(Source::new).collect();
     let samples = pictures(&sources, options.pictures, options.seed, 1);
@@ -96,6 +102,7 @@ pub fn learn_locator(faces: &[TrainingFace], options: &LearnOptions, progress: &
         template: super::template::Template { weights: Vec::new(), bias: 0.0 },
         verifier: (Vec::new(), 0.0),
         errors: ErrorModel::default(),
+        lips: None,
     };
     // The model of everybody, then those without each fold.
     let mut models = vec![empty; FOLDS + 1];
@@ -166,9 +173,30 @@ pub fn learn_locator(faces: &[TrainingFace], options: &LearnOptions, progress: &
         .filter_map(|(i, sample)| judge(&models[1 + sample.face % FOLDS], sample, &mut stream(options.seed, 8, i as u64)))
         .collect();
     models[0].errors = learn_errors(&judged);
-    let summary = LearnSummary::new(faces.len(), &judged, &models[0].errors, template.found, (verifier.2, verifier.3));
+
+    progress("parted lips");
+    let mouths = mouth_pictures(&sources, &people.smiles, options);
+    let (lips, lip_summary) = learn_lips(&models[1..], &mouths, options.seed).unzip();
+    models[0].lips = lips;
+    let summary = LearnSummary {
+        lips: lip_summary,
+        ..LearnSummary::new(faces.len(), &judged, &models[0].errors, template.found, (verifier.2, verifier.3))
+    };
     let model = models.swap_remove(0);
     Learned { model, summary }
+}
+
+/// Pictures for the lips: of the neutral faces, and as many of the smiles.
+fn mouth_pictures(sources: &[Source], smiles: &[Smile], options: &LearnOptions) -> Vec<Sample> {
+    if smiles.is_empty() {
+        return Vec::new();
+    }
+    let count = options.pictures.div_ceil(2);
+    let mut samples = pictures(sources, count, options.seed, 10);
+    let (people, smiling): (Vec<usize>, Vec<Source>) =
+        smiles.iter().filter_map(|s| Some((s.person, Source::new(&s.face)?))).unzip();
+    samples.extend(pictures(&smiling, count, options.seed, 11).into_iter().map(|s| Sample { face: people[s.face], ..s }));
+    samples
 }
 
 /// Pictures of all faces and their mirror images.
@@ -289,12 +317,16 @@ fn joint_stage(
     }
 }
 
+/// Both readings of a face, each from a start as bad as the template's.
+fn read_twice(model: &Model, picture: &Picture, sample: &Sample, random: &mut rand_chacha::ChaCha8Rng) -> (Reading, Reading) {
+    let plain = model.reading(picture.view(false), start(&model.mean, &sample.truth, random));
+    (plain, model.mirrored_reading(picture, &start(&model.mean, &sample.truth, random)))
+}
+
 /// Reads a face as the locator does, from a start as bad as the template's, by a model that its person did not serve for.
 fn judge(model: &Model, sample: &Sample, random: &mut rand_chacha::ChaCha8Rng) -> Option<JudgedReading> {
-    let picture = Picture::new(&sample.image)?;
-    let plain = model.reading(picture.view(false), start(&model.mean, &sample.truth, random));
-    let mirrored = model.mirrored_reading(&picture, &start(&model.mean, &sample.truth, random));
-    let shape: Shape = plain.shape.iter().zip(&mirrored.shape).map(|(p, q)| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]).collect();
+    let (plain, mirrored) = read_twice(model, &Picture::new(&sample.image)?, sample, random);
+    let shape = mean_shape(&plain, &mirrored);
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]).max(1e-3);
     let true_distance = distance(sample.truth[PUPILS[0]], sample.truth[PUPILS[1]]);
     let apart = plain.shape.iter().zip(&mirrored.shape).map(|(&p, &q)| distance(p, q) / eye_distance).collect();

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::calibrate::JudgedReading;
+use super::{LipSummary, calibrate::JudgedReading};
 use crate::modules::locate::{expect::signs, model::ErrorModel, points};
 
 /// Errors of one part of the face, percent of the eye distance.
@@ -35,6 +35,8 @@ pub struct LearnSummary {
     pub accepted: f64,
     /// Share of false alarms that it accepts.
     pub false_alarms: f64,
+    /// Parted lips; none where there were no photographs of such.
+    pub lips: Option<LipSummary>,
 }
 
 impl LearnSummary {
@@ -76,6 +78,7 @@ impl LearnSummary {
             proposed,
             accepted: accepted(&faces),
             false_alarms: accepted(&others),
+            lips: None,
         }
     }
 }

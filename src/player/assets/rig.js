@@ -1,7 +1,7 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
-const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002, CLOSING = 0.6;
+const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 14, UNFOLD_STEP = 0.35, LEAST_WEIGHT = 0.002, CLOSING = 0.6, OWN_STRETCH = 0.02;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
 class Rig {
@@ -315,15 +315,15 @@ class Rig {
     const ends = [upper[0][0], upper[upper.length - 1][0]].sort((a, b) => a - b);
     return { opening, upper, lower, jaw, floor, ends, skull, gap: this.gap(opening, moved) / unit };
   }
-  /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, and the edge goes with the lip. */
+  /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, but for an upper lip that rises, and a lower one that drops a little. */
   ownMouth(skull) {
     const { vertices, moved } = this, { upper, lower } = this.openings[0];
     const at = new Map(), below = new Set(lower.slice(1, -1));
     for (const v of [...upper, ...lower]) {
       const stays = [vertices[2 * v] + skull[0], vertices[2 * v + 1] + skull[1]], lip = [moved[2 * v], moved[2 * v + 1]];
       const high = ([x, y]) => x * this.down[0] + y * this.down[1];
-      const inwards = below.has(v) ? high(lip) < high(stays) : high(lip) > high(stays);
-      at.set(v, inwards ? stays : lip);
+      const way = high(lip) - high(stays), share = below.has(v) ? (way > 0 ? Math.min(1, (OWN_STRETCH * this.unit) / way) : 0) : way > 0 ? 0 : 1;
+      at.set(v, stays.map((value, axis) => value + (lip[axis] - value) * share));
     }
     return at;
   }

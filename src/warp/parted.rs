@@ -1,0 +1,123 @@
+//! Where teeth end at the lower lip of a mouth that is open on its photograph: what lies above stays with the skull, and a lip that dropped
+//! with a rim of teeth, or left a rim of lip, would show it at once. Marks are not as exact.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{Texture, layout::Frame, mouth::whiteness};
+
+/// Upper lip's lower edge, lower lip's upper and lower edge, as nodes, on three lines across the lips.
+const LINES: [[usize; 3]; 3] = [[81, 83, 85], [87, 40, 8], [82, 84, 86]];
+
+/// Places on a line from the first to the last of its nodes.
+const PLACES: usize = 64;
+/// Half the width that is averaged at each, over the eye distance.
+const HALF_WIDTH: f64 = 0.012;
+/// Least difference in whiteness between teeth and lip that is told apart, levels.
+const LEAST: f32 = 18.0;
+/// How far up and down an edge is moved at most, over the eye distance.
+const REACH: (f64, f64) = (0.05, 0.11);
+/// Lips nearer than this, over the eye distance, show nothing between them.
+const PARTED: f64 = 0.06;
+
+/// Moves the lower lip's inner edge to where the photograph has it; a node of which `is_set` says that a person placed it stays.
+pub fn place_lower_lip(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
+    let [upper, lower, _] = LINES[1].map(|n| frame.height(&nodes[n]));
+    if lower - upper < PARTED * frame.eye_distance {
+        return;
+    }
+    for [upper, lower, end] in LINES {
+        if is_set(lower as u16) {
+            continue;
+        }
+        let line = [nodes[upper], nodes[lower], nodes[end]];
+        if let Some(at) = edge(line, photograph, frame) {
+            nodes[lower] = at;
+        }
+    }
+}
+
+/// Where on the line from the upper lip through the lower one teeth end and lip begins.
+fn edge([start, found, end]: [Point2<f64>; 3], photograph: &Texture, frame: &Frame) -> Option<Point2<f64>> {
+    let way = end - start;
+    let length = way.norm();
+    let down = frame.down.into_inner();
+    let across = Vector2::new(down.y, -down.x) * (HALF_WIDTH * frame.eye_distance);
+    let at = |k: usize| start + way * (k as f64 / (PLACES - 1) as f64);
+    let values: Vec<f32> = (0..PLACES)
+        .map(|k| [-1.0, 0.0, 1.0].map(|side| whiteness(photograph.sample(at(k) + across * side))).iter().sum::<f32>() / 3.0)
+        .collect();
+    let place = ((found - start).dot(&way) / (length * length).max(1e-9)).clamp(0.0, 1.0);
+    let k = teeth_end(&values, place)?;
+    let shift = (k as f64 / (PLACES - 1) as f64 - place) * length / frame.eye_distance;
+    (-REACH.0..=REACH.1).contains(&shift).then(|| at(k))
+}
+
+/// The first place of the lip below the teeth, on a line that leads from the upper lip's lower edge to the lower lip's lower edge and whose
+/// lower lip was found to begin at a share of it.
+fn teeth_end(values: &[f32], found: f64) -> Option<usize> {
+    let last = values.len().checked_sub(1)?;
+    let found = (found * last as f64).round() as usize;
+    let (teeth, lip) = (values.get(..=found)?, values.get(usize::midpoint(found, last)..last)?);
+    let brightest = teeth.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map(|(k, _)| k)?;
+    let (tooth, lip) =
+        (median(teeth.iter().copied().filter(|v| *v >= median(teeth.iter().copied()))), median(lip.iter().copied()));
+    if tooth - lip < LEAST {
+        return None;
+    }
+    let between = 0.5 * (tooth + lip);
+    let falls = |k: &usize| values[*k..(*k + 3).min(values.len())].iter().all(|v| *v < between);
+    let fallen = (brightest..last).find(falls)?;
+    // What is darker than the lip is a gap between the two.
+    let dark = lip - 0.35 * (tooth - lip);
+    let gap = (fallen..last.min(fallen + values.len() / 8)).find(|&k| values[k] < dark);
+    match gap {
+        Some(k) => (k..last).find(|&k| values[k] >= lip - 0.15 * (tooth - lip)),
+        None => Some(fallen),
+    }
+}
+
+fn median(values: impl Iterator<Item = f32>) -> f32 {
+    let mut values: Vec<f32> = values.collect();
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line of 64 places: teeth of 200 up to a place, then a gap, then lip of 100.
+    fn line(teeth: usize, gap: usize) -> Vec<f32> {
+        (0..64)
+            .map(|k| {
+                if k < teeth {
+                    200.0
+                } else if k < teeth + gap {
+                    20.0
+                } else {
+                    100.0
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn teeth_end_where_the_lip_begins_whatever_was_found() {
+        for found in [0.3, 0.4, 0.5] {
+            assert_eq!(teeth_end(&line(26, 0), found), Some(26));
+        }
+        // A dark gap belongs to the mouth.
+        assert_eq!(teeth_end(&line(26, 4), 0.4), Some(30));
+        // A light on the lip is no tooth.
+        let mut shiny = line(26, 0);
+        shiny[40..44].fill(210.0);
+        assert_eq!(teeth_end(&shiny, 0.4), Some(26));
+    }
+
+    #[test]
+    fn without_teeth_nothing_is_moved() {
+        assert_eq!(teeth_end(&[100.0; 64], 0.4), None);
+        assert_eq!(teeth_end(&line(0, 20), 0.4), None);
+        assert_eq!(teeth_end(&[], 0.4), None);
+    }
+}
