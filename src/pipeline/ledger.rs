@@ -12,6 +12,8 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
+use rayon::prelude::*;
+
 use super::{RunError, RunJson, file_blake3};
 use crate::{
     output::{OutputError, count, is_inside},
@@ -24,16 +26,25 @@ pub(super) const JOURNAL: &str = "run.journal";
 /// The record of a folder, as a run adds to it.
 pub(super) struct Ledger {
     out: PathBuf,
-    /// Names that were written here, or were about to be, with the hashes of what was written.
-    known: BTreeMap<String, BTreeSet<String>>,
+    /// Names that were written here, or were about to be.
+    known: BTreeMap<String, Known>,
     journal: Mutex<Option<fs::File>>,
     force: bool,
+}
+
+/// What is known of a name.
+#[derive(Default)]
+struct Known {
+    /// Hashes of what was written.
+    hashes: BTreeSet<String>,
+    /// Whether a run that was interrupted was about to write it, and may have done so.
+    is_open: bool,
 }
 
 impl Ledger {
     /// What `run.json`, if there is one, and the journal say.
     pub(super) fn open(out: &Path, earlier: Option<&RunJson>, force: bool) -> Result<Self, OutputError> {
-        let mut known: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+        let mut known: BTreeMap<String, Known> = BTreeMap::new();
         let path = out.join(JOURNAL);
         let journal = match crate::input::read(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
@@ -44,15 +55,17 @@ impl Ledger {
         let lines = journal.lines().filter_map(|line| line.split_once('\t'));
         let listed =
             earlier.iter().flat_map(|e| e.outputs.iter().chain(&e.kept).map(|(name, hash)| (name.as_str(), hash.as_str())));
-        for (name, hash) in lines.chain(listed).filter(|(name, _)| is_inside(name)) {
-            known.entry(name.to_owned()).or_default().insert(hash.to_owned());
+        for (name, hash) in listed.chain(lines).filter(|(name, _)| is_inside(name)) {
+            let known = known.entry(name.to_owned()).or_default();
+            known.is_open = hash.is_empty();
+            known.hashes.insert(hash.to_owned());
         }
         Ok(Self { out: out.to_owned(), known, journal: Mutex::new(None), force })
     }
 
-    /// Takes names for results. What stands there and is not of this folder's runs is refused, or, with `--force`, said.
+    /// Takes names for results. What stands there and is not what this folder's runs wrote is refused, or, with `--force`, said.
     pub(super) fn claim(&self, names: &[String]) -> Result<Vec<String>, RunError> {
-        let foreign: Vec<&String> = names.iter().filter(|name| self.is_foreign(name)).collect();
+        let foreign: Vec<&String> = names.par_iter().filter(|name| self.is_foreign(name)).collect();
         if let Some(first) = foreign.first()
             && !self.force
         {
@@ -61,14 +74,16 @@ impl Ledger {
             return Err(RunError::Foreign { path: self.out.join(first), more });
         }
         self.append(names.iter().map(|name| (name.as_str(), "")), true)?;
-        let said =
-            |name: &&String| format!("{name} was there and not written by a run into this folder; it was replaced (--force)");
+        let said = |name: &&String| {
+            format!("{name} was there and not written by a run into this folder, or changed since; it was replaced (--force)")
+        };
         Ok(foreign.iter().map(said).collect())
     }
 
     fn is_foreign(&self, name: &str) -> bool {
         let path = self.out.join(name);
-        !self.known.contains_key(name) && fs::symlink_metadata(&path).is_ok() && !is_track(name, &path)
+        let is_as_written = |known: &Known| known.is_open || file_blake3(&path).is_some_and(|hash| known.hashes.contains(&hash));
+        fs::symlink_metadata(&path).is_ok() && !self.known.get(name).is_some_and(is_as_written) && !is_track(name, &path)
     }
 
     /// Enters files that were written.
@@ -96,7 +111,7 @@ impl Ledger {
     /// What was changed since is kept: its names with a hash that they had, and what a person should know.
     pub(super) fn remove_stale(&self, outputs: &BTreeMap<String, String>) -> (BTreeMap<String, String>, Vec<String>) {
         let (mut kept, mut said) = (BTreeMap::new(), Vec::new());
-        for (name, hashes) in self.known.iter().filter(|(name, _)| !outputs.contains_key(*name)) {
+        for (name, Known { hashes, .. }) in self.known.iter().filter(|(name, _)| !outputs.contains_key(*name)) {
             let path = self.out.join(name);
             if fs::symlink_metadata(&path).is_err() {
                 continue;
@@ -175,6 +190,12 @@ mod tests {
         assert!(error.contains("joy.fap") && error.contains("--force"), "{error}");
         let forced = Ledger::open(folder.path(), None, true).unwrap().claim(&names).unwrap();
         assert!(forced.len() == 1 && forced[0].contains("fap/joy.fap"), "{forced:?}");
+        // What a run wrote and somebody changed since is theirs.
+        let journal = Ledger::open(folder.path(), None, false).unwrap();
+        journal.wrote(&known(&[("fap/joy.fap", b"ours")])).unwrap();
+        drop(journal);
+        assert!(Ledger::open(folder.path(), None, false).unwrap().claim(&names).is_err());
+        Ledger::open(folder.path(), None, true).unwrap().claim(&names).unwrap();
         // Claimed names are this folder's own from then on.
         assert!(Ledger::open(folder.path(), None, false).unwrap().claim(&names).unwrap().is_empty());
     }

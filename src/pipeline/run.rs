@@ -20,6 +20,7 @@ use super::{
     folder::{RUN_JSON, new_record, open},
     ledger::{Ledger, remove_journal},
     parts::PARTS_FOLDER,
+    sequence::overlays_of,
     skins::{collect_skins, picture_sources},
     variation::model_names,
     work::{Collected, Planned, Worked, collect, plan_all, process_all, sequence_files},
@@ -27,7 +28,7 @@ use super::{
 };
 use crate::{
     dataset::SequenceEntry,
-    output::{self, OutputError},
+    output::{self, OutputError, count},
     pipeline::write_analysis,
     text::message,
     track::corrections_path,
@@ -177,7 +178,8 @@ pub enum RunError {
     },
     /// Something that no run made stands where a result must go.
     #[error(
-        "{}{more}: not written by a run into this folder, and a result has that name; move it away, choose another folder, or --force to replace it",
+        "{}{more}: not written by a run into this folder, or changed since, and a result has that name; move it away, choose another folder, or \
+         --force to replace it",
         path.display()
     )]
     Foreign {
@@ -315,6 +317,15 @@ pub fn run(
     let mut said = ledger.claim(
         &names.chain(emotions.iter().flat_map(|e| class_files(e).into_iter().chain(model_names(e)))).collect::<Vec<_>>(),
     )?;
+    let hidden = planned.iter().filter(|p| !bench.options.shows(&p.metadata())).map(|p| p.id.to_string()).collect();
+    for folder in [overlay.map(Path::to_owned), Some(out.join("overlays"))].into_iter().flatten().collect::<BTreeSet<_>>() {
+        let left = overlays_of(&folder, &hidden);
+        if left > 0 {
+            let pictures = count(left, "picture", "pictures");
+            let folder = folder.display();
+            said.push(format!("{folder}: {pictures} of people who may not be shown, made before; remove what nobody is to see"));
+        }
+    }
     output::write_json_durably(&out.join(RUN_JSON), &record)?;
 
     let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay, stop }, &event)?;

@@ -1,7 +1,7 @@
 //! One sequence from its frames to its track and normalized model.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -375,7 +375,20 @@ pub fn overlay_pictures(
 /// Path of an overlay picture.
 pub fn overlay_path(folder: &Path, id: &SequenceId, number: u32) -> PathBuf {
     // Not the name of a Cohn-Kanade frame, lest a picture replace the frame it shows.
-    folder.join(format!("{id}_{number:08}_overlay.png"))
+    folder.join(format!("{id}_{number:08}{OVERLAY_SUFFIX}"))
+}
+
+/// End of the name of an overlay picture.
+const OVERLAY_SUFFIX: &str = "_overlay.png";
+
+/// How many overlay pictures of these sequences are in a folder, which an earlier run may have put there.
+pub(super) fn overlays_of(folder: &Path, hidden: &BTreeSet<String>) -> usize {
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let is_theirs = |name: &str| {
+        let stem = name.strip_suffix(OVERLAY_SUFFIX).and_then(|stem| stem.rsplit_once('_'));
+        stem.is_some_and(|(id, number)| number.bytes().all(|b| b.is_ascii_digit()) && hidden.contains(id))
+    };
+    entries.flatten().filter(|entry| is_theirs(&entry.file_name().to_string_lossy())).count()
 }
 
 #[cfg(test)]

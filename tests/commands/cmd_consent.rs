@@ -53,6 +53,19 @@ fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
 }
 
 #[test]
+fn pictures_of_who_withdraws_are_removed_or_named() {
+    let work = work();
+    let agreed = work.read("faces/manifest.csv").replace(",no", ",yes");
+    let withdrawn = work.read("faces/manifest.csv");
+    work.write("faces/manifest.csv", agreed).grimace("run faces -o out --overlay out/overlays -q").exit(0);
+    assert_eq!(work.files("out/overlays").len(), 4);
+    // The folder of overlays is somebody's own: nothing in it is removed.
+    work.write("faces/manifest.csv", withdrawn);
+    work.grimace("run faces -o out").exit(0).prints(&["out/overlays: 2 pictures of people who may not be shown"]);
+    assert_eq!(work.files("out/overlays").len(), 4);
+}
+
+#[test]
 fn a_clone_does_not_show_the_pictures_of_who_does_not_want_it() {
     let work = work();
     work.grimace("run faces -o out -q").exit(0);

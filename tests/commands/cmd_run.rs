@@ -276,13 +276,31 @@ fn a_result_that_was_changed_is_kept_when_it_is_stale_and_said() {
 }
 
 #[test]
+fn a_result_that_was_changed_is_not_replaced_without_force() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o out").exit(0);
+    let table = work.bytes("out/statistics.csv");
+    work.write("out/statistics.csv", "my notes");
+    work.grimace("run faces -o out").exit(1).says(&["statistics.csv: not written by a run into this folder, or changed since"]);
+    assert_eq!(work.read("out/statistics.csv"), "my notes");
+    work.grimace("run faces -o out --force").exit(0).prints(&["note: statistics.csv was there"]);
+    assert_eq!(work.bytes("out/statistics.csv"), table);
+    // A result that is gone is made again.
+    fs::remove_file(work.path("out/statistics.csv")).unwrap();
+    work.grimace("run faces -o out").exit(0).prints(&["0 tracked, 2 unchanged"]);
+    assert_eq!(work.bytes("out/statistics.csv"), table);
+}
+
+#[test]
 fn what_no_run_made_is_not_replaced_without_force() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     let manifest = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S002")).collect::<Vec<_>>().join("\n"));
     work.grimace("run faces -o out").exit(0);
     work.write("faces/manifest.csv", &manifest).write("out/models/S002_005.csv", "mine");
-    work.grimace("run faces -o out").exit(1).says(&["S002_005.csv: not written by a run into this folder", "--force"]);
+    work.grimace("run faces -o out")
+        .exit(1)
+        .says(&["S002_005.csv: not written by a run into this folder, or changed since", "--force"]);
     assert_eq!(work.read("out/models/S002_005.csv"), "mine");
     work.grimace("run faces -o out --force").exit(0).prints(&["note: models/S002_005.csv was there"]);
     work.write("out/run.json", "{}");

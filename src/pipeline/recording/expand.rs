@@ -6,7 +6,8 @@ use std::{
 };
 
 use super::{
-    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording, write_recording,
+    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording, withdraw_pictures,
+    write_recording,
 };
 use crate::{
     dataset::{Dataset, DatasetError, FailedEntry, SEGMENT_COLUMN, SequenceEntry, list_recording},
@@ -77,12 +78,13 @@ fn segmented(
     };
     let recording = Recording { stem: entry.id.sequence.clone(), frames, fps: entry.fps, marks };
     let options = SegmentOptions::default();
+    let shows = bench.options.shows(&entry.metadata);
     if let Some(files) = reuse_recording(folder, &recording, &options, bench)? {
-        return Ok(files);
+        return if shows { Ok(files) } else { withdraw_pictures(folder, &recording.stem, files) };
     }
     let tick = |_: RecordingStep, _: usize, _: Option<usize>| !stop.load(Ordering::Relaxed);
     let found = segment_recording(&recording, bench, &options, &tick)?;
-    write_recording(folder, (&recording, &found), &options, bench, bench.options.shows(&entry.metadata), &tick)
+    write_recording(folder, (&recording, &found), &options, bench, shows, &tick)
 }
 
 /// A sequence of a recording, as if it stood in the manifest.

@@ -13,7 +13,7 @@ use crate::{
     correspondence::write_correspondences,
     features::ACTION_UNITS,
     fit::MarkKind,
-    output::{self, MADE_BY, OutputError, nine_digits, write_records},
+    output::{self, MADE_BY, OutputError, is_inside, nine_digits, write_records},
     overlay::{png_bytes, thumbnail},
     pipeline::Workbench,
     segment::SegmentOptions,
@@ -103,6 +103,28 @@ pub fn reuse_recording(
         crate::input::read(&folder.join(name)).is_ok_and(|bytes| blake3::hash(&bytes).to_hex().as_str() == hash)
     };
     Ok((files.inputs_blake3 == inputs && files.files.iter().all(is_whole)).then_some(files))
+}
+
+/// Removes the pictures of a recording whose person may not be shown any more, as far as they are as they were written, from the folder and
+/// from its record.
+///
+/// # Errors
+/// [`RecordingError`] when a file cannot be removed or written.
+pub fn withdraw_pictures(folder: &Path, stem: &str, mut files: RecordingFiles) -> Result<RecordingFiles, RecordingError> {
+    let is_picture = |name: &str| is_inside(name) && name.ends_with(".png");
+    let pictures: Vec<String> = files.files.keys().filter(|name| is_picture(name)).cloned().collect();
+    if pictures.is_empty() {
+        return Ok(files);
+    }
+    for name in pictures {
+        let path = folder.join(&name);
+        let hash = crate::input::read(&path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string());
+        if hash.is_some() && hash == files.files.remove(&name) {
+            std::fs::remove_file(&path).map_err(OutputError::at(&path))?;
+        }
+    }
+    output::write_json(&folder.join(format!("{stem}.json")), &files)?;
+    Ok(files)
 }
 
 /// BLAKE3 of everything that the segments of a recording depend on.

@@ -34,7 +34,9 @@ use crate::{
 };
 
 pub(super) use expand::{SEGMENTS_FOLDER, expand};
-pub use files::{ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, write_recording, write_segments};
+pub use files::{
+    ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, withdraw_pictures, write_recording, write_segments,
+};
 pub use film::write_recording_film;
 
 /// What is being done to a recording.
