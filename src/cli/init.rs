@@ -19,7 +19,7 @@ Example:
   grimace init recordings --people people.csv
 
 Every folder of two images or more and every video, at any depth, becomes a row of recordings/manifest.csv: the first folder that is no \
-emotion is the subject, the others are the sequence, and the emotion is what a folder or file name says (happy, S001_anger.mp4), else \
+emotion is the subject (but for one such as `videos` that holds everything), the others are the sequence, and the emotion is what a folder or file name says (happy, S001_anger.mp4), else \
 `?`, to be filled in. A folder in the layout of Cohn-Kanade gets its labels and landmarks. people.csv has a column `subject`; its other \
 columns, such as gender, go to every sequence of that subject, to group by with --by.")]
 pub struct Args {
@@ -58,15 +58,32 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
         println!("{}: {}", path.display(), count(manifest.rows.len(), "sequence", "sequences"));
         if !manifest.left_out.is_empty() {
-            println!("note: left out, with fewer than two pictures: {}", manifest.left_out.join(", "));
+            println!("note: left out, with fewer than two pictures: {}", shortened(&manifest.left_out));
+        }
+        if let Some(folder) = &manifest.holds_all {
+            println!("note: `{folder}` holds everything: it is taken for no person");
+        }
+        if !manifest.unread.is_empty() {
+            println!("note: not read, convert to MP4 or PNG: {}", shortened(&manifest.unread));
+        }
+        if !manifest.results.is_empty() {
+            println!("note: results of runs, not looked into: {}", shortened(&manifest.results));
         }
         if open > 0 {
             println!("note: the emotion of {} is not known; fill in what stands as `?`", count(open, "sequence", "sequences"));
         }
         if !manifest.unknown_people.is_empty() {
-            println!("note: not in the table of people: {}", manifest.unknown_people.join(", "));
+            println!("note: not in the table of people: {}", shortened(&manifest.unknown_people));
         }
         println!("next: grimace run {} -o results", quoted(&args.folder.display().to_string()));
     }
     Ok(Outcome::Done)
+}
+
+/// The first names of a list, and how many more there are.
+fn shortened(names: &[String]) -> String {
+    const SHOWN: usize = 12;
+    let more = names.len().saturating_sub(SHOWN);
+    let shown = names.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
+    if more > 0 { format!("{shown} and {more} more") } else { shown }
 }

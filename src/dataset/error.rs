@@ -66,6 +66,16 @@ pub enum DatasetError {
         /// The first subject of the dataset.
         subject: String,
     },
+    /// A person who stands in a table of people twice, with other fields.
+    #[error("{}, line {line}: `{subject}` stands there already, with other fields", path.display())]
+    Contradiction {
+        /// The table.
+        path: PathBuf,
+        /// Line of the second, from 1.
+        line: usize,
+        /// Who.
+        subject: String,
+    },
     /// A manifest's column that would pass for something to group by, and is hardly meant so.
     #[error("{}: the column `{found}` is not known; if it is `{meant}`, name it so, else name it less alike", path.display())]
     MisspeltColumn {

@@ -1,14 +1,14 @@
 //! A manifest for folders that have none: a row for every folder of images and every video, at any depth.
 
+mod search;
+
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
-use super::{
-    Dataset, DatasetError, MANIFEST_NAME, cohn_kanade,
-    frames::{is_picture, is_video, visible},
-};
+use self::search::Found;
+use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade};
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
@@ -16,9 +16,6 @@ use crate::{
 
 /// What stands for an emotion that neither folders nor file names say.
 pub const UNKNOWN_EMOTION: &str = "?";
-
-/// Folders within folders that are looked into.
-const MOST_LEVELS: usize = 8;
 
 /// Words that say no to an emotion, as words of their own or as beginnings.
 const NEGATIONS: [&str; 6] = ["not", "non", "no", "un", "never", "without"];
@@ -66,7 +63,7 @@ pub struct ProposedRow {
 }
 
 /// A manifest to be.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProposedManifest {
     /// Rows, by subject and sequence.
     pub rows: Vec<ProposedRow>,
@@ -76,6 +73,12 @@ pub struct ProposedManifest {
     pub unknown_people: Vec<String>,
     /// Folders that hold no sequence, relative to the manifest: empty ones, and those with a single picture.
     pub left_out: Vec<String>,
+    /// Videos and pictures of formats that are not read, relative to the manifest.
+    pub unread: Vec<String>,
+    /// Folders with results of a run, relative to the manifest; they were not looked into.
+    pub results: Vec<String>,
+    /// The folder that holds everything, where it was not taken for a person.
+    pub holds_all: Option<String>,
 }
 
 /// Proposes a manifest for a folder: of Cohn-Kanade's layout with its labels, else of every folder of two images or more and every video
@@ -92,14 +95,14 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
         Err(DatasetError::NoEmotionFolder { .. }) => None,
         Err(error) => return Err(error),
     };
-    let (rows, left_out) = match labelled {
-        Some(dataset) => (of_dataset(root, &dataset), Vec::new()),
+    let manifest = match labelled {
+        Some(dataset) => ProposedManifest { rows: of_dataset(root, &dataset), ..ProposedManifest::default() },
         None => of_folders(root)?,
     };
-    if rows.is_empty() {
+    if manifest.rows.is_empty() {
         return Err(DatasetError::NothingFound { root: root.to_owned() });
     }
-    Ok(ProposedManifest { rows, person_columns: Vec::new(), unknown_people: Vec::new(), left_out })
+    Ok(manifest)
 }
 
 impl ProposedManifest {
@@ -120,7 +123,12 @@ impl ProposedManifest {
         let mut people: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for row in csv.rows() {
             let row = row?;
-            people.insert(row.get(by).to_owned(), others.iter().map(|&k| row.get(k).to_owned()).collect());
+            let fields: Vec<String> = others.iter().map(|&k| row.get(k).to_owned()).collect();
+            let earlier = people.insert(row.get(by).to_owned(), fields.clone());
+            if earlier.is_some_and(|earlier| earlier != fields) {
+                let subject = row.get(by).to_owned();
+                return Err(DatasetError::Contradiction { path: path.to_owned(), line: row.line(), subject });
+            }
         }
         if !self.rows.iter().any(|row| people.contains_key(&row.subject)) {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
@@ -177,19 +185,14 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> Vec<ProposedRow> {
     dataset.sequences.iter().map(row).collect()
 }
 
-fn of_folders(root: &Path) -> Result<(Vec<ProposedRow>, Vec<String>), DatasetError> {
-    let (mut found, mut left_out) = (Vec::new(), Vec::new());
-    look_into(root, 0, &mut found, &mut left_out)?;
-    found.sort();
-    left_out.sort();
-    let left_out = left_out.iter().map(|path| relative(root, path)).collect();
-    let names: Vec<Vec<String>> = found.iter().map(|path| names(root, path)).collect();
-    // A folder that holds everything, such as `videos`, says nothing.
-    let first = names.first().and_then(|n| n.first());
-    let shared = names.iter().all(|n| n.len() > 1 && n.first() == first && emotion_of(&n[0]).is_none());
+fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
+    let found = Found::in_folder(root)?;
+    let relative_all = |paths: &[PathBuf]| paths.iter().map(|path| relative(root, path)).collect();
+    let names: Vec<Vec<String>> = found.sequences.iter().map(|path| names(root, path)).collect();
+    let holds_all = names.first().and_then(|n| n.first()).filter(|first| holds_all(first, &names)).cloned();
     let mut seen = BTreeSet::new();
     let row = |(path, names): (&PathBuf, &Vec<String>)| {
-        let names = &names[usize::from(shared)..];
+        let names = &names[usize::from(holds_all.is_some())..];
         let (subject, mut sequence) = subject_and_sequence(root, names);
         let plain = sequence.clone();
         let mut number = 1;
@@ -201,26 +204,36 @@ fn of_folders(root: &Path) -> Result<(Vec<ProposedRow>, Vec<String>), DatasetErr
         let (emotion, frames) = (emotion.to_owned(), relative(root, path));
         ProposedRow { subject, sequence, emotion, frames, landmarks: String::new(), person: Vec::new() }
     };
-    let mut rows: Vec<ProposedRow> = found.iter().zip(&names).map(row).collect();
+    let mut rows: Vec<ProposedRow> = found.sequences.iter().zip(&names).map(row).collect();
     rows.sort_by(|a, b| (&a.subject, &a.sequence).cmp(&(&b.subject, &b.sequence)));
-    Ok((rows, left_out))
+    let (left_out, unread, results) = (relative_all(&found.left_out), relative_all(&found.unread), relative_all(&found.results));
+    Ok(ProposedManifest { rows, left_out, unread, results, holds_all, ..ProposedManifest::default() })
 }
 
-/// Folders of images and videos in a folder and below, and folders with nothing or a single picture in them.
-fn look_into(folder: &Path, level: usize, found: &mut Vec<PathBuf>, left_out: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
-    let entries = visible(folder).map_err(|reason| DatasetError::Io { path: folder.to_owned(), reason })?;
-    let paths: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).collect();
-    let pictures = paths.iter().filter(|path| is_picture(path)).count();
-    if pictures >= 2 {
-        found.push(folder.to_owned());
-    } else if pictures == 1 || paths.is_empty() {
-        left_out.push(folder.to_owned());
-    }
-    found.extend(paths.iter().filter(|path| path.is_file() && is_video(path)).cloned());
-    if level < MOST_LEVELS {
-        paths.iter().filter(|path| path.is_dir()).try_for_each(|path| look_into(path, level + 1, found, left_out))?;
-    }
-    Ok(())
+/// Whether the first folder of all sequences, such as `videos`, says nothing: it is neither an emotion nor called as people are, and a name
+/// that may be a person's follows everywhere.
+fn holds_all(first: &str, names: &[Vec<String>]) -> bool {
+    let may_be_person = |name: &String| emotion_of(name).is_none_or(|_| has_other_words(name));
+    emotion_of(first).is_none()
+        && !is_label(first)
+        && names.iter().all(|n| n.len() > 1 && n[0] == first && n[1..].iter().any(may_be_person))
+}
+
+/// Words that begin the names of folders that hold several people.
+const COLLECTIONS: [&str; 16] = [
+    "video", "data", "set", "image", "img", "face", "record", "part", "batch", "day", "take", "export", "vid", "disc", "disk",
+    "study",
+];
+
+/// Whether a name is a short word and a number, as people are called: `S1`, `sub-01`, `012`.
+fn is_label(name: &str) -> bool {
+    let digits = name.trim_start_matches(|c: char| !c.is_ascii_digit());
+    let word = name[..name.len() - digits.len()].trim_end_matches(SEPARATORS).to_lowercase();
+    let is_number = !digits.is_empty() && digits.chars().all(|c| c.is_ascii_digit());
+    is_number
+        && word.chars().count() <= 12
+        && word.chars().all(char::is_alphabetic)
+        && !COLLECTIONS.iter().any(|collection| word.starts_with(collection))
 }
 
 /// Names of the folders from `root` to a sequence, a video's without its extension.
@@ -399,6 +412,57 @@ mod tests {
         fs::create_dir(folder.path().join("carl")).unwrap();
         let manifest = propose_manifest(folder.path()).unwrap();
         assert_eq!((manifest.rows.len(), manifest.left_out), (1, vec!["ben/fear".to_owned(), "carl".to_owned()]));
+    }
+
+    #[test]
+    fn one_person_alone_is_one_person() {
+        let two = |folder: &str| ["1.png", "2.png"].map(|file| format!("{folder}/{file}"));
+        let subjects = |folders: &[&str]| -> Vec<String> {
+            let files: Vec<String> = folders.iter().flat_map(|f| two(f)).collect();
+            rows(&files.iter().map(String::as_str).collect::<Vec<_>>()).into_iter().map(|[subject, ..]| subject).collect()
+        };
+        assert_eq!(subjects(&["S1/happy", "S1/sad"]), ["S1", "S1"]);
+        assert_eq!(subjects(&["anna/happy", "anna/sad"]), ["anna", "anna"]);
+        assert_eq!(subjects(&["S1/s01/happy", "S1/s02/happy"]), ["S1", "S1"]);
+        assert_eq!(subjects(&["S1/happy_01", "S1/sad_01"]), ["S1", "S1"]);
+        assert_eq!(subjects(&["videos/anna/happy", "videos/ben/happy"]), ["anna", "ben"]);
+        assert_eq!(subjects(&["data2/S1/happy", "data2/S1/sad"]), ["S1", "S1"]);
+        for (name, expected) in
+            [("S1", true), ("sub-01", true), ("012", true), ("video3", false), ("anna", false), ("S1b", false)]
+        {
+            assert_eq!(is_label(name), expected, "{name}");
+        }
+        let folder = folder(&["videos/anna/1.png", "videos/anna/2.png"]);
+        assert_eq!(propose_manifest(folder.path()).unwrap().holds_all.as_deref(), Some("videos"));
+    }
+
+    #[test]
+    fn what_is_not_read_and_results_are_named() {
+        let folder = folder(&["S1/a.mp4", "S2/b.wmv", "S2/c.HEIC", "out/run.json", "out/overlays/1.png", "out/overlays/2.png"]);
+        let manifest = propose_manifest(folder.path()).unwrap();
+        assert_eq!((manifest.rows.len(), manifest.rows[0].subject.as_str()), (1, "S1"));
+        assert_eq!(manifest.unread, ["S2/b.wmv", "S2/c.HEIC"]);
+        assert_eq!(manifest.results, ["out"]);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_in_circles_are_not_followed() {
+        let folder = folder(&["S1/a.mp4", "S2/b.mp4"]);
+        std::os::unix::fs::symlink(folder.path(), folder.path().join("S1/loop")).unwrap();
+        assert_eq!(propose_manifest(folder.path()).unwrap().rows.len(), 2);
+    }
+
+    #[test]
+    fn people_who_stand_twice_must_be_the_same() {
+        let folder = folder(&["A/a.mp4", "B/b.mp4"]);
+        let people = folder.path().join("people.csv");
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        fs::write(&people, "subject,gender\nA,f\nA,f\nB,m\n").unwrap();
+        manifest.join_people(&people).unwrap();
+        fs::write(&people, "subject,gender\nA,f\nB,m\nA,m\n").unwrap();
+        let error = manifest.join_people(&people).unwrap_err().to_string();
+        assert!(error.contains("line 4") && error.contains("`A`"), "{error}");
     }
 
     #[test]
