@@ -57,7 +57,7 @@ impl BackwardVideo {
     }
 
     pub(super) fn clock(&self) -> Clock {
-        self.times.clock(self.fps())
+        self.times.clock(self.fps(), self.whole.duration())
     }
 
     pub(super) fn content_blake3(self) -> Result<blake3::Hash, SequenceError> {

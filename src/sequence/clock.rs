@@ -72,8 +72,8 @@ impl FrameTimes {
         self.0.last().and_then(|(_, seconds)| *seconds)
     }
 
-    /// The clock of the frames; `stated` is what the container says, frames per second.
-    pub(super) fn clock(&self, stated: Option<f64>) -> Clock {
+    /// The clock of the frames; the container states a rate, frames per second, and how long the video is, s.
+    pub(super) fn clock(&self, stated: Option<f64>, duration: Option<f64>) -> Clock {
         let Some(known) = self.known() else { return Clock::even(stated) };
         let ([first, .., last], Some(&(lowest, _))) = (known.as_slice(), self.0.iter().min_by_key(|(number, _)| *number)) else {
             return Clock::even(stated);
@@ -89,7 +89,7 @@ impl FrameTimes {
         let even = believable.or_else(usual).or_else(|| Some(mean).filter(|&fps| is_even(fps, EVEN[1] / fps)));
         match even {
             Some(fps) => Clock::even(Some(fps)),
-            None => Clock { fps: Some(mean), times: Some(self.filled(&known, lowest)) },
+            None => Clock { fps: Some(mean), times: Some(self.filled(&known, lowest, duration)) },
         }
     }
 
@@ -116,11 +116,14 @@ impl FrameTimes {
         (known.len() >= 2 && known.len() as f64 >= TIMED * self.0.len() as f64).then_some(known)
     }
 
-    /// Seconds of all frames from the first, with those that are not known between or beyond those that are.
-    fn filled(&self, known: &[(u32, f64)], lowest: u32) -> Vec<f64> {
+    /// Seconds of all frames from the first, with those that are not known between or beyond those that are. Decoders give no time to the
+    /// frames that they still held at the end of the file: these share what is left of the video.
+    fn filled(&self, known: &[(u32, f64)], lowest: u32, duration: Option<f64>) -> Vec<f64> {
         let highest = self.0.iter().map(|(number, _)| *number).max().unwrap_or(lowest);
         let reversed: Vec<(u32, f64)> = known.iter().rev().copied().collect();
-        let (ahead, behind) = (step(&reversed), step(known));
+        let ahead = step(&reversed);
+        let left = |&(number, time): &(u32, f64)| duration.map(|end| (end - time) / f64::from(highest - number + 1));
+        let behind = known.last().and_then(left).filter(|&step| is_usual(known, step)).unwrap_or_else(|| step(known));
         let at = |number: u32| {
             let after = known.partition_point(|(other, _)| *other < number);
             match (after.checked_sub(1).and_then(|k| known.get(k)), known.get(after)) {
@@ -134,6 +137,13 @@ impl FrameTimes {
         let start = at(lowest);
         (lowest..=highest).map(|number| ((at(number) - start) * 1e6).round() / 1e6).collect()
     }
+}
+
+/// Whether frames are so far apart, s, give or take what times are rounded by.
+fn is_usual(known: &[(u32, f64)], step: f64) -> bool {
+    let apart = known.windows(2).map(|pair| (pair[1].1 - pair[0].1) / f64::from(pair[1].0.abs_diff(pair[0].0).max(1)));
+    let (least, most) = apart.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
+    (least - ROUNDED..=most + ROUNDED).contains(&step)
 }
 
 /// The usual distance of the last frames of a list, s.
@@ -157,24 +167,24 @@ mod tests {
     #[test]
     fn a_rate_that_the_times_bear_out_is_kept() {
         let even = times((0..40).map(|k| f64::from(k) * 1001.0 / 24.0));
-        assert_eq!(even.clock(Some(23.976)), Clock::even(Some(23.976)));
+        assert_eq!(even.clock(Some(23.976), None), Clock::even(Some(23.976)));
         // A telephone's frames are a few milliseconds off, and the last ones have no time.
         let mut shaken = times((0..40).map(|k| f64::from(k) * 40.0 + f64::from(k % 3) * 4.0));
         (41..=43).for_each(|number| shaken.enter(number, None));
-        assert_eq!(shaken.clock(Some(25.0)), Clock::even(Some(25.0)));
+        assert_eq!(shaken.clock(Some(25.0), None), Clock::even(Some(25.0)));
         // Nobody knows better.
-        assert_eq!(times([0.0]).clock(Some(25.0)), Clock::even(Some(25.0)));
-        assert_eq!(times([0.0; 9]).clock(None), Clock::default());
+        assert_eq!(times([0.0]).clock(Some(25.0), None), Clock::even(Some(25.0)));
+        assert_eq!(times([0.0; 9]).clock(None, None), Clock::default());
     }
 
     #[test]
     fn a_time_base_is_no_rate() {
-        let of = |fps: f64| times((0..90).map(|k| (f64::from(k) * 1e3 / fps).round())).clock(Some(1000.0));
+        let of = |fps: f64| times((0..90).map(|k| (f64::from(k) * 1e3 / fps).round())).clock(Some(1000.0), None);
         assert_eq!(of(25.0), Clock::even(Some(25.0)));
         assert_eq!(of(30.0), Clock::even(Some(30.0)));
         assert_eq!(of(30.0 / 1.001), Clock::even(Some(30.0 / 1.001)));
         assert!((of(12.7).fps.unwrap() - 12.7).abs() < 0.01 && of(12.7).times.is_none());
-        assert_eq!(times((0..9).map(f64::from)).clock(Some(1000.0)), Clock::even(Some(1000.0)));
+        assert_eq!(times((0..9).map(f64::from)).clock(Some(1000.0), None), Clock::even(Some(1000.0)));
     }
 
     #[test]
@@ -183,7 +193,7 @@ mod tests {
         let mut uneven = times([0.0, 40.0, 80.0, 120.0, 160.0, 240.0, 320.0, 400.0, 480.0, 560.0, 640.0]);
         uneven.enter(12, None);
         uneven.enter(13, Some(0.0));
-        let clock = uneven.clock(Some(20.0));
+        let clock = uneven.clock(Some(20.0), None);
         assert_eq!(clock.fps, Some(15.625), "10 frames in 0.64 s");
         let expected = [0.0, 0.04, 0.08, 0.12, 0.16, 0.24, 0.32, 0.4, 0.48, 0.56, 0.64, 0.72, 0.8];
         assert_eq!(clock.times.as_deref(), Some(&expected[..]));
@@ -193,12 +203,16 @@ mod tests {
             "the frames are 40 to 80 ms apart (15.63 frames per second in the mean); times are their own"
         );
         assert!((uneven.end().unwrap() - 0.88).abs() < 1e-9);
+        // The video is 0.78 s long: three frames share 0.14 s. Of 20 s the last frame would last 6.
+        let ends = |duration| uneven.clock(Some(20.0), Some(duration)).times.unwrap()[11..].to_vec();
+        assert_eq!(ends(0.78), [0.686667, 0.733333]);
+        assert_eq!(ends(20.0), [0.72, 0.8]);
         // Back in time, from the middle of the video, with a frame in the middle that has no time: the first is at 0.
         let mut back = FrameTimes::default();
         for (number, ms) in [(9, 900.0), (8, 700.0), (6, 500.0), (5, 470.0)] {
             back.enter(number, Some(ms / 1e3));
         }
         back.enter(7, None);
-        assert_eq!(back.clock(None).times.unwrap(), [0.0, 0.03, 0.13, 0.23, 0.43]);
+        assert_eq!(back.clock(None, None).times.unwrap(), [0.0, 0.03, 0.13, 0.23, 0.43]);
     }
 }

@@ -149,7 +149,7 @@ impl VideoReader {
 
     /// How fast the frames that were given follow on each other.
     pub fn clock(&self) -> Clock {
-        self.times.clock(self.fps())
+        self.times.clock(self.fps(), self.duration())
     }
 
     /// What is to be said of a video that was read to its end.
@@ -160,6 +160,11 @@ impl VideoReader {
     /// Frames per second stated by the file.
     pub fn fps(&self) -> Option<f64> {
         Some(self.stream.fps).filter(|fps| fps.is_finite() && *fps > 0.0)
+    }
+
+    /// How long the file says that it is, s.
+    pub(super) fn duration(&self) -> Option<f64> {
+        self.fps().map(|fps| self.stream.stated / fps).filter(|seconds| seconds.is_finite() && *seconds > 0.0)
     }
 
     /// Frames that the file's header states.
