@@ -111,7 +111,7 @@ pub fn reuse_recording(
 /// # Errors
 /// [`RecordingError`] when a file cannot be removed or written.
 pub fn withdraw_pictures(folder: &Path, stem: &str, mut files: RecordingFiles) -> Result<RecordingFiles, RecordingError> {
-    let is_picture = |name: &str| is_inside(name) && name.ends_with(".png");
+    let is_picture = |name: &str| is_inside(name) && Path::new(name).extension().is_some_and(|e| e == "png");
     let pictures: Vec<String> = files.files.keys().filter(|name| is_picture(name)).cloned().collect();
     if pictures.is_empty() {
         return Ok(files);
