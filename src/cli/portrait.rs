@@ -6,13 +6,14 @@ use anyhow::Context;
 use grimace::{
     clone::Target,
     dataset::{LandmarkSelection, read_marks},
-    pipeline::Workbench,
+    pipeline::{Workbench, marks_beside},
     sequence::{read_colour, read_frame},
 };
 
 use super::shared::marks_or_found;
 
-/// A photograph with the marks of a file, or those that are found in it; it is called as its file is.
+/// A photograph with the marks of a file, or those that are found in it; it is called as its file is. Where marks of a file lie beside the
+/// face of the photograph, that is said.
 pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, bench: &Workbench) -> anyhow::Result<Target> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let picture = read_colour(path)?;
@@ -31,6 +32,11 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
             path.display(),
             100.0 * apart
         );
+    }
+    if let Some(marks) = marks {
+        for said in marks_beside(&read_frame(path)?, &points, &target.fitted, bench) {
+            eprintln!("note: {} with {}: {said}", path.display(), marks.display());
+        }
     }
     Ok(target)
 }

@@ -17,7 +17,7 @@ use grimace::{
     normalize::{NormalizeOptions, Resample, SizeMode},
     output::target_of,
     pipeline::{
-        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks_and_remark, showcase_target,
+        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks_and_remark, showcase_remarks,
     },
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
@@ -452,7 +452,9 @@ impl GeneralArgs {
         let bench = Workbench::new(self.wireframe.as_deref(), options)?;
         // A face that does not serve is said before hours of tracking, not after.
         if let ReportFace::Photograph { image, .. } = &bench.options.report_face {
-            showcase_target(&bench).with_context(|| format!("--portrait {}", image.display()))?;
+            for said in showcase_remarks(&bench).with_context(|| format!("--portrait {}", image.display()))? {
+                eprintln!("note: --portrait {}: {said}", image.display());
+            }
         }
         Ok(bench)
     }

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use image::codecs::jpeg::JpegEncoder;
 use serde::{Deserialize, Serialize};
 
-use super::{SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks};
+use super::{SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks, marks_beside};
 use crate::{
     clone::{CloneError, SourceMotion, Target},
-    correspondence::correspondences_of,
+    correspondence::{Correspondence, correspondences_of},
     dataset::{LandmarkSelection, read_marks},
     input::CsvFile,
     overlay::thumbnail,
@@ -66,15 +66,7 @@ pub const PORTRAIT_NAME: &str = "a composite portrait";
 /// [`CloneError`] for a photograph or marks that do not serve.
 pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
     match &bench.options.report_face {
-        ReportFace::Photograph { image, correspondences, .. } => {
-            let picture = read_colour(image)?;
-            let nodes = bench.wireframe.node_count();
-            let marks = match correspondences {
-                Some(marks) => read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, nodes)?,
-                None => found_marks(&read_frame(image)?, bench).map_err(|e| CloneError::Showcase(e.to_string()))?,
-            };
-            bench.target(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks)
-        }
+        ReportFace::Photograph { image, correspondences, .. } => Ok(photograph(image, correspondences.as_deref(), bench)?.0),
         ReportFace::Composite => {
             let picture = image::load_from_memory(PORTRAIT).map_err(|e| CloneError::Showcase(e.to_string()))?.into_rgb8();
             let marks = CsvFile::from_bytes(Path::new("portrait_marks.csv"), PORTRAIT_MARKS.to_vec());
@@ -84,6 +76,37 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
             bench.target("portrait", picture, &marks)
         }
     }
+}
+
+/// A photograph, ready to be moved, with its marks.
+fn photograph(
+    image: &Path,
+    correspondences: Option<&Path>,
+    bench: &Workbench,
+) -> Result<(Target, Vec<Correspondence>), CloneError> {
+    let picture = read_colour(image)?;
+    let marks = match correspondences {
+        Some(marks) => {
+            read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?
+        }
+        None => found_marks(&read_frame(image)?, bench).map_err(|e| CloneError::Showcase(e.to_string()))?,
+    };
+    let target = bench.target(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks)?;
+    Ok((target, marks))
+}
+
+/// What a person should know of a photograph that the report shows the representatives on: where the marks that were given for it lie
+/// beside its face.
+///
+/// # Errors
+/// [`CloneError`] for a photograph or marks that do not serve.
+pub fn showcase_remarks(bench: &Workbench) -> Result<Vec<String>, CloneError> {
+    let ReportFace::Photograph { image, correspondences, .. } = &bench.options.report_face else { return Ok(Vec::new()) };
+    let (target, marks) = photograph(image, correspondences.as_deref(), bench)?;
+    if correspondences.is_none() {
+        return Ok(Vec::new());
+    }
+    Ok(marks_beside(&read_frame(image)?, &marks, &target.fitted, bench))
 }
 
 /// The player of all representatives on the face of the report; `None` for a wireframe that the warp does not know, and where no face is to

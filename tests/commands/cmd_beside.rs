@@ -1,4 +1,4 @@
-//! Marks that lie beside the face of their picture: `run`, `track` and `fit` say so, of right ones nothing.
+//! Marks that lie beside the face of their picture: every command that takes marks says so, of right ones nothing.
 
 use crate::common::{Work, root};
 
@@ -74,4 +74,29 @@ fn fit_and_track_say_which_marks_lie_beside_what() {
         .unwrap();
     let wall = work.grimace("fit wall.png -c cheek.csv -o wall.csv").exit(0);
     assert!(!wall.stdout.contains("picture"), "{}", wall.stdout);
+}
+
+#[test]
+fn marks_of_a_picture_of_another_size_are_said_where_the_face_is_lost_and_of_portraits() {
+    let work = smiling();
+    move_marks(&work, "half.csv", |_, x, y| (0.5 * x, 0.5 * y));
+    move_marks(&work, "shares.csv", |_, x, y| (x / 440.0, y / 560.0));
+    let asks = "are they of a picture of this size?";
+    // At a place without texture nothing can be tracked.
+    let lost = work.grimace("track faces/P01/001 -c shares.csv -o track.csv").exit(1);
+    lost.says(&["the face is lost: the marks lie", "are of one 0.00 times as large", asks]);
+    let unchecked = work.grimace("track faces/P01/001 -c shares.csv -o track.csv --check-marks off").exit(1);
+    assert!(!unchecked.stderr.contains("the marks lie"), "{}", unchecked.stderr);
+    let portrait = root().join("fixtures/portraits/P01.jpg").display().to_string();
+    let smile = root().join("fixtures/golden/fap/happiness.fap").display().to_string();
+    let half = [portrait.as_str(), " with half.csv: the marks lie 192 px (1.79 of the eye distance)", asks];
+    work.grimace(&format!("clone -s {smile} -t {portrait} -c half.csv -o clone-half -q")).exit(0).says(&half);
+    work.grimace(&format!("play {smile} --portrait {portrait} -c half.csv -o half.html")).exit(0).says(&half);
+    let head = "synthesize -b head --format glb --solver nnls --bound-starts 0";
+    work.grimace(&format!("{head} -m {smile} --portrait {portrait} --correspondences half.csv -o head")).exit(0).says(&half);
+    let right = work.grimace(&format!("play {smile} --portrait {portrait} -c {MARKS} -o right.html")).exit(0);
+    assert!(!right.stderr.contains("the marks"), "{}", right.stderr);
+    work.write(MARKS, work.read("shares.csv"));
+    let run = work.grimace(&format!("run faces -o results --portrait {portrait} -c half.csv")).exit(1);
+    run.says(&["note: --portrait", "the marks lie 192 px", "the face is lost: the marks lie"]);
 }
