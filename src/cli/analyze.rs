@@ -18,6 +18,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    apart::check_outside,
     run::print_results,
     shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, thread_count},
 };
@@ -84,6 +85,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let bench = args.general.workbench(options)?;
     if let Some(path) = &args.models {
+        if args.output.join(RECORD_NAME).exists() {
+            check_outside("--output", &args.output, &[("--models", path)])?;
+        }
         return from_models(args, path, &bench);
     }
     let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;

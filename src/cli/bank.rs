@@ -11,6 +11,7 @@ use grimace::synthesis::{
 
 use super::{
     Outcome,
+    apart::{check_apart, check_png, maybe},
     shared::{about, check_free},
 };
 
@@ -194,12 +195,27 @@ fn open_file(path: &Path) -> anyhow::Result<Bank> {
     Ok(bank)
 }
 
-fn check_all_free(force: bool, files: &[Option<&Path>]) -> anyhow::Result<()> {
-    files.iter().flatten().try_for_each(|path| check_free(path, force))
+/// A file with the option that names it, where it is given.
+type Given<'a> = (&'a str, Option<&'a PathBuf>);
+
+/// Refuses outputs that are there, unless forced, and such that are each other or an input.
+fn check_outputs(force: bool, outputs: &[Given<'_>], inputs: &[Given<'_>]) -> anyhow::Result<()> {
+    let [written, read] =
+        [outputs, inputs].map(|files| files.iter().flat_map(|&(name, path)| maybe(name, path)).collect::<Vec<_>>());
+    check_apart(&written, &read)?;
+    outputs.iter().filter_map(|(_, path)| *path).try_for_each(|path| check_free(path, force))
 }
 
 fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
-    check_all_free(args.force, &[Some(&args.output), args.save_feature_points.as_deref()])?;
+    check_outputs(
+        args.force,
+        &[("--output", Some(&args.output)), ("--save-feature-points", args.save_feature_points.as_ref())],
+        &[
+            ("the meshes", Some(&args.source)),
+            ("--feature-points", args.feature_points.as_ref()),
+            ("--landmarks", args.landmarks.as_ref()),
+        ],
+    )?;
     let options = BuildOptions {
         feature_points: args.feature_points.clone(),
         landmarks: args.landmarks.clone(),
@@ -227,8 +243,16 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
 }
 
 fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
-    check_all_free(args.force, &[Some(&args.output), args.unseen.as_deref(), args.save_weights.as_deref()])?;
     let embedded = EmbeddedBank::of_path(&args.shapes);
+    check_outputs(
+        args.force,
+        &[("--output", Some(&args.output)), ("--unseen", args.unseen.as_ref()), ("--save-weights", args.save_weights.as_ref())],
+        &[
+            ("the shapes", Some(&args.shapes).filter(|_| embedded.is_none())),
+            ("--weights", args.weights.as_ref()),
+            ("--expressions", args.expressions.as_ref()),
+        ],
+    )?;
     let shapes = match embedded {
         Some(embedded) => embedded.shapes()?,
         None => open_file(&args.shapes)?,
@@ -291,7 +315,15 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
 }
 
 fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
-    check_all_free(args.force, &[args.picture.as_deref(), args.save_feature_points.as_deref()])?;
+    if let Some(path) = &args.picture {
+        check_png("--picture", path, "")?;
+    }
+    let file = Some(&args.bank).filter(|path| EmbeddedBank::of_path(path).is_none());
+    check_outputs(
+        args.force,
+        &[("--picture", args.picture.as_ref()), ("--save-feature-points", args.save_feature_points.as_ref())],
+        &[("the bank", file)],
+    )?;
     let bank = open(&args.bank)?;
     print_info(&bank);
     if let Some(path) = &args.picture {

@@ -22,7 +22,9 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 
 use super::{
-    Outcome, portrait,
+    Outcome,
+    apart::{check_apart, check_outside, maybe},
+    portrait,
     progress::frame_bar,
     shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, file_name, positive, stop_flag, words},
 };
@@ -402,7 +404,19 @@ impl Job<'_> {
         portrait::target(self.target_path, self.marks_path, &self.args.marks.marks, self.bench)
     }
 
+    /// Refuses a folder whose files would be written over what they are made from.
+    fn check_inputs(&self, source: &Source, folder: &Path) -> anyhow::Result<()> {
+        let marks = self.args.correspondences.iter().find(|path| Some(path.as_path()) == self.marks_path);
+        let inputs = [("--source", source.path), ("--target", self.target_path)];
+        let frames = maybe("--source-frames", self.args.look.source_frames.as_ref());
+        let inputs: Vec<_> = inputs.into_iter().chain(maybe("--correspondences", marks)).chain(frames).collect();
+        let files = ["clone.fap", "clone.json", "overlay.png", "sheet.png"].map(|name| folder.join(name));
+        check_apart(&files.each_ref().map(|path| ("--output", path.as_path())), &inputs)?;
+        ["frames", "track"].iter().try_for_each(|name| check_outside("--output", &folder.join(name), &inputs))
+    }
+
     fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<RgbImage> {
+        self.check_inputs(source, folder)?;
         self.args.general.check_free(&folder.join("clone.json"))?;
         // A folder of a clone that was interrupted has a record of it.
         let used = folder.read_dir().is_ok_and(|mut entries| entries.next().is_some()) && !folder.join(FRAMES_RECORD).exists();

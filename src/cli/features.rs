@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::{
     Outcome,
+    apart::{check_apart, maybe},
     shared::{GeneralArgs, about, set_threads},
 };
 
@@ -96,6 +97,11 @@ fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let info = read_track_info(path)?;
     let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
     let target = args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")));
+    let blendshapes = args.blendshapes.as_deref().and_then(|path| blendshapes_of(path, &id.to_string()));
+    let (units, of_track) = (target.with_extension("json"), path.with_extension("json"));
+    let inputs = [("the track", path), ("the .json beside the track", of_track.as_path())];
+    let inputs: Vec<_> = inputs.into_iter().chain(maybe("--blendshapes", blendshapes.as_ref())).collect();
+    check_apart(&[("a table of --output", &target), ("a .json of --output", &units)], &inputs)?;
     args.general.check_free(&target)?;
     let clock = info.as_ref().map(TrackInfo::clock).unwrap_or_default();
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
@@ -108,7 +114,6 @@ fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
         Names::Grimace => ColumnNames::Grimace,
         Names::Openface => ColumnNames::OpenFace,
     };
-    let blendshapes = args.blendshapes.as_deref().and_then(|path| blendshapes_of(path, &id.to_string()));
     let beside = blendshapes.map(|path| read_blendshapes(&path)?.beside(&features)).transpose()?;
     write_features(&target, &features, &clock, names, beside.as_ref())?;
     Ok(())

@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use super::{
     Outcome,
+    apart::{check_apart, check_png, maybe},
     shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, marks_or_found},
 };
 
@@ -63,18 +64,22 @@ struct Row {
 }
 
 /// The file of the picture: as named, or of the image's name in a folder, which is what has no extension.
-fn overlay_file(path: &Path, image: &Path) -> PathBuf {
+fn overlay_file(path: &Path, image: &Path) -> anyhow::Result<PathBuf> {
     if path.is_dir() || path.extension().is_none() {
-        path.join(format!("{}.png", image.file_stem().unwrap_or_default().to_string_lossy()))
-    } else {
-        path.to_owned()
+        return Ok(path.join(format!("{}.png", image.file_stem().unwrap_or_default().to_string_lossy())));
     }
+    check_png("--overlay", path, ", or a folder")?;
+    Ok(path.to_owned())
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let overlay = args.overlay.as_deref().map(|path| overlay_file(path, &args.image)).transpose()?;
+    let outputs: Vec<_> = maybe("--output", Some(&args.output)).chain(maybe("--overlay", overlay.as_ref())).collect();
+    let inputs: Vec<_> =
+        maybe("the image", Some(&args.image)).chain(maybe("--correspondences", args.correspondences.as_ref())).collect();
+    check_apart(&outputs, &inputs)?;
     args.general.check_free(&args.output)?;
-    let overlay = args.overlay.as_deref().map(|path| overlay_file(path, &args.image));
     if let Some(path) = &overlay {
         args.general.check_free(path)?;
     }

@@ -9,6 +9,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    apart::{check_apart, maybe},
     shared::{check_free, quoted},
 };
 
@@ -39,6 +40,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let path = manifest_path(&args.folder);
+    check_apart(&[("the manifest", &path)], &maybe("--people", args.people.as_ref()).collect::<Vec<_>>())?;
     check_free(&path, args.force)?;
     let folder = args.folder.display();
     anyhow::ensure!(!args.folder.is_file(), "{folder}: this is a file; give the folder that holds the sequences");

@@ -13,6 +13,7 @@ use rayon::prelude::*;
 
 use super::{
     Outcome,
+    apart::{all, check_apart, maybe},
     progress::frame_bar,
     shared::{check_free, set_threads},
 };
@@ -66,6 +67,9 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let inputs: Vec<_> = all("the picture", &args.pictures).chain(maybe("--model", args.model.as_ref())).collect();
+    let outputs: Vec<_> = maybe("--output", Some(&args.output)).chain(maybe("--overlay", args.overlay.as_ref())).collect();
+    check_apart(&outputs, &inputs)?;
     for path in [Some(&args.output), args.overlay.as_ref()].into_iter().flatten() {
         check_free(path, args.force)?;
     }

@@ -12,6 +12,7 @@ macro_rules! eprintln {
 
 mod analyze;
 mod annotate;
+pub mod apart;
 pub mod bank;
 mod clone;
 mod fap;

@@ -12,7 +12,9 @@ use grimace::{
 };
 
 use super::{
-    Outcome, bank, portrait,
+    Outcome,
+    apart::{all, check_apart, maybe},
+    bank, portrait,
     shared::{FitArgs, GeneralArgs, about},
 };
 
@@ -61,6 +63,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.portrait.len(),
         args.correspondences.len()
     );
+    let inputs: Vec<_> = all("a motion", &args.motions)
+        .chain(all("--portrait", &args.portrait))
+        .chain(all("--correspondences", &args.correspondences))
+        .chain(maybe("--bank", args.bank.as_ref()))
+        .collect();
+    check_apart(&[("--output", &args.output)], &inputs)?;
     args.general.check_free(&args.output)?;
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let motions = args.motions.iter().map(|path| SourceMotion::read(path, &bench)).collect::<Result<Vec<_>, _>>()?;

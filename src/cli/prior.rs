@@ -11,6 +11,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    apart::{all, check_apart},
     shared::{LearnedFileArgs, check_free, file_name, quoted},
 };
 
@@ -44,6 +45,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    check_apart(&[("--output", &args.output)], &all("the landmarks", &args.landmarks).collect::<Vec<_>>())?;
     check_free(&args.output, args.file.force)?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let (mut faces, mut sources, mut skipped) = (Vec::new(), Vec::new(), Vec::new());

@@ -6,6 +6,7 @@ use anyhow::Context;
 
 use super::{
     Outcome,
+    apart::{all, check_apart},
     shared::{GeneralArgs, not_negative, set_threads},
 };
 use crate::{
@@ -76,6 +77,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
+    if let Some(output) = &args.output {
+        let inputs: Vec<_> = all("a track", &files).chain(all("a track of --with", &known_files)).collect();
+        check_apart(&[("--output", output)], &inputs)?;
+    }
     let (unseen, failures) = crate::pipeline::load_unlabelled_tracks(&files, &bench);
     for failure in known_failures.iter().chain(&failures) {
         eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);

@@ -10,7 +10,7 @@ use std::{
 };
 
 use grimace::{
-    dataset::{FrameSource, list_recording},
+    dataset::list_recording,
     output::count,
     pipeline::{
         ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow, Workbench, reuse_recording,
@@ -22,6 +22,7 @@ use indicatif::ProgressBar;
 
 use super::{
     Outcome,
+    apart::{all, check_apart, maybe},
     progress::counted_bar,
     shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, marks_or_found, positive, set_threads, stop_flag, thread_count},
 };
@@ -157,6 +158,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "{}: the table is a .csv; a folder of the same name without it is made beside it",
         args.output.display()
     );
+    let inputs: Vec<_> =
+        all("the recording", &args.recordings).chain(maybe("--correspondences", args.correspondences.as_ref())).collect();
+    let films: Vec<PathBuf> = args.recordings.iter().filter_map(|path| film_of(args, &stem_of(path))).collect();
+    let outputs: Vec<_> = maybe("--output", Some(&args.output)).chain(all("--overlay", &films)).collect();
+    check_apart(&outputs, &inputs)?;
     args.general.check_free(&args.output)?;
     anyhow::ensure!(
         args.recordings.len() == 1 || args.correspondences.is_none(),
@@ -225,12 +231,7 @@ fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Re
     let mut out = Vec::new();
     for path in &args.recordings {
         let frames = list_recording(path)?;
-        let full = path.canonicalize().unwrap_or_else(|_| path.clone());
-        let name = match &frames {
-            FrameSource::Images(_) => full.file_name(),
-            FrameSource::Video { .. } => full.file_stem(),
-        };
-        let stem = name.unwrap_or_default().to_string_lossy().into_owned();
+        let stem = stem_of(path);
         if let Some(first) = names.insert(stem.clone(), path.clone()) {
             anyhow::bail!(
                 "{} and {} have the same name, {stem}: sequences are named after their recording; rename one of them, or make two tables",
@@ -251,6 +252,21 @@ fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Re
     Ok(out)
 }
 
+/// What sequences of a recording are called after: a folder's name, or a video's without its extension.
+fn stem_of(path: &Path) -> String {
+    let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = if full.is_dir() { full.file_name() } else { full.file_stem() };
+    name.unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The film of a recording, where films are asked for.
+fn film_of(args: &Args, stem: &str) -> Option<PathBuf> {
+    args.overlay.as_ref().map(|path| {
+        let is_film = path.extension().is_some_and(|e| ["mp4", "webm"].iter().any(|f| e.eq_ignore_ascii_case(f)));
+        if is_film { path.clone() } else { path.join(format!("{stem}.mp4")) }
+    })
+}
+
 fn one(
     args: &Args,
     recording: &Recording,
@@ -259,10 +275,7 @@ fn one(
     stop: &AtomicBool,
 ) -> anyhow::Result<RecordingFiles> {
     let options = args.thresholds.options();
-    let film = args.overlay.as_ref().map(|path| {
-        let is_film = path.extension().is_some_and(|e| ["mp4", "webm"].iter().any(|f| e.eq_ignore_ascii_case(f)));
-        if is_film { path.clone() } else { path.join(format!("{}.mp4", recording.stem)) }
-    });
+    let film = film_of(args, &recording.stem);
     anyhow::ensure!(
         args.recordings.len() == 1 || film.is_none() || film != args.overlay,
         "--overlay names one film, but there are {} recordings; name a folder",

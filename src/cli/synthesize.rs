@@ -22,7 +22,9 @@ use grimace::{
 use serde_json::json;
 
 use super::{
-    Outcome, bank, portrait,
+    Outcome,
+    apart::{all, check_apart, maybe},
+    bank, portrait,
     progress::frame_bar,
     shared::{about, positive, set_threads, thread_count},
 };
@@ -248,6 +250,35 @@ impl SearchArgs {
     }
 }
 
+/// Files that a motion and a truth may be called, or a portrait.
+const NAMES: [&str; 8] = [
+    "surface.npy",
+    "weights.csv",
+    "fitness.csv",
+    "history.csv",
+    "arkit.csv",
+    "livelink.csv",
+    "contact_sheet.png",
+    "turntable.png",
+];
+
+impl Args {
+    /// Refuses a folder whose files would be written over what they are made from.
+    fn check_inputs(&self, several: bool) -> anyhow::Result<()> {
+        let inputs: Vec<_> = all("--motion", &self.motion)
+            .chain(maybe("--truth", self.truth.as_ref()))
+            .chain(maybe("--portrait", self.portrait.as_ref()))
+            .chain(maybe("--correspondences", self.correspondences.as_ref()))
+            .collect();
+        let folder_of =
+            |path: &PathBuf| if several { self.output.join(path.file_stem().unwrap_or_default()) } else { self.output.clone() };
+        self.motion.iter().map(folder_of).try_for_each(|folder| {
+            let files = NAMES.map(|name| folder.join(name));
+            check_apart(&files.each_ref().map(|path| ("--output", path.as_path())), &inputs)
+        })
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
@@ -256,6 +287,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let occupied = out.is_file() || std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
     anyhow::ensure!(args.force || !occupied, "{} is not empty; choose a new folder, or --force to write into it", out.display());
     let several = args.motion.len() > 1;
+    args.check_inputs(several)?;
     anyhow::ensure!(args.truth.is_none() || !several, "--truth is of one motion, and there are {}", args.motion.len());
     let bank = bank::open(&args.bank)?;
     let synthesizer = Synthesizer::new(&bank, options)?;

@@ -16,6 +16,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    apart::{check_apart, maybe},
     progress::frame_bar,
     shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
 };
@@ -68,6 +69,9 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let json = args.output.with_extension("json");
     anyhow::ensure!(json != args.output, "{}: a track is a .csv; the .json is written beside it", args.output.display());
+    let inputs: Vec<_> =
+        maybe("the sequence", Some(&args.sequence)).chain(maybe("--correspondences", args.correspondences.as_ref())).collect();
+    check_apart(&[("--output", &args.output), ("the .json beside --output", &json)], &inputs)?;
     args.general.check_free(&args.output)?;
     args.general.check_free(&json)?;
     let options = PipelineOptions {

@@ -86,9 +86,7 @@ fn photograph(
 ) -> Result<(Target, Vec<Correspondence>), CloneError> {
     let picture = read_colour(image)?;
     let marks = match correspondences {
-        Some(marks) => {
-            read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?
-        }
+        Some(marks) => read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?,
         None => found_marks(&read_frame(image)?, bench).map_err(|e| CloneError::Showcase(e.to_string()))?,
     };
     let target = bench.target(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks)?;

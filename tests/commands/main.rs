@@ -8,6 +8,7 @@ mod common;
 
 mod cmd_analyze;
 mod cmd_annotate;
+mod cmd_apart;
 mod cmd_bank;
 mod cmd_beside;
 mod cmd_clone;

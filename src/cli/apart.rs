@@ -1,0 +1,114 @@
+//! Files that one command writes and reads: none may be another.
+
+use std::path::{Path, PathBuf};
+
+/// A file with the option or argument that names it.
+pub type Named<'a> = (&'a str, &'a Path);
+
+/// Where a path leads, through links and without `.` and `..`; what is not there yet is in a folder that may be.
+fn resolved(path: &Path) -> PathBuf {
+    if let Ok(full) = path.canonicalize() {
+        return full;
+    }
+    // A link to what is not there is followed by hand.
+    if let Ok(behind) = path.read_link() {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        return std::path::absolute(folder.join(behind)).unwrap_or_else(|_| path.to_owned());
+    }
+    match (path.parent(), path.file_name()) {
+        (Some(folder), Some(name)) => {
+            let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+            resolved(folder).join(name)
+        }
+        _ => path.to_owned(),
+    }
+}
+
+/// Refuses an output that is another output, or an input: one would be written over the other.
+pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Result<()> {
+    let places: Vec<PathBuf> = outputs.iter().map(|(_, path)| resolved(path)).collect();
+    for (k, (option, path)) in outputs.iter().enumerate() {
+        if let Some(before) = places[..k].iter().position(|place| *place == places[k]) {
+            anyhow::bail!(
+                "{}: both {} and {option} name this file; one would be written over the other",
+                path.display(),
+                outputs[before].0
+            );
+        }
+    }
+    for (input, path) in inputs {
+        let place = resolved(path);
+        if let Some(k) = places.iter().position(|output| *output == place) {
+            anyhow::bail!("{}: {} would be written over {input}; give it another name", path.display(), outputs[k].0);
+        }
+    }
+    Ok(())
+}
+
+/// Refuses inputs in a folder that is made anew, or in one below it.
+pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyhow::Result<()> {
+    let folder = resolved(folder);
+    for (input, path) in inputs {
+        anyhow::ensure!(
+            !resolved(path).starts_with(&folder),
+            "{}: {option} makes this folder anew, and {input} lies in it; give another folder",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
+/// The same name for all files of a list.
+pub fn all<'a>(name: &'a str, paths: &'a [PathBuf]) -> impl Iterator<Item = Named<'a>> {
+    paths.iter().map(move |path| (name, path.as_path()))
+}
+
+/// The file of an option, where it is given.
+pub fn maybe<'a>(name: &'a str, path: Option<&'a PathBuf>) -> impl Iterator<Item = Named<'a>> {
+    path.into_iter().map(move |path| (name, path.as_path()))
+}
+
+/// Refuses a picture that is not called `.png`, which is what is written.
+pub fn check_png(option: &str, path: &Path, or_folder: &str) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")),
+        "{option} {}: the picture is a .png file; name one{or_folder}",
+        path.display()
+    );
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> String {
+        check_apart(outputs, inputs).map_or_else(|error| error.to_string(), |()| String::new())
+    }
+
+    #[test]
+    fn a_file_is_known_by_any_of_its_paths() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("sub")).unwrap();
+        std::fs::write(at("marks.csv"), "").unwrap();
+        let (a, b) = (at("a.csv"), at("b.csv"));
+        assert_eq!(said(&[("--output", &a), ("--overlay", &b)], &[("IMAGE", &at("marks.csv"))]), "");
+        let (dotted, up) = (at("./a.csv"), at("sub/../a.csv"));
+        for same in [&a, &dotted, &up] {
+            let both = said(&[("--output", &a), ("--overlay", same)], &[]);
+            assert!(both.ends_with("both --output and --overlay name this file; one would be written over the other"), "{both}");
+        }
+        let over = said(&[("--output", &at("sub/../marks.csv"))], &[("--correspondences", &at("marks.csv"))]);
+        assert!(over.ends_with("marks.csv: --output would be written over --correspondences; give it another name"), "{over}");
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(at("sub"), at("link")).unwrap();
+            std::os::unix::fs::symlink("marks.csv", at("other.csv")).unwrap();
+            assert_ne!(said(&[("-o", &at("link/new.csv")), ("--more", &at("sub/new.csv"))], &[]), "");
+            assert_ne!(said(&[("-o", &at("other.csv"))], &[("MARKS", &at("marks.csv"))]), "");
+        }
+        let inside = |path: &str| check_outside("--output", &at("sub"), &[("--source", &at(path))]).is_err();
+        assert!(inside("sub/a.fap") && inside("sub/deep/a.fap") && !inside("subject.fap"));
+    }
+}

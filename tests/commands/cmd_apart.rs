@@ -1,0 +1,49 @@
+//! Files of one command that would be written over each other, or over what they are made from: refused, and nothing is written.
+
+use crate::common::{Work, root};
+
+/// A folder with a portrait, its marks and a FAP file.
+fn portrait() -> Work {
+    let work = Work::new();
+    let fixture = |name: &str| std::fs::read(root().join("fixtures").join(name)).unwrap();
+    work.write("P01.jpg", fixture("portraits/P01.jpg")).write("marks.csv", fixture("portraits/P01_correspondences.csv"));
+    work.write("smile.fap", fixture("golden/fap/happiness.fap"));
+    work
+}
+
+#[test]
+fn two_outputs_of_one_name_are_refused() {
+    let work = portrait();
+    let both = |first: &str, second: &str| format!("both {first} and {second} name this file");
+    let fit = "fit P01.jpg -c marks.csv";
+    work.grimace(&format!("{fit} -o f.png --overlay ./f.png")).exit(1).says(&[&both("--output", "--overlay")]);
+    for picture in ["ov.jpg", "ov.gif", "f.csv"] {
+        let said = format!("--overlay {picture}: the picture is a .png file; name one, or a folder");
+        work.grimace(&format!("{fit} -o f.csv --overlay {picture}")).exit(1).says(&[&said]);
+    }
+    let mix = "bank mix candide --performance 20";
+    work.grimace(&format!("{mix} --members 8 -o a.bank --unseen a.bank")).exit(1).says(&[&both("--output", "--unseen")]);
+    work.grimace(&format!("{mix} -o b.bank --save-weights ./b.bank")).exit(1).says(&[&both("--output", "--save-weights")]);
+    work.grimace("bank info candide --picture bank.jpg").exit(1).says(&["--picture bank.jpg: the picture is a .png file"]);
+    assert_eq!(work.files(".").keys().collect::<Vec<_>>(), ["P01.jpg", "marks.csv", "smile.fap"]);
+}
+
+#[test]
+fn force_does_not_write_over_what_a_command_reads() {
+    let work = portrait();
+    let before = work.files(".");
+    let over = |what: &str| format!("would be written over {what}; give it another name");
+    work.grimace("fit P01.jpg -c marks.csv -o marks.csv --force").exit(1).says(&["--output", &over("--correspondences")]);
+    work.grimace("play smile.fap -o smile.fap --force").exit(1).says(&["--output", &over("a motion")]);
+    work.grimace("play smile.fap --portrait P01.jpg -o ./P01.jpg --force").exit(1).says(&["--output", &over("--portrait")]);
+    work.grimace("locate P01.jpg -o P01.jpg --force").exit(1).says(&["--output", &over("the picture")]);
+    crate::common::assert_same_files(&before, &work.files("."));
+    work.grimace("clone -s smile.fap -t P01.jpg -c marks.csv -o clone -q").exit(0);
+    let before = work.files(".");
+    let again = "-t P01.jpg -c marks.csv -o clone --force";
+    work.grimace(&format!("clone -s clone/clone.fap {again}")).exit(1).says(&["clone.fap", &over("--source")]);
+    let track = before.keys().find(|name| name.starts_with("clone/track/") && name.ends_with(".csv")).unwrap();
+    work.grimace(&format!("clone -s {track} {again}")).exit(1).says(&["makes this folder anew, and --source lies in it"]);
+    work.grimace("features clone/track -o clone/track --force").exit(1).says(&[&over("the track")]);
+    crate::common::assert_same_files(&before, &work.files("."));
+}
