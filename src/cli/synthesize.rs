@@ -301,6 +301,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let texture = args.portrait.as_deref().map(|path| worn(path, args.correspondences.as_deref(), &bank)).transpose()?;
     let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer, texture.as_ref())).collect();
     if args.format.contains(&Format::Glb) {
+        let weights = |one: &Played<'_>| one.answers.iter().flat_map(|a| a.weights.iter().flatten()).any(|w| *w != 0.0);
+        if synthesizer.options().solver != Solver::Rbf && !played.iter().any(weights) {
+            eprintln!("warning: nothing moves: animation.glb is the neutral face, without an animation");
+        }
         write_gltf(&out.join("animation.glb"), &animations)?;
     }
     for (one, animation) in played.iter().zip(&animations) {
@@ -343,6 +347,14 @@ impl<'a> Played<'a> {
         /// How long the last frame is held on the way there and back, s.
         const HOLD_S: f64 = 0.5;
         let motion = read_motion(path, synthesizer.bank(), args.time.scale).map_err(|e| about(path)(&e))?;
+        if !motion.not_shown.is_empty() {
+            let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            eprintln!(
+                "warning: {}: FAP {faps} cannot be shown by this bank (turns of head and eyes, depth, tongue, ears, visemes, expressions, feature \
+                 points that it lacks) and is left out",
+                path.display()
+            );
+        }
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
         anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
         let mut motion = motion.as_animated(args.time.between.map(usize::from), Some(noise));
@@ -499,6 +511,7 @@ impl Report {
             "motion": {
                 "file": text(played.path), "blake3": file_blake3(played.path), "kind": motion.kind, "fps": animation.fps,
                 "bank_units_per_face_unit": motion.scale, "noise": played.noise,
+                "faps_not_shown": motion.not_shown.iter().map(|fap| fap.get()).collect::<Vec<_>>(),
                 "ignored_feature_points": motion.ignored.iter().map(ToString::to_string).collect::<Vec<_>>(),
             },
             "portrait": args.portrait.as_ref().map(|path| json!({

@@ -44,16 +44,8 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
     if sequence.frames.is_empty() {
         return Err(CloneError::NoFrames { path: name.to_owned() });
     }
-    let moves = |fap: FapNumber| {
-        let some = |value: Option<f64>| value.is_some_and(|v| v != 0.0);
-        sequence.frames.iter().any(|f| some(f.value(fap)) || f.fields(fap).is_some_and(|fields| fields.iter().any(|&v| v != 0)))
-    };
-    let shows = |fap: FapNumber| {
-        let row = catalog.row(fap);
-        row.fapu.is_some() && row.motion.and_then(FapMotion::frontal_axis).is_some() && !row.nodes.is_empty()
-    };
-    let moving: Vec<FapNumber> = FapNumber::all().filter(|&f| moves(f)).collect();
-    let (shown, not_shown): (Vec<_>, Vec<_>) = moving.iter().partition(|&&f| shows(f));
+    let (shown, not_shown): (Vec<_>, Vec<_>) =
+        sequence.moving_faps().into_iter().partition(|&fap| catalog.row(fap).shows_from_front());
     if shown.is_empty() && !not_shown.is_empty() {
         let faps = not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         return Err(CloneError::NothingToShow { path: name.to_owned(), faps });

@@ -227,6 +227,11 @@ pub struct FapRow {
 }
 
 impl FapRow {
+    /// Whether it moves a node of the wireframe so that a view from the front shows it.
+    pub(crate) fn shows_from_front(&self) -> bool {
+        self.fapu.is_some() && self.motion.and_then(FapMotion::frontal_axis).is_some() && !self.nodes.is_empty()
+    }
+
     /// The unit of its values, as reports write it: `ENS/1024`, `1e-5 rad`, or `code` for FAPs 1 and 2.
     pub fn unit_name(&self) -> String {
         match self.fapu {

@@ -98,6 +98,15 @@ impl FapSequence {
         FapNumber::all().filter(|&fap| self.frames.iter().any(|frame| frame.is_set(fap))).collect()
     }
 
+    /// FAPs that have a value other than 0 in any frame, ascending.
+    pub(crate) fn moving_faps(&self) -> Vec<FapNumber> {
+        let some = |value: Option<f64>| value.is_some_and(|v| v != 0.0);
+        let moves = |frame: &FapFrame, fap: FapNumber| {
+            some(frame.value(fap)) || frame.fields(fap).is_some_and(|fields| fields.iter().any(|&v| v != 0))
+        };
+        FapNumber::all().filter(|&fap| self.frames.iter().any(|frame| moves(frame, fap))).collect()
+    }
+
     /// Duration in seconds: frames over frame rate.
     pub fn seconds(&self) -> f64 {
         self.frames.len() as f64 / self.fps

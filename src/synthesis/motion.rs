@@ -68,6 +68,9 @@ pub struct Motion {
     pub fps: Option<f64>,
     /// Feature points of the motion that the bank does not have.
     pub ignored: Vec<FeaturePoint>,
+    /// FAPs with values of a FAP file that move nothing of the bank: turns of head and eyes, depth, tongue, visemes, expressions, and those
+    /// of feature points that it does not have.
+    pub not_shown: Vec<FapNumber>,
     /// Bank units per face unit along x and y for the five FAPUs in the order of the standard; `None` for motion in the bank's unit.
     pub scale: Option<[f64; 5]>,
 }
@@ -240,7 +243,7 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
     }
     let mut frames: Vec<FpMotion> = frames.into_values().collect();
     frames.iter_mut().for_each(|f| f.planar = planar);
-    Ok(Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, scale: None })
+    Ok(Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, not_shown: Vec::new(), scale: None })
 }
 
 fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
@@ -267,12 +270,18 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
 fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let mut sequence = read_fap(path)?.sequence;
     let set = sequence.set_faps();
+    let catalog = FapCatalog::mpeg4();
+    let is_shown = |fap: FapNumber| {
+        let row = catalog.row(fap);
+        row.shows_from_front() && row.nodes.iter().any(|&node| face.has(node))
+    };
+    let not_shown = sequence.moving_faps().into_iter().filter(|&fap| !is_shown(fap)).collect();
     for fap in FapNumber::low_level().filter(|fap| !set.contains(fap)) {
         sequence.frames.iter_mut().for_each(|frame| frame.set_value(fap, Some(0.0)));
     }
     let mut frames = Vec::with_capacity(sequence.frames.len());
     for (number, frame) in (0..).zip(&sequence.frames) {
-        let offsets = offsets_from_frame(frame, &face.canonical.fapus, FapCatalog::mpeg4())?;
+        let offsets = offsets_from_frame(frame, &face.canonical.fapus, catalog)?;
         let (size, from) = (FaceSize::CANONICAL, "where the neutral face has it");
         for (node, offset) in &offsets {
             let offset = Vector2::new(offset.x.unwrap_or(0.0), offset.y.unwrap_or(0.0));
@@ -281,7 +290,8 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
         // An axis that no FAP drives rests with its point.
         frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
     }
-    Ok(Motion { kind: MotionKind::Fap, frames, fps: Some(sequence.fps), ignored: Vec::new(), scale: Some(face.scale) })
+    let fps = Some(sequence.fps);
+    Ok(Motion { kind: MotionKind::Fap, frames, fps, ignored: Vec::new(), not_shown, scale: Some(face.scale) })
 }
 
 /// Candide-3's face beside the bank's.
@@ -336,7 +346,13 @@ impl<'b> BankFace<'b> {
                 self.frame(|node| offsets.get(node.index()).map(|o| Vector2::new(o.x, o.y * lids.of_node(node))))
             })
             .collect();
-        Ok(Motion { kind, frames, fps, ignored: Vec::new(), scale: Some(self.scale) })
+        Ok(Motion { kind, frames, fps, ignored: Vec::new(), not_shown: Vec::new(), scale: Some(self.scale) })
+    }
+
+    /// Whether a feature point of the bank goes with a node.
+    fn has(&self, node: NodeId) -> bool {
+        let mut nodes = self.bank.feature_points().iter().filter_map(|p| self.tables.feature_point_nodes(p.fp));
+        nodes.any(|nodes| nodes.contains(&node))
     }
 
     /// The motion of the bank's feature points from node offsets, face units.

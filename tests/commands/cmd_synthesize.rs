@@ -316,3 +316,30 @@ fn evaluate_synthesis_repeats_the_papers_tables() {
     crate::common::assert_same_files(&first, &again);
     work.grimace("evaluate synthesis --alphas 2 -o x").exit(1).says(&["alpha is 2"]);
 }
+
+#[test]
+fn what_a_bank_cannot_show_is_named_and_a_still_file_is_valid() {
+    let work = Work::new();
+    // The head nods (48), a viseme (1); in the second file the jaw opens, too (3).
+    let mask = |set: &[u8]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    let (nod, jaw) = (mask(&[48]), mask(&[3, 16, 48]));
+    work.write("nod.fap", format!("2.1 nod 25 2\n{nod}\n0 0\n{nod}\n1 9000\n"));
+    work.write("jaw.fap", format!("2.1 jaw 25 2\n{jaw}\n0 0 0 0\n{jaw}\n1 500 40 9000\n"));
+    let options = "--format glb --solver nnls --bound-starts 0";
+    let nothing = "nothing moves: animation.glb is the neutral face, without an animation";
+    work.grimace(&format!("synthesize -b head -m nod.fap {options} -o nod"))
+        .exit(0)
+        .says(&["nod.fap: FAP 48 cannot be shown", nothing]);
+    assert_eq!(report(&work, "nod")["motion"]["faps_not_shown"], serde_json::json!([48]));
+    let (document, ..) = gltf::import(work.path("nod/animation.glb")).unwrap();
+    assert_eq!((document.animations().count(), document.meshes().count()), (0, 1));
+    assert!(document.accessors().all(|a| a.count() > 0) && document.views().all(|v| v.length() > 0));
+    let moves = work.grimace(&format!("synthesize -b head -m jaw.fap {options} -o jaw")).exit(0);
+    assert!(!moves.stderr.contains("nothing moves"), "{}", moves.stderr);
+    moves.says(&["jaw.fap: FAP 16, 48 cannot be shown by this bank"]);
+    let (document, ..) = gltf::import(work.path("jaw/animation.glb")).unwrap();
+    assert_eq!(document.animations().count(), 1);
+    // Still, beside one that moves: an animation of two key frames, whose weights are 0.
+    work.grimace(&format!("synthesize -b head -m nod.fap jaw.fap {options} -o both")).exit(0);
+    assert_eq!(gltf::import(work.path("both/animation.glb")).unwrap().0.animations().count(), 2);
+}

@@ -86,7 +86,7 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// Materials share the vertices and the targets.
 ///
 /// `displacements(k)` are those of target k, of every vertex. They are asked for twice and never kept: beside the mesh, one target
-/// at a time is in memory.
+/// at a time is in memory. Without targets there is nothing to animate, and no animation is written: glTF has no empty ones.
 ///
 /// # Errors
 /// When `out` cannot be written to, or the file would exceed the 4 GiB of the format.
@@ -98,6 +98,7 @@ pub fn write_glb<'a>(
     animations: &[GltfAnimation],
     metres: Option<f64>,
 ) -> io::Result<()> {
+    let animations = if targets.is_empty() { &[] } else { animations };
     let whole = [GltfSurface { name: "skin", triangles: mesh.triangles().to_vec(), roughness: ROUGHNESS, textured: true }];
     let surfaces = if look.surfaces.is_empty() { &whole[..] } else { &look.surfaces };
     let (root, bin_length) = document((mesh, look, surfaces), targets, displacements, animations, metres)?;
