@@ -11,12 +11,12 @@ use grimace::{
         CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, Film, Rescale,
         SKIN_SUFFIX, Sheet, Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
-    dataset::{PUBLISH_COLUMN, list_frames, may_publish},
+    dataset::{FrameSource, PUBLISH_COLUMN, list_frames, may_publish},
     output::{MADE_BY, count, per_second, write_atomic},
     pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
     sequence::{ImageSize, read_colour_frames},
-    track::read_track_info,
+    track::{TrackInfo, read_track_info},
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -324,8 +324,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                     path.display()
                 );
             }
-            let size = info.map(|info| info.image_size);
-            let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion, size)).transpose()?;
+            let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion, info.as_ref())).transpose()?;
             let skin = skin_of(&args.look.skin, path, &motion, bench)?;
             Ok(Source { path, motion, pictures, skin })
         };
@@ -348,8 +347,33 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     Ok((sources, failed))
 }
 
-/// The pictures of a track's frames, which are of the size of those that were tracked where that is known.
-fn pictures(folder: &Path, motion: &SourceMotion, size: Option<ImageSize>) -> anyhow::Result<Vec<RgbImage>> {
+/// Refuses frames that are not called as those that a track was made from, where it knows these: of another person as a rule. Folders may
+/// have moved.
+fn check_names(
+    folder: &Path,
+    listed: &FrameSource,
+    numbers: &[u32],
+    motion: &SourceMotion,
+    info: &TrackInfo,
+) -> anyhow::Result<()> {
+    let used: Vec<String> = match listed {
+        FrameSource::Images(files) => files.iter().filter(|f| numbers.contains(&f.number)).map(|f| file_name(&f.path)).collect(),
+        FrameSource::Video { path, .. } => vec![file_name(path)],
+    };
+    let other = used.iter().find(|name| !info.source.contains(name));
+    if let (Some(other), Some(known)) = (other, info.source.first()) {
+        let more = if info.source.len() > 1 { " and others" } else { "" };
+        anyhow::bail!(
+            "{}: {other} is none of the files that the track {} was made from ({known}{more}); give the folder or video that it was made from",
+            folder.display(),
+            motion.name
+        );
+    }
+    Ok(())
+}
+
+/// The pictures of a track's frames: of the names and the size of those that were tracked, where these are known.
+fn pictures(folder: &Path, motion: &SourceMotion, info: Option<&TrackInfo>) -> anyhow::Result<Vec<RgbImage>> {
     anyhow::ensure!(
         !motion.frames.is_empty(),
         "--source-frames belong to a track; {} is a representative, a model or a FAP file and has none",
@@ -357,6 +381,10 @@ fn pictures(folder: &Path, motion: &SourceMotion, size: Option<ImageSize>) -> an
     );
     let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
     let listed = list_frames(folder, None, None)?;
+    let size = info.map(|info| info.image_size);
+    if let Some(info) = info {
+        check_names(folder, &listed, &numbers, motion, info)?;
+    }
     let read = read_colour_frames(&listed, &numbers)?;
     anyhow::ensure!(
         read.len() == numbers.len(),

@@ -416,11 +416,19 @@ fn sources_that_do_not_fit_are_named() {
         .says(&["belong to a track"]);
     for k in 1..=6 {
         let small = image::imageops::thumbnail(&picture(&work, &format!("faces/S001/005/S001_005_{k:08}.png")), 40, 40);
-        work.write(&format!("small/f_{k}.png"), png(small));
+        work.write(&format!("small/S001_005_{k:08}.png"), png(small));
     }
     clone(&work, "--source S001_005.csv --source-frames small --wrinkles -o out")
         .exit(1)
         .says(&["small: frame 1 is 40x40, but the track S001_005 was made from frames of"]);
+    // Another person's frames, of the same size and number; and the right ones in another folder.
+    let other = "other: S002_005_00000001.png is none of the files that the track S001_005 was made from (S001_005_00000001.png and others)";
+    std::fs::rename(work.path("faces/S002/005"), work.path("other")).unwrap();
+    clone(&work, "--source S001_005.csv --source-frames other --wrinkles -o out").exit(1).says(&[other]);
+    for (name, bytes) in work.files("faces/S001/005") {
+        work.write(&format!("moved/{name}"), bytes);
+    }
+    clone(&work, "--source S001_005.csv --source-frames moved --wrinkles -o moved-clone").exit(0);
     std::fs::remove_file(work.path("faces/S001/005/S001_005_00000003.png")).unwrap();
     clone(&work, "--source S001_005.csv --source-frames faces/S001/005 --wrinkles -o out")
         .exit(1)
