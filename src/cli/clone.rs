@@ -337,6 +337,9 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                         path.display()
                     );
                 }
+                if args.motion.head && source.motion.kind != SourceKind::Track {
+                    eprintln!("note: {}: --head has no effect: only tracks have a motion of the head", path.display());
+                }
                 sources.push(source);
             }
             Err(error) if alone => return Err(error),

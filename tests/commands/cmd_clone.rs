@@ -407,6 +407,10 @@ fn sources_that_do_not_fit_are_named() {
     let work = work();
     work.write("other.csv", "frame,node,x,y\n0,0,1,1\n0,1,2,2\n1,0,1,1\n1,1,2,2\n");
     clone(&work, "--source other.csv -o out").exit(1).says(&["other.csv has 2 nodes, the wireframe 113"]);
+    work.write("smile.fap", std::fs::read(crate::common::root().join("fixtures/golden/fap/happiness.fap")).unwrap());
+    clone(&work, "--source smile.fap --head -o nod").exit(0).says(&["smile.fap: --head has no effect: only tracks"]);
+    let track = clone(&work, "--source S001_005.csv --head -o turn").exit(0);
+    assert!(!track.stderr.contains("--head"), "{}", track.stderr);
     clone(&work, "--source target.png -o out").exit(1).says(&["target.png: is neither a track or model (.csv) nor a FAP file"]);
     clone(&work, "--source gone.csv -o out").exit(1).says(&["gone.csv"]);
     clone(&work, "--source S001_005.csv --wrinkles -o out").exit(1).says(&["--wrinkles needs the pictures of the source"]);
