@@ -9,11 +9,14 @@ pub mod cli {
     pub mod bank {
         pub use crate::modules::cli::bank::open;
     }
+    pub mod numbers {
+        pub use crate::modules::cli::numbers::parse;
+    }
     pub mod portrait {
         pub use crate::modules::cli::portrait::target;
     }
     pub mod print {
-        pub use crate::modules::cli::print::{error_line, line};
+        pub use crate::modules::cli::print::{error_line, line, said_by_clap};
     }
     pub mod shared {
         pub use crate::modules::cli::shared::{

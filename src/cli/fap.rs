@@ -18,7 +18,7 @@ use grimace::{
 };
 use serde::Serialize;
 
-use super::Outcome;
+use super::{Outcome, numbers::whole};
 
 /// Version of the JSON that `info` and `check` print.
 const SCHEMA_VERSION: u32 = 1;
@@ -84,7 +84,7 @@ struct ConvertArgs {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Frames per second of the output; frames are interpolated so that the motion keeps its duration.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32_767))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1, 32_767))]
     fps: Option<u32>,
     /// Keep the frames as they are when the frame rate changes: the motion becomes faster or slower.
     #[arg(long)]

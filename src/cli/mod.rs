@@ -25,6 +25,7 @@ mod learn;
 mod learn_head;
 mod learn_head_mesh;
 mod locate;
+pub mod numbers;
 mod package;
 mod play;
 pub mod portrait;
@@ -165,7 +166,7 @@ pub fn main() -> ExitCode {
     if version::asked(std::env::args_os().skip(1)) {
         return exit_code(version::run());
     }
-    let cli = match Cli::try_parse() {
+    let cli = match numbers::parse::<Cli>() {
         Ok(cli) => cli,
         Err(said) => return print::said_by_clap(&said),
     };

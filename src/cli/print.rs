@@ -35,6 +35,10 @@ pub fn check() -> anyhow::Result<()> {
 
 /// Prints help, version or an error of usage, and gives the exit status: that of the usage, or 1 where help cannot be printed.
 pub fn said_by_clap(said: &clap::Error) -> ExitCode {
+    if let Some((text, expected)) = super::numbers::expected_number(said) {
+        let _ = write!(io::stderr(), "{}", said.render().to_string().replace(&text, expected));
+        return ExitCode::from(2);
+    }
     match said.print().and_then(|()| io::stdout().flush()) {
         Err(error) if !said.use_stderr() && error.kind() != io::ErrorKind::BrokenPipe => {
             error_line(format_args!("error: cannot write to standard output: {error}"));

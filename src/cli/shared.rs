@@ -29,75 +29,13 @@ use grimace::{
 };
 use serde::de::DeserializeOwned;
 
+pub use super::numbers::{alpha, count, memory, not_negative, positive, power, share, thread_count, whole};
+
 /// One of some words, turned into the library's enum of the same words.
 pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
     list: &'static [&'static str],
 ) -> impl TypedValueParser<Value = T> {
     PossibleValuesParser::new(list).try_map(|word| serde_json::from_value::<T>(serde_json::Value::String(word)))
-}
-
-/// A number for which `fits` holds.
-fn number(text: &str, fits: impl Fn(f64) -> bool, expected: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && fits(value) => Ok(value),
-        _ => Err(format!("expected {expected}")),
-    }
-}
-
-pub fn positive(text: &str) -> Result<f64, String> {
-    number(text, |v| v > 0.0, "a number greater than 0")
-}
-
-pub fn not_negative(text: &str) -> Result<f64, String> {
-    number(text, |v| v >= 0.0, "a number of at least 0")
-}
-
-pub fn alpha(text: &str) -> Result<f64, String> {
-    number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
-}
-
-/// A whole number within bounds.
-pub fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
-    move |text| match text.parse::<usize>() {
-        Ok(value) if (least..=most).contains(&value) => Ok(value),
-        _ => Err(format!("expected a whole number from {least} to {most}")),
-    }
-}
-
-/// Most threads that can be asked for: more than any machine has processors that one process may use.
-const MOST_THREADS: usize = 1024;
-
-/// A number of threads; 0 for one per processor.
-pub fn thread_count(text: &str) -> Result<usize, String> {
-    count(0, MOST_THREADS)(text)
-}
-
-/// Bytes from a text such as `500MB`, `2GB` or `1.5 GiB`.
-pub fn memory(text: &str) -> Result<u64, String> {
-    const LEAST: f64 = 16e6;
-    let text = text.trim();
-    let digits = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
-    let factor = match text[digits..].to_lowercase().as_str() {
-        "" | "b" => 1.0,
-        "k" | "kb" => 1e3,
-        "m" | "mb" => 1e6,
-        "g" | "gb" => 1e9,
-        "t" | "tb" => 1e12,
-        "kib" => 1024.0,
-        "mib" => 1024.0 * 1024.0,
-        "gib" => 1024.0 * 1024.0 * 1024.0,
-        _ => return Err("expected a size such as 500MB or 2GB".to_owned()),
-    };
-    number(text[..digits].trim(), |v| v * factor >= LEAST && v * factor < 1e15, "a size of at least 16MB, such as 500MB or 2GB")
-        .map(|v| (v * factor) as u64)
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
-}
-
-fn power(text: &str) -> Result<f64, String> {
-    number(text, |v| (0.5..=0.99).contains(&v), "a number from 0.5 to 0.99")
 }
 
 fn landmark_marks(text: &str) -> Result<LandmarkSelection, String> {
@@ -338,7 +276,7 @@ pub struct AnalysisArgs {
     #[arg(long, conflicts_with = "portrait")]
     no_faces: bool,
     /// Frame rate of the FAP files
-    #[arg(long, default_value_t = FapOptions::default().fps, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = FapOptions::default().fps, value_parser = whole::<u32>(1, 1000))]
     fps: u32,
     #[command(flatten)]
     profile: ProfileArgs,

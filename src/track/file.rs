@@ -187,6 +187,16 @@ pub enum TrackFileError {
         /// The table.
         path: PathBuf,
     },
+    /// A normalized model.
+    #[error(
+        "{}: a normalized model, and no track: it is in face units, upright, without states of its nodes; tracks are in the folder tracks of a \
+         run",
+        path.display()
+    )]
+    Normalized {
+        /// The table.
+        path: PathBuf,
+    },
     /// The `.json` does not read.
     #[error("{}: {source}", path.display())]
     Json {
@@ -349,7 +359,29 @@ pub fn neutral_first(mut frames: Vec<TrackedFrame>, neutral: Option<u32>) -> Vec
 /// [`TrackFileError`] with the line.
 pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     let bytes = crate::input::read(path).map_err(|source| TrackFileError::Io { path: path.to_owned(), source })?;
-    Ok(neutral_first(parse_track(path, &bytes)?, neutral_beside(path)))
+    let frames = parse_track(path, &bytes)?;
+    if is_normalized(&frames) {
+        let json = crate::input::read(&path.with_extension("json")).unwrap_or_default();
+        let path = path.to_owned();
+        return Err(if is_representative(&json) {
+            TrackFileError::Representative { path }
+        } else {
+            TrackFileError::Normalized { path }
+        });
+    }
+    Ok(neutral_first(frames, neutral_beside(path)))
+}
+
+/// Whether positions are those of a normalized model: nothing is known of the nodes but where they are, about an origin within the face, with y
+/// up: the chin below the outer corners of the eyes.
+fn is_normalized(frames: &[TrackedFrame]) -> bool {
+    const CHIN_AND_EYES: [usize; 3] = [10, 20, 53];
+    let Some(neutral) = frames.first() else { return false };
+    let is_bare = |node: &TrackedNode| node.state == NodeState::Tracked && node.residual.is_none();
+    let [Some(chin), Some(left), Some(right)] = CHIN_AND_EYES.map(|k| neutral.nodes.get(k).map(|n| n.position)) else {
+        return false;
+    };
+    frames.iter().flat_map(|frame| &frame.nodes).all(is_bare) && chin.y < 0.0 && chin.y < left.y.min(right.y) && right.x < 0.0
 }
 
 /// [`read_track`] of bytes at hand, frames ascending; `path` is only named in errors.
@@ -433,6 +465,24 @@ mod tests {
         let mut back = frames();
         back.reverse();
         assert_eq!(track_csv(&back), track_csv(&frames()));
+    }
+
+    #[test]
+    fn a_normalized_model_is_no_track() {
+        // Chin, outer corner of the left and of the right eye: y up about the nose, and the same in a picture.
+        let table = |place: fn(f64, f64) -> (f64, f64)| {
+            let at = |node: usize| match node {
+                10 => place(0.0, -1400.0),
+                20 => place(780.0, 250.0),
+                53 => place(-780.0, 250.0),
+                _ => place(0.0, 0.0),
+            };
+            let row = |k: usize| format!("{},{},{},{}\n", k / 54, k % 54, at(k % 54).0, at(k % 54).1);
+            format!("frame,node,x,y\n{}", (0..108).map(row).collect::<String>())
+        };
+        let error = read(&table(|x, y| (x, y))).unwrap_err().to_string();
+        assert!(error.contains("t.csv: a normalized model, and no track"), "{error}");
+        assert_eq!(read(&table(|x, y| (0.1 * x + 320.0, 240.0 - 0.1 * y))).unwrap().len(), 2);
     }
 
     #[test]

@@ -3,6 +3,35 @@
 use crate::common::{Work, assert_same_files};
 
 #[test]
+fn models_and_representatives_given_as_tracks_are_called_what_they_are() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o R -q").exit(0);
+    let model = "S001_005.csv: a normalized model, and no track";
+    work.grimace("analyze R/models -o x").exit(1).says(&[model, "none of the 2 tracks can be used"]);
+    work.grimace("features R/models/S001_005.csv -o x").exit(1).says(&[model]);
+    work.grimace("recognize --with R R/models/S001_005.csv").exit(1).says(&[model]);
+    work.grimace("features R/representatives/happiness.csv -o x")
+        .exit(1)
+        .says(&["happiness.csv: a representative, and no track"]);
+}
+
+#[test]
+fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
+    let work = Work::new();
+    let refused = |args: &str, said: &str| {
+        let ran = work.grimace(args).exit(2).says(&[said]);
+        assert!(!ran.stderr.contains("tip") && !ran.stderr.contains("invalid digit"), "{}", ran.stderr);
+    };
+    refused("analyze a.csv -o x --fps 29.97", "invalid value '29.97' for '--fps <FPS>': expected a whole number from 1 to 1000");
+    refused("fap convert a.fap -o b.fap --fps 29.97", "expected a whole number from 1 to 32767");
+    refused("analyze a.csv -o x --alpha -0.1", "'--alpha <ALPHA>': expected a share of at least 0 and less than 0.5");
+    refused("clone -s a.fap -t a.jpg -o x --emphasis -1", "'--emphasis <C>': expected a number greater than 0");
+    refused("analyze a.csv -o x --seed -1", "'--seed <SEED>': expected a whole number of at least 0");
+    refused("simulate -o x --noise much", "'--noise <SIGMA>': expected a number");
+    refused("simulate -o x --seed -1", "'--seed <SEED>': expected a whole number of at least 0");
+}
+
+#[test]
 fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
     let work = Work::with_faces();
     work.grimace("run faces -o out").exit(0);

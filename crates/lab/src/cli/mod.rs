@@ -44,7 +44,10 @@ enum Command {
 
 /// Parses the arguments, runs the command, prints errors, returns the exit status.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match grimace::internal::cli::numbers::parse::<Cli>() {
+        Ok(cli) => cli,
+        Err(said) => return grimace::internal::cli::print::said_by_clap(&said),
+    };
     cli.pictures.apply();
     grimace::internal::cli::exit_code(match cli.command {
         Command::Simulate(args) => simulate::run(args),

@@ -44,6 +44,12 @@ pub enum PortraitError {
     /// The photograph does not open.
     #[error(transparent)]
     Image(#[from] SequenceError),
+    /// No such photograph.
+    #[error("{}: there is no such file", path.display())]
+    NotThere {
+        /// The path.
+        path: PathBuf,
+    },
     /// A folder does not list.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
@@ -292,6 +298,9 @@ impl PortraitSource {
     /// # Errors
     /// [`PortraitError`] for marks that do not read or are not there.
     pub fn photograph(path: &Path, marks: Option<&Path>, tables: &Tables, node_count: usize) -> Result<Self, PortraitError> {
+        if !path.exists() {
+            return Err(PortraitError::NotThere { path: path.to_owned() });
+        }
         let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let beside = MARK_FILES.map(|ending| path.with_file_name(format!("{id}{ending}")));
         let found = marks.or_else(|| beside.iter().map(PathBuf::as_path).find(|path| path.is_file()));

@@ -200,8 +200,9 @@ fn what_can_not_be_animated_is_explained() {
         fs::write(&path, content).unwrap();
         path
     };
-    fails(&mut animate(&folder.path().join("none.png"), &out), "it has no marks");
+    fails(&mut animate(&folder.path().join("none.png"), &out), "none.png: there is no such file");
     let no_picture = file("text.png", "no picture");
+    fails(&mut animate(&no_picture, &out), "it has no marks");
     let marks = PHOTO.path.join("anna_correspondences.csv");
     fails(animate(&no_picture, &out).arg("--correspondences").arg(&marks), "not an image in a known format");
     let empty = folder.path().join("empty");

@@ -1,0 +1,107 @@
+//! Numbers on the command line: what an option takes, and what is said of anything else.
+
+use std::{
+    error::Error as _,
+    fmt::Display,
+    num::{IntErrorKind, ParseFloatError, ParseIntError},
+    str::FromStr,
+};
+
+use clap::{Command, Parser};
+
+/// Parses the arguments of the process. Negative numbers are values of options: an option says itself which it takes.
+pub fn parse<C: Parser>() -> Result<C, clap::Error> {
+    let mut command = with_negative_numbers(C::command());
+    let mut matches = command.try_get_matches_from_mut(std::env::args_os())?;
+    C::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
+}
+
+fn with_negative_numbers(command: Command) -> Command {
+    let takes = |arg: &clap::Arg| !arg.is_positional() && arg.get_action().takes_values();
+    command
+        .mut_args(|arg| if takes(&arg) { arg.allow_negative_numbers(true) } else { arg })
+        .mut_subcommands(with_negative_numbers)
+}
+
+/// What Rust says of a text that is no number, and what is said instead.
+pub fn expected_number(said: &clap::Error) -> Option<(String, &'static str)> {
+    let source = said.source()?;
+    let expected = match source.downcast_ref::<ParseIntError>().map(ParseIntError::kind) {
+        Some(IntErrorKind::PosOverflow) => "expected a smaller whole number",
+        Some(_) => "expected a whole number of at least 0",
+        None => source.downcast_ref::<ParseFloatError>().map(|_| "expected a number")?,
+    };
+    Some((source.to_string(), expected))
+}
+
+/// A number for which `fits` holds.
+fn number(text: &str, fits: impl Fn(f64) -> bool, expected: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && fits(value) => Ok(value),
+        _ => Err(format!("expected {expected}")),
+    }
+}
+
+pub fn positive(text: &str) -> Result<f64, String> {
+    number(text, |v| v > 0.0, "a number greater than 0")
+}
+
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    number(text, |v| v >= 0.0, "a number of at least 0")
+}
+
+pub fn alpha(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.0..0.5).contains(&v), "a share of at least 0 and less than 0.5, such as 0.1 to trim a tenth")
+}
+
+/// A whole number within bounds.
+pub fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
+    whole(least, most)
+}
+
+/// [`count`] of any type.
+pub fn whole<T>(least: T, most: T) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
+where
+    T: FromStr + PartialOrd + Display + Copy + Send + Sync + 'static,
+{
+    move |text| match text.parse::<T>() {
+        Ok(value) if least <= value && value <= most => Ok(value),
+        _ => Err(format!("expected a whole number from {least} to {most}")),
+    }
+}
+
+/// Most threads that can be asked for: more than any machine has processors that one process may use.
+const MOST_THREADS: usize = 1024;
+
+/// A number of threads; 0 for one per processor.
+pub fn thread_count(text: &str) -> Result<usize, String> {
+    count(0, MOST_THREADS)(text)
+}
+
+/// Bytes from a text such as `500MB`, `2GB` or `1.5 GiB`.
+pub fn memory(text: &str) -> Result<u64, String> {
+    const LEAST: f64 = 16e6;
+    let text = text.trim();
+    let digits = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let factor = match text[digits..].to_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1024.0 * 1024.0,
+        "gib" => 1024.0 * 1024.0 * 1024.0,
+        _ => return Err("expected a size such as 500MB or 2GB".to_owned()),
+    };
+    number(text[..digits].trim(), |v| v * factor >= LEAST && v * factor < 1e15, "a size of at least 16MB, such as 500MB or 2GB")
+        .map(|v| (v * factor) as u64)
+}
+
+pub fn share(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
+}
+
+pub fn power(text: &str) -> Result<f64, String> {
+    number(text, |v| (0.5..=0.99).contains(&v), "a number from 0.5 to 0.99")
+}
