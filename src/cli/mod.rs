@@ -37,6 +37,7 @@ mod run;
 mod segment;
 pub mod shared;
 mod synthesize;
+mod synthesize_report;
 mod track;
 mod version;
 

@@ -5,28 +5,26 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::Context;
-use clap::ValueEnum;
-use grimace::{
-    dataset::LandmarkSelection,
-    input::file_blake3,
-    interpolation::FPS,
-    output::{MADE_BY, count, listed, write_json},
-    pipeline::{PipelineOptions, Workbench},
-    synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, HeadTexture, Motion, OVERLAP,
-        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
-        jump, read_motion, write_gltf,
-    },
-};
-use serde_json::json;
-
 use super::{
     Outcome,
     apart::{all, check_apart, maybe},
     bank, portrait,
     progress::frame_bar,
     shared::{about, positive, set_threads, thread_count},
+    synthesize_report::Report,
+};
+use anyhow::Context;
+use clap::ValueEnum;
+use grimace::{
+    dataset::LandmarkSelection,
+    interpolation::FPS,
+    output::{count, listed, write_json},
+    pipeline::{PipelineOptions, Workbench},
+    synthesis::{
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, HeadTexture, Motion, OVERLAP,
+        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
+        read_motion, write_gltf,
+    },
 };
 
 const EXAMPLE: &str = "\
@@ -49,7 +47,7 @@ shapes have ARKit names, and on request surface.npy, obj/, ply/ and history.csv.
 pub struct Args {
     /// Bank file, or `head` or `candide` for an embedded bank
     #[arg(short, long, value_name = "BANK")]
-    bank: PathBuf,
+    pub bank: PathBuf,
     /// Representatives, models, tracks, .fap files or CSV files of feature point motions; of several, one animation.glb has an
     /// animation each, and the other files are in a folder each
     #[arg(short, long, required = true, num_args = 1.., value_name = "FILE")]
@@ -62,10 +60,10 @@ pub struct Args {
     format: Vec<Format>,
     /// Neutral photograph, frontal, that the skin of the head wears
     #[arg(long, value_name = "IMAGE")]
-    portrait: Option<PathBuf>,
+    pub portrait: Option<PathBuf>,
     /// Marks of the portrait, node,x,y; without them they are found
     #[arg(long, value_name = "C.csv", requires = "portrait")]
-    correspondences: Option<PathBuf>,
+    pub correspondences: Option<PathBuf>,
     /// True surface to compare with, as --format npy writes it
     #[arg(long, value_name = "NPY")]
     truth: Option<PathBuf>,
@@ -204,11 +202,6 @@ struct TimeArgs {
     scale: Option<f64>,
 }
 
-/// Mean fitness below which a person should be told that the bank does not have the expression.
-const POOR_FITNESS: f64 = 0.5;
-/// Version of the layout of `synthesis.json`.
-const SCHEMA_VERSION: u32 = 1;
-
 impl SearchArgs {
     fn options(&self, smoothing_frames: f64) -> anyhow::Result<SynthesisOptions> {
         let crossover = match self.crossover {
@@ -333,11 +326,11 @@ fn worn(path: &Path, marks: Option<&Path>, bank: &Bank) -> anyhow::Result<HeadTe
 }
 
 /// A motion and what the bank makes of it.
-struct Played<'a> {
-    path: &'a Path,
+pub struct Played<'a> {
+    pub path: &'a Path,
     name: String,
-    motion: Motion,
-    noise: f64,
+    pub motion: Motion,
+    pub noise: f64,
     fps: f64,
     answers: Vec<FrameAnswer>,
 }
@@ -456,119 +449,5 @@ fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &
     }
     if animation.fps.fract() != 0.0 {
         println!("the timecodes of livelink.csv count {} frames for a second", animation.fps.round());
-    }
-}
-
-/// What an animation comes to.
-struct Report {
-    moving: usize,
-    fitness: Option<f64>,
-    region_fitness: Option<f64>,
-    share_of_bound: Option<f64>,
-    /// Root mean square of second differences over that of the motion: of the target, of the result.
-    jumps: (Option<f64>, Option<f64>),
-    /// Of the frames whose truth moves.
-    errors: Option<(f64, f64)>,
-}
-
-impl Report {
-    fn new(animation: &Animation<'_>, errors: Option<&[Option<f64>]>) -> Self {
-        let mean = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-        let answers = animation.answers;
-        let flat = |m: &grimace::synthesis::FpMotion| {
-            m.offsets.iter().map(|o| o.map_or([0.0; 3], |v| [v.x, v.y, v.z])).collect::<Vec<_>>()
-        };
-        let known: Vec<usize> = animation.motions.first().map_or(Vec::new(), |first| {
-            (0..first.offsets.len()).filter(|&k| animation.motions.iter().all(|m| m.offsets[k].is_some())).collect()
-        });
-        let planar = animation.motions.iter().any(|m| m.planar);
-        let pick = |all: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
-            known.iter().map(|&k| if planar { [all[k][0], all[k][1], 0.0] } else { all[k] }).collect()
-        };
-        let target: Vec<_> = animation.motions.iter().map(|m| pick(flat(m))).collect();
-        let result: Vec<_> = animation.synthesizer.point_motions(answers, animation.motions).into_iter().map(pick).collect();
-        let errors = errors.map(|e| e.iter().flatten().copied().collect::<Vec<f64>>());
-        Self {
-            moving: answers.iter().filter(|a| a.fitness.is_some()).count(),
-            fitness: mean(answers.iter().filter_map(|a| a.fitness).collect()),
-            region_fitness: mean(answers.iter().filter_map(FrameAnswer::mean_region_fitness).collect()),
-            share_of_bound: mean(answers.iter().filter_map(FrameAnswer::share_of_bound).collect()),
-            jumps: (jump(&target), jump(&result)),
-            errors: errors.and_then(|e| mean(e.clone()).map(|m| (m, e.into_iter().fold(0.0, f64::max)))),
-        }
-    }
-
-    fn json(&self, args: &Args, played: &Played<'_>, animation: &Animation<'_>, files: &BTreeSet<String>) -> serde_json::Value {
-        let (bank, motion) = (animation.synthesizer.bank(), &played.motion);
-        let text = |p: &Path| p.file_name().unwrap_or(p.as_os_str()).to_string_lossy().into_owned();
-        json!({
-            "schema_version": SCHEMA_VERSION,
-            "made_by": MADE_BY,
-            "bank": {
-                "file": text(&args.bank), "blake3": file_blake3(&args.bank), "unit": bank.info().unit, "credit": bank.info().credit,
-                "vertices": bank.vertex_count(), "members": bank.member_count(), "feature_points": bank.feature_points().len(),
-            },
-            "motion": {
-                "file": text(played.path), "blake3": file_blake3(played.path), "kind": motion.kind, "fps": animation.fps,
-                "bank_units_per_face_unit": motion.scale, "noise": played.noise,
-                "faps_not_shown": motion.not_shown.iter().map(|fap| fap.get()).collect::<Vec<_>>(),
-                "ignored_feature_points": motion.ignored.iter().map(ToString::to_string).collect::<Vec<_>>(),
-            },
-            "portrait": args.portrait.as_ref().map(|path| json!({
-                "file": text(path), "blake3": file_blake3(path),
-                "correspondences": args.correspondences.as_ref().map(|path| json!({ "file": text(path), "blake3": file_blake3(path) })),
-            })),
-            "units": {
-                "surface": "the bank's unit; displacements from neutral", "fitness": "mean cosine, -1 to 1",
-                "surface_error": "root of summed squared distances to the truth over that of the true motion",
-                "jump": "root mean square of second differences in time over that of the motion of the feature points",
-            },
-            "options": animation.synthesizer.options(),
-            "frames": animation.answers.len(),
-            "frames_that_move": self.moving,
-            "fitness": self.fitness,
-            "region_fitness": self.region_fitness,
-            "share_of_bound": self.share_of_bound,
-            "jump": { "target": self.jumps.0, "result": self.jumps.1 },
-            "surface_error": self.errors.map(|(mean, largest)| json!({ "mean": mean, "largest": largest })),
-            "files": files,
-        })
-    }
-
-    fn print(&self, motion: &Motion, bank: &Bank, out: &Path) {
-        println!(
-            "{} frames, {} of them move; bank of {} members, {} vertices",
-            motion.frames.len(),
-            self.moving,
-            bank.member_count(),
-            bank.vertex_count()
-        );
-        if !motion.ignored.is_empty() {
-            let points: Vec<String> = motion.ignored.iter().map(ToString::to_string).collect();
-            println!("not in the bank and left out: feature points {}", points.join(" "));
-        }
-        let Some(fitness) = self.fitness else {
-            println!("nothing moves in the whole motion: every frame is the neutral face");
-            println!("written to {}", out.display());
-            return;
-        };
-        println!("fitness           {fitness:.4} (mean over the frames that move)");
-        if let Some(regions) = self.region_fitness.filter(|f| (f - fitness).abs() > 5e-5) {
-            println!("  in the regions  {regions:.4}");
-        }
-        match self.share_of_bound {
-            Some(share) => println!("share of the bound {share:.4}"),
-            None => println!("no bound to compare with"),
-        }
-        if let (Some(target), Some(result)) = self.jumps {
-            println!("jump in time      {result:.4} (the motion itself {target:.4})");
-        }
-        if let Some((mean, largest)) = self.errors {
-            println!("surface error     {mean:.4}, at most {largest:.4}");
-        }
-        if fitness < POOR_FITNESS {
-            println!("the bank shows nothing like this motion: add expressions to it, or allow subtraction with --weights any");
-        }
-        println!("written to {}", out.display());
     }
 }
