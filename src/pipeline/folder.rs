@@ -28,7 +28,9 @@ pub(super) fn open(
 ) -> Result<(Dataset, String, Option<RunJson>), RunError> {
     let mut opened = Dataset::open(dataset)?;
     // Found out now and not after hours of tracking.
-    check_columns(&bench.options.by, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    for columns in [&bench.options.by, &bench.options.strata] {
+        check_columns(columns, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    }
     let labelled = opened.sequences.iter().map(|s| (&s.id, s.emotion.as_str(), &s.metadata));
     check_groups(&bench.options.by, labelled).map_err(AnalysisError::from)?;
     let name = dataset_name(dataset);

@@ -346,6 +346,16 @@ fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
 }
 
 #[test]
+fn a_column_that_is_not_there_is_found_before_anything_is_tracked() {
+    let work = Work::with_sequences(&["S001_005"]);
+    for option in ["--by shoesize", "--by gender --strata shoesize"] {
+        work.grimace(&format!("run faces -o out {option}")).exit(1).says(&["shoesize"]);
+        assert!(!work.path("out/tracks").exists(), "{option}");
+    }
+    work.grimace("run faces -o out").exit(0);
+}
+
+#[test]
 fn other_options_are_refused_without_force_and_the_difference_is_named() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("run faces -o out").exit(0);
