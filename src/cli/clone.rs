@@ -11,7 +11,7 @@ use grimace::{
         CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, Film, Rescale,
         SKIN_SUFFIX, Sheet, Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
-    dataset::{FrameSource, PUBLISH_COLUMN, list_frames, may_publish},
+    dataset::{FrameSource, IMAGE_EXTENSIONS, PUBLISH_COLUMN, list_frames, may_publish},
     output::{MADE_BY, count, per_second, write_atomic},
     pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
@@ -351,7 +351,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
 }
 
 /// Refuses frames that are not called as those that a track was made from, where it knows these: of another person as a rule. Folders may
-/// have moved.
+/// have moved. Of frames that were taken out of a video since, or made into one, names say nothing.
 fn check_names(
     folder: &Path,
     listed: &FrameSource,
@@ -363,6 +363,10 @@ fn check_names(
         FrameSource::Images(files) => files.iter().filter(|f| numbers.contains(&f.number)).map(|f| file_name(&f.path)).collect(),
         FrameSource::Video { path, .. } => vec![file_name(path)],
     };
+    let was_video = matches!(&info.source[..], [only] if !is_image_name(only));
+    if was_video == matches!(listed, FrameSource::Images(_)) {
+        return Ok(());
+    }
     let other = used.iter().find(|name| !info.source.contains(name));
     if let (Some(other), Some(known)) = (other, info.source.first()) {
         let more = if info.source.len() > 1 { " and others" } else { "" };
@@ -373,6 +377,12 @@ fn check_names(
         );
     }
     Ok(())
+}
+
+/// Whether a file is called as pictures are.
+fn is_image_name(name: &str) -> bool {
+    let extension = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
+    extension.is_some_and(|extension| IMAGE_EXTENSIONS.contains(&extension.as_str()))
 }
 
 /// The pictures of a track's frames: of the names and the size of those that were tracked, where these are known.
