@@ -69,7 +69,9 @@ impl Name {
 
 /// Makes decimals of one length of what stands behind points, where these are decimals: as a program prints them that leaves out zeros at
 /// the end, they differ in length, and none ends with a zero but `0` alone. (`1.9` and `1.10` are the ninth and the tenth of something.)
-fn align_decimals(names: &mut [Name]) {
+/// Whether there are some.
+fn align_decimals(names: &mut [Name]) -> bool {
+    let mut are_there = false;
     let groups = names.iter().map(|name| name.digits.len()).max().unwrap_or(0);
     for k in 1..groups {
         let with: Vec<&Name> = names.iter().filter(|name| name.digits.len() > k).collect();
@@ -79,23 +81,25 @@ fn align_decimals(names: &mut [Name]) {
         if least < most && with.iter().all(is_decimal) {
             let digits = names.iter_mut().filter_map(|name| name.digits.get_mut(k));
             digits.for_each(|digits| digits.push_str(&"0".repeat(most - digits.len())));
+            are_there = true;
         }
     }
+    are_there
 }
 
 /// Numbers files of one folder by their names, each of which has digits.
 ///
 /// The number is the last in the name where no two files share it, and where it gives the order in which a person reads the names or
-/// is all that varies. Else it is the one number that varies. Where several do (dates with times, numbers below zero), files are
-/// counted in the order of their names, numbers in them by their value.
+/// is all that varies. Else it is the one number that varies. Where several do (dates with times, numbers below zero), and where it is a
+/// decimal, files are counted in the order of their names, numbers in them by their value.
 pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
     let mut names: Vec<Name> = files.iter().map(|file| Name::new(file.as_ref())).collect();
-    align_decimals(&mut names);
+    let has_decimals = align_decimals(&mut names);
     let last = || Numbering::Named(names.iter().map(|name| name.digits.last().cloned().unwrap_or_default()).collect());
     let mut order: Vec<usize> = (0..names.len()).collect();
     order.sort_by(|&a, &b| names[a].compare(&names[b]));
     let in_order = order.windows(2).all(|pair| names[pair[0]].last() < names[pair[1]].last());
-    if in_order {
+    if in_order && !has_decimals {
         return last();
     }
     let groups = names.iter().map(|name| name.digits.len()).max().unwrap_or(0);
@@ -110,7 +114,7 @@ pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
     match varying[..] {
         _ if is_twice => last(),
         [] if !(0..groups).any(is_mixed) => last(),
-        [k] if names.iter().all(|name| name.digits.len() == groups) && !is_mixed(k) => {
+        [k] if !has_decimals && names.iter().all(|name| name.digits.len() == groups) && !is_mixed(k) => {
             Numbering::Named(names.iter().filter_map(|name| name.digits.get(k).cloned()).collect())
         }
         _ => {
@@ -163,7 +167,7 @@ mod tests {
         assert_eq!(numbers(&["t_1700000000.800000.png", "t_1700000001.000000.png", "t_1700000000.900000.png"]), [1, 3, 2]);
         let seconds = ["17.0", "17.05", "17.1", "17.15", "18.3"].map(|t| format!("t_{t}.png"));
         assert_eq!(numbers(&seconds.each_ref().map(String::as_str)), [1, 2, 3, 4, 5], "without zeros at the end");
-        assert_eq!(numbers(&["0.04.png", "0.2.png", "0.12.png"]), [4, 20, 12], "hundredths");
+        assert_eq!(numbers(&["0.04.png", "0.2.png", "0.12.png"]), [1, 3, 2], "hundredths");
         assert_eq!(numbers(&["v1.9.png", "v1.10.png", "v1.11.png"]), [9, 10, 11], "the ninth, the tenth");
         assert_eq!(numbers(&["f_-1.png", "f_1.png", "f_0.png", "f_-10.png"]), [2, 4, 3, 1], "below zero");
         assert_eq!(numbers(&["f_-1.png", "f_1.png"]), [1, 2]);
