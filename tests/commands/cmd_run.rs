@@ -348,7 +348,7 @@ fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
 #[test]
 fn a_column_that_is_not_there_is_found_before_anything_is_tracked() {
     let work = Work::with_sequences(&["S001_005"]);
-    for option in ["--by shoesize", "--by gender --strata shoesize"] {
+    for option in ["--by shoesize", "--by sex --strata shoesize"] {
         work.grimace(&format!("run faces -o out {option}")).exit(1).says(&["shoesize"]);
         assert!(!work.path("out/tracks").exists(), "{option}");
     }
