@@ -59,9 +59,6 @@ const MAX_HALF_RATIO: f64 = 1.9;
 /// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
 const MIDLINE_DEPTH: f64 = 0.45;
 
-/// Inner edges of the upper and the lower lip in the middle.
-const LIP_MIDDLES: [usize; 2] = [87, 40];
-
 /// A neutral photograph, ready to be moved.
 ///
 /// ```
@@ -170,9 +167,7 @@ impl Target {
     /// How far its lips are apart in the middle over the eye distance, if it shows the inside of its mouth: that is no neutral face, and what
     /// is seen there stays in every clone.
     pub fn lips_apart(&self) -> Option<f64> {
-        let nodes = self.warp.texture_nodes();
-        let [upper, lower] = LIP_MIDDLES.map(|n| nodes[n]);
-        self.warp.shows_mouth().then(|| (lower - upper).norm() / self.warp.eye_distance())
+        self.warp.lips_apart()
     }
 
     /// Distance of its lids at each pair of `LID_PAIRS`, px.

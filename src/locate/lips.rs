@@ -115,8 +115,7 @@ fn read_mouth(view: View<'_>, mean: &[Point], shape: &[Point]) -> Vec<f32> {
 /// [`read_mouth`] of a picture as it is and in the mirror; `shape` is in pixels of the picture.
 pub fn read_both(picture: &Picture, mean: &[Point], shape: &[Point]) -> [Vec<f32>; 2] {
     let mirror = picture.view(true);
-    let turned: Shape = points().iter().map(|p| mirror.turn(shape[p.mirror])).collect();
-    [read_mouth(picture.view(false), mean, shape), read_mouth(mirror, mean, &turned)]
+    [read_mouth(picture.view(false), mean, shape), read_mouth(mirror, mean, &mirror.turn_shape(shape))]
 }
 
 /// What a regression should say of lips whose points are known: `shape` was found, `truth` is right (pixels).

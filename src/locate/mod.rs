@@ -4,7 +4,7 @@
 //! verifier says whether that is a face; local stages let each point look around itself. Each face is read twice, once in the mirror:
 //! the points are the mean of both, and how far the two are apart tells, with other signs, the error to expect. Everything is learned by
 //! [`learn`] from hand-set points; what was learned ships with the program. Hand-set points are there of closed mouths only, so a last
-//! stage looks whether the lips are parted, and where their inner edges are then.
+//! stage looks whether the lips are parted, and where their edges are then.
 
 pub mod learn;
 
@@ -374,10 +374,9 @@ impl Model {
     fn mirrored_reading(&self, picture: &Picture, start: &Shape) -> Reading {
         let view = picture.view(true);
         let turned = |values: &[f32]| points().iter().map(|p| values[p.mirror]).collect::<Vec<f32>>();
-        let start = points().iter().map(|p| view.turn(start[p.mirror])).collect();
-        let reading = self.reading(view, start);
+        let reading = self.reading(view, view.turn_shape(start));
         Reading {
-            shape: points().iter().map(|p| view.turn(reading.shape[p.mirror])).collect(),
+            shape: view.turn_shape(&reading.shape),
             last_step: turned(&reading.last_step),
             dissent: turned(&reading.dissent),
             ..reading

@@ -2,7 +2,10 @@
 
 use image::GrayImage;
 
-use super::shape::{Placement, Point};
+use super::{
+    points,
+    shape::{Placement, Point, Shape},
+};
 
 /// Levels are halved until a side is shorter than this.
 const SMALLEST_SIDE: usize = 24;
@@ -128,6 +131,11 @@ impl View<'_> {
     /// A point of the picture in this view, and back.
     pub fn turn(self, p: Point) -> Point {
         if self.mirrored { [(self.picture.width() - 1) as f32 - p[0], p[1]] } else { p }
+    }
+
+    /// The points of a face of the picture as they are in this view, and back: in the mirror left is right.
+    pub fn turn_shape(self, shape: &[Point]) -> Shape {
+        if self.mirrored { points().iter().map(|p| self.turn(shape[p.mirror])).collect() } else { shape.to_vec() }
     }
 
     /// The grey value at a place, smoothed for a picture with a pixel for `scale` pixels of this one.

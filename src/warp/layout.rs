@@ -53,7 +53,7 @@ const MOUTH_GAP: f64 = 0.06;
 /// Distance of the lids in the reference, over the eye distance.
 const LID_GAP: f64 = 0.10;
 /// Lips nearer than this, over the eye distance, count as closed: the fit cannot tell better.
-const CLOSED_GAP: f64 = 0.06;
+pub const CLOSED_GAP: f64 = 0.06;
 
 /// Upper and lower edge of the middle of each brow.
 pub const BROW_EDGES: [(u16, u16); 2] = [(16, 18), (49, 51)];

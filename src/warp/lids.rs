@@ -35,8 +35,8 @@ const MOST_SHUT: f64 = 0.3;
 /// How far from where Candide-3 has them the inner corners of the mouth lie towards the outer ones: lips part to their end.
 const CORNERS: f64 = 0.3;
 
-/// The nodes with the upper lids and a parted lower lip where the picture shows them, and lips that end near their corners; a node of which `is_set` says that a
-/// person placed it stays.
+/// The nodes with the upper lids and a parted lower lip where the picture shows them, and lips that end near their corners; a node of
+/// which `is_set` says that a person placed it stays.
 pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool) -> Vec<Point2<f64>> {
     let mut placed = nodes.to_vec();
     for (inner, outer) in [(88, 31), (89, 64)] {

@@ -238,9 +238,11 @@ impl Warp {
         self
     }
 
-    /// Whether the photograph shows the inside of the mouth: what is there stays, with the upper jaw, and none is made.
-    pub fn shows_mouth(&self) -> bool {
-        !self.closed
+    /// How far the lips are apart in the middle over the eye distance, if the photograph shows the inside of the mouth: what is there stays,
+    /// with the upper jaw, and none is made.
+    pub fn lips_apart(&self) -> Option<f64> {
+        let [upper, lower] = [OPENINGS[0].upper[2], OPENINGS[0].lower[2]].map(|n| self.nodes[usize::from(n)]);
+        (!self.closed).then(|| (lower - upper).norm() / self.frame.eye_distance)
     }
 
     /// Centre and radius (px) of the iris found in each eye, the subject's left one first; `None` before [`Warp::with_eyes`], and

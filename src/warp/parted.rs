@@ -3,7 +3,11 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::{Texture, layout::Frame, mouth::whiteness};
+use super::{
+    Texture,
+    layout::{CLOSED_GAP, Frame},
+    mouth::whiteness,
+};
 
 /// Upper lip's lower edge, lower lip's upper and lower edge, as nodes, on three lines across the lips.
 const LINES: [[usize; 3]; 3] = [[81, 83, 85], [87, 40, 8], [82, 84, 86]];
@@ -16,13 +20,11 @@ const HALF_WIDTH: f64 = 0.012;
 const LEAST: f32 = 18.0;
 /// How far up and down an edge is moved at most, over the eye distance.
 const REACH: (f64, f64) = (0.05, 0.11);
-/// Lips nearer than this, over the eye distance, show nothing between them.
-const PARTED: f64 = 0.06;
 
 /// Moves the lower lip's inner edge to where the photograph has it; a node of which `is_set` says that a person placed it stays.
 pub fn place_lower_lip(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
     let [upper, lower, _] = LINES[1].map(|n| frame.height(&nodes[n]));
-    if lower - upper < PARTED * frame.eye_distance {
+    if lower - upper < CLOSED_GAP * frame.eye_distance {
         return;
     }
     for [upper, lower, end] in LINES {
@@ -59,8 +61,8 @@ fn teeth_end(values: &[f32], found: f64) -> Option<usize> {
     let found = (found * last as f64).round() as usize;
     let (teeth, lip) = (values.get(..=found)?, values.get(usize::midpoint(found, last)..last)?);
     let brightest = teeth.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map(|(k, _)| k)?;
-    let (tooth, lip) =
-        (median(teeth.iter().copied().filter(|v| *v >= median(teeth.iter().copied()))), median(lip.iter().copied()));
+    let half = median(teeth.iter().copied());
+    let (tooth, lip) = (median(teeth.iter().copied().filter(|v| *v >= half)), median(lip.iter().copied()));
     if tooth - lip < LEAST {
         return None;
     }

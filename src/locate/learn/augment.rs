@@ -69,14 +69,6 @@ impl Source {
             shape: face.shape.clone(),
         })
     }
-
-    fn view_shape(&self, mirrored: bool) -> Shape {
-        let view = self.grey.view(mirrored);
-        if !mirrored {
-            return self.shape.clone();
-        }
-        points().iter().map(|p| view.turn(self.shape[p.mirror])).collect()
-    }
 }
 
 /// How far a face stands out towards the camera, rough, at a place relative to the middle of the face; eye distances.
@@ -129,7 +121,7 @@ const GRID: usize = 6;
 
 /// Makes a picture.
 pub fn render(source: &Source, face: usize, mirrored: bool, random: &mut ChaCha8Rng) -> Sample {
-    let shape = source.view_shape(mirrored);
+    let shape = source.grey.view(mirrored).turn_shape(&source.shape);
     let (right, left) = (shape[PUPILS[1]], shape[PUPILS[0]]);
     let unit = (left[0] - right[0]).hypot(left[1] - right[1]);
     let middle = [0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1]) + 0.6 * unit];

@@ -28,7 +28,8 @@ const FLOOR: f32 = 0.001;
 /// Knots of the calibration.
 const KNOTS: usize = 9;
 
-fn median(values: &mut [f32]) -> f32 {
+/// The upper one of the middle values; 0 of none.
+pub fn median(values: &mut [f32]) -> f32 {
     values.sort_by(f32::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }

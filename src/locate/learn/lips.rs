@@ -1,4 +1,4 @@
-//! Learning when lips are parted, and where their inner edges are, from what the stages before say of people who did not serve for them.
+//! Learning when lips are parted, and where their edges are, from what the stages before say of people who did not serve for them.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::{
     Sample,
     augment::stream,
+    calibrate::median,
     read_twice,
     ridge::{FOLDS, among_numbers, centre_rows},
 };
@@ -105,8 +106,8 @@ pub fn learn_lips(models: &[Model], samples: &[Sample], seed: u64) -> Option<(Li
         expected_error: 0.0,
     };
     let errors = parted.iter().enumerate().flat_map(|(i, m)| edge_errors(m, edges.said.row(i).iter().copied()));
-    let errors: Vec<(f32, f32)> = errors.collect();
-    let (before, after) = (median(errors.iter().map(|e| e.0)), median(errors.iter().map(|e| e.1)));
+    let (mut before, mut after): (Vec<f32>, Vec<f32>) = errors.unzip();
+    let (before, after) = (median(&mut before), median(&mut after));
     stage.expected_error = after;
     let over = |range: std::ops::Range<usize>| {
         let count = range.len().max(1) as f64;
@@ -174,10 +175,4 @@ fn mean_distance(shape: &Shape, truth: &Shape) -> f32 {
 
 fn pupils_apart(shape: &Shape) -> f32 {
     distance(shape[PUPILS[0]], shape[PUPILS[1]]).max(f32::MIN_POSITIVE)
-}
-
-fn median(values: impl Iterator<Item = f32>) -> f32 {
-    let mut values: Vec<f32> = values.collect();
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
