@@ -12,6 +12,7 @@ use super::{CloneError, CloneOptions, ClonedExpression, Sheet, SourceMotion, pic
 use crate::{
     fap::{Clamped, ConvertError, FapCatalog, FapMotion, FapSequence, Profile, ValueFormat, unlimited_faps, write_fap_as},
     fit::{FitOptions, MarkKind},
+    interpolation::FPS,
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, SizeMode},
     output::{FolderRecord, MADE_BY, write_atomic, write_bytes, write_json},
@@ -323,9 +324,10 @@ fn fap_of(
     let normalized = normalizer.normalize_every_frame(model)?;
     let name = format!("{}_{}", clone.target().name, source.name);
     let units = (&normalizer.canonical().fapus, clone.target().lid_units());
-    // FAP files have whole frame rates.
-    let fps = clone.fps.round().clamp(1.0, 1000.0) as u32;
-    Ok(FapSequence::from_measured(&normalized, units, FapCatalog::mpeg4(), &name, fps, 0)?)
+    let (measured, clamped) = FapSequence::from_measured(&normalized, units, FapCatalog::mpeg4(), &name, FPS, 0)?;
+    let mut sequence = FapSequence { fps: clone.fps, ..measured }.at_whole_rate();
+    sequence.round();
+    Ok((sequence, clamped))
 }
 
 /// FAPs that the source asks for and that are smaller in the model `shown`, each where it is asked for most. Values of a FAP file are

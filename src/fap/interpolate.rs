@@ -38,6 +38,33 @@ pub enum InterpolateError {
     },
 }
 
+/// Most frames that are written for one so that the frame rate is a whole number.
+const MOST_FOR_ONE: u8 = 4;
+/// A whole frame rate this near, as share of it, is as good.
+const SAME_RATE: f64 = 0.002;
+/// Highest frame rate that is written by itself, frames per second.
+const MOST_FPS: f64 = 1000.0;
+
+/// A frame rate and the whole one at which it is written ([`FapSequence::at_whole_rate`]), frames per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WholeRate {
+    /// That of the frames, put right by what the written one tells.
+    pub taken: f64,
+    /// The whole one.
+    pub written: f64,
+}
+
+/// The whole frame rate for one that need not be.
+pub fn whole_rate(fps: f64) -> WholeRate {
+    let whole = |times: f64| {
+        let written = (times * fps).round();
+        let near = (1.0..=MOST_FPS).contains(&written) && (times * fps - written).abs() <= SAME_RATE * written;
+        near.then_some(WholeRate { taken: written / times, written })
+    };
+    let next = || WholeRate { taken: fps, written: fps.ceil().clamp(1.0, MOST_FPS) };
+    (1..=MOST_FOR_ONE).find_map(|times| whole(f64::from(times))).unwrap_or_else(next)
+}
+
 impl FapSequence {
     /// The frames as key frames, with `between` frames put between successive ones at equal steps.
     ///
@@ -64,6 +91,17 @@ impl FapSequence {
         }
         let steps = self.frames.len().saturating_sub(1) as f64;
         Ok(Self { fps, ..self.resampled((steps * fps / self.fps).round().max(1.0) + 1.0)? })
+    }
+
+    /// The same motion at a whole frame rate, which files of the strict subset must have.
+    ///
+    /// The rate is the nearest whole one where that is as good (30 for 29.97); else up to four times its own where that is whole, so that every
+    /// frame stays one (25 for 12.5); else the next higher. Values are not rounded. Where that were too many frames, they stay as they are,
+    /// and the motion is faster.
+    pub(crate) fn at_whole_rate(self) -> Self {
+        let WholeRate { taken, written } = whole_rate(self.fps);
+        let own = Self { fps: taken, ..self };
+        own.retimed(written).unwrap_or(Self { fps: written, ..own })
     }
 
     /// A given number of frames at equal steps from the first to the last frame.
@@ -103,6 +141,26 @@ mod tests {
 
     fn fap(number: u8) -> FapNumber {
         FapNumber::try_from(number).unwrap()
+    }
+
+    #[test]
+    fn frame_rates_that_are_not_whole_keep_the_time() {
+        let rates = |fps: f64| (whole_rate(fps).taken, whole_rate(fps).written);
+        assert_eq!(rates(25.0), (25.0, 25.0));
+        assert_eq!(rates(29.97), (30.0, 30.0));
+        assert_eq!(rates(12.5), (12.5, 25.0));
+        assert_eq!(rates(0.5), (0.5, 1.0));
+        assert_eq!(rates(1.5), (1.5, 3.0));
+        assert_eq!(rates(12.3), (12.3, 13.0));
+        assert_eq!(rates(0.1), (0.1, 1.0));
+        assert_eq!(rates(2000.0), (2000.0, 1000.0));
+        let half = FapSequence { fps: 12.5, ..sequence(&[Some(0.0), Some(10.0), Some(40.0)]) }.at_whole_rate();
+        assert_eq!((half.fps, half.frames.len()), (25.0, 5));
+        let value = |k: usize| half.frames[k].value(fap(3)).unwrap();
+        assert_eq!([value(0), value(2), value(4)], [0.0, 10.0, 40.0]);
+        // Ten seconds stay ten seconds.
+        let slow = FapSequence { fps: 0.1, ..sequence(&[Some(0.0), Some(10.0)]) }.at_whole_rate();
+        assert_eq!((slow.fps, slow.frames.len()), (1.0, 11));
     }
 
     fn sequence(values: &[Option<f64>]) -> FapSequence {

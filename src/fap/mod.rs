@@ -26,6 +26,7 @@ pub(crate) use convert::FAP_UNITS_PER_FAPU;
 pub use convert::{Clamped, ConvertError, measure_faps, offsets_from_frame, unlimited_faps};
 pub use finding::{Finding, Rule, Severity};
 pub use interpolate::InterpolateError;
+pub(crate) use interpolate::whole_rate;
 pub use mask::{FapMask, ParseMaskError};
 pub use profile::Profile;
 pub use reader::{FapFile, FapReadError, is_for_greta, read_fap, read_fap_bytes};

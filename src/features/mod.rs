@@ -13,7 +13,7 @@ use nalgebra::{Point2, Vector2};
 
 use crate::{
     dataset::LANDMARK_COUNT,
-    fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence},
+    fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence, whole_rate},
     model::{DynamicExpressionModel, ModelError},
     normalize::{NormalizeError, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
@@ -278,11 +278,13 @@ fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
 }
 
 /// The FAPs of a track as a file, frames by ascending number; where some are missing, as many on the way from the one before to the next.
-/// Frames that are not even in time become even ones. `usual` is the frame rate where the track's is not known.
+/// Frames that are not even in time become even ones at a whole frame rate ([`FapSequence::at_whole_rate`]). `usual` is the frame rate where the
+/// track's is not known.
 pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual: f64) -> FapSequence {
     let rows = in_time(features);
-    // Files of the strict subset have whole frame rates.
-    let fps = clock.fps.unwrap_or(usual).round().clamp(1.0, 1000.0);
+    let own = clock.fps.unwrap_or(usual);
+    // Frames that are placed anew by their times are placed where they are written.
+    let fps = if clock.times.is_some() { whole_rate(own).written } else { own };
     let frame = |(k, share): (usize, f64)| {
         let mut frame = FapFrame::default();
         for &(fap, value) in &rows[k].faps {
@@ -294,12 +296,8 @@ pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual
         frame
     };
     let numbers: Vec<u32> = rows.iter().map(|row| row.frame).collect();
-    let mut sequence = FapSequence {
-        version: "2.1".to_owned(),
-        name: crate::fap::name_token(name),
-        fps,
-        frames: even_frames(&numbers, clock, fps).into_iter().map(frame).collect(),
-    };
+    let frames = even_frames(&numbers, clock, fps).into_iter().map(frame).collect();
+    let mut sequence = FapSequence { version: "2.1".to_owned(), name: crate::fap::name_token(name), fps, frames }.at_whole_rate();
     sequence.round();
     sequence
 }
