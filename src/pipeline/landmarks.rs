@@ -9,9 +9,9 @@ use super::{
     sequence::{Labels, file_name},
 };
 use crate::{
-    dataset::{CorrespondenceSource, LandmarkSequence, LandmarksError, SequenceEntry, read_face, read_marks},
+    dataset::{CorrespondenceSource, LandmarkSequence, LandmarkTrack, LandmarksError, SequenceEntry, read_face, read_marks},
     fit::{Correspondence, FittedWireframe, MarkKind},
-    sequence::ImageSize,
+    sequence::{Clock, ImageSize},
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
     units::SequenceId,
 };
@@ -129,6 +129,8 @@ impl LandmarkSource {
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
         let (marks, fitted) = fit_landmarks(bench, neutral, self.marks.clone())?;
         let frames = plan.track(&bench.wireframe, &fitted, &sequence).map_err(SequenceFailure::at(Stage::Track))?;
+        // A rate that somebody gave is known better.
+        let clock = self.fps.map_or_else(|| clock(&read, &sequence), |fps| Clock::even(Some(fps)));
         let info = TrackInfo {
             schema_version: TRACK_SCHEMA,
             made_by: MADE_BY.to_owned(),
@@ -138,8 +140,8 @@ impl LandmarkSource {
             metadata: self.metadata.clone(),
             source: read.files.iter().map(|file| file_name(file)).collect(),
             image_size: ImageSize { width: 0, height: 0 },
-            fps: self.fps.or(read.fps),
-            times: None,
+            fps: clock.fps,
+            times: clock.times,
             notes: Vec::new(),
             marks_from: self.marks_from.to_owned(),
             marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
@@ -154,6 +156,13 @@ impl LandmarkSource {
         };
         Ok((frames, info))
     }
+}
+
+/// When the frames of a sequence are shown, by the times that its files tell.
+fn clock(read: &LandmarkTrack, sequence: &LandmarkSequence) -> Clock {
+    let numbers = || sequence.frames.iter().map(|frame| frame.number);
+    let (Some(lowest), Some(highest)) = (numbers().min(), numbers().max()) else { return Clock::default() };
+    Clock::of_times(read.times.range(lowest..=highest).map(|(&number, &seconds)| (number, seconds)))
 }
 
 /// The wireframe fitted to the neutral frame of a sequence of landmarks, and its marks: those given, or else the landmarks.

@@ -12,6 +12,8 @@ const TIMED: f64 = 0.5;
 const EVEN: [f64; 2] = [0.5, 0.25];
 /// Times in files are whole milliseconds: even ones are off by up to half of one, and so is the first.
 const ROUNDED: f64 = 1.001e-3;
+/// Numbers for a frame with a time, on the mean: of more, they count something else.
+const NUMBERS_FOR_A_FRAME: usize = 100;
 /// Distances by which times that are not known are continued.
 const CONTINUED: usize = 9;
 
@@ -28,6 +30,15 @@ impl Clock {
     /// Frames at even distances.
     pub fn even(fps: Option<f64>) -> Self {
         Self { fps, times: None }
+    }
+
+    /// The clock of frames with these ascending numbers, each shown so many seconds from some beginning. Where there are less than two, or
+    /// numbers count something else than frames, nobody knows.
+    pub(crate) fn of_times(frames: impl IntoIterator<Item = (u32, f64)>) -> Self {
+        let times = FrameTimes(frames.into_iter().map(|(number, seconds)| (number, Some(seconds))).collect());
+        let span = times.0.first().zip(times.0.last()).map_or(0, |(first, last)| last.0.saturating_sub(first.0));
+        let counts_frames = span as usize <= NUMBERS_FOR_A_FRAME * times.0.len();
+        if counts_frames { times.clock(None, None) } else { Self::default() }
     }
 
     /// Seconds from the first frame to the one `steps` numbers later; `None` where nobody says.
@@ -162,6 +173,18 @@ mod tests {
         let mut times = FrameTimes::default();
         (1..).zip(ms).for_each(|(number, ms)| times.enter(number, Some(ms / 1e3)));
         times
+    }
+
+    #[test]
+    fn tables_tell_times_of_their_own() {
+        // Four frames in 0.16 seconds; the frames between are not there.
+        assert_eq!(Clock::of_times([(1, 0.04), (5, 0.2)]), Clock::even(Some(25.0)));
+        let uneven = Clock::of_times([(7, 1.0), (8, 1.04), (9, 1.2), (10, 1.24)]);
+        assert_eq!(uneven.times, Some(vec![0.0, 0.04, 0.2, 0.24]));
+        // All at once, one alone, and numbers that count no frames.
+        assert_eq!(Clock::of_times([(1, 0.04), (2, 0.04)]), Clock::default());
+        assert_eq!(Clock::of_times([(1, 0.04)]), Clock::default());
+        assert_eq!(Clock::of_times([(1, 0.0), (4_000_000_000, 1.0)]), Clock::default());
     }
 
     #[test]

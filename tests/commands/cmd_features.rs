@@ -50,6 +50,27 @@ fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> f64
 }
 
 #[test]
+fn motions_keep_their_time_at_any_frame_rate() {
+    let work = Work::new();
+    dataset(&work, &[("A", 0.0, 0.8), ("B", 0.0, 0.8)]);
+    let table = work.read("heads/B.csv");
+    // B's frames are shown at 0, 0.1 and 0.5 s.
+    let times = ["timestamp", "3", "3.1", "3.5"];
+    let timed: String = table.lines().zip(times).map(|(row, time)| format!("{row},{time}\n")).collect();
+    work.write("heads/B.csv", timed);
+    work.write("heads/manifest.csv", "subject,sequence,emotion,frames,fps\nA,1,happiness,A.csv,12.5\nB,1,happiness,B.csv,\n");
+    work.grimace("run heads -o out").exit(0);
+    let header = |name: &str| work.read(name).lines().find(|line| line.starts_with("2.1")).unwrap().to_owned();
+    // Three frames in two twelve-and-a-halfths of a second, at a whole rate: five at 25.
+    assert_eq!(header("out/fap/tracks/A_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["25", "5"]);
+    let seconds = |name: &str| work.rows(name).iter().map(|row| row["timestamp"].clone()).collect::<Vec<_>>();
+    assert_eq!(seconds("out/features/A_1.csv"), ["0", "0.08", "0.16"]);
+    assert_eq!(seconds("out/features/B_1.csv"), ["0", "0.1", "0.5"]);
+    // Four frames a second in the mean, and half a second.
+    assert_eq!(header("out/fap/tracks/B_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["4", "3"]);
+}
+
+#[test]
 fn a_run_writes_pose_action_units_and_faps_of_every_frame() {
     let work = Work::new();
     dataset(&work, &[("A", 12.0, 0.8)]);

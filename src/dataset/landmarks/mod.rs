@@ -87,8 +87,8 @@ pub struct LandmarkTrack {
     pub lost: Vec<u32>,
     /// Confidence under which a frame counted as lost.
     pub least_confidence: f64,
-    /// Frames per second by the column `timestamp`.
-    pub fps: Option<f64>,
+    /// Seconds of the frames by the column `timestamp`.
+    pub times: BTreeMap<u32, f64>,
 }
 
 /// Landmarks that do not read or do not serve.
@@ -419,7 +419,7 @@ pub fn read_landmarks_with(path: &Path, least_confidence: f64) -> Result<Landmar
 pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Result<LandmarkTrack, LandmarksError> {
     let files = landmark_files(path)?;
     let (frames, lost) = (BTreeMap::new(), Vec::new());
-    let mut track = LandmarkTrack { path: path.to_owned(), files, frames, lost, least_confidence, fps: None };
+    let mut track = LandmarkTrack { path: path.to_owned(), files, frames, lost, least_confidence, times: BTreeMap::new() };
     match &track.files[..] {
         [] => {}
         [file] if file == path || has_extension(file, &TABLE_EXTENSIONS) => {

@@ -111,17 +111,11 @@ fn extent(points: &[Point2<f64>]) -> f64 {
 
 /// Enters one face's rows.
 fn take(rows: Vec<Row>, path: &Path, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
-    let times: Vec<(u32, f64)> = rows.iter().filter_map(|row| Some((row.frame, row.time?))).collect();
-    if let (Some(&(first, start)), Some(&(last, end))) = (times.first(), times.last())
-        && last > first
-        && end > start
-    {
-        track.fps = Some(f64::from(last - first) / (end - start));
-    }
-    for Row { frame, points, .. } in rows {
+    for Row { frame, points, time, .. } in rows {
         if track.frames.contains_key(&frame) || track.lost.contains(&frame) {
             return Err(LandmarksError::DuplicateFrame { path: path.to_owned(), frame });
         }
+        track.times.extend(time.map(|time| (frame, time)));
         match points {
             Some(points) => {
                 track.frames.insert(frame, points);
