@@ -187,7 +187,7 @@ pub(super) fn track_recorded(
         // Only frames that were read tell their times; a rate that somebody gave is known better.
         let clock = source.fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
         (info.fps, info.times) = (clock.fps, clock.times);
-        info.notes.extend(reader.remark().map(str::to_owned));
+        info.notes.extend(reader.remark());
     }
     (reader.into_content_blake3().map(|content| source.inputs_with(content, bench)), tracked)
 }

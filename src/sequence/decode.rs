@@ -93,6 +93,8 @@ fn megapixels(pixels: u64) -> String {
 #[derive(Debug, Default)]
 pub struct GrayDecoder {
     bits: Option<u32>,
+    /// Pictures with values beyond these bits.
+    cut: usize,
 }
 
 impl GrayDecoder {
@@ -119,8 +121,22 @@ impl GrayDecoder {
         Ok(GrayImage::from_raw(width, height, narrow).unwrap_or_default())
     }
 
+    /// What is to be said of 16-bit images that are brighter than the bits of the first one.
+    pub(super) fn remark(&self) -> Option<String> {
+        let (bits, cut) = (self.bits?, self.cut);
+        let pictures = if cut == 1 { "1 picture has".to_owned() } else { format!("{cut} pictures have") };
+        (cut > 0).then(|| {
+            format!(
+                "{pictures} values of more than the {bits} bits that the first one uses, white here: save all with the same bits, or as 8-bit \
+                 pictures"
+            )
+        })
+    }
+
     fn scale_to_8_bit(&mut self, values: &[u16]) -> Vec<u8> {
-        let bits = *self.bits.get_or_insert_with(|| bits_of(values.iter().copied().max().unwrap_or(0)));
+        let used = bits_of(values.iter().copied().max().unwrap_or(0));
+        let bits = *self.bits.get_or_insert(used);
+        self.cut += usize::from(used > bits);
         let scale = 255.0 / ((1_u32 << bits) - 1) as f32;
         values.iter().map(|&v| (f32::from(v) * scale).round_ties_even() as u8).collect()
     }
@@ -193,6 +209,15 @@ mod tests {
         assert_eq!(decoder.decode(&png_16(4095)).unwrap().as_raw(), &[255, 127, 0, 255]);
         // The second image keeps the 12-bit scale: 1000 * 255 / 4095 = 62.27.
         assert_eq!(decoder.decode(&png_16(1000)).unwrap().as_raw(), &[62, 31, 0, 62]);
+        assert_eq!(decoder.remark(), None);
+        // 5000 is beyond 12 bits: white, and said.
+        assert_eq!(decoder.decode(&png_16(5000)).unwrap().as_raw(), &[255, 156, 0, 255]);
+        assert!(
+            decoder
+                .remark()
+                .unwrap()
+                .starts_with("1 picture has values of more than the 12 bits that the first one uses, white here")
+        );
     }
 
     #[test]

@@ -233,11 +233,12 @@ impl SequenceReader {
         }
     }
 
-    /// What is to be said of a video that was read to its end, such as that frames are missing there.
-    pub(crate) fn remark(&self) -> Option<&str> {
+    /// What is to be said of frames that were read to their end, such as that some are missing there.
+    pub(crate) fn remark(&self) -> Option<String> {
         match &self.source {
-            Source::Video(video) => video.remark(),
-            Source::Images { .. } | Source::Backward(_) => None,
+            Source::Images { decoder, .. } => decoder.remark(),
+            Source::Video(video) => video.remark().map(str::to_owned),
+            Source::Backward(_) => None,
         }
     }
 
