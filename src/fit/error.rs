@@ -53,6 +53,12 @@ pub enum FitError {
         "the marks fit the mirrored face: left and right are the subject's own, so the subject's left is on the right of the image; exchange them (or were x and y exchanged?)"
     )]
     Mirrored,
+    /// Rows were counted from the bottom of the image.
+    #[error(
+        "the marks fit the face in a mirror below it: y is counted from the top of the image, downwards; where it was counted from the bottom, \
+         write the image's height - 1 - y"
+    )]
+    YUpwards,
     /// Marks of which two lie where the other should.
     #[error("{} exchanged: each lies where the other is expected (left and right are the subject's own)", exchanged(pairs))]
     Exchanged {
@@ -83,8 +89,8 @@ pub enum FitError {
     },
     /// The wireframe lies upside down in the image.
     #[error(
-        "the marks place the face upside down (roll {degrees:.0} degrees): turn the picture if the face is so in it; else marks are exchanged, left \
-         and right are the subject's own"
+        "the marks place the face upside down (roll {degrees:.0} degrees): turn the picture if the face is so in it; else marks are exchanged (left \
+         and right are the subject's own), or y was counted from the bottom of the image"
     )]
     UpsideDown {
         /// Angle of the face's up against the image's up.

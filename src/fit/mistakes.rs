@@ -139,7 +139,7 @@ impl PlausibleFaces {
     /// Refuses marks that no face has, and gives those that should be looked at. `seen` are the marks' places, y up.
     ///
     /// # Errors
-    /// [`FitError::Mirrored`], [`FitError::UpsideDown`], [`FitError::Exchanged`] or [`FitError::Outlier`].
+    /// [`FitError::Mirrored`], [`FitError::YUpwards`], [`FitError::UpsideDown`], [`FitError::Exchanged`] or [`FitError::Outlier`].
     pub(super) fn check(&self, marks: &[Correspondence], seen: &[Point2<f64>]) -> Result<Vec<Stray>, FitError> {
         let nodes: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
         let errors: Vec<f64> = marks.iter().map(|m| m.expected_error.unwrap_or(0.0) / MEDIAN_OVER_DEVIATION).collect();
@@ -147,14 +147,20 @@ impl PlausibleFaces {
         let Some(view) = View::of(self, &nodes, &errors, seen) else { return Ok(Vec::new()) };
         let strays = view.strays();
         let freedom = (2 * nodes.len()).saturating_sub(4) as f64;
-        if view.misfit() > MIRRORED.1 * freedom {
-            let mirrored: Vec<_> = seen.iter().map(|p| Point2::new(-p.x, p.y)).collect();
-            let in_mirror = View::of(self, &nodes, &errors, &mirrored);
-            if in_mirror.is_some_and(|m| m.misfit() < MIRRORED.0 * view.misfit()) {
-                return Err(FitError::Mirrored);
+        let wrong = strays.iter().any(Stray::is_wrong);
+        let mirrored = || seen.iter().map(|p| Point2::new(-p.x, p.y)).collect::<Vec<_>>();
+        if (wrong || view.misfit() > MIRRORED.1 * freedom)
+            && let Some(in_mirror) = View::of(self, &nodes, &errors, &mirrored())
+        {
+            // A mirror whose face stands on its head is one that lies below the face.
+            let stands = in_mirror.upside_down().is_none();
+            if !stands && in_mirror.misfit() < EXPLAINED * view.misfit() && in_mirror.strays().iter().all(|s| !s.is_wrong()) {
+                return Err(FitError::YUpwards);
+            }
+            if view.misfit() > MIRRORED.1 * freedom && in_mirror.misfit() < MIRRORED.0 * view.misfit() {
+                return Err(if stands { FitError::Mirrored } else { FitError::YUpwards });
             }
         }
-        let wrong = strays.iter().any(Stray::is_wrong);
         if wrong && let Some(pairs) = self.exchanges(&nodes, &errors, seen, &view) {
             return Err(FitError::Exchanged { pairs: pairs.iter().map(|&(i, j)| (nodes[i], nodes[j])).collect() });
         }

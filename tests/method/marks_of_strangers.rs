@@ -255,11 +255,15 @@ fn mirrored_and_upside_down_faces_are_refused() {
             tried += 1;
             let mirrored = fitter.fit(&wireframe, &turned(-1.0, 1.0)).map_err(|e| e.to_string()).err().unwrap_or_default();
             let upside_down = fitter.fit(&wireframe, &turned(-1.0, -1.0)).map_err(|e| e.to_string()).err().unwrap_or_default();
-            if !mirrored.contains("mirrored") || !upside_down.contains("upside down") {
-                wrong.push(format!("{}: {mirrored} / {upside_down}", face.name));
+            let y_upwards = fitter.fit(&wireframe, &turned(1.0, -1.0)).map_err(|e| e.to_string()).err().unwrap_or_default();
+            if !mirrored.contains("mirrored")
+                || !upside_down.contains("upside down")
+                || !y_upwards.contains("counted from the bottom")
+            {
+                wrong.push(format!("{}: {mirrored} / {upside_down} / {y_upwards}", face.name));
             }
         }
     }
-    println!("{tried} faces mirrored and turned by 180 degrees");
+    println!("{tried} faces mirrored, turned by 180 degrees, and with y upwards");
     assert!(wrong.is_empty(), "{wrong:?}");
 }
