@@ -216,6 +216,13 @@ fn not_understood(found: &str) -> CompanionError {
 mod tests {
     use super::*;
 
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn nothing_of_opencv_is_linked_to_the_library() {
+        let loaded = std::fs::read_to_string("/proc/self/maps").unwrap();
+        assert!(loaded.contains("libc") && !loaded.contains("opencv"));
+    }
+
     #[test]
     fn a_program_that_is_not_beside_this_one_is_looked_for_on_path() {
         let name = format!("no-such-program{}", env::consts::EXE_SUFFIX);
