@@ -43,9 +43,9 @@ pub mod correspondence {
 }
 pub mod dataset {
     pub use crate::modules::dataset::{
-        DEFAULT_LANDMARK_NODES, Dataset, DatasetError, FrameSource, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkFrame,
-        LandmarkSelection, LandmarkSequence, LandmarksError, MANIFEST_NAME, SequenceEntry, correspondences_from_landmarks,
-        emotion_code, list_frames, may_publish, read_landmarks, read_marks,
+        CorrespondenceSource, DEFAULT_LANDMARK_NODES, Dataset, DatasetError, FrameSource, FramesError, IMAGE_EXTENSIONS,
+        LANDMARK_COUNT, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarksError, MANIFEST_NAME, SequenceEntry,
+        correspondences_from_landmarks, emotion_code, list_frames, may_publish, read_landmarks, read_marks,
     };
 }
 pub mod fap {
@@ -98,7 +98,7 @@ pub mod normalize {
 }
 pub mod output {
     pub use crate::modules::output::{
-        FolderRecord, OutputError, count, csv_into, csv_writer, nine_digits, write_atomic, write_bytes, write_json,
+        FolderRecord, OutputError, count, csv_into, csv_writer, listed, nine_digits, write_atomic, write_bytes, write_json,
     };
 }
 pub mod overlay {
@@ -106,10 +106,10 @@ pub mod overlay {
 }
 pub mod pipeline {
     pub use crate::modules::pipeline::{
-        AnalyzedModel, Event, FapOptions, Method, NONE_LEVEL, PipelineOptions, Recording, RecordingError, RunError, RunSummary,
-        SegmentedRecording, SequenceFailure, SequenceSource, Workbench, analyze, face_of_marks, fit_landmarks, found_marks,
-        found_marks_and_remark, held, id_of, load_tracks, normalize_track, read_model, run, segment_recording, showcase_target,
-        track_files, track_one, track_pictures, write_analysis, write_model,
+        AnalyzedModel, Event, FapOptions, FoundMarksError, Method, NONE_LEVEL, PipelineOptions, Recording, RecordingError,
+        RunError, RunSummary, SegmentedRecording, SequenceFailure, SequenceSource, Workbench, WorkbenchError, analyze,
+        face_of_marks, fit_landmarks, found_marks, found_marks_and_remark, held, id_of, load_tracks, normalize_track, read_model,
+        run, segment_recording, showcase_target, track_files, track_one, track_pictures, write_analysis, write_model,
     };
 }
 pub mod plausible {

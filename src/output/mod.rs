@@ -174,7 +174,7 @@ pub fn nine_digits(value: f64) -> String {
 }
 
 /// The first of a list, and how many more.
-pub(crate) fn listed(items: &[String], most: usize) -> String {
+pub fn listed(items: &[String], most: usize) -> String {
     let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
     if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }
 }

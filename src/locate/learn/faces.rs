@@ -136,6 +136,20 @@ impl TrainingFace {
         (left - right).norm()
     }
 
+    /// The same in another size: the pupils are `eye_distance` px apart.
+    pub fn resized(&self, eye_distance: f64) -> Self {
+        let factor = eye_distance / self.eye_distance();
+        let (width, height) = self.picture.dimensions();
+        let [new_width, new_height] = [width, height].map(|side| (f64::from(side) * factor).round().max(1.0) as u32);
+        let picture = image::imageops::resize(&self.picture, new_width, new_height, image::imageops::FilterType::Triangle);
+        let [x, y] = [(new_width, width), (new_height, height)].map(|(new, old)| new as f32 / old as f32);
+        // Pixels are squares, with their coordinates in the middle.
+        let place = |points: &[Point]| -> Vec<Point> {
+            points.iter().map(|p| [(p[0] + 0.5) * x - 0.5, (p[1] + 0.5) * y - 0.5]).collect()
+        };
+        Self::new(self.person.clone(), picture, &place(&self.outline), place(&self.shape))
+    }
+
     /// Its masks, softened by a pixel.
     pub fn masks(&self) -> Masks {
         let (width, height) = self.picture.dimensions();

@@ -11,12 +11,12 @@ use anyhow::Context;
 use clap::ValueEnum;
 use grimace::internal::{
     fap::read_fap,
-    output::count,
+    output::{count, listed},
     wireframe::{Tables, Wireframe},
 };
 use grimace_lab::simulate::{
-    CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMotion, PortraitSource, SimulateOptions, TurnCourse,
-    faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs, simulate_recordings,
+    CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMarks, PortraitMotion, PortraitSource, SimulateOptions,
+    TurnCourse, faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs, simulate_recordings,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
@@ -138,6 +138,9 @@ struct PhotographArgs {
     fap: Vec<PathBuf>,
 }
 
+/// Portraits that a note names.
+const NAMED: usize = 10;
+
 impl PhotographArgs {
     /// The portraits, fitted.
     fn portraits(&self, path: &Path) -> anyhow::Result<Vec<Portrait>> {
@@ -154,6 +157,11 @@ impl PhotographArgs {
         } else {
             vec![PortraitSource::photograph(path, marks, &tables, nodes)?]
         };
+        let unmarked = sources.iter().filter(|source| source.marks == PortraitMarks::ToBeFound);
+        let unmarked: Vec<String> = unmarked.map(|source| source.id.clone()).collect();
+        if !unmarked.is_empty() {
+            eprintln!("note: marks that nobody set are found: {}", listed(&unmarked, NAMED));
+        }
         let fitter = portrait_fitter(&wireframe);
         sources.par_iter().map(|source| Ok(source.open(&fitter, &wireframe, &tables)?)).collect()
     }

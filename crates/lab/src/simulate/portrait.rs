@@ -11,8 +11,8 @@ use nalgebra::{Point2, Point3, Vector2};
 use super::subject::place_followers;
 use grimace::internal::{
     dataset::{
-        Dataset, DatasetError, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkSelection, LandmarksError, MANIFEST_NAME,
-        correspondences_from_landmarks, read_landmarks,
+        CorrespondenceSource, Dataset, DatasetError, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkSelection,
+        LandmarksError, MANIFEST_NAME, correspondences_from_landmarks, read_landmarks,
     },
     fit::{
         Correspondence, CorrespondenceError, FitError, FitOptions, Fitter, MarksError, read_correspondences,
@@ -20,7 +20,8 @@ use grimace::internal::{
     },
     geometry::Similarity,
     input::{CsvFile, InputError},
-    sequence::{SequenceError, read_colour},
+    pipeline::{FoundMarksError, PipelineOptions, Workbench, WorkbenchError, found_marks},
+    sequence::{SequenceError, read_colour, read_frame},
     track::eye_distance_px,
     warp::{Texture, Warp, WarpError},
     wireframe::{Fapus, FapusError, Tables, Wireframe},
@@ -64,16 +65,21 @@ pub enum PortraitError {
         /// The folder.
         path: PathBuf,
     },
-    /// A photograph without marks.
+    /// A photograph without marks, in which none were found either.
     #[error(
-        "{}: it has no marks; put correspondences (node,x,y) or 68 landmarks (point,x,y) beside it as {looked_for}", path.display()
+        "{}: {source}; or put correspondences (node,x,y) or 68 landmarks (point,x,y) beside the picture, as {}", path.display(), MARK_FILES.map(|ending| format!("{id}{ending}")).join(", ")
     )]
-    NoMarks {
+    NotFound {
+        /// Portrait.
+        id: String,
         /// The photograph.
         path: PathBuf,
-        /// File names looked for.
-        looked_for: String,
+        /// Why.
+        source: Box<FoundMarksError>,
     },
+    /// What finds marks.
+    #[error(transparent)]
+    Workbench(Box<WorkbenchError>),
     /// Correspondences that do not read.
     #[error(transparent)]
     Correspondences(#[from] CorrespondenceError),
@@ -152,6 +158,8 @@ pub enum PortraitMarks {
     Correspondences(Vec<Correspondence>),
     /// The 68 landmarks in the order of the scheme.
     Landmarks(Vec<Point2<f64>>),
+    /// Nobody set any: they are found when the photograph is read.
+    ToBeFound,
 }
 
 impl PortraitMarks {
@@ -190,7 +198,8 @@ fn read_points(csv: &CsvFile) -> Result<Vec<Point2<f64>>, PortraitError> {
 }
 
 impl Portrait {
-    /// Fits the wireframe to the marks and prepares the warp. Of landmarks as many are used as make a face that is not folded.
+    /// Fits the wireframe to the marks and prepares the warp. Of landmarks as many are used as make a face that is not folded. Marks that are still
+    /// to be found are none here: [`PortraitSource::open`] finds them.
     ///
     /// # Errors
     /// [`PortraitError`] when marks determine no fit, or the face is not seen from the front.
@@ -204,6 +213,7 @@ impl Portrait {
     ) -> Result<Self, PortraitError> {
         match marks {
             PortraitMarks::Correspondences(marks) => Self::fitted(id, photograph, marks, fitter, wireframe, tables),
+            PortraitMarks::ToBeFound => Self::fitted(id, photograph, &[], fitter, wireframe, tables),
             PortraitMarks::Landmarks(points) => {
                 let mut result = None;
                 for selection in &SELECTIONS {
@@ -293,10 +303,10 @@ pub struct PortraitSource {
 }
 
 impl PortraitSource {
-    /// One photograph with a file of marks, or with one beside it.
+    /// One photograph with a file of marks, or with one beside it, or with marks that are to be found.
     ///
     /// # Errors
-    /// [`PortraitError`] for marks that do not read or are not there.
+    /// [`PortraitError`] for marks that do not read.
     pub fn photograph(path: &Path, marks: Option<&Path>, tables: &Tables, node_count: usize) -> Result<Self, PortraitError> {
         if !path.exists() {
             return Err(PortraitError::NotThere { path: path.to_owned() });
@@ -304,20 +314,19 @@ impl PortraitSource {
         let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let beside = MARK_FILES.map(|ending| path.with_file_name(format!("{id}{ending}")));
         let found = marks.or_else(|| beside.iter().map(PathBuf::as_path).find(|path| path.is_file()));
-        let Some(found) = found else {
-            let looked_for = MARK_FILES.map(|ending| format!("{id}{ending}")).join(", ");
-            return Err(PortraitError::NoMarks { path: path.to_owned(), looked_for });
+        let marks = match found {
+            Some(file) => PortraitMarks::read(file, tables, node_count)?,
+            None => PortraitMarks::ToBeFound,
         };
-        let marks = PortraitMarks::read(found, tables, node_count)?;
         Ok(Self { id, photograph: path.to_owned(), marks, metadata: BTreeMap::new() })
     }
 
-    /// The portraits of a folder: its photographs with marks beside them, those that a `manifest.csv` with columns `file` and `state`
+    /// The portraits of a folder: its photographs, those that a `manifest.csv` with columns `file` and `state`
     /// calls neutral where there is one, with its further columns; or the neutral frame of every subject of a dataset, with its
-    /// correspondences or landmarks.
+    /// correspondences or landmarks. Marks that nobody set are to be found.
     ///
     /// # Errors
-    /// [`PortraitError`] for a folder that has none, or marks that do not read or are not there.
+    /// [`PortraitError`] for a folder that has none, or marks that do not read.
     pub fn folder(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Self>, PortraitError> {
         let listed = listed_photographs(path)?;
         let photographs = match listed {
@@ -335,7 +344,7 @@ impl PortraitSource {
         photographs.into_iter().map(one).collect()
     }
 
-    /// The neutral frame of every subject's first sequence that has marks.
+    /// The neutral frame of every subject's first sequence.
     fn dataset(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Self>, PortraitError> {
         let dataset = Dataset::open(path)?;
         let mut portraits: Vec<Self> = Vec::new();
@@ -347,6 +356,8 @@ impl PortraitSource {
             let neutral = frames.neutral_number();
             let marks = if let Some(track) = entry.landmarks()? {
                 PortraitMarks::Landmarks(track.frame(neutral)?.to_vec())
+            } else if matches!(entry.correspondence_source()?, CorrespondenceSource::None) {
+                PortraitMarks::ToBeFound
             } else {
                 let selection = LandmarkSelection::default();
                 PortraitMarks::Correspondences(entry.correspondences(neutral, tables, node_count, &selection)?)
@@ -360,14 +371,31 @@ impl PortraitSource {
         Ok(portraits)
     }
 
-    /// Reads the photograph and fits it.
+    /// Reads the photograph and fits it; finds its marks where nobody set any.
     ///
     /// # Errors
-    /// As [`Portrait::new`], and for a photograph that does not open.
+    /// As [`Portrait::new`], and for a photograph that does not open, or in which no face is found.
     pub fn open(&self, fitter: &Fitter, wireframe: &Wireframe, tables: &Tables) -> Result<Portrait, PortraitError> {
         let picture = read_colour(&self.photograph)?;
-        let portrait = Portrait::new(&self.id, &picture, &self.marks, fitter, wireframe, tables)?;
+        let found;
+        let marks = if self.marks == PortraitMarks::ToBeFound {
+            found = PortraitMarks::Correspondences(self.find()?);
+            &found
+        } else {
+            &self.marks
+        };
+        let portrait = Portrait::new(&self.id, &picture, marks, fitter, wireframe, tables)?;
         Ok(Portrait { metadata: self.metadata.clone(), ..portrait })
+    }
+
+    /// The marks of the largest face of the photograph.
+    fn find(&self) -> Result<Vec<Correspondence>, PortraitError> {
+        let bench = Workbench::new(None, PipelineOptions::default()).map_err(|e| PortraitError::Workbench(Box::new(e)))?;
+        found_marks(&read_frame(&self.photograph)?, &bench).map_err(|source| PortraitError::NotFound {
+            id: self.id.clone(),
+            path: self.photograph.clone(),
+            source: Box::new(source),
+        })
     }
 }
 

@@ -14,6 +14,7 @@ use super::{CommonArgs, bar, locator, people_named};
 Example:
   grimace learn locator FACES -o others.bin --leave-out L022,L045
   grimace evaluate locate FACES -o located --model others.bin --only L022,L045 --people people.csv --by gender
+  grimace evaluate locate FACES -o small --model others.bin --only L022,L045 --eyes 24
 
 FACES is a folder as for `grimace learn locator`. The model that ships was learned from the London Set: judge on its people only with a model \
 that was learned without them. Errors are in percent of the eye distance.")]
@@ -32,6 +33,9 @@ pub struct Args {
     /// Column of that table to group by
     #[arg(long, requires = "people", value_name = "COLUMN")]
     by: Option<String>,
+    /// Judge on the photographs made so small, or large, that the pupils are so far apart, px
+    #[arg(long, value_parser = clap::value_parser!(u16).range(10..=1000), value_name = "PX")]
+    eyes: Option<u16>,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -40,7 +44,10 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut folder = args.common.start()?;
     let locator = locator(args.model.as_deref())?;
-    let faces = people_named(&args.faces, &args.only)?;
+    let mut faces = people_named(&args.faces, &args.only)?;
+    if let Some(eyes) = args.eyes {
+        faces.iter_mut().for_each(|face| *face = face.resized(f64::from(eyes)));
+    }
     let mut groups = BTreeMap::new();
     if let (Some(path), Some(by)) = (&args.people, &args.by) {
         let csv = CsvFile::open(path)?;
@@ -63,6 +70,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         println!("{} faces: {missed} missed, {gross} grossly wrong, {doubtful} not trusted", faces.len());
     }
     let results = json!({ "faces": faces.len(), "missed": missed, "grossly_wrong": gross, "not_trusted": doubtful });
-    folder.finish("locate", None, args.common.seed, json!({ "only": args.only, "by": args.by }), results)?;
+    folder.finish("locate", None, args.common.seed, json!({ "only": args.only, "by": args.by, "eyes": args.eyes }), results)?;
     Ok(Outcome::Done)
 }
