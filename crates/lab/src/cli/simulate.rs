@@ -15,8 +15,8 @@ use grimace::internal::{
     wireframe::{Tables, Wireframe},
 };
 use grimace_lab::simulate::{
-    CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMarks, PortraitMotion, PortraitSource, SimulateOptions,
-    TurnCourse, faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs, simulate_recordings,
+    CameraOptions, DatasetLayout, Emotion, FrameFormat, Portrait, PortraitMotion, PortraitSource, SimulateOptions, TurnCourse,
+    faps_without_unit, portrait_fitter, simulate_dataset, simulate_photographs, simulate_recordings,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
@@ -157,7 +157,7 @@ impl PhotographArgs {
         } else {
             vec![PortraitSource::photograph(path, marks, &tables, nodes)?]
         };
-        let unmarked = sources.iter().filter(|source| source.marks == PortraitMarks::ToBeFound);
+        let unmarked = sources.iter().filter(|source| source.marks.is_none());
         let unmarked: Vec<String> = unmarked.map(|source| source.id.clone()).collect();
         if !unmarked.is_empty() {
             eprintln!("note: marks that nobody set are found: {}", listed(&unmarked, NAMED));

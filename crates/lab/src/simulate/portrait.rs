@@ -158,8 +158,6 @@ pub enum PortraitMarks {
     Correspondences(Vec<Correspondence>),
     /// The 68 landmarks in the order of the scheme.
     Landmarks(Vec<Point2<f64>>),
-    /// Nobody set any: they are found when the photograph is read.
-    ToBeFound,
 }
 
 impl PortraitMarks {
@@ -198,8 +196,7 @@ fn read_points(csv: &CsvFile) -> Result<Vec<Point2<f64>>, PortraitError> {
 }
 
 impl Portrait {
-    /// Fits the wireframe to the marks and prepares the warp. Of landmarks as many are used as make a face that is not folded. Marks that are still
-    /// to be found are none here: [`PortraitSource::open`] finds them.
+    /// Fits the wireframe to the marks and prepares the warp. Of landmarks as many are used as make a face that is not folded.
     ///
     /// # Errors
     /// [`PortraitError`] when marks determine no fit, or the face is not seen from the front.
@@ -213,7 +210,6 @@ impl Portrait {
     ) -> Result<Self, PortraitError> {
         match marks {
             PortraitMarks::Correspondences(marks) => Self::fitted(id, photograph, marks, fitter, wireframe, tables),
-            PortraitMarks::ToBeFound => Self::fitted(id, photograph, &[], fitter, wireframe, tables),
             PortraitMarks::Landmarks(points) => {
                 let mut result = None;
                 for selection in &SELECTIONS {
@@ -296,8 +292,8 @@ pub struct PortraitSource {
     pub id: String,
     /// The photograph.
     pub photograph: PathBuf,
-    /// Its marks.
-    pub marks: PortraitMarks,
+    /// Its marks; where nobody set any they are found when the photograph is read.
+    pub marks: Option<PortraitMarks>,
     /// What is known of the person, by column.
     pub metadata: BTreeMap<String, String>,
 }
@@ -314,10 +310,7 @@ impl PortraitSource {
         let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let beside = MARK_FILES.map(|ending| path.with_file_name(format!("{id}{ending}")));
         let found = marks.or_else(|| beside.iter().map(PathBuf::as_path).find(|path| path.is_file()));
-        let marks = match found {
-            Some(file) => PortraitMarks::read(file, tables, node_count)?,
-            None => PortraitMarks::ToBeFound,
-        };
+        let marks = found.map(|file| PortraitMarks::read(file, tables, node_count)).transpose()?;
         Ok(Self { id, photograph: path.to_owned(), marks, metadata: BTreeMap::new() })
     }
 
@@ -355,12 +348,12 @@ impl PortraitSource {
             let frames = entry.frames()?;
             let neutral = frames.neutral_number();
             let marks = if let Some(track) = entry.landmarks()? {
-                PortraitMarks::Landmarks(track.frame(neutral)?.to_vec())
+                Some(PortraitMarks::Landmarks(track.frame(neutral)?.to_vec()))
             } else if matches!(entry.correspondence_source()?, CorrespondenceSource::None) {
-                PortraitMarks::ToBeFound
+                None
             } else {
                 let selection = LandmarkSelection::default();
-                PortraitMarks::Correspondences(entry.correspondences(neutral, tables, node_count, &selection)?)
+                Some(PortraitMarks::Correspondences(entry.correspondences(neutral, tables, node_count, &selection)?))
             };
             let Some(photograph) = frames.files().first().map(|path| (*path).to_owned()) else { continue };
             portraits.push(Self { id: entry.id.subject.clone(), photograph, marks, metadata: entry.metadata.clone() });
@@ -378,11 +371,11 @@ impl PortraitSource {
     pub fn open(&self, fitter: &Fitter, wireframe: &Wireframe, tables: &Tables) -> Result<Portrait, PortraitError> {
         let picture = read_colour(&self.photograph)?;
         let found;
-        let marks = if self.marks == PortraitMarks::ToBeFound {
+        let marks = if let Some(marks) = &self.marks {
+            marks
+        } else {
             found = PortraitMarks::Correspondences(self.find()?);
             &found
-        } else {
-            &self.marks
         };
         let portrait = Portrait::new(&self.id, &picture, marks, fitter, wireframe, tables)?;
         Ok(Portrait { metadata: self.metadata.clone(), ..portrait })
