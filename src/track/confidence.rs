@@ -84,7 +84,7 @@ pub struct NodeFeatures {
     pub step: f64,
     /// Forward-backward distances, root of the sum of squares.
     pub residual: f64,
-    /// Grey difference, grey levels; where the node is lost the frame's median.
+    /// Largest grey difference so far, grey levels; a frame in which the node is lost counts with its median.
     pub difference: f64,
     /// What the grey differences can have moved the node along its weaker gradient, root of the sum of squares.
     pub drift: f64,
@@ -94,7 +94,7 @@ pub struct NodeFeatures {
     pub correction: f64,
     /// The same, root of the sum of squares.
     pub corrections: f64,
-    /// Median grey difference of the frame.
+    /// Largest median grey difference of a frame so far.
     pub frame_difference: f64,
     /// Share of live nodes lost in the frame.
     pub frame_lost: f64,
@@ -177,16 +177,19 @@ pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Ta
     let Some(unit) = eye_distance_px(tables, &positions) else { return vec![vec![None; live.len()]; frames.len()] };
     let neighbours = neighbours(wireframe);
     let mut sums = vec![Sums::default(); live.len()];
+    let mut frame_difference = 0.0_f64;
     let mut before = neutral;
     let mut out = vec![vec![None; live.len()]];
     for (k, frame) in (1_u32..).zip(later) {
         let context = FrameContext::new(frame, neutral, live);
+        frame_difference = frame_difference.max(context.difference);
         let features = live.iter().enumerate().map(|(place, &id)| {
             let (node, start) = (frame.nodes.get(id.index())?, neutral.nodes.get(id.index())?);
             let sum = &mut sums[place];
             let lost = matches!(node.state, NodeState::Recovered(_));
             sum.lost += u32::from(lost);
             sum.residual += node.residual.unwrap_or(0.0).powi(2);
+            sum.difference = sum.difference.max(node.evidence.map_or(context.difference, |e| e.difference));
             if let Some(evidence) = &node.evidence {
                 sum.add(evidence);
             }
@@ -209,12 +212,12 @@ pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Ta
                 strain: (offset - mean).norm() / unit,
                 step: step.norm() / unit,
                 residual: sum.residual.sqrt() / unit,
-                difference: evidence.map_or(context.difference, |e| e.difference),
+                difference: sum.difference,
                 drift: sum.drift.sqrt() / unit,
                 gradients: sum.gradients.map(|g| g * unit),
                 correction: evidence.map_or(0.0, |e| e.correction) / unit,
                 corrections: sum.correction.sqrt() / unit,
-                frame_difference: context.difference,
+                frame_difference,
                 frame_lost: context.lost,
                 head: context.head.norm() / unit,
             })
@@ -225,11 +228,13 @@ pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Ta
     out
 }
 
-/// Sums of squares over the frames so far.
+/// Sums of squares over the frames so far, and the largest grey difference: where motion slows down frames hardly differ, but what went wrong
+/// while they did stays.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     lost: u32,
     residual: f64,
+    difference: f64,
     drift: f64,
     correction: f64,
     /// Of the last frame in which the node was not lost.
@@ -463,6 +468,25 @@ mod tests {
         // Lost: the frame's difference, and the gradients of the frame before.
         assert!((corner.difference - 2.0).abs() < 1e-12 && (corner.gradients[0] - unit).abs() < 1e-9);
         assert!(corner.strain > 0.04);
+    }
+
+    #[test]
+    fn grey_differences_do_not_fall_when_motion_slows_down() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let mut frames = frames(&w);
+        let differences = |frame: &mut TrackedFrame, difference: f64| {
+            frame.nodes.iter_mut().for_each(|n| n.evidence = n.evidence.map(|e| Evidence { difference, ..e }));
+        };
+        frames[1].nodes[10].evidence = Some(Evidence { difference: 5.0, gradients: [1.0, 4.0], correction: 0.4 });
+        differences(&mut frames[2], 0.5);
+        frames.push(frames[2].clone());
+        differences(&mut frames[3], 3.0);
+        let features = node_features(&frames, &w, &t);
+        let place = |node: u16| w.live_nodes().iter().position(|&n| n == NodeId(node)).unwrap();
+        let of = |frame: usize, node: u16| features[frame][place(node)].map(|f| (f.difference, f.frame_difference));
+        // All differ by 2, 0.5 and 3 grey levels, the chin (node 10) by 5 at first; the mouth corner (31) is lost from the second step on.
+        assert_eq!([of(1, 10), of(2, 10), of(3, 10)], [Some((5.0, 2.0)), Some((5.0, 2.0)), Some((5.0, 3.0))]);
+        assert_eq!([of(1, 31), of(2, 31), of(3, 31)], [Some((2.0, 2.0)), Some((2.0, 2.0)), Some((3.0, 3.0))]);
     }
 
     #[test]
