@@ -139,6 +139,7 @@ mod modules {
     pub mod robust;
     pub mod segment;
     pub mod sequence;
+    pub mod simd;
     pub mod statistics;
     pub mod synthesis;
     pub mod text;

@@ -172,7 +172,7 @@ impl Skyline {
     }
 
     /// [`Self::add_diagonal`] or [`Self::add_coupling`] at places that are known.
-    #[inline]
+    #[inline(always)]
     pub fn add_at(&mut self, places: &BlockPlaces, block: &Matrix2<f64>) {
         let (upper, lower) = (places.upper as usize, places.lower as usize);
         self.values[upper] += block.m11;
@@ -201,6 +201,7 @@ impl Skyline {
     }
 
     /// The product with a vector over the nodes.
+    #[inline(always)]
     pub fn times(&self, nodes: &[Vector2<f64>], out: &mut [Vector2<f64>]) {
         let rows = &self.layout.rows;
         let mut ordered = vec![0.0; 2 * rows.len()];
@@ -221,17 +222,19 @@ impl Skyline {
 
     /// Becomes the Cholesky factor; `false` for a matrix that is not positive definite.
     #[must_use]
+    #[inline(always)]
     pub fn factor(&mut self) -> bool {
         let layout = Arc::clone(&self.layout);
+        // One over the diagonal so far: a division in every entry would wait for the one before it.
+        let mut inverses = Vec::with_capacity(layout.first.len());
         for row in 0..layout.first.len() {
             let first = layout.first[row];
             let (above, own) = self.values.split_at_mut(layout.at(row, first));
-            for column in first..row {
+            for (column, inverse) in (first..row).zip(&inverses[first..row]) {
                 let from = first.max(layout.first[column]);
-                let other = &above[layout.at(column, from)..=layout.at(column, column)];
-                let (before, diagonal) = other.split_at(column - from);
-                let sum = own[column - first] - dot(&own[from - first..column - first], before);
-                own[column - first] = sum / diagonal[0];
+                let other = &above[layout.at(column, from)..layout.at(column, column)];
+                let sum = own[column - first] - dot(&own[from - first..column - first], other);
+                own[column - first] = sum * inverse;
             }
             let (before, diagonal) = own[..=row - first].split_at_mut(row - first);
             let rest = diagonal[0] - dot(before, before);
@@ -239,11 +242,13 @@ impl Skyline {
                 return false;
             }
             diagonal[0] = rest.sqrt();
+            inverses.push(1.0 / diagonal[0]);
         }
         true
     }
 
     /// Solves for a right side over the nodes, this being a factor.
+    #[inline(always)]
     pub fn solve(&self, nodes: &mut [Vector2<f64>]) {
         let rows = &self.layout.rows;
         let mut ordered = vec![0.0; 2 * rows.len()];
@@ -269,6 +274,7 @@ impl Skyline {
 }
 
 /// The sum of products of two lists, in eight lanes: the same on every machine.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -278,8 +284,9 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
             lanes[k] += a[k] * b[k];
         }
     }
+    // Halves, so that vectors of any width are added as they are.
     let [p, q, r, s, t, u, v, w] = lanes;
-    ((p + q) + (r + s)) + ((t + u) + (v + w)) + rest
+    ((p + t) + (r + v)) + ((q + u) + (s + w)) + rest
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::{
     picture::View,
     shape::{Placement, Point},
 };
+use crate::simd::widest;
 
 /// Directions of gradients, 45 degrees apart.
 pub const DIRECTIONS: usize = 8;
@@ -41,6 +42,7 @@ impl Patch {
 }
 
 /// Gradients of grey values by direction: the strength times the cube of the cosine to each direction, none below 0.
+#[inline(always)]
 pub fn gradients(values: &[f32], width: usize, height: usize) -> Vec<Cell> {
     let logs: Vec<f32> = values.iter().map(|v| (v + DARK).ln()).collect();
     let mut cells = vec![[0.0; DIRECTIONS]; width * height];
@@ -67,6 +69,7 @@ pub fn gradients(values: &[f32], width: usize, height: usize) -> Vec<Cell> {
 }
 
 /// Means over 2 `radius` + 1 cells along lines: `count` lines of `length` cells, `step` apart within a line, `next` between lines.
+#[inline(always)]
 fn blur_lines(cells: &mut [Cell], buffer: &mut Vec<Cell>, lines: (usize, usize), line: (usize, usize), radius: usize) {
     let ((count, next), (length, step)) = (lines, line);
     let share = 1.0 / (2 * radius + 1) as f32;
@@ -105,6 +108,14 @@ impl CellMap {
     /// Reads the part of a view in which `points` (canonical) and their patches lie; `placement` leads from the canonical frame to pixels
     /// of the view.
     pub fn new(view: View<'_>, placement: Placement, patch: &Patch, points: &[Point]) -> Self {
+        widest(
+            #[inline(always)]
+            || Self::read(view, placement, patch, points),
+        )
+    }
+
+    #[inline(always)]
+    fn read(view: View<'_>, placement: Placement, patch: &Patch, points: &[Point]) -> Self {
         let margin = patch.cell * patch.side as f32 * 0.5 + (2 * patch.blur + 2) as f32 / patch.size;
         // Points that ran away must not ask for a picture without end.
         let bound = |low: f32, high: f32| (low.clamp(-1.7, 1.7) - margin, high.clamp(-1.7, 2.6) + margin);
@@ -129,6 +140,14 @@ impl CellMap {
 
     /// Appends the cells around a canonical point: normalized, clipped, normalized again, square roots.
     pub fn describe(&self, at: Point, patch: &Patch, out: &mut Vec<f32>) {
+        widest(
+            #[inline(always)]
+            || self.append(at, patch, out),
+        );
+    }
+
+    #[inline(always)]
+    fn append(&self, at: Point, patch: &Patch, out: &mut Vec<f32>) {
         let start = out.len();
         let half = (patch.side as f32 - 1.0) * 0.5;
         for row in 0..patch.side {
@@ -141,6 +160,7 @@ impl CellMap {
         normalize(&mut out[start..]);
     }
 
+    #[inline(always)]
     fn sample(&self, x: f32, y: f32) -> Cell {
         let (x, y) = (x.clamp(0.0, (self.width - 1) as f32 - 0.01), y.clamp(0.0, (self.height - 1) as f32 - 0.01));
         let (left, top) = (x as usize, y as usize);
@@ -152,6 +172,7 @@ impl CellMap {
 }
 
 /// As [`blur_lines`] down the columns, a row at a time.
+#[inline(always)]
 fn blur_columns(source: &[Cell], out: &mut [Cell], width: usize, height: usize, radius: usize) {
     let share = 1.0 / (2 * radius + 1) as f32;
     let mut sums = vec![[0.0_f32; DIRECTIONS]; width];
@@ -176,6 +197,7 @@ fn blur_columns(source: &[Cell], out: &mut [Cell], width: usize, height: usize, 
 }
 
 /// Length 1, no part above a quarter, about length 1 again, square roots: light and contrast matter no more.
+#[inline(always)]
 pub fn normalize(values: &mut [f32]) {
     let length = |values: &[f32]| values.iter().map(|v| v * v).sum::<f32>().sqrt();
     let floor = 2e-3 * (values.len() as f32).sqrt();

@@ -1,9 +1,19 @@
 //! Sums that come out alike on every machine and still keep its vector units busy.
 
+use crate::simd::widest;
+
 const LANES: usize = 16;
 
 /// Scalar product of two vectors of the same length.
 pub fn dot(a: &[f32], b: &[f32]) -> f32 {
+    widest(
+        #[inline(always)]
+        || sum(a, b),
+    )
+}
+
+#[inline(always)]
+fn sum(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0_f32; LANES];
     let (wide_a, wide_b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
     let rest: f32 = wide_a.remainder().iter().zip(wide_b.remainder()).map(|(x, y)| x * y).sum();

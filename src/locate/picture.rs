@@ -14,7 +14,7 @@ const SMALLEST_SIDE: usize = 24;
 const LANES: usize = 8;
 
 /// Between the corners of a pixel's square, the upper ones first: shares of the way to the right and down.
-#[inline]
+#[inline(always)]
 fn between(corners: [f32; 4], [right, down]: [f32; 2]) -> f32 {
     let upper = corners[0] * (1.0 - right) + corners[1] * right;
     let lower = corners[2] * (1.0 - right) + corners[3] * right;
@@ -41,6 +41,7 @@ impl Level {
         Self { width, height, pixels }
     }
 
+    #[inline(always)]
     fn sample(&self, x: f32, y: f32) -> f32 {
         let (x, y) = (x.clamp(0.0, (self.width - 1) as f32), y.clamp(0.0, (self.height - 1) as f32));
         let (left, top) = ((x as usize).min(self.width.saturating_sub(2)), (y as usize).min(self.height.saturating_sub(2)));
@@ -51,6 +52,7 @@ impl Level {
     }
 
     /// What [`Level::sample`] reads at `count` places from `start` on, `step` apart; several at a time, by the same sums in the same order.
+    #[inline(always)]
     fn sample_row(&self, start: Point, step: Point, count: usize, out: &mut Vec<f32>) {
         let place = |column: usize, axis: usize| start[axis] + step[axis] * column as f32;
         let whole = if self.width < 2 || self.height < 2 { 0 } else { count - count % LANES };
@@ -148,6 +150,7 @@ impl View<'_> {
 
     /// `width` x `height` grey values (0 to 255), row by row; `to_view` leads from the grid's columns and rows to pixels of this view.
     /// Beyond its border the picture goes on with its border pixels.
+    #[inline(always)]
     pub fn warp(self, to_view: Placement, width: usize, height: usize) -> Vec<f32> {
         let halvings = to_view.scale().max(f32::MIN_POSITIVE).log2().round().max(0.0) as usize;
         let k = halvings.min(self.picture.levels.len() - 1);

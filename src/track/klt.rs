@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use self::pyramid::{Level, Pyramid};
 use super::{Found, Patch, PointTracker, Probe, Slot, TrackError};
-use crate::sequence::Frame;
+use crate::{sequence::Frame, simd::widest};
 
 pub use reference::OpenCvKlt;
 pub(crate) use smooth::smoothed;
@@ -69,8 +69,12 @@ const GREY_BITS: u32 = 5;
 /// Makes sums of products of derivatives small numbers; cancels out.
 const SCALE: f32 = 1.0 / (1 << 20) as f32;
 
-/// Sums run in as many lanes, so that they vectorize and are the same on every machine; rows are filled up to a multiple of it.
-const LANES: usize = 4;
+/// Sums run in as many lanes, so that they vectorize and are the same on every machine; windows are filled up to a multiple of it.
+const LANES: usize = 8;
+
+/// Values on a part of an image, row by row without a gap, so that one loop runs over all of it; read a number further on they are those of the
+/// neighbour to the right, read a row further on those of the neighbour below.
+type Values = Vec<f32>;
 
 /// Adding and subtracting it rounds a number below 2^22 to the nearest whole one, of two the even one.
 const ROUND: f32 = 12_582_912.0;
@@ -106,21 +110,30 @@ pub struct Klt {
     window: Window,
 }
 
-/// Values on a window, row by row, and room to make them. Rows have a multiple of [`LANES`] values; derivatives are zero beyond the
-/// window's side, so that what else stands there counts for nothing.
+/// Values on a window, and room to make them. Rows have one value more than the window, which is read between pixels; derivatives are zero
+/// there and behind the last row, so that what else stands there counts for nothing.
 #[derive(Debug, Default)]
 struct Window {
     side: usize,
-    /// Values in a row.
-    columns: usize,
     /// Of the first frame.
-    grey: Vec<f32>,
-    dx: Vec<f32>,
-    dy: Vec<f32>,
-    rows: [Vec<f32>; 2],
-    raw_dx: Vec<f32>,
-    raw_dy: Vec<f32>,
-    room: Vec<f32>,
+    grey: Values,
+    dx: Values,
+    dy: Values,
+    /// 1 in the window, 0 beyond it.
+    inside: Values,
+    /// The pixels of the second frame.
+    pixels: Values,
+    scharr: Scharr,
+}
+
+/// Room for derivatives: of rows of pixels, sums and differences of three below each other, and those.
+#[derive(Debug, Default)]
+struct Scharr {
+    pixels: Values,
+    smooth: Values,
+    slope: Values,
+    dx: Values,
+    dy: Values,
 }
 
 impl Klt {
@@ -171,28 +184,27 @@ impl PointTracker for Klt {
         let image = self.image(slot)?;
         let half = (window_px / 2).min(self.max_window as u32 / 2) as i32;
         let side = 2 * half as usize + 1;
-        let columns = side.next_multiple_of(LANES);
-        let (mut dx, mut dy, mut room) = (vec![0.0; side * columns], vec![0.0; side * columns], Vec::new());
-        let matrix = |point: &Point2<f64>| {
+        let mut scharr = Scharr::default();
+        let mut matrix = |point: &Point2<f64>| {
             let centre = |at: f64, size: i32| at.round().clamp(-1.0 - f64::from(half), f64::from(size + half)) as i32;
             let (x, y) = (centre(point.x, image.width), centre(point.y, image.height));
             // Outside the image derivatives are zero and do not count.
-            image.derivatives((x - half, y - half), columns, &mut dx, &mut dy, &mut room);
+            scharr.fill(image, (x - half, y - half), side);
             let inside = |at: i32, size: i32| f64::from(((at + half + 1).min(size) - (at - half).max(0)).max(0));
             let count = inside(x, image.width) * inside(y, image.height);
-            let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-            for (dx, dy) in dx.chunks_exact(columns).zip(dy.chunks_exact(columns)) {
-                for (dx, dy) in dx[..side].iter().zip(&dy[..side]) {
-                    let (dx, dy) = (f64::from(*dx), f64::from(*dy));
-                    xx += dx * dx;
-                    xy += dx * dy;
-                    yy += dy * dy;
-                }
-            }
-            let [xx, xy, yy] = [xx, xy, yy].map(|sum| sum * (SCHARR * SCHARR));
-            Matrix2::new(xx, xy, xy, yy) / count.max(1.0)
+            let sums = scharr.products(side).map(|sum| sum * (SCHARR * SCHARR));
+            Matrix2::new(sums[0], sums[1], sums[1], sums[2]) / count.max(1.0)
         };
-        Ok(points.iter().map(matrix).collect())
+        Ok(widest(
+            #[inline(always)]
+            || {
+                let mut matrices = Vec::with_capacity(points.len());
+                for point in points {
+                    matrices.push(matrix(point));
+                }
+                matrices
+            },
+        ))
     }
 
     fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
@@ -208,8 +220,9 @@ impl PointTracker for Klt {
             return Ok(None);
         }
         let (width, height) = ((right - left) as usize, (bottom - top) as usize);
-        let rows = (top..bottom).flat_map(|y| image.row(left, y, width)).map(|v| f32::from(*v));
-        let values = smoothed(rows.collect(), width, smoothing);
+        let mut values = Vec::with_capacity(width * height);
+        (top..bottom).for_each(|y| values.extend(image.row(left, y, width).iter().map(|v| f32::from(*v))));
+        let values = smoothed(values, width, smoothing);
         Ok(Some(Patch { left: left as u32, top: top as u32, width, height, values }))
     }
 
@@ -219,7 +232,16 @@ impl PointTracker for Klt {
         window.resize(side);
         let (from, to) = (self.pyramid(from).levels(), self.pyramid(to).levels());
         let count = from.len().min(to.len()).min(levels.max(1) as usize);
-        let found = probes.iter().map(|probe| window.follow(&from[..count], &to[..count], probe)).collect();
+        let found = widest(
+            #[inline(always)]
+            || {
+                let mut found = Vec::with_capacity(probes.len());
+                for probe in probes {
+                    found.push(window.follow(&from[..count], &to[..count], probe));
+                }
+                found
+            },
+        );
         self.window = window;
         Ok(found)
     }
@@ -234,6 +256,7 @@ struct Corner {
 
 impl Corner {
     /// `None` for a window that lies outside the image as a whole.
+    #[inline(always)]
     fn at(x: f32, y: f32, side: usize, level: &Level) -> Option<Self> {
         let (left, top) = (x.floor(), y.floor());
         let side = side as f32;
@@ -247,123 +270,204 @@ impl Corner {
         Some(Self { x: left as i32, y: top as i32, weights: [w00, w01, w10, (1 << WEIGHT_BITS) - w00 - w01 - w10] })
     }
 
-    /// Grey values between the pixels of two rows, times 32 and rounded, halves up, four at a time.
+    /// Grey values between pixels, times 32 and rounded, halves up, [`LANES`] at a time. `pixels`: values of rows of `row` pixels.
     ///
     /// All numbers on the way are whole and below 2^24, so single precision is exact.
-    #[inline]
-    fn between<'a>(&self, upper: &'a [f32], lower: &'a [f32]) -> impl Iterator<Item = [f32; LANES]> + use<'a> {
+    #[inline(always)]
+    fn between<'a>(&self, pixels: &'a [f32], row: usize) -> impl Iterator<Item = [f32; LANES]> + use<'a> {
         let [w00, w01, w10, w11] = self.weights.map(|w| w as f32);
-        let above = fours(upper).iter().zip(fours(&upper[1..]));
-        let below = fours(lower).iter().zip(fours(&lower[1..]));
-        above.zip(below).map(move |((a, b), (c, d))| {
-            let mut out = [0.0; LANES];
-            for k in 0..LANES {
-                let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
-                // Above 2^23 there is no room for fractions.
-                out[k] = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
-            }
-            out
-        })
+        let above = lanes(pixels).iter().zip(lanes(&pixels[1..]));
+        let below = lanes(&pixels[row..]).iter().zip(lanes(&pixels[row + 1..]));
+        above.zip(below).map(
+            #[inline(always)]
+            move |((a, b), (c, d))| {
+                let mut out = [0.0; LANES];
+                for k in 0..LANES {
+                    let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
+                    // Above 2^23 there is no room for fractions.
+                    out[k] = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
+                }
+                out
+            },
+        )
     }
 }
 
 /// A list in parts of [`LANES`], without what is left over.
-fn fours(list: &[f32]) -> &[[f32; LANES]] {
+#[inline(always)]
+fn lanes(list: &[f32]) -> &[[f32; LANES]] {
     list.as_chunks().0
 }
 
-fn fours_mut(list: &mut [f32]) -> &mut [[f32; LANES]] {
+#[inline(always)]
+fn lanes_mut(list: &mut [f32]) -> &mut [[f32; LANES]] {
     list.as_chunks_mut().0
 }
 
+/// The sum of [`LANES`] sums.
+#[inline(always)]
+fn total([a, b, c, d, e, f, g, h]: [f32; LANES]) -> f32 {
+    ((a + e) + (b + f)) + ((c + g) + (d + h))
+}
+
 /// The sum of products of two lists.
+#[inline(always)]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut lanes = [0.0_f32; LANES];
-    for (a, b) in fours(a).iter().zip(fours(b)) {
+    let mut sums = [0.0_f32; LANES];
+    for (a, b) in lanes(a).iter().zip(lanes(b)) {
         for k in 0..LANES {
-            lanes[k] += a[k] * b[k];
+            sums[k] += a[k] * b[k];
         }
     }
-    lanes.iter().sum()
+    total(sums)
+}
+
+impl Scharr {
+    /// Scharr derivatives, 32 a grey level per px, at `side` x `side` pixels from (`x`, `y`) on, `side` + 2 a row; zero outside the image.
+    #[inline(always)]
+    fn fill(&mut self, image: &Level, (x, y): (i32, i32), side: usize) {
+        let Self { pixels, smooth, slope, dx, dy } = self;
+        let row = side + 2;
+        // As many as are read of each, in whole lanes.
+        let derived = (side * row).next_multiple_of(LANES);
+        let summed = (derived + 2).next_multiple_of(LANES);
+        image.read(x - 1, y - 1, row, summed + 2 * row, pixels);
+        for list in [&mut *smooth, &mut *slope] {
+            list.resize(summed, 0.0);
+        }
+        for list in [&mut *dx, &mut *dy] {
+            list.resize(derived, 0.0);
+        }
+        let near = lanes(pixels).iter().zip(lanes(&pixels[row..])).zip(lanes(&pixels[2 * row..]));
+        for ((smooth, slope), ((a, b), c)) in lanes_mut(smooth).iter_mut().zip(lanes_mut(slope)).zip(near) {
+            for k in 0..LANES {
+                smooth[k] = (a[k] + c[k]) * 3.0 + b[k] * 10.0;
+                slope[k] = c[k] - a[k];
+            }
+        }
+        for (out, (a, c)) in lanes_mut(dx).iter_mut().zip(lanes(smooth).iter().zip(lanes(&smooth[2..]))) {
+            for k in 0..LANES {
+                out[k] = c[k] - a[k];
+            }
+        }
+        let near = lanes(slope).iter().zip(lanes(&slope[1..])).zip(lanes(&slope[2..]));
+        for (out, ((a, b), c)) in lanes_mut(dy).iter_mut().zip(near) {
+            for k in 0..LANES {
+                out[k] = (a[k] + c[k]) * 3.0 + b[k] * 10.0;
+            }
+        }
+        let last = side as i32 - 1;
+        if x < 0 || y < 0 || x + last >= image.width || y + last >= image.height {
+            self.leave_out(image, (x, y), row);
+        }
+    }
+
+    /// Makes derivatives outside the image zero.
+    #[cold]
+    fn leave_out(&mut self, image: &Level, (x, y): (i32, i32), row: usize) {
+        let rows = self.dx.chunks_mut(row).zip(self.dy.chunks_mut(row));
+        for (y, (dx, dy)) in (y..).zip(rows) {
+            for (x, (dx, dy)) in (x..).zip(dx.iter_mut().zip(dy)) {
+                if !(0..image.width).contains(&x) || !(0..image.height).contains(&y) {
+                    (*dx, *dy) = (0.0, 0.0);
+                }
+            }
+        }
+    }
+
+    /// Sums of products of the derivatives: x with x, x with y, y with y. They are whole numbers, so the sums are exact in any order.
+    #[inline(always)]
+    fn products(&self, side: usize) -> [f64; 3] {
+        let mut sums = [0.0; 3];
+        for (dx, dy) in self.dx.chunks_exact(side + 2).zip(self.dy.chunks_exact(side + 2)).take(side) {
+            for (dx, dy) in dx[..side].iter().zip(&dy[..side]) {
+                let (dx, dy) = (f64::from(*dx), f64::from(*dy));
+                sums[0] += dx * dx;
+                sums[1] += dx * dy;
+                sums[2] += dy * dy;
+            }
+        }
+        sums
+    }
 }
 
 impl Window {
     fn resize(&mut self, side: usize) {
+        if side == self.side {
+            return;
+        }
         self.side = side;
-        self.columns = side.next_multiple_of(LANES);
-        let (area, wide) = (side * self.columns, self.columns + LANES);
-        self.grey.resize(area, 0.0);
-        self.dx.resize(area, 0.0);
-        self.dy.resize(area, 0.0);
-        self.rows.iter_mut().for_each(|row| row.resize(wide, 0.0));
-        self.raw_dx.resize((side + 1) * wide, 0.0);
-        self.raw_dy.resize((side + 1) * wide, 0.0);
+        let area = (side * (side + 1)).next_multiple_of(LANES);
+        for list in [&mut self.grey, &mut self.dx, &mut self.dy, &mut self.inside] {
+            list.clear();
+            list.resize(area, 0.0);
+        }
+        for row in self.inside.chunks_exact_mut(side + 1).take(side) {
+            row[..side].fill(1.0);
+        }
     }
 
     /// Takes grey values and derivatives of the first frame at a place.
+    #[inline(always)]
     fn fill(&mut self, level: &Level, corner: &Corner) {
-        let Self { side, columns, grey, dx, dy, rows: [upper, lower], raw_dx, raw_dy, room } = self;
-        let wide = *columns + LANES;
-        level.read_row(corner.x, corner.y, upper);
-        for (y, out) in (corner.y + 1..).zip(grey.chunks_exact_mut(*columns)) {
-            level.read_row(corner.x, y, lower);
-            fours_mut(out).iter_mut().zip(corner.between(upper, lower)).for_each(|(out, grey)| *out = grey);
-            std::mem::swap(upper, lower);
-        }
-        level.derivatives((corner.x, corner.y), wide, raw_dx, raw_dy, room);
+        let Self { side, grey, dx, dy, pixels, scharr, .. } = self;
+        let row = *side + 1;
+        level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
+        lanes_mut(grey).iter_mut().zip(corner.between(pixels, row)).for_each(|(out, grey)| *out = grey);
+        // One more in a row and one row more, to be read between; two pixels more around these.
+        scharr.fill(level, (corner.x, corner.y), row);
         let [w00, w01, w10, w11] = corner.weights.map(|w| w as f32 / (1 << WEIGHT_BITS) as f32);
-        for (raw, out) in [(raw_dx, dx), (raw_dy, dy)] {
-            let rows = raw.chunks_exact(wide);
-            for (out, (upper, lower)) in out.chunks_exact_mut(*columns).zip(rows.clone().zip(rows.skip(1))) {
-                let above = fours(upper).iter().zip(fours(&upper[1..]));
-                let below = fours(lower).iter().zip(fours(&lower[1..]));
-                for (out, ((a, b), (c, d))) in fours_mut(out).iter_mut().zip(above.zip(below)) {
-                    for k in 0..LANES {
-                        let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
-                        out[k] = (sum + ROUND) - ROUND;
-                    }
+        let wide = row + 2;
+        for (raw, out) in [(&scharr.dx, dx), (&scharr.dy, dy)] {
+            let rows = raw.chunks_exact(wide).zip(raw[wide..].chunks_exact(wide));
+            for (out, (upper, lower)) in out.chunks_exact_mut(row).zip(rows).take(*side) {
+                let above = upper.iter().zip(&upper[1..]);
+                let below = lower.iter().zip(&lower[1..]);
+                for (out, ((a, b), (c, d))) in out.iter_mut().zip(above.zip(below)).take(*side) {
+                    let sum = a * w00 + b * w01 + c * w10 + d * w11;
+                    *out = (sum + ROUND) - ROUND;
                 }
-                out[*side..].fill(0.0);
             }
         }
     }
 
     /// Sums of the products of either derivative with the second frame's grey values at a place less those of the first.
+    #[inline(always)]
     fn mismatch(&mut self, level: &Level, corner: &Corner) -> (f32, f32) {
-        let Self { columns, grey, dx, dy, rows: [upper, lower], .. } = self;
+        let Self { side, grey, dx, dy, pixels, .. } = self;
+        let row = *side + 1;
+        level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
         let (mut along_x, mut along_y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
-        let rows = grey.chunks_exact(*columns).zip(dx.chunks_exact(*columns).zip(dy.chunks_exact(*columns)));
-        level.read_row(corner.x, corner.y, upper);
-        for (y, (grey, (dx, dy))) in (corner.y + 1..).zip(rows) {
-            level.read_row(corner.x, y, lower);
-            let first = fours(grey).iter().zip(fours(dx).iter().zip(fours(dy)));
-            for ((grey, (dx, dy)), now) in first.zip(corner.between(upper, lower)) {
-                for k in 0..LANES {
-                    let difference = now[k] - grey[k];
-                    along_x[k] += dx[k] * difference;
-                    along_y[k] += dy[k] * difference;
-                }
+        let first = lanes(grey).iter().zip(lanes(dx).iter().zip(lanes(dy)));
+        for ((grey, (dx, dy)), now) in first.zip(corner.between(pixels, row)) {
+            for k in 0..LANES {
+                let difference = now[k] - grey[k];
+                along_x[k] += dx[k] * difference;
+                along_y[k] += dy[k] * difference;
             }
-            std::mem::swap(upper, lower);
         }
-        (along_x.iter().sum(), along_y.iter().sum())
+        (total(along_x), total(along_y))
     }
 
     /// Mean difference of the second frame's grey values at a place to those of the first, grey levels.
+    #[inline(always)]
     fn difference(&mut self, level: &Level, corner: &Corner) -> f64 {
-        let Self { side, columns, grey, rows: [upper, lower], .. } = self;
+        let Self { side, grey, inside, pixels, .. } = self;
+        let row = *side + 1;
+        level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
         let mut sum = 0.0;
-        level.read_row(corner.x, corner.y, upper);
-        for (y, grey) in (corner.y + 1..).zip(grey.chunks_exact(*columns)) {
-            level.read_row(corner.x, y, lower);
-            let differences = corner.between(upper, lower).flatten().zip(grey).take(*side);
-            sum += differences.map(|(now, then)| f64::from((now - then).abs())).sum::<f64>();
-            std::mem::swap(upper, lower);
+        for ((grey, inside), now) in lanes(grey).iter().zip(lanes(inside)).zip(corner.between(pixels, row)) {
+            let mut sums = [0.0_f32; LANES];
+            for k in 0..LANES {
+                sums[k] = (now[k] - grey[k]).abs() * inside[k];
+            }
+            sum += f64::from(total(sums));
         }
         sum / f64::from(1 << GREY_BITS) / (*side * *side) as f64
     }
 
     /// Finds one point again, from the smallest level to the frame itself.
+    #[inline(always)]
     fn follow(&mut self, from: &[Level], to: &[Level], probe: &Probe) -> Found {
         let half = (self.side - 1) as f32 * 0.5;
         let single = |p: &Point2<f64>| (p.x as f32, p.y as f32);
@@ -392,6 +496,7 @@ impl Window {
     }
 
     /// The search at one level, from `next` and into it; `false` where the window says nothing or leaves the image.
+    #[inline(always)]
     fn search(&mut self, first: &Level, second: &Level, (x, y): (f32, f32), next: &mut (f32, f32)) -> bool {
         let side = self.side;
         let half = (side - 1) as f32 * 0.5;

@@ -13,6 +13,7 @@ const LAYERS: [(&str, &[&str]); 5] = [
             "units",
             "geometry",
             "robust",
+            "simd",
             "least_squares",
             "formula",
             "foreign",

@@ -35,14 +35,15 @@ use serde::{Deserialize, Serialize};
 
 use self::{
     normal::{Compared, MIN_SAMPLES, NormalEquations, Sums, mean_difference, places},
-    patch::Texture,
-    sampler::{Sample, Sampler},
-    surface::{Quadratic, border, doubled_area, openings, quadratics},
+    patch::{LANES, Texture},
+    sampler::{Group, Sample, Sampler},
+    surface::{Quadratic, Shares, border, doubled_area, openings, quadratics},
 };
 use crate::{
     fit::{BlockPlaces, Layout, Skyline, Springs},
     geometry::Similarity,
     robust::{MAD_TO_SIGMA, median},
+    simd::widest,
     units::NodeId,
     wireframe::Wireframe,
 };
@@ -107,6 +108,9 @@ const SCALE_FLOOR: f64 = 1.0;
 /// Of the grey differences every so many count for the scale: their median needs no more.
 const SCALE_STRIDE: usize = 3;
 
+/// Picks the grey value out of a reading.
+const FIRST: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
+
 /// Keeps nodes that nothing holds where they are.
 const REST_GAIN: f64 = 1e-6;
 
@@ -142,9 +146,12 @@ struct Face {
     /// Twice the signed area in the neutral frame.
     doubled_area: f64,
     motion: Quadratic,
+    /// Its weights, four nodes together.
+    shares: Vec<Shares>,
     /// Where the blocks of its nodes lie in the system.
     places: Vec<BlockPlaces>,
     samples: Vec<Sample>,
+    groups: Vec<Group>,
 }
 
 /// The skin of the neutral frame.
@@ -174,7 +181,7 @@ struct Room {
     counts: Vec<usize>,
     sizes: Vec<f64>,
     sums: Sums,
-    levels: Vec<[f64; 2]>,
+    levels: Vec<[[f64; 4]; 2]>,
 }
 
 impl Template {
@@ -214,7 +221,10 @@ impl Template {
         let face = |(corners, motion): ([usize; 3], Quadratic)| {
             let points = corners.map(|i| neutral[i]);
             let places = places(&motion, ties.springs.layout());
-            Face { corners, doubled_area: doubled_area(points), motion, places, samples: sampler.samples(points) }
+            let samples = sampler.samples(points);
+            let groups = samples.chunks(LANES).map(Group::new).collect();
+            let shares = motion.shares();
+            Face { corners, doubled_area: doubled_area(points), motion, shares, places, samples, groups }
         };
         let faces = triangles.into_iter().zip(motions).map(face).filter(|f| f.samples.len() >= MIN_SAMPLES).collect();
         let room = Room {
@@ -241,6 +251,20 @@ impl Template {
     /// The positions of the live nodes in the current frame, corrected. `start`: where they are before; `forces`: the step's force on
     /// each, zero where lost.
     pub fn align(
+        &mut self,
+        patch: &Patch,
+        start: &[Point2<f64>],
+        forces: &[Matrix2<f64>],
+        options: &AlignOptions,
+    ) -> Vec<Point2<f64>> {
+        widest(
+            #[inline(always)]
+            || self.aligned(patch, start, forces, options),
+        )
+    }
+
+    #[inline(always)]
+    fn aligned(
         &mut self,
         patch: &Patch,
         start: &[Point2<f64>],
@@ -298,6 +322,7 @@ impl Template {
     }
 
     /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked.
+    #[inline(always)]
     fn add_skin(&mut self, places: &[Point2<f64>], gain: f64, with_matrix: bool) {
         let Room { texture, system, pull, compared, counts, sizes, sums, levels, .. } = &mut self.room;
         compared.clear();
@@ -307,8 +332,9 @@ impl Template {
             let before = compared.len();
             face.compare(texture, places, &self.neutral, compared);
             let list = &compared[before..];
-            let mean = mean_difference(list);
-            sizes.extend(list.iter().step_by(SCALE_STRIDE).map(|c| (f64::from(c.difference) - mean).abs()));
+            let (mean, _) = mean_difference(list);
+            let compared = list.iter().step_by(SCALE_STRIDE).filter(|[.., inside]| *inside > 0.0);
+            sizes.extend(compared.map(|[difference, ..]| (f64::from(*difference) - mean).abs()));
             counts.push(list.len());
         }
         let scale = (median(sizes).unwrap_or(0.0) * MAD_TO_SIGMA).max(SCALE_FLOOR) * CAUCHY_SCALE;
@@ -320,26 +346,29 @@ impl Template {
             let density = face.doubled_area.abs() / 2.0 / face.samples.len() as f64;
             let gain = gain * density / (self.unit_area * normal.variance);
             normal.add_right(&face.motion, gain, pull);
-            normal.add_matrix(&face.motion, &face.places, gain, levels, system);
+            normal.add_matrix(&face.motion, &face.shares, &face.places, gain, levels, system);
         }
     }
 }
 
 impl Face {
     /// Reads the current frame at the samples, with the live nodes at `places`; nothing for a folded triangle.
+    #[inline(always)]
     fn compare(&self, texture: &Texture, places: &[Point2<f64>], neutral: &[Point2<f64>], out: &mut Vec<Compared>) {
         if doubled_area(self.corners.map(|i| places[i])) / self.doubled_area <= MIN_AREA_SHARE {
             return;
         }
         let control = self.motion.values(|node| places[node] - neutral[node]).map(|d| [d.x as f32, d.y as f32]);
-        for (place, sample) in (0..).zip(&self.samples) {
-            let mut at = sample.at;
-            for (weight, displacement) in sample.weights.iter().zip(control) {
-                at[0] += weight * displacement[0];
-                at[1] += weight * displacement[1];
-            }
-            if let Some([value, dx, dy, _]) = texture.read(at) {
-                out.push(Compared { difference: value - sample.grey, gradient: [dx, dy], sample: place });
+        let start = out.len();
+        out.resize(start + self.samples.len(), Compared::default());
+        let parts = out[start..].chunks_mut(LANES).zip(self.samples.chunks(LANES));
+        for (group, (out, samples)) in self.groups.iter().zip(parts) {
+            let readings = texture.read(&group.moved(&control));
+            for ((out, sample), reading) in out.iter_mut().zip(samples).zip(readings) {
+                let grey = sample.grey * reading[3];
+                for k in 0..4 {
+                    out[k] = reading[k] - FIRST[k] * grey;
+                }
             }
         }
     }

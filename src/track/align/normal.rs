@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::{
     sampler::{QUARTICS, Sample, quartic},
-    surface::Quadratic,
+    surface::{Quadratic, Shares},
 };
 use crate::fit::{BlockPlaces, Layout, Skyline};
 
@@ -23,17 +23,19 @@ const BRIGHTNESS_SIGMA: f64 = 20.0;
 /// Place of the first control value that is no corner.
 const EDGES: usize = 3;
 
-/// A sample's grey difference to the neutral frame, and the current frame's gradient there.
-#[derive(Clone, Copy, Debug)]
-pub struct Compared {
-    pub difference: f32,
-    pub gradient: [f32; 2],
-    /// Place of the sample in its triangle's list.
-    pub sample: u32,
-}
+/// A sample's grey difference to the neutral frame, the current frame's gradient there along x and y, and 1; all 0 where the current frame says
+/// nothing.
+pub type Compared = [f32; 4];
 
-pub fn mean_difference(list: &[Compared]) -> f64 {
-    list.iter().map(|c| f64::from(c.difference)).sum::<f64>() / list.len().max(1) as f64
+/// The mean grey difference of a triangle's samples, and how many of them there are.
+#[inline(always)]
+pub fn mean_difference(list: &[Compared]) -> (f64, usize) {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for [difference, .., inside] in list {
+        sum += f64::from(*difference);
+        count += inside;
+    }
+    (sum / f64::from(count.max(1.0)), count as usize)
 }
 
 /// Room for the sums over the samples of a triangle.
@@ -43,8 +45,12 @@ pub fn mean_difference(list: &[Compared]) -> f64 {
 /// multiples of 15 quartics.
 #[derive(Clone, Debug, Default)]
 pub struct Sums {
-    /// Of each sample, its weight times the products of its gradient, and its place.
-    factors: Vec<([f32; 3], u32)>,
+    /// Of each sample, its weight times the products of its gradient, and nothing.
+    factors: Vec<[f32; 4]>,
+    /// Sums of Jacobians along x and y, and of these times the differences. They stand here as a whole: as variables of which some are not
+    /// used they would be computed one by one.
+    rows: [[f32; 8]; 4],
+    products: [[f32; QUARTICS]; 3],
 }
 
 /// One triangle's normal equations in its control values, with the change of brightness eliminated: the matrix is that of the products
@@ -60,41 +66,43 @@ pub struct NormalEquations {
 }
 
 impl NormalEquations {
+    #[inline(always)]
     pub fn new(samples: &[Sample], list: &[Compared], scale: f64, with_matrix: bool, room: &mut Sums) -> Option<Self> {
-        if list.len() < MIN_SAMPLES {
+        let (mean, count) = mean_difference(list);
+        if count < MIN_SAMPLES {
             return None;
         }
-        let mean = mean_difference(list);
         let (level, inverse) = (mean as f32, 1.0 / scale as f32);
         // Sums of weights w, differences r from their mean, Jacobian J, and their products.
         let (mut sum, mut sum_r, mut sum_rr) = (0.0f64, 0.0f64, 0.0f64);
-        let (mut sum_j, mut sum_jr) = ([[0.0f32; 8]; 2], [[0.0f32; 8]; 2]);
-        room.factors.clear();
-        for Compared { difference, gradient: [gx, gy], sample: place } in list {
-            let Some(sample) = samples.get(*place as usize) else { continue };
+        let mut rows = [[0.0f32; 8]; 4];
+        room.factors.resize(list.len(), [0.0; 4]);
+        for ((sample, [difference, gx, gy, inside]), factors) in samples.iter().zip(list).zip(&mut room.factors) {
             let r = difference - level;
-            let w = sample.nearness / (1.0 + (r * inverse) * (r * inverse));
+            let w = sample.nearness * inside / (1.0 + (r * inverse) * (r * inverse));
             let wr = w * r;
             sum += f64::from(w);
             sum_r += f64::from(wr);
             sum_rr += f64::from(wr * r);
             let [x, y, xr, yr] = [w * gx, w * gy, wr * gx, wr * gy];
+            #[allow(clippy::needless_range_loop)]
             for k in 0..8 {
-                sum_j[0][k] += x * sample.weights[k];
-                sum_j[1][k] += y * sample.weights[k];
-                sum_jr[0][k] += xr * sample.weights[k];
-                sum_jr[1][k] += yr * sample.weights[k];
+                rows[0][k] += x * sample.weights[k];
+                rows[1][k] += y * sample.weights[k];
+                rows[2][k] += xr * sample.weights[k];
+                rows[3][k] += yr * sample.weights[k];
             }
-            room.factors.push(([x * gx, x * gy, y * gy], *place));
+            *factors = [x * gx, x * gy, y * gy, 0.0];
         }
+        room.rows = rows;
         if sum < MIN_WEIGHT {
             return None;
         }
         let variance = (sum_rr / sum - (sum_r / sum).powi(2)).max(0.0) + MISMATCH_FLOOR;
         // The brightness b is held near 0 by its expected size: b = (sum w r - ...) / divisor.
         let divisor = sum + variance / BRIGHTNESS_SIGMA.powi(2);
-        let wide = |sums: [[f32; 8]; 2]| sums.map(|row| std::array::from_fn::<f64, 6, _>(|k| f64::from(row[k])));
-        let (sum_j, sum_jr) = (wide(sum_j), wide(sum_jr));
+        let [sum_jx, sum_jy, sum_jrx, sum_jry] = room.rows.map(|row| std::array::from_fn::<f64, 6, _>(|k| f64::from(row[k])));
+        let (sum_j, sum_jr) = ([sum_jx, sum_jy], [sum_jrx, sum_jry]);
         // Differences count from 0, not from their mean.
         let sum_r = sum_r + mean * sum;
         let right = std::array::from_fn(|axis| {
@@ -104,10 +112,12 @@ impl NormalEquations {
             })
         });
         let level = sum_j.map(|row| row.map(|value| value / divisor.sqrt()));
-        Some(Self { products: with_matrix.then(|| room.products(samples)), level, right, variance })
+        let products = if with_matrix { Some(room.products(samples)) } else { None };
+        Some(Self { products, level, right, variance })
     }
 
     /// Carries the right side from the control values to the nodes.
+    #[inline(always)]
     pub fn add_right(&self, motion: &Quadratic, gain: f64, pull: &mut [Vector2<f64>]) {
         for (node, control) in motion.nodes() {
             let along = |axis: usize| gain * (0..6).map(|k| control[k] * self.right[axis][k]).sum::<f64>();
@@ -115,53 +125,65 @@ impl NormalEquations {
         }
     }
 
-    /// Carries the matrix from the control values to the nodes.
+    /// Carries the matrix from the control values to the nodes, whose weights `shares` gives in fours.
+    #[inline(always)]
     pub fn add_matrix(
         &self,
         motion: &Quadratic,
+        shares: &[Shares],
         places: &[BlockPlaces],
         gain: f64,
-        levels: &mut Vec<[f64; 2]>,
+        levels: &mut Vec<[[f64; 4]; 2]>,
         system: &mut Skyline,
     ) {
         let Some(products) = &self.products else { return };
         let products = products.map(|block| block.map(|row| row.map(|value| value * gain)));
-        let root = gain.sqrt();
-        let level_of = |(_, control): (usize, &[f64; 6])| {
-            let mut level = [0.0; 2];
-            #[allow(clippy::needless_range_loop)]
-            for k in 0..6 {
-                level[0] += root * control[k] * self.level[0][k];
-                level[1] += root * control[k] * self.level[1][k];
-            }
-            level
-        };
+        let level = self.level.map(|row| row.map(|value| value * gain.sqrt()));
         levels.clear();
-        levels.extend(motion.nodes().map(level_of));
+        for shares in shares {
+            let mut sums = [[0.0; 4]; 2];
+            for (control, share) in shares.iter().enumerate() {
+                for k in 0..4 {
+                    sums[0][k] += share[k] * level[0][control];
+                    sums[1][k] += share[k] * level[1][control];
+                }
+            }
+            levels.push(sums);
+        }
         let mut places = places.iter();
         for (j, (_, control)) in motion.nodes().enumerate() {
             // Only corners have a part in the control values of corners.
             let from = if j < EDGES { 0 } else { EDGES };
             let mut carried = [[0.0; 6]; 3];
             for (carried, block) in carried.iter_mut().zip(&products) {
-                for (carried, row) in carried.iter_mut().zip(block) {
-                    for k in from..6 {
-                        *carried += row[k] * control[k];
+                for (control, row) in control.iter().zip(block).skip(from) {
+                    for k in 0..6 {
+                        carried[k] += row[k] * control;
                     }
                 }
             }
-            let [bx, by] = levels[j];
-            for (i, (_, other)) in motion.nodes().take(j + 1).enumerate() {
-                let Some(place) = places.next() else { return };
-                let from = if i < EDGES { 0 } else { EDGES };
-                let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-                for k in from..6 {
-                    xx += carried[0][k] * other[k];
-                    xy += carried[1][k] * other[k];
-                    yy += carried[2][k] * other[k];
+            let (own, lane) = (levels.get(j / 4).copied().unwrap_or_default(), j % 4);
+            let (bx, by) = (own[0][lane], own[1][lane]);
+            for (group, (shares, level)) in shares.iter().zip(&*levels).take(j / 4 + 1).enumerate() {
+                let (mut xx, mut xy, mut yx, mut yy) = ([0.0; 4], [0.0; 4], [0.0; 4], [0.0; 4]);
+                for k in 0..4 {
+                    xx[k] = -level[0][k] * bx;
+                    xy[k] = -level[0][k] * by;
+                    yx[k] = -level[1][k] * bx;
+                    yy[k] = -level[1][k] * by;
                 }
-                let [ax, ay] = levels[i];
-                system.add_at(place, &Matrix2::new(xx - ax * bx, xy - ax * by, xy - ay * bx, yy - ay * by));
+                for (control, share) in shares.iter().enumerate() {
+                    for k in 0..4 {
+                        let mixed = carried[1][control] * share[k];
+                        xx[k] += carried[0][control] * share[k];
+                        xy[k] += mixed;
+                        yx[k] += mixed;
+                        yy[k] += carried[2][control] * share[k];
+                    }
+                }
+                for (k, place) in (4 * group..=j).take(4).zip(0..).filter_map(|(_, k)| Some((k, places.next()?))) {
+                    system.add_at(place, &Matrix2::new(xx[k], xy[k], yx[k], yy[k]));
+                }
             }
         }
     }
@@ -169,10 +191,10 @@ impl NormalEquations {
 
 impl Sums {
     /// Sums of products of the control weights, by the samples' factors.
-    fn products(&self, samples: &[Sample]) -> [[[f64; 6]; 6]; 3] {
+    #[inline(always)]
+    fn products(&mut self, samples: &[Sample]) -> [[[f64; 6]; 6]; 3] {
         let mut sums = [[0.0f32; QUARTICS]; 3];
-        for (factors, place) in &self.factors {
-            let Some(sample) = samples.get(*place as usize) else { continue };
+        for (factors, sample) in self.factors.iter().zip(samples) {
             #[allow(clippy::needless_range_loop)]
             for k in 0..QUARTICS {
                 sums[0][k] += factors[0] * sample.quartics[k];
@@ -180,7 +202,8 @@ impl Sums {
                 sums[2][k] += factors[2] * sample.quartics[k];
             }
         }
-        sums.map(|sums| {
+        self.products = sums;
+        self.products.map(|sums| {
             std::array::from_fn(|k| {
                 std::array::from_fn(|l| {
                     let (place, factor) = quartic(k, l);

@@ -15,8 +15,17 @@ pub struct Patch {
     pub values: Vec<f32>,
 }
 
-/// Grey value, its gradient per px along x and y, and nothing: four numbers that are read at once.
+/// Grey value, its gradient per px along x and y, and 1 (0 where nothing was read): four numbers that are read at once.
 pub type Reading = [f32; 4];
+
+/// Places that are read at once.
+pub const LANES: usize = 8;
+
+/// One number for each of them.
+pub type Lanes = [f32; LANES];
+
+/// Adding and subtracting it rounds a number below 2^22 to the nearest whole one; the last bits of the sum are that number.
+const ROUND: f32 = 8_388_608.0;
 
 /// A patch made ready to be read at many places: grey value and central differences of every pixel side by side.
 #[derive(Clone, Debug, Default)]
@@ -30,6 +39,7 @@ pub struct Texture {
 
 impl Texture {
     /// Takes a patch, into the memory that is there.
+    #[inline(always)]
     pub fn fill_from(&mut self, patch: &Patch) {
         (self.left, self.top) = (patch.left as f32, patch.top as f32);
         let whole = patch.width.checked_mul(patch.height).is_some_and(|size| size <= patch.values.len());
@@ -46,31 +56,49 @@ impl Texture {
             for ((out, ((left, value), right)), (above, below)) in
                 out[1..].iter_mut().zip(beside).zip(above[1..].iter().zip(&below[1..]))
             {
-                *out = [*value, 0.5 * (right - left), 0.5 * (below - above), 0.0];
+                *out = [*value, 0.5 * (right - left), 0.5 * (below - above), 1.0];
             }
         }
     }
 
-    /// Bilinear value and central differences at a position of the frame, px; `None` where the patch does not reach.
-    #[inline]
-    pub fn read(&self, [x, y]: [f32; 2]) -> Option<Reading> {
-        let (x, y) = (x - self.left, y - self.top);
+    /// Bilinear values and central differences at positions of the frame, px: nothing where the patch does not reach.
+    #[inline(always)]
+    pub fn read(&self, [x, y]: &[Lanes; 2]) -> [Reading; LANES] {
+        let (left, top, width, texels) = (self.left, self.top, self.width, self.texels.as_slice());
         // One pixel more on every side, for the gradient; NaN is nowhere.
-        if !(x >= 1.0 && y >= 1.0 && x < self.width as f32 - 2.0 && y < self.height as f32 - 2.0) {
-            return None;
+        let (right, bottom) = (width as f32 - 2.0, self.height as f32 - 2.0);
+        let (mut indices, mut shares) = ([usize::MAX; LANES], [[0.0; 2]; LANES]);
+        for k in 0..LANES {
+            let (x, y) = (x[k] - left, y[k] - top);
+            if x >= 1.0 && y >= 1.0 && x < right && y < bottom {
+                // The pixel at or before, or the one before that: between them the values are the same.
+                let (column, row) = (x - 0.5 + ROUND, y - 0.5 + ROUND);
+                shares[k] = [x - (column - ROUND), y - (row - ROUND)];
+                let whole = |value: f32| (value.to_bits() & 0x7F_FFFF) as usize;
+                indices[k] = whole(row) * width + whole(column);
+            }
         }
-        let (column, row) = (x as u32, y as u32);
-        let (u, v) = (x - column as f32, y - row as f32);
-        let at = row as usize * self.width + column as usize;
-        let (upper, lower) = (self.texels.get(at..at + 2)?, self.texels.get(at + self.width..at + self.width + 2)?);
-        let [[a, b], [c, d]] = [[upper[0], upper[1]], [lower[0], lower[1]]];
-        let mut out = Reading::default();
-        for k in 0..4 {
-            let above = a[k] + u * (b[k] - a[k]);
-            let below = c[k] + u * (d[k] - c[k]);
-            out[k] = above + v * (below - above);
+        let mut out = [Reading::default(); LANES];
+        for ((out, at), [u, v]) in out.iter_mut().zip(indices).zip(shares) {
+            let Some(square) = at.checked_add(width + 2).and_then(|end| texels.get(at..end)) else { continue };
+            // Down first: both texels of a row are read as one.
+            let (Some(upper), Some(lower)) = (square.first_chunk::<2>(), square.last_chunk::<2>()) else { continue };
+            let (upper, lower) = (upper.as_flattened(), lower.as_flattened());
+            let mut sides = [0.0; 8];
+            for k in 0..8 {
+                sides[k] = upper[k] + v * (lower[k] - upper[k]);
+            }
+            for k in 0..4 {
+                out[k] = sides[k] + u * (sides[k + 4] - sides[k]);
+            }
         }
-        Some(out)
+        out
+    }
+
+    /// The same at one position.
+    pub fn read_one(&self, [x, y]: [f32; 2]) -> Option<Reading> {
+        let [reading, ..] = self.read(&[[x; LANES], [y; LANES]]);
+        (reading[3] > 0.0).then_some(reading)
     }
 }
 
@@ -90,22 +118,22 @@ mod tests {
         let value = |k: usize| 2.0 * (10 + k % 6) as f32 + 3.0 * (20 + k / 6) as f32;
         let patch = Patch { left: 10, top: 20, width: 6, height: 5, values: (0..30).map(value).collect() };
         // 2 * 12.25 + 3 * 21.5 = 89.
-        assert_eq!(texture(&patch).read([12.25, 21.5]), Some([89.0, 2.0, 3.0, 0.0]));
+        assert_eq!(texture(&patch).read_one([12.25, 21.5]), Some([89.0, 2.0, 3.0, 1.0]));
     }
 
     #[test]
     fn beyond_the_patch_there_is_nothing() {
         let patch = Patch { left: 0, top: 0, width: 6, height: 5, values: vec![1.0; 30] };
         let whole = texture(&patch);
-        assert!(whole.read([1.0, 1.0]).is_some());
+        assert!(whole.read_one([1.0, 1.0]).is_some());
         for at in [[0.9, 2.0], [2.0, 0.9], [4.0, 2.0], [2.0, 3.0], [f32::NAN, 2.0], [1e9, 2.0]] {
-            assert_eq!(whole.read(at), None, "{at:?}");
+            assert_eq!(whole.read_one(at), None, "{at:?}");
         }
         // Fewer values than its size says, or none: nothing is read, nothing panics.
         for patch in [Patch { values: vec![1.0; 10], ..patch }, Patch { left: 0, top: 0, width: 0, height: 0, values: vec![] }] {
-            assert_eq!(texture(&patch).read([3.0, 2.0]), None);
+            assert_eq!(texture(&patch).read_one([3.0, 2.0]), None);
         }
         let thin = Patch { left: 0, top: 0, width: 2, height: 9, values: vec![1.0; 18] };
-        assert_eq!(texture(&thin).read([1.0, 2.0]), None);
+        assert_eq!(texture(&thin).read_one([1.0, 2.0]), None);
     }
 }

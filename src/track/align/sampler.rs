@@ -3,7 +3,7 @@
 use nalgebra::Point2;
 
 use super::{
-    patch::Texture,
+    patch::{LANES, Lanes, Texture},
     surface::{Quadratic, doubled_area},
 };
 
@@ -86,6 +86,36 @@ pub struct Sample {
     pub quartics: [f32; QUARTICS],
 }
 
+/// Where up to [`LANES`] samples of a triangle are: places, and the weights of the control values.
+#[derive(Clone, Debug)]
+pub struct Group {
+    at: [Lanes; 2],
+    weights: [Lanes; 6],
+}
+
+impl Group {
+    pub fn new(samples: &[Sample]) -> Self {
+        let each = |value: &dyn Fn(&Sample) -> f32| std::array::from_fn(|k| samples.get(k).map_or(0.0, value));
+        Self {
+            at: std::array::from_fn(|axis| each(&|sample| sample.at[axis])),
+            weights: std::array::from_fn(|control| each(&|sample| sample.weights[control])),
+        }
+    }
+
+    /// Where the samples are when the control values move.
+    #[inline(always)]
+    pub fn moved(&self, control: &[[f32; 2]; 6]) -> [Lanes; 2] {
+        let mut at = self.at;
+        for (weights, displacement) in self.weights.iter().zip(control) {
+            for k in 0..LANES {
+                at[0][k] += weights[k] * displacement[0];
+                at[1][k] += weights[k] * displacement[1];
+            }
+        }
+        at
+    }
+}
+
 /// Samples triangles of the neutral frame.
 pub struct Sampler<'a> {
     pub texture: &'a Texture,
@@ -122,7 +152,7 @@ impl Sampler<'_> {
                 continue;
             }
             let at = [p.x as f32, p.y as f32];
-            if let Some([grey, ..]) = self.texture.read(at) {
+            if let Some([grey, ..]) = self.texture.read_one(at) {
                 let mut weights = [0.0; 8];
                 weights[..6].copy_from_slice(&Quadratic::weights(inner));
                 out.push(Sample { at, grey, nearness: nearness as f32, weights, quartics: quartics(inner) });

@@ -25,6 +25,9 @@ pub struct Quadratic {
     weights: Vec<(usize, [f64; 6])>,
 }
 
+/// For each of the six control values the weights of four nodes.
+pub type Shares = [[f64; 4]; 6];
+
 impl Quadratic {
     fn new(corners: [usize; 3], positions: &[Point2<f64>], gradients: &[NodeGradient]) -> Self {
         let mut out = Self { weights: corners.iter().map(|node| (*node, [0.0; 6])).collect() };
@@ -58,6 +61,14 @@ impl Quadratic {
     /// The nodes that the control values depend on, each with its weight in all six.
     pub fn nodes(&self) -> impl Iterator<Item = (usize, &[f64; 6])> {
         self.weights.iter().map(|(node, weights)| (*node, weights))
+    }
+
+    /// The weights of the nodes, four nodes together: 0 where the last four are fewer.
+    pub fn shares(&self) -> Vec<Shares> {
+        let of = |four: &[(usize, [f64; 6])]| {
+            std::array::from_fn(|control| std::array::from_fn(|k| four.get(k).map_or(0.0, |(_, weights)| weights[control])))
+        };
+        self.weights.chunks(4).map(of).collect()
     }
 
     /// The six control values of a function on the nodes.

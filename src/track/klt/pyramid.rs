@@ -94,65 +94,27 @@ impl Level {
         self.mirror();
     }
 
-    /// Pixels of a row from `x` on as numbers, as many as `out` has: a multiple of four.
-    #[inline]
-    pub fn read_row(&self, x: i32, y: i32, out: &mut [f32]) {
-        let row = self.row(x, y, out.len());
-        for (out, from) in out.as_chunks_mut::<4>().0.iter_mut().zip(row.as_chunks::<4>().0) {
-            for k in 0..4 {
-                out[k] = f32::from(from[k]);
-            }
+    /// Pixels from (`x`, `y`) on as numbers, `row` of them in a row, `count` in all, into `out`. The border must reach as far, and 7 pixels
+    /// further to the right.
+    #[inline(always)]
+    pub fn read(&self, x: i32, y: i32, row: usize, count: usize, out: &mut Vec<f32>) {
+        // Eight pixels at a time: what a row has too many the next one writes over.
+        let parts = row.div_ceil(8);
+        let rows = count.div_ceil(row.max(1));
+        let room = rows * row + 8;
+        if out.len() < room {
+            out.resize(room, 0.0);
         }
-    }
-
-    /// Scharr derivatives on a part of the image from (`x`, `y`) on, row by row, 32 a grey level per px; zero outside the image. There are
-    /// `columns` of them in a row, a multiple of four. `room` takes what is read of the image.
-    pub fn derivatives(&self, (x, y): (i32, i32), columns: usize, dx: &mut [f32], dy: &mut [f32], room: &mut Vec<f32>) {
-        // Two pixels more in a row, and a row more above and below; a multiple of four.
-        let wide = columns + 4;
-        let count = dx.len() / columns.max(1);
-        room.resize((count + 4) * wide, 0.0);
-        let (rows, sums) = room.split_at_mut((count + 2) * wide);
-        let (smooth, slope) = sums.split_at_mut(wide);
-        for (k, row) in (0..).zip(rows.chunks_exact_mut(wide)) {
-            self.read_row(x - 1, y - 1 + k, row);
-        }
-        let out = dx.chunks_exact_mut(columns).zip(dy.chunks_exact_mut(columns));
-        for (k, (dx, dy)) in out.enumerate() {
-            let near = [k, k + 1, k + 2].map(|k| rows[k * wide..][..wide].as_chunks::<4>().0.iter());
-            let [above, here, below] = near;
-            let sums = smooth.as_chunks_mut::<4>().0.iter_mut().zip(slope.as_chunks_mut::<4>().0);
-            for ((smooth, slope), ((a, b), c)) in sums.zip(above.zip(here).zip(below)) {
-                for k in 0..4 {
-                    smooth[k] = (a[k] + c[k]) * 3.0 + b[k] * 10.0;
-                    slope[k] = c[k] - a[k];
+        let mut from = self.offset(x, y);
+        for k in 0..rows {
+            let pixels = &self.pixels[from..from + 8 * parts];
+            let out = &mut out[k * row..];
+            for (out, pixels) in out.as_chunks_mut::<8>().0.iter_mut().zip(pixels.as_chunks::<8>().0) {
+                for k in 0..8 {
+                    out[k] = f32::from(pixels[k]);
                 }
             }
-            let smooth = [0, 2].map(|k| smooth[k..][..columns].as_chunks::<4>().0.iter());
-            let slope = [0, 1, 2].map(|k| slope[k..][..columns].as_chunks::<4>().0.iter());
-            let [left, right] = smooth;
-            for (out, (a, c)) in dx.as_chunks_mut::<4>().0.iter_mut().zip(left.zip(right)) {
-                for k in 0..4 {
-                    out[k] = c[k] - a[k];
-                }
-            }
-            let [left, middle, right] = slope;
-            for (out, ((a, b), c)) in dy.as_chunks_mut::<4>().0.iter_mut().zip(left.zip(middle).zip(right)) {
-                for k in 0..4 {
-                    out[k] = (a[k] + c[k]) * 3.0 + b[k] * 10.0;
-                }
-            }
-            let y = y + k as i32;
-            if y < 0 || y >= self.height {
-                dx.fill(0.0);
-                dy.fill(0.0);
-            } else if x < 0 || x + columns as i32 > self.width {
-                for (column, (dx, dy)) in (x..).zip(dx.iter_mut().zip(dy.iter_mut())) {
-                    if column < 0 || column >= self.width {
-                        (*dx, *dy) = (0.0, 0.0);
-                    }
-                }
-            }
+            from += self.stride;
         }
     }
 }

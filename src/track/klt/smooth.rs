@@ -1,11 +1,21 @@
 //! Gaussian smoothing of grey values.
 
+use crate::simd::widest;
+
 /// Smooths an image, row by row, by a Gaussian of standard deviation `sigma` px that reaches 4 of them; mirrored at the borders, whose
 /// pixels do not repeat. Nothing changes for a `sigma` of 0.
-pub fn smoothed(mut values: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
+pub fn smoothed(values: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     if sigma <= 0.0 || width == 0 {
         return values;
     }
+    widest(
+        #[inline(always)]
+        || smooth(values, width, sigma),
+    )
+}
+
+#[inline(always)]
+fn smooth(mut values: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     let kernel = half_kernel(sigma);
     let (reach, height) = (kernel.len() - 1, values.len() / width);
     let mut padded = vec![0.0; width + 2 * reach];
