@@ -78,17 +78,25 @@ fn blur_lines(cells: &mut [Cell], buffer: &mut Vec<Cell>, lines: (usize, usize),
         buffer.extend((0..length).map(|i| cells[k * next + i * step]));
         let mut sum = [0.0_f32; DIRECTIONS];
         for cell in buffer.iter().take(radius.min(length)) {
-            (0..DIRECTIONS).for_each(|d| sum[d] += cell[d]);
+            for d in 0..DIRECTIONS {
+                sum[d] += cell[d];
+            }
         }
         for i in 0..length {
             if let Some(cell) = buffer.get(i + radius) {
-                (0..DIRECTIONS).for_each(|d| sum[d] += cell[d]);
+                for d in 0..DIRECTIONS {
+                    sum[d] += cell[d];
+                }
             }
             let out = &mut cells[k * next + i * step];
-            (0..DIRECTIONS).for_each(|d| out[d] = sum[d] * share);
+            for d in 0..DIRECTIONS {
+                out[d] = sum[d] * share;
+            }
             if i >= radius {
                 let cell = &buffer[i - radius];
-                (0..DIRECTIONS).for_each(|d| sum[d] -= cell[d]);
+                for d in 0..DIRECTIONS {
+                    sum[d] -= cell[d];
+                }
             }
         }
     }
@@ -171,24 +179,33 @@ impl CellMap {
     }
 }
 
+/// Adds a row of cells to sums, times `sign`.
+#[inline(always)]
+fn add(sums: &mut [Cell], row: &[Cell], sign: f32) {
+    for (sum, cell) in sums.iter_mut().zip(row) {
+        for d in 0..DIRECTIONS {
+            sum[d] += sign * cell[d];
+        }
+    }
+}
+
 /// As [`blur_lines`] down the columns, a row at a time.
 #[inline(always)]
 fn blur_columns(source: &[Cell], out: &mut [Cell], width: usize, height: usize, radius: usize) {
     let share = 1.0 / (2 * radius + 1) as f32;
     let mut sums = vec![[0.0_f32; DIRECTIONS]; width];
-    let add = |sums: &mut [Cell], row: &[Cell], sign: f32| {
-        for (sum, cell) in sums.iter_mut().zip(row) {
-            (0..DIRECTIONS).for_each(|d| sum[d] += sign * cell[d]);
-        }
-    };
     let row = |y: usize| &source[y * width..][..width];
-    (0..radius.min(height)).for_each(|y| add(&mut sums, row(y), 1.0));
+    for y in 0..radius.min(height) {
+        add(&mut sums, row(y), 1.0);
+    }
     for y in 0..height {
         if y + radius < height {
             add(&mut sums, row(y + radius), 1.0);
         }
         for (cell, sum) in out[y * width..][..width].iter_mut().zip(&sums) {
-            (0..DIRECTIONS).for_each(|d| cell[d] = sum[d] * share);
+            for d in 0..DIRECTIONS {
+                cell[d] = sum[d] * share;
+            }
         }
         if y >= radius {
             add(&mut sums, row(y - radius), -1.0);

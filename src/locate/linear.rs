@@ -18,7 +18,9 @@ fn sum(a: &[f32], b: &[f32]) -> f32 {
     let (wide_a, wide_b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
     let rest: f32 = wide_a.remainder().iter().zip(wide_b.remainder()).map(|(x, y)| x * y).sum();
     for (x, y) in wide_a.zip(wide_b) {
-        (0..LANES).for_each(|k| sums[k] += x[k] * y[k]);
+        for k in 0..LANES {
+            sums[k] += x[k] * y[k];
+        }
     }
     sums.iter().sum::<f32>() + rest
 }

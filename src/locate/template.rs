@@ -6,6 +6,7 @@ use super::{
     picture::View,
     shape::{Placement, Point, distance},
 };
+use crate::simd::widest;
 
 /// Pixels between the pupils where the template is laid on.
 pub const EYE_DISTANCE: f32 = 20.0;
@@ -63,6 +64,14 @@ pub struct Grid {
 impl Grid {
     /// Cells of grey values, row by row; what does not fill a cell at the right and lower border is left out.
     pub fn new(values: &[f32], width: usize, height: usize) -> Self {
+        widest(
+            #[inline(always)]
+            || Self::read(values, width, height),
+        )
+    }
+
+    #[inline(always)]
+    fn read(values: &[f32], width: usize, height: usize) -> Self {
         let pixels = gradients(values, width, height);
         let (columns, rows) = (width / CELL, height / CELL);
         let mut sums = vec![[0.0_f32; DIRECTIONS]; columns * rows];
@@ -70,7 +79,9 @@ impl Grid {
             let row = &pixels[y * width..][..columns * CELL];
             for (cell, block) in sums[y / CELL * columns..][..columns].iter_mut().zip(row.chunks_exact(CELL)) {
                 for pixel in block {
-                    (0..DIRECTIONS).for_each(|d| cell[d] += pixel[d]);
+                    for d in 0..DIRECTIONS {
+                        cell[d] += pixel[d];
+                    }
                 }
             }
         }
