@@ -185,7 +185,7 @@ impl PointTracker for Klt {
         let half = (window_px / 2).min(self.max_window as u32 / 2) as i32;
         let side = 2 * half as usize + 1;
         let mut scharr = Scharr::default();
-        let mut matrix = |point: &Point2<f64>| {
+        let matrix = |point: &Point2<f64>| {
             let centre = |at: f64, size: i32| at.round().clamp(-1.0 - f64::from(half), f64::from(size + half)) as i32;
             let (x, y) = (centre(point.x, image.width), centre(point.y, image.height));
             // Outside the image derivatives are zero and do not count.
@@ -195,16 +195,7 @@ impl PointTracker for Klt {
             let sums = scharr.products(side).map(|sum| sum * (SCHARR * SCHARR));
             Matrix2::new(sums[0], sums[1], sums[1], sums[2]) / count.max(1.0)
         };
-        Ok(widest(
-            #[inline(always)]
-            || {
-                let mut matrices = Vec::with_capacity(points.len());
-                for point in points {
-                    matrices.push(matrix(point));
-                }
-                matrices
-            },
-        ))
+        Ok(points.iter().map(matrix).collect())
     }
 
     fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
@@ -235,6 +226,7 @@ impl PointTracker for Klt {
         let found = widest(
             #[inline(always)]
             || {
+                // No `map`: what the standard library calls is compiled for four.
                 let mut found = Vec::with_capacity(probes.len());
                 for probe in probes {
                     found.push(window.follow(&from[..count], &to[..count], probe));
