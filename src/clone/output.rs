@@ -294,7 +294,6 @@ fn track_info(
         source: vec![info.target.clone()],
         image_size: ImageSize { width, height },
         fps: Some(clone.fps),
-        fps_given: false,
         times: None,
         notes: Vec::new(),
         marks_from: "clone".to_owned(),

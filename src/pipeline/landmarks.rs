@@ -141,7 +141,6 @@ impl LandmarkSource {
             source: read.files.iter().map(|file| file_name(file)).collect(),
             image_size: ImageSize { width: 0, height: 0 },
             fps: clock.fps,
-            fps_given: self.fps.is_some(),
             times: clock.times,
             notes: Vec::new(),
             marks_from: self.marks_from.to_owned(),

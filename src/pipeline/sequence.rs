@@ -253,7 +253,6 @@ fn track_frames(
         source: source.frames.files().into_iter().map(file_name).collect(),
         image_size: track.size,
         fps: source.fps,
-        fps_given: source.fps.is_some(),
         times: None,
         notes: Vec::new(),
         marks_from: source.marks_from.clone(),
@@ -304,8 +303,6 @@ pub(super) fn track_or_reuse(
     if let Some(info) = earlier.clone()
         && Some(info.inputs_blake3.as_str()) == inputs_blake3
         && info.corrections.as_ref().map(|c| &c.blake3) == wanted
-        // A rate that is no longer given has to be read from the frames again.
-        && !(info.fps_given && labels.fps.is_none())
         && let Ok(csv) = crate::input::read(csv_path)
         && blake3::hash(&csv).to_hex().as_str() == info.csv_blake3
         && let Ok(frames) = parse_track(csv_path, &csv)
@@ -334,7 +331,6 @@ fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<
     let same = info.emotion == labels.emotion
         && info.metadata == *labels.metadata
         && info.fps == fps
-        && info.fps_given == labels.fps.is_some()
         && (info.times.is_none() || labels.fps.is_none())
         && info.marks_from == labels.marks_from;
     if !same {
@@ -343,7 +339,7 @@ fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<
         labels.marks_from.clone_into(&mut info.marks_from);
         info.fps = fps;
         if labels.fps.is_some() {
-            (info.fps_given, info.times) = (true, None);
+            info.times = None;
         }
         let written = output::write_hashed(&csv_path.with_extension("json"), |out| output::json_into(out, &info));
         track.hashes.json = written.map_err(SequenceFailure::at(Stage::Write))?.to_hex().to_string();

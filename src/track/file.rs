@@ -43,7 +43,6 @@ const EXPECTED_STEPS: f64 = 1000.0;
 /// #     source: vec![],
 /// #     image_size: ImageSize { width: 320, height: 320 },
 /// #     fps: Some(25.0),
-/// #     fps_given: false,
 /// #     times: None,
 /// #     notes: vec![],
 /// #     marks_from: "file".to_owned(),
@@ -87,9 +86,6 @@ pub struct TrackInfo {
     pub image_size: ImageSize,
     /// Frames per second, where known; in the mean where `times` are there.
     pub fps: Option<f64>,
-    /// Whether these were given, as by a manifest: the frames may say otherwise.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub fps_given: bool,
     /// Seconds from the first frame to every frame, by ascending number, where a video's frames are not even.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<Vec<f64>>,
@@ -258,7 +254,6 @@ pub struct TrackHashes {
 /// #     source: vec![],
 /// #     image_size: ImageSize { width: 320, height: 320 },
 /// #     fps: Some(25.0),
-/// #     fps_given: false,
 /// #     times: None,
 /// #     notes: vec![],
 /// #     marks_from: "file".to_owned(),

@@ -68,14 +68,6 @@ fn motions_keep_their_time_at_any_frame_rate() {
     assert_eq!(seconds("out/features/B_1.csv"), ["0", "0.1", "0.5"]);
     // Four frames a second in the mean, and half a second.
     assert_eq!(header("out/fap/tracks/B_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["4", "3"]);
-    // A rate that is given counts, and is gone when it is given no more.
-    let table = |fps: &str| format!("subject,sequence,emotion,frames,fps\nA,1,happiness,A.csv,12.5\nB,1,happiness,B.csv,{fps}\n");
-    for (fps, expected) in [("20", ["0", "0.05", "0.1"]), ("", ["0", "0.1", "0.5"])] {
-        work.write("heads/manifest.csv", table(fps));
-        work.grimace("run heads -o out").exit(0);
-        assert_eq!(seconds("out/features/B_1.csv"), expected, "{fps}");
-    }
-    assert_eq!(seconds("out/features/A_1.csv"), ["0", "0.08", "0.16"]);
 }
 
 #[test]
