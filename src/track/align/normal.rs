@@ -181,7 +181,7 @@ impl NormalEquations {
                         yy[k] += carried[2][control] * share[k];
                     }
                 }
-                for (k, place) in (4 * group..=j).take(4).zip(0..).filter_map(|(_, k)| Some((k, places.next()?))) {
+                for (k, place) in places.by_ref().take((j + 1 - 4 * group).min(4)).enumerate() {
                     system.add_at(place, &Matrix2::new(xx[k], xy[k], yx[k], yy[k]));
                 }
             }

@@ -50,8 +50,10 @@ impl Texture {
         }
         let rows = patch.values.chunks_exact(self.width);
         let near = rows.clone().zip(rows.clone().skip(1)).zip(rows.skip(2));
-        // Rows and columns at the border stay as they are: nothing reads them.
+        // Of the border the first row and column are read with a share of 0, so they must not be what an earlier patch left there.
+        self.texels.iter_mut().take(self.width).for_each(|texel| *texel = Reading::default());
         for (out, ((above, here), below)) in self.texels.chunks_exact_mut(self.width).skip(1).zip(near) {
+            out[0] = Reading::default();
             let beside = here.iter().zip(&here[1..]).zip(&here[2..]);
             for ((out, ((left, value), right)), (above, below)) in
                 out[1..].iter_mut().zip(beside).zip(above[1..].iter().zip(&below[1..]))
@@ -119,6 +121,17 @@ mod tests {
         let patch = Patch { left: 10, top: 20, width: 6, height: 5, values: (0..30).map(value).collect() };
         // 2 * 12.25 + 3 * 21.5 = 89.
         assert_eq!(texture(&patch).read_one([12.25, 21.5]), Some([89.0, 2.0, 3.0, 1.0]));
+    }
+
+    #[test]
+    fn nothing_is_left_of_an_earlier_patch() {
+        let patch = |grey: f32| Patch { left: 0, top: 0, width: 6, height: 5, values: vec![grey; 30] };
+        // So large that nothing small is left of a difference with it.
+        let mut texture = texture(&Patch { width: 5, height: 6, ..patch(3e7) });
+        texture.fill_from(&patch(0.3));
+        for at in [[1.0, 1.0], [1.0, 2.5], [3.0, 1.0]] {
+            assert_eq!(texture.read_one(at), Some([0.3, 0.0, 0.0, 1.0]), "{at:?}");
+        }
     }
 
     #[test]
