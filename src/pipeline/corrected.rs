@@ -92,7 +92,7 @@ impl SequenceSource {
         let behind = resume_with(&mut tracker, wireframe, plan, frames, start.number, corrections, reader.by_ref(), options)
             .map_err(SequenceFailure::at(Stage::Track))?;
         let content = reader.into_content_blake3().map_err(SequenceFailure::at(Stage::Track))?;
-        if self.inputs_with(content, bench) != inputs_blake3 {
+        if self.inputs_blake3(content, bench) != inputs_blake3 {
             return Err(failed("its frames were changed while they were tracked; run again when they are whole".to_owned()));
         }
         Ok(frames[..place].iter().cloned().chain(behind).collect())

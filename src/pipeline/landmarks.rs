@@ -6,6 +6,7 @@ use nalgebra::Point2;
 
 use super::{
     MADE_BY, SequenceFailure, Stage, Workbench,
+    inputs::Inputs,
     sequence::{Labels, file_name},
 };
 use crate::{
@@ -64,8 +65,8 @@ impl LandmarkSource {
         Labels { emotion: &self.emotion, metadata: &self.metadata, marks_from: self.marks_from, fps: self.fps }
     }
 
-    /// BLAKE3 of everything the track depends on.
-    pub(super) fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
+    /// Everything the track depends on.
+    pub(super) fn inputs(&self, bench: &Workbench) -> Result<Inputs, SequenceFailure> {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
             hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -98,33 +99,43 @@ impl LandmarkSource {
             part(file_name(&file).as_bytes());
             part(&bytes);
         }
-        Ok(hasher.finalize().to_hex().to_string())
+        Ok(Inputs::new(hasher.finalize()))
+    }
+
+    /// What times the frames have of their own, read again; `inputs` is what they are known by.
+    pub(super) fn own_clock(&self, inputs: &Inputs, bench: &Workbench) -> Result<Clock, SequenceFailure> {
+        let (read, sequence) = self.read(bench)?;
+        if self.inputs(bench)? == *inputs { Ok(clock(&read, &sequence)) } else { Err(SequenceFailure::changed(&self.path)) }
     }
 
     /// [`LandmarkSource::track_read`] of files that nobody changes meanwhile; also the hash of what was read.
     pub(super) fn track(&self, bench: &Workbench) -> (Option<String>, Result<Read, SequenceFailure>) {
-        let before = match self.inputs_blake3(bench) {
-            Ok(hash) => hash,
+        let before = match self.inputs(bench) {
+            Ok(inputs) => inputs,
             Err(failure) => return (None, Err(failure)),
         };
         let tracked = self.track_read(bench);
-        match self.inputs_blake3(bench) {
+        match self.inputs(bench) {
             Ok(after) if after == before => {
-                (Some(after), tracked.map(|(frames, info)| (frames, TrackInfo { inputs_blake3: before, ..info })))
+                let inputs_blake3 = after.with_rate(self.fps);
+                let tracked = tracked.map(|(frames, info)| (frames, TrackInfo { inputs_blake3: inputs_blake3.clone(), ..info }));
+                (Some(inputs_blake3), tracked)
             }
-            _ => {
-                let reason = format!("{}: changed while it was read; run again when it is whole", self.path.display());
-                (None, Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false }))
-            }
+            _ => (None, Err(SequenceFailure::changed(&self.path))),
         }
+    }
+
+    /// The landmarks, and those of the wanted frames.
+    fn read(&self, bench: &Workbench) -> Result<(LandmarkTrack, LandmarkSequence), SequenceFailure> {
+        let read = read_face(&self.path, bench.options.landmarks.least_confidence, self.face.as_deref());
+        let read = read.map_err(SequenceFailure::at(Stage::Dataset))?;
+        let sequence = read.sequence(self.first_frame, self.last_frame).map_err(SequenceFailure::at(Stage::Dataset))?;
+        Ok((read, sequence))
     }
 
     /// Fits the wireframe to the neutral frame and drives it through the others.
     fn track_read(&self, bench: &Workbench) -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure> {
-        let read = read_face(&self.path, bench.options.landmarks.least_confidence, self.face.as_deref());
-        let read = read.map_err(SequenceFailure::at(Stage::Dataset))?;
-        let sequence: LandmarkSequence =
-            read.sequence(self.first_frame, self.last_frame).map_err(SequenceFailure::at(Stage::Dataset))?;
+        let (read, sequence) = self.read(bench)?;
         let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
         let (marks, fitted) = fit_landmarks(bench, neutral, self.marks.clone())?;

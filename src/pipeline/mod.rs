@@ -13,6 +13,7 @@ mod files;
 mod folder;
 mod found;
 mod groups;
+mod inputs;
 mod landmarks;
 mod ledger;
 mod measured;

@@ -383,7 +383,7 @@ fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, 
             && (record.failure.is_some()
                 || record.corrections_blake3 == hash_of(&corrections_path(&out.join(format!("tracks/{}.csv", item.id)))))
             && match &item.source {
-                Ok(driven) => driven.hash.as_ref() == Some(&record.inputs_blake3) && !record.inputs_blake3.is_empty(),
+                Ok(driven) => driven.inputs_blake3().as_ref() == Some(&record.inputs_blake3),
                 Err(failure) => record.failure.as_ref() == Some(&(failure.stage, failure.reason.clone())),
             }
     };

@@ -12,6 +12,7 @@ use super::{
     MADE_BY, Stage, Workbench,
     beside::marks_beside,
     corrected::{apply, saved_or_carried_over},
+    inputs::{Inputs, Timed},
 };
 use crate::{
     companion::CompanionError,
@@ -84,6 +85,17 @@ impl SequenceFailure {
             Self { stage, reason, fatal: machine || stage == Stage::Write }
         }
     }
+
+    /// The run was asked to stop.
+    pub(super) fn interrupted(stage: Stage) -> Self {
+        Self { stage, reason: "interrupted".to_owned(), fatal: true }
+    }
+
+    /// A file that is not what it was when its sequence was begun.
+    pub(super) fn changed(path: &Path) -> Self {
+        let reason = format!("{}: changed while it was read; run again when it is whole", path.display());
+        Self { stage: Stage::Dataset, reason, fatal: false }
+    }
 }
 
 /// Everything that one track is made from.
@@ -111,18 +123,46 @@ impl SequenceSource {
         Labels { emotion: &self.emotion, metadata: &self.metadata, marks_from: &self.marks_from, fps: self.fps }
     }
 
-    /// BLAKE3 of everything the track depends on: program version, options, wireframe, marks, and name and content of every frame.
-    /// Emotion, further columns and frame rate are not among it: a new label does not make a new track.
+    /// Everything the track depends on: program version, options, wireframe, marks, and name and content of every frame.
+    /// Emotion and further columns are not among it: a new label does not make a new track.
     ///
     /// # Errors
     /// [`SequenceFailure`] when a frame cannot be read.
-    pub fn inputs_blake3(&self, bench: &Workbench) -> Result<String, SequenceFailure> {
+    pub(super) fn inputs(&self, bench: &Workbench) -> Result<Inputs, SequenceFailure> {
         let content = content_blake3(&self.frames).map_err(SequenceFailure::at(Stage::Dataset))?;
         Ok(self.inputs_with(content, bench))
     }
 
-    /// [`SequenceSource::inputs_blake3`] of frames whose names and bytes have the hash `content`.
-    pub(super) fn inputs_with(&self, content: blake3::Hash, bench: &Workbench) -> String {
+    /// BLAKE3 of the inputs with the rate that was given, of frames whose names and bytes have the hash `content`.
+    pub(super) fn inputs_blake3(&self, content: blake3::Hash, bench: &Workbench) -> String {
+        self.inputs_with(content, bench).with_rate(self.fps)
+    }
+
+    /// What times the frames have of their own, read again from a video; `inputs` is what they are known by.
+    ///
+    /// # Errors
+    /// [`SequenceFailure`] when they do not read, are not the same any more, or `goes_on` says no.
+    pub(super) fn own_clock(
+        &self,
+        inputs: &Inputs,
+        bench: &Workbench,
+        goes_on: impl Fn() -> bool,
+    ) -> Result<Clock, SequenceFailure> {
+        let FrameSource::Video { path, .. } = &self.frames else { return Ok(Clock::default()) };
+        let mut reader = SequenceReader::open(&self.frames).map_err(SequenceFailure::at(Stage::Track))?;
+        for frame in reader.by_ref() {
+            frame.map_err(SequenceFailure::at(Stage::Track))?;
+            if !goes_on() {
+                return Err(SequenceFailure::interrupted(Stage::Track));
+            }
+        }
+        let clock = reader.clock();
+        let content = reader.into_content_blake3().map_err(SequenceFailure::at(Stage::Track))?;
+        if self.inputs_with(content, bench) == *inputs { Ok(clock) } else { Err(SequenceFailure::changed(path)) }
+    }
+
+    /// [`SequenceSource::inputs`] of frames whose names and bytes have the hash `content`.
+    fn inputs_with(&self, content: blake3::Hash, bench: &Workbench) -> Inputs {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
             hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -146,7 +186,7 @@ impl SequenceSource {
             part(b"unchecked marks");
         }
         part(content.as_bytes());
-        hasher.finalize().to_hex().to_string()
+        Inputs::new(hasher.finalize())
     }
 }
 
@@ -178,7 +218,7 @@ pub(super) fn track_recorded(
     let mut reader = match SequenceReader::open(&source.frames) {
         Ok(reader) => reader,
         Err(error) => {
-            let inputs = content_blake3(&source.frames).map(|content| source.inputs_with(content, bench));
+            let inputs = content_blake3(&source.frames).map(|content| source.inputs_blake3(content, bench));
             return (inputs, Err(SequenceFailure::at(Stage::Track)(error)));
         }
     };
@@ -189,7 +229,7 @@ pub(super) fn track_recorded(
         (info.fps, info.times) = (clock.fps, clock.times);
         info.notes.extend(reader.remark());
     }
-    (reader.into_content_blake3().map(|content| source.inputs_with(content, bench)), tracked)
+    (reader.into_content_blake3().map(|content| source.inputs_blake3(content, bench)), tracked)
 }
 
 /// [`track_one`] for frames that are in memory, in order, the neutral one first; `source` names no files. What the track was made from
@@ -218,7 +258,7 @@ pub fn track_pictures(
         _ => Ok(frame),
     });
     let (track, mut info) = track_frames(source, bench, &mut frames, tick)?;
-    info.inputs_blake3 = source.inputs_with(content, bench);
+    info.inputs_blake3 = source.inputs_blake3(content, bench);
     Ok((track, info))
 }
 
@@ -287,21 +327,22 @@ pub(super) struct RunTrack {
 }
 
 /// The track of a sequence: read where an unchanged one is there, made by `make` and written where not. Corrections by hand are put
-/// into it by `correct`.
+/// into it by `correct`. `own_clock` says what times the frames have of their own, where a rate was given that no longer is.
 pub(super) fn track_or_reuse(
     labels: &Labels<'_>,
-    inputs_blake3: Option<&str>,
+    inputs: Option<&Inputs>,
     csv_path: &Path,
     bench: &Workbench,
     make: impl FnOnce() -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure>,
     correct: impl FnOnce(&[TrackedFrame], &Corrections, &str) -> Result<Vec<TrackedFrame>, SequenceFailure>,
+    own_clock: impl FnOnce(&Inputs) -> Result<Clock, SequenceFailure>,
 ) -> Result<RunTrack, SequenceFailure> {
     let json = crate::input::read(&csv_path.with_extension("json")).unwrap_or_default();
     let earlier: Option<TrackInfo> = serde_json::from_slice(&json).ok();
     let saved = saved_or_carried_over(csv_path, earlier.as_ref())?;
     let wanted = saved.as_ref().map(|s| &s.blake3);
-    if let Some(info) = earlier.clone()
-        && Some(info.inputs_blake3.as_str()) == inputs_blake3
+    if let (Some(info), Some(inputs)) = (earlier.clone(), inputs)
+        && let Some(timed) = inputs.timing_of(&info)
         && info.corrections.as_ref().map(|c| &c.blake3) == wanted
         && let Ok(csv) = crate::input::read(csv_path)
         && blake3::hash(&csv).to_hex().as_str() == info.csv_blake3
@@ -310,7 +351,14 @@ pub(super) fn track_or_reuse(
         let frames = neutral_first(frames, info.neutral_frame);
         let json = blake3::hash(&json).to_hex().to_string();
         let hashes = TrackHashes { csv: info.csv_blake3.clone(), json };
-        return relabel(labels, RunTrack { frames, info, reused: true, hashes }, csv_path);
+        // A rate that somebody gives is known better.
+        let clock = match (labels.fps, timed) {
+            (Some(fps), _) => Clock::even(Some(fps)),
+            (None, Timed::ByThemselves) => info.clock(),
+            (None, Timed::ByRate) => own_clock(inputs)?,
+        };
+        let track = RunTrack { frames, info, reused: true, hashes };
+        return relabel(labels, (clock, inputs.with_rate(labels.fps)), track, csv_path);
     }
     let (mut frames, mut info) = make()?;
     if let Some(saved) = &saved {
@@ -324,25 +372,27 @@ pub(super) fn track_or_reuse(
     Ok(RunTrack { frames, info, reused: false, hashes })
 }
 
-/// Brings the labels beside an unchanged track up to date.
-fn relabel(labels: &Labels<'_>, mut track: RunTrack, csv_path: &Path) -> Result<RunTrack, SequenceFailure> {
-    let info = &mut track.info;
-    let fps = labels.fps.or(info.fps);
-    let same = info.emotion == labels.emotion
-        && info.metadata == *labels.metadata
-        && info.fps == fps
-        && (info.times.is_none() || labels.fps.is_none())
-        && info.marks_from == labels.marks_from;
-    if !same {
-        labels.emotion.clone_into(&mut info.emotion);
-        info.metadata.clone_from(labels.metadata);
-        labels.marks_from.clone_into(&mut info.marks_from);
-        info.fps = fps;
-        if labels.fps.is_some() {
-            info.times = None;
-        }
-        let written = output::write_hashed(&csv_path.with_extension("json"), |out| output::json_into(out, &info));
+/// Brings the labels and times beside an unchanged track up to date.
+fn relabel(
+    labels: &Labels<'_>,
+    (clock, inputs_blake3): (Clock, String),
+    mut track: RunTrack,
+    csv_path: &Path,
+) -> Result<RunTrack, SequenceFailure> {
+    let info = &track.info;
+    let labelled = TrackInfo {
+        emotion: labels.emotion.to_owned(),
+        metadata: labels.metadata.clone(),
+        marks_from: labels.marks_from.to_owned(),
+        fps: clock.fps,
+        times: clock.times,
+        inputs_blake3,
+        ..info.clone()
+    };
+    if labelled != *info {
+        let written = output::write_hashed(&csv_path.with_extension("json"), |out| output::json_into(out, &labelled));
         track.hashes.json = written.map_err(SequenceFailure::at(Stage::Write))?.to_hex().to_string();
+        track.info = labelled;
     }
     Ok(track)
 }

@@ -12,12 +12,13 @@ use super::{
     AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, SequenceRecord, SequenceSource, Stage, Workbench,
     corrected::correct_frames,
     found::found_marks_and_remark,
+    inputs::Inputs,
     landmarks::LandmarkSource,
     ledger::Ledger,
     measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
     overlay_pictures,
-    sequence::{MACHINE, RunTrack, overlay_path, track_or_reuse, track_recorded},
+    sequence::{Labels, MACHINE, RunTrack, overlay_path, track_or_reuse, track_recorded},
     showcase::thumbnails,
 };
 use crate::{
@@ -45,11 +46,26 @@ pub(super) struct Planned<'a> {
 /// What drives a sequence, and what is known of that.
 pub(super) struct Driven {
     pub source: Source,
-    /// Hash of its inputs. It is only taken where something may be there that was made from the same: else it is taken while the frames
-    /// are decoded.
-    pub hash: Option<String>,
+    /// What the track is made from. It is only read where something may be there that was made from the same: else it is while the
+    /// frames are decoded.
+    inputs: Option<Inputs>,
     /// What a person should know of the marks that were found.
     remark: Option<String>,
+}
+
+impl Driven {
+    /// What the track is labelled with.
+    fn labels(&self) -> Labels<'_> {
+        match &self.source {
+            Source::Images(source) => source.labels(),
+            Source::Landmarks(source) => source.labels(),
+        }
+    }
+
+    /// BLAKE3 of its inputs with the rate that is given for it, where they were read.
+    pub fn inputs_blake3(&self) -> Option<String> {
+        self.inputs.map(|inputs| inputs.with_rate(self.labels().fps))
+    }
 }
 
 /// Where and with what sequences are worked on.
@@ -120,8 +136,11 @@ pub(super) fn plan_all<'a>(
     let failed: BTreeSet<&SequenceId> = failed.collect();
     let may_be_done = |id: &SequenceId| failed.contains(id) || out.join(format!("tracks/{id}.json")).exists();
     let one = |entry: &&'a SequenceEntry| {
-        let interrupted = || SequenceFailure { stage: Stage::Dataset, reason: "interrupted".to_owned(), fatal: true };
-        let source = if stop.load(Ordering::Relaxed) { Err(interrupted()) } else { plan(entry, may_be_done(&entry.id), bench) };
+        let source = if stop.load(Ordering::Relaxed) {
+            Err(SequenceFailure::interrupted(Stage::Dataset))
+        } else {
+            plan(entry, may_be_done(&entry.id), bench)
+        };
         Planned { id: entry.id.clone(), emotion: entry.emotion.clone(), entry: Some(entry), source }
     };
     chosen.par_iter().map(one).collect()
@@ -138,7 +157,7 @@ pub(super) fn process_all(
     let abort = AtomicBool::new(false);
     let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
     let one = |item: &Planned<'_>| {
-        let mut inputs = item.source.as_ref().ok().and_then(|driven| driven.hash.clone());
+        let mut inputs = item.source.as_ref().ok().and_then(Driven::inputs_blake3);
         let result = process(item, worked, &mut inputs, &halt, event);
         if !halt() {
             let reused = result.as_ref().is_ok_and(|done| done.reused);
@@ -204,8 +223,8 @@ pub(super) fn collect(planned: Vec<Planned<'_>>, results: Vec<Processed>, record
 fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven, SequenceFailure> {
     if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
         let source = LandmarkSource::new(entry, path, bench)?;
-        let hash = hashed.then(|| source.inputs_blake3(bench)).transpose()?;
-        return Ok(Driven { source: Source::Landmarks(source), hash, remark: None });
+        let inputs = hashed.then(|| source.inputs(bench)).transpose()?;
+        return Ok(Driven { source: Source::Landmarks(source), inputs, remark: None });
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
     let (marks, marks_from, remark) = marks_of(entry, &frames, bench)?;
@@ -218,8 +237,8 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven
         marks_from: marks_from.to_owned(),
         fps: entry.fps,
     };
-    let hash = hashed.then(|| source.inputs_blake3(bench)).transpose()?;
-    Ok(Driven { source: Source::Images(source), hash, remark })
+    let inputs = hashed.then(|| source.inputs(bench)).transpose()?;
+    Ok(Driven { source: Source::Images(source), inputs, remark })
 }
 
 /// The marks of a sequence, where they come from (its own, landmarks, or found in its neutral frame), and what is to be said of them.
@@ -258,19 +277,16 @@ fn process(
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Done, SequenceFailure> {
     let &Worked { out, ledger, bench, overlay, .. } = worked;
-    let Driven { source, hash, remark } = item.source.as_ref().map_err(Clone::clone)?;
+    let driven = item.source.as_ref().map_err(Clone::clone)?;
+    let Driven { source, inputs: known, remark } = driven;
     if halt() {
-        return Err(SequenceFailure { stage: Stage::Track, reason: "interrupted".to_owned(), fatal: true });
+        return Err(SequenceFailure::interrupted(Stage::Track));
     }
     let id = &item.id;
     let [csv_name, json_name, model_name] = track_and_model(id);
     let tick = |_| {
         event(Event::Frame);
         !halt()
-    };
-    let labels = match source {
-        Source::Images(source) => source.labels(),
-        Source::Landmarks(source) => source.labels(),
     };
     let make = || match source {
         Source::Images(source) => {
@@ -290,8 +306,12 @@ fn process(
         Source::Images(source) => source.track_corrected(frames, corrections, inputs, bench),
         Source::Landmarks(_) => correct_frames(frames, corrections, bench),
     };
+    let own_clock = |inputs: &Inputs| match source {
+        Source::Images(source) => source.own_clock(inputs, bench, || !halt()),
+        Source::Landmarks(source) => source.own_clock(inputs, bench),
+    };
     let RunTrack { frames, info, reused, hashes } =
-        track_or_reuse(&labels, hash.as_deref(), &out.join(&csv_name), bench, make, correct)
+        track_or_reuse(&driven.labels(), known.as_ref(), &out.join(&csv_name), bench, make, correct, own_clock)
             .map_err(|failure| name_marks(failure, item.entry))?;
     let normalized = normalized(&frames, &info.mark_places(), info.times.as_deref(), bench)?;
     if let (Some(folder), Source::Images(source)) = (overlay, source)

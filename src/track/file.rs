@@ -102,7 +102,8 @@ pub struct TrackInfo {
     pub track: TrackOptions,
     /// Quality in a few numbers.
     pub summary: TrackSummary,
-    /// BLAKE3 of everything the track depends on: program version, options, marks and the content of every frame.
+    /// BLAKE3 of everything the track depends on: program version, options, marks, the content of every frame, and a frame rate that was
+    /// given.
     pub inputs_blake3: String,
     /// BLAKE3 of the `.csv` file.
     pub csv_blake3: String,

@@ -6,7 +6,7 @@ use grimace::internal::{
 };
 use nalgebra::{Point2, Point3, Vector3};
 
-use crate::common::Work;
+use crate::common::{Work, assert_same_files};
 
 /// Landmarks of the mean head in three frames, 100 px between the pupils: neutral, then half and whole of a turn (yaw, degrees)
 /// and a smile.
@@ -68,6 +68,17 @@ fn motions_keep_their_time_at_any_frame_rate() {
     assert_eq!(seconds("out/features/B_1.csv"), ["0", "0.1", "0.5"]);
     // Four frames a second in the mean, and half a second.
     assert_eq!(header("out/fap/tracks/B_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["4", "3"]);
+    // A rate that is given counts from then on, and is gone when it is given no more: everything is as if it had been so from the beginning,
+    // and nothing is tracked again.
+    let table = |fps: &str| format!("subject,sequence,emotion,frames,fps\nA,1,happiness,A.csv,12.5\nB,1,happiness,B.csv,{fps}\n");
+    for (fps, expected) in [("20", ["0", "0.05", "0.1"]), ("10", ["0", "0.1", "0.2"]), ("", ["0", "0.1", "0.5"])] {
+        work.write("heads/manifest.csv", table(fps));
+        work.grimace("run heads -o out").exit(0).prints(&["2 sequences: 0 tracked, 2 unchanged, 0 failed"]);
+        assert_eq!(seconds("out/features/B_1.csv"), expected, "{fps}");
+        work.grimace(&format!("run heads -o fresh{fps}")).exit(0);
+        assert_same_files(&work.files("out"), &work.files(&format!("fresh{fps}")));
+        work.grimace("run heads -o out").exit(0).prints(&["nothing changed since the last run"]);
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! `grimace track`: what a user types, and what comes out; frames of every format, and frames that are none.
 
 use crate::common::{
-    Work,
+    Work, assert_same_files,
     video::{matroska, write_video},
 };
 use image::{DynamicImage, ImageFormat};
@@ -298,6 +298,35 @@ fn frames_of_a_video_have_their_own_times() {
     ran.prints(&["the frames are 40 to 80 ms apart (15.63 frames per second in the mean); times are their own"]);
     work.grimace(&format!("track films/uneven.mkv -c {MARKS} -o S001_8.csv --fps 30")).exit(0);
     assert_eq!(rate_and_times(&work, "S001_8.json"), (30.0, None));
+}
+
+#[test]
+fn a_rate_that_is_given_no_more_leaves_frames_to_their_own_times() {
+    let work = work();
+    let frames = jpegs(&work);
+    work.write("films/uneven.mkv", matroska(&frames, &[0, 40, 80, 160, 240, 320], None, 400.0));
+    work.write("films/even.mkv", matroska(&frames, &[40, 120, 200, 280, 360, 440], None, 520.0));
+    let table = |fps: &str| {
+        let row = |sequence, file, range| format!("S001,{sequence},happiness,{file},../{MARKS},{range},{fps}\n");
+        let rows =
+            [row(1, "uneven.mkv", ","), row(2, "uneven.mkv", "6,2"), row(3, "even.mkv", ","), row(4, "../faces/S001/005", ",")];
+        "subject,sequence,emotion,frames,correspondences,first_frame,last_frame,fps\n".to_owned() + &rows.concat()
+    };
+    for fps in ["20", "", "12.5", "20"] {
+        work.write("films/manifest.csv", table(fps));
+        let again = work.path("out").exists();
+        let ran = work.grimace("run films -o out").exit(0);
+        ran.prints(&[if again { "4 sequences: 0 tracked, 4 unchanged" } else { "4 sequences: 4 tracked, 0 unchanged" }]);
+        work.grimace(&format!("run films -o fresh{fps} --force")).exit(0);
+        assert_same_files(&work.files("out"), &work.files(&format!("fresh{fps}")));
+    }
+    // A run that ended early and left no more than its tracks.
+    work.write("films/manifest.csv", table(""));
+    for name in work.files("out").keys().filter(|name| !name.starts_with("tracks/")) {
+        std::fs::remove_file(work.path("out").join(name)).unwrap();
+    }
+    work.grimace("run films -o out --force").exit(0).prints(&["4 sequences: 0 tracked, 4 unchanged"]);
+    assert_same_files(&work.files("out"), &work.files("fresh"));
 }
 
 #[test]
