@@ -4,12 +4,12 @@
 use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 
 use super::{
-    AnalysisError, AnalyzedModel, Event, Failure, RunError, RunJson, Workbench,
+    AnalysisError, AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, Workbench,
     analysis::{by_emotion, labelled, strata_of},
     folder::{RUN_JSON, new_record, open},
     ledger::Ledger,
     parts::{EmotionPart, part_name},
-    work::{Collected, Worked, collect, plan_all, process_all, sequence_files},
+    work::{Collected, Planned, Worked, collect, plan_all, process_all, sequence_files},
 };
 use crate::{
     dataset::{Dataset, SequenceEntry},
@@ -32,6 +32,12 @@ pub struct Plan {
 /// As `run`, before any sequence is worked on.
 pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
     let (opened, name, earlier) = open(dataset, out, bench, force, (&AtomicBool::new(false), &|_| ()))?;
+    let first = opened.failures.iter().map(Planned::damaged).min_by(|a, b| a.id.cmp(&b.id));
+    if opened.sequences.is_empty()
+        && let Some(Planned { source: Err(SequenceFailure { stage, reason, .. }), .. }) = first
+    {
+        return Err(RunError::NothingLeft { sequences: opened.failures.len(), stage, reason });
+    }
     if earlier.as_ref().is_none_or(|earlier| !earlier.complete) {
         let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
         let (outputs, kept) = earlier.map(|e| (e.outputs, e.kept)).unwrap_or_default();

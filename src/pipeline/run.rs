@@ -14,7 +14,7 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    Analysis, Failure, RunJson, SequenceFailure, SequenceRecord, Stage, Workbench,
+    Analysis, Failure, RunJson, SequenceRecord, Stage, Workbench,
     analysis::{AnalysisError, analyze_with},
     file_blake3 as hash_of,
     folder::{RUN_JSON, new_record, open},
@@ -30,7 +30,6 @@ use crate::{
     dataset::SequenceEntry,
     output::{self, OutputError, count},
     pipeline::write_analysis,
-    text::message,
     track::corrections_path,
     units::SequenceId,
 };
@@ -277,16 +276,7 @@ pub fn run(
 
     let chosen: Vec<&SequenceEntry> = opened.sequences.iter().collect();
     let mut planned = plan_all(&chosen, out, earlier.as_ref(), bench, stop);
-    planned.extend(opened.failures.iter().map(|failure| Planned {
-        id: SequenceId { subject: failure.subject.clone(), sequence: failure.sequence.clone() },
-        emotion: String::new(),
-        entry: None,
-        source: Err(SequenceFailure {
-            stage: Stage::Dataset,
-            reason: message(&failure.error.to_string()).into_owned(),
-            fatal: false,
-        }),
-    }));
+    planned.extend(opened.failures.iter().map(Planned::damaged));
     planned.sort_by(|a, b| a.id.cmp(&b.id));
 
     if stop.load(Ordering::Relaxed) {

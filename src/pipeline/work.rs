@@ -22,13 +22,14 @@ use super::{
     showcase::thumbnails,
 };
 use crate::{
-    dataset::{CorrespondenceSource, FrameSource, LandmarkSelection, SequenceEntry},
+    dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry},
     features::Course,
     fit::Correspondence,
     output,
     overlay::png_bytes,
     sequence::read_first_frame,
     statistics::SequenceModel,
+    text::message,
     track::{Corrections, TrackQuality, TrackedFrame},
     units::SequenceId,
 };
@@ -94,6 +95,17 @@ pub(super) enum Source {
 }
 
 impl Planned<'_> {
+    /// A row of the manifest that is damaged.
+    pub fn damaged(row: &FailedEntry) -> Self {
+        let reason = message(&row.error.to_string()).into_owned();
+        Self {
+            id: SequenceId { subject: row.subject.clone(), sequence: row.sequence.clone() },
+            emotion: String::new(),
+            entry: None,
+            source: Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false }),
+        }
+    }
+
     /// Further columns of the manifest.
     pub fn metadata(&self) -> BTreeMap<String, String> {
         self.entry.map(|e| e.metadata.clone()).unwrap_or_default()

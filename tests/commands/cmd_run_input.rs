@@ -51,6 +51,30 @@ fn a_link_to_nowhere_is_named() {
 }
 
 #[test]
+fn a_plan_of_nothing_is_no_plan() {
+    // A folder, no file, no table, a table without rows, and one of which no row can be used: the first by id is named.
+    let of = |manifest: &str| with_manifest(manifest);
+    let (none, folder) = (of(PLAIN), of(PLAIN));
+    for work in [&none, &folder] {
+        std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
+    }
+    std::fs::create_dir(folder.path("faces/manifest.csv")).unwrap();
+    let damaged = of("subject,sequence,emotion,fps\nS002,005,happiness\nS001,005,happiness,fast\n");
+    for (work, texts) in [
+        (none, ["faces", "manifest.csv"]),
+        (folder, ["manifest.csv", "it is a folder"]),
+        (of("no table"), ["manifest.csv", "has no column"]),
+        (of("subject,sequence,emotion\n"), ["manifest.csv", "lists no sequence"]),
+        (damaged, ["none of the 2 sequences could be processed", "line 3: fps is `fast`"]),
+    ] {
+        let error = |ran: crate::common::Ran| ran.stderr.lines().find(|line| line.starts_with("error")).unwrap().to_owned();
+        let planned = error(work.grimace("run faces -o plan --plan").exit(1).says(&texts));
+        assert!(work.files("plan").is_empty(), "{planned}");
+        assert_eq!(planned, error(work.grimace("run faces -o out").exit(1)));
+    }
+}
+
+#[test]
 fn a_manifest_that_is_none_is_refused_as_a_whole() {
     let refused = |manifest: &[u8], texts: &[&str]| {
         let work = with_manifest(manifest);
