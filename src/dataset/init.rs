@@ -8,7 +8,7 @@ use std::{
 };
 
 use self::search::Found;
-use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade};
+use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, spelling::composed};
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
@@ -124,20 +124,20 @@ impl ProposedManifest {
         for row in csv.rows() {
             let row = row?;
             let fields: Vec<String> = others.iter().map(|&k| row.get(k).to_owned()).collect();
-            let earlier = people.insert(row.get(by).to_owned(), fields.clone());
+            let earlier = people.insert(composed(row.get(by)), fields.clone());
             if earlier.is_some_and(|earlier| earlier != fields) {
                 let subject = row.get(by).to_owned();
                 return Err(DatasetError::Contradiction { path: path.to_owned(), line: row.line(), subject });
             }
         }
-        if !self.rows.iter().any(|row| people.contains_key(&row.subject)) {
+        if !self.rows.iter().any(|row| people.contains_key(&composed(&row.subject))) {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
             return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject });
         }
         self.person_columns = others.iter().map(|&k| csv.header()[k].clone()).collect();
         let mut unknown = BTreeSet::new();
         for row in &mut self.rows {
-            row.person = people.get(&row.subject).cloned().unwrap_or_else(|| {
+            row.person = people.get(&composed(&row.subject)).cloned().unwrap_or_else(|| {
                 unknown.insert(row.subject.clone());
                 vec![String::new(); others.len()]
             });
@@ -236,17 +236,17 @@ fn is_label(name: &str) -> bool {
         && !COLLECTIONS.iter().any(|collection| word.starts_with(collection))
 }
 
-/// Names of the folders from `root` to a sequence, a video's without its extension.
+/// Names of the folders from `root` to a sequence, a video's without its extension, as tables have them.
 fn names(root: &Path, path: &Path) -> Vec<String> {
     let path = if path.is_file() { path.with_extension("") } else { path.to_owned() };
     let inside = path.strip_prefix(root).unwrap_or(&path);
-    inside.components().map(|c| c.as_os_str().to_string_lossy().into_owned()).collect()
+    inside.components().map(|c| composed(&c.as_os_str().to_string_lossy())).collect()
 }
 
 /// Subject and sequence by the names: the first that is no emotion, and the others. Of one name alone, what stands before the first `_`,
 /// `-` or space is the subject; where that is an emotion, the next part that is none.
 fn subject_and_sequence(root: &Path, names: &[String]) -> (String, String) {
-    let of_root = || root.canonicalize().ok().and_then(|p| p.file_name().map(|n| n.to_string_lossy().into_owned()));
+    let of_root = || root.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy())));
     let place = names.iter().position(|name| emotion_of(name).is_none_or(|_| has_other_words(name)));
     match (names, place) {
         ([], _) => (of_root().unwrap_or_else(|| "1".to_owned()), "1".to_owned()),

@@ -14,6 +14,7 @@ use super::{
     Dataset, DatasetError, FailedEntry, RowError, SequenceEntry,
     error::{check_file_name, name_key},
     frames::is_video,
+    spelling::place_of,
 };
 use crate::{
     input::{CsvFile, CsvRow},
@@ -165,11 +166,11 @@ fn entry(
         Some(k) => Some(row.number(k).ok().filter(|&fps| fps > 0.0).ok_or_else(|| row.field_error(k, "a positive number"))?),
         None => None,
     };
-    let folder = root.join(&id.subject).join(&id.sequence);
-    let frames_path = given(columns.frames).map_or_else(|| folder.clone(), |k| root.join(row.get(k)));
+    let folder = place_of(root, &format!("{}/{}", id.subject, id.sequence));
+    let frames_path = given(columns.frames).map_or_else(|| folder.clone(), |k| place_of(root, row.get(k)));
     let landmarks_paths = given(columns.landmarks).map_or_else(Vec::new, |k| {
         let beside = if is_video(&frames_path) { frames_path.parent().unwrap_or(root) } else { &frames_path };
-        vec![beside.join(row.get(k)), root.join(row.get(k))]
+        vec![place_of(beside, row.get(k)), place_of(root, row.get(k))]
     });
     Ok(SequenceEntry {
         id,
@@ -177,7 +178,7 @@ fn entry(
         frames_path,
         first_frame,
         last_frame,
-        correspondences_path: given(columns.correspondences).map(|k| root.join(row.get(k))),
+        correspondences_path: given(columns.correspondences).map(|k| place_of(root, row.get(k))),
         default_correspondences_path: folder.join(CORRESPONDENCES_NAME),
         landmarks_paths,
         fps,

@@ -13,6 +13,7 @@ mod landmarks;
 mod manifest;
 mod marks;
 mod numbering;
+mod spelling;
 
 use std::path::{Path, PathBuf};
 

@@ -40,6 +40,32 @@ fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn names_are_the_same_however_their_accents_are_written() {
+    // Folders as macOS writes them, an accent behind its letter, and a table as everybody else writes it.
+    let work = Work::new();
+    for ((name, bytes), at) in FACES.iter().flat_map(|file| ["S001", "S002"].map(|at| (file, at))) {
+        if let Some(rest) = name.strip_prefix(&format!("{at}/005/")) {
+            work.write(&format!("faces/{}/fe\u{302}te/{rest}", ["Andre\u{301}", "Zoe\u{308}"][usize::from(at == "S002")]), bytes);
+        }
+    }
+    let table = "subject,sequence,emotion,correspondences\nAndr\u{e9},f\u{ea}te,happiness,\n\
+                 Zo\u{eb},f\u{ea}te,happiness,Zo\u{eb}/f\u{ea}te/correspondences.csv\n";
+    work.write("faces/manifest.csv", table);
+    work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 2 tracked"]);
+    assert!(work.path("out/tracks/Andr\u{e9}_f\u{ea}te.csv").exists());
+    std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
+    work.write("people.csv", "subject,sex\nAndr\u{e9},m\nZo\u{eb},f\n");
+    let ran = work.grimace("init faces --people people.csv").exit(0);
+    assert!(!ran.stdout.contains("not in the table of people"), "{}", ran.stdout);
+    let rows = work.rows("faces/manifest.csv");
+    assert_eq!((rows[0]["subject"].as_str(), rows[0]["sequence"].as_str()), ("Andr\u{e9}", "f\u{ea}te"));
+    assert_eq!([&rows[0]["sex"], &rows[1]["sex"]], ["m", "f"]);
+    work.replace("faces/manifest.csv", ",?,", ",happiness,");
+    work.grimace("run faces -o from_init").exit(0).prints(&["2 sequences: 2 tracked"]);
+}
+
+#[test]
 #[cfg(unix)]
 fn a_link_to_nowhere_is_named() {
     let work = with_manifest(PLAIN);
