@@ -11,12 +11,11 @@ use grimace::{
         CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, Film, Rescale,
         SKIN_SUFFIX, Sheet, Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
-    dataset::{FrameSource, IMAGE_EXTENSIONS, PUBLISH_COLUMN, list_frames, may_publish},
+    dataset::{PUBLISH_COLUMN, may_publish},
     output::{MADE_BY, count, per_second, write_atomic},
     pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
-    sequence::{ImageSize, read_colour_frames},
-    track::{TrackInfo, read_track_info},
+    track::read_track_info,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -27,6 +26,7 @@ use super::{
     portrait,
     progress::frame_bar,
     shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, file_name, positive, stop_flag, words},
+    source_frames::source_pictures,
 };
 
 /// Put an expression on a new face.
@@ -324,7 +324,8 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                     path.display()
                 );
             }
-            let pictures = args.look.source_frames.as_ref().map(|folder| pictures(folder, &motion, info.as_ref())).transpose()?;
+            let pictures =
+                args.look.source_frames.as_ref().map(|folder| source_pictures(folder, &motion, info.as_ref())).transpose()?;
             let skin = skin_of(&args.look.skin, path, &motion, bench)?;
             Ok(Source { path, motion, pictures, skin })
         };
@@ -348,76 +349,6 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     }
     anyhow::ensure!(!sources.is_empty(), "no source could be read: {}", failed.join("; "));
     Ok((sources, failed))
-}
-
-/// Refuses frames that are not called as those that a track was made from, where it knows these: of another person as a rule. Folders may
-/// have moved. Of frames that were taken out of a video since, or made into one, names say nothing.
-fn check_names(
-    folder: &Path,
-    listed: &FrameSource,
-    numbers: &[u32],
-    motion: &SourceMotion,
-    info: &TrackInfo,
-) -> anyhow::Result<()> {
-    let used: Vec<String> = match listed {
-        FrameSource::Images(files) => files.iter().filter(|f| numbers.contains(&f.number)).map(|f| file_name(&f.path)).collect(),
-        FrameSource::Video { path, .. } => vec![file_name(path)],
-    };
-    let was_video = matches!(&info.source[..], [only] if !is_image_name(only));
-    if was_video == matches!(listed, FrameSource::Images(_)) {
-        return Ok(());
-    }
-    let other = used.iter().find(|name| !info.source.contains(name));
-    if let (Some(other), Some(known)) = (other, info.source.first()) {
-        let more = if info.source.len() > 1 { " and others" } else { "" };
-        anyhow::bail!(
-            "{}: {other} is none of the files that the track {} was made from ({known}{more}); give the folder or video that it was made from",
-            folder.display(),
-            motion.name
-        );
-    }
-    Ok(())
-}
-
-/// Whether a file is called as pictures are.
-fn is_image_name(name: &str) -> bool {
-    let extension = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
-    extension.is_some_and(|extension| IMAGE_EXTENSIONS.contains(&extension.as_str()))
-}
-
-/// The pictures of a track's frames: of the names and the size of those that were tracked, where these are known.
-fn pictures(folder: &Path, motion: &SourceMotion, info: Option<&TrackInfo>) -> anyhow::Result<Vec<RgbImage>> {
-    anyhow::ensure!(
-        !motion.frames.is_empty(),
-        "--source-frames belong to a track; {} is a representative, a model or a FAP file and has none",
-        motion.name
-    );
-    let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
-    let listed = list_frames(folder, None, None)?;
-    let size = info.map(|info| info.image_size);
-    if let Some(info) = info {
-        check_names(folder, &listed, &numbers, motion, info)?;
-    }
-    let read = read_colour_frames(&listed, &numbers)?;
-    anyhow::ensure!(
-        read.len() == numbers.len(),
-        "{}: has {} of the {} frames of the track {}; give the folder or video that the track was made from",
-        folder.display(),
-        read.len(),
-        numbers.len(),
-        motion.name
-    );
-    for (number, picture) in &read {
-        let found = ImageSize { width: picture.width(), height: picture.height() };
-        anyhow::ensure!(
-            size.is_none_or(|expected| found == expected),
-            "{}: frame {number} is {found}, but the track {} was made from frames of {}; give the folder or video that it was made from",
-            folder.display(),
-            motion.name,
-            size.unwrap_or(found)
-        );
-    }
-    Ok(read.into_iter().map(|(_, picture)| picture).collect())
 }
 
 /// What a person should know of FAPs that were cut.

@@ -36,6 +36,7 @@ mod recognize;
 mod run;
 mod segment;
 pub mod shared;
+mod source_frames;
 mod synthesize;
 mod synthesize_report;
 mod track;

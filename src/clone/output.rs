@@ -302,6 +302,7 @@ fn track_info(
         track: TrackOptions::default(),
         summary: summarize(frames, &face.wireframe, &face.tables),
         inputs_blake3: blake3::hash(inputs.as_bytes()).to_hex().to_string(),
+        frames_blake3: None,
         csv_blake3: String::new(),
         corrections: None,
         neutral_frame: None,

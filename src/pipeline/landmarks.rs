@@ -160,6 +160,7 @@ impl LandmarkSource {
             track: bench.options.track,
             summary: summarize(&frames, &bench.wireframe, &bench.tables),
             inputs_blake3: String::new(),
+            frames_blake3: None,
             csv_blake3: String::new(),
             corrections: None,
             neutral_frame: None,

@@ -229,7 +229,11 @@ pub(super) fn track_recorded(
         (info.fps, info.times) = (clock.fps, clock.times);
         info.notes.extend(reader.remark());
     }
-    (reader.into_content_blake3().map(|content| source.inputs_blake3(content, bench)), tracked)
+    let content = reader.into_content_blake3();
+    if let (Ok((_, info)), Ok(content)) = (&mut tracked, &content) {
+        info.frames_blake3 = Some(content.to_hex().to_string());
+    }
+    (content.map(|content| source.inputs_blake3(content, bench)), tracked)
 }
 
 /// [`track_one`] for frames that are in memory, in order, the neutral one first; `source` names no files. What the track was made from
@@ -301,6 +305,7 @@ fn track_frames(
         track: bench.options.track,
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables).with_marks_beside(beside),
         inputs_blake3: String::new(),
+        frames_blake3: None,
         csv_blake3: String::new(),
         corrections: None,
         neutral_frame: None,

@@ -51,6 +51,7 @@ const EXPECTED_STEPS: f64 = 1000.0;
 /// #     track: Default::default(),
 /// #     summary: grimace::track::summarize(&track, &wireframe, &tables),
 /// #     inputs_blake3: String::new(),
+/// #     frames_blake3: None,
 /// #     csv_blake3: String::new(),
 /// #     neutral_frame: None,
 /// #     apex_frame: None,
@@ -102,9 +103,11 @@ pub struct TrackInfo {
     pub track: TrackOptions,
     /// Quality in a few numbers.
     pub summary: TrackSummary,
-    /// BLAKE3 of everything the track depends on: program version, options, marks, the content of every frame, and a frame rate that was
-    /// given.
+    /// BLAKE3 of everything the track depends on: program version, options, marks, a given frame rate, and the content of every frame.
     pub inputs_blake3: String,
+    /// BLAKE3 of the names and bytes of the files of `source`, where they are images or a video.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames_blake3: Option<String>,
     /// BLAKE3 of the `.csv` file.
     pub csv_blake3: String,
     /// Number of the neutral frame; not in tracks of versions that always began with it.
@@ -263,6 +266,7 @@ pub struct TrackHashes {
 /// #     track: Default::default(),
 /// #     summary: grimace::track::summarize(&track, &wireframe, &tables),
 /// #     inputs_blake3: String::new(),
+/// #     frames_blake3: None,
 /// #     csv_blake3: String::new(),
 /// #     neutral_frame: None,
 /// #     apex_frame: None,

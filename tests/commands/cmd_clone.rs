@@ -432,6 +432,15 @@ fn sources_that_do_not_fit_are_named() {
     for (name, bytes) in work.files("faces/S001/005") {
         work.write(&format!("moved/{name}"), bytes);
     }
+    // Another person's frames that are called the same, as where everybody's are called by their number.
+    for (name, bytes) in work.files("other") {
+        work.write(&format!("namesake/{}", name.replace("S002", "S001")), bytes);
+    }
+    clone(&work, "--source S001_005.csv --source-frames namesake --wrinkles -o out").exit(1).says(&[
+        "namesake: called as what the track S001_005 was made from, but another person's, or changed since; give the folder",
+    ]);
+    // A folder that has more pictures is no other one.
+    work.write("moved/S001_005_00000007.png", work.bytes("target.png"));
     clone(&work, "--source S001_005.csv --source-frames moved --wrinkles -o moved-clone").exit(0);
     std::fs::remove_file(work.path("faces/S001/005/S001_005_00000003.png")).unwrap();
     clone(&work, "--source S001_005.csv --source-frames faces/S001/005 --wrinkles -o out")

@@ -1,0 +1,112 @@
+//! The pictures that a track was made from, for commands that show them.
+
+use std::path::Path;
+
+use grimace::{
+    clone::SourceMotion,
+    dataset::{FrameSource, IMAGE_EXTENSIONS, list_frames},
+    sequence::{ImageSize, content_blake3, read_colour_frames},
+    track::TrackInfo,
+};
+use image::RgbImage;
+
+use super::shared::file_name;
+
+/// Refuses frames that are not called as those that a track was made from, where it knows these: of another person as a rule. Folders may
+/// have moved. Of frames that were taken out of a video since, or made into one, names say nothing.
+fn check_names(
+    folder: &Path,
+    listed: &FrameSource,
+    numbers: &[u32],
+    motion: &SourceMotion,
+    info: &TrackInfo,
+) -> anyhow::Result<()> {
+    let used: Vec<String> = match listed {
+        FrameSource::Images(files) => files.iter().filter(|f| numbers.contains(&f.number)).map(|f| file_name(&f.path)).collect(),
+        FrameSource::Video { path, .. } => vec![file_name(path)],
+    };
+    if !is_same_kind(listed, info) {
+        return Ok(());
+    }
+    let other = used.iter().find(|name| !info.source.contains(name));
+    if let (Some(other), Some(known)) = (other, info.source.first()) {
+        let more = if info.source.len() > 1 { " and others" } else { "" };
+        anyhow::bail!(
+            "{}: {other} is none of the files that the track {} was made from ({known}{more}); give the folder or video that it was made from",
+            folder.display(),
+            motion.name
+        );
+    }
+    Ok(())
+}
+
+/// Refuses frames of the right names that hold something else: numbers alone are what everybody's frames are called.
+fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, info: &TrackInfo) -> anyhow::Result<()> {
+    let Some(known) = info.frames_blake3.as_ref().filter(|_| is_same_kind(listed, info)) else { return Ok(()) };
+    let tracked = match listed {
+        FrameSource::Images(files) => {
+            let named = |name: &String| files.iter().find(|file| file_name(&file.path) == *name).cloned();
+            let Some(files) = info.source.iter().map(named).collect() else { return Ok(()) };
+            FrameSource::Images(files)
+        }
+        FrameSource::Video { .. } => listed.clone(),
+    };
+    anyhow::ensure!(
+        content_blake3(&tracked)?.to_hex().as_str() == known,
+        "{}: called as what the track {} was made from, but another person's, or changed since; give the folder or video that it was made from",
+        folder.display(),
+        motion.name
+    );
+    Ok(())
+}
+
+/// Whether frames are images as those of the track were, or a video as it was.
+fn is_same_kind(listed: &FrameSource, info: &TrackInfo) -> bool {
+    let was_video = matches!(&info.source[..], [only] if !is_image_name(only));
+    was_video == matches!(listed, FrameSource::Video { .. })
+}
+
+/// Whether a file is called as pictures are.
+fn is_image_name(name: &str) -> bool {
+    let extension = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
+    extension.is_some_and(|extension| IMAGE_EXTENSIONS.contains(&extension.as_str()))
+}
+
+/// The pictures of a track's frames: those that were tracked, by their names, content and size, as far as these are known.
+pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&TrackInfo>) -> anyhow::Result<Vec<RgbImage>> {
+    anyhow::ensure!(
+        !motion.frames.is_empty(),
+        "--source-frames belong to a track; {} is a representative, a model or a FAP file and has none",
+        motion.name
+    );
+    let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
+    let listed = list_frames(folder, None, None)?;
+    let size = info.map(|info| info.image_size);
+    if let Some(info) = info {
+        check_names(folder, &listed, &numbers, motion, info)?;
+    }
+    let read = read_colour_frames(&listed, &numbers)?;
+    anyhow::ensure!(
+        read.len() == numbers.len(),
+        "{}: has {} of the {} frames of the track {}; give the folder or video that the track was made from",
+        folder.display(),
+        read.len(),
+        numbers.len(),
+        motion.name
+    );
+    for (number, picture) in &read {
+        let found = ImageSize { width: picture.width(), height: picture.height() };
+        anyhow::ensure!(
+            size.is_none_or(|expected| found == expected),
+            "{}: frame {number} is {found}, but the track {} was made from frames of {}; give the folder or video that it was made from",
+            folder.display(),
+            motion.name,
+            size.unwrap_or(found)
+        );
+    }
+    // What tells more than that something differs comes first.
+    if let Some(info) = info {
+        check_content(folder, &listed, motion, info)?;
+    }
+    Ok(read.into_iter().map(|(_, picture)| picture).collect())
+}
