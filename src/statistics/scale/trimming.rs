@@ -106,12 +106,14 @@ const BINS_PER_DIRECTION: usize = 32;
 
 /// What bins may leave open of a sum, relative to it and to what the directions leave open. Where a few far points leave the others
 /// in too few bins, the line is sorted instead.
-const MOST_SLACK: f64 = 0.1;
+const MOST_SLACK: f64 = 0.25;
 
 /// A line on which points are projected, with its buffers.
 #[derive(Default)]
 struct Line {
     values: Vec<f64>,
+    /// Bin of every value.
+    places: Vec<i32>,
     bins: Vec<Bin>,
     sorted: Vec<f64>,
     prefix: Vec<f64>,
@@ -129,11 +131,22 @@ impl Line {
         if !(per_width.is_finite() && width.is_finite()) {
             return self.add_sorted(wanted, sums);
         }
-        let bin_of = |v: f64| (((v - lowest) * per_width) as usize).min(bin_count - 1);
+        self.places.clear();
+        self.places.resize(self.values.len(), 0);
+        let last = bin_count as i32 - 1;
+        let (values, places) = (&self.values[..], &mut self.places[..]);
+        widest(
+            #[inline(always)]
+            || {
+                for (place, v) in places.iter_mut().zip(values) {
+                    *place = (((v - lowest) * per_width) as i32).min(last);
+                }
+            },
+        );
         self.bins.clear();
         self.bins.resize(bin_count, Bin::default());
-        for &v in &self.values {
-            let bin = &mut self.bins[bin_of(v)];
+        for (&v, &place) in self.values.iter().zip(&self.places) {
+            let bin = &mut self.bins[place as usize];
             bin.count += 1.0;
             bin.sum += v;
         }
@@ -160,7 +173,7 @@ impl Line {
         }
         for (to, &i) in sums.iter_mut().zip(wanted) {
             let s = self.values[i];
-            let bin = &self.bins[bin_of(s)];
+            let bin = &self.bins[self.places[i] as usize];
             // The distances within the bin add up to no less than that of the sums, and none is longer than the bin.
             let outside = bin.slope * s + bin.offset;
             *to += Bounds { lower: outside + (s * bin.count - bin.sum).abs(), upper: outside + (bin.count - 1.0) * extent };
@@ -199,8 +212,15 @@ fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) 
     for a in 0..directions {
         // Half a step off the axes, along which many vectors may lie.
         let (sin, cos) = ((a as f64 + 0.5) * step).sin_cos();
-        line.values.clear();
-        line.values.extend(points.iter().map(|p| (p.x - mean.x) * cos + (p.y - mean.y) * sin));
+        line.values.resize(points.len(), 0.0);
+        widest(
+            #[inline(always)]
+            || {
+                for (value, p) in line.values.iter_mut().zip(points) {
+                    *value = (p.x - mean.x) * cos + (p.y - mean.y) * sin;
+                }
+            },
+        );
         line.add(BINS_PER_DIRECTION * directions, slack, wanted, &mut sums);
     }
     for sum in &mut sums {
