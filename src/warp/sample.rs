@@ -64,7 +64,7 @@ impl Texture {
     pub fn sample(&self, at: Point2<f64>) -> [f32; 3] {
         let x = (at.x.max(-1.0)).min(f64::from(self.width));
         let y = (at.y.max(-1.0)).min(f64::from(self.height));
-        let (x0, y0) = (x.floor(), y.floor());
+        let (x0, y0) = (floor(x), floor(y));
         let (wx, wy) = (catmull_rom((x - x0) as f32), catmull_rom((y - y0) as f32));
         // The kernel's first pixel is one before the floor; with the border that is one after it.
         let column = ((x0 as isize + BORDER as isize - 1).max(0) as usize).min(self.stride.saturating_sub(4));
@@ -86,6 +86,12 @@ impl Texture {
         }
         [sum[0], sum[1], sum[2]]
     }
+}
+
+/// The largest whole number not above one that 32 bits hold; `f64::floor` is a call for older processors.
+fn floor(value: f64) -> f64 {
+    let whole = f64::from(value as i32);
+    if whole > value { whole - 1.0 } else { whole }
 }
 
 /// Weights of the four pixels around a place, `t` in 0..1 past the second.
@@ -123,6 +129,13 @@ mod tests {
         assert!((r - 65.0).abs() < 1e-3 && (g - 75.0).abs() < 1e-3 && (b - 7.0).abs() < 1e-3);
         assert_eq!(texture.sample(Point2::new(-50.0, 900.0)).map(byte), [0, 150, 7]);
         assert_eq!(texture.sample(Point2::new(1e12, -1e12)).map(byte), [140, 0, 7]);
+    }
+
+    #[test]
+    fn the_largest_whole_number_not_above() {
+        for value in [-1.0, -0.999, -1e-17, -0.0, 0.0, 0.999_999, 1.0, 1.5, 65_535.0, 65_534.999_9] {
+            assert_eq!(floor(value), value.floor(), "{value}");
+        }
     }
 
     #[test]

@@ -24,10 +24,10 @@ use super::{SlotSource, SourceError, nodes_at_once};
 use crate::{simd::widest, units::SequenceId};
 
 /// Directions of each turn; the next one is taken while it is cheaper than computing exactly.
-const DIRECTIONS: [usize; 2] = [32, 128];
+const DIRECTIONS: [usize; 2] = [48, 128];
 
 /// Models that can be computed exactly in the time that one direction takes for all, about.
-const MODELS_PER_DIRECTION: usize = 50;
+const MODELS_PER_DIRECTION: usize = 5;
 
 /// Outcome of the trimming of a class.
 #[derive(Clone, Debug, PartialEq)]
