@@ -4,7 +4,7 @@ use std::path::Path;
 
 use grimace::{
     clone::SourceMotion,
-    dataset::{FrameSource, IMAGE_EXTENSIONS, list_frames},
+    dataset::{FrameSource, has_picture_name, list_frames},
     sequence::{ImageSize, content_blake3, read_colour_frames},
     track::TrackInfo,
 };
@@ -12,8 +12,7 @@ use image::RgbImage;
 
 use super::shared::file_name;
 
-/// Refuses frames that are not called as those that a track was made from, where it knows these: of another person as a rule. Folders may
-/// have moved. Of frames that were taken out of a video since, or made into one, names say nothing.
+/// Refuses frames that are not called as those that a track was made from: of another person as a rule. Folders may have moved.
 fn check_names(
     folder: &Path,
     listed: &FrameSource,
@@ -25,9 +24,6 @@ fn check_names(
         FrameSource::Images(files) => files.iter().filter(|f| numbers.contains(&f.number)).map(|f| file_name(&f.path)).collect(),
         FrameSource::Video { path, .. } => vec![file_name(path)],
     };
-    if !is_same_kind(listed, info) {
-        return Ok(());
-    }
     let other = used.iter().find(|name| !info.source.contains(name));
     if let (Some(other), Some(known)) = (other, info.source.first()) {
         let more = if info.source.len() > 1 { " and others" } else { "" };
@@ -42,7 +38,7 @@ fn check_names(
 
 /// Refuses frames of the right names that hold something else: numbers alone are what everybody's frames are called.
 fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, info: &TrackInfo) -> anyhow::Result<()> {
-    let Some(known) = info.frames_blake3.as_ref().filter(|_| is_same_kind(listed, info)) else { return Ok(()) };
+    let Some(known) = &info.frames_blake3 else { return Ok(()) };
     let tracked = match listed {
         FrameSource::Images(files) => {
             let named = |name: &String| files.iter().find(|file| file_name(&file.path) == *name).cloned();
@@ -52,7 +48,7 @@ fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, inf
         FrameSource::Video { .. } => listed.clone(),
     };
     anyhow::ensure!(
-        content_blake3(&tracked)?.to_hex().as_str() == known,
+        content_blake3(&tracked)?.to_hex().as_str() == known.as_str(),
         "{}: called as what the track {} was made from, but another person's, or changed since; give the folder or video that it was made from",
         folder.display(),
         motion.name
@@ -60,16 +56,11 @@ fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, inf
     Ok(())
 }
 
-/// Whether frames are images as those of the track were, or a video as it was.
+/// Whether frames are images as those of the track were, or a video as it was. Of frames that were taken out of a video since, or made into
+/// one, neither names nor bytes say anything.
 fn is_same_kind(listed: &FrameSource, info: &TrackInfo) -> bool {
-    let was_video = matches!(&info.source[..], [only] if !is_image_name(only));
+    let was_video = matches!(&info.source[..], [only] if !has_picture_name(Path::new(only)));
     was_video == matches!(listed, FrameSource::Video { .. })
-}
-
-/// Whether a file is called as pictures are.
-fn is_image_name(name: &str) -> bool {
-    let extension = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
-    extension.is_some_and(|extension| IMAGE_EXTENSIONS.contains(&extension.as_str()))
 }
 
 /// The pictures of a track's frames: those that were tracked, by their names, content and size, as far as these are known.
@@ -82,7 +73,8 @@ pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&Track
     let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
     let listed = list_frames(folder, None, None)?;
     let size = info.map(|info| info.image_size);
-    if let Some(info) = info {
+    let comparable = info.filter(|info| is_same_kind(&listed, info));
+    if let Some(info) = comparable {
         check_names(folder, &listed, &numbers, motion, info)?;
     }
     let read = read_colour_frames(&listed, &numbers)?;
@@ -105,7 +97,7 @@ pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&Track
         );
     }
     // What tells more than that something differs comes first.
-    if let Some(info) = info {
+    if let Some(info) = comparable {
         check_content(folder, &listed, motion, info)?;
     }
     Ok(read.into_iter().map(|(_, picture)| picture).collect())

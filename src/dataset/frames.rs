@@ -254,7 +254,7 @@ pub(super) fn is_video(path: &Path) -> bool {
 
 /// Whether a folder has an image in it.
 pub(super) fn has_frames(folder: &Path) -> bool {
-    visible(folder).is_ok_and(|entries| entries.iter().any(|e| has_extension(Path::new(&e.file_name()), &IMAGE_EXTENSIONS)))
+    visible(folder).is_ok_and(|entries| entries.iter().any(|e| has_picture_name(Path::new(&e.file_name()))))
 }
 
 /// How many images are in a folder.
@@ -279,7 +279,12 @@ pub(super) fn visible(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
 
 /// Whether a path is a file with the extension of a picture ([`IMAGE_EXTENSIONS`]).
 pub fn is_picture(path: &Path) -> bool {
-    path.is_file() && has_extension(path, &IMAGE_EXTENSIONS)
+    path.is_file() && has_picture_name(path)
+}
+
+/// Whether a path has the extension of a picture, be it there or not.
+pub fn has_picture_name(path: &Path) -> bool {
+    has_extension(path, &IMAGE_EXTENSIONS)
 }
 
 pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
@@ -299,7 +304,7 @@ fn numbered_images(folder: &Path) -> Result<Vec<FrameFile>, FramesError> {
     let mut paths = Vec::new();
     for entry in visible(folder).map_err(io)? {
         let path = entry.path();
-        if !has_extension(&path, &IMAGE_EXTENSIONS) || entry.file_type().map_err(io)?.is_dir() {
+        if !has_picture_name(&path) || entry.file_type().map_err(io)?.is_dir() {
             continue;
         }
         if !has_digits(&path) {

@@ -23,7 +23,9 @@ pub use cohn_kanade::emotion_code;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError};
-pub use frames::{FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, is_picture, list_frames, list_recording};
+pub use frames::{
+    FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, has_picture_name, is_picture, list_frames, list_recording,
+};
 pub use init::{UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! and on a line the sum of distances to all points comes from how many of them, and what sum of them, lie on either side: exactly after
-//! sorting, within narrow bounds where they are counted in bins, a tenth of the work. So A directions bound every `F_k`, and with them every
+//! sorting, within narrow bounds where they are only counted in bins, which is cheaper. So A directions bound every `F_k`, and with them every
 //! `d_tf`, within a relative pi^2 / (8 A^2), in about A N'' instead of N''^2 steps. A model is dropped for certain when
 //! its lower bound is above the upper bounds of enough others, and kept for certain when its upper bound is below enough lower bounds;
 //! the few between are tried with more directions and, in the end, computed exactly. Models whose exact sums differ by no more
@@ -152,7 +152,7 @@ impl Line {
         }
         let total: f64 = self.bins.iter().map(|bin| bin.sum).sum();
         let (mut count, mut sum) = (0.0, 0.0);
-        // A convex function is smallest on a line where its slope changes its sign.
+        // Of the sums at the edges.
         let mut smallest = f64::INFINITY;
         let mut most_open: f64 = 0.0;
         // A value may be outside its bin by rounding.
@@ -208,11 +208,10 @@ fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) 
     let (least, most) = factors(directions, points.len());
     let slack = MOST_SLACK * (most - least);
     let mut sums = vec![Bounds::default(); wanted.len()];
-    let mut line = Line::default();
+    let mut line = Line { values: vec![0.0; points.len()], ..Line::default() };
     for a in 0..directions {
         // Half a step off the axes, along which many vectors may lie.
         let (sin, cos) = ((a as f64 + 0.5) * step).sin_cos();
-        line.values.resize(points.len(), 0.0);
         widest(
             #[inline(always)]
             || {
@@ -316,8 +315,7 @@ pub fn trim_certified<S: SlotSource + ?Sized>(
                 let (lower, upper) = (sum.lower / most, sum.upper / least);
                 field.lower[i] = field.lower[i].max(lower);
                 field.upper[i] = field.upper[i].min(upper);
-                let middle = f64::midpoint(lower, upper);
-                distances[i] = middle * scale;
+                distances[i] = f64::midpoint(lower, upper) * scale;
                 relative_bound = relative_bound.max((upper - lower) / 2.0 / lower);
             }
             field.decide(drop_count);

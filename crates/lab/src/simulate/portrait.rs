@@ -11,8 +11,8 @@ use nalgebra::{Point2, Point3, Vector2};
 use super::subject::place_followers;
 use grimace::internal::{
     dataset::{
-        CorrespondenceSource, Dataset, DatasetError, FramesError, IMAGE_EXTENSIONS, LANDMARK_COUNT, LandmarkSelection,
-        LandmarksError, MANIFEST_NAME, correspondences_from_landmarks, read_landmarks,
+        CorrespondenceSource, Dataset, DatasetError, FramesError, LANDMARK_COUNT, LandmarkSelection, LandmarksError,
+        MANIFEST_NAME, correspondences_from_landmarks, is_picture, read_landmarks,
     },
     fit::{
         Correspondence, CorrespondenceError, FitError, FitOptions, Fitter, MarksError, read_correspondences,
@@ -427,8 +427,7 @@ fn photographs(folder: &Path) -> Result<Vec<PathBuf>, PortraitError> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(io)? {
         let path = entry.map_err(io)?.path();
-        let known = path.extension().and_then(|e| e.to_str()).map(str::to_lowercase);
-        if path.is_file() && known.is_some_and(|e| IMAGE_EXTENSIONS.contains(&e.as_str())) {
+        if is_picture(&path) {
             files.push(path);
         }
     }
