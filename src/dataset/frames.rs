@@ -277,7 +277,7 @@ pub(super) fn visible(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
     Ok(entries)
 }
 
-/// Whether a path is a file with the extension of a picture ([`IMAGE_EXTENSIONS`]).
+/// Whether a path is a file with the extension of a picture.
 pub fn is_picture(path: &Path) -> bool {
     path.is_file() && has_picture_name(path)
 }
