@@ -219,7 +219,7 @@ facade! {
 }
 facade! {
     /// Method: five frames, upright, in face units \[KP, section 4.1\].
-    normalize: CANONICAL_ES, Canonical, FRAMES_PER_MODEL, NormalizeError, NormalizeOptions, Normalizer, PoseMode, Resample, SizeMode
+    normalize: CANONICAL_ES, Canonical, FRAMES_PER_MODEL, IrisdMode, NormalizeError, NormalizeOptions, Normalizer, PoseMode, Resample, SizeMode
 }
 facade! {
     /// Method: the representative of the models of one expression: trimming, generalized median, dispersion \[KP, sections 4.2 to 4.4\];

@@ -112,6 +112,7 @@ def run(
     resample: Optional[str] = None,
     size: Optional[str] = None,
     pose: Optional[str] = None,
+    irisd: Optional[str] = None,
     no_faces: bool = False,
     overlay: Optional[Path] = None,
     force: bool = False,
@@ -121,7 +122,7 @@ def run(
     """Runs every stage over a dataset into the folder ``out``, as ``grimace run`` does; interrupted or called again, it goes on.
 
     ``by`` names columns of the manifest to group by, ``strata`` those within whose values people are permuted. ``alpha`` and ``median`` are
-    those of :func:`representative`, ``resample``, ``size`` and ``pose`` those of :func:`normalize`. ``no_faces`` leaves pictures of people
+    those of :func:`representative`, ``resample``, ``size``, ``pose`` and ``irisd`` those of :func:`normalize`. ``no_faces`` leaves pictures of people
     out of the report, ``overlay`` names a folder for pictures of the wireframe. ``change`` changes any other option, named and nested as
     ``options`` in ``run.json``. ``progress(done, total)`` is told sequences.
 
@@ -133,7 +134,7 @@ def run(
             "by": _columns(by),
             "strata": _columns(strata),
             "statistics": {"alpha": alpha, "median": median},
-            "normalize": {"resample": resample, "size": size, "pose": pose},
+            "normalize": {"resample": resample, "size": size, "pose": pose, "irisd": irisd},
             "no_faces": True if no_faces else None,
         },
     )

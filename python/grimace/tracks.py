@@ -142,16 +142,17 @@ def normalize(
     resample: Optional[str] = None,
     size: Optional[str] = None,
     pose: Optional[str] = None,
+    irisd: Optional[str] = None,
     method: str = "default",
 ) -> npt.NDArray[np.float64]:
     """The normalized model of a track: five frames from neutral to apex, 5 x 113 x 2, face units, the head's motion taken out.
 
-    ``resample`` is ``"nearest"`` or ``"linear"``, ``size`` ``"fapu"`` or ``"uniform"``, ``pose`` ``"full"`` or ``"roll"``. Positions that
-    are an array (frames x 113 x 2, px) have the roll alone taken out: that is all that can be known of them.
+    ``resample`` is ``"nearest"`` or ``"linear"``, ``size`` ``"fapu"`` or ``"uniform"``, ``pose`` ``"full"`` or ``"roll"``,
+    ``irisd``, where the unit of the eyes' motion is measured, ``"lids"`` or ``"boxes"``. Positions that are an array (frames x 113 x 2, px) have the roll alone taken out: that is all that can be known of them.
 
     Raises :class:`NormalizeError` for a motion that no face makes.
     """
-    chosen = options(method, normalize={"resample": resample, "size": size, "pose": pose})
+    chosen = options(method, normalize={"resample": resample, "size": size, "pose": pose, "irisd": irisd})
     if isinstance(track, (str, os.PathLike)):
         track = Track.read(track)
     if isinstance(track, Track):

@@ -251,7 +251,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             Ok(target) => target,
             Err(error) if pairs == 1 => return Err(error),
             Err(error) => {
-                failed.push(format!("{error:#}"));
+                failed.push(super::chain(&error));
                 continue;
             }
         };
@@ -268,7 +268,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                     done += 1;
                 }
                 Err(error) if pairs == 1 || stop.load(Ordering::Relaxed) => return Err(error),
-                Err(error) => failed.push(format!("{error:#}")),
+                Err(error) => failed.push(super::chain(&error)),
             }
         }
         sheet.push_labelled_row(row);
@@ -344,7 +344,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 sources.push(source);
             }
             Err(error) if alone => return Err(error),
-            Err(error) => failed.push(format!("{error:#}")),
+            Err(error) => failed.push(super::chain(&error)),
         }
     }
     anyhow::ensure!(!sources.is_empty(), "no source could be read: {}", failed.join("; "));

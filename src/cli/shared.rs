@@ -14,7 +14,7 @@ use grimace::{
     fap::Profile,
     fit::{Correspondence, FitOptions, LoadedPrior, PriorKind},
     normalize::PoseMode,
-    normalize::{NormalizeOptions, Resample, SizeMode},
+    normalize::{IrisdMode, NormalizeOptions, Resample, SizeMode},
     output::target_of,
     pipeline::{
         FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks_and_remark, showcase_remarks,
@@ -199,6 +199,10 @@ pub struct ModelArgs {
     /// [default: full, with --method kp roll]
     #[arg(long, value_parser = words::<PoseMode>(&["full", "roll"]))]
     pose: Option<PoseMode>,
+    /// The unit of the eyes' motion, IRISD0: the opening of the neutral face's lids (MPEG-4), or the height of its iris boxes (Candide-3's
+    /// report) [default: lids, with --method kp boxes]
+    #[arg(long, value_parser = words::<IrisdMode>(&["lids", "boxes"]), value_name = "WHAT")]
+    irisd: Option<IrisdMode>,
     /// Share of models trimmed per displacement field
     #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
     alpha: f64,
@@ -216,7 +220,13 @@ pub struct ModelArgs {
 impl ModelArgs {
     /// The options of normalization, those that are not given as the method has them.
     pub fn normalize_of(&self, method: Method) -> NormalizeOptions {
-        NormalizeOptions { resample: self.resample, size: self.size, pose: self.pose.unwrap_or(method.normalize().pose) }
+        let by_method = method.normalize();
+        NormalizeOptions {
+            resample: self.resample,
+            size: self.size,
+            pose: self.pose.unwrap_or(by_method.pose),
+            irisd: self.irisd.unwrap_or(by_method.irisd),
+        }
     }
 
     pub fn statistics(&self) -> StatisticsOptions {

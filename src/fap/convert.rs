@@ -7,8 +7,8 @@
 //! normalizing left moves corners and iris alike, and is no gaze. (At r = 195 face units, 10 units of residual motion would pass
 //! for three degrees.) The other FAPs have no such fixed points beside them and are taken as they are.
 //!
-//! Face units are normalized by IRISD0 of the iris boxes. Where the face that a motion was measured on is known, FAPs of the lids are
-//! in openings of its lids ([`LidUnits`]).
+//! Face units are normalized by one IRISD0 for both eyes. Where the face that a motion was measured on is known, FAPs of the lids are in
+//! openings of each eye ([`LidUnits`]).
 
 use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 

@@ -95,6 +95,45 @@ pub enum PoseMode {
     Roll,
 }
 
+/// How IRISD0 of a neutral face is measured, by which the lids' motion is scaled.
+///
+/// MPEG-4's IRISD0 is the opening of the lids, and the iris that just fills it. Candide-3's iris boxes are as high as its own face's eyes are
+/// open; on the face of a person the springs carry them along, and they are some 0.6 of the opening: by them, lids of people go 1.6 times as
+/// far as they went.
+///
+/// ```
+/// use grimace::normalize::{IrisdMode, NormalizeOptions};
+///
+/// // Of options that were written before there was a choice.
+/// let earlier: NormalizeOptions = serde_json::from_str(r#"{"resample": "nearest", "size": "fapu"}"#)?;
+/// assert_eq!((earlier.irisd, NormalizeOptions::default().irisd), (IrisdMode::Boxes, IrisdMode::Lids));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum IrisdMode {
+    /// The opening of the lids ([`Fapus::measure`]).
+    #[default]
+    Lids,
+    /// The height of the iris boxes, as Table 2 of Candide-3's report has it ([`Fapus::of_nodes`]).
+    Boxes,
+}
+
+impl IrisdMode {
+    /// How it was measured before there was a choice.
+    fn earlier() -> Self {
+        Self::Boxes
+    }
+
+    /// The FAPUs of an upright neutral face, y up.
+    fn fapus(self, tables: &Tables, upright: &[Point2<f64>]) -> Result<Fapus, FapusError> {
+        match self {
+            Self::Lids => Fapus::measure(&tables.fapus, upright),
+            Self::Boxes => Fapus::of_nodes(&tables.fapus, upright),
+        }
+    }
+}
+
 /// Options of the normalization.
 ///
 /// ```
@@ -113,11 +152,14 @@ pub struct NormalizeOptions {
     /// whatever stands here: see [`PoseMode`].
     #[serde(default)]
     pub pose: PoseMode,
+    /// How IRISD0 is measured; at the lids by default.
+    #[serde(default = "IrisdMode::earlier")]
+    pub irisd: IrisdMode,
 }
 
 impl Default for NormalizeOptions {
     fn default() -> Self {
-        Self { resample: Resample::Nearest, size: SizeMode::Fapu, pose: PoseMode::Full }
+        Self { resample: Resample::Nearest, size: SizeMode::Fapu, pose: PoseMode::Full, irisd: IrisdMode::Lids }
     }
 }
 
@@ -246,7 +288,7 @@ impl<'a> Normalizer<'a> {
             orientation::upright(&still, &frontal, self.tables).ok()?.into_iter().next()
         });
         let units =
-            |upright: Vec<Point2<f64>>| Some(LidUnits::measure(&Fapus::measure(&self.tables.fapus, &upright).ok()?, &upright));
+            |upright: Vec<Point2<f64>>| Some(LidUnits::measure(&self.options.irisd.fapus(self.tables, &upright).ok()?, &upright));
         upright.flatten().and_then(units).unwrap_or(LidUnits::CANONICAL)
     }
 
@@ -280,7 +322,7 @@ impl<'a> Normalizer<'a> {
         track: &DynamicExpressionModel<Px>,
     ) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
         let upright = self.upright(track)?;
-        size::equalize(&upright, self.tables, &self.canonical, self.wireframe, self.options.size)
+        size::equalize(&upright, self.tables, &self.canonical, self.wireframe, self.options)
     }
 }
 

@@ -6,11 +6,11 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::{CANONICAL_ES, Canonical, NormalizeError, SizeMode};
+use super::{CANONICAL_ES, Canonical, NormalizeError, NormalizeOptions, SizeMode};
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel},
     units::{FaceUnit, NodeId},
-    wireframe::{Fapu, Fapus, Tables, Wireframe},
+    wireframe::{Fapu, Tables, Wireframe},
 };
 
 /// The normalized model of upright frames (y up, px).
@@ -19,16 +19,16 @@ pub fn equalize(
     tables: &Tables,
     canonical: &Canonical,
     wireframe: &Wireframe,
-    mode: SizeMode,
+    options: NormalizeOptions,
 ) -> Result<DynamicExpressionModel<FaceUnit>, NormalizeError> {
     let neutral = upright.first().map_or(&[][..], Vec::as_slice);
-    let fapus = Fapus::measure(&tables.fapus, neutral)?;
+    let fapus = options.irisd.fapus(tables, neutral)?;
     let ratio = |fapu: Fapu| match (canonical.fapus.length(fapu), fapus.length(fapu)) {
         (Some(canonical), Some(subject)) => canonical / subject,
         _ => CANONICAL_ES / fapus.es,
     };
     let scales: Vec<Vector2<f64>> = (0..wireframe.node_count())
-        .map(|k| match mode {
+        .map(|k| match options.size {
             SizeMode::Fapu => {
                 let (x, y) = tables.node_fapus(NodeId(k as u16));
                 Vector2::new(ratio(x), ratio(y))

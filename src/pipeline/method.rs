@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::PipelineOptions;
 use crate::{
     fit::{FitOptions, PriorKind},
-    normalize::{NormalizeOptions, PoseMode},
+    normalize::{IrisdMode, NormalizeOptions, PoseMode},
     statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting},
     track::{AlignOptions, Forces, TrackOptions},
 };
@@ -48,11 +48,11 @@ impl Method {
         }
     }
 
-    /// Options of the normalization: in \[KP\] the head's roll alone is taken out.
+    /// Options of the normalization: in \[KP\] the head's roll alone is taken out, and FAPUs are those of Candide-3's report.
     pub fn normalize(self) -> NormalizeOptions {
         match self {
             Self::Default => NormalizeOptions::default(),
-            Self::Kp => NormalizeOptions { pose: PoseMode::Roll, ..NormalizeOptions::default() },
+            Self::Kp => NormalizeOptions { pose: PoseMode::Roll, irisd: IrisdMode::Boxes, ..NormalizeOptions::default() },
         }
     }
 

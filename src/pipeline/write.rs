@@ -408,6 +408,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
     let analysis = [
         ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
         ("Size normalization", json(serde_json::to_value(o.normalize.size))),
+        ("IRISD0 measured at", json(serde_json::to_value(o.normalize.irisd))),
         ("Trimming alpha", o.statistics.alpha.to_string()),
         ("Trimmed", format!("at {} level", json(serde_json::to_value(o.statistics.trim)))),
         ("Generalized median", json(serde_json::to_value(o.statistics.median))),

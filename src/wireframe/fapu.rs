@@ -173,11 +173,23 @@ pub enum FapusError {
 }
 
 impl Fapus {
-    /// Measures the five lengths on an upright frontal neutral face, `positions` in face axes (y up), any unit.
+    /// Measures the five lengths on an upright frontal neutral face, `positions` in face axes (y up), any unit. IRISD0 is measured at the
+    /// lids, as MPEG-4 defines it (IRISD0 = 3.1.y - 3.3.y = 3.2.y - 3.4.y, here the mean of both eyes), in that measure in which Candide-3's
+    /// own is the height of its iris boxes, within 0.8 and 3 times the height of the face's own.
     ///
     /// # Errors
     /// [`FapusError`] when a length is not positive or a node is missing.
     pub fn measure(definitions: &[FapuDefinition], positions: &[Point2<f64>]) -> Result<Self, FapusError> {
+        let of_nodes = Self::of_nodes(definitions, positions)?;
+        Ok(Self { irisd: lid_based(of_nodes.irisd, positions), ..of_nodes })
+    }
+
+    /// As [`Fapus::measure`], every length between the nodes of its definition: IRISD0 is the height of the iris boxes (Candide-3's report,
+    /// Table 2).
+    ///
+    /// # Errors
+    /// As [`Fapus::measure`].
+    pub fn of_nodes(definitions: &[FapuDefinition], positions: &[Point2<f64>]) -> Result<Self, FapusError> {
         let mut lengths = [f64::NAN; 5];
         for definition in definitions {
             let fapu = definition.fapu;
@@ -221,6 +233,25 @@ impl Fapus {
     }
 }
 
+/// IRISD0 of a neutral face whose iris boxes are this high: by definition the opening of its lids, in that measure in which Candide-3's own is
+/// the height of its boxes. A wireframe without lids has its boxes.
+fn lid_based(boxes: f64, positions: &[Point2<f64>]) -> f64 {
+    let openings = LID_MIDDLES.map(|(above, below)| Some(positions.get(above)?.y - positions.get(below)?.y));
+    match openings {
+        [Some(left), Some(right)] => {
+            let seen = BOX_OVER_OPENING * f64::midpoint(left, right);
+            if seen.is_finite() { seen.clamp(OPENING_LIMITS.0 * boxes, OPENING_LIMITS.1 * boxes) } else { boxes }
+        }
+        _ => boxes,
+    }
+}
+
+/// Height of Candide-3's iris boxes over the opening of its lids: 0.085 over 0.082.
+const BOX_OVER_OPENING: f64 = 0.085 / 0.082;
+/// Least and most of IRISD0 over the height of the iris boxes, beyond which lids were measured wrong, or are shut; 1 on Candide-3's face, 1.4 to
+/// 2.0 on people's.
+const OPENING_LIMITS: (f64, f64) = (0.8, 3.0);
+
 /// Nodes of the middles of the lids, MPEG-4's feature points 3.1 and 3.3 of the left eye, 3.2 and 3.4 of the right one.
 const LID_MIDDLES: [(usize, usize); 2] = [(21, 22), (54, 55)];
 /// How far the opening of lids may lie from the height of the iris boxes: what is farther was measured wrong.
@@ -229,9 +260,8 @@ pub(crate) const LID_LIMIT: f64 = 3.0;
 /// IRISD0 as the FAPs of the lids (19 to 22) have it, eye by eye: the opening of the lids of the neutral face, 3.1.y - 3.3.y and
 /// 3.2.y - 3.4.y \[MPEG-4\]. A lid that moves by 1024 shuts the eye.
 ///
-/// [`Fapus::irisd`] is measured on Candide-3's iris boxes, whose height is the opening on Candide-3's own face, and by it models are
-/// normalized. On the face of a person lids are marked or found, and the boxes are carried along by the springs: there the lids tell.
-/// This is kept as the height of the boxes over the opening, by which values in IRISD of the boxes become such of the lids.
+/// [`Fapus::irisd`], by which models are normalized, is one length for both eyes. This is kept as that length over the opening of each eye, by
+/// which values in IRISD0 become such in openings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LidUnits([f64; 2]);
 
@@ -256,7 +286,7 @@ impl LidUnits {
         )
     }
 
-    /// Factor on a value of this FAP in IRISD of the iris boxes; 1 for one that is not of the lids.
+    /// Factor on a value of this FAP in IRISD0; 1 for one that is not of the lids.
     pub fn of_fap(self, fap: u8) -> f64 {
         match fap {
             19 | 21 => self.0[0],
@@ -265,7 +295,7 @@ impl LidUnits {
         }
     }
 
-    /// Factor on the way of a node in IRISD of the iris boxes; 1 for one that is not the middle of a lid.
+    /// Factor on the way of a node in IRISD0; 1 for one that is not the middle of a lid.
     pub fn of_node(self, node: NodeId) -> f64 {
         let eye = LID_MIDDLES.iter().position(|&(above, below)| node.index() == above || node.index() == below);
         eye.map_or(1.0, |eye| self.0[eye])
@@ -298,12 +328,28 @@ mod tests {
         (face[54].y, face[55].y) = (0.28, 0.11);
         let fapus = Fapus::measure(&Tables::candide3().fapus, &face).unwrap();
         let units = LidUnits::measure(&fapus, &face);
-        // A lid that goes down by the opening is measured as this many IRISD of the boxes.
+        // A lid that goes down by the opening is measured as this many IRISD0.
         assert_relative_eq!(units.of_fap(19) * 0.1 / fapus.irisd, 1.0, epsilon = 1e-12);
         assert_relative_eq!(units.of_node(NodeId(55)) * 0.17 / fapus.irisd, 1.0, epsilon = 1e-12);
+        // IRISD0 itself is the mean opening, as many times as Candide-3's boxes are as high as its eyes are open.
+        assert_relative_eq!(fapus.irisd, 0.135 * 0.085 / 0.082, epsilon = 1e-12);
+        assert_relative_eq!(Fapus::of_nodes(&Tables::candide3().fapus, &face).unwrap().irisd, 0.085, epsilon = 1e-12);
         assert_eq!((units.of_fap(31), units.of_node(NodeId(31))), (1.0, 1.0));
         // A shut neutral eye has no opening to measure in.
         assert_eq!(LidUnits::new(&fapus, [0.0, -1.0]), LidUnits::CANONICAL);
+    }
+
+    #[test]
+    fn lids_that_are_shut_or_far_apart_do_not_make_irisd_small_or_large() {
+        let of = |above: f64, below: f64| {
+            let mut face = Wireframe::candide3().frontal();
+            (face[21].y, face[22].y, face[54].y, face[55].y) = (above, below, above, below);
+            Fapus::measure(&Tables::candide3().fapus, &face).unwrap().irisd
+        };
+        assert_relative_eq!(of(0.2, 0.2), 0.8 * 0.085, epsilon = 1e-12);
+        assert_relative_eq!(of(0.2, 0.21), 0.8 * 0.085, epsilon = 1e-12);
+        assert_relative_eq!(of(0.9, 0.1), 3.0 * 0.085, epsilon = 1e-12);
+        assert_relative_eq!(of(f64::NAN, 0.1), 0.085, epsilon = 1e-12);
     }
 
     #[test]

@@ -132,6 +132,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "label": args.label,
         "resample": normalize.resample,
         "size": normalize.size,
+        "irisd": normalize.irisd,
         "alpha": statistics.alpha,
         "median": statistics.median,
         "tracks": files.len(),
