@@ -52,6 +52,7 @@ mod raster;
 mod render;
 mod rig;
 mod sample;
+mod seam;
 mod tone;
 
 use nalgebra::{Point2, Vector2};

@@ -26,7 +26,7 @@ pub const TEETH_WHITE: f32 = 200.0;
 /// How far the upper incisors reach below the closed lips, over the eye distance (2.8 mm of a mean 63 mm between the pupils).
 const UPPER_BELOW_LIPS: f64 = 0.058;
 /// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline.
-const FLATTER: f64 = 0.12;
+const FLATTER: f64 = 0.22;
 /// The same as [`UPPER_BELOW_LIPS`] for the edge of the lower ones, which bite behind them.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
@@ -41,8 +41,10 @@ const GAPING: (f64, f64) = (0.14, 0.34);
 const LOWER_ARCH: f64 = 1.5;
 /// Share of the chin's way that the lower incisors go: they are nearer to the joint of the jaw.
 const LOWER_SHARE: f64 = 0.88;
-/// Widest zone along a lip that is still its own wet colour, over the eye distance, and its largest share of the gap.
-const WET: (f64, f64) = (0.034, 0.42);
+/// Widest zone along the upper and the lower lip that is still its own wet colour, over the eye distance, and its largest share of the gap.
+const WET: [(f64, f64); 2] = [(0.030, 0.34), (0.022, 0.26)];
+/// That colour, of the lip's own: the upper one's is in its shadow, the lower one's in the light.
+const WET_COLOUR: [[f32; 3]; 2] = [[0.68, 0.53, 0.53], [0.90, 0.76, 0.76]];
 /// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
 const MOUTH: (f64, f64) = (0.62, 0.6);
 const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
@@ -178,15 +180,17 @@ impl<'a> Interior<'a> {
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
         let shadow = (0.58 + 0.42 * smooth_step(0.0, 0.06, below_upper)) * (0.75 + 0.25 * smooth_step(0.0, 0.03, above_lower));
-        let width = WET.0.min(WET.1 * (lower - upper).max(0.0)).max(1e-6);
-        let round = (1.0 - smooth_step(0.0, width, below_upper)).max(1.0 - smooth_step(0.0, width, above_lower));
-        let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
-        let crease = lip.map(|c| 0.52 * c);
+        let rounds: [f64; 2] = std::array::from_fn(|k| {
+            let width = WET[k].0.min(WET[k].1 * (lower - upper).max(0.0)).max(1e-6);
+            1.0 - smooth_step(0.0, width, [below_upper, above_lower][k])
+        });
+        let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.6 * open), from_corner);
+        let crease: [f32; 3] = std::array::from_fn(|c| 0.5 * (0.4 * lip[c] + 0.6 * self.lip[c]));
         std::array::from_fn(|c| {
-            let wet = lip[c] * [0.74, 0.60, 0.60][c];
             let inside = colour[c] * shadow as f32;
             let inside = inside + (crease[c] - inside) * (0.9 * sealed) as f32;
-            inside + (wet - inside) * (0.85 * round) as f32
+            let wet = |k: usize, inside: f32| inside + (lip[c] * WET_COLOUR[k][c] - inside) * (0.85 * rounds[k]) as f32;
+            wet(0, wet(1, inside))
         })
     }
 
@@ -200,21 +204,22 @@ impl<'a> Interior<'a> {
 
     /// The tongue: a mound behind the lower teeth, lighter towards its tip, with a shallow groove.
     fn lay_tongue(&self, (x, y): (f64, f64), lower: f64, open: f64, colour: &mut [f32; 3]) {
-        let half = 0.42 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
+        let half = 0.40 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
         let within = 1.0 - (x / half.max(1e-6)).powi(2);
         if within <= 0.0 {
             return;
         }
         let floor = line_at(&self.lower, 0.0).unwrap_or(lower);
-        let height = 0.56 * self.gap * within.sqrt();
+        let height = 0.58 * self.gap * within.powf(0.75);
         let top = floor - height;
-        let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
+        let soft = 0.05 + 0.12 * self.gap;
+        let cover = smooth_step(-0.3 * soft, soft, y - top) * open.sqrt() * smooth_step(0.0, 0.35, within);
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
         let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
-        let light = (0.40 + 0.56 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
+        let light = (0.42 + 0.74 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
         // Its grain, and the light that is broken on what is wet.
         let grain = 1.0 + 0.09 * grain(x / 0.011, y / 0.011);
-        let wet = 0.16 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);
+        let wet = 0.24 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);
         let tongue = self.tinted([1.0, 0.84, 0.83], light * grain + wet);
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
@@ -223,8 +228,8 @@ impl<'a> Interior<'a> {
     fn lay_arches(&self, (x, y): (f64, f64), below_upper: f64, above_lower: f64, from_corner: f64, colour: &mut [f32; 3]) {
         let Some(picture) = self.teeth else { return };
         // The row turns away to the sides, and is lost in the dark of the cheeks towards the corners.
-        let turned = 1.0 - 0.42 * smooth_step(0.07, 0.27, x.abs() / self.size);
-        let side = (0.25 + 0.75 * smooth_step(0.0, 0.16, from_corner)) * turned;
+        let turned = 1.0 - 0.40 * smooth_step(0.10, 0.30, x.abs() / self.size);
+        let side = (0.25 + 0.75 * smooth_step(0.0, 0.14, from_corner)) * turned;
         let row = |dx: f64, dy: f64, brightness: f64, colour: &mut [f32; 3]| {
             let Some((tooth, cover)) = sampled(picture, dx / self.size, dy / self.size) else { return };
             let cover = cover * smooth_step(0.0, 0.035, from_corner) as f32;
@@ -291,7 +296,7 @@ fn grain_of_light(x: f64, y: f64) -> f64 {
 }
 
 /// Height of a line at `x`; `None` outside of it.
-fn line_at(line: &[(f64, f64)], x: f64) -> Option<f64> {
+pub(super) fn line_at(line: &[(f64, f64)], x: f64) -> Option<f64> {
     let k = line.partition_point(|p| p.0 < x);
     let (a, b) = (line.get(k.checked_sub(1)?)?, line.get(k)?);
     Some(a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0).max(1e-9))
@@ -368,7 +373,7 @@ pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
     let white = luma(whites[2]).max(1.0);
     std::array::from_fn(|c| {
         let tint = (whites[2][c] / white).clamp(0.92, 1.05);
-        (0.5 * [1.02, 0.99, 0.95][c] + 0.5 * tint) * light
+        (0.65 * [1.0, 0.99, 0.975][c] + 0.35 * tint) * light
     })
 }
 

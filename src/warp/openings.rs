@@ -12,6 +12,7 @@ use super::{
     motion::eye_motion,
     mouth::{self, Arches},
     sample,
+    seam::Seam,
     tone::Tone,
 };
 use crate::{
@@ -26,6 +27,8 @@ const CLOSING: f64 = 0.6;
 const ROLL: f64 = 0.040;
 const ROLLED: (f64, f64) = (0.01, 0.10);
 const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
+/// Share of that on the lower lip, which faces the light.
+const ROLLED_BELOW: f64 = 0.4;
 /// Half the width of the line of lashes, over the eye distance.
 const LASHES: f64 = 0.024;
 
@@ -51,7 +54,8 @@ pub fn draw(
     }
     let Some(mut layer) = Layer::new(&outline, frame.dimensions()) else { return };
     let gap = gap(warp, opening, vertices);
-    extend_edges(warp, opening, texture, deformation, &mut layer);
+    let seam = if opening.opening == Opening::Mouth { Seam::new(warp, gap) } else { None };
+    extend_edges(warp, opening, texture, deformation, seam.as_ref(), &mut layer);
     layer.lay_under(frame);
     match (opening.opening, inside) {
         (Opening::Mouth, MouthInside::Picture { texture: source, placement }) => {
@@ -85,7 +89,9 @@ pub fn draw(
     }
     layer.spread();
     if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
-        roll_lips(&outline, warp.frame.eye_distance, gap, &Tone::of(texture, &warp.nodes), frame);
+        let at = |edge: &[u32]| edge.iter().map(|&v| vertices[v as usize]).collect::<Vec<_>>();
+        let lips = [at(&opening.upper), at(&opening.lower)];
+        roll_lips(&lips, warp.frame.eye_distance, gap, &Tone::of(texture, &warp.nodes), frame);
     }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
@@ -139,18 +145,20 @@ fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
 }
 
 /// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is
-/// redder and wet.
-fn roll_lips(outline: &[Point2<f64>], unit: f64, gap: f64, tone: &Tone, frame: &mut RgbImage) {
+/// redder and wet. `lips` are the inner edges of the upper and of the lower one.
+fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, gap: f64, tone: &Tone, frame: &mut RgbImage) {
     let strength = smooth_step(ROLLED.0, ROLLED.1, gap / unit);
     if strength <= 0.0 {
         return;
     }
     let width = ROLL * unit;
-    let line: Vec<Point2<f64>> = outline.iter().chain(outline.first()).copied().collect();
-    for (x, y) in pixels_around(&line, width, frame.dimensions()) {
-        let near = 1.0 - distance_to_line(&line, &Point2::new(f64::from(x), f64::from(y))) / width;
+    let all: Vec<Point2<f64>> = lips.concat();
+    for (x, y) in pixels_around(&all, width, frame.dimensions()) {
+        let at = Point2::new(f64::from(x), f64::from(y));
+        let near = lips.each_ref().map(|lip| (1.0 - distance_to_line(lip, &at) / width).max(0.0));
+        let near = (near[0] * near[0]).max(ROLLED_BELOW * near[1] * near[1]);
         if near > 0.0 {
-            let share = (strength * near * near) as f32;
+            let share = (strength * near) as f32;
             let pixel = frame.get_pixel_mut(x, y);
             let level = pixel.0.map(f32::from);
             let rolled: [f32; 3] = std::array::from_fn(|c| level[c] * (1.0 - share * (1.0 - ROLLED_COLOUR[c])));
@@ -172,7 +180,14 @@ fn pixels_around(line: &[Point2<f64>], width: f64, size: (u32, u32)) -> impl Ite
 
 /// Carries the skin at the edges on into the opening, so that an edge has something to be blended with, and a shut opening shows
 /// no slit: each half gets the colours of its edge.
-fn extend_edges(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
+fn extend_edges(
+    warp: &Warp,
+    opening: &OpeningMesh,
+    texture: &Texture,
+    deformation: &Deformation,
+    seam: Option<&Seam>,
+    layer: &mut Layer,
+) {
     let mut place: Vec<(u32, usize, f64)> = opening.eyeball.iter().map(|&(k, share, v)| (v, k, share)).collect();
     place.extend(opening.upper.iter().enumerate().map(|(k, &v)| (v, k, 0.0)));
     let inner = 1..opening.lower.len() - 1;
@@ -187,9 +202,9 @@ fn extend_edges(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformati
         layer.fill(to, unit, |at, _| {
             let shares = [1.0 - at.x - at.y, at.x, at.y];
             let share: f64 = shares.iter().zip(&corners).map(|(s, c)| s * c.1).sum();
-            let edge = if share < 0.5 { above } else { below };
+            let (lip, edge) = if share < 0.5 { (0, above) } else { (1, below) };
             let sum: Vector2<f64> = shares.iter().zip(&edge).map(|(s, p)| p.coords * *s).sum();
-            texture.sample(Point2::from(sum))
+            seam.map_or_else(|| texture.sample(Point2::from(sum)), |seam| seam.edge(Point2::from(sum), lip, texture))
         });
     }
 }

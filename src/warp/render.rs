@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, openings, raster, sample};
+use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, openings, raster, sample, seam::Seam};
 use crate::geometry::Similarity;
 
 /// What is seen between lips that part.
@@ -43,6 +43,8 @@ impl Warp {
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
         let lids = self.shutting_lids(deformation);
+        let mouth = self.mesh.openings.first();
+        let seam = mouth.and_then(|mouth| Seam::new(self, openings::gap(self, mouth, &deformation.vertices)));
         for triangle in &self.mesh.skin {
             let to = triangle.map(|v| deformation.vertices[v as usize]);
             let from = triangle.map(|v| self.source[v as usize]);
@@ -51,6 +53,7 @@ impl Warp {
             }
             raster::fill(to, from, size, |x, y, at| {
                 let photograph = texture.sample(at);
+                let photograph = seam.as_ref().map_or(photograph, |seam| seam.colour(at, photograph, texture));
                 put(frame, x, y, lids.iter().fold(photograph, |colour, (lid, gone)| lid.colour(at, *gone, colour, texture)));
             });
         }

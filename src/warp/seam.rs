@@ -1,0 +1,193 @@
+//! The line in which closed lips meet, on a mouth that opens.
+//!
+//! Closed lips meet in a dark line that ends in a pit a little beyond them. Where they part, the line is gone: each lip is as bright to its edge
+//! as it is beside the line, and at the corners they are one, drawn out to a web. What the photograph has of the line goes with the skin, so
+//! that it would be a dark rim around the opening, and a dash beyond its ends. It is taken away as lips part: what is darker than its
+//! surroundings there becomes as bright as they are.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{Texture, Warp, mouth::luma};
+use crate::interpolation::smooth_step;
+
+/// Inner and outer corner of the mouth, the subject's left one first.
+const CORNERS: [(usize, usize); 2] = [(88, 31), (89, 64)];
+/// Distance of the lips over the eye distance at which the line begins to go, and at which it has gone: along the lips, and beyond them.
+const LIPS_PARTED: (f64, f64) = (0.008, 0.06);
+const CORNERS_PARTED: (f64, f64) = (0.08, 0.24);
+/// How much of it then is gone on the upper lip, which is in its own shadow, on the lower one, and beyond them.
+const GONE: [f64; 2] = [0.55, 0.85];
+const CORNERS_GONE: f64 = 0.80;
+/// Half its width on the lips, over the eye distance: beyond, it is the lip.
+const WIDTH: f64 = 0.032;
+/// Half the height of what is looked at around the line beyond the lips, and how far beyond the outer corner it goes on, over the eye distance.
+const HALF: f64 = 0.042;
+const BEYOND: f64 = 0.055;
+/// How far it takes from nothing to all, over the eye distance.
+const FADE: f64 = 0.022;
+/// How much darker than its surroundings, as a share, a place is that belongs to the line for certain.
+const DARKER: f64 = 0.10;
+
+/// The line in one frame.
+pub struct Seam {
+    /// From the one end of the opening to the other on the photograph: along the face's horizontal and down, px.
+    line: Vec<(f64, f64)>,
+    across: Vector2<f64>,
+    down: Vector2<f64>,
+    corners: [Corner; 2],
+    /// How much of it is gone on the lips, and beyond them.
+    lips: f64,
+    beyond: f64,
+    unit: f64,
+}
+
+/// From the inner corner outwards, on the photograph.
+struct Corner {
+    from: Point2<f64>,
+    along: Vector2<f64>,
+    across: Vector2<f64>,
+    length: f64,
+}
+
+impl Seam {
+    /// The line of a mouth whose lips are `gap` px apart in a frame; `None` where nothing is taken away yet, and of a mouth that is open on its
+    /// photograph.
+    pub fn new(warp: &Warp, gap: f64) -> Option<Self> {
+        let unit = warp.frame.eye_distance;
+        let lips = smooth_step(LIPS_PARTED.0, LIPS_PARTED.1, gap / unit);
+        if !warp.closed || lips <= 0.0 {
+            return None;
+        }
+        let down = warp.frame.down.into_inner();
+        let across = Vector2::new(down.y, -down.x);
+        let mouth = warp.mesh.openings.first()?;
+        let mut line: Vec<(f64, f64)> =
+            mouth.upper.iter().map(|&v| warp.source[v as usize].coords).map(|p| (p.dot(&across), p.dot(&down))).collect();
+        line.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let corner = |(inner, outer): (usize, usize)| {
+            let way = warp.nodes[outer] - warp.nodes[inner];
+            let length = way.norm();
+            let along = if length > 1e-9 { way / length } else { Vector2::zeros() };
+            Corner { from: warp.nodes[inner], along, across: Vector2::new(-along.y, along.x), length }
+        };
+        let beyond = CORNERS_GONE * smooth_step(CORNERS_PARTED.0, CORNERS_PARTED.1, gap / unit);
+        Some(Self { line, across, down, corners: CORNERS.map(corner), lips, beyond, unit })
+    }
+
+    /// The photograph's colour at a place of the skin without the line.
+    pub fn colour(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
+        match self.below(&at) {
+            Some(below) => self.on_lip(at, below, usize::from(below > 0.0), photograph, texture),
+            None => self.at_corner(at, photograph, texture),
+        }
+    }
+
+    /// The colour of the edge of the upper (0) or of the lower lip (1) at a place of the line.
+    pub fn edge(&self, at: Point2<f64>, lip: usize, texture: &Texture) -> [f32; 3] {
+        let photograph = texture.sample(at);
+        self.below(&at).map_or(photograph, |below| self.on_lip(at, below, lip, photograph, texture))
+    }
+
+    /// How far a place lies below the line, px; `None` beside its ends.
+    fn below(&self, at: &Point2<f64>) -> Option<f64> {
+        let (x, y) = (at.coords.dot(&self.across), at.coords.dot(&self.down));
+        super::mouth::line_at(&self.line, x).map(|line| y - line)
+    }
+
+    /// 0 at the ends of the opening, where lips are thin and skin lies beside the line, 1 a little further inwards.
+    fn within_ends(&self, at: &Point2<f64>) -> f64 {
+        let x = at.coords.dot(&self.across);
+        let [(first, _), .., (last, _)] = self.line[..] else { return 0.0 };
+        smooth_step(0.2 * FADE, 1.5 * FADE, (x - first).min(last - x) / self.unit)
+    }
+
+    fn on_lip(&self, at: Point2<f64>, below: f64, lip: usize, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
+        let width = WIDTH * self.unit;
+        if below.abs() >= width {
+            return photograph;
+        }
+        let side = if lip == 0 { -1.0 } else { 1.0 };
+        let guess = texture.sample(at + self.down * (side * width - below));
+        let inside = smooth_step(0.0, 1.0, 1.5 * (1.0 - below.abs() / width)) * self.within_ends(&at);
+        lightened(photograph, guess, GONE[lip] * self.lips * inside)
+    }
+
+    fn at_corner(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
+        let (half, fade) = (HALF * self.unit, FADE * self.unit);
+        for corner in &self.corners {
+            let off = at - corner.from;
+            let (along, across) = (off.dot(&corner.along), off.dot(&corner.across));
+            let end = corner.length + BEYOND * self.unit;
+            if self.beyond <= 0.0 || across.abs() >= half || along <= 0.0 || along >= end {
+                continue;
+            }
+            // Beside the opening the line becomes the fold of the corner; it is lost outwards.
+            let outwards = 0.35 + 0.65 * smooth_step(0.0, corner.length.max(fade), along);
+            let inside = outwards * smooth_step(0.0, fade, end - along) * smooth_step(0.0, fade, half - across.abs());
+            let [above, below] = [-half, half].map(|to| texture.sample(at + corner.across * (to - across)));
+            let between = ((across + half) / (2.0 * half)) as f32;
+            let guess = std::array::from_fn(|c| above[c] + (below[c] - above[c]) * between);
+            return lightened(photograph, guess, self.beyond * inside);
+        }
+        photograph
+    }
+}
+
+/// A colour drawn to another one by a share, as far as it is the darker of the two.
+fn lightened(colour: [f32; 3], guess: [f32; 3], share: f64) -> [f32; 3] {
+    let darker = smooth_step(0.0, DARKER, f64::from(1.0 - luma(colour) / luma(guess).max(1.0)));
+    let share = (share * darker) as f32;
+    std::array::from_fn(|c| colour[c] + (guess[c] - colour[c]) * share)
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, RgbImage};
+
+    use super::*;
+    use crate::{warp::MouthInside, wireframe::Wireframe};
+
+    fn nodes() -> Vec<Point2<f64>> {
+        let scale = 110.0 / 0.6;
+        Wireframe::candide3().vertices().iter().map(|v| Point2::new(150.0 + scale * v.x, 190.0 - scale * v.y)).collect()
+    }
+
+    #[test]
+    fn the_line_between_lips_that_part_is_not_left_around_the_opening() {
+        let nodes = nodes();
+        let warp = Warp::new(&nodes).unwrap();
+        let (left, right) = (warp.nodes[64], warp.nodes[31]);
+        // Skin and lips of one colour; a dark line of 4 px from corner to corner, along where the lips meet.
+        let seam = Seam::new(&warp, 20.0).unwrap();
+        let on_line = |at: &Point2<f64>| match seam.below(at) {
+            Some(below) => below.abs() <= 2.0,
+            None => (left.x..=right.x).contains(&at.x) && (at.y - left.y).abs() <= 2.0,
+        };
+        let picture = RgbImage::from_fn(300, 380, |x, y| {
+            if on_line(&Point2::new(f64::from(x), f64::from(y))) { Rgb([60, 30, 30]) } else { Rgb([200, 140, 130]) }
+        });
+        let texture = Texture::new(&picture);
+        let red = |at: Point2<f64>| seam.colour(at, texture.sample(at), &texture)[0];
+        let middle = warp.nodes[40];
+        // Of 140 levels, a sixth is left on the lower lip, half on the upper one; away from the line nothing changes.
+        assert!(red(middle + Vector2::new(0.0, 1.0)) > 170.0 && (110.0..170.0).contains(&red(middle - Vector2::new(0.0, 1.0))));
+        assert!((red(middle + Vector2::new(0.0, 8.0)) - 200.0).abs() < 1e-3);
+        // As long as lips are closed it is the photograph; open, the lower lip is light to its edge.
+        assert!(Seam::new(&warp, 0.0).is_none());
+        let mut open = nodes.clone();
+        for n in [40, 83, 84, 8, 10, 85, 86] {
+            open[n].y += 14.0;
+        }
+        let frame = warp.deform(&open).unwrap();
+        let drawn = warp.render(&texture, &frame, &MouthInside::Dark);
+        let edge = frame.node(40) + Vector2::new(0.0, 3.0);
+        assert!(drawn.get_pixel(edge.x as u32, edge.y as u32).0[0] > 140);
+    }
+
+    #[test]
+    fn what_is_lighter_than_its_surroundings_stays() {
+        assert_eq!(lightened([200.0; 3], [100.0; 3], 1.0), [200.0; 3]);
+        assert_eq!(lightened([50.0; 3], [100.0; 3], 1.0), [100.0; 3]);
+        assert_eq!(lightened([50.0; 3], [100.0; 3], 0.5), [75.0; 3]);
+    }
+}
