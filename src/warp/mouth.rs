@@ -43,13 +43,16 @@ const LOWER_ARCH: f64 = 1.5;
 const LOWER_SHARE: f64 = 0.88;
 /// Widest zone along the upper and the lower lip that is still its own wet colour, over the eye distance, and its largest share of the gap.
 const WET: [(f64, f64); 2] = [(0.030, 0.34), (0.022, 0.26)];
-/// That colour, of the lip's own: the upper one's is in its shadow, the lower one's in the light.
-const WET_COLOUR: [[f32; 3]; 2] = [[0.68, 0.53, 0.53], [0.90, 0.76, 0.76]];
+/// That colour, of the lip's own, in shadow, and of a lower lip in the light.
+const WET_COLOUR: [f32; 3] = [0.70, 0.56, 0.56];
+const WET_LIT: [f32; 3] = [0.90, 0.76, 0.76];
 /// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
 const MOUTH: (f64, f64) = (0.62, 0.6);
 const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
 /// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
 const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
+/// Distances of the lips, over the eye distance, between which the lower one's edge turns away from the light.
+const LIT: (f64, f64) = (0.14, 0.28);
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
 const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
@@ -184,13 +187,14 @@ impl<'a> Interior<'a> {
             let width = WET[k].0.min(WET[k].1 * (lower - upper).max(0.0)).max(1e-6);
             1.0 - smooth_step(0.0, width, [below_upper, above_lower][k])
         });
-        let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.6 * open), from_corner);
-        let crease: [f32; 3] = std::array::from_fn(|c| 0.5 * (0.4 * lip[c] + 0.6 * self.lip[c]));
+        let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
+        let crease = lip.map(|c| 0.52 * c);
         std::array::from_fn(|c| {
             let inside = colour[c] * shadow as f32;
             let inside = inside + (crease[c] - inside) * (0.9 * sealed) as f32;
-            let wet = |k: usize, inside: f32| inside + (lip[c] * WET_COLOUR[k][c] - inside) * (0.85 * rounds[k]) as f32;
-            wet(0, wet(1, inside))
+            let below = WET_COLOUR[c] + (WET_LIT[c] - WET_COLOUR[c]) * lower_lip_is_lit(self.gap) as f32;
+            let wet = |inside: f32, colour: f32, round: f64| inside + (lip[c] * colour - inside) * (0.85 * round) as f32;
+            wet(wet(inside, below, rounds[1]), WET_COLOUR[c], rounds[0])
         })
     }
 
@@ -274,6 +278,12 @@ impl<'a> Interior<'a> {
         row(x, upper_y, light, colour);
         (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * bared as f32);
     }
+}
+
+/// How far the light falls on the inner edge of a lower lip: wholly where lips hardly part; that of a mouth which gapes, by `gap` over the eye
+/// distance, is turned away.
+pub(super) fn lower_lip_is_lit(gap: f64) -> f64 {
+    1.0 - smooth_step(LIT.0, LIT.1, gap)
 }
 
 /// Values from -1 to 1 that change smoothly from one whole number to the next, the same on every machine: a lattice of hashed values.

@@ -27,7 +27,7 @@ const CLOSING: f64 = 0.6;
 const ROLL: f64 = 0.040;
 const ROLLED: (f64, f64) = (0.01, 0.10);
 const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
-/// Share of that on the lower lip, which faces the light.
+/// Share of that on a lower lip which faces the light.
 const ROLLED_BELOW: f64 = 0.4;
 /// Half the width of the line of lashes, over the eye distance.
 const LASHES: f64 = 0.024;
@@ -152,11 +152,12 @@ fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, gap: f64, tone: &Tone, fra
         return;
     }
     let width = ROLL * unit;
+    let below = 1.0 - (1.0 - ROLLED_BELOW) * mouth::lower_lip_is_lit(gap / unit);
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {
         let at = Point2::new(f64::from(x), f64::from(y));
         let near = lips.each_ref().map(|lip| (1.0 - distance_to_line(lip, &at) / width).max(0.0));
-        let near = (near[0] * near[0]).max(ROLLED_BELOW * near[1] * near[1]);
+        let near = (near[0] * near[0]).max(below * near[1] * near[1]);
         if near > 0.0 {
             let share = (strength * near) as f32;
             let pixel = frame.get_pixel_mut(x, y);

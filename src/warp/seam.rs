@@ -1,30 +1,22 @@
 //! The line in which closed lips meet, on a mouth that opens.
 //!
-//! Closed lips meet in a dark line that ends in a pit a little beyond them. Where they part, the line is gone: each lip is as bright to its edge
-//! as it is beside the line, and at the corners they are one, drawn out to a web. What the photograph has of the line goes with the skin, so
-//! that it would be a dark rim around the opening, and a dash beyond its ends. It is taken away as lips part: what is darker than its
-//! surroundings there becomes as bright as they are.
+//! Closed lips meet in a dark line. Where they part, it is gone: each lip is as bright to its edge as it is beside the line. What the photograph
+//! has of it goes with the skin, so that it would be a dark rim around the opening. It is taken away as lips part: what is darker than the lip
+//! beside it becomes as bright. Towards the corners it stays, where lips that part are in each other's shadow.
 
 use nalgebra::{Point2, Vector2};
 
 use super::{Texture, Warp, mouth::luma};
 use crate::interpolation::smooth_step;
 
-/// Inner and outer corner of the mouth, the subject's left one first.
-const CORNERS: [(usize, usize); 2] = [(88, 31), (89, 64)];
-/// Distance of the lips over the eye distance at which the line begins to go, and at which it has gone: along the lips, and beyond them.
-const LIPS_PARTED: (f64, f64) = (0.008, 0.06);
-const CORNERS_PARTED: (f64, f64) = (0.08, 0.24);
-/// How much of it then is gone on the upper lip, which is in its own shadow, on the lower one, and beyond them.
+/// Distance of the lips over the eye distance at which the line begins to go, and at which it has gone.
+const PARTED: (f64, f64) = (0.008, 0.06);
+/// How much of it then is gone on the upper lip, which is in its own shadow, and on the lower one.
 const GONE: [f64; 2] = [0.55, 0.85];
-const CORNERS_GONE: f64 = 0.80;
-/// Half its width on the lips, over the eye distance: beyond, it is the lip.
+/// Half its width, over the eye distance: beyond, it is the lip.
 const WIDTH: f64 = 0.032;
-/// Half the height of what is looked at around the line beyond the lips, and how far beyond the outer corner it goes on, over the eye distance.
-const HALF: f64 = 0.042;
-const BEYOND: f64 = 0.055;
-/// How far it takes from nothing to all, over the eye distance.
-const FADE: f64 = 0.022;
+/// How far from the ends of the opening it begins to go, and goes wholly, over the width of the mouth.
+const WITHIN: (f64, f64) = (0.06, 0.34);
 /// How much darker than its surroundings, as a share, a place is that belongs to the line for certain.
 const DARKER: f64 = 0.10;
 
@@ -34,19 +26,9 @@ pub struct Seam {
     line: Vec<(f64, f64)>,
     across: Vector2<f64>,
     down: Vector2<f64>,
-    corners: [Corner; 2],
-    /// How much of it is gone on the lips, and beyond them.
-    lips: f64,
-    beyond: f64,
+    /// How much of it is gone.
+    gone: f64,
     unit: f64,
-}
-
-/// From the inner corner outwards, on the photograph.
-struct Corner {
-    from: Point2<f64>,
-    along: Vector2<f64>,
-    across: Vector2<f64>,
-    length: f64,
 }
 
 impl Seam {
@@ -54,8 +36,8 @@ impl Seam {
     /// photograph.
     pub fn new(warp: &Warp, gap: f64) -> Option<Self> {
         let unit = warp.frame.eye_distance;
-        let lips = smooth_step(LIPS_PARTED.0, LIPS_PARTED.1, gap / unit);
-        if !warp.closed || lips <= 0.0 {
+        let gone = smooth_step(PARTED.0, PARTED.1, gap / unit);
+        if !warp.closed || gone <= 0.0 {
             return None;
         }
         let down = warp.frame.down.into_inner();
@@ -64,21 +46,14 @@ impl Seam {
         let mut line: Vec<(f64, f64)> =
             mouth.upper.iter().map(|&v| warp.source[v as usize].coords).map(|p| (p.dot(&across), p.dot(&down))).collect();
         line.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let corner = |(inner, outer): (usize, usize)| {
-            let way = warp.nodes[outer] - warp.nodes[inner];
-            let length = way.norm();
-            let along = if length > 1e-9 { way / length } else { Vector2::zeros() };
-            Corner { from: warp.nodes[inner], along, across: Vector2::new(-along.y, along.x), length }
-        };
-        let beyond = CORNERS_GONE * smooth_step(CORNERS_PARTED.0, CORNERS_PARTED.1, gap / unit);
-        Some(Self { line, across, down, corners: CORNERS.map(corner), lips, beyond, unit })
+        Some(Self { line, across, down, gone, unit })
     }
 
     /// The photograph's colour at a place of the skin without the line.
     pub fn colour(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
         match self.below(&at) {
             Some(below) => self.on_lip(at, below, usize::from(below > 0.0), photograph, texture),
-            None => self.at_corner(at, photograph, texture),
+            None => photograph,
         }
     }
 
@@ -94,11 +69,11 @@ impl Seam {
         super::mouth::line_at(&self.line, x).map(|line| y - line)
     }
 
-    /// 0 at the ends of the opening, where lips are thin and skin lies beside the line, 1 a little further inwards.
+    /// 0 at the ends of the opening, 1 in its middle.
     fn within_ends(&self, at: &Point2<f64>) -> f64 {
         let x = at.coords.dot(&self.across);
         let [(first, _), .., (last, _)] = self.line[..] else { return 0.0 };
-        smooth_step(0.2 * FADE, 1.5 * FADE, (x - first).min(last - x) / self.unit)
+        smooth_step(WITHIN.0, WITHIN.1, (x - first).min(last - x) / (last - first).max(1e-9))
     }
 
     fn on_lip(&self, at: Point2<f64>, below: f64, lip: usize, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
@@ -109,27 +84,7 @@ impl Seam {
         let side = if lip == 0 { -1.0 } else { 1.0 };
         let guess = texture.sample(at + self.down * (side * width - below));
         let inside = smooth_step(0.0, 1.0, 1.5 * (1.0 - below.abs() / width)) * self.within_ends(&at);
-        lightened(photograph, guess, GONE[lip] * self.lips * inside)
-    }
-
-    fn at_corner(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
-        let (half, fade) = (HALF * self.unit, FADE * self.unit);
-        for corner in &self.corners {
-            let off = at - corner.from;
-            let (along, across) = (off.dot(&corner.along), off.dot(&corner.across));
-            let end = corner.length + BEYOND * self.unit;
-            if self.beyond <= 0.0 || across.abs() >= half || along <= 0.0 || along >= end {
-                continue;
-            }
-            // Beside the opening the line becomes the fold of the corner; it is lost outwards.
-            let outwards = 0.35 + 0.65 * smooth_step(0.0, corner.length.max(fade), along);
-            let inside = outwards * smooth_step(0.0, fade, end - along) * smooth_step(0.0, fade, half - across.abs());
-            let [above, below] = [-half, half].map(|to| texture.sample(at + corner.across * (to - across)));
-            let between = ((across + half) / (2.0 * half)) as f32;
-            let guess = std::array::from_fn(|c| above[c] + (below[c] - above[c]) * between);
-            return lightened(photograph, guess, self.beyond * inside);
-        }
-        photograph
+        lightened(photograph, guess, GONE[lip] * self.gone * inside)
     }
 }
 
@@ -156,13 +111,9 @@ mod tests {
     fn the_line_between_lips_that_part_is_not_left_around_the_opening() {
         let nodes = nodes();
         let warp = Warp::new(&nodes).unwrap();
-        let (left, right) = (warp.nodes[64], warp.nodes[31]);
-        // Skin and lips of one colour; a dark line of 4 px from corner to corner, along where the lips meet.
+        // Skin and lips of one colour; a dark line of 4 px where the lips meet.
         let seam = Seam::new(&warp, 20.0).unwrap();
-        let on_line = |at: &Point2<f64>| match seam.below(at) {
-            Some(below) => below.abs() <= 2.0,
-            None => (left.x..=right.x).contains(&at.x) && (at.y - left.y).abs() <= 2.0,
-        };
+        let on_line = |at: &Point2<f64>| seam.below(at).is_some_and(|below| below.abs() <= 2.0);
         let picture = RgbImage::from_fn(300, 380, |x, y| {
             if on_line(&Point2::new(f64::from(x), f64::from(y))) { Rgb([60, 30, 30]) } else { Rgb([200, 140, 130]) }
         });
