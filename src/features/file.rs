@@ -24,7 +24,7 @@ pub fn features_units() -> BTreeMap<String, String> {
         ("eye_distance", "px at the size of the head, as if it looked into the camera"),
         ("eye_opening_*", "over the opening in the neutral frame"),
         ("mouth_opening", "distance of the inner lips over MNS0"),
-        ("iris_*", "offset from neutral over IRISD0, x to the subject's left, y up; empty where irises were not tracked"),
+        ("iris_*", "offset from neutral over IRISD0 of the iris boxes, x to the subject's left, y up; empty where irises were not tracked"),
         ("AU.._r, AU.._c, AU.._e", "intensity 0 to 5, presence 0 or 1, expected error of the intensity (half are further off)"),
         ("FAP.._NAME", "FAP units of the standard, 19 to 22 in openings of the own lids / 1024; 48 to 50 in 1e-5 rad"),
     ]

@@ -79,7 +79,7 @@ pub struct FrameFeatures {
     pub eye_opening: [f64; 2],
     /// Distance of the inner lips over MNS0.
     pub mouth_opening: f64,
-    /// Offset of the left and of the right iris from neutral, x to the subject's left and y up, over IRISD0; `None` where irises were not
+    /// Offset of the left and of the right iris from neutral, x to the subject's left and y up, over the normalizer's IRISD0; `None` where irises were not
     /// tracked.
     pub iris: Option<[Vector2<f64>; 2]>,
 }
