@@ -233,7 +233,7 @@ facade! {
     /// Method: facial animation parameters of MPEG-4, and their files.
     fap: Clamped, ConvertError, Directionality, FapCatalog, FapFile, FapFrame, FapMask, FapMotion, FapNumber, FapReadError, FapRow,
     FapSequence, FapWriteError, FapWriteErrorKind, Finding, FrontalRating, HighLevelField, InterpolateError,
-    ParseFapNumberError, ParseMaskError, Profile, Rule, Severity, TidyError, ValueFormat, check_fap, measure_faps, read_fap,
+    ParseFapNumberError, Profile, Rule, Severity, TidyError, ValueFormat, check_fap, measure_faps, read_fap,
     read_tidy_csv, write_fap, write_fap_as, write_tidy_csv
 }
 facade! {

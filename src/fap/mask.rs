@@ -32,7 +32,7 @@ pub enum FapMask {
 /// A text that lists no FAPs.
 ///
 /// ```
-/// use grimace::fap::{FapMask, ParseMaskError};
+/// use grimace::{fap::FapMask, internal::fap::ParseMaskError};
 ///
 /// assert_eq!("13-3".parse::<FapMask>(), Err(ParseMaskError::Backwards("13-3".to_owned())));
 /// ```

@@ -25,8 +25,9 @@ pub const TEETH_WHITE: f32 = 200.0;
 
 /// How far the upper incisors reach below the closed lips, over the eye distance (2.8 mm of a mean 63 mm between the pupils).
 const UPPER_BELOW_LIPS: f64 = 0.058;
-/// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline.
-const FLATTER: f64 = 0.22;
+/// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline, where the lower lip
+/// has dropped, and where the upper one is raised.
+const FLATTER: (f64, f64) = (0.12, 0.22);
 /// The same as [`UPPER_BELOW_LIPS`] for the edge of the lower ones, which bite behind them.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
@@ -41,18 +42,19 @@ const GAPING: (f64, f64) = (0.14, 0.34);
 const LOWER_ARCH: f64 = 1.5;
 /// Share of the chin's way that the lower incisors go: they are nearer to the joint of the jaw.
 const LOWER_SHARE: f64 = 0.88;
-/// Widest zone along the upper and the lower lip that is still its own wet colour, over the eye distance, and its largest share of the gap.
-const WET: [(f64, f64); 2] = [(0.030, 0.34), (0.022, 0.26)];
-/// That colour, of the lip's own, in shadow, and of a lower lip in the light.
-const WET_COLOUR: [f32; 3] = [0.70, 0.56, 0.56];
-const WET_LIT: [f32; 3] = [0.90, 0.76, 0.76];
+/// A zone along a lip that is still its own wet colour: its greatest width, over the eye distance, its largest share of the gap, and that
+/// colour, of the lip's own.
+struct Wet(f64, f64, [f32; 3]);
+/// Of lips in shadow, and of the upper and the lower one in the light.
+const WET: Wet = Wet(0.034, 0.42, [0.74, 0.60, 0.60]);
+const WET_LIT: [Wet; 2] = [Wet(0.030, 0.34, [0.70, 0.56, 0.56]), Wet(0.022, 0.26, [0.90, 0.76, 0.76])];
 /// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
 const MOUTH: (f64, f64) = (0.62, 0.6);
 const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
 /// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
 const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
-/// Distances of the lips, over the eye distance, between which the lower one's edge turns away from the light.
-const LIT: (f64, f64) = (0.14, 0.28);
+/// Shares of the gap by which the lower lip has dropped between which its edge turns away from the light.
+const TURNED_AWAY: (f64, f64) = (0.60, 0.90);
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
 const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
@@ -83,6 +85,8 @@ struct Interior<'a> {
     jaw: f64,
     /// Widest distance of the lips, in eye distances.
     gap: f64,
+    /// How far their edges are in the light.
+    lit: f64,
     lip: [f32; 3],
     enamel: [f32; 3],
     tone: Tone,
@@ -152,6 +156,7 @@ impl<'a> Interior<'a> {
             lower: edge(&opening.lower),
             jaw: (chin.dot(&down) / unit).max(0.0),
             gap: gap_px / unit,
+            lit: lips_are_lit(warp, deformation),
             lip: lip_colour(warp, texture),
             enamel: enamel(warp, texture),
             tone: Tone::of(texture, &warp.nodes),
@@ -184,7 +189,9 @@ impl<'a> Interior<'a> {
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
         let shadow = (0.58 + 0.42 * smooth_step(0.0, 0.06, below_upper)) * (0.75 + 0.25 * smooth_step(0.0, 0.03, above_lower));
         let rounds: [f64; 2] = std::array::from_fn(|k| {
-            let width = WET[k].0.min(WET[k].1 * (lower - upper).max(0.0)).max(1e-6);
+            let lit = |dark: f64, light: f64| dark + (light - dark) * self.lit;
+            let (most, share) = (lit(WET.0, WET_LIT[k].0), lit(WET.1, WET_LIT[k].1));
+            let width = most.min(share * (lower - upper).max(0.0)).max(1e-6);
             1.0 - smooth_step(0.0, width, [below_upper, above_lower][k])
         });
         let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
@@ -192,9 +199,11 @@ impl<'a> Interior<'a> {
         std::array::from_fn(|c| {
             let inside = colour[c] * shadow as f32;
             let inside = inside + (crease[c] - inside) * (0.9 * sealed) as f32;
-            let below = WET_COLOUR[c] + (WET_LIT[c] - WET_COLOUR[c]) * lower_lip_is_lit(self.gap) as f32;
-            let wet = |inside: f32, colour: f32, round: f64| inside + (lip[c] * colour - inside) * (0.85 * round) as f32;
-            wet(wet(inside, below, rounds[1]), WET_COLOUR[c], rounds[0])
+            let wet = |k: usize, inside: f32| {
+                let colour = WET.2[c] + (WET_LIT[k].2[c] - WET.2[c]) * self.lit as f32;
+                inside + (lip[c] * colour - inside) * (0.85 * rounds[k]) as f32
+            };
+            wet(0, wet(1, inside))
         })
     }
 
@@ -208,22 +217,21 @@ impl<'a> Interior<'a> {
 
     /// The tongue: a mound behind the lower teeth, lighter towards its tip, with a shallow groove.
     fn lay_tongue(&self, (x, y): (f64, f64), lower: f64, open: f64, colour: &mut [f32; 3]) {
-        let half = 0.40 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
+        let half = 0.42 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
         let within = 1.0 - (x / half.max(1e-6)).powi(2);
         if within <= 0.0 {
             return;
         }
         let floor = line_at(&self.lower, 0.0).unwrap_or(lower);
-        let height = 0.58 * self.gap * within.powf(0.75);
+        let height = 0.56 * self.gap * within.sqrt();
         let top = floor - height;
-        let soft = 0.05 + 0.12 * self.gap;
-        let cover = smooth_step(-0.3 * soft, soft, y - top) * open.sqrt() * smooth_step(0.0, 0.35, within);
+        let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
         let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
-        let light = (0.42 + 0.74 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
+        let light = (0.40 + 0.56 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
         // Its grain, and the light that is broken on what is wet.
         let grain = 1.0 + 0.09 * grain(x / 0.011, y / 0.011);
-        let wet = 0.24 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);
+        let wet = 0.16 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);
         let tongue = self.tinted([1.0, 0.84, 0.83], light * grain + wet);
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
@@ -261,7 +269,7 @@ impl<'a> Interior<'a> {
             );
             (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * shown as f32);
         }
-        let upper_y = y - UPPER_BELOW_LIPS - FLATTER * x * x;
+        let upper_y = y - UPPER_BELOW_LIPS - (FLATTER.0 + (FLATTER.1 - FLATTER.0) * self.lit) * x * x;
         // Above the crowns is gum.
         let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
         if gum > 0.0 {
@@ -280,10 +288,13 @@ impl<'a> Interior<'a> {
     }
 }
 
-/// How far the light falls on the inner edge of a lower lip: wholly where lips hardly part; that of a mouth which gapes, by `gap` over the eye
-/// distance, is turned away.
-pub(super) fn lower_lip_is_lit(gap: f64) -> f64 {
-    1.0 - smooth_step(LIT.0, LIT.1, gap)
+/// How far the light falls on the inner edges of lips that part, 0 to 1: where the upper lip is raised, teeth stand close behind the lower one,
+/// whose edge faces the light; where the lower lip has dropped, with a jaw, its edge is turned away, and dark lies behind it.
+pub(super) fn lips_are_lit(warp: &Warp, deformation: &Deformation) -> f64 {
+    let down = warp.frame.down.into_inner();
+    let moved = |n: usize| (deformation.nodes[n] - warp.nodes[n]).dot(&down);
+    let (gap, dropped) = ((deformation.nodes[40] - deformation.nodes[87]).dot(&down), moved(40) - moved(6));
+    if gap > 0.0 { 1.0 - smooth_step(TURNED_AWAY.0, TURNED_AWAY.1, dropped / gap) } else { 1.0 }
 }
 
 /// Values from -1 to 1 that change smoothly from one whole number to the next, the same on every machine: a lattice of hashed values.

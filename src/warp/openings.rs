@@ -54,7 +54,8 @@ pub fn draw(
     }
     let Some(mut layer) = Layer::new(&outline, frame.dimensions()) else { return };
     let gap = gap(warp, opening, vertices);
-    let seam = if opening.opening == Opening::Mouth { Seam::new(warp, gap) } else { None };
+    let lit = mouth::lips_are_lit(warp, deformation);
+    let seam = if opening.opening == Opening::Mouth { Seam::new(warp, gap, lit) } else { None };
     extend_edges(warp, opening, texture, deformation, seam.as_ref(), &mut layer);
     layer.lay_under(frame);
     match (opening.opening, inside) {
@@ -91,7 +92,7 @@ pub fn draw(
     if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
         let at = |edge: &[u32]| edge.iter().map(|&v| vertices[v as usize]).collect::<Vec<_>>();
         let lips = [at(&opening.upper), at(&opening.lower)];
-        roll_lips(&lips, warp.frame.eye_distance, gap, &Tone::of(texture, &warp.nodes), frame);
+        roll_lips(&lips, warp.frame.eye_distance, (gap, lit), &Tone::of(texture, &warp.nodes), frame);
     }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
@@ -146,13 +147,13 @@ fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
 
 /// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is
 /// redder and wet. `lips` are the inner edges of the upper and of the lower one.
-fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, gap: f64, tone: &Tone, frame: &mut RgbImage) {
+fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, (gap, lit): (f64, f64), tone: &Tone, frame: &mut RgbImage) {
     let strength = smooth_step(ROLLED.0, ROLLED.1, gap / unit);
     if strength <= 0.0 {
         return;
     }
     let width = ROLL * unit;
-    let below = 1.0 - (1.0 - ROLLED_BELOW) * mouth::lower_lip_is_lit(gap / unit);
+    let below = 1.0 - (1.0 - ROLLED_BELOW) * lit;
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {
         let at = Point2::new(f64::from(x), f64::from(y));

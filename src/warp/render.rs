@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, openings, raster, sample, seam::Seam};
+use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, mouth, openings, raster, sample, seam::Seam};
 use crate::geometry::Similarity;
 
 /// What is seen between lips that part.
@@ -43,8 +43,10 @@ impl Warp {
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
         let lids = self.shutting_lids(deformation);
-        let mouth = self.mesh.openings.first();
-        let seam = mouth.and_then(|mouth| Seam::new(self, openings::gap(self, mouth, &deformation.vertices)));
+        let lips = self.mesh.openings.first();
+        let seam = lips.and_then(|lips| {
+            Seam::new(self, openings::gap(self, lips, &deformation.vertices), mouth::lips_are_lit(self, deformation))
+        });
         for triangle in &self.mesh.skin {
             let to = triangle.map(|v| deformation.vertices[v as usize]);
             let from = triangle.map(|v| self.source[v as usize]);

@@ -1,8 +1,9 @@
 //! The line in which closed lips meet, on a mouth that opens.
 //!
-//! Closed lips meet in a dark line. Where they part, it is gone: each lip is as bright to its edge as it is beside the line. What the photograph
-//! has of it goes with the skin, so that it would be a dark rim around the opening. It is taken away as lips part: what is darker than the lip
-//! beside it becomes as bright. Towards the corners it stays, where lips that part are in each other's shadow.
+//! Closed lips meet in a dark line. Where the upper lip is raised, it is gone: each lip is as bright to its edge as it is beside the line. What the
+//! photograph has of it goes with the skin, so that it would be a dark rim around the opening. It is taken away as lips part: what is darker than
+//! the lip beside it becomes as bright. Towards the corners it stays, where lips are in each other's shadow, and where the lower lip drops, whose
+//! edge is turned away from the light.
 
 use nalgebra::{Point2, Vector2};
 
@@ -32,11 +33,11 @@ pub struct Seam {
 }
 
 impl Seam {
-    /// The line of a mouth whose lips are `gap` px apart in a frame; `None` where nothing is taken away yet, and of a mouth that is open on its
+    /// The line of a mouth whose lips are `gap` px apart in a frame and whose edges are in the light by a share of `lit`; `None` where nothing is taken away yet, and of a mouth that is open on its
     /// photograph.
-    pub fn new(warp: &Warp, gap: f64) -> Option<Self> {
+    pub fn new(warp: &Warp, gap: f64, lit: f64) -> Option<Self> {
         let unit = warp.frame.eye_distance;
-        let gone = smooth_step(PARTED.0, PARTED.1, gap / unit);
+        let gone = lit * smooth_step(PARTED.0, PARTED.1, gap / unit);
         if !warp.closed || gone <= 0.0 {
             return None;
         }
@@ -112,7 +113,7 @@ mod tests {
         let nodes = nodes();
         let warp = Warp::new(&nodes).unwrap();
         // Skin and lips of one colour; a dark line of 4 px where the lips meet.
-        let seam = Seam::new(&warp, 20.0).unwrap();
+        let seam = Seam::new(&warp, 20.0, 1.0).unwrap();
         let on_line = |at: &Point2<f64>| seam.below(at).is_some_and(|below| below.abs() <= 2.0);
         let picture = RgbImage::from_fn(300, 380, |x, y| {
             if on_line(&Point2::new(f64::from(x), f64::from(y))) { Rgb([60, 30, 30]) } else { Rgb([200, 140, 130]) }
@@ -124,15 +125,17 @@ mod tests {
         assert!(red(middle + Vector2::new(0.0, 1.0)) > 170.0 && (110.0..170.0).contains(&red(middle - Vector2::new(0.0, 1.0))));
         assert!((red(middle + Vector2::new(0.0, 8.0)) - 200.0).abs() < 1e-3);
         // As long as lips are closed it is the photograph; open, the lower lip is light to its edge.
-        assert!(Seam::new(&warp, 0.0).is_none());
-        let mut open = nodes.clone();
-        for n in [40, 83, 84, 8, 10, 85, 86] {
-            open[n].y += 14.0;
-        }
-        let frame = warp.deform(&open).unwrap();
-        let drawn = warp.render(&texture, &frame, &MouthInside::Dark);
-        let edge = frame.node(40) + Vector2::new(0.0, 3.0);
-        assert!(drawn.get_pixel(edge.x as u32, edge.y as u32).0[0] > 140);
+        assert!(Seam::new(&warp, 0.0, 1.0).is_none());
+        // By a raised upper lip: light to the edge of the lower one. By a jaw that drops: not.
+        let below_edge = |moved: &[usize], by: f64| {
+            let mut open = nodes.clone();
+            moved.iter().for_each(|&n| open[n].y += by);
+            let frame = warp.deform(&open).unwrap();
+            let at = frame.node(40) + Vector2::new(0.0, 1.0);
+            warp.render(&texture, &frame, &MouthInside::Dark).get_pixel(at.x.round() as u32, at.y.round() as u32).0[0]
+        };
+        let (raised, dropped) = (below_edge(&[87, 81, 82, 7, 33, 66], -12.0), below_edge(&[40, 83, 84, 8, 10, 85, 86], 12.0));
+        assert!(raised > 130 && dropped < raised - 30, "{raised} {dropped}");
     }
 
     #[test]
