@@ -27,7 +27,7 @@ pub use convert::{Clamped, ConvertError, measure_faps, offsets_from_frame, unlim
 pub use finding::{Finding, Rule, Severity};
 pub use interpolate::InterpolateError;
 pub(crate) use interpolate::whole_rate;
-pub use mask::{FapMask, ParseMaskError};
+pub use mask::FapMask;
 pub use profile::Profile;
 pub use reader::{FapFile, FapReadError, is_for_greta, read_fap, read_fap_bytes};
 pub use sequence::{FapFrame, FapSequence, name_token};
