@@ -5,7 +5,7 @@
 
 #[cfg(feature = "tool")]
 pub mod cli {
-    pub use crate::modules::cli::{Outcome, exit_code, main};
+    pub use crate::modules::cli::{Outcome, chain, exit_code, main};
     pub mod bank {
         pub use crate::modules::cli::bank::open;
     }

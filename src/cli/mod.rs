@@ -130,7 +130,7 @@ pub enum Outcome {
 }
 
 /// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
-fn chain(error: &anyhow::Error) -> String {
+pub fn chain(error: &anyhow::Error) -> String {
     error.chain().map(|cause| message(&cause.to_string()).into_owned()).fold(String::new(), |text, cause| {
         if text.contains(&cause) {
             text

@@ -52,8 +52,8 @@ const SMOOTHING: f64 = 0.014;
 const SLOW: f64 = 0.30;
 /// Standard errors that a pixel's mean counts half at.
 const SHRINK: f32 = 1.5;
-/// Where folds are compared by their depth, over the eye distance; a depth that is noise; and the most that the mean's are deepened.
-const DEPTH_REACH: f64 = 0.07;
+/// How far around a pixel of the layout folds are compared by their depth, px; a depth that is noise; and the most that the mean's are deepened.
+const DEPTH_REACH: f64 = 4.2;
 const DEPTH_NOISE: f32 = 0.012;
 const DEEPEST: f32 = 2.0;
 /// Weight under which a person's pixel does not count.
@@ -177,17 +177,17 @@ fn layout_nodes() -> Vec<Point2<f64>> {
 /// multiplied by the magnitude around a pixel that people have on the mean over that which their mean has; noise, which all have and the mean
 /// has not, counts for nothing.
 fn deepen(logs: &mut [f32], samples: &[&SkinSample]) {
-    let reach = DEPTH_REACH * SCALE * 0.6;
-    let around = |values: Vec<f32>| smooth(&values, SIZE.0, SIZE.1, reach);
+    let around = |values: &[f32]| smooth(values, SIZE.0, SIZE.1, DEPTH_REACH);
     let mut depths = vec![0.0_f32; logs.len()];
     for sample in samples {
-        let magnitudes = sample.logs.iter().zip(&sample.weights).map(|(log, weight)| weight * (log.abs() - DEPTH_NOISE).max(0.0));
-        let (sums, totals) = (around(magnitudes.collect()), around(sample.weights.clone()));
+        let weighted = sample.logs.iter().zip(&sample.weights);
+        let magnitudes: Vec<f32> = weighted.map(|(log, weight)| weight * (log.abs() - DEPTH_NOISE).max(0.0)).collect();
+        let (sums, totals) = (around(&magnitudes), around(&sample.weights));
         for (depth, (sum, total)) in depths.iter_mut().zip(sums.iter().zip(&totals)) {
             *depth += sum / total.max(0.05) / samples.len() as f32;
         }
     }
-    let of_mean = around(logs.iter().map(|log| log.abs()).collect());
+    let of_mean = around(&logs.iter().map(|log| log.abs()).collect::<Vec<f32>>());
     for (log, (depth, own)) in logs.iter_mut().zip(depths.iter().zip(&of_mean)) {
         *log = (*log * (depth / (own + DEPTH_NOISE)).clamp(1.0, DEEPEST)).clamp(-SKIN_LOG_LIMIT, SKIN_LOG_LIMIT);
     }

@@ -15,7 +15,7 @@ use crate::{
     dataset::LANDMARK_COUNT,
     fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence, whole_rate},
     model::{DynamicExpressionModel, ModelError},
-    normalize::{NormalizeError, Normalizer},
+    normalize::{IrisdMode, NormalizeError, NormalizeOptions, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
     sequence::Clock,
     track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
@@ -142,7 +142,8 @@ pub struct Measured<'a> {
 /// use grimace::{features::{FeatureMeter, Measured}, normalize::Normalizer};
 ///
 /// // `track` holds the ten frames of a smile.
-/// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
+/// let options = FeatureMeter::normalize_options(Default::default());
+/// let normalizer = Normalizer::new(&wireframe, &tables, options)?;
 /// let model = normalizer.normalize_every_frame(&fitter.frontal((&wireframe, &tables), &fit, &track)?)?;
 /// let meter = FeatureMeter::new(fitter.model(), &wireframe, &normalizer)?;
 /// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model }, &normalizer, &tables)?;
@@ -168,6 +169,12 @@ impl FeatureMeter {
         let units = ActionUnits::new(head, wireframe, normalizer)?;
         let lips_full = units.gap_of_jaw(LIPS).max(1.0);
         Ok(Self { units, lips_full, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
+    }
+
+    /// Options by which tracks are normalized for a meter: how far nodes may be off from the shapes of action units was learned in face units of
+    /// the iris boxes. By others it measures, too, but action units less well.
+    pub fn normalize_options(options: NormalizeOptions) -> NormalizeOptions {
+        NormalizeOptions { irisd: IrisdMode::Boxes, ..options }
     }
 
     /// The values of all frames, in the order of the track.

@@ -47,7 +47,7 @@ use crate::{
     fit::{Correspondence, FitError, FitOptions, FittedWireframe, Fitter, SpringError},
     interpolation::{FPS, FRAMES_BETWEEN},
     model::DynamicExpressionModel,
-    normalize::{IrisdMode, NormalizeOptions, Normalizer, PoseMode},
+    normalize::{NormalizeOptions, Normalizer, PoseMode},
     output::MADE_BY,
     pose::{HeadFit, HeadFitter, PoseError},
     report::{Failure, Stage},
@@ -338,8 +338,7 @@ impl Workbench {
         fit: &HeadFit,
         model: &DynamicExpressionModel<Px>,
     ) -> Result<Vec<FrameFeatures>, String> {
-        // How far nodes may be off from the shapes of action units was learned in face units of the iris boxes.
-        let normalize = NormalizeOptions { irisd: IrisdMode::Boxes, ..self.options.normalize };
+        let normalize = FeatureMeter::normalize_options(self.options.normalize);
         let normalizer = Normalizer::new(&self.wireframe, &self.tables, normalize).map_err(|e| e.to_string())?;
         let make = || FeatureMeter::new(self.head_fitter().model(), &self.wireframe, &normalizer).map_err(|e| e.to_string());
         let meter = self.meter.get_or_init(make).as_ref().map_err(Clone::clone)?;

@@ -7,12 +7,10 @@ use image::{Rgb, RgbImage};
 use super::*;
 use crate::{
     geometry::polygon::inside,
+    warp::test_face::{EYES, nodes},
     warp::{MouthInside, NODE_COUNT, mouth::luma},
-    wireframe::Wireframe,
 };
 
-/// Distance between the eyes of the drawn face, px.
-const EYES: f64 = 110.0;
 /// Where its irises are beside the middle of their nodes, px, and how large, over the eye distance.
 const BESIDE: Vector2<f64> = Vector2::new(3.0, 1.0);
 const DRAWN: f64 = 0.097;
@@ -21,11 +19,6 @@ const WHITE: [f64; 3] = [232.0, 228.0, 224.0];
 const IRIS: [f64; 3] = [88.0, 66.0, 52.0];
 /// Directions that an outline is looked at in.
 const ANGLES: usize = 72;
-
-fn nodes() -> Vec<Point2<f64>> {
-    let scale = EYES / 0.6;
-    Wireframe::candide3().vertices().iter().map(|v| Point2::new(150.0 + scale * v.x, 190.0 - scale * v.y)).collect()
-}
 
 fn centre(nodes: &[Point2<f64>], eye: usize) -> Point2<f64> {
     let iris = OPENINGS[eye].iris;

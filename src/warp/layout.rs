@@ -115,6 +115,19 @@ impl Frame {
         Some(Self { eye_distance, down: Unit::new_normalize(Vector2::new(-across.y, across.x)) })
     }
 
+    /// Direction to the subject's left, of length 1.
+    pub fn across(&self) -> Vector2<f64> {
+        Vector2::new(self.down.y, -self.down.x)
+    }
+
+    /// Points as lines across the face are told: their coordinates along its horizontal and down, by the first.
+    pub fn line(&self, points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
+        let across = self.across();
+        let mut line: Vec<(f64, f64)> = points.map(|p| (p.dot(&across), p.dot(&self.down))).collect();
+        line.sort_by(|a, b| a.0.total_cmp(&b.0));
+        line
+    }
+
     /// Coordinate along the face's vertical.
     pub fn height(&self, point: &Point2<f64>) -> f64 {
         point.coords.dot(&self.down)

@@ -180,12 +180,10 @@ mod tests {
     use image::{Rgb, RgbImage};
 
     use super::*;
-    use crate::{geometry::polygon::distance_to_line, warp::MouthInside, wireframe::Wireframe};
-
-    fn nodes() -> Vec<Point2<f64>> {
-        let scale = 110.0 / 0.6;
-        Wireframe::candide3().vertices().iter().map(|v| Point2::new(150.0 + scale * v.x, 190.0 - scale * v.y)).collect()
-    }
+    use crate::{
+        geometry::polygon::distance_to_line,
+        warp::{MouthInside, test_face::nodes},
+    };
 
     /// Skin; around the irises' centres dark circles in white; dark lashes that stand up to `reach` px over the upper lids.
     fn drawn(nodes: &[Point2<f64>], reach: f64) -> RgbImage {

@@ -164,12 +164,7 @@ mod tests {
     use image::{Rgb, RgbImage};
 
     use super::*;
-    use crate::{geometry::polygon::inside, wireframe::Wireframe};
-
-    fn nodes() -> Vec<Point2<f64>> {
-        let scale = 110.0 / 0.6;
-        Wireframe::candide3().vertices().iter().map(|v| Point2::new(150.0 + scale * v.x, 190.0 - scale * v.y)).collect()
-    }
+    use crate::{geometry::polygon::inside, warp::test_face::nodes};
 
     /// Skin, whites between the lids, and three pixels of lashes along the upper ones.
     fn drawn(nodes: &[Point2<f64>]) -> Texture {

@@ -358,6 +358,23 @@ fn check(nodes: &[Point2<f64>]) -> Result<(), WarpError> {
     Ok(())
 }
 
+/// The face that tests of the parts draw on.
+#[cfg(test)]
+mod test_face {
+    use nalgebra::Point2;
+
+    use crate::wireframe::Wireframe;
+
+    /// Distance of its eyes, px.
+    pub const EYES: f64 = 110.0;
+
+    /// Candide-3 on a picture of 300 x 380 px.
+    pub fn nodes() -> Vec<Point2<f64>> {
+        let scale = EYES / 0.6;
+        Wireframe::candide3().vertices().iter().map(|v| Point2::new(150.0 + scale * v.x, 190.0 - scale * v.y)).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use image::{Rgb, RgbImage};

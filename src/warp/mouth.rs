@@ -4,14 +4,15 @@
 //! teeth, the lower arch, which goes with the jaw, and the upper arch, which hangs from the skull (a raised lip bares it, a
 //! dropped jaw does not). The teeth are a picture: the mean of what 24 people's smiles show, aligned tooth by tooth and mirrored,
 //! so that they are nobody's own (`candide/teeth.png`; `candide/README.md` says from whom and how). Near a lip everything is in
-//! its shadow, and the lip's own colour runs a little way in, because a lip is round and wet and not cut out of paper.
+//! its shadow, and the lip's own colour runs a little way in, because a lip is round and wet and not cut out of paper. The page of `play` draws
+//! it after these numbers (`player/assets/gl.js`): who changes one changes the other.
 
 use std::sync::OnceLock;
 
 use image::{Rgba32FImage, RgbaImage};
 use nalgebra::{Point2, Vector2};
 
-use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, tone::Tone};
+use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, seam::Seam, tone::Tone};
 use crate::interpolation::smooth_step;
 
 /// The mean picture of the upper teeth.
@@ -53,8 +54,6 @@ const MOUTH: (f64, f64) = (0.62, 0.6);
 const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
 /// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
 const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
-/// Shares of the gap by which the lower lip has dropped between which its edge turns away from the light.
-const TURNED_AWAY: (f64, f64) = (0.60, 0.90);
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
 const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
@@ -101,7 +100,7 @@ pub fn made(
     opening: &OpeningMesh,
     texture: &Texture,
     deformation: &Deformation,
-    gap_px: f64,
+    seam: &Seam,
     arches: Arches,
     layer: &mut Layer,
 ) {
@@ -109,7 +108,7 @@ pub fn made(
         let to = triangle.map(|v| deformation.vertices[v as usize]);
         layer.fill(to, [Point2::origin(); 3], |_, lip| lip);
     }
-    let interior = Interior::new(warp, opening, texture, deformation, gap_px, arches);
+    let interior = Interior::new(warp, opening, texture, deformation, seam, arches);
     let (left, top, width) = (layer.left, layer.top, layer.width);
     for (k, (colour, is_set)) in layer.pixels.iter_mut().enumerate() {
         if *is_set {
@@ -125,26 +124,18 @@ impl<'a> Interior<'a> {
         opening: &OpeningMesh,
         texture: &Texture,
         deformation: &Deformation,
-        gap_px: f64,
+        seam: &Seam,
         arches: Arches,
     ) -> Interior<'a> {
         let unit = warp.frame.eye_distance;
-        let down = warp.frame.down.into_inner();
-        let across = Vector2::new(down.y, -down.x);
+        let (across, down) = (warp.frame.across(), warp.frame.down.into_inner());
         // The skull goes with the base of the nose.
         let moved = deformation.nodes[6] - warp.nodes[6];
         let rest = nalgebra::center(&warp.nodes[87], &warp.nodes[40]);
         let origin = rest + moved;
         let edge = |vertices: &[u32]| {
-            let mut line: Vec<(f64, f64)> = vertices
-                .iter()
-                .map(|&v| {
-                    let p = deformation.vertices[v as usize] - origin;
-                    (p.dot(&across) / unit, p.dot(&down) / unit)
-                })
-                .collect();
-            line.sort_by(|a, b| a.0.total_cmp(&b.0));
-            line
+            let line = warp.frame.line(vertices.iter().map(|&v| deformation.vertices[v as usize] - origin));
+            line.into_iter().map(|(x, y)| (x / unit, y / unit)).collect()
         };
         let chin = deformation.nodes[10] - warp.nodes[10] - moved;
         Interior {
@@ -155,8 +146,8 @@ impl<'a> Interior<'a> {
             upper: edge(&opening.upper),
             lower: edge(&opening.lower),
             jaw: (chin.dot(&down) / unit).max(0.0),
-            gap: gap_px / unit,
-            lit: lips_are_lit(warp, deformation),
+            gap: seam.gap / unit,
+            lit: seam.lit,
             lip: lip_colour(warp, texture),
             enamel: enamel(warp, texture),
             tone: Tone::of(texture, &warp.nodes),
@@ -288,15 +279,6 @@ impl<'a> Interior<'a> {
     }
 }
 
-/// How far the light falls on the inner edges of lips that part, 0 to 1: where the upper lip is raised, teeth stand close behind the lower one,
-/// whose edge faces the light; where the lower lip has dropped, with a jaw, its edge is turned away, and dark lies behind it.
-pub(super) fn lips_are_lit(warp: &Warp, deformation: &Deformation) -> f64 {
-    let down = warp.frame.down.into_inner();
-    let moved = |n: usize| (deformation.nodes[n] - warp.nodes[n]).dot(&down);
-    let (gap, dropped) = ((deformation.nodes[40] - deformation.nodes[87]).dot(&down), moved(40) - moved(6));
-    if gap > 0.0 { 1.0 - smooth_step(TURNED_AWAY.0, TURNED_AWAY.1, dropped / gap) } else { 1.0 }
-}
-
 /// Values from -1 to 1 that change smoothly from one whole number to the next, the same on every machine: a lattice of hashed values.
 fn grain(x: f64, y: f64) -> f64 {
     let corner = |i: i64, j: i64| {
@@ -408,8 +390,7 @@ const OWN_FADE: f64 = 0.022;
 /// on the photograph, its edge is stretched to meet it. A lower lip that drops leaves it, as it leaves the upper teeth.
 pub fn own(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
     let moved = deformation.nodes[6] - warp.nodes[6];
-    let (unit, down) = (warp.frame.eye_distance, warp.frame.down.into_inner());
-    let across = Vector2::new(down.y, -down.x);
+    let (unit, down, across) = (warp.frame.eye_distance, warp.frame.down.into_inner(), warp.frame.across());
     let height = |p: &Point2<f64>| warp.frame.height(p);
     let lower = &opening.lower[1..opening.lower.len() - 1];
     let dropped = |v: u32| height(&deformation.vertices[v as usize]) - height(&(warp.source[v as usize] + moved));
@@ -424,9 +405,7 @@ pub fn own(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &
     };
     let furthest = lower.iter().map(|&v| dropped(v)).fold(0.0, f64::max);
     let left = smooth_step(0.5 * OWN_STRETCH, 2.0 * OWN_STRETCH, furthest / unit);
-    let mut edge: Vec<(f64, f64)> =
-        opening.lower.iter().map(|&v| warp.source[v as usize].coords).map(|p| (p.dot(&across), p.dot(&down))).collect();
-    edge.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let edge = warp.frame.line(opening.lower.iter().map(|&v| warp.source[v as usize].coords));
     let faded = |at: Point2<f64>| {
         let above = line_at(&edge, at.coords.dot(&across)).map_or(0.0, |y| (y - at.coords.dot(&down)) / unit);
         left * (1.0 - smooth_step(0.0, OWN_FADE, above))

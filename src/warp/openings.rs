@@ -39,6 +39,7 @@ pub fn draw(
     texture: &Texture,
     deformation: &Deformation,
     inside: &MouthInside,
+    seam: &Seam,
     frame: &mut RgbImage,
 ) {
     let vertices = &deformation.vertices;
@@ -53,10 +54,7 @@ pub fn draw(
         return;
     }
     let Some(mut layer) = Layer::new(&outline, frame.dimensions()) else { return };
-    let gap = gap(warp, opening, vertices);
-    let lit = mouth::lips_are_lit(warp, deformation);
-    let seam = if opening.opening == Opening::Mouth { Seam::new(warp, gap, lit) } else { None };
-    extend_edges(warp, opening, texture, deformation, seam.as_ref(), &mut layer);
+    extend_edges(warp, opening, texture, deformation, seam, &mut layer);
     layer.lay_under(frame);
     match (opening.opening, inside) {
         (Opening::Mouth, MouthInside::Picture { texture: source, placement }) => {
@@ -69,7 +67,7 @@ pub fn draw(
         }
         (Opening::Mouth, MouthInside::Dark | MouthInside::Teeth) => {
             let arches = if warp.closed && matches!(inside, MouthInside::Teeth) { Arches::Shown } else { Arches::Hidden };
-            mouth::made(warp, opening, texture, deformation, gap, arches, &mut layer);
+            mouth::made(warp, opening, texture, deformation, seam, arches, &mut layer);
             if !warp.closed {
                 mouth::own(warp, opening, texture, deformation, &mut layer);
             }
@@ -92,11 +90,11 @@ pub fn draw(
     if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
         let at = |edge: &[u32]| edge.iter().map(|&v| vertices[v as usize]).collect::<Vec<_>>();
         let lips = [at(&opening.upper), at(&opening.lower)];
-        roll_lips(&lips, warp.frame.eye_distance, (gap, lit), &Tone::of(texture, &warp.nodes), frame);
+        roll_lips(&lips, warp.frame.eye_distance, seam, &Tone::of(texture, &warp.nodes), frame);
     }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
-        lashes(warp, opening, texture, vertices, gap, frame);
+        lashes(warp, opening, texture, vertices, gap(warp, opening, vertices), frame);
     }
 }
 
@@ -147,13 +145,13 @@ fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
 
 /// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is
 /// redder and wet. `lips` are the inner edges of the upper and of the lower one.
-fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, (gap, lit): (f64, f64), tone: &Tone, frame: &mut RgbImage) {
-    let strength = smooth_step(ROLLED.0, ROLLED.1, gap / unit);
+fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, seam: &Seam, tone: &Tone, frame: &mut RgbImage) {
+    let strength = smooth_step(ROLLED.0, ROLLED.1, seam.gap / unit);
     if strength <= 0.0 {
         return;
     }
     let width = ROLL * unit;
-    let below = 1.0 - (1.0 - ROLLED_BELOW) * lit;
+    let below = 1.0 - (1.0 - ROLLED_BELOW) * seam.lit;
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {
         let at = Point2::new(f64::from(x), f64::from(y));
@@ -187,7 +185,7 @@ fn extend_edges(
     opening: &OpeningMesh,
     texture: &Texture,
     deformation: &Deformation,
-    seam: Option<&Seam>,
+    seam: &Seam,
     layer: &mut Layer,
 ) {
     let mut place: Vec<(u32, usize, f64)> = opening.eyeball.iter().map(|&(k, share, v)| (v, k, share)).collect();
@@ -206,7 +204,8 @@ fn extend_edges(
             let share: f64 = shares.iter().zip(&corners).map(|(s, c)| s * c.1).sum();
             let (lip, edge) = if share < 0.5 { (0, above) } else { (1, below) };
             let sum: Vector2<f64> = shares.iter().zip(&edge).map(|(s, p)| p.coords * *s).sum();
-            seam.map_or_else(|| texture.sample(Point2::from(sum)), |seam| seam.edge(Point2::from(sum), lip, texture))
+            let at = Point2::from(sum);
+            if opening.opening == Opening::Mouth { seam.edge(at, lip, texture) } else { texture.sample(at) }
         });
     }
 }

@@ -1,7 +1,7 @@
 //! Where teeth end at the lower lip of a mouth that is open on its photograph: what lies above stays with the skull, and a lip that dropped
 //! with a rim of teeth, or left a rim of lip, would show it at once. Marks are not as exact.
 
-use nalgebra::{Point2, Vector2};
+use nalgebra::Point2;
 
 use super::{
     Texture,
@@ -42,8 +42,7 @@ pub fn place_lower_lip(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: 
 fn edge([start, found, end]: [Point2<f64>; 3], photograph: &Texture, frame: &Frame) -> Option<Point2<f64>> {
     let way = end - start;
     let length = way.norm();
-    let down = frame.down.into_inner();
-    let across = Vector2::new(down.y, -down.x) * (HALF_WIDTH * frame.eye_distance);
+    let across = frame.across() * (HALF_WIDTH * frame.eye_distance);
     let at = |k: usize| start + way * (k as f64 / (PLACES - 1) as f64);
     let values: Vec<f32> = (0..PLACES)
         .map(|k| [-1.0, 0.0, 1.0].map(|side| whiteness(photograph.sample(at(k) + across * side))).iter().sum::<f32>() / 3.0)

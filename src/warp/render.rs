@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, mouth, openings, raster, sample, seam::Seam};
+use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, openings, raster, sample, seam::Seam};
 use crate::geometry::Similarity;
 
 /// What is seen between lips that part.
@@ -43,10 +43,7 @@ impl Warp {
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
         let lids = self.shutting_lids(deformation);
-        let lips = self.mesh.openings.first();
-        let seam = lips.and_then(|lips| {
-            Seam::new(self, openings::gap(self, lips, &deformation.vertices), mouth::lips_are_lit(self, deformation))
-        });
+        let seam = Seam::new(self, deformation);
         for triangle in &self.mesh.skin {
             let to = triangle.map(|v| deformation.vertices[v as usize]);
             let from = triangle.map(|v| self.source[v as usize]);
@@ -54,13 +51,12 @@ impl Warp {
                 continue;
             }
             raster::fill(to, from, size, |x, y, at| {
-                let photograph = texture.sample(at);
-                let photograph = seam.as_ref().map_or(photograph, |seam| seam.colour(at, photograph, texture));
+                let photograph = seam.colour(at, texture.sample(at), texture);
                 put(frame, x, y, lids.iter().fold(photograph, |colour, (lid, gone)| lid.colour(at, *gone, colour, texture)));
             });
         }
         for opening in &self.mesh.openings {
-            openings::draw(self, opening, texture, deformation, inside, frame);
+            openings::draw(self, opening, texture, deformation, inside, &seam, frame);
         }
     }
 

@@ -236,21 +236,21 @@ impl Fapus {
 /// IRISD0 of a neutral face whose iris boxes are this high: by definition the opening of its lids, in that measure in which Candide-3's own is
 /// the height of its boxes. A wireframe without lids has its boxes.
 fn lid_based(boxes: f64, positions: &[Point2<f64>]) -> f64 {
-    let openings = LID_MIDDLES.map(|(above, below)| Some(positions.get(above)?.y - positions.get(below)?.y));
-    match openings {
-        [Some(left), Some(right)] => {
-            let seen = BOX_OVER_OPENING * f64::midpoint(left, right);
-            if seen.is_finite() { seen.clamp(OPENING_LIMITS.0 * boxes, OPENING_LIMITS.1 * boxes) } else { boxes }
-        }
-        _ => boxes,
-    }
+    let [Some(left), Some(right)] = openings(positions) else { return boxes };
+    let seen = BOX_OVER_OPENING * f64::midpoint(left, right);
+    if seen.is_finite() { seen.clamp(LEAST_OPENING * boxes, LID_LIMIT * boxes) } else { boxes }
+}
+
+/// How far the lids of each eye are apart on an upright face, y up; `None` where the wireframe lacks them.
+fn openings(positions: &[Point2<f64>]) -> [Option<f64>; 2] {
+    LID_MIDDLES.map(|(above, below)| Some(positions.get(above)?.y - positions.get(below)?.y))
 }
 
 /// Height of Candide-3's iris boxes over the opening of its lids: 0.085 over 0.082.
 const BOX_OVER_OPENING: f64 = 0.085 / 0.082;
-/// Least and most of IRISD0 over the height of the iris boxes, beyond which lids were measured wrong, or are shut; 1 on Candide-3's face, 1.4 to
-/// 2.0 on people's.
-const OPENING_LIMITS: (f64, f64) = (0.8, 3.0);
+/// Least of IRISD0 over the height of the iris boxes, under which lids were measured wrong, or are shut; it is 1 on Candide-3's face, 1.4 to 2.0
+/// on people's.
+const LEAST_OPENING: f64 = 0.8;
 
 /// Nodes of the middles of the lids, MPEG-4's feature points 3.1 and 3.3 of the left eye, 3.2 and 3.4 of the right one.
 const LID_MIDDLES: [(usize, usize); 2] = [(21, 22), (54, 55)];
@@ -277,13 +277,7 @@ impl LidUnits {
 
     /// Of an upright neutral face, y up.
     pub fn measure(fapus: &Fapus, upright: &[Point2<f64>]) -> Self {
-        Self::new(
-            fapus,
-            LID_MIDDLES.map(|(above, below)| match (upright.get(above), upright.get(below)) {
-                (Some(above), Some(below)) => above.y - below.y,
-                _ => 0.0,
-            }),
-        )
+        Self::new(fapus, openings(upright).map(|opening| opening.unwrap_or(0.0)))
     }
 
     /// Factor on a value of this FAP in IRISD0; 1 for one that is not of the lids.

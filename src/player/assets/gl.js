@@ -19,7 +19,7 @@ precision highp float;
 varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
 uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform vec3 enamel; uniform vec2 ends; uniform vec2 teethSize;
 uniform vec2 teethOrigin; uniform float teethScale; uniform float white; uniform float gap; uniform float jaw; uniform float floorY;
-uniform float shown; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
+uniform float shown; uniform float lit; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
 vec3 tinted(vec3 warm, float light) {
   vec3 grey = vec3(0.3, 0.59, 0.11);
   float luma = max(dot(lip, grey), min(60.0 / 255.0, 0.5 * dot(enamel, grey)));
@@ -51,29 +51,32 @@ void main() {
     colour = mix(colour, tinted(vec3(1.0, 0.84, 0.83), light), cover);
   }
   if (shown > 0.5) {
-    float lit = (0.25 + 0.75 * smoothstep(0.0, 0.16, fromCorner)) * (1.0 - 0.42 * smoothstep(0.07, 0.27, abs(x)));
+    float turned = (0.25 + 0.75 * smoothstep(0.0, 0.14, fromCorner)) * (1.0 - 0.40 * smoothstep(0.10, 0.30, abs(x)));
     float gaping = smoothstep(0.14, 0.34, gap);
     float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.01 - 0.064 * gaping) + 1.5 * gaping * x * x;
     float part = smoothstep(0.02, 0.08, jaw);
     if (part > 0.0) {
       float light = (0.62 + 0.16 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
-      colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, lit, fromCorner, colour), part);
+      colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, turned, fromCorner, colour), part);
     }
-    float upperY = y - 0.058 - 0.12 * x * x;
+    float upperY = y - 0.058 - mix(0.12, 0.22, lit) * x * x;
     float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
-    colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * lit), gum);
+    colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * turned), gum);
     float light = 0.56 + 0.44 * smoothstep(0.0, 0.05, belowUpper);
-    colour = mix(colour, row(vec2(x, upperY), light, lit, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
+    colour = mix(colour, row(vec2(x, upperY), light, turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
   float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
-  float width = max(min(0.034, 0.42 * max(lower - upper, 0.0)), 1e-6);
-  float round = max(1.0 - smoothstep(0.0, width, belowUpper), 1.0 - smoothstep(0.0, width, aboveLower));
+  // Of the upper lip and the lower one.
+  vec2 most = mix(vec2(0.034), vec2(0.030, 0.022), lit), part = mix(vec2(0.42), vec2(0.34, 0.26), lit);
+  vec2 width = max(min(most, part * max(lower - upper, 0.0)), 1e-6);
   // A gap as narrow as a line is lip, not cavity.
-  round = max(round, 1.0 - smoothstep(0.004, 0.03, lower - upper));
+  vec2 round = max(1.0 - smoothstep(vec2(0.0), width, vec2(belowUpper, aboveLower)), 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
   float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
   vec3 inside = mix(colour * shadow, near * 0.52, 0.9 * sealed);
-  vec3 seen = mix(inside, near * vec3(0.74, 0.60, 0.60), 0.85 * round);
+  vec3 dark = vec3(0.74, 0.60, 0.60);
+  vec3 seen = mix(inside, near * mix(dark, vec3(0.90, 0.76, 0.76), lit), 0.85 * round.y);
+  seen = mix(seen, near * mix(dark, vec3(0.70, 0.56, 0.56), lit), 0.85 * round.x);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
 }`;
 const LASH_VERTEX = `
@@ -324,7 +327,7 @@ class GlStage {
     this.uniform(mouth, "ends", ...m.ends);
     this.uniform(mouth, "teethSize", this.teeth.image.naturalWidth, this.teeth.image.naturalHeight);
     this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
-    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
+    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.teethTexture);
     gl.uniform1i(mouth.at("teeth")[1], 1);

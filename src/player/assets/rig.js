@@ -311,9 +311,13 @@ class Rig {
     };
     const upper = opening.upper.map(place), lower = opening.lower.map(place);
     const jaw = Math.max(((chin[0] - skull[0]) * down[0] + (chin[1] - skull[1]) * down[1]) / unit, 0);
+    // How far the light falls on the inner edges of lips that part: see `lit` in src/warp/seam.rs.
+    const along = ([x, y]) => x * down[0] + y * down[1], rest = [0, 1].map((axis) => nodes[2 * 40 + axis] - nodes[2 * 87 + axis]);
+    const opened = along(rest) + along(shifted(40)) - along(shifted(87)), dropped = along(shifted(40)) - along(skull);
+    const away = opened > 0 ? clamp((dropped / opened - 0.6) / 0.3, 0, 1) : 0, lit = 1 - away * away * (3 - 2 * away);
     const floor = lineAt([...lower].sort((a, b) => a[0] - b[0]), 0);
     const ends = [upper[0][0], upper[upper.length - 1][0]].sort((a, b) => a - b);
-    return { opening, upper, lower, jaw, floor, ends, skull, gap: this.gap(opening, moved) / unit };
+    return { opening, upper, lower, jaw, lit, floor, ends, skull, gap: this.gap(opening, moved) / unit };
   }
   /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, but for an upper lip that rises, and a lower one that drops a little. */
   ownMouth(skull) {

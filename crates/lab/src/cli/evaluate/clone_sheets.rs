@@ -53,7 +53,7 @@ pub fn draw(args: &Args, photographs: &[PathBuf], mut folder: Folder, bench: &Wo
             }
             Err(error) => {
                 failed += 1;
-                bar.suspend(|| eprintln!("failed: {error:#}"));
+                bar.suspend(|| eprintln!("failed: {}", grimace::internal::cli::chain(&error)));
             }
         }
         bar.inc(1);
