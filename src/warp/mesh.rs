@@ -5,7 +5,8 @@ use spade::{ConstrainedDelaunayTriangulation, Triangulation};
 
 use super::{
     WarpError,
-    layout::{self, Frame, LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, OPENINGS, Opening, OpeningNodes},
+    followers::{self, Tied},
+    layout::{self, Frame, OPENINGS, Opening, OpeningNodes},
 };
 use crate::{
     geometry::polygon::{distance_to_segment, inside},
@@ -28,9 +29,6 @@ const SAME_PLACE: f64 = 0.008;
 const MARGIN: (f64, f64) = (0.45, 0.75);
 /// Outer share of the margin that is fixed, so that the motion ends without a crease.
 const FIXED_FROM: f64 = 0.82;
-/// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
-const LIP_ARCH: f64 = 0.54;
-const LID_ARCH: f64 = 0.75;
 /// Vertices of the outermost ring.
 const RING: usize = 72;
 /// Places of the vertices on the eyeball, as shares of the way from the upper to the lower lid margin.
@@ -66,21 +64,26 @@ pub struct Mesh {
     /// Driving nodes and their vertices.
     pub drivers: Vec<(NodeId, u32)>,
     /// Vertices that go with a mean of the driving nodes: the vertex, and places in `drivers` with shares that sum to 1.
-    pub tied: Vec<(u32, Vec<(usize, f64)>)>,
+    pub tied: Vec<Tied>,
     /// Vertices that never move.
     pub fixed: Vec<u32>,
 }
 
 /// Vertices while they are gathered.
-struct Gathered {
+pub struct Gathered {
     points: Vec<Point2<f64>>,
-    eye_distance: f64,
+    pub eye_distance: f64,
 }
 
 impl Gathered {
-    fn add(&mut self, point: Point2<f64>) -> u32 {
+    pub fn add(&mut self, point: Point2<f64>) -> u32 {
         self.points.push(point);
         self.points.len() as u32 - 1
+    }
+
+    /// Whether there is room for a vertex among the finest ones.
+    pub fn has_room(&self, point: &Point2<f64>) -> bool {
+        self.nearest(point) > CLEARANCE * SPACINGS[0] * self.eye_distance
     }
 
     fn nearest(&self, point: &Point2<f64>) -> f64 {
@@ -119,10 +122,12 @@ impl Mesh {
             }
         }
         drivers.dedup_by_key(|d| d.1);
-        let mut tied = lid_skin(reference, &drivers, &mut gathered);
+        let mut tied = followers::lid_skin(reference, &drivers, &mut gathered);
+        tied.extend(followers::brows(reference, &drivers, &mut gathered));
+        tied.extend(followers::jaw(reference, &drivers, &mut gathered));
         for (nodes, opening) in OPENINGS.iter().zip(&openings) {
             for (list, edge) in [(nodes.upper, &opening.upper), (nodes.lower, &opening.lower)] {
-                tied.extend(edge_followers(list, edge, opening, &gathered.points, &drivers));
+                tied.extend(followers::edge(list, edge, opening, &gathered.points, &drivers));
             }
         }
         let hull = convex_hull(drivers.iter().map(|&(n, _)| reference[n.index()]).collect());
@@ -169,86 +174,6 @@ fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut
     }
     let triangles = strips(&upper, &below, &eyeball);
     OpeningMesh { opening: nodes.opening, upper, lower: below, eyeball, stops, triangles }
-}
-
-/// Vertices of an edge between its nodes: the skin around would draw them into straight pieces with a corner at every node, while lips
-/// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
-/// and that share follows an arch over the corners.
-fn edge_followers(
-    nodes: [u16; 5],
-    edge: &[u32],
-    opening: &OpeningMesh,
-    points: &[Point2<f64>],
-    drivers: &[(NodeId, u32)],
-) -> Vec<(u32, Vec<(usize, f64)>)> {
-    let stops = opening.stops;
-    let power = if opening.opening == Opening::Mouth { LIP_ARCH } else { LID_ARCH };
-    let at = |k: usize| points[edge[k] as usize];
-    let chord = at(stops[4]) - at(stops[0]);
-    let place = |k: usize| ((at(k) - at(stops[0])).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    let places = stops.map(place);
-    let drives: Option<Vec<usize>> = nodes.iter().map(|&n| drivers.iter().position(|d| d.0.0 == n)).collect();
-    let ascends = places.windows(2).all(|w| w[0] < w[1]);
-    let (Some(drives), true) = (drives, ascends) else { return Vec::new() };
-    let follower = |k: usize| {
-        let shares = arch_shares(places, place(k), power);
-        (edge[k], drives.iter().copied().zip(shares).collect())
-    };
-    (1..edge.len() - 1).filter(|k| !stops.contains(k)).map(follower).collect()
-}
-
-/// Shares of five nodes, the first and last of which are corners, in the motion of a place on their arch.
-fn arch_shares(places: [f64; 5], at: f64, power: f64) -> [f64; 5] {
-    let arch = |u: f64| (4.0 * u * (1.0 - u)).max(0.0).powf(power);
-    // Between the inner nodes a cubic with the slope of its neighbours at the middle one, flat at the others and beyond them.
-    let [_, a, b, c, _] = places;
-    let slope = 1.0 / (c - a);
-    let hermite = |t: f64| (2.0 * t * t * t - 3.0 * t * t + 1.0, t * t * t - 2.0 * t * t + t, t * t * t - t * t);
-    let inner = if at <= a {
-        [1.0, 0.0, 0.0]
-    } else if at <= b {
-        let (from, _, bend) = hermite((at - a) / (b - a));
-        let bend = bend * (b - a) * slope;
-        [from - bend, 1.0 - from, bend]
-    } else if at <= c {
-        let (from, bend, _) = hermite((at - b) / (c - b));
-        let bend = bend * (c - b) * slope;
-        [-bend, from, 1.0 - from + bend]
-    } else {
-        [0.0, 0.0, 1.0]
-    };
-    let whole = arch(at);
-    let inner: [f64; 3] = std::array::from_fn(|k| inner[k] * whole / arch(places[k + 1]));
-    let corner = |own: fn(f64) -> f64| own(at) - (0..3).map(|k| inner[k] * own(places[k + 1])).sum::<f64>();
-    [corner(|u| 1.0 - u), inner[0], inner[1], inner[2], corner(|u| u)]
-}
-
-/// Vertices between brow and upper lid. A lid that shuts unfolds the skin below its crease; the skin above, and the brow, stay.
-fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<(u32, Vec<(usize, f64)>)> {
-    let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
-    let at = |node: u16| reference[usize::from(node)].coords;
-    let mut tied = Vec::new();
-    for LidSkin { lid, corners, brow, share } in LID_SKIN {
-        for (height, lid_share, brow_share) in LID_SKIN_HEIGHTS {
-            let above = at(brow[0]).lerp(&at(brow[1]), share);
-            let point = Point2::from(at(lid).lerp(&above, height));
-            let rest = (1.0 - brow_share - lid_share) / 2.0;
-            let shares = [
-                (brow[0], brow_share * (1.0 - share)),
-                (brow[1], brow_share * share),
-                (lid, lid_share),
-                (corners[0], rest),
-                (corners[1], rest),
-            ];
-            let shares: Option<Vec<(usize, f64)>> = shares.iter().map(|&(n, s)| Some((driver(n)?, s))).collect();
-            if let Some(shares) = shares
-                && gathered.nearest(&point) > CLEARANCE * SPACINGS[0] * gathered.eye_distance
-            {
-                tied.push((gathered.add(point), shares));
-            }
-        }
-    }
-    tied
 }
 
 /// Bands of triangles from the upper edge over the vertices between to the lower edge; the corners close them.
@@ -410,25 +335,6 @@ mod tests {
 
     fn square() -> Vec<Point2<f64>> {
         [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 1.0)].map(|(x, y)| Point2::new(x, y)).to_vec()
-    }
-
-    #[test]
-    fn an_edge_follows_an_arch_through_its_nodes() {
-        let places = [0.0, 0.25, 0.5, 0.75, 1.0];
-        let value =
-            |motion: [f64; 5], at: f64| arch_shares(places, at, LIP_ARCH).iter().zip(motion).map(|(s, m)| s * m).sum::<f64>();
-        // What the corners do by themselves is followed in a straight line; at a node the edge is where the node is.
-        for k in 0..=20 {
-            let u = f64::from(k) / 20.0;
-            assert!((value([1.0, 2.0, 3.0, 4.0, 5.0], u) - (1.0 + 4.0 * u)).abs() < 1e-12, "{u}");
-            let arch = (4.0 * u * (1.0 - u)).powf(LIP_ARCH);
-            assert!((value(places.map(|p| (4.0 * p * (1.0 - p)).powf(LIP_ARCH)), u) - arch).abs() < 1e-12, "{u}");
-        }
-        for (k, &at) in places.iter().enumerate() {
-            let mut motion = [0.0; 5];
-            motion[k] = 1.0;
-            assert!((value(motion, at) - 1.0).abs() < 1e-12);
-        }
     }
 
     #[test]

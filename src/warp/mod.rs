@@ -38,6 +38,7 @@ mod audit;
 mod eyeball;
 mod field;
 mod folds;
+mod followers;
 mod iris;
 mod layer;
 mod layout;

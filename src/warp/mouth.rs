@@ -47,7 +47,7 @@ const LOWER_SHARE: f64 = 0.88;
 /// colour, of the lip's own.
 struct Wet(f64, f64, [f32; 3]);
 /// Of lips in shadow, and of the upper and the lower one in the light.
-const WET: Wet = Wet(0.034, 0.42, [0.74, 0.60, 0.60]);
+const WET: Wet = Wet(0.052, 0.42, [0.76, 0.60, 0.60]);
 const WET_LIT: [Wet; 2] = [Wet(0.030, 0.34, [0.70, 0.56, 0.56]), Wet(0.022, 0.26, [0.90, 0.76, 0.76])];
 /// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
 const MOUTH: (f64, f64) = (0.62, 0.6);
@@ -173,7 +173,7 @@ impl<'a> Interior<'a> {
         let depth = (below_upper / (lower - upper).max(1e-6)).clamp(0.0, 1.0);
         // Darkest in the middle, where the throat is.
         let throat = (-((depth - THROAT.0) / THROAT.1).powi(2)).exp() * side;
-        let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt();
+        let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt() + 0.16 * (1.0 - side) * open;
         let mut colour = self.tinted([1.0, 0.60, 0.57], light);
         self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
@@ -248,7 +248,7 @@ impl<'a> Interior<'a> {
         let gaping = smooth_step(GAPING.0, GAPING.1, self.gap);
         let bare = LOWER_ABOVE_LIP.0 + (LOWER_ABOVE_LIP.1 - LOWER_ABOVE_LIP.0) * gaping;
         let lower_y = y - (LOWER_BELOW_LIPS + LOWER_SHARE * self.jaw).max(lip - bare) + LOWER_ARCH * gaping * x * x;
-        let lower_light = 0.62 + 0.16 * smooth_step(0.0, 0.30, self.gap);
+        let lower_light = 0.62 - 0.16 * smooth_step(0.0, 0.30, self.gap);
         let shown = smooth_step(0.02, 0.08, self.jaw);
         if shown > 0.0 {
             let before = *colour;

@@ -1,0 +1,231 @@
+//! Vertices that go with a mean of the driving nodes, where the smoothest field through the nodes would not do as a face does: edges of lips
+//! and lids, skin between brow and lid, brows and chin.
+
+use nalgebra::Point2;
+
+use super::{
+    layout::{LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, Opening},
+    mesh::{Gathered, OpeningMesh},
+};
+use crate::{interpolation::smooth_step, units::NodeId};
+
+/// A vertex, and places among the drivers with shares that sum to 1.
+pub type Tied = (u32, Vec<(usize, f64)>);
+
+/// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
+const LIP_ARCH: f64 = 0.54;
+const LID_ARCH: f64 = 0.75;
+/// A brow: its inner node, the upper and the lower one of its middle, its outer node.
+const BROWS: [[u16; 4]; 2] = [[17, 16, 18, 15], [50, 49, 51, 48]];
+/// Step between vertices along a brow, over the eye distance.
+const STEP: f64 = 0.05;
+/// How far hair goes beyond the inner and the outer node, over the eye distance.
+const BEYOND: (f64, f64) = (0.06, 0.14);
+/// Slope of the motion at either end, over that of the straight line to the middle: hair turns, it does not curl.
+const END_SLOPE: f64 = 0.6;
+
+/// The chin's nodes on the outline of the face, and those of the jaw beside them.
+const CHIN: [(u16, u16); 2] = [(32, 30), (65, 63)];
+/// Shares of the way from the chin's node to the jaw's between which the motion goes over from one to the other: the bone of the chin does not
+/// bend, what lies behind it turns about its joint.
+const CHIN_ENDS: (f64, f64) = (0.30, 1.0);
+
+/// Vertices of an edge between its nodes: the skin around would draw them into straight pieces with a corner at every node, while lips
+/// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
+/// and that share follows an arch over the corners.
+pub fn edge(
+    nodes: [u16; 5],
+    edge: &[u32],
+    opening: &OpeningMesh,
+    points: &[Point2<f64>],
+    drivers: &[(NodeId, u32)],
+) -> Vec<Tied> {
+    let stops = opening.stops;
+    let power = if opening.opening == Opening::Mouth { LIP_ARCH } else { LID_ARCH };
+    let at = |k: usize| points[edge[k] as usize];
+    let chord = at(stops[4]) - at(stops[0]);
+    let place = |k: usize| ((at(k) - at(stops[0])).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+    let places = stops.map(place);
+    let drives: Option<Vec<usize>> = nodes.iter().map(|&n| drivers.iter().position(|d| d.0.0 == n)).collect();
+    let ascends = places.windows(2).all(|w| w[0] < w[1]);
+    let (Some(drives), true) = (drives, ascends) else { return Vec::new() };
+    let follower = |k: usize| {
+        let shares = arch_shares(places, place(k), power);
+        (edge[k], drives.iter().copied().zip(shares).collect())
+    };
+    (1..edge.len() - 1).filter(|k| !stops.contains(k)).map(follower).collect()
+}
+
+/// Shares of five nodes, the first and last of which are corners, in the motion of a place on their arch.
+fn arch_shares(places: [f64; 5], at: f64, power: f64) -> [f64; 5] {
+    let arch = |u: f64| (4.0 * u * (1.0 - u)).max(0.0).powf(power);
+    // Between the inner nodes a cubic with the slope of its neighbours at the middle one, flat at the others and beyond them.
+    let [_, a, b, c, _] = places;
+    let slope = 1.0 / (c - a);
+    let hermite = |t: f64| (2.0 * t * t * t - 3.0 * t * t + 1.0, t * t * t - 2.0 * t * t + t, t * t * t - t * t);
+    let inner = if at <= a {
+        [1.0, 0.0, 0.0]
+    } else if at <= b {
+        let (from, _, bend) = hermite((at - a) / (b - a));
+        let bend = bend * (b - a) * slope;
+        [from - bend, 1.0 - from, bend]
+    } else if at <= c {
+        let (from, bend, _) = hermite((at - b) / (c - b));
+        let bend = bend * (c - b) * slope;
+        [-bend, from, 1.0 - from + bend]
+    } else {
+        [0.0, 0.0, 1.0]
+    };
+    let whole = arch(at);
+    let inner: [f64; 3] = std::array::from_fn(|k| inner[k] * whole / arch(places[k + 1]));
+    let corner = |own: fn(f64) -> f64| own(at) - (0..3).map(|k| inner[k] * own(places[k + 1])).sum::<f64>();
+    [corner(|u| 1.0 - u), inner[0], inner[1], inner[2], corner(|u| u)]
+}
+
+/// Vertices between brow and upper lid. A lid that shuts unfolds the skin below its crease; the skin above, and the brow, stay.
+pub fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
+    let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
+    let at = |node: u16| reference[usize::from(node)].coords;
+    let mut tied = Vec::new();
+    for LidSkin { lid, corners, brow, share } in LID_SKIN {
+        for (height, lid_share, brow_share) in LID_SKIN_HEIGHTS {
+            let above = at(brow[0]).lerp(&at(brow[1]), share);
+            let point = Point2::from(at(lid).lerp(&above, height));
+            let rest = (1.0 - brow_share - lid_share) / 2.0;
+            let shares = [
+                (brow[0], brow_share * (1.0 - share)),
+                (brow[1], brow_share * share),
+                (lid, lid_share),
+                (corners[0], rest),
+                (corners[1], rest),
+            ];
+            let shares: Option<Vec<(usize, f64)>> = shares.iter().map(|&(n, s)| Some((driver(n)?, s))).collect();
+            if let Some(shares) = shares
+                && gathered.has_room(&point)
+            {
+                tied.push((gathered.add(point), shares));
+            }
+        }
+    }
+    tied
+}
+
+/// Vertices on the brows. The smoothest field swings beyond nodes that lie at uneven distances, as a brow's do, and lets the end of the hair,
+/// which lies beyond the outermost node, stay behind: raised brows
+/// became hooks.
+pub fn brows(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
+    let unit = gathered.eye_distance;
+    let mut tied = Vec::new();
+    for brow in BROWS {
+        let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
+        let [Some(inner), Some(upper), Some(lower), Some(outer)] = brow.map(driver) else { continue };
+        let [start, above, below, end] = brow.map(|n| reference[usize::from(n)].coords);
+        let middle = above.lerp(&below, 0.5);
+        let lengths = [(middle - start).norm(), (end - middle).norm()];
+        if !lengths.iter().all(|&l| l > STEP * unit) {
+            continue;
+        }
+        // The inner node is on the lower edge of the hair, the outer one where both edges meet.
+        let thick = above - below;
+        for level in [0.0, 0.5, 1.0] {
+            let stations = [start + thick * level, below + thick * level, end];
+            let count =
+                ((lengths[0] + lengths[1] + (BEYOND.0 + BEYOND.1) * unit) / (STEP * unit)).ceil().clamp(1.0, 64.0) as usize;
+            for k in 0..=count {
+                let along = (lengths[0] + lengths[1] + (BEYOND.0 + BEYOND.1) * unit) * k as f64 / count as f64 - BEYOND.0 * unit;
+                let point = if along < lengths[0] {
+                    stations[0] + (stations[1] - stations[0]) * (along / lengths[0])
+                } else {
+                    stations[1] + (stations[2] - stations[1]) * ((along - lengths[0]) / lengths[1])
+                };
+                let point = Point2::from(point);
+                if gathered.has_room(&point) {
+                    let [a, b, c] = brow_shares(lengths, along);
+                    let shares = vec![(inner, a), (upper, b * level), (lower, b * (1.0 - level)), (outer, c)];
+                    tied.push((gathered.add(point), shares));
+                }
+            }
+        }
+    }
+    tied
+}
+
+/// Shares of the inner node, the middle and the outer node in the motion of a place on a brow, of which two pieces have these lengths: a cubic
+/// in each, in the middle with the slope of the parabola through all three. Beyond the ends all of it goes with the node there.
+fn brow_shares(lengths: [f64; 2], along: f64) -> [f64; 3] {
+    let [first, second] = lengths;
+    // The slopes of the straight lines, and from them those at the three places, as shares of the three motions.
+    let lines = [[-1.0 / first, 1.0 / first, 0.0], [0.0, -1.0 / second, 1.0 / second]];
+    let slope = |k: usize| (second * lines[0][k] + first * lines[1][k]) / (first + second);
+    let (start, length, from, to): (f64, f64, usize, [f64; 2]) =
+        if along < first { (0.0, first, 0, [END_SLOPE, 1.0]) } else { (first, second, 1, [1.0, END_SLOPE]) };
+    let t = ((along - start) / length).clamp(0.0, 1.0);
+    std::array::from_fn(|k| {
+        let at = |place: usize| f64::from(u8::from(place == k));
+        let slopes = if from == 0 { [to[0] * lines[0][k], slope(k)] } else { [slope(k), to[1] * lines[1][k]] };
+        let (t2, t3) = (t * t, t * t * t);
+        (2.0 * t3 - 3.0 * t2 + 1.0) * at(from)
+            + (t3 - 2.0 * t2 + t) * length * slopes[0]
+            + (3.0 * t2 - 2.0 * t3) * at(from + 1)
+            + (t3 - t2) * length * slopes[1]
+    })
+}
+
+/// Vertices on the outline between chin and jaw. A chin that drops would be drawn into a point between the jaw's nodes, which lie far behind.
+pub fn jaw(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
+    let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
+    let mut tied = Vec::new();
+    for (chin, jaw) in CHIN {
+        let (Some(from), Some(to)) = (driver(chin), driver(jaw)) else { continue };
+        let (start, end) = (reference[usize::from(chin)], reference[usize::from(jaw)]);
+        let count = ((end - start).norm() / (STEP * gathered.eye_distance)).ceil().clamp(1.0, 64.0) as usize;
+        for k in 1..count {
+            let along = k as f64 / count as f64;
+            let point = start + (end - start) * along;
+            if gathered.has_room(&point) {
+                let share = smooth_step(CHIN_ENDS.0, CHIN_ENDS.1, along);
+                tied.push((gathered.add(point), vec![(from, 1.0 - share), (to, share)]));
+            }
+        }
+    }
+    tied
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edge_follows_an_arch_through_its_nodes() {
+        let places = [0.0, 0.25, 0.5, 0.75, 1.0];
+        let value =
+            |motion: [f64; 5], at: f64| arch_shares(places, at, LIP_ARCH).iter().zip(motion).map(|(s, m)| s * m).sum::<f64>();
+        // What the corners do by themselves is followed in a straight line; at a node the edge is where the node is.
+        for k in 0..=20 {
+            let u = f64::from(k) / 20.0;
+            assert!((value([1.0, 2.0, 3.0, 4.0, 5.0], u) - (1.0 + 4.0 * u)).abs() < 1e-12, "{u}");
+            let arch = (4.0 * u * (1.0 - u)).powf(LIP_ARCH);
+            assert!((value(places.map(|p| (4.0 * p * (1.0 - p)).powf(LIP_ARCH)), u) - arch).abs() < 1e-12, "{u}");
+        }
+        for (k, &at) in places.iter().enumerate() {
+            let mut motion = [0.0; 5];
+            motion[k] = 1.0;
+            assert!((value(motion, at) - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn hair_goes_with_its_nodes_and_hardly_beyond_them() {
+        let lengths = [48.0, 33.0];
+        let motion = |along: f64| {
+            let shares = brow_shares(lengths, along);
+            assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{along}");
+            shares[0] * 12.4 + shares[1] * 16.8 + shares[2] * 10.3
+        };
+        for (along, expected) in [(0.0, 12.4), (48.0, 16.8), (81.0, 10.3), (-5.0, 12.4), (95.0, 10.3)] {
+            assert!((motion(along) - expected).abs() < 1e-9, "{along}: {}", motion(along));
+        }
+        let highest = (0..=81).map(|k| motion(f64::from(k))).fold(0.0, f64::max);
+        assert!(highest < 17.3, "{highest}");
+    }
+}
