@@ -28,7 +28,7 @@ const END_SLOPE: f64 = 0.6;
 const CHIN: [(u16, u16); 2] = [(32, 30), (65, 63)];
 /// Shares of the way from the chin's node to the jaw's between which the motion goes over from one to the other: the bone of the chin does not
 /// bend, what lies behind it turns about its joint.
-const CHIN_ENDS: (f64, f64) = (0.30, 1.0);
+const CHIN_ENDS: (f64, f64) = (0.20, 1.0);
 
 /// Vertices of an edge between its nodes: the skin around would draw them into straight pieces with a corner at every node, while lips
 /// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
