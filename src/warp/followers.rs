@@ -1,5 +1,5 @@
 //! Vertices that go with a mean of the driving nodes, where the smoothest field through the nodes would not do as a face does: edges of lips
-//! and lids, skin between brow and lid, brows and chin.
+//! and lids, skin between brow and lid, brows.
 
 use nalgebra::Point2;
 
@@ -7,7 +7,7 @@ use super::{
     layout::{LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, Opening},
     mesh::{Gathered, OpeningMesh},
 };
-use crate::{interpolation::smooth_step, units::NodeId};
+use crate::units::NodeId;
 
 /// A vertex, and places among the drivers with shares that sum to 1.
 pub type Tied = (u32, Vec<(usize, f64)>);
@@ -23,12 +23,6 @@ const STEP: f64 = 0.05;
 const BEYOND: (f64, f64) = (0.06, 0.14);
 /// Slope of the motion at either end, over that of the straight line to the middle: hair turns, it does not curl.
 const END_SLOPE: f64 = 0.6;
-
-/// The chin's nodes on the outline of the face, and those of the jaw beside them.
-const CHIN: [(u16, u16); 2] = [(32, 30), (65, 63)];
-/// Shares of the way from the chin's node to the jaw's between which the motion goes over from one to the other: the bone of the chin does not
-/// bend, what lies behind it turns about its joint.
-const CHIN_ENDS: (f64, f64) = (0.20, 1.0);
 
 /// Vertices of an edge between its nodes: the skin around would draw them into straight pieces with a corner at every node, while lips
 /// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
@@ -169,26 +163,6 @@ fn brow_shares(lengths: [f64; 2], along: f64) -> [f64; 3] {
             + (3.0 * t2 - 2.0 * t3) * at(from + 1)
             + (t3 - t2) * length * slopes[1]
     })
-}
-
-/// Vertices on the outline between chin and jaw. A chin that drops would be drawn into a point between the jaw's nodes, which lie far behind.
-pub fn jaw(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
-    let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
-    let mut tied = Vec::new();
-    for (chin, jaw) in CHIN {
-        let (Some(from), Some(to)) = (driver(chin), driver(jaw)) else { continue };
-        let (start, end) = (reference[usize::from(chin)], reference[usize::from(jaw)]);
-        let count = ((end - start).norm() / (STEP * gathered.eye_distance)).ceil().clamp(1.0, 64.0) as usize;
-        for k in 1..count {
-            let along = k as f64 / count as f64;
-            let point = start + (end - start) * along;
-            if gathered.has_room(&point) {
-                let share = smooth_step(CHIN_ENDS.0, CHIN_ENDS.1, along);
-                tied.push((gathered.add(point), vec![(from, 1.0 - share), (to, share)]));
-            }
-        }
-    }
-    tied
 }
 
 #[cfg(test)]

@@ -124,7 +124,6 @@ impl Mesh {
         drivers.dedup_by_key(|d| d.1);
         let mut tied = followers::lid_skin(reference, &drivers, &mut gathered);
         tied.extend(followers::brows(reference, &drivers, &mut gathered));
-        tied.extend(followers::jaw(reference, &drivers, &mut gathered));
         for (nodes, opening) in OPENINGS.iter().zip(&openings) {
             for (list, edge) in [(nodes.upper, &opening.upper), (nodes.lower, &opening.lower)] {
                 tied.extend(followers::edge(list, edge, opening, &gathered.points, &drivers));
