@@ -47,7 +47,7 @@ const LOWER_SHARE: f64 = 0.88;
 /// colour, of the lip's own.
 struct Wet(f64, f64, [f32; 3]);
 /// Of lips in shadow, and of the upper and the lower one in the light.
-const WET: Wet = Wet(0.052, 0.42, [0.76, 0.60, 0.60]);
+const WET: Wet = Wet(0.034, 0.42, [0.74, 0.60, 0.60]);
 const WET_LIT: [Wet; 2] = [Wet(0.030, 0.34, [0.70, 0.56, 0.56]), Wet(0.022, 0.26, [0.90, 0.76, 0.76])];
 /// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
 const MOUTH: (f64, f64) = (0.62, 0.6);

@@ -67,14 +67,14 @@ void main() {
   }
   float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
   // Of the upper lip and the lower one.
-  vec2 most = mix(vec2(0.052), vec2(0.030, 0.022), lit), part = mix(vec2(0.42), vec2(0.34, 0.26), lit);
+  vec2 most = mix(vec2(0.034), vec2(0.030, 0.022), lit), part = mix(vec2(0.42), vec2(0.34, 0.26), lit);
   vec2 width = max(min(most, part * max(lower - upper, 0.0)), 1e-6);
   // A gap as narrow as a line is lip, not cavity.
   vec2 round = max(1.0 - smoothstep(vec2(0.0), width, vec2(belowUpper, aboveLower)), 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
   float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
   vec3 inside = mix(colour * shadow, near * 0.52, 0.9 * sealed);
-  vec3 dark = vec3(0.76, 0.60, 0.60);
+  vec3 dark = vec3(0.74, 0.60, 0.60);
   vec3 seen = mix(inside, near * mix(dark, vec3(0.90, 0.76, 0.76), lit), 0.85 * round.y);
   seen = mix(seen, near * mix(dark, vec3(0.70, 0.56, 0.56), lit), 0.85 * round.x);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
