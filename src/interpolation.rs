@@ -62,10 +62,16 @@ pub(crate) fn slopes(keys: &[Option<f64>]) -> Vec<f64> {
     slopes
 }
 
+/// Shares of the value and the slope at the beginning, and of those at the end, in a cubic Hermite curve at the share `u` of the way, 0 to 1.
+pub(crate) fn hermite(u: f64) -> [f64; 4] {
+    let v = 1.0 - u;
+    [(1.0 + 2.0 * u) * v * v, u * v * v, u * u * (3.0 - 2.0 * u), -u * u * v]
+}
+
 /// The cubic Hermite curve at the share `u` of the way, 0 to 1, between two values with their slopes.
 pub(crate) fn cubic((from, to): (f64, f64), (slope_from, slope_to): (f64, f64), u: f64) -> f64 {
-    let v = 1.0 - u;
-    let value = from * (1.0 + 2.0 * u) * v * v + slope_from * u * v * v + to * u * u * (3.0 - 2.0 * u) - slope_to * u * u * v;
+    let shares = hermite(u);
+    let value = from * shares[0] + slope_from * shares[1] + to * shares[2] + slope_to * shares[3];
     value.clamp(from.min(to), from.max(to)) // against rounding errors only
 }
 

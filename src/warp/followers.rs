@@ -4,10 +4,10 @@
 use nalgebra::Point2;
 
 use super::{
-    layout::{LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, Opening},
+    layout::{BROWS, LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, Opening},
     mesh::{Gathered, OpeningMesh},
 };
-use crate::units::NodeId;
+use crate::{interpolation::hermite, units::NodeId};
 
 /// A vertex, and places among the drivers with shares that sum to 1.
 pub type Tied = (u32, Vec<(usize, f64)>);
@@ -15,14 +15,17 @@ pub type Tied = (u32, Vec<(usize, f64)>);
 /// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
 const LIP_ARCH: f64 = 0.54;
 const LID_ARCH: f64 = 0.75;
-/// A brow: its inner node, the upper and the lower one of its middle, its outer node.
-const BROWS: [[u16; 4]; 2] = [[17, 16, 18, 15], [50, 49, 51, 48]];
 /// Step between vertices along a brow, over the eye distance.
 const STEP: f64 = 0.05;
 /// How far hair goes beyond the inner and the outer node, over the eye distance.
 const BEYOND: (f64, f64) = (0.06, 0.14);
 /// Slope of the motion at either end, over that of the straight line to the middle: hair turns, it does not curl.
 const END_SLOPE: f64 = 0.6;
+
+/// The place of a node among the drivers.
+fn driver(drivers: &[(NodeId, u32)], node: u16) -> Option<usize> {
+    drivers.iter().position(|d| d.0.0 == node)
+}
 
 /// Vertices of an edge between its nodes: the skin around would draw them into straight pieces with a corner at every node, while lips
 /// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
@@ -40,7 +43,7 @@ pub fn edge(
     let chord = at(stops[4]) - at(stops[0]);
     let place = |k: usize| ((at(k) - at(stops[0])).dot(&chord) / chord.norm_squared().max(1e-12)).clamp(0.0, 1.0);
     let places = stops.map(place);
-    let drives: Option<Vec<usize>> = nodes.iter().map(|&n| drivers.iter().position(|d| d.0.0 == n)).collect();
+    let drives: Option<Vec<usize>> = nodes.iter().map(|&n| driver(drivers, n)).collect();
     let ascends = places.windows(2).all(|w| w[0] < w[1]);
     let (Some(drives), true) = (drives, ascends) else { return Vec::new() };
     let follower = |k: usize| {
@@ -56,15 +59,14 @@ fn arch_shares(places: [f64; 5], at: f64, power: f64) -> [f64; 5] {
     // Between the inner nodes a cubic with the slope of its neighbours at the middle one, flat at the others and beyond them.
     let [_, a, b, c, _] = places;
     let slope = 1.0 / (c - a);
-    let hermite = |t: f64| (2.0 * t * t * t - 3.0 * t * t + 1.0, t * t * t - 2.0 * t * t + t, t * t * t - t * t);
     let inner = if at <= a {
         [1.0, 0.0, 0.0]
     } else if at <= b {
-        let (from, _, bend) = hermite((at - a) / (b - a));
+        let [from, _, _, bend] = hermite((at - a) / (b - a));
         let bend = bend * (b - a) * slope;
         [from - bend, 1.0 - from, bend]
     } else if at <= c {
-        let (from, bend, _) = hermite((at - b) / (c - b));
+        let [from, bend, _, _] = hermite((at - b) / (c - b));
         let bend = bend * (c - b) * slope;
         [-bend, from, 1.0 - from + bend]
     } else {
@@ -78,7 +80,6 @@ fn arch_shares(places: [f64; 5], at: f64, power: f64) -> [f64; 5] {
 
 /// Vertices between brow and upper lid. A lid that shuts unfolds the skin below its crease; the skin above, and the brow, stay.
 pub fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
-    let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
     let at = |node: u16| reference[usize::from(node)].coords;
     let mut tied = Vec::new();
     for LidSkin { lid, corners, brow, share } in LID_SKIN {
@@ -93,7 +94,7 @@ pub fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: 
                 (corners[0], rest),
                 (corners[1], rest),
             ];
-            let shares: Option<Vec<(usize, f64)>> = shares.iter().map(|&(n, s)| Some((driver(n)?, s))).collect();
+            let shares: Option<Vec<(usize, f64)>> = shares.iter().map(|&(n, s)| Some((driver(drivers, n)?, s))).collect();
             if let Some(shares) = shares
                 && gathered.has_room(&point)
             {
@@ -105,34 +106,31 @@ pub fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: 
 }
 
 /// Vertices on the brows. The smoothest field swings beyond nodes that lie at uneven distances, as a brow's do, and lets the end of the hair,
-/// which lies beyond the outermost node, stay behind: raised brows
-/// became hooks.
+/// which lies beyond the outermost node, stay behind: raised brows became hooks.
 pub fn brows(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
     let unit = gathered.eye_distance;
     let mut tied = Vec::new();
     for brow in BROWS {
-        let driver = |node: u16| drivers.iter().position(|d| d.0.0 == node);
-        let [Some(inner), Some(upper), Some(lower), Some(outer)] = brow.map(driver) else { continue };
+        let [Some(inner), Some(upper), Some(lower), Some(outer)] = brow.map(|n| driver(drivers, n)) else { continue };
         let [start, above, below, end] = brow.map(|n| reference[usize::from(n)].coords);
         let middle = above.lerp(&below, 0.5);
         let lengths = [(middle - start).norm(), (end - middle).norm()];
         if !lengths.iter().all(|&l| l > STEP * unit) {
             continue;
         }
-        // The inner node is on the lower edge of the hair, the outer one where both edges meet.
-        let thick = above - below;
+        let whole = lengths[0] + lengths[1] + (BEYOND.0 + BEYOND.1) * unit;
+        let count = (whole / (STEP * unit)).ceil().clamp(1.0, 64.0) as usize;
+        // Lines along the hair, from its lower to its upper edge.
         for level in [0.0, 0.5, 1.0] {
-            let stations = [start + thick * level, below + thick * level, end];
-            let count =
-                ((lengths[0] + lengths[1] + (BEYOND.0 + BEYOND.1) * unit) / (STEP * unit)).ceil().clamp(1.0, 64.0) as usize;
+            let raised = (above - below) * level;
+            let (first, second) = (start + raised, below + raised);
             for k in 0..=count {
-                let along = (lengths[0] + lengths[1] + (BEYOND.0 + BEYOND.1) * unit) * k as f64 / count as f64 - BEYOND.0 * unit;
-                let point = if along < lengths[0] {
-                    stations[0] + (stations[1] - stations[0]) * (along / lengths[0])
+                let along = whole * k as f64 / count as f64 - BEYOND.0 * unit;
+                let point = Point2::from(if along < lengths[0] {
+                    first.lerp(&second, along / lengths[0])
                 } else {
-                    stations[1] + (stations[2] - stations[1]) * ((along - lengths[0]) / lengths[1])
-                };
-                let point = Point2::from(point);
+                    second.lerp(&end, (along - lengths[0]) / lengths[1])
+                });
                 if gathered.has_room(&point) {
                     let [a, b, c] = brow_shares(lengths, along);
                     let shares = vec![(inner, a), (upper, b * level), (lower, b * (1.0 - level)), (outer, c)];
@@ -146,23 +144,18 @@ pub fn brows(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mu
 
 /// Shares of the inner node, the middle and the outer node in the motion of a place on a brow, of which two pieces have these lengths: a cubic
 /// in each, in the middle with the slope of the parabola through all three. Beyond the ends all of it goes with the node there.
-fn brow_shares(lengths: [f64; 2], along: f64) -> [f64; 3] {
-    let [first, second] = lengths;
-    // The slopes of the straight lines, and from them those at the three places, as shares of the three motions.
-    let lines = [[-1.0 / first, 1.0 / first, 0.0], [0.0, -1.0 / second, 1.0 / second]];
-    let slope = |k: usize| (second * lines[0][k] + first * lines[1][k]) / (first + second);
-    let (start, length, from, to): (f64, f64, usize, [f64; 2]) =
-        if along < first { (0.0, first, 0, [END_SLOPE, 1.0]) } else { (first, second, 1, [1.0, END_SLOPE]) };
-    let t = ((along - start) / length).clamp(0.0, 1.0);
-    std::array::from_fn(|k| {
-        let at = |place: usize| f64::from(u8::from(place == k));
-        let slopes = if from == 0 { [to[0] * lines[0][k], slope(k)] } else { [slope(k), to[1] * lines[1][k]] };
-        let (t2, t3) = (t * t, t * t * t);
-        (2.0 * t3 - 3.0 * t2 + 1.0) * at(from)
-            + (t3 - 2.0 * t2 + t) * length * slopes[0]
-            + (3.0 * t2 - 2.0 * t3) * at(from + 1)
-            + (t3 - t2) * length * slopes[1]
-    })
+fn brow_shares([first, second]: [f64; 2], along: f64) -> [f64; 3] {
+    // Slopes of the straight lines, and that in the middle, as shares of the three motions.
+    let (inner, outer) = ([-1.0 / first, 1.0 / first, 0.0], [0.0, -1.0 / second, 1.0 / second]);
+    let middle: [f64; 3] = std::array::from_fn(|k| (second * inner[k] + first * outer[k]) / (first + second));
+    let end = |line: [f64; 3]| line.map(|slope| END_SLOPE * slope);
+    let (piece, length, place, slopes) =
+        if along < first { (0, first, along, [end(inner), middle]) } else { (1, second, along - first, [middle, end(outer)]) };
+    let [from, slope_from, to, slope_to] = hermite((place / length).clamp(0.0, 1.0));
+    let mut shares = std::array::from_fn(|k| length * (slope_from * slopes[0][k] + slope_to * slopes[1][k]));
+    shares[piece] += from;
+    shares[piece + 1] += to;
+    shares
 }
 
 #[cfg(test)]

@@ -55,8 +55,9 @@ const LID_GAP: f64 = 0.10;
 /// Lips nearer than this, over the eye distance, count as closed: the fit cannot tell better.
 pub const CLOSED_GAP: f64 = 0.06;
 
-/// Upper and lower edge of the middle of each brow.
-pub const BROW_EDGES: [(u16, u16); 2] = [(16, 18), (49, 51)];
+/// The nodes of a brow: the inner one, which is on the lower edge of the hair, the upper and the lower edge of its middle, and the outer one,
+/// where both edges meet.
+pub const BROWS: [[u16; 4]; 2] = [[17, 16, 18, 15], [50, 49, 51, 48]];
 /// Least and most thickness of a brow over its neutral one: hair moves, it does not stretch.
 const BROW_THICKNESS: (f64, f64) = (0.88, 1.12);
 
@@ -195,7 +196,7 @@ pub fn keep_apart(nodes: &mut [Point2<f64>], upper: u16, lower: u16, frame: &Fra
 
 /// Keeps the brows as thick as they are on `neutral`, within a little: the lower edge gives way, the upper one is MPEG-4's feature point.
 pub fn keep_brows(nodes: &mut [Point2<f64>], neutral: &[Point2<f64>], frame: &Frame) {
-    for (upper, lower) in BROW_EDGES.map(|(a, b)| (usize::from(a), usize::from(b))) {
+    for [_, upper, lower, _] in BROWS.map(|brow| brow.map(usize::from)) {
         let thickness = |nodes: &[Point2<f64>]| frame.height(&nodes[lower]) - frame.height(&nodes[upper]);
         let (was, is) = (thickness(neutral), thickness(nodes));
         if was > 0.0 {

@@ -58,6 +58,10 @@ const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)
 const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
 const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
+/// How much lighter the skin inside the cheeks is, in the corners of a mouth that gapes.
+const CHEEKS: f64 = 0.16;
+/// Light on the lower teeth, of a mouth that is hardly open, and how much less of it there is in one that gapes.
+const LOWER_LIGHT: (f64, f64) = (0.62, 0.16);
 /// Height of what a raised lip bares above the teeth, over the eye distance.
 const GUM_ABOVE: f64 = 0.118;
 
@@ -167,13 +171,13 @@ impl<'a> Interior<'a> {
         let (below_upper, above_lower) = (y - upper, lower - y);
         let corners = (self.upper[0].0, self.upper[self.upper.len() - 1].0);
         let from_corner = (x - corners.0).min(corners.1 - x);
-        // Light falls in from the front and above: more of it the further the lips part, less in the corners.
+        // Light falls in from the front and above: more of it the further the lips part, and then onto the skin in the corners, too.
         let open = smooth_step(0.02, 0.40, self.gap);
         let side = smooth_step(0.0, 0.20, from_corner);
         let depth = (below_upper / (lower - upper).max(1e-6)).clamp(0.0, 1.0);
         // Darkest in the middle, where the throat is.
         let throat = (-((depth - THROAT.0) / THROAT.1).powi(2)).exp() * side;
-        let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt() + 0.16 * (1.0 - side) * open;
+        let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt() + CHEEKS * (1.0 - side) * open;
         let mut colour = self.tinted([1.0, 0.60, 0.57], light);
         self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
@@ -248,7 +252,7 @@ impl<'a> Interior<'a> {
         let gaping = smooth_step(GAPING.0, GAPING.1, self.gap);
         let bare = LOWER_ABOVE_LIP.0 + (LOWER_ABOVE_LIP.1 - LOWER_ABOVE_LIP.0) * gaping;
         let lower_y = y - (LOWER_BELOW_LIPS + LOWER_SHARE * self.jaw).max(lip - bare) + LOWER_ARCH * gaping * x * x;
-        let lower_light = 0.62 - 0.16 * smooth_step(0.0, 0.30, self.gap);
+        let lower_light = LOWER_LIGHT.0 - LOWER_LIGHT.1 * smooth_step(0.0, 0.30, self.gap);
         let shown = smooth_step(0.02, 0.08, self.jaw);
         if shown > 0.0 {
             let before = *colour;
