@@ -113,9 +113,10 @@ struct LookArgs {
     /// Carry the source's folds and wrinkles over, with a strength (1 if none is given)
     #[arg(long, num_args = 0..=1, default_missing_value = "1", value_parser = positive, value_name = "STRENGTH")]
     wrinkles: Option<f64>,
-    /// Folds that grow with the expression, as people of a class have them on the mean: `auto` takes those that `run` wrote beside a
-    /// representative (NAME_skin.png), `none` none, a representative (NAME.csv) those beside it, whatever the motion is
-    #[arg(long, default_value = "auto", value_name = "auto|none|NAME.csv")]
+    /// Folds that grow with the expression: `auto` takes those that people of a class have on the mean, which `run` wrote beside a
+    /// representative (NAME_skin.png), and without them `form`, those that the motion makes on an average head; `none` none, a
+    /// representative (NAME.csv) those beside it, whatever the motion is
+    #[arg(long, default_value = "auto", value_name = "auto|form|none|NAME.csv")]
     skin: SkinChoice,
     /// What shows in an open mouth: `auto` takes the source's where its frames are given and draws upper teeth otherwise, `drawn`
     /// always draws them, `dark` is always dark
@@ -130,6 +131,7 @@ struct LookArgs {
 #[derive(Clone, Debug)]
 enum SkinChoice {
     Auto,
+    Form,
     None,
     Of(PathBuf),
 }
@@ -140,26 +142,33 @@ impl std::str::FromStr for SkinChoice {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         Ok(match text {
             "auto" => Self::Auto,
+            "form" => Self::Form,
             "none" => Self::None,
             path => Self::Of(PathBuf::from(path)),
         })
     }
 }
 
-/// The skin of a class, with its representative.
+/// The skin of a class, with its representative, or of a motion's form.
 struct SourceSkin {
-    path: PathBuf,
+    /// The file of a class's skin.
+    path: Option<PathBuf>,
     skin: Skin,
     representative: SourceMotion,
 }
 
 /// The skin that goes with a source, if there is one.
 fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Workbench) -> anyhow::Result<Option<SourceSkin>> {
+    let of_form = || {
+        let skin = Skin::of_form(motion, bench)?;
+        Ok(Some(SourceSkin { path: None, skin, representative: motion.clone() }))
+    };
     let (path, representative) = match choice {
         SkinChoice::None => return Ok(None),
+        SkinChoice::Form => return of_form(),
         SkinChoice::Auto => match Skin::path_beside(path, motion.kind) {
             Some(picture) => (picture, motion.clone()),
-            None => return Ok(None),
+            None => return of_form(),
         },
         SkinChoice::Of(csv) => {
             let representative = SourceMotion::read(csv, bench)?;
@@ -178,7 +187,7 @@ fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Work
             (picture, representative)
         }
     };
-    Ok(Some(SourceSkin { skin: Skin::read(&path)?, path, representative }))
+    Ok(Some(SourceSkin { skin: Skin::read(&path)?, path: Some(path), representative }))
 }
 
 fn film(text: &str) -> Result<Film, String> {
@@ -426,8 +435,8 @@ impl Job<'_> {
             frames_unfolded: 0,
             faps_limited: 0,
             faps_cut: Vec::new(),
-            skin: source.skin.as_ref().map(|s| file_name(&s.path)),
-            skin_blake3: source.skin.as_ref().and_then(|s| file_blake3(&s.path)),
+            skin: source.skin.as_ref().map(|s| s.path.as_deref().map_or_else(|| "form".to_owned(), file_name)),
+            skin_blake3: source.skin.as_ref().and_then(|s| file_blake3(s.path.as_deref()?)),
             wrinkles_light_share: details.as_ref().filter(|_| options.wrinkles > 0.0).map(Details::light_share),
         };
         let films = self.args.look.film.as_slice();

@@ -11,6 +11,7 @@
 mod arches;
 mod detail;
 mod fap_motion;
+mod form;
 mod output;
 mod picture;
 mod render;
@@ -30,6 +31,7 @@ use crate::{
     output::OutputError,
     plausible::Implausible,
     sequence::{FilmError, SequenceError},
+    synthesis::BankError,
     track::TrackFileError,
     warp::WarpError,
     wireframe::FapusError,
@@ -160,6 +162,9 @@ pub enum CloneError {
     /// The photograph cannot be warped.
     #[error(transparent)]
     Warp(#[from] WarpError),
+    /// The embedded head cannot be bent.
+    #[error(transparent)]
+    Bank(#[from] BankError),
     /// A picture does not read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),

@@ -22,17 +22,17 @@ use super::{
 };
 use crate::{
     geometry::polygon::inside_depth,
-    warp::{Texture, Warp, byte},
+    warp::{Texture, Warp, byte, one_tone},
     wireframe::Wireframe,
 };
 
-/// Share of what grows lighter that a clone shows: folds are shadows.
+/// Share of what grows lighter that a clone shows of a mean of people: folds are shadows.
 const LIGHTER: f32 = 0.35;
 /// Size of the layout, px.
-const SIZE: (u32, u32) = (128, 176);
+pub(super) const SIZE: (u32, u32) = (128, 176);
 /// Place of the wireframe's origin in it, and px for each of its units: the eyes are 60 px apart.
-const ORIGIN: (f64, f64) = (63.5, 85.0);
-const SCALE: f64 = 100.0;
+pub(super) const ORIGIN: (f64, f64) = (63.5, 85.0);
+pub(super) const SCALE: f64 = 100.0;
 /// Logarithm of a ratio that the file's 255 stands for; 128 is none, 1 its negative.
 pub const SKIN_LOG_LIMIT: f32 = 0.4;
 /// Level of the file that stands for no change.
@@ -63,15 +63,17 @@ const BROW_ROOM: f64 = 0.05;
 /// The brows: upper edge from the outer to the inner end, then the lower edge back.
 const BROWS: [[usize; 4]; 2] = [[15, 16, 17, 18], [48, 49, 50, 51]];
 /// The underside of the nose: nostrils lie elsewhere on every face.
-const NOSTRILS: [usize; 3] = [26, 6, 59];
+pub(super) const NOSTRILS: [usize; 3] = [26, 6, 59];
 
 /// A mean expression ratio image: logarithms of ratios on the layout.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Skin {
     /// Row by row.
-    logs: Vec<f32>,
-    /// People it is the mean of; 0 where it was read from a file.
+    pub(super) logs: Vec<f32>,
+    /// People it is the mean of; 0 where it was read from a file, or made.
     pub people: usize,
+    /// Share of what grows lighter that a clone shows.
+    pub(super) lighter: f32,
 }
 
 /// One person's ratios on the layout, with weights.
@@ -168,7 +170,7 @@ impl SkinLayout {
     }
 }
 
-fn layout_nodes() -> Vec<Point2<f64>> {
+pub(super) fn layout_nodes() -> Vec<Point2<f64>> {
     Wireframe::candide3().vertices().iter().map(|v| Point2::new(ORIGIN.0 + SCALE * v.x, ORIGIN.1 - SCALE * v.y)).collect()
 }
 
@@ -237,7 +239,7 @@ impl Skin {
         if !(shading >= LEAST_SHADING) {
             return Err(NoSkin::NoShading { shading });
         }
-        Ok(Self { logs: smooth(&logs, SIZE.0, SIZE.1, 0.7), people })
+        Ok(Self { logs: smooth(&logs, SIZE.0, SIZE.1, 0.7), people, lighter: LIGHTER })
     }
 
     /// The picture as it is written: 128 is no change, 1 and 255 are factors of exp(-0.4) and exp(0.4).
@@ -273,7 +275,7 @@ impl Skin {
             let (width, height) = picture.dimensions();
             return Err(CloneError::SkinSize { path: path.to_owned(), width, height, expected: SIZE });
         }
-        Ok(Self { logs: picture.as_raw().iter().map(|&level| log_of(level)).collect(), people: 0 })
+        Ok(Self { logs: picture.as_raw().iter().map(|&level| log_of(level)).collect(), people: 0, lighter: LIGHTER })
     }
 }
 
@@ -284,10 +286,16 @@ pub struct ClonedSkin {
     levels: Vec<u8>,
     /// Apex offsets of the class's representative over its eye separation.
     apex: Vec<Vector2<f64>>,
+    lighter: f32,
+    /// Powers of the ratio of brightnesses, for red, green and blue.
+    powers: [f32; 3],
 }
 
 /// Most of a skin that is applied: a motion stronger than the class's own has no deeper folds than this.
 const MOST_SKIN: f64 = 1.3;
+/// Red, green and blue of a fold: what lies in shadow is lit through the skin around it. Powers of the ratio of brightnesses, as measured on the
+/// cheeks of 90 people who smile (of their mean 0.76, 1.09, 1.16; of their own fine shading 0.82, 1.06, 1.14).
+const CHANNELS: [f32; 3] = [0.80, 1.07, 1.15];
 /// Share of a skin under which none is applied.
 const LEAST_SKIN: f64 = 0.01;
 
@@ -305,7 +313,9 @@ impl ClonedSkin {
         let level = |(p, share): (&image::Rgb<u8>, &f32)| if *share > 0.0 { p.0[0] } else { NO_CHANGE };
         let levels = carried.pixels().zip(&mask).map(level).collect();
         let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
-        Ok(Self { levels, apex })
+        let toned = one_tone(target.texture(), target.warp().texture_nodes());
+        let powers = CHANNELS.map(|power| power + (1.0 - power) * toned);
+        Ok(Self { levels, apex, lighter: skin.lighter, powers })
     }
 
     /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
@@ -323,12 +333,15 @@ impl ClonedSkin {
         (growth >= LEAST_SKIN).then(|| {
             let mut picture = target.picture.clone();
             // What grows lighter is skin that bulges towards another light than this one: most of it is left out.
-            let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { LIGHTER } else { 1.0 };
-            let factors: [f32; 256] = std::array::from_fn(|level| (log(level) * growth as f32).exp());
+            let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { self.lighter } else { 1.0 };
+            let factors = self
+                .powers
+                .map(|power| -> [f32; 256] { std::array::from_fn(|level| (power * log(level) * growth as f32).exp()) });
             for (pixel, &level) in picture.pixels_mut().zip(&self.levels) {
                 if level != NO_CHANGE {
-                    let factor = factors[usize::from(level)];
-                    pixel.0 = pixel.0.map(|c| byte(f32::from(c) * factor));
+                    for (channel, factors) in pixel.0.iter_mut().zip(&factors) {
+                        *channel = byte(f32::from(*channel) * factors[usize::from(level)]);
+                    }
                 }
             }
             Texture::new(&picture)
@@ -413,7 +426,7 @@ mod tests {
     fn a_skin_is_read_as_it_was_written() {
         let mut logs = vec![0.0; (SIZE.0 * SIZE.1) as usize];
         (logs[5], logs[9]) = (SKIN_LOG_LIMIT, -SKIN_LOG_LIMIT / 127.0);
-        let skin = Skin { logs, people: 7 };
+        let skin = Skin { logs, people: 7, lighter: LIGHTER };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("skin.png");
         skin.write(&mut std::fs::File::create(&path).unwrap()).unwrap();

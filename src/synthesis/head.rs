@@ -93,6 +93,12 @@ impl Turn {
     }
 }
 
+/// The skin of the embedded head and its shapes.
+pub fn head_skin() -> Result<HeadMesh, BankError> {
+    let broken = |reason: String| BankError::Source { path: FILE.into(), reason };
+    Ok(HeadMesh::from_bytes(EMBEDDED).map_err(broken)?.0)
+}
+
 struct Head {
     skin: HeadMesh,
     parts: Parts,
@@ -104,8 +110,7 @@ struct Head {
 
 impl Head {
     fn new() -> Result<Self, BankError> {
-        let broken = |reason: String| BankError::Source { path: FILE.into(), reason };
-        let (mut head, _) = HeadMesh::from_bytes(EMBEDDED).map_err(broken)?;
+        let mut head = head_skin()?;
         for (_, shape) in head.names.iter().zip(&mut head.shapes).filter(|(name, _)| name.starts_with(BLINK.0)) {
             shape.as_flattened_mut().iter_mut().for_each(|c| *c *= BLINK.1);
         }

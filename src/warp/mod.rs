@@ -64,10 +64,12 @@ use crate::geometry::Similarity;
 pub(crate) use layout::OPENINGS;
 pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;
+pub(crate) use raster::fill as fill_triangle;
 pub use render::MouthInside;
 pub use rig::{RigOpening, teeth_picture};
 pub use sample::Texture;
 pub(crate) use sample::byte;
+pub(crate) use tone::one_tone;
 
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
 /// pixel, and where lips close a sliver may turn.

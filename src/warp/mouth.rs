@@ -223,7 +223,7 @@ impl<'a> Interior<'a> {
         let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
         let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
-        let light = (0.40 + 0.56 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
+        let light = (0.46 + 0.74 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
         // Its grain, and the light that is broken on what is wet.
         let grain = 1.0 + 0.09 * grain(x / 0.011, y / 0.011);
         let wet = 0.16 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);

@@ -18,6 +18,11 @@ pub struct Tone {
     pub share: f32,
 }
 
+/// How far a photograph is in one tone at some places of a face, 0 to 1.
+pub fn one_tone(texture: &Texture, places: &[Point2<f64>]) -> f32 {
+    Tone::of(texture, places).share
+}
+
 impl Tone {
     /// The tone of a photograph at some places of a face.
     pub fn of(texture: &Texture, places: &[Point2<f64>]) -> Self {

@@ -47,7 +47,7 @@ void main() {
     float height = 0.56 * gap * sqrt(within), top = floorY - height;
     float cover = smoothstep(-0.015, 0.05, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
     float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.10 * exp(-(x / 0.022) * (x / 0.022)) * tip;
-    float light = (0.40 + 0.56 * tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
+    float light = (0.46 + 0.74 * tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
     colour = mix(colour, tinted(vec3(1.0, 0.84, 0.83), light), cover);
   }
   if (shown > 0.5) {

@@ -1,7 +1,7 @@
 //! Ways to the weights of one goal: the genetic algorithm of \[ZL\] and what stands beside it.
 
 mod climb;
-mod nonnegative;
+pub(super) mod nonnegative;
 mod rbf;
 
 use std::fmt;

@@ -1,0 +1,219 @@
+//! Folds by the form: what a motion does to the shading of a face.
+//!
+//! A skin that bends grows lighter where it turns to the light and darker in a fold, where less of it comes in. The nodes of Candide-3 are too
+//! few to bend; the shapes of the embedded head are not (their foreheads furrow, their cheeks bulge over a nasolabial fold). The motion of the
+//! nodes is taken for a mixture of those shapes, as \[ZL\] have feature points drive a bank of dense faces, here by least squares with
+//! non-negative weights that a prior draws to 0. Of the mixture's form two things are compared with the neutral one at every vertex: the
+//! normal, and how far the surface lies below its own surroundings. The logarithm of the ratio of brightnesses is taken to be
+//! `DEPTH (TURNED . (n1 - n0) - SUNKEN (c1 - c0))`.
+
+use nalgebra::{DMatrix, DVector, Vector2, Vector3};
+
+use super::{BankError, head::head_skin, head_mesh::HeadMesh, solve::nonnegative};
+use crate::{
+    geometry::SplineWarp,
+    interpolation::smooth_step,
+    mesh::vertex_normals,
+    pose::HeadModel,
+    wireframe::{Face, LandmarkConfidence},
+};
+
+/// How much lighter skin is that turns to the light, along y and z, of a mean of people, and how much deeper anybody's own shading is: everybody's
+/// folds lie a little elsewhere. Fitted to the smiles of 90 people in soft light, together with how far the skin sinks in; correlation 0.64 on
+/// cheeks, lips and chin.
+const TURNED: [f32; 2] = [0.11, 0.30];
+const DEPTH: f32 = 1.6;
+/// How much darker skin is for each centimetre that it sinks in. The fit to the mean says 0.59, which a mean's shallow folds are too little for: by
+/// this, the darkest twentieth of a smiling cheek is darkened by 0.095, of the 90 people by 0.081 in the median and 0.108 in the upper quarter.
+const SUNKEN: f32 = 2.5;
+/// How many times darker a furrow of the forehead is than a fold of a cheek that sinks in as far, and the heights on Candide-3, model units, between
+/// which forehead begins: the head's shapes are averages, and furrows lie elsewhere on everybody. Chosen by eye.
+const FURROWS: (f32, f64, f64) = (2.2, 0.24, 0.38);
+/// Rounds of smoothing by which the surroundings of a vertex are found.
+const ROUNDS: usize = 5;
+/// Variance of what no shape explains over that of a shape's weight, squares of the eye distance.
+const PRIOR: f64 = 0.0025;
+/// Shapes that say nothing of skin.
+const LOOKS: &str = "eyeLook";
+
+/// The embedded head, ready to be bent.
+#[derive(Debug)]
+pub(crate) struct Relief {
+    head: HeadMesh,
+    /// Places of the shapes that may be mixed, in the head and as motion of the nodes over the distance of the eyes.
+    shapes: Vec<(usize, Vec<Vector2<f64>>)>,
+    /// Neighbours of every vertex, one list after the other, and where each begins.
+    neighbours: (Vec<u32>, Vec<u32>),
+    normals: Vec<[f32; 3]>,
+    sunken: Vec<f32>,
+    /// Where the vertices lie on Candide-3's neutral face, model units.
+    places: Vec<Vector3<f64>>,
+}
+
+impl Relief {
+    /// The relief of the embedded head.
+    ///
+    /// # Errors
+    /// [`BankError`], which for the embedded file would mean a mistake in it.
+    pub fn new(face: &Face) -> Result<Self, BankError> {
+        let head = head_skin()?;
+        let model = HeadModel::shipped(&face.wireframe, &face.tables);
+        let pupils = model
+            .irises
+            .each_ref()
+            .map(|iris| iris.iter().map(|n| model.mean[n.index()]).sum::<Vector3<f64>>() / iris.len().max(1) as f64);
+        let unit = (pupils[0] - pupils[1]).norm().max(1e-9);
+        let shapes = model.shapes.iter().filter(|shape| !shape.name.starts_with(LOOKS)).filter_map(|shape| {
+            let place = head.names.iter().position(|name| *name == shape.name)?;
+            Some((place, shape.offsets.iter().map(|o| o.xy() / unit).collect()))
+        });
+        let places = on_candide(&head, face)?;
+        let mut relief = Self {
+            shapes: shapes.collect(),
+            neighbours: neighbours(&head),
+            normals: vertex_normals(&head.positions, &head.triangles),
+            sunken: Vec::new(),
+            places,
+            head,
+        };
+        relief.sunken = relief.sunken_at(&relief.head.positions, &relief.normals);
+        Ok(relief)
+    }
+
+    /// Where the vertices lie on Candide-3's neutral face, model units.
+    pub fn places(&self) -> &[Vector3<f64>] {
+        &self.places
+    }
+
+    /// Triangles that are seen from the front.
+    pub fn triangles(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
+        let all = self.head.triangles.iter().map(|t| t.map(|v| v as usize));
+        all.filter(|t| t.iter().all(|&v| self.normals[v][2] > 0.0))
+    }
+
+    /// Shares of the head's shapes in a motion of the nodes, over the distance of the eyes, y up.
+    fn weights(&self, offsets: &[Vector2<f64>]) -> Vec<f64> {
+        let n = self.shapes.len();
+        let product = |a: &[Vector2<f64>], b: &[Vector2<f64>]| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>();
+        let normal =
+            DMatrix::from_fn(n, n, |i, j| product(&self.shapes[i].1, &self.shapes[j].1) + if i == j { PRIOR } else { 0.0 });
+        let right = DVector::from_fn(n, |i, _| product(&self.shapes[i].1, offsets));
+        nonnegative::minimize(&normal, &right, &[]).into_iter().map(|w| w.min(1.0)).collect()
+    }
+
+    /// Logarithm of how much lighter every vertex is at the end of a motion of the nodes, over the distance of the eyes, y up.
+    pub fn shading(&self, offsets: &[Vector2<f64>]) -> Vec<f32> {
+        let mut positions = self.head.positions.clone();
+        for ((shape, _), weight) in self.shapes.iter().zip(self.weights(offsets)) {
+            if weight > 0.0 {
+                for (p, d) in positions.iter_mut().zip(&self.head.shapes[*shape]) {
+                    (0..3).for_each(|c| p[c] += weight as f32 * d[c]);
+                }
+            }
+        }
+        let normals = vertex_normals(&positions, &self.head.triangles);
+        let sunken = self.sunken_at(&positions, &normals);
+        (0..positions.len())
+            .map(|v| {
+                let turned: f32 = (0..2).map(|k| TURNED[k] * (normals[v][k + 1] - self.normals[v][k + 1])).sum();
+                DEPTH * (turned - self.darker(v) * (sunken[v] - self.sunken[v]))
+            })
+            .collect()
+    }
+
+    /// How much darker a vertex is for each centimetre that it sinks in.
+    fn darker(&self, vertex: usize) -> f32 {
+        let (times, from, to) = FURROWS;
+        SUNKEN * (1.0 + (times - 1.0) * smooth_step(from, to, self.places[vertex].y) as f32)
+    }
+
+    /// How far vertices lie below their surroundings, cm.
+    fn sunken_at(&self, positions: &[[f32; 3]], normals: &[[f32; 3]]) -> Vec<f32> {
+        let (list, starts) = &self.neighbours;
+        let mut smooth = positions.to_vec();
+        for _ in 0..ROUNDS {
+            let before = smooth.clone();
+            for (v, p) in smooth.iter_mut().enumerate() {
+                let around = &list[starts[v] as usize..starts[v + 1] as usize];
+                let share = 0.5 / around.len().max(1) as f32;
+                *p = std::array::from_fn(|c| {
+                    0.5 * before[v][c] + share * around.iter().map(|&o| before[o as usize][c]).sum::<f32>()
+                });
+            }
+        }
+        let below = |v: usize| (0..3).map(|c| (smooth[v][c] - positions[v][c]) * normals[v][c]).sum();
+        (0..positions.len()).map(below).collect()
+    }
+}
+
+/// Neighbours along edges, ascending.
+fn neighbours(head: &HeadMesh) -> (Vec<u32>, Vec<u32>) {
+    let mut pairs: Vec<[u32; 2]> =
+        head.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a], [b, a], [c, b], [a, c]]).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    let starts = (0..=head.positions.len() as u32).map(|v| pairs.partition_point(|p| p[0] < v) as u32).collect();
+    (pairs.iter().map(|p| p[1]).collect(), starts)
+}
+
+/// The head's vertices on Candide-3's neutral face: a smooth map that takes its landmarks to their nodes.
+fn on_candide(head: &HeadMesh, face: &Face) -> Result<Vec<Vector3<f64>>, BankError> {
+    let (mut from, mut to) = (Vec::new(), Vec::new());
+    for row in face.tables.landmarks.iter().filter(|row| row.confidence != LandmarkConfidence::Low) {
+        let node: Vector3<f64> = row.nodes.iter().map(|&(n, w)| face.wireframe.vertices()[n.index()].coords * w).sum();
+        if let Some(&vertex) = head.landmarks.get(usize::from(row.landmark))
+            && !to.contains(&node)
+        {
+            from.push(Vector3::from(head.positions[vertex as usize].map(f64::from)));
+            to.push(node);
+        }
+    }
+    let warp = SplineWarp::new(&from, &to).ok_or_else(|| BankError::Number {
+        what: "the landmarks' place",
+        found: "on a line or a point".to_owned(),
+        expected: "a face".to_owned(),
+    })?;
+    Ok(head.positions.iter().map(|p| warp.apply(&Vector3::from(p.map(f64::from)).into())).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motion_is_taken_apart_into_what_it_was_made_of() {
+        let face = Face::candide3();
+        let relief = Relief::new(&face).unwrap();
+        let name = |k: usize| relief.head.names[relief.shapes[k].0].as_str();
+        let sneer = |name: &str| name.starts_with("noseSneer");
+        let mut offsets = vec![Vector2::zeros(); 113];
+        for (_, shape) in relief.shapes.iter().filter(|(place, _)| sneer(&relief.head.names[*place])) {
+            offsets.iter_mut().zip(shape).for_each(|(o, s)| *o += s * 0.8);
+        }
+        let weights = relief.weights(&offsets);
+        for (k, weight) in weights.iter().enumerate() {
+            // The prior draws it towards 0.
+            let expected = if sneer(name(k)) { 0.6..0.85 } else { -0.01..0.2 };
+            assert!(expected.contains(weight), "{} {weight}", name(k));
+        }
+        assert_eq!(relief.weights(&[Vector2::zeros(); 113]), vec![0.0; weights.len()]);
+    }
+
+    #[test]
+    fn the_head_lies_on_candide_and_a_vertex_below_its_neighbours_is_sunken() {
+        let face = Face::candide3();
+        let relief = Relief::new(&face).unwrap();
+        // The corner of the mouth is a landmark of its own.
+        let row = face.tables.landmarks.iter().find(|row| row.landmark == 48).unwrap();
+        let vertex = relief.head.landmarks[48] as usize;
+        assert!((relief.places()[vertex] - face.wireframe.vertices()[row.nodes[0].0.index()].coords).norm() < 1e-6);
+        let mut positions = relief.head.positions.clone();
+        // A cheek's vertex 1 mm deeper; half of it at least is seen after the smoothing.
+        let cheek =
+            (0..positions.len()).find(|&v| (relief.places()[v] - Vector3::new(0.25, -0.2, 0.0)).xy().norm() < 0.03).unwrap();
+        (0..3).for_each(|c| positions[cheek][c] -= 0.1 * relief.normals[cheek][c]);
+        let normals = vertex_normals(&positions, &relief.head.triangles);
+        let deeper = relief.sunken_at(&positions, &normals)[cheek] - relief.sunken[cheek];
+        assert!((0.05..0.1).contains(&deeper), "{deeper}");
+    }
+}
