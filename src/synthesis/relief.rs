@@ -28,7 +28,9 @@ const DEPTH: f32 = 1.6;
 const SUNKEN: f32 = 2.5;
 /// How many times darker a furrow of the forehead is than a fold of a cheek that sinks in as far, and the heights on Candide-3, model units, between
 /// which forehead begins: the head's shapes are averages, and furrows lie elsewhere on everybody. Chosen by eye.
-const FURROWS: (f32, f64, f64) = (2.2, 0.24, 0.38);
+const FURROWS: (f32, f64, f64) = (3.0, 0.24, 0.38);
+/// Logarithms that no shading goes beyond, on the face and on the forehead, where an average head has one dent in the middle and others have lines.
+const MOST: (f32, f32) = (0.20, 0.10);
 /// Rounds of smoothing by which the surroundings of a vertex are found.
 const ROUNDS: usize = 5;
 /// Variance of what no shape explains over that of a shape's weight, squares of the eye distance.
@@ -116,15 +118,17 @@ impl Relief {
         (0..positions.len())
             .map(|v| {
                 let turned: f32 = (0..2).map(|k| TURNED[k] * (normals[v][k + 1] - self.normals[v][k + 1])).sum();
-                DEPTH * (turned - self.darker(v) * (sunken[v] - self.sunken[v]))
+                let forehead = self.forehead(v);
+                let darker = SUNKEN * (1.0 + (FURROWS.0 - 1.0) * forehead);
+                let most = MOST.0 + (MOST.1 - MOST.0) * forehead;
+                most * (DEPTH * (turned - darker * (sunken[v] - self.sunken[v])) / most).tanh()
             })
             .collect()
     }
 
-    /// How much darker a vertex is for each centimetre that it sinks in.
-    fn darker(&self, vertex: usize) -> f32 {
-        let (times, from, to) = FURROWS;
-        SUNKEN * (1.0 + (times - 1.0) * smooth_step(from, to, self.places[vertex].y) as f32)
+    /// 1 for a vertex of the forehead, 0 for one below the brows.
+    fn forehead(&self, vertex: usize) -> f32 {
+        smooth_step(FURROWS.1, FURROWS.2, self.places[vertex].y) as f32
     }
 
     /// How far vertices lie below their surroundings, cm.

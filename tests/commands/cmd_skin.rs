@@ -42,8 +42,12 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     let first = |out: &str| work.bytes(&format!("{out}/frames/S002_005_00000001_00000001.png"));
     assert_eq!(first("with"), first("without"));
 
-    // A FAP file has no class of its own.
-    assert_eq!(clone("out/fap/happiness.fap", "fap", "")["skin"], Value::Null);
+    // A FAP file has no class of its own: it gets the folds of its form, and so does a representative when asked.
+    let of_form = clone("out/fap/happiness.fap", "fap", "");
+    assert_eq!((&of_form["skin"], &of_form["skin_blake3"]), (&Value::from("form"), &Value::Null));
+    assert_eq!(clone("out/representatives/happiness.csv", "form", "--skin form")["skin"], "form");
+    assert!([last("with"), last("without")].iter().all(|other| *other != last("form")));
+    assert_eq!(first("form"), first("without"));
     clone("out/fap/happiness.fap", "fap_with", "--skin out/representatives/happiness.csv");
     assert_ne!(last("fap"), last("fap_with"));
     work.grimace(&format!("clone --source out/fap/happiness.fap {target} -o x --skin out/fap/happiness.fap"))

@@ -28,20 +28,23 @@ const COLUMNS: usize = 4;
 /// The grades of the rubric, 1 to 5.
 const GRADES: std::ops::RangeInclusive<f64> = 1.0..=5.0;
 
-/// What moves, and the skin of its class where there is one.
+/// What moves, with the skin that `clone` gives it.
 pub struct SheetSource {
     motion: SourceMotion,
-    skin: Option<Skin>,
+    skin: Skin,
 }
 
 impl SheetSource {
-    /// Reads a track, a representative with its skin, or a FAP file.
+    /// Reads a track, a representative, or a FAP file.
     ///
     /// # Errors
     /// [`CloneError`] for a file that is none of these.
     pub fn read(path: &Path, bench: &Workbench) -> Result<Self, CloneError> {
         let motion = SourceMotion::read(path, bench)?;
-        let skin = Skin::path_beside(path, motion.kind).map(|p| Skin::read(&p)).transpose()?;
+        let skin = match Skin::path_beside(path, motion.kind) {
+            Some(picture) => Skin::read(&picture)?,
+            None => Skin::of_form(&motion, bench)?,
+        };
         Ok(Self { motion, skin })
     }
 
@@ -84,11 +87,8 @@ pub fn draw_clone_sheet(
     let mut pictures = vec![face(&target.picture, format!("{}: photograph", target.name))];
     let mut key = Vec::new();
     for (k, source) in order.into_iter().enumerate() {
-        let mut clone = clone_expression(&source.motion, target, None, options, bench)?;
-        let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, s, &source.motion)).transpose()?;
-        if let Some(skin) = &skin {
-            clone = clone.with_skin(skin, &source.motion)?;
-        }
+        let skin = ClonedSkin::new(target, &source.skin, &source.motion)?;
+        let clone = clone_expression(&source.motion, target, None, options, bench)?.with_skin(&skin, &source.motion)?;
         pictures.push(face(&clone.picture(clone.apex()), (k + 1).to_string()));
         key.push(source.name().to_owned());
     }
