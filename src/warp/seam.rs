@@ -11,6 +11,7 @@ use super::{
     Deformation, Texture, Warp,
     mouth::{line_at, luma},
     openings,
+    sample::Bounds,
 };
 use crate::interpolation::smooth_step;
 
@@ -52,6 +53,13 @@ impl Seam {
         let gone = if warp.closed { lit * smooth_step(PARTED.0, PARTED.1, gap / unit) } else { 0.0 };
         let line = warp.frame.line(mouth.upper.iter().map(|&v| warp.source[v as usize].coords));
         Self { line, across: warp.frame.across(), down: warp.frame.down.into_inner(), gone, unit, gap, lit }
+    }
+
+    /// The box outside of which [`Seam::colour`] is the photograph; `None` where it is so everywhere.
+    pub(super) fn bounds(&self) -> Option<Bounds> {
+        let width = WIDTH * self.unit;
+        let ends = |&(x, y): &(f64, f64)| [-width, width].map(|off| Point2::from(self.across * x + self.down * (y + off)));
+        (self.gone > 0.0).then(|| Bounds::around(self.line.iter().flat_map(ends))).flatten()
     }
 
     /// The photograph's colour at a place of the skin without the line.
