@@ -8,6 +8,7 @@
 //! for once, and a frame costs one product.
 
 use super::{WarpError, mesh::Mesh};
+use crate::simd::widest;
 
 /// Weights of all vertices over the driving nodes.
 #[derive(Clone, Debug)]
@@ -51,8 +52,17 @@ impl Weights {
             }
             system.push(i, &entries);
         }
-        system.factor().ok_or(WarpError::Folded)?;
-        system.solve(&mut right, columns);
+        let solved = widest(
+            #[inline(always)]
+            || {
+                let factored = system.factor();
+                factored.map(
+                    #[inline(always)]
+                    |()| system.solve(&mut right, columns),
+                )
+            },
+        );
+        solved.ok_or(WarpError::Folded)?;
         let mut values = vec![0.0; count * columns];
         for (v, known) in known.iter().enumerate() {
             for &(driver, share) in known.iter().flatten() {
@@ -142,6 +152,7 @@ impl Skyline {
     }
 
     /// Cholesky in place; `None` for a matrix that is not positive definite.
+    #[inline(always)]
     fn factor(&mut self) -> Option<()> {
         for i in 0..self.rows.len() {
             let (above, rest) = self.rows.split_at_mut(i);
@@ -163,6 +174,7 @@ impl Skyline {
     }
 
     /// Solves for several right sides at once, stored row by row.
+    #[inline(always)]
     fn solve(&self, right: &mut [f64], columns: usize) {
         for (i, (first, row)) in self.rows.iter().enumerate() {
             let (above, rest) = right.split_at_mut(i * columns);
@@ -171,13 +183,17 @@ impl Skyline {
                 subtract(target, &above[j * columns..(j + 1) * columns], value);
             }
             let pivot = row[row.len() - 1];
-            target.iter_mut().for_each(|t| *t /= pivot);
+            for t in target {
+                *t /= pivot;
+            }
         }
         for (i, (first, row)) in self.rows.iter().enumerate().rev() {
             let (above, rest) = right.split_at_mut(i * columns);
             let source = &mut rest[..columns];
             let pivot = row[row.len() - 1];
-            source.iter_mut().for_each(|t| *t /= pivot);
+            for t in &mut *source {
+                *t /= pivot;
+            }
             for (j, &value) in (*first..i).zip(row) {
                 subtract(&mut above[j * columns..(j + 1) * columns], source, value);
             }
@@ -186,13 +202,17 @@ impl Skyline {
 }
 
 /// `target -= factor * source`.
+#[inline(always)]
 fn subtract(target: &mut [f64], source: &[f64], factor: f64) {
     if factor != 0.0 {
-        target.iter_mut().zip(source).for_each(|(t, s)| *t -= factor * s);
+        for (t, s) in target.iter_mut().zip(source) {
+            *t -= factor * s;
+        }
     }
 }
 
 /// Scalar product in four fixed parts: quick, and the same on every machine.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (mut a, mut b) = (a.chunks_exact(4), b.chunks_exact(4));
