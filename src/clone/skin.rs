@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     geometry::polygon::inside_depth,
-    warp::{Texture, Warp, byte},
+    warp::{Texture, Warp},
     wireframe::Wireframe,
 };
 
@@ -280,8 +280,8 @@ impl Skin {
 /// The skin of a class on a target: how it looks, and how far a motion has gone towards it.
 #[derive(Debug)]
 pub struct ClonedSkin {
-    /// Levels of the skin's picture, one for each pixel of the target's photograph; [`NO_CHANGE`] off the face.
-    levels: Vec<u8>,
+    /// Where it changes the target's photograph, line by line: row, first column, and the level of the skin's picture at each pixel.
+    lines: Vec<(usize, usize, Vec<u8>)>,
     /// Apex offsets of the class's representative over its eye separation.
     apex: Vec<Vector2<f64>>,
 }
@@ -303,9 +303,15 @@ impl ClonedSkin {
         target.warp().unwarp(&Texture::from_gray(&skin.picture()), &placement, &mut carried);
         let mask = detail::mask(target);
         let level = |(p, share): (&image::Rgb<u8>, &f32)| if *share > 0.0 { p.0[0] } else { NO_CHANGE };
-        let levels = carried.pixels().zip(&mask).map(level).collect();
+        let levels: Vec<u8> = carried.pixels().zip(&mask).map(level).collect();
+        let changes = |level: &u8| *level != NO_CHANGE;
+        let line = |(y, row): (usize, &[u8])| {
+            let (first, last) = (row.iter().position(changes)?, row.iter().rposition(changes)?);
+            Some((y, first, row[first..=last].to_vec()))
+        };
+        let lines = levels.chunks(width.max(1) as usize).enumerate().filter_map(line).collect();
         let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
-        Ok(Self { levels, apex })
+        Ok(Self { lines, apex })
     }
 
     /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
@@ -321,17 +327,10 @@ impl ClonedSkin {
     /// The target's texture with the skin grown to a share of the class's; `None` where there is none yet.
     pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
         (growth >= LEAST_SKIN).then(|| {
-            let mut picture = target.picture.clone();
             // What grows lighter is skin that bulges towards another light than this one: most of it is left out.
             let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { LIGHTER } else { 1.0 };
             let factors: [f32; 256] = std::array::from_fn(|level| (log(level) * growth as f32).exp());
-            for (pixel, &level) in picture.pixels_mut().zip(&self.levels) {
-                if level != NO_CHANGE {
-                    let factor = factors[usize::from(level)];
-                    pixel.0 = pixel.0.map(|c| byte(f32::from(c) * factor));
-                }
-            }
-            Texture::new(&picture)
+            target.texture().times(self.lines.iter().map(|(y, x, levels)| (*y, *x, &levels[..])), &factors)
         })
     }
 }
