@@ -71,10 +71,9 @@ impl Texture {
                 || {
                     for (pixel, number) in pixels.iter_mut().zip(numbers) {
                         let factor = factors[usize::from(*number)];
-                        *pixel = pixel.map(
-                            #[inline(always)]
-                            |c| byte(f32::from(c) * factor),
-                        );
+                        for channel in pixel {
+                            *channel = byte(f32::from(*channel) * factor);
+                        }
                     }
                 },
             );
@@ -289,7 +288,7 @@ impl Bounds {
 
 /// Added to a number it leaves no room for what is behind the point; the last bits of the sum are the whole number, if that is not negative.
 /// Conversions to whole numbers are done one at a time.
-const WHOLE: f64 = 6_755_399_441_055_744.0;
+pub(super) const WHOLE: f64 = 6_755_399_441_055_744.0;
 const WHOLE_F32: f32 = 8_388_608.0;
 
 /// The largest whole number not above one that 32 bits hold; `f64::floor` is a call for older processors.
