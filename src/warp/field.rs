@@ -7,6 +7,8 @@
 //! whole and keep their thickness. The answer is linear in the displacements; one weight for each pair of vertex and node is solved
 //! for once, and a frame costs one product.
 
+use nalgebra::Vector2;
+
 use super::{WarpError, mesh::Mesh};
 use crate::simd::widest;
 
@@ -73,6 +75,32 @@ impl Weights {
             values[v * columns..(v + 1) * columns].copy_from_slice(&right[i * columns..(i + 1) * columns]);
         }
         Ok(Self { columns, values })
+    }
+
+    /// Displacements of all vertices for those of the driving nodes.
+    pub fn displaced(&self, offsets: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+        /// Vertices whose sums go on side by side.
+        const TOGETHER: usize = 4;
+        let mut all = Vec::with_capacity(self.values.len() / self.columns.max(1));
+        widest(
+            #[inline(always)]
+            || {
+                for rows in self.values.chunks(TOGETHER * self.columns.max(1)) {
+                    let (mut x, mut y) = ([0.0; TOGETHER], [0.0; TOGETHER]);
+                    let count = rows.len() / self.columns.max(1);
+                    let rows: [&[f64]; TOGETHER] =
+                        std::array::from_fn(|k| &rows[k.min(count - 1) * self.columns..][..self.columns]);
+                    for (d, offset) in offsets.iter().enumerate() {
+                        for k in 0..TOGETHER {
+                            x[k] += offset.x * rows[k][d];
+                            y[k] += offset.y * rows[k][d];
+                        }
+                    }
+                    all.extend((0..count).map(|k| Vector2::new(x[k], y[k])));
+                }
+            },
+        );
+        all
     }
 
     /// Weights of a vertex over the driving nodes.
