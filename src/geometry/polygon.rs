@@ -18,6 +18,12 @@ pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
     odd
 }
 
+/// The corners of the box around points; `None` around none.
+pub fn bounds(points: &[Point2<f64>]) -> Option<(Point2<f64>, Point2<f64>)> {
+    let first = *points.first()?;
+    Some(points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p))))
+}
+
 /// Distance of a point to a line of segments.
 pub fn distance_to_line(line: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     line.windows(2).map(|w| distance_to_segment(&w[0], &w[1], point)).fold(f64::INFINITY, f64::min)
