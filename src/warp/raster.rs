@@ -95,6 +95,7 @@ struct Rows {
 impl Triangle {
     /// The rows from one on.
     #[inline(always)]
+    #[allow(clippy::needless_bitwise_bool)] // branches would be taken one at a time
     fn rows(&self, first: f64) -> Rows {
         let (mut left, mut right) = ([f64::INFINITY; ROWS], [f64::NEG_INFINITY; ROWS]);
         for [p, q] in &self.edges {
