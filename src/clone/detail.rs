@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{CloneError, SourceMotion, Target};
 use crate::{
-    geometry::polygon::{self, inside_depth},
+    geometry::polygon::{self, inside_depth_within},
     interpolation::smooth_step,
     warp::{MouthInside, Placement, Texture, byte},
 };
@@ -282,14 +282,16 @@ pub(super) fn mask_of(nodes: &[Point2<f64>], unit: f64, (width, height): (u32, u
     let lips: Vec<Point2<f64>> = LIP_OUTLINE.iter().map(|&n| nodes[n]).collect();
     let eyes: Vec<Vec<Point2<f64>>> = EYES.iter().map(|eye| eye.iter().map(|&n| nodes[n]).collect()).collect();
     let mut mask = vec![0.0; width as usize * height as usize];
+    let Some((low, high)) = polygon::bounds(&outline) else { return mask };
     for (k, value) in mask.iter_mut().enumerate() {
         let point = Point2::new(f64::from(k as u32 % width), f64::from(k as u32 / width));
-        if polygon::inside(&outline, &point) {
-            let depth = inside_depth(&outline, &point);
-            let eye = eyes.iter().map(|eye| inside_depth(eye, &point)).fold(f64::NEG_INFINITY, f64::max);
+        let in_box = low.x <= point.x && point.x <= high.x && low.y <= point.y && point.y <= high.y;
+        if in_box && polygon::inside(&outline, &point) {
+            let depth = inside_depth_within(&outline, &point, FADE * unit);
+            let eye = eyes.iter().map(|eye| inside_depth_within(eye, &point, 0.06 * unit)).fold(f64::NEG_INFINITY, f64::max);
             let border = (depth / (FADE * unit)).min(1.0);
             let off_eye = (-eye / (0.06 * unit)).clamp(0.0, 1.0);
-            let off_lips = (-inside_depth(&lips, &point) / (0.05 * unit)).clamp(0.0, 1.0) as f32;
+            let off_lips = (-inside_depth_within(&lips, &point, 0.05 * unit) / (0.05 * unit)).clamp(0.0, 1.0) as f32;
             *value = (border * border * (3.0 - 2.0 * border) * off_eye) as f32 * (lip_share + (1.0 - lip_share) * off_lips);
         }
     }

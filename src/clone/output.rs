@@ -374,7 +374,7 @@ fn is_cut(cut: &CutFap, catalog: &FapCatalog) -> bool {
 /// # Errors
 /// [`io::Error`] when `writer` takes no more.
 pub fn encode_png(picture: &RgbImage, writer: &mut dyn io::Write) -> io::Result<()> {
-    PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
+    PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Paeth)
         .write_image(picture, picture.width(), picture.height(), image::ExtendedColorType::Rgb8)
         .map_err(io::Error::other)
 }

@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     geometry::polygon::inside_depth,
-    warp::{Texture, Warp, byte, one_tone},
+    warp::{Texture, Warp, one_tone},
     wireframe::Wireframe,
 };
 
@@ -282,8 +282,8 @@ impl Skin {
 /// The skin of a class on a target: how it looks, and how far a motion has gone towards it.
 #[derive(Debug)]
 pub struct ClonedSkin {
-    /// Levels of the skin's picture, one for each pixel of the target's photograph; [`NO_CHANGE`] off the face.
-    levels: Vec<u8>,
+    /// Where it changes the target's photograph, line by line: row, first column, and the level of the skin's picture at each pixel.
+    lines: Vec<(usize, usize, Vec<u8>)>,
     /// Apex offsets of the class's representative over its eye separation.
     apex: Vec<Vector2<f64>>,
     lighter: f32,
@@ -317,11 +317,17 @@ impl ClonedSkin {
             let change = f32::from(p.0[0]) - f32::from(NO_CHANGE);
             (f32::from(NO_CHANGE) + change * (share / BORDER).min(1.0)).round() as u8
         };
-        let levels = carried.pixels().zip(&mask).map(level).collect();
+        let levels: Vec<u8> = carried.pixels().zip(&mask).map(level).collect();
+        let changes = |level: &u8| *level != NO_CHANGE;
+        let line = |(y, row): (usize, &[u8])| {
+            let (first, last) = (row.iter().position(changes)?, row.iter().rposition(changes)?);
+            Some((y, first, row[first..=last].to_vec()))
+        };
+        let lines = levels.chunks(width.max(1) as usize).enumerate().filter_map(line).collect();
         let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
         let toned = one_tone(target.texture(), target.warp().texture_nodes());
         let powers = CHANNELS.map(|power| power + (1.0 - power) * toned);
-        Ok(Self { levels, apex, lighter: skin.lighter, powers })
+        Ok(Self { lines, apex, lighter: skin.lighter, powers })
     }
 
     /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
@@ -337,20 +343,12 @@ impl ClonedSkin {
     /// The target's texture with the skin grown to a share of the class's; `None` where there is none yet.
     pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
         (growth >= LEAST_SKIN).then(|| {
-            let mut picture = target.picture.clone();
             // What grows lighter is skin that bulges towards another light than this one: most of it is left out.
             let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { self.lighter } else { 1.0 };
             let factors = self
                 .powers
                 .map(|power| -> [f32; 256] { std::array::from_fn(|level| (power * log(level) * growth as f32).exp()) });
-            for (pixel, &level) in picture.pixels_mut().zip(&self.levels) {
-                if level != NO_CHANGE {
-                    for (channel, factors) in pixel.0.iter_mut().zip(&factors) {
-                        *channel = byte(f32::from(*channel) * factors[usize::from(level)]);
-                    }
-                }
-            }
-            Texture::new(&picture)
+            target.texture().times(self.lines.iter().map(|(y, x, levels)| (*y, *x, &levels[..])), &factors)
         })
     }
 }

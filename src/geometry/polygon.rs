@@ -1,6 +1,6 @@
 //! Polygons and lines of segments in the plane.
 
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 
 /// Whether a point lies inside a closed polygon (even-odd).
 pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
@@ -18,9 +18,29 @@ pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
     odd
 }
 
+/// The corners of the box around points; `None` around none.
+pub fn bounds(points: &[Point2<f64>]) -> Option<(Point2<f64>, Point2<f64>)> {
+    let first = *points.first()?;
+    Some(points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p))))
+}
+
 /// Distance of a point to a line of segments.
 pub fn distance_to_line(line: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     line.windows(2).map(|w| distance_to_segment(&w[0], &w[1], point)).fold(f64::INFINITY, f64::min)
+}
+
+/// [`distance_to_line`] where it is at most `reach`, else that or more: segments farther away are not looked at.
+pub fn distance_within(line: &[Point2<f64>], point: &Point2<f64>, reach: f64) -> f64 {
+    let near = line.windows(2).filter(|w| may_be_within(&w[0], &w[1], point, reach));
+    near.map(|w| squared_distance(&w[0], &w[1], point)).fold(f64::INFINITY, f64::min).sqrt()
+}
+
+/// Whether a point may be so near to a segment: it is in the box around it.
+fn may_be_within(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>, reach: f64) -> bool {
+    // A little more, for what is rounded.
+    let reach = Vector2::repeat(1.001 * reach);
+    let (low, high) = (a.inf(b) - reach, a.sup(b) + reach);
+    low.x <= point.x && point.x <= high.x && low.y <= point.y && point.y <= high.y
 }
 
 /// Distance of a point to a segment.
@@ -41,9 +61,28 @@ pub fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     if inside(polygon, point) { nearest } else { -nearest }
 }
 
+/// [`inside_depth`] where it is at most `reach` to either side, else that or more.
+pub fn inside_depth_within(polygon: &[Point2<f64>], point: &Point2<f64>, reach: f64) -> f64 {
+    let ends = polygon.iter().zip(polygon.iter().cycle().skip(1)).filter(|(a, b)| may_be_within(a, b, point, reach));
+    let nearest = ends.map(|(a, b)| squared_distance(a, b, point)).fold(f64::INFINITY, f64::min).sqrt();
+    if inside(polygon, point) { nearest } else { -nearest }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_within_reach_is_as_far_as_it_is() {
+        let line = [(0.0, 0.0), (10.0, 2.0), (20.0, -3.0)].map(|(x, y)| Point2::new(x, y));
+        for k in 0..900 {
+            let point = Point2::new(f64::from(k % 30) - 5.0, f64::from(k / 30) - 15.0);
+            let (whole, near) = (distance_to_line(&line, &point), distance_within(&line, &point, 4.0));
+            assert!(if whole <= 4.0 { near == whole } else { near >= whole }, "{point} {whole} {near}");
+            let (whole, near) = (inside_depth(&line, &point), inside_depth_within(&line, &point, 1.5));
+            assert!(if whole.abs() <= 1.5 { near == whole } else { near.abs() >= whole.abs() && near * whole > 0.0 }, "{point}");
+        }
+    }
 
     #[test]
     fn depth_is_the_distance_to_the_border() {

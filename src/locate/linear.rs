@@ -8,12 +8,13 @@ const LANES: usize = 16;
 pub fn dot(a: &[f32], b: &[f32]) -> f32 {
     widest(
         #[inline(always)]
-        || sum(a, b),
+        || product(a, b),
     )
 }
 
+/// [`dot`] for what runs within [`widest`] already.
 #[inline(always)]
-fn sum(a: &[f32], b: &[f32]) -> f32 {
+pub fn product(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0_f32; LANES];
     let (wide_a, wide_b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
     let rest: f32 = wide_a.remainder().iter().zip(wide_b.remainder()).map(|(x, y)| x * y).sum();

@@ -2,7 +2,7 @@
 
 use super::{
     cells::{Cell, DIRECTIONS, gradients},
-    linear::dot,
+    linear::product,
     picture::View,
     shape::{Placement, Point, distance},
 };
@@ -115,11 +115,13 @@ impl Grid {
         (0..rows).flat_map(move |r| (0..columns).map(move |c| (c, r)))
     }
 
+    #[inline(always)]
     fn score(&self, column: usize, row: usize, template: &Template) -> f32 {
-        let rows = template.weights.chunks_exact(COLUMNS * DIRECTIONS).enumerate();
-        let sums = rows
-            .map(|(k, weights)| dot(weights, &self.cells[((row + k) * self.columns + column) * DIRECTIONS..][..weights.len()]));
-        sums.sum::<f32>() + template.bias
+        let mut score = 0.0;
+        for (k, weights) in template.weights.chunks_exact(COLUMNS * DIRECTIONS).enumerate() {
+            score += product(weights, &self.cells[((row + k) * self.columns + column) * DIRECTIONS..][..weights.len()]);
+        }
+        score + template.bias
     }
 }
 
@@ -163,10 +165,15 @@ pub fn scored(view: View<'_>, (width, height): (usize, usize), template: &Templa
         let middle = [columns as f32 * 0.5, rows as f32 * 0.5];
         let to_view =
             Placement { a, b, x: w * 0.5 - (a * middle[0] - b * middle[1]), y: h * 0.5 - (b * middle[0] + a * middle[1]) };
-        let grid = Grid::new(&view.warp(to_view, columns, rows), columns, rows);
-        let scored =
-            grid.places().map(|(c, r)| Candidate { placement: placement_of(c, r, to_view), score: grid.score(c, r, template) });
-        found.extend(scored);
+        widest(
+            #[inline(always)]
+            || {
+                let grid = Grid::read(&view.warp(to_view, columns, rows), columns, rows);
+                for (c, r) in grid.places() {
+                    found.push(Candidate { placement: placement_of(c, r, to_view), score: grid.score(c, r, template) });
+                }
+            },
+        );
         size *= STEP;
     }
     best_first(found)

@@ -7,7 +7,10 @@
 //! whole and keep their thickness. The answer is linear in the displacements; one weight for each pair of vertex and node is solved
 //! for once, and a frame costs one product.
 
+use nalgebra::Vector2;
+
 use super::{WarpError, mesh::Mesh};
+use crate::simd::widest;
 
 /// Weights of all vertices over the driving nodes.
 #[derive(Clone, Debug)]
@@ -51,8 +54,17 @@ impl Weights {
             }
             system.push(i, &entries);
         }
-        system.factor().ok_or(WarpError::Folded)?;
-        system.solve(&mut right, columns);
+        let solved = widest(
+            #[inline(always)]
+            || {
+                let factored = system.factor();
+                factored.map(
+                    #[inline(always)]
+                    |()| system.solve(&mut right, columns),
+                )
+            },
+        );
+        solved.ok_or(WarpError::Folded)?;
         let mut values = vec![0.0; count * columns];
         for (v, known) in known.iter().enumerate() {
             for &(driver, share) in known.iter().flatten() {
@@ -63,6 +75,32 @@ impl Weights {
             values[v * columns..(v + 1) * columns].copy_from_slice(&right[i * columns..(i + 1) * columns]);
         }
         Ok(Self { columns, values })
+    }
+
+    /// Displacements of all vertices for those of the driving nodes.
+    pub fn displaced(&self, offsets: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+        /// Vertices whose sums go on side by side.
+        const TOGETHER: usize = 4;
+        let mut all = Vec::with_capacity(self.values.len() / self.columns.max(1));
+        widest(
+            #[inline(always)]
+            || {
+                for rows in self.values.chunks(TOGETHER * self.columns.max(1)) {
+                    let (mut x, mut y) = ([0.0; TOGETHER], [0.0; TOGETHER]);
+                    let count = rows.len() / self.columns.max(1);
+                    let rows: [&[f64]; TOGETHER] =
+                        std::array::from_fn(|k| &rows[k.min(count - 1) * self.columns..][..self.columns]);
+                    for (d, offset) in offsets.iter().enumerate() {
+                        for k in 0..TOGETHER {
+                            x[k] += offset.x * rows[k][d];
+                            y[k] += offset.y * rows[k][d];
+                        }
+                    }
+                    all.extend((0..count).map(|k| Vector2::new(x[k], y[k])));
+                }
+            },
+        );
+        all
     }
 
     /// Weights of a vertex over the driving nodes.
@@ -142,6 +180,7 @@ impl Skyline {
     }
 
     /// Cholesky in place; `None` for a matrix that is not positive definite.
+    #[inline(always)]
     fn factor(&mut self) -> Option<()> {
         for i in 0..self.rows.len() {
             let (above, rest) = self.rows.split_at_mut(i);
@@ -163,6 +202,7 @@ impl Skyline {
     }
 
     /// Solves for several right sides at once, stored row by row.
+    #[inline(always)]
     fn solve(&self, right: &mut [f64], columns: usize) {
         for (i, (first, row)) in self.rows.iter().enumerate() {
             let (above, rest) = right.split_at_mut(i * columns);
@@ -171,13 +211,17 @@ impl Skyline {
                 subtract(target, &above[j * columns..(j + 1) * columns], value);
             }
             let pivot = row[row.len() - 1];
-            target.iter_mut().for_each(|t| *t /= pivot);
+            for t in target {
+                *t /= pivot;
+            }
         }
         for (i, (first, row)) in self.rows.iter().enumerate().rev() {
             let (above, rest) = right.split_at_mut(i * columns);
             let source = &mut rest[..columns];
             let pivot = row[row.len() - 1];
-            source.iter_mut().for_each(|t| *t /= pivot);
+            for t in &mut *source {
+                *t /= pivot;
+            }
             for (j, &value) in (*first..i).zip(row) {
                 subtract(&mut above[j * columns..(j + 1) * columns], source, value);
             }
@@ -186,13 +230,17 @@ impl Skyline {
 }
 
 /// `target -= factor * source`.
+#[inline(always)]
 fn subtract(target: &mut [f64], source: &[f64], factor: f64) {
     if factor != 0.0 {
-        target.iter_mut().zip(source).for_each(|(t, s)| *t -= factor * s);
+        for (t, s) in target.iter_mut().zip(source) {
+            *t -= factor * s;
+        }
     }
 }
 
 /// Scalar product in four fixed parts: quick, and the same on every machine.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (mut a, mut b) = (a.chunks_exact(4), b.chunks_exact(4));

@@ -12,6 +12,7 @@ use super::{
     layout::{LID_SKIN, OPENINGS},
     mesh::OpeningMesh,
     mouth::luma,
+    sample::Bounds,
 };
 use crate::interpolation::smooth_step;
 
@@ -125,6 +126,17 @@ impl LidSkin {
     /// How far it takes the place of the photograph's where `shut` of the opening is gone, 0 to 1.
     pub fn share(shut: f64) -> f64 {
         smooth_step(SHUT.0, SHUT.1, shut)
+    }
+
+    /// The box outside of which [`LidSkin::colour`] is the photograph.
+    pub(super) fn bounds(&self) -> Option<Bounds> {
+        let unit = self.eye_distance;
+        let most = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let lowest = self.edge.iter().copied().fold(f64::INFINITY, f64::min) - 0.5 * LEAST_BAND * unit;
+        let highest = most(&self.edge) + most(&self.band) + FADE * unit;
+        let corners = [-0.5, PLACES as f64 + 0.5].map(|k| k / PLACES as f64);
+        let corner = |along: f64| [lowest, highest].map(|height| self.from + self.across * along - self.down * height);
+        Bounds::around(corners.into_iter().flat_map(corner))
     }
 
     /// The photograph's colour at a place, as it is while the eye shuts, by [`LidSkin::share`].

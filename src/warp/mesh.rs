@@ -83,11 +83,15 @@ impl Gathered {
 
     /// Whether there is room for a vertex among the finest ones.
     pub fn has_room(&self, point: &Point2<f64>) -> bool {
-        self.nearest(point) > CLEARANCE * SPACINGS[0] * self.eye_distance
+        self.all_beyond(point, CLEARANCE * SPACINGS[0] * self.eye_distance)
     }
 
-    fn nearest(&self, point: &Point2<f64>) -> f64 {
-        self.points.iter().map(|p| (p - point).norm_squared()).fold(f64::INFINITY, f64::min).sqrt()
+    /// Whether all vertices are farther from a point than so much.
+    fn all_beyond(&self, point: &Point2<f64>, distance: f64) -> bool {
+        // Of nearly all that can be told without a root.
+        let surely = distance * distance * (1.0 + 1e-9);
+        let is_beyond = |square: f64| square > surely || square.sqrt() > distance;
+        self.points.iter().all(|p| is_beyond((p - point).norm_squared()))
     }
 
     fn at(&self, point: &Point2<f64>, within: f64) -> Option<u32> {
@@ -244,7 +248,7 @@ fn fill(
                 }
                 let near_opening = edges.iter().any(|e| (e - point).norm_squared() < (FINE_REACH * unit).powi(2));
                 let wanted = if near_opening { 0 } else { usize::from(outside > FACE_REACH * unit) + 1 };
-                if wanted == level && gathered.nearest(&point) > CLEARANCE * spacing {
+                if wanted == level && gathered.all_beyond(&point, CLEARANCE * spacing) {
                     let vertex = gathered.add(point);
                     if outside > FIXED_FROM * limit {
                         fixed.push(vertex);

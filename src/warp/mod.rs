@@ -96,6 +96,13 @@ pub enum WarpError {
     Folded,
 }
 
+/// A place of the skin: a triangle, and how far along its first two edges.
+#[derive(Clone, Debug)]
+struct Place {
+    triangle: usize,
+    shares: [f64; 2],
+}
+
 /// A face of a photograph, ready to be moved.
 #[derive(Clone, Debug)]
 pub struct Warp {
@@ -108,6 +115,8 @@ pub struct Warp {
     nodes: Vec<Point2<f64>>,
     /// Nodes whose edges lie elsewhere on the photograph than given, and by how much.
     placed: Vec<(usize, Vector2<f64>)>,
+    /// Where the nodes of the texture are on the skin; none of those that drive it, and of those that lie beside it.
+    places: Vec<Option<Place>>,
     reference_nodes: Vec<Point2<f64>>,
     /// Whether the photograph shows a closed mouth.
     closed: bool,
@@ -198,6 +207,7 @@ impl Warp {
             given: nodes.to_vec(),
             placed: (0..NODE_COUNT).map(|n| (n, placed[n] - nodes[n])).filter(|(_, shift)| shift.norm() > 0.0).collect(),
             nodes: source_nodes,
+            places: Vec::new(),
             closed,
             source: Vec::new(),
             is_flat: vec![false; triangles],
@@ -218,6 +228,8 @@ impl Warp {
             }
         }
         warp.bows = warp.lip_bows();
+        let drives = |n: usize| warp.mesh.drivers.iter().any(|(node, _)| node.index() == n);
+        warp.places = (0..NODE_COUNT).map(|n| if drives(n) { None } else { warp.place_of(&warp.nodes[n]) }).collect();
         let flat: Vec<usize> = warp.folded(&warp.source).collect();
         flat.iter().for_each(|&k| warp.is_flat[k] = true);
         let area = |k: usize| {
@@ -301,9 +313,10 @@ impl Warp {
         self.separate(&mut wanted);
         let (vertices, rounds) = self.unfolded(&mut wanted, background);
         // Nodes that drive are where their vertex is; the others go with the skin or the eye around them.
-        let mut found: Vec<Point2<f64>> = (0..NODE_COUNT)
-            .map(|k| self.carry(&self.source, &vertices, &self.nodes[k]).unwrap_or_else(|| background.apply(&self.nodes[k])))
-            .collect();
+        let carried = |(node, place): (&Point2<f64>, &Option<Place>)| {
+            place.as_ref().map_or_else(|| background.apply(node), |place| self.at(&vertices, place))
+        };
+        let mut found: Vec<Point2<f64>> = self.nodes.iter().zip(&self.places).map(carried).collect();
         for &(node, vertex) in &self.mesh.drivers {
             found[node.index()] = vertices[vertex as usize];
         }
@@ -336,18 +349,24 @@ impl Warp {
     /// Where a point of the photograph is in a frame; `None` for a point outside the mesh (it moves with the background) or inside
     /// an opening.
     pub fn map(&self, deformation: &Deformation, point: &Point2<f64>) -> Option<Point2<f64>> {
-        self.carry(&self.source, &deformation.vertices, point)
+        Some(self.at(&deformation.vertices, &self.place_of(point)?))
     }
 
-    fn carry(&self, from: &[Point2<f64>], to: &[Point2<f64>], point: &Point2<f64>) -> Option<Point2<f64>> {
-        self.mesh.skin.iter().find_map(|t| {
-            let [a, b, c] = t.map(|v| from[v as usize]);
+    /// Where a point of the photograph is on the skin; `None` beside it.
+    fn place_of(&self, point: &Point2<f64>) -> Option<Place> {
+        self.mesh.skin.iter().enumerate().find_map(|(triangle, t)| {
+            let [a, b, c] = t.map(|v| self.source[v as usize]);
             let area = (b - a).perp(&(c - a));
-            let (s, t2) = ((point - a).perp(&(c - a)) / area, (b - a).perp(&(point - a)) / area);
-            let inside = s >= -1e-9 && t2 >= -1e-9 && s + t2 <= 1.0 + 1e-9;
-            let [p, q, r] = t.map(|v| to[v as usize]);
-            inside.then(|| p + (q - p) * s + (r - p) * t2)
+            let shares = [(point - a).perp(&(c - a)) / area, (b - a).perp(&(point - a)) / area];
+            let inside = shares[0] >= -1e-9 && shares[1] >= -1e-9 && shares[0] + shares[1] <= 1.0 + 1e-9;
+            inside.then_some(Place { triangle, shares })
         })
+    }
+
+    /// The point at a place of the skin whose vertices are at `vertices`.
+    fn at(&self, vertices: &[Point2<f64>], place: &Place) -> Point2<f64> {
+        let [p, q, r] = self.mesh.skin[place.triangle].map(|v| vertices[v as usize]);
+        p + (q - p) * place.shares[0] + (r - p) * place.shares[1]
     }
 }
 

@@ -70,17 +70,8 @@ impl Warp {
         let offsets: Vec<Vector2<f64>> =
             self.mesh.drivers.iter().map(|&(n, _)| wanted[n.index()] - around.apply(&base[n.index()])).collect();
         let still = *around == Similarity::identity();
-        vertices
-            .iter()
-            .enumerate()
-            .map(|(v, p)| {
-                let mut offset = Vector2::zeros();
-                for (w, o) in self.weights.of(v).iter().zip(&offsets) {
-                    offset += o * *w;
-                }
-                if still { p + offset } else { around.apply(p) + offset }
-            })
-            .collect()
+        let displaced = self.weights.displaced(&offsets);
+        vertices.iter().zip(displaced).map(|(p, offset)| if still { p + offset } else { around.apply(p) + offset }).collect()
     }
 
     /// Lips and lids that would pass through each other meet; what lies between them follows.

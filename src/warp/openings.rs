@@ -16,7 +16,10 @@ use super::{
     tone::Tone,
 };
 use crate::{
-    geometry::{Similarity, polygon::distance_to_line},
+    geometry::{
+        Similarity,
+        polygon::{distance_to_line, distance_within},
+    },
     interpolation::smooth_step,
 };
 
@@ -155,7 +158,7 @@ fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, seam: &Seam, tone: &Tone, 
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {
         let at = Point2::new(f64::from(x), f64::from(y));
-        let near = lips.each_ref().map(|lip| (1.0 - distance_to_line(lip, &at) / width).max(0.0));
+        let near = lips.each_ref().map(|lip| (1.0 - distance_within(lip, &at, width) / width).max(0.0));
         let near = (near[0] * near[0]).max(below * near[1] * near[1]);
         if near > 0.0 {
             let share = (strength * near) as f32;

@@ -2,50 +2,130 @@
 
 use nalgebra::{Point2, Vector2};
 
+use super::sample::WHOLE;
+use crate::simd::widest;
+
 /// Calls `visit(x, y, value)` for every pixel whose centre lies in the triangle, clipped to `size`; `value` is the affine
 /// interpolation of `values` at the pixel's centre.
 ///
 /// Triangles that share an edge share no pixel and leave none out, whatever their order and winding.
 pub fn fill(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32, u32), mut visit: impl FnMut(u32, u32, Point2<f64>)) {
+    fill_rows(corners, values, size, |Span { y, from, to, start, step }| {
+        let mut k = 0.0;
+        for x in from..to {
+            visit(x, y, start + step * k);
+            k += 1.0;
+        }
+    });
+}
+
+/// Pixels of a triangle in one row.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    /// The row.
+    pub y: u32,
+    /// The first column, and the one behind the last.
+    pub from: u32,
+    pub to: u32,
+    /// Value at the first one's centre, and from one to the next.
+    pub start: Point2<f64>,
+    pub step: Vector2<f64>,
+}
+
+/// As [`fill`], row by row.
+pub fn fill_rows(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32, u32), mut visit: impl FnMut(Span)) {
     let [a, b, c] = corners;
     let area = (b - a).perp(&(c - a));
     if !(area.abs() > 1e-12) || size.0 == 0 || size.1 == 0 {
         return;
     }
     let (ab, ac) = (values[1] - values[0], values[2] - values[0]);
+    // Each edge from its upper end, so that both of its triangles compute the same crossing.
+    let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| if (p.y, p.x) <= (q.y, q.x) { [p, q] } else { [q, p] });
+    let triangle = Triangle { edges, a, b: b - a, c: c - a, area, value: values[0], ab, ac, right: f64::from(size.0 - 1) };
+    let step = ab * ((c - a).y / area) - ac * ((b - a).y / area);
     let (top, bottom) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
-    let first = top.ceil().max(0.0);
-    let last = (bottom.ceil() - 1.0).min(f64::from(size.1 - 1));
-    let mut y = first;
-    while y <= last {
-        let mut left = f64::INFINITY;
-        let mut right = f64::NEG_INFINITY;
-        for (p, q) in [(a, b), (b, c), (c, a)] {
-            // Each edge from its upper end, so that both of its triangles compute the same crossing.
-            let (p, q) = if (p.y, p.x) <= (q.y, q.x) { (p, q) } else { (q, p) };
-            if p.y <= y && y < q.y {
-                let x = p.x + (y - p.y) * (q.x - p.x) / (q.y - p.y);
-                left = left.min(x);
-                right = right.max(x);
+    let last = (ceil(bottom) - 1.0).min(f64::from(size.1 - 1));
+    let mut first = ceil(top).max(0.0);
+    while first <= last {
+        let rows = widest(
+            #[inline(always)]
+            || triangle.rows(first),
+        );
+        for k in 0..ROWS {
+            let y = first + k as f64;
+            let (from, to) = (rows.from[k], rows.to[k]);
+            if y <= last && from <= to {
+                let start = Point2::new(rows.x[k], rows.y[k]);
+                visit(Span { y: y as u32, from: from as u32, to: to as u32 + 1, start, step });
             }
         }
-        let (from, to) = (left.ceil().max(0.0), (right.ceil() - 1.0).min(f64::from(size.0 - 1)));
-        if from <= to {
-            let at = |x: f64| {
-                let p = Point2::new(x, y) - a;
-                let (s, t) = (p.perp(&(c - a)) / area, (b - a).perp(&p) / area);
-                values[0] + ab * s + ac * t
-            };
-            let start = at(from);
-            let step: Vector2<f64> = ab * ((c - a).y / area) - ac * ((b - a).y / area);
-            let mut k = 0.0;
-            for x in from as u32..=to as u32 {
-                visit(x, y as u32, start + step * k);
-                k += 1.0;
-            }
-        }
-        y += 1.0;
+        first += ROWS as f64;
     }
+}
+
+/// Rows that are worked out at once.
+const ROWS: usize = 8;
+
+/// A triangle that is filled.
+struct Triangle {
+    /// Its edges, each from its upper end.
+    edges: [[Point2<f64>; 2]; 3],
+    /// Its first corner, and the others from there.
+    a: Point2<f64>,
+    b: Vector2<f64>,
+    c: Vector2<f64>,
+    area: f64,
+    /// The value at the first corner, and what the others have more.
+    value: Point2<f64>,
+    ab: Vector2<f64>,
+    ac: Vector2<f64>,
+    /// Last column of the image.
+    right: f64,
+}
+
+/// Of some rows, the first and the last column, and the value at the first one.
+struct Rows {
+    from: [f64; ROWS],
+    to: [f64; ROWS],
+    x: [f64; ROWS],
+    y: [f64; ROWS],
+}
+
+impl Triangle {
+    /// The rows from one on.
+    #[inline(always)]
+    #[allow(clippy::needless_bitwise_bool)] // branches would be taken one at a time
+    fn rows(&self, first: f64) -> Rows {
+        let (mut left, mut right) = ([f64::INFINITY; ROWS], [f64::NEG_INFINITY; ROWS]);
+        for [p, q] in &self.edges {
+            for k in 0..ROWS {
+                let y = first + k as f64;
+                let x = p.x + (y - p.y) * (q.x - p.x) / (q.y - p.y);
+                let crosses = (p.y <= y) & (y < q.y);
+                left[k] = if crosses & (x < left[k]) { x } else { left[k] };
+                right[k] = if crosses & (x > right[k]) { x } else { right[k] };
+            }
+        }
+        let mut rows = Rows { from: left, to: right, x: [0.0; ROWS], y: [0.0; ROWS] };
+        for k in 0..ROWS {
+            rows.from[k] = ceil(left[k]).max(0.0);
+            rows.to[k] = (ceil(right[k]) - 1.0).min(self.right);
+            let (x, y) = (rows.from[k] - self.a.x, first + k as f64 - self.a.y);
+            let (s, t) = ((x * self.c.y - y * self.c.x) / self.area, (self.b.x * y - self.b.y * x) / self.area);
+            rows.x[k] = self.value.x + self.ab.x * s + self.ac.x * t;
+            rows.y[k] = self.value.y + self.ab.y * s + self.ac.y * t;
+        }
+        rows
+    }
+}
+
+/// The smallest whole number not below one; of those so large that they are no pixel's, something as large. `f64::ceil` is a call for older
+/// processors.
+#[inline(always)]
+fn ceil(value: f64) -> f64 {
+    let near = (value + WHOLE) - WHOLE;
+    if near < value { near + 1.0 } else { near }
 }
 
 #[cfg(test)]
@@ -54,6 +134,14 @@ mod tests {
 
     fn point(x: f64, y: f64) -> Point2<f64> {
         Point2::new(x, y)
+    }
+
+    #[test]
+    fn the_smallest_whole_number_not_below() {
+        for value in [-1.0, -0.999, -1e-17, -0.0, 0.0, 1e-17, 0.999_999, 1.0, 1.5, 65_535.0, 65_534.000_1] {
+            assert_eq!(ceil(value), value.ceil(), "{value}");
+        }
+        assert!(ceil(f64::INFINITY) > 1e9 && ceil(1e12) > 1e9 && ceil(f64::NEG_INFINITY) < -1e9);
     }
 
     #[test]

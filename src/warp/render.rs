@@ -2,7 +2,13 @@
 
 use image::RgbImage;
 
-use super::{Deformation, Placement, Texture, Warp, lid_skin::LidSkin, openings, raster, sample, seam::Seam};
+use super::{
+    Deformation, Placement, Texture, Warp,
+    lid_skin::LidSkin,
+    openings, raster,
+    sample::{self, Bounds, Pixels},
+    seam::Seam,
+};
 use crate::geometry::Similarity;
 
 /// What is seen between lips that part.
@@ -44,17 +50,21 @@ impl Warp {
         }
         let lids = self.shutting_lids(deformation);
         let seam = Seam::new(self, deformation);
+        let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(lids.iter().filter_map(|(lid, _)| lid.bounds())).collect();
+        let change = |at, photograph| {
+            let without_line = seam.colour(at, photograph, texture);
+            lids.iter().fold(without_line, |colour, (lid, gone)| lid.colour(at, *gone, colour, texture))
+        };
+        let mut pixels = Pixels::new(texture, size.0);
         for triangle in &self.mesh.skin {
             let to = triangle.map(|v| deformation.vertices[v as usize]);
             let from = triangle.map(|v| self.source[v as usize]);
             if still && to == from {
                 continue;
             }
-            raster::fill(to, from, size, |x, y, at| {
-                let photograph = seam.colour(at, texture.sample(at), texture);
-                put(frame, x, y, lids.iter().fold(photograph, |colour, (lid, gone)| lid.colour(at, *gone, colour, texture)));
-            });
+            raster::fill_rows(to, from, size, |span| pixels.add(span, |pixels| pixels.draw(frame, &bounds, change)));
         }
+        pixels.draw(frame, &bounds, change);
         for opening in &self.mesh.openings {
             openings::draw(self, opening, texture, deformation, inside, &seam, frame);
         }
@@ -74,14 +84,12 @@ impl Warp {
     /// point here. Pixels outside the mesh are left as they are.
     pub fn unwarp(&self, picture: &Texture, placement: &Placement, into: &mut RgbImage) {
         let size = into.dimensions();
+        let mut pixels = Pixels::new(picture, size.0);
         for triangle in &self.mesh.skin {
             let to = triangle.map(|v| self.source[v as usize]);
             let from = triangle.map(|v| placement.0[v as usize]);
-            raster::fill(to, from, size, |x, y, at| put(into, x, y, picture.sample(at)));
+            raster::fill_rows(to, from, size, |span| pixels.add(span, |pixels| pixels.draw(into, &[], |_, colour| colour)));
         }
+        pixels.draw(into, &[], |_, colour| colour);
     }
-}
-
-fn put(frame: &mut RgbImage, x: u32, y: u32, colour: [f32; 3]) {
-    frame.put_pixel(x, y, image::Rgb(colour.map(sample::byte)));
 }

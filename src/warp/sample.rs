@@ -1,9 +1,10 @@
 //! Textures that are read between their pixels.
 
 use image::{GrayImage, RgbImage};
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 
-use crate::sequence::colour_of;
+use super::raster::Span;
+use crate::{sequence::colour_of, simd::widest};
 
 /// An image prepared for sub-pixel sampling: Catmull-Rom bicubic, which is exact on pixel centres and keeps edges crisp. Beyond the
 /// border the border's pixels go on.
@@ -59,60 +60,278 @@ impl Texture {
         }
     }
 
+    /// The texture with the colours of some pixels times factors: on lines, each from a row and a column on, the number of a factor for each pixel,
+    /// of which every channel has its own.
+    pub(crate) fn times<'a>(&self, lines: impl Iterator<Item = (usize, usize, &'a [u8])>, factors: &[[f32; 256]; 3]) -> Self {
+        let mut texture = self.clone();
+        for (row, column, numbers) in lines {
+            let start = (row + BORDER) * self.stride + BORDER + column;
+            let pixels = &mut texture.pixels[start..start + numbers.len()];
+            widest(
+                #[inline(always)]
+                || {
+                    for (pixel, number) in pixels.iter_mut().zip(numbers) {
+                        for (channel, factors) in pixel.iter_mut().zip(factors) {
+                            *channel = byte(f32::from(*channel) * factors[usize::from(*number)]);
+                        }
+                    }
+                },
+            );
+        }
+        texture.renew_border();
+        texture
+    }
+
+    /// Makes the border as the image is at its edges.
+    fn renew_border(&mut self) {
+        let (width, height, stride) = (self.width as usize, self.height as usize, self.stride);
+        if width == 0 || height == 0 {
+            return;
+        }
+        for row in self.pixels.chunks_exact_mut(stride) {
+            let (first, last) = (row[BORDER], row[BORDER + width - 1]);
+            row[..BORDER].fill(first);
+            row[BORDER + width..].fill(last);
+        }
+        for k in 0..BORDER {
+            self.pixels.copy_within(BORDER * stride..(BORDER + 1) * stride, k * stride);
+            self.pixels.copy_within((BORDER + height - 1) * stride..(BORDER + height) * stride, (BORDER + height + k) * stride);
+        }
+    }
+
     /// Colour at a position (px, the centre of the top-left pixel is (0, 0)), 0 to 255 per channel, not clamped: the kernel may
     /// overshoot at edges.
     pub fn sample(&self, at: Point2<f64>) -> [f32; 3] {
-        let x = (at.x.max(-1.0)).min(f64::from(self.width));
-        let y = (at.y.max(-1.0)).min(f64::from(self.height));
-        let (x0, y0) = (floor(x), floor(y));
-        let (wx, wy) = (catmull_rom((x - x0) as f32), catmull_rom((y - y0) as f32));
-        // The kernel's first pixel is one before the floor; with the border that is one after it.
-        let column = ((x0 as isize + BORDER as isize - 1).max(0) as usize).min(self.stride.saturating_sub(4));
-        let rows = self.height as usize + 2 * BORDER;
-        let row = ((y0 as isize + BORDER as isize - 1).max(0) as usize).min(rows.saturating_sub(4));
-        let mut sum = [0.0_f32; 4];
-        for (k, &wy) in wy.iter().enumerate() {
-            let start = (row + k) * self.stride + column;
-            let Some(line) = self.pixels.get(start..start + 4) else { continue };
-            let mut part = [0.0_f32; 4];
-            for (pixel, &wx) in line.iter().zip(&wx) {
-                for c in 0..4 {
-                    part[c] += wx * f32::from(pixel[c]);
+        let [red, green, blue, _] = widest(
+            #[inline(always)]
+            || {
+                let (columns, rows, across, down) = self.kernels([at.x], [at.y]);
+                self.weighted(columns[0], rows[0], across.map(|w| w[0]), down.map(|w| w[0]))
+            },
+        );
+        [red, green, blue]
+    }
+
+    /// [`Texture::sample`] at many places, with a fourth channel that says nothing.
+    pub(super) fn sample_all(&self, (x, y): (&[f64], &[f64]), colours: &mut [[f32; 4]]) {
+        widest(
+            #[inline(always)]
+            || {
+                let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
+                let (eights, rest) = colours.as_chunks_mut::<LANES>();
+                for ((x, y), colours) in x.iter().zip(y).zip(eights) {
+                    let (columns, rows, across, down) = self.kernels(*x, *y);
+                    for k in 0..LANES {
+                        colours[k] = self.weighted(columns[k], rows[k], across.map(|w| w[k]), down.map(|w| w[k]));
+                    }
                 }
+                for ((x, y), colour) in x_rest.iter().zip(y_rest).zip(rest) {
+                    let (columns, rows, across, down) = self.kernels([*x], [*y]);
+                    *colour = self.weighted(columns[0], rows[0], across.map(|w| w[0]), down.map(|w| w[0]));
+                }
+            },
+        );
+    }
+
+    /// The first column and row of the 4 x 4 pixels around places, and their weights across and down.
+    #[inline(always)]
+    #[allow(clippy::type_complexity)]
+    fn kernels<const N: usize>(&self, x: [f64; N], y: [f64; N]) -> ([u32; N], [u32; N], [[f32; N]; 4], [[f32; N]; 4]) {
+        let (columns, across) = kernel(x, self.width, self.stride);
+        let (rows, down) = kernel(y, self.height, self.height as usize + 2 * BORDER);
+        (columns, rows, across, down)
+    }
+
+    /// The 4 x 4 pixels from a column and a row on by their weights.
+    #[inline(always)]
+    fn weighted(&self, column: u32, row: u32, across: [f32; 4], down: [f32; 4]) -> [f32; 4] {
+        let start = row as usize * self.stride + column as usize;
+        let mut sum = [0.0_f32; 4];
+        let Some(pixels) = self.pixels.get(start..start + 3 * self.stride + 4) else { return sum };
+        let shares: [f32; 16] = std::array::from_fn(|k| across[k / 4]);
+        for (k, &down) in down.iter().enumerate() {
+            let line = &pixels[k * self.stride..k * self.stride + 4];
+            let (line, _) = line.as_flattened().as_chunks::<16>();
+            let mut parts = [0.0_f32; 16];
+            for k in 0..16 {
+                parts[k] = shares[k] * f32::from(line[0][k]);
             }
             for c in 0..4 {
-                sum[c] += wy * part[c];
+                sum[c] += down * (parts[c] + parts[4 + c] + parts[8 + c] + parts[12 + c]);
             }
         }
-        [sum[0], sum[1], sum[2]]
+        sum
     }
 }
 
+/// Places that are looked up at once.
+const LANES: usize = 8;
+
+/// Along one axis, the first of the four pixels around places on a line of `size` pixels, counted in one of `count` with its border, and their
+/// weights.
+#[inline(always)]
+fn kernel<const N: usize>(at: [f64; N], size: u32, count: usize) -> ([u32; N], [[f32; N]; 4]) {
+    let (size, last) = (f64::from(size), count.saturating_sub(4) as u32);
+    let (mut first, mut weights) = ([0; N], [[0.0; N]; 4]);
+    for k in 0..N {
+        let place = at[k].max(-1.0).min(size);
+        let whole = floor(place);
+        let four = catmull_rom((place - whole) as f32);
+        for w in 0..4 {
+            weights[w][k] = four[w];
+        }
+        // The kernel's first pixel is one before the floor; with the border that is one after it.
+        let column = whole + (BORDER as f64 - 1.0) + WHOLE;
+        first[k] = (column.to_bits() as u32).min(last);
+    }
+    (first, weights)
+}
+
+/// Pixels of an image that wait for their colours, which are looked up many at a time.
+pub(super) struct Pixels<'a> {
+    texture: &'a Texture,
+    width: u32,
+    /// Places in the image and on the texture.
+    to: Vec<usize>,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    count: usize,
+    colours: Vec<[f32; 4]>,
+    bytes: Vec<[u8; 4]>,
+}
+
+impl<'a> Pixels<'a> {
+    /// Pixels that are looked up at once.
+    const MOST: usize = 512;
+
+    /// None yet, of an image so wide whose colours come from a texture.
+    pub fn new(texture: &'a Texture, width: u32) -> Self {
+        let most = Self::MOST;
+        let (x, y) = (vec![0.0; most], vec![0.0; most]);
+        Self { texture, width, to: vec![0; most], x, y, count: 0, colours: vec![[0.0; 4]; most], bytes: vec![[0; 4]; most] }
+    }
+
+    /// Those of a row of a triangle. Before there would be too many, `draw` is called, which is to draw them.
+    pub fn add(&mut self, span: Span, mut draw: impl FnMut(&mut Self)) {
+        let Span { y, from, to, start, step } = span;
+        let row = y as usize * self.width as usize;
+        let mut x = from;
+        while x < to {
+            if self.count == Self::MOST {
+                draw(self);
+            }
+            let room = ((to - x) as usize).min(Self::MOST - self.count);
+            let places = self.count..self.count + room;
+            let (pixels, xs, ys) = (&mut self.to[places.clone()], &mut self.x[places.clone()], &mut self.y[places]);
+            let first = f64::from(x - from);
+            for k in 0..room {
+                let off = first + f64::from(k as i32);
+                pixels[k] = row + x as usize + k;
+                xs[k] = start.x + step.x * off;
+                ys[k] = start.y + step.y * off;
+            }
+            self.count += room;
+            x += room as u32;
+        }
+    }
+
+    /// Draws them in the order in which they came; `change` is given the places and colours of those within a box.
+    pub fn draw(&mut self, image: &mut RgbImage, boxes: &[Bounds], change: impl Fn(Point2<f64>, [f32; 3]) -> [f32; 3]) {
+        let count = std::mem::take(&mut self.count);
+        let (x, y) = (&self.x[..count], &self.y[..count]);
+        let (colours, bytes) = (&mut self.colours[..count], &mut self.bytes[..count]);
+        self.texture.sample_all((x, y), colours);
+        if !boxes.is_empty() {
+            for ((x, y), colour) in x.iter().zip(y).zip(&mut *colours) {
+                let at = Point2::new(*x, *y);
+                if boxes.iter().any(|b| b.holds(&at)) {
+                    let [red, green, blue, _] = *colour;
+                    colour[..3].copy_from_slice(&change(at, [red, green, blue]));
+                }
+            }
+        }
+        widest(
+            #[inline(always)]
+            || {
+                for (to, from) in bytes.as_flattened_mut().iter_mut().zip(colours.as_flattened()) {
+                    *to = byte(*from);
+                }
+            },
+        );
+        let pixels = image.as_flat_samples_mut().samples.as_chunks_mut::<3>().0;
+        for (to, [red, green, blue, _]) in self.to.iter().zip(bytes) {
+            pixels[*to] = [*red, *green, *blue];
+        }
+    }
+}
+
+/// A box of places.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds([Point2<f64>; 2]);
+
+impl Bounds {
+    /// The box around points with a margin of a pixel, which is far more than rounding takes; `None` of no points.
+    pub fn around(points: impl IntoIterator<Item = Point2<f64>>) -> Option<Self> {
+        let mut points = points.into_iter();
+        let first = points.next()?;
+        let (low, high) = points.fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
+        let margin = Vector2::repeat(1.0);
+        Some(Self([low - margin, high + margin]))
+    }
+
+    #[inline(always)]
+    fn holds(&self, p: &Point2<f64>) -> bool {
+        let [low, high] = &self.0;
+        p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y
+    }
+}
+
+/// Added to a number it leaves no room for what is behind the point; the last bits of the sum are the whole number, if that is not negative.
+/// Conversions to whole numbers are done one at a time.
+pub(super) const WHOLE: f64 = 6_755_399_441_055_744.0;
+const WHOLE_F32: f32 = 8_388_608.0;
+
 /// The largest whole number not above one that 32 bits hold; `f64::floor` is a call for older processors.
+#[inline(always)]
 fn floor(value: f64) -> f64 {
-    let whole = f64::from(value as i32);
-    if whole > value { whole - 1.0 } else { whole }
+    let near = (value + WHOLE) - WHOLE;
+    if near > value { near - 1.0 } else { near }
 }
 
 /// Weights of the four pixels around a place, `t` in 0..1 past the second.
+#[inline(always)]
 fn catmull_rom(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
 }
 
 /// A channel as a byte.
+#[inline(always)]
 pub fn byte(value: f32) -> u8 {
-    // Of what is not negative the same as rounding, which is a call for older processors.
-    (value + 0.5).clamp(0.0, 255.0) as u8
+    // Of what is not negative the same as rounding, which is a call for older processors: half a level more, and without what is behind the
+    // point. As a conversion, that would be done one at a time.
+    let level = (value + 0.5).clamp(0.0, 255.0);
+    let near = (level + WHOLE_F32) - WHOLE_F32;
+    let whole = if near > level { near - 1.0 } else { near };
+    (whole + WHOLE_F32).to_bits() as u8
 }
 
 /// Renders an image of a given size through any dense map: `source` says for every pixel of the result where in the texture it comes
 /// from (`None` leaves it black). A map known in closed form gives exact ground truth.
 pub fn resample(texture: &Texture, size: (u32, u32), source: impl Fn(Point2<f64>) -> Option<Point2<f64>>) -> RgbImage {
-    RgbImage::from_fn(size.0, size.1, |x, y| {
-        let from = source(Point2::new(f64::from(x), f64::from(y)));
-        image::Rgb(from.map_or([0; 3], |from| texture.sample(from).map(byte)))
-    })
+    let mut image = RgbImage::new(size.0, size.1);
+    let mut pixels = Pixels::new(texture, size.0);
+    let same = |_, colour| colour;
+    for y in 0..size.1 {
+        for x in 0..size.0 {
+            if let Some(start) = source(Point2::new(f64::from(x), f64::from(y))) {
+                let one = Span { y, from: x, to: x + 1, start, step: Vector2::zeros() };
+                pixels.add(one, |pixels| pixels.draw(&mut image, &[], same));
+            }
+        }
+    }
+    pixels.draw(&mut image, &[], same);
+    image
 }
 
 #[cfg(test)]
@@ -132,10 +351,50 @@ mod tests {
     }
 
     #[test]
+    fn a_texture_times_factors_is_that_of_the_image_times_them() {
+        let mut image = RgbImage::from_fn(9, 7, |x, y| image::Rgb([25 * x as u8, 30 * y as u8, 90]));
+        let factors: [f32; 256] = std::array::from_fn(|k| k as f32 / 128.0);
+        // One line in the middle, and one to the corner.
+        let lines = [(3, 2, vec![64, 128, 200]), (6, 5, vec![10, 128, 90, 255])];
+        let found = Texture::new(&image).times(lines.iter().map(|(y, x, n)| (*y, *x, &n[..])), &factors);
+        for (y, x, numbers) in &lines {
+            for (k, number) in numbers.iter().enumerate() {
+                let pixel = image.get_pixel_mut((x + k) as u32, *y as u32);
+                pixel.0 = pixel.0.map(|c| byte(f32::from(c) * factors[usize::from(*number)]));
+            }
+        }
+        let colours = |texture: &Texture| texture.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+        assert_eq!(colours(&found), colours(&Texture::new(&image)));
+    }
+
+    #[test]
+    fn many_places_are_sampled_as_one_is() {
+        let image = RgbImage::from_fn(30, 20, |x, y| image::Rgb([(x * 41 + y * 97) as u8, (x * y) as u8, 7 * x as u8]));
+        let texture = Texture::new(&image);
+        let x: Vec<f64> = (0..203).map(|k| f64::from(k) * 0.171 - 2.3).collect();
+        let y: Vec<f64> = (0..203).map(|k| f64::from(k * k % 203) * 0.121 - 2.1).collect();
+        let mut colours = vec![[0.0; 4]; 203];
+        texture.sample_all((&x, &y), &mut colours);
+        for ((x, y), colour) in x.iter().zip(&y).zip(&colours) {
+            assert_eq!(texture.sample(Point2::new(*x, *y)), colour[..3], "{x} {y}");
+        }
+    }
+
+    #[test]
     fn the_largest_whole_number_not_above() {
-        for value in [-1.0, -0.999, -1e-17, -0.0, 0.0, 0.999_999, 1.0, 1.5, 65_535.0, 65_534.999_9] {
+        for value in [-1.0, -0.999, -1e-17, -0.0, 0.0, 1e-17, 0.499_999, 0.5, 0.999_999, 1.0, 1.5, 2.5, 65_535.0, 65_534.999_9] {
             assert_eq!(floor(value), value.floor(), "{value}");
         }
+    }
+
+    #[test]
+    fn a_byte_is_the_nearest_level() {
+        for k in -400..1400_i16 {
+            for value in [f32::from(k) * 0.25, (f32::from(k) * 0.25).next_down(), (f32::from(k) * 0.25).next_up()] {
+                assert_eq!(byte(value), (value + 0.5).clamp(0.0, 255.0) as u8, "{value}");
+            }
+        }
+        assert_eq!((byte(f32::NAN), byte(f32::INFINITY), byte(f32::NEG_INFINITY)), (0, 255, 0));
     }
 
     #[test]

@@ -11,6 +11,7 @@ use super::{
     Deformation, Texture, Warp,
     mouth::{line_at, luma},
     openings,
+    sample::Bounds,
 };
 use crate::interpolation::smooth_step;
 
@@ -64,6 +65,15 @@ impl Seam {
         let (across, down) = (warp.frame.across(), warp.frame.down.into_inner());
         let spurs = spurs(warp, &line, BEYOND_CORNERS * unit);
         Self { line, across, down, gone, spurs, spurs_gone, unit, gap, lit }
+    }
+
+    /// The box outside of which [`Seam::colour`] is the photograph; `None` where it is so everywhere.
+    pub(super) fn bounds(&self) -> Option<Bounds> {
+        let width = WIDTH * self.unit;
+        let ends = |&(x, y): &(f64, f64)| [-width, width].map(|off| Point2::from(self.across * x + self.down * (y + off)));
+        let line = self.line.iter().filter(|_| self.gone > 0.0);
+        let spurs = self.spurs.as_flattened().iter().filter(|_| self.spurs_gone > 0.0);
+        Bounds::around(line.chain(spurs).flat_map(ends))
     }
 
     /// The photograph's colour at a place of the skin without the line.
