@@ -55,11 +55,9 @@ const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
 /// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
 const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
-const SEALED: f64 = 0.20;
+const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
 const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
-/// How much lighter the inside of a mouth is that is hardly open, whose teeth and cheeks are near, and gaps over the eye distance between which that ends.
-const SHALLOW: (f64, f64, f64) = (0.08, 0.26, 0.16);
 /// How much lighter the skin inside the cheeks is, in the corners of a mouth that gapes.
 const CHEEKS: f64 = 0.16;
 /// Light on the lower teeth, of a mouth that is hardly open, and how much less of it there is in one that gapes.
@@ -179,9 +177,7 @@ impl<'a> Interior<'a> {
         let depth = (below_upper / (lower - upper).max(1e-6)).clamp(0.0, 1.0);
         // Darkest in the middle, where the throat is.
         let throat = (-((depth - THROAT.0) / THROAT.1).powi(2)).exp() * side;
-        let light = 0.27 + SHALLOW.2 * (1.0 - smooth_step(SHALLOW.0, SHALLOW.1, self.gap)) + (0.20 * depth - 0.12) * open * side
-            - THROAT.2 * throat * open.sqrt()
-            + CHEEKS * (1.0 - side) * open;
+        let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt() + CHEEKS * (1.0 - side) * open;
         let mut colour = self.tinted([1.0, 0.60, 0.57], light);
         self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
@@ -227,7 +223,7 @@ impl<'a> Interior<'a> {
         let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
         let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
-        let light = (0.46 + 0.74 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
+        let light = (0.40 + 0.56 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
         // Its grain, and the light that is broken on what is wet.
         let grain = 1.0 + 0.09 * grain(x / 0.011, y / 0.011);
         let wet = 0.16 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);

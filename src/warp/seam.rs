@@ -26,12 +26,6 @@ const WITHIN: (f64, f64) = (0.06, 0.34);
 /// How much darker than its surroundings, as a share, a place is that belongs to the line for certain.
 const DARKER: f64 = 0.10;
 
-/// Beyond the ends of the opening a mouth that gapes has no line any more: how much of it is gone there, gaps over the eye distance between which
-/// it goes, and how far beyond the corners of the mouth it reaches, over the eye distance.
-const SPUR: f64 = 0.8;
-const GAPES: (f64, f64) = (0.10, 0.26);
-const BEYOND_CORNERS: f64 = 0.06;
-
 /// Shares of the gap by which the lower lip has dropped between which its edge turns away from the light.
 const TURNED_AWAY: (f64, f64) = (0.60, 0.90);
 
@@ -43,9 +37,6 @@ pub struct Seam {
     down: Vector2<f64>,
     /// How much of it is gone; nothing of a mouth that is open on its photograph.
     gone: f64,
-    /// From either end of the opening beyond the corner of the mouth, from left to right, and how much of the line there is gone.
-    spurs: [[(f64, f64); 3]; 2],
-    spurs_gone: f64,
     unit: f64,
     /// Widest distance of the lips, px.
     pub gap: f64,
@@ -61,50 +52,22 @@ impl Seam {
         let lit = lit(warp, deformation);
         let gone = if warp.closed { lit * smooth_step(PARTED.0, PARTED.1, gap / unit) } else { 0.0 };
         let line = warp.frame.line(mouth.upper.iter().map(|&v| warp.source[v as usize].coords));
-        let spurs_gone = if warp.closed { SPUR * smooth_step(GAPES.0, GAPES.1, gap / unit) } else { 0.0 };
-        let (across, down) = (warp.frame.across(), warp.frame.down.into_inner());
-        let spurs = spurs(warp, &line, BEYOND_CORNERS * unit);
-        Self { line, across, down, gone, spurs, spurs_gone, unit, gap, lit }
+        Self { line, across: warp.frame.across(), down: warp.frame.down.into_inner(), gone, unit, gap, lit }
     }
 
     /// The box outside of which [`Seam::colour`] is the photograph; `None` where it is so everywhere.
     pub(super) fn bounds(&self) -> Option<Bounds> {
         let width = WIDTH * self.unit;
         let ends = |&(x, y): &(f64, f64)| [-width, width].map(|off| Point2::from(self.across * x + self.down * (y + off)));
-        let line = self.line.iter().filter(|_| self.gone > 0.0);
-        let spurs = self.spurs.as_flattened().iter().filter(|_| self.spurs_gone > 0.0);
-        Bounds::around(line.chain(spurs).flat_map(ends))
+        (self.gone > 0.0).then(|| Bounds::around(self.line.iter().flat_map(ends))).flatten()
     }
 
     /// The photograph's colour at a place of the skin without the line.
     pub fn colour(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
-        if self.gone <= 0.0 && self.spurs_gone <= 0.0 {
+        if self.gone <= 0.0 {
             return photograph;
         }
-        match self.below(&at) {
-            Some(below) => self.on_lip(at, below, usize::from(below > 0.0), photograph, texture),
-            None => self.on_spur(at, photograph, texture),
-        }
-    }
-
-    /// The colour beside the ends of the opening: skin above and below the line says what it would be without.
-    fn on_spur(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
-        let (x, y) = (at.coords.dot(&self.across), at.coords.dot(&self.down));
-        let [left, right] = &self.spurs;
-        let (line, to_end) = match (line_at(left, x), line_at(right, x)) {
-            (Some(line), _) => (line, x - left[0].0),
-            (None, Some(line)) => (line, right[2].0 - x),
-            (None, None) => return photograph,
-        };
-        let (width, below) = (WIDTH * self.unit, y - line);
-        if below.abs() >= width || self.spurs_gone <= 0.0 {
-            return photograph;
-        }
-        let [above, under] = [-1.0, 1.0].map(|side| texture.sample(at + self.down * (side * width - below)));
-        let share = (below / width + 1.0) / 2.0;
-        let guess = std::array::from_fn(|c| above[c] + (under[c] - above[c]) * share as f32);
-        let inside = smooth_step(0.0, 1.0, 1.5 * (1.0 - below.abs() / width));
-        lightened(photograph, guess, self.spurs_gone * inside * smooth_step(0.0, BEYOND_CORNERS * self.unit, to_end))
+        self.below(&at).map_or(photograph, |below| self.on_lip(at, below, usize::from(below > 0.0), photograph, texture))
     }
 
     /// The colour of the edge of the upper (0) or of the lower lip (1) at a place of the line.
@@ -136,16 +99,6 @@ impl Seam {
         let inside = smooth_step(0.0, 1.0, 1.5 * (1.0 - below.abs() / width)) * self.within_ends(&at);
         lightened(photograph, guess, GONE[lip] * self.gone * inside)
     }
-}
-
-/// The lines beyond the ends of the opening, through the corners of the mouth and so far beyond, px.
-fn spurs(warp: &Warp, line: &[(f64, f64)], beyond: f64) -> [[(f64, f64); 3]; 2] {
-    let at = |node: usize| (warp.nodes[node].coords.dot(&warp.frame.across()), warp.frame.height(&warp.nodes[node]));
-    let ends = [line.first(), line.last()].map(|end| end.copied().unwrap_or_default());
-    let mut corners = [at(31), at(64)];
-    corners.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let [left, right] = corners;
-    [[(left.0 - beyond, left.1), left, ends[0]], [ends[1], right, (right.0 + beyond, right.1)]]
 }
 
 /// How far the light falls on the inner edges of lips that part: where the upper lip is raised, teeth stand close behind the lower one, whose edge

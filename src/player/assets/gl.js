@@ -40,14 +40,14 @@ void main() {
   float open = smoothstep(0.02, 0.40, gap), side = smoothstep(0.0, 0.20, fromCorner);
   float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
   float throat = (depth - 0.40) / 0.34;
-  float light0 = 0.27 + 0.16 * (1.0 - smoothstep(0.08, 0.26, gap)) + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.16 * (1.0 - side) * open;
+  float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.16 * (1.0 - side) * open;
   vec3 colour = tinted(vec3(1.0, 0.60, 0.57), light0);
   float across = x / max(0.42 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
     float height = 0.56 * gap * sqrt(within), top = floorY - height;
     float cover = smoothstep(-0.015, 0.05, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
     float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.10 * exp(-(x / 0.022) * (x / 0.022)) * tip;
-    float light = (0.46 + 0.74 * tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
+    float light = (0.40 + 0.56 * tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
     colour = mix(colour, tinted(vec3(1.0, 0.84, 0.83), light), cover);
   }
   if (shown > 0.5) {
@@ -72,7 +72,7 @@ void main() {
   // A gap as narrow as a line is lip, not cavity.
   vec2 round = max(1.0 - smoothstep(vec2(0.0), width, vec2(belowUpper, aboveLower)), 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
-  float sealed = 1.0 - smoothstep(0.0, 0.20 * (1.0 - 0.7 * open), fromCorner);
+  float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
   vec3 inside = mix(colour * shadow, near * 0.52, 0.9 * sealed);
   vec3 dark = vec3(0.74, 0.60, 0.60);
   vec3 seen = mix(inside, near * mix(dark, vec3(0.90, 0.76, 0.76), lit), 0.85 * round.y);
