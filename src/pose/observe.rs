@@ -16,6 +16,9 @@ use crate::{
 const TRACKED: f64 = 0.006;
 /// The same of a node that the springs placed.
 const RECOVERED: f64 = 0.06;
+/// What a node's expected error counts on top, over its standard deviation. Neighbours are off to the same side, and so is a node in
+/// all frames: taken for independent, the skin of the forehead would tell how far the camera is.
+const ALIKE: f64 = 3.0;
 /// Standard deviation of each person's own offset of a node that was marked, beyond the modes.
 pub(super) const OWN_MARKED: f64 = 0.007;
 /// The same of one that was not, along the skin and across it: such a node may lie on another place of the skin, but it lies on the skin.
@@ -66,11 +69,17 @@ pub(super) fn mark_shifts(
     track.iter().map(turned).collect()
 }
 
-/// The nodes that the tracker placed, each where its mark would be.
+/// The nodes that the tracker placed, each where its mark would be. `scale`: px of a model unit of the neutral head; the neutral frame
+/// itself has none.
 ///
 /// # Errors
 /// [`PoseError::NodeCount`] for a frame of another wireframe.
-pub(super) fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2<f64>]) -> Result<Frame, PoseError> {
+pub(super) fn observe(
+    model: &HeadModel,
+    frame: &TrackedFrame,
+    shifts: &[Vector2<f64>],
+    scale: Option<f64>,
+) -> Result<Frame, PoseError> {
     if frame.nodes.len() != model.node_count() {
         let (found, expected) = (frame.nodes.len(), model.node_count());
         return Err(PoseError::NodeCount { frame: frame.number, found, expected });
@@ -83,7 +92,10 @@ pub(super) fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2
         let deviation = match tracked.state {
             NodeState::Follows | NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) => continue,
             NodeState::Recovered(_) => RECOVERED,
-            _ => TRACKED,
+            _ => {
+                let off = scale.zip(tracked.expected_error).map_or(0.0, |(scale, median)| median / MEDIAN_OVER_DEVIATION / scale);
+                TRACKED.hypot(ALIKE * off)
+            }
         };
         if !iris(k) {
             seen.push(Seen { node: k, at: tracked.position + shifts[k], deviation });
