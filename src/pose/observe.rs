@@ -195,4 +195,24 @@ mod tests {
         assert!((deviation(&own[7], &aside) - OWN_MARKED).abs() < 1e-12);
         assert_eq!([own[5].deviation, own[6].deviation, own[7].deviation], [0.025, OWN_ALONG, OWN_MARKED]);
     }
+
+    #[test]
+    fn a_node_that_is_expected_to_be_off_says_less_of_the_head() {
+        let Face { wireframe, tables } = Face::candide3();
+        let model = HeadModel::shipped(&wireframe, &tables);
+        let scale = 50.0;
+        let place = |k: usize| Point2::from(frontal(&model, k).coords * scale);
+        let mut nodes: Vec<_> = (0..model.node_count()).map(|k| TrackedNode::new(place(k), NodeState::Tracked, None)).collect();
+        // A standard deviation of 0.5 px, 0.01 of a head's units.
+        nodes[5].expected_error = Some(0.5 * MEDIAN_OVER_DEVIATION);
+        let frame = TrackedFrame { number: 2, nodes };
+        let shifts = vec![Vector2::zeros(); model.node_count()];
+        let deviation = |node: usize, scale| {
+            let seen = observe(&model, &frame, &shifts, scale).unwrap().seen;
+            seen.iter().find(|s| s.node == node).unwrap().deviation
+        };
+        assert!((deviation(5, Some(scale)) - TRACKED.hypot(0.01 * ALIKE)).abs() < 1e-12);
+        // Of the neutral frame, and of tracks from landmarks, nothing of the kind is known.
+        assert_eq!([deviation(5, None), deviation(7, Some(scale))], [TRACKED; 2]);
+    }
 }
