@@ -148,19 +148,19 @@ pub fn fit_head(
 ) -> Result<HeadFit, PoseError> {
     let Some(neutral) = track.first() else { return Err(PoseError::NoHead { frame: 0 }) };
     let shifts = mark_shifts(model, tables, track, marks);
-    let mut frames = Vec::with_capacity(track.len());
-    for (frame, shifts) in track.iter().zip(&shifts) {
-        frames.push(observe(model, frame, shifts)?);
-    }
+    let mut frames = vec![observe(model, neutral, &shifts[0], None)?];
     if !frames[0].is_seen() {
         return Err(PoseError::TooFewNodes { frame: frames[0].number, found: frames[0].seen.len() });
+    }
+    let start = rough_pose(model, tables, neutral)?;
+    for (frame, shifts) in track.iter().zip(&shifts).skip(1) {
+        frames.push(observe(model, frame, shifts, Some(start.scale))?);
     }
     // A node that no later frame sees says only where the fit expects it from the front.
     let is_followed: Vec<bool> =
         (0..model.node_count()).map(|k| frames[1..].iter().any(|f| f.seen.iter().any(|s| s.node == k))).collect();
     let is_marked = |k: usize| matches!(neutral.nodes[k].state, NodeState::Marked | NodeState::Corrected);
     frames[0].seen.retain(|s| is_marked(s.node) || is_followed[s.node]);
-    let start = rough_pose(model, tables, neutral)?;
     let own = own_offsets(model, neutral, start.scale);
     let sequence = Sequence {
         model,
@@ -189,8 +189,10 @@ pub fn follow_head(
 ) -> Result<HeadFit, PoseError> {
     let neutral_pose = *known.poses.first().ok_or(PoseError::NoHead { frame: 0 })?;
     let shifts = mark_shifts(model, tables, track, marks);
-    let frames: Vec<Frame> =
-        track.iter().zip(&shifts).map(|(frame, shifts)| observe(model, frame, shifts)).collect::<Result<_, _>>()?;
+    let mut frames = Vec::with_capacity(track.len());
+    for (m, (frame, shifts)) in track.iter().zip(&shifts).enumerate() {
+        frames.push(observe(model, frame, shifts, (m > 0).then_some(neutral_pose.scale))?);
+    }
     let sequence = Sequence {
         model,
         frames: &frames,

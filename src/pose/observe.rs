@@ -16,8 +16,12 @@ use crate::{
 const TRACKED: f64 = 0.006;
 /// The same of a node that the springs placed.
 const RECOVERED: f64 = 0.06;
-/// Standard deviation of each person's own offset of a node that was marked, beyond the modes.
-pub(super) const OWN_MARKED: f64 = 0.007;
+/// What a node's expected error counts on top, over its standard deviation. Neighbours are off to the same side, and so is a node in
+/// all frames: taken for independent, the skin of the forehead would tell how far the camera is.
+const ALIKE: f64 = 2.0;
+/// Standard deviation of each person's own offset of a node that was marked, beyond the modes: of heads whose depth the modes do not
+/// know, half as much turns the head instead.
+const OWN_MARKED: f64 = 0.015;
 /// The same of one that was not, along the skin and across it: such a node may lie on another place of the skin, but it lies on the skin.
 const OWN_ALONG: f64 = 0.04;
 const OWN_ACROSS: f64 = 0.02;
@@ -66,11 +70,17 @@ pub(super) fn mark_shifts(
     track.iter().map(turned).collect()
 }
 
-/// The nodes that the tracker placed, each where its mark would be.
+/// The nodes that the tracker placed, each where its mark would be. `scale`: px of a model unit of the neutral head; the neutral frame
+/// itself has none.
 ///
 /// # Errors
 /// [`PoseError::NodeCount`] for a frame of another wireframe.
-pub(super) fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2<f64>]) -> Result<Frame, PoseError> {
+pub(super) fn observe(
+    model: &HeadModel,
+    frame: &TrackedFrame,
+    shifts: &[Vector2<f64>],
+    scale: Option<f64>,
+) -> Result<Frame, PoseError> {
     if frame.nodes.len() != model.node_count() {
         let (found, expected) = (frame.nodes.len(), model.node_count());
         return Err(PoseError::NodeCount { frame: frame.number, found, expected });
@@ -83,7 +93,10 @@ pub(super) fn observe(model: &HeadModel, frame: &TrackedFrame, shifts: &[Vector2
         let deviation = match tracked.state {
             NodeState::Follows | NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) => continue,
             NodeState::Recovered(_) => RECOVERED,
-            _ => TRACKED,
+            _ => {
+                let off = scale.zip(tracked.expected_error).map_or(0.0, |(scale, median)| median / MEDIAN_OVER_DEVIATION / scale);
+                TRACKED.hypot(ALIKE * off)
+            }
         };
         if !iris(k) {
             seen.push(Seen { node: k, at: tracked.position + shifts[k], deviation });
@@ -181,5 +194,25 @@ mod tests {
         // One that is off by little is the same in every direction; a node without one may lie further off, but not much deeper.
         assert!((deviation(&own[7], &aside) - OWN_MARKED).abs() < 1e-12);
         assert_eq!([own[5].deviation, own[6].deviation, own[7].deviation], [0.025, OWN_ALONG, OWN_MARKED]);
+    }
+
+    #[test]
+    fn a_node_that_is_expected_to_be_off_says_less_of_the_head() {
+        let Face { wireframe, tables } = Face::candide3();
+        let model = HeadModel::shipped(&wireframe, &tables);
+        let scale = 50.0;
+        let place = |k: usize| Point2::from(frontal(&model, k).coords * scale);
+        let mut nodes: Vec<_> = (0..model.node_count()).map(|k| TrackedNode::new(place(k), NodeState::Tracked, None)).collect();
+        // A standard deviation of 0.5 px, 0.01 of a head's units.
+        nodes[5].expected_error = Some(0.5 * MEDIAN_OVER_DEVIATION);
+        let frame = TrackedFrame { number: 2, nodes };
+        let shifts = vec![Vector2::zeros(); model.node_count()];
+        let deviation = |node: usize, scale| {
+            let seen = observe(&model, &frame, &shifts, scale).unwrap().seen;
+            seen.iter().find(|s| s.node == node).unwrap().deviation
+        };
+        assert!((deviation(5, Some(scale)) - TRACKED.hypot(0.01 * ALIKE)).abs() < 1e-12);
+        // Of the neutral frame, and of tracks from landmarks, nothing of the kind is known.
+        assert_eq!([deviation(5, None), deviation(7, Some(scale))], [TRACKED; 2]);
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::{DVector, Point2, Vector3};
 
 use super::{
     HEAD_ES, HeadModel, HeadPose,
-    observe::{OWN_MARKED, frontal, pose_of},
+    observe::{frontal, pose_of},
     solve::{Directions, Limit, Matrix, Seen, Solved, shape_with, solve},
 };
 use crate::{
@@ -21,6 +21,8 @@ use crate::{
 const FEWEST_MARKS: usize = 7;
 /// Standard deviation of a sharp mark, over the eye distance.
 const SHARP: f64 = 0.012;
+/// Standard deviation of each person's own offset of a marked node, model units: what [`TURNED`] was found with.
+const OWN_MARKED: f64 = 0.007;
 /// Yaw, degrees: the marks of a frontal head may say the first; from the second on a turn counts whole. Of 90 people who look
 /// into the camera eleven marks set by hand say a yaw of 2.1 degrees (root mean square) and at most 6.2. A pitch they do not tell
 /// from a long chin or low brows: of the same people they say 11 degrees, with a standard deviation of 8.
