@@ -24,8 +24,12 @@ use crate::{
 
 /// Where the iris ends and the white is whole, over its radius.
 const LIMBUS: (f64, f64) = (1.03, 1.20);
-/// Band along the lids where the photograph shows lashes and their shadow, over the eye distance: not trusted once the lid has gone.
+/// Bands along the upper and the lower lid where the photograph shows lashes and their shadow, and the wet edge of the lid, over the eye distance:
+/// not trusted once the lid has gone. That of a lower lid would be a light line over the dark iris at once.
 const LASHES: f64 = 0.035;
+const WET_EDGE: f64 = 0.022;
+/// How far the lids have gone when none of these bands is trusted, over the eye distance.
+const GONE: [f64; 2] = [0.03, 0.008];
 /// Depth of the shadow that the upper lid throws on what is filled, and its width over the eye distance.
 const SHADOW: (f64, f64) = (0.42, 0.035);
 /// Room around the lids that a patch has, over the eye distance.
@@ -77,7 +81,7 @@ impl Turned {
     /// How much the photograph is to be trusted at a place of it that lies `depth` px between its lids: along a lid that went away it
     /// shows lashes and their shadow.
     fn trust(&self, p: Point2<f64>, depth: f64, eye_distance: f64) -> f32 {
-        let one = |edge: &[(Point2<f64>, f64)]| {
+        let one = |edge: &[(Point2<f64>, f64)], width: f64, gone: f64| {
             let mut nearest = (f64::INFINITY, 0.0);
             for pair in edge.windows(2) {
                 let (a, along) = (pair[0].0, pair[1].0 - pair[0].0);
@@ -91,10 +95,10 @@ impl Turned {
             if opened <= 0.0 {
                 return 1.0;
             }
-            let band = LASHES * eye_distance * smooth_step(0.0, 0.03, opened);
+            let band = width * eye_distance * smooth_step(0.0, gone, opened);
             smooth_step(-0.5, 0.5 + band, if depth < 0.0 { -distance } else { distance })
         };
-        one(&self.edges[0]).min(one(&self.edges[1])) as f32
+        one(&self.edges[0], LASHES, GONE[0]).min(one(&self.edges[1], WET_EDGE, GONE[1])) as f32
     }
 }
 

@@ -353,14 +353,15 @@ mod tests {
     #[test]
     fn a_texture_times_factors_is_that_of_the_image_times_them() {
         let mut image = RgbImage::from_fn(9, 7, |x, y| image::Rgb([25 * x as u8, 30 * y as u8, 90]));
-        let factors: [f32; 256] = std::array::from_fn(|k| k as f32 / 128.0);
+        let factors = [100.0, 128.0, 150.0].map(|one| -> [f32; 256] { std::array::from_fn(|k| k as f32 / one) });
         // One line in the middle, and one to the corner.
         let lines = [(3, 2, vec![64, 128, 200]), (6, 5, vec![10, 128, 90, 255])];
         let found = Texture::new(&image).times(lines.iter().map(|(y, x, n)| (*y, *x, &n[..])), &factors);
         for (y, x, numbers) in &lines {
             for (k, number) in numbers.iter().enumerate() {
                 let pixel = image.get_pixel_mut((x + k) as u32, *y as u32);
-                pixel.0 = pixel.0.map(|c| byte(f32::from(c) * factors[usize::from(*number)]));
+                let times = |c: usize| byte(f32::from(pixel.0[c]) * factors[c][usize::from(*number)]);
+                pixel.0 = std::array::from_fn(times);
             }
         }
         let colours = |texture: &Texture| texture.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
