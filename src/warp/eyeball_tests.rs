@@ -174,3 +174,15 @@ fn eyes_that_do_not_move_are_the_photograph_to_the_bit() {
         assert!(a.iter().zip(&b).all(|(a, b)| a.abs_diff(*b) <= 3), "{a:?} {b:?}");
     }
 }
+
+#[test]
+fn the_wet_edge_of_a_lower_lid_that_drops_a_little_is_not_trusted_and_the_eye_above_it_is() {
+    let line = |y: f64, opened: f64| [0.0, 40.0].map(|x| (Point2::new(x, y), opened)).to_vec();
+    let at = |lower: f64, depth: f64| {
+        let turned = Turned::new(Similarity::identity(), Vector2::zeros(), Vec::new(), [line(0.0, 0.0), line(14.0, lower)]);
+        turned.trust(Point2::new(20.0, 14.0 - depth), depth, 110.0)
+    };
+    // 0.6 px of 110 between the eyes.
+    assert!(at(0.0055, 0.5) < 0.4 && at(0.0055, 3.0) > 0.99, "{} {}", at(0.0055, 0.5), at(0.0055, 3.0));
+    assert_eq!([at(0.0, 0.5), at(-0.02, 0.5)], [1.0; 2]);
+}
