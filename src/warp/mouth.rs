@@ -29,14 +29,17 @@ const UPPER_BELOW_LIPS: f64 = 0.058;
 /// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline, where the lower lip
 /// has dropped, and where the upper one is raised.
 const FLATTER: (f64, f64) = (0.12, 0.22);
+/// The same of a mouth that gapes, on top: the row is seen from below, and runs back to the molars.
+const FLATTER_GAPING: f64 = 0.60;
 /// The same as [`UPPER_BELOW_LIPS`] for the edge of the lower ones, which bite behind them.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
 const LOWER_SIZE: (f64, f64) = (0.70, 0.75);
-/// Most that the lower lip, which goes with the jaw, leaves bare of the lower teeth, over the eye distance, of a mouth that is hardly open
-/// and of one that gapes: it covers them, until the jaw has dropped so far that the lip is stretched over them.
-const LOWER_ABOVE_LIP: (f64, f64) = (-0.01, 0.054);
-/// Distances of the lips, over the eye distance, between which that changes.
+/// How much of the lower teeth a lower lip leaves bare, over the eye distance, that goes with the jaw, and one that goes beyond it: it covers them until
+/// it is drawn down by itself. How far beyond, over the eye distance, that begins and ends.
+const LOWER_ABOVE_LIP: (f64, f64) = (-0.007, 0.054);
+const DRAWN_DOWN: (f64, f64) = (0.05, 0.12);
+/// Distances of the lips, over the eye distance, between which a mouth begins to gape and gapes.
 const GAPING: (f64, f64) = (0.14, 0.34);
 /// How much higher the lower row is to the sides in a mouth that gapes, over the eye distance, at the square of the distance from the midline:
 /// a jaw that has turned down shows its arch from above.
@@ -59,9 +62,15 @@ const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
 const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
 /// How much lighter the skin inside the cheeks is, in the corners of a mouth that gapes.
-const CHEEKS: f64 = 0.16;
+const CHEEKS: f64 = 0.13;
+/// How much less red it is than the throat.
+const PALE: f32 = 0.14;
 /// Light on the lower teeth, of a mouth that is hardly open, and how much less of it there is in one that gapes.
-const LOWER_LIGHT: (f64, f64) = (0.62, 0.16);
+const LOWER_LIGHT: (f64, f64) = (0.69, 0.18);
+/// Colour of the lower teeth, which lie in reddish light, over that of the upper ones.
+const LOWER_TINT: [f32; 3] = [1.0, 0.94, 0.84];
+/// The tongue: half its width over that of the mouth, brightness behind and how much more of it there is at the tip, and its colour over that of flesh.
+const TONGUE: (f64, f64, f64, [f32; 3]) = (0.38, 0.40, 0.72, [1.0, 0.95, 0.96]);
 /// Height of what a raised lip bares above the teeth, over the eye distance.
 const GUM_ABOVE: f64 = 0.118;
 
@@ -178,7 +187,8 @@ impl<'a> Interior<'a> {
         // Darkest in the middle, where the throat is.
         let throat = (-((depth - THROAT.0) / THROAT.1).powi(2)).exp() * side;
         let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt() + CHEEKS * (1.0 - side) * open;
-        let mut colour = self.tinted([1.0, 0.60, 0.57], light);
+        let pale = PALE * (1.0 - side) as f32;
+        let mut colour = self.tinted([1.0, 0.60 + pale, 0.57 + pale], light);
         self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
@@ -212,7 +222,7 @@ impl<'a> Interior<'a> {
 
     /// The tongue: a mound behind the lower teeth, lighter towards its tip, with a shallow groove.
     fn lay_tongue(&self, (x, y): (f64, f64), lower: f64, open: f64, colour: &mut [f32; 3]) {
-        let half = 0.42 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
+        let half = TONGUE.0 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
         let within = 1.0 - (x / half.max(1e-6)).powi(2);
         if within <= 0.0 {
             return;
@@ -222,12 +232,15 @@ impl<'a> Interior<'a> {
         let top = floor - height;
         let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
-        let groove = 1.0 - 0.10 * (-(x / 0.022).powi(2)).exp() * towards_tip;
-        let light = (0.40 + 0.56 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
-        // Its grain, and the light that is broken on what is wet.
-        let grain = 1.0 + 0.09 * grain(x / 0.011, y / 0.011);
-        let wet = 0.16 * open * smooth_step(0.25, 0.8, grain_of_light(x, y)) * within * (towards_tip * (1.0 - towards_tip) * 4.0);
-        let tongue = self.tinted([1.0, 0.84, 0.83], light * grain + wet);
+        let groove = 1.0 - 0.20 * (-(x / 0.026).powi(2)).exp() * (0.3 + 0.7 * towards_tip);
+        let light = (TONGUE.1 + TONGUE.2 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.42 + 0.58 * within);
+        // Its grain, the light that is broken on what is wet, and a broad sheen before the tip.
+        let grain = 1.0 + 0.045 * grain(x / 0.011, y / 0.011);
+        let wet = 0.34 * smooth_step(0.30, 0.8, grain_of_light(x, y)) * (towards_tip * (1.0 - towards_tip) * 4.0);
+        let band = smooth_step(0.25, 0.60, towards_tip) * smooth_step(1.05, 0.70, towards_tip);
+        let sheen = 0.13 * band * (0.6 + 0.4 * grain_of_light(0.4 * x, 0.6 * y + 3.0));
+        let wet = (wet + sheen) * open * within;
+        let tongue = self.tinted(TONGUE.3, light * grain + wet);
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
 
@@ -237,20 +250,21 @@ impl<'a> Interior<'a> {
         // The row turns away to the sides, and is lost in the dark of the cheeks towards the corners.
         let turned = 1.0 - 0.40 * smooth_step(0.10, 0.30, x.abs() / self.size);
         let side = (0.25 + 0.75 * smooth_step(0.0, 0.14, from_corner)) * turned;
-        let row = |dx: f64, dy: f64, brightness: f64, colour: &mut [f32; 3]| {
+        let row = |dx: f64, dy: f64, brightness: f64, tint: [f32; 3], colour: &mut [f32; 3]| {
             let Some((tooth, cover)) = sampled(picture, dx / self.size, dy / self.size) else { return };
             let cover = cover * smooth_step(0.0, 0.035, from_corner) as f32;
             // Enamel lets light through at its edge.
             let edge = 1.0 - 0.16 * smooth_step(-0.024, 0.0, dy);
             for c in 0..3 {
-                let lit = tooth[c] / TEETH_WHITE * self.enamel[c] * (brightness * side * edge) as f32;
+                let lit = tooth[c] / TEETH_WHITE * self.enamel[c] * tint[c] * (brightness * side * edge) as f32;
                 colour[c] += (lit - colour[c]) * cover;
             }
         };
         // The lower row is deeper in the mouth, and in the shadow of all that is above it.
         let lip = line_at(&self.lower, 0.0).unwrap_or(0.0);
         let gaping = smooth_step(GAPING.0, GAPING.1, self.gap);
-        let bare = LOWER_ABOVE_LIP.0 + (LOWER_ABOVE_LIP.1 - LOWER_ABOVE_LIP.0) * gaping;
+        let drawn = smooth_step(DRAWN_DOWN.0, DRAWN_DOWN.1, lip - self.jaw);
+        let bare = LOWER_ABOVE_LIP.0 + (LOWER_ABOVE_LIP.1 - LOWER_ABOVE_LIP.0) * drawn;
         let lower_y = y - (LOWER_BELOW_LIPS + LOWER_SHARE * self.jaw).max(lip - bare) + LOWER_ARCH * gaping * x * x;
         let lower_light = LOWER_LIGHT.0 - LOWER_LIGHT.1 * smooth_step(0.0, 0.30, self.gap);
         let shown = smooth_step(0.02, 0.08, self.jaw);
@@ -260,11 +274,12 @@ impl<'a> Interior<'a> {
                 x / LOWER_SIZE.0,
                 -lower_y / LOWER_SIZE.1,
                 lower_light * (0.7 + 0.3 * smooth_step(0.0, 0.02, above_lower)),
+                LOWER_TINT,
                 colour,
             );
             (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * shown as f32);
         }
-        let upper_y = y - UPPER_BELOW_LIPS - (FLATTER.0 + (FLATTER.1 - FLATTER.0) * self.lit) * x * x;
+        let upper_y = y - UPPER_BELOW_LIPS - (FLATTER.0 + (FLATTER.1 - FLATTER.0) * self.lit + FLATTER_GAPING * gaping) * x * x;
         // Above the crowns is gum.
         let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
         if gum > 0.0 {
@@ -278,7 +293,7 @@ impl<'a> Interior<'a> {
         // A sliver of tooth that the lip all but hides is in the lip's shadow.
         let bared = smooth_step(0.0, 0.03, below_upper + above_lower);
         let before = *colour;
-        row(x, upper_y, light, colour);
+        row(x, upper_y, light, [1.0; 3], colour);
         (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * bared as f32);
     }
 }

@@ -25,13 +25,13 @@ vec3 tinted(vec3 warm, float light) {
   float luma = max(dot(lip, grey), min(60.0 / 255.0, 0.5 * dot(enamel, grey)));
   return (0.4 * lip + 0.6 * vec3(1.45, 0.86, 0.84) * luma) * warm * light;
 }
-vec3 row(vec2 d, float brightness, float side, float fromCorner, vec3 under) {
+vec3 row(vec2 d, float brightness, vec3 tint, float side, float fromCorner, vec3 under) {
   vec2 at = (teethOrigin + d * teethScale + 0.5) / teethSize;
   if (at.x < 0.0 || at.y < 0.0 || at.x > 1.0 || at.y > 1.0) return under;
   vec4 tooth = texture2D(teeth, at);
   float cover = tooth.a * smoothstep(0.0, 0.035, fromCorner);
   float edge = 1.0 - 0.16 * smoothstep(-0.024, 0.0, d.y);
-  return mix(under, tooth.rgb * 255.0 / white * enamel * brightness * side * edge, cover);
+  return mix(under, tooth.rgb * 255.0 / white * enamel * tint * brightness * side * edge, cover);
 }
 void main() {
   float x = p.x, y = p.y, upper = l.x, lower = l.y;
@@ -40,30 +40,31 @@ void main() {
   float open = smoothstep(0.02, 0.40, gap), side = smoothstep(0.0, 0.20, fromCorner);
   float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
   float throat = (depth - 0.40) / 0.34;
-  float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.16 * (1.0 - side) * open;
-  vec3 colour = tinted(vec3(1.0, 0.60, 0.57), light0);
-  float across = x / max(0.42 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
+  float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.13 * (1.0 - side) * open;
+  vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side)), light0);
+  float across = x / max(0.38 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
     float height = 0.56 * gap * sqrt(within), top = floorY - height;
     float cover = smoothstep(-0.015, 0.05, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
-    float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.10 * exp(-(x / 0.022) * (x / 0.022)) * tip;
-    float light = (0.40 + 0.56 * tip) * (0.66 + 0.34 * open) * groove * (0.6 + 0.4 * within);
-    colour = mix(colour, tinted(vec3(1.0, 0.84, 0.83), light), cover);
+    float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.20 * exp(-(x / 0.026) * (x / 0.026)) * (0.3 + 0.7 * tip);
+    float sheen = 0.08 * open * within * smoothstep(0.25, 0.60, tip) * (1.0 - smoothstep(0.70, 1.05, tip));
+    float light = (0.40 + 0.72 * tip) * (0.66 + 0.34 * open) * groove * (0.42 + 0.58 * within) + sheen;
+    colour = mix(colour, tinted(vec3(1.0, 0.95, 0.96), light), cover);
   }
   if (shown > 0.5) {
     float turned = (0.25 + 0.75 * smoothstep(0.0, 0.14, fromCorner)) * (1.0 - 0.40 * smoothstep(0.10, 0.30, abs(x)));
     float gaping = smoothstep(0.14, 0.34, gap);
-    float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.01 - 0.064 * gaping) + 1.5 * gaping * x * x;
+    float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.007 - 0.061 * smoothstep(0.05, 0.12, floorY - jaw)) + 1.5 * gaping * x * x;
     float part = smoothstep(0.02, 0.08, jaw);
     if (part > 0.0) {
-      float light = (0.62 - 0.16 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
-      colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, turned, fromCorner, colour), part);
+      float light = (0.69 - 0.18 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
+      colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, vec3(1.0, 0.94, 0.84), turned, fromCorner, colour), part);
     }
-    float upperY = y - 0.058 - mix(0.12, 0.22, lit) * x * x;
+    float upperY = y - 0.058 - (mix(0.12, 0.22, lit) + 0.60 * gaping) * x * x;
     float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * turned), gum);
     float light = 0.56 + 0.44 * smoothstep(0.0, 0.05, belowUpper);
-    colour = mix(colour, row(vec2(x, upperY), light, turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
+    colour = mix(colour, row(vec2(x, upperY), light, vec3(1.0), turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
   float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
   // Of the upper lip and the lower one.
