@@ -1,6 +1,6 @@
 //! Pictures of a wireframe on its frame: what a person looks at to judge a fit or a track.
 
-use image::{GrayImage, RgbImage, imageops::FilterType};
+use image::{RgbImage, imageops::FilterType};
 use nalgebra::{Point2, Point3};
 use tiny_skia::{Color, FillRule, LineCap, Paint, Path as SkiaPath, PathBuilder, Pixmap, Stroke, Transform};
 
@@ -38,94 +38,12 @@ pub fn legend() -> Vec<(NodeState, [u8; 3])> {
     states.chain(lost.map(NodeState::Recovered)).map(|s| (s, colour(s))).collect()
 }
 
-/// Pixels to either side of the nearest that cubic enlargement takes.
-const REACH: usize = 2;
-
-/// A picture enlarged by a whole factor, as [`image::imageops::resize`] does it with [`FilterType::CatmullRom`], to the bit; that works on four
-/// channels of any picture in any size, and takes ten times as long.
-fn enlarged(gray: &GrayImage, factor: u32) -> GrayImage {
-    let (width, height) = (gray.width() as usize, gray.height() as usize);
-    if factor <= 1 || width == 0 || height == 0 {
-        return gray.clone();
-    }
-    let times = factor as usize;
-    let (across, down) = (kernels(width, times), kernels(height, times));
-    let mut large = GrayImage::new(gray.width() * factor, gray.height() * factor);
-    let mut line = vec![0.0_f32; width + 2 * REACH];
-    let mut sums = vec![0.0_f32; width];
-    for (y, row) in large.as_flat_samples_mut().samples.chunks_exact_mut(width * times).enumerate() {
-        let middle = &mut line[REACH..REACH + width];
-        middle.fill(0.0);
-        for (tap, weights) in down[y % times].iter().enumerate() {
-            let Some(from) = (y / times + tap).checked_sub(REACH).filter(|y| *y < height) else { continue };
-            for (sum, level) in middle.iter_mut().zip(&gray.as_raw()[from * width..][..width]) {
-                *sum += f32::from(*level) * weights[y / times];
-            }
-        }
-        for (phase, taps) in across.iter().enumerate() {
-            sums.fill(0.0);
-            for (tap, weights) in taps.iter().enumerate() {
-                for ((sum, level), weight) in sums.iter_mut().zip(&line[tap..]).zip(weights) {
-                    *sum += level * weight;
-                }
-            }
-            for (pixel, sum) in row[phase..].iter_mut().step_by(times).zip(&sums) {
-                let level = sum.clamp(0.0, 255.0);
-                let whole = f32::from(level as u8);
-                *pixel = level as u8 + u8::from(level - whole >= 0.5);
-            }
-        }
-    }
-    large
-}
-
-/// Weights along a side that is enlarged: for each of the places that a pixel becomes, and for each pixel around it from [`REACH`] before to as
-/// many behind it, those of all places.
-fn kernels(size: usize, times: usize) -> Vec<[Vec<f32>; 2 * REACH + 1]> {
-    let kernel = |x: f32| {
-        let a = x.abs();
-        let k = if a < 1.0 {
-            9.0 * (a * a * a) - 15.0 * (a * a) + 6.0
-        } else if a < 2.0 {
-            -3.0 * (a * a * a) + 15.0 * (a * a) - 24.0 * a + 12.0
-        } else {
-            0.0
-        };
-        k / 6.0
-    };
-    let ratio = size as f32 / (size * times) as f32;
-    let mut all = vec![std::array::from_fn(|_| vec![0.0; size]); times];
-    for k in 0..size * times {
-        let at = (k as f32 + 0.5) * ratio;
-        let first = ((at - REACH as f32).floor() as i64).clamp(0, size as i64 - 1) as usize;
-        let end = ((at + REACH as f32).ceil() as i64).clamp(first as i64 + 1, size as i64) as usize;
-        let weights: Vec<f32> = (first..end).map(|from| kernel(from as f32 - (at - 0.5))).collect();
-        let sum: f32 = weights.iter().fold(0.0, |sum, w| sum + w);
-        for (from, weight) in (first..end).zip(weights) {
-            // What is farther away weighs nothing.
-            if let Some(tap) = (from + REACH).checked_sub(k / times).filter(|tap| *tap <= 2 * REACH) {
-                all[k % times][tap][k / times] = weight / sum;
-            }
-        }
-    }
-    all
-}
-
-/// A canvas as a picture.
-fn picture_of(canvas: &Pixmap) -> RgbImage {
-    let mut picture = RgbImage::new(canvas.width(), canvas.height());
-    for (to, from) in picture.as_flat_samples_mut().samples.chunks_exact_mut(3).zip(canvas.data().chunks_exact(4)) {
-        to.copy_from_slice(&from[..3]);
-    }
-    picture
-}
-
 /// Draws the wireframe on the frame: springs as lines, live nodes as dots in the colour of their state, marks as rings where they
 /// were set (image positions in px).
 pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode], marks: &[Point2<f64>]) -> RgbImage {
     let gray = frame.image();
     let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
-    let large = enlarged(gray, factor);
+    let large = image::imageops::resize(gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
     let Some(mut canvas) = Pixmap::new(large.width(), large.height()) else {
         return colour_of(&large);
     };
@@ -144,7 +62,8 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
             stroke(&mut canvas, &ring, [240, 228, 66, 255], width);
         }
     }
-    picture_of(&canvas)
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default()
 }
 
 /// The wireframe of [`draw_overlay`] on a picture in colour, at the picture's own size.
@@ -154,7 +73,8 @@ pub fn draw_on_colour(picture: &RgbImage, wireframe: &Wireframe, nodes: &[Tracke
         pixel.copy_from_slice(&[rgb[0], rgb[1], rgb[2], 255]);
     }
     draw_nodes(&mut canvas, wireframe, nodes, |p| ((p.x + 0.5) as f32, (p.y + 0.5) as f32), 0.9);
-    picture_of(&canvas)
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    RgbImage::from_raw(picture.width(), picture.height(), rgb).unwrap_or_default()
 }
 
 /// Springs as lines and live nodes as dots in the colour of their state.
@@ -242,14 +162,15 @@ pub fn thumbnail(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode
             dot(&mut canvas, x, y, 1.8, colour(node.state));
         }
     }
-    picture_of(&canvas)
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    RgbImage::from_raw(columns, height, rgb).unwrap_or(small)
 }
 
 /// Draws points that were found on a picture: position and expected error, px, and the eye distance of their face, px. Dots are green where
 /// the expected error is small against the eye distance (up to 2 %), yellow to 5 %, red beyond; small pictures are enlarged.
-pub fn draw_points(gray: &GrayImage, points: &[(Point2<f64>, f64, f64)]) -> RgbImage {
+pub fn draw_points(gray: &image::GrayImage, points: &[(Point2<f64>, f64, f64)]) -> RgbImage {
     let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
-    let large = enlarged(gray, factor);
+    let large = image::imageops::resize(gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
     let Some(mut canvas) = Pixmap::new(large.width(), large.height()) else {
         return colour_of(&large);
     };
@@ -271,7 +192,8 @@ pub fn draw_points(gray: &GrayImage, points: &[(Point2<f64>, f64, f64)]) -> RgbI
         dot(&mut canvas, x, y, radius * 1.4, [10, 20, 30]);
         dot(&mut canvas, x, y, radius, colour);
     }
-    picture_of(&canvas)
+    let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default()
 }
 
 fn paint(rgba: [u8; 4]) -> Paint<'static> {
@@ -318,20 +240,6 @@ pub fn png_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_picture_is_enlarged_as_the_library_does_it() {
-        for (width, height) in [(1, 1), (2, 3), (7, 5), (225, 31), (301, 40), (641, 9)] {
-            let gray = GrayImage::from_fn(width, height, |x, y| image::Luma([((x * x * 37 + y * 91 + x * y * 13) % 256) as u8]));
-            for factor in 1..=MAX_FACTOR {
-                let (to, filter) = ((width * factor, height * factor), FilterType::CatmullRom);
-                assert!(
-                    enlarged(&gray, factor) == image::imageops::resize(&gray, to.0, to.1, filter),
-                    "{width} {height} {factor}"
-                );
-            }
-        }
-    }
 
     #[test]
     fn a_tracked_node_is_a_dot_of_its_colour_at_its_place() {
