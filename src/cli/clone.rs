@@ -160,7 +160,7 @@ struct SourceSkin {
 /// The skin that goes with a source, if there is one.
 fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Workbench) -> anyhow::Result<Option<SourceSkin>> {
     let of_form = || {
-        let skin = Skin::of_form(motion, bench)?;
+        let skin = Skin::of_form(motion)?;
         Ok(Some(SourceSkin { path: None, skin, representative: motion.clone() }))
     };
     let (path, representative) = match choice {

@@ -6,7 +6,7 @@ use super::{
     CloneError, Skin, SourceMotion, detail,
     skin::{NOSTRILS, ORIGIN, SCALE, SIZE, SKIN_LOG_LIMIT, layout_nodes},
 };
-use crate::{geometry::polygon::inside_depth, synthesis::Relief, warp::fill_triangle, wireframe::Face};
+use crate::{geometry::polygon::inside_depth, synthesis::Relief, warp::fill_triangle};
 
 /// Share of what grows lighter that a clone shows: as much as 90 people's smiling cheeks do.
 const LIGHTER: f32 = 0.45;
@@ -20,8 +20,8 @@ impl Skin {
     ///
     /// # Errors
     /// [`CloneError::Bank`] never for the head that is compiled in.
-    pub fn of_form(motion: &SourceMotion, face: &Face) -> Result<Self, CloneError> {
-        let relief = Relief::new(face)?;
+    pub fn of_form(motion: &SourceMotion) -> Result<Self, CloneError> {
+        let relief = Relief::new()?;
         let offsets: Vec<Vector2<f64>> = motion.offsets[motion.apex()].iter().map(|o| o / motion.fapus.es).collect();
         let shading = relief.shading(&offsets);
         let place = |v: usize| {
@@ -50,6 +50,7 @@ impl Skin {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wireframe::Face;
 
     /// Shading at a node of the layout, and so far from it, in units of Candide-3.
     fn at(skin: &Skin, node: usize, off: (f64, f64)) -> f32 {
@@ -64,14 +65,14 @@ mod tests {
         let mut apex = vec![Vector2::zeros(); count];
         weights.iter().for_each(|&(n, (x, y))| apex[n] = Vector2::new(x, y) * motion.fapus.es);
         motion.offsets = vec![vec![Vector2::zeros(); count], apex];
-        Skin::of_form(&motion, &face).unwrap()
+        Skin::of_form(&motion).unwrap()
     }
 
     #[test]
     fn a_smile_has_its_folds_beside_the_nose_and_a_still_face_none() {
         let face = Face::candide3();
         let smile = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
-        let skin = Skin::of_form(&smile, &face).unwrap();
+        let skin = Skin::of_form(&smile).unwrap();
         // Between the wing of the nose and the cheek.
         let fold = (-6..=6).map(|k| at(&skin, 26, (0.02 * f64::from(k), -0.08))).fold(f32::INFINITY, f32::min);
         assert!(fold < -0.03, "{fold}");

@@ -54,12 +54,12 @@ pub(crate) struct Relief {
 }
 
 impl Relief {
-    /// The relief of the embedded head.
+    /// The relief of the embedded head over Candide-3's nodes.
     ///
     /// # Errors
     /// [`BankError`], which for the embedded file would mean a mistake in it.
-    pub fn new(face: &Face) -> Result<Self, BankError> {
-        let head = head_skin()?;
+    pub fn new() -> Result<Self, BankError> {
+        let (head, face) = (head_skin()?, Face::candide3());
         let model = HeadModel::shipped(&face.wireframe, &face.tables);
         let pupils = model
             .irises
@@ -70,7 +70,7 @@ impl Relief {
             let place = head.names.iter().position(|name| *name == shape.name)?;
             Some((place, shape.offsets.iter().map(|o| o.xy() / unit).collect()))
         });
-        let places = on_candide(&head, face)?;
+        let places = on_candide(&head, &face)?;
         let mut relief = Self {
             shapes: shapes.collect(),
             neighbours: neighbours(&head),
@@ -181,8 +181,7 @@ mod tests {
 
     #[test]
     fn a_motion_is_taken_apart_into_what_it_was_made_of() {
-        let face = Face::candide3();
-        let relief = Relief::new(&face).unwrap();
+        let relief = Relief::new().unwrap();
         let name = |k: usize| relief.head.names[relief.shapes[k].0].as_str();
         let sneer = |name: &str| name.starts_with("noseSneer");
         let mut offsets = vec![Vector2::zeros(); 113];
@@ -200,8 +199,7 @@ mod tests {
 
     #[test]
     fn the_head_lies_on_candide_and_a_vertex_below_its_neighbours_is_sunken() {
-        let face = Face::candide3();
-        let relief = Relief::new(&face).unwrap();
+        let (relief, face) = (Relief::new().unwrap(), Face::candide3());
         // The corner of the mouth is a landmark of its own.
         let row = face.tables.landmarks.iter().find(|row| row.landmark == 48).unwrap();
         let vertex = relief.head.landmarks[48] as usize;

@@ -43,7 +43,7 @@ impl SheetSource {
         let motion = SourceMotion::read(path, bench)?;
         let skin = match Skin::path_beside(path, motion.kind) {
             Some(picture) => Skin::read(&picture)?,
-            None => Skin::of_form(&motion, bench)?,
+            None => Skin::of_form(&motion)?,
         };
         Ok(Self { motion, skin })
     }
