@@ -116,22 +116,9 @@ pub fn place_feature_points(mesh: &TriangleMesh, landmarks: &[u32]) -> Result<Ve
         return Err(BankError::Number { what: "a landmark's vertex", found: vertex.to_string(), expected });
     }
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
-    let position = |vertex: u32| Vector3::from(mesh.positions()[vertex as usize].map(f64::from));
-    let trusted: Vec<&LandmarkRow> = tables.landmarks.iter().filter(|r| r.confidence != LandmarkConfidence::Low).collect();
-    let (mut source, mut target): (Vec<Vector3<f64>>, Vec<Vector3<f64>>) = (Vec::new(), Vec::new());
-    for row in &trusted {
-        let node = row.nodes.iter().map(|&(n, w)| wireframe.vertices()[n.index()].coords * w).sum();
-        // Candide-3's inner lips coincide in neutral: one of the two says where they are.
-        if !source.contains(&node) {
-            source.push(node);
-            target.push(position(landmarks[usize::from(row.landmark)]));
-        }
-    }
-    let warp = SplineWarp::new(&source, &target).ok_or_else(|| BankError::Number {
-        what: "the landmarks' place",
-        found: "on a line or a point".to_owned(),
-        expected: "a face".to_owned(),
-    })?;
+    let trusted: Vec<&LandmarkRow> = trusted_landmarks(&tables).collect();
+    let (source, target) = landmark_pairs(mesh.positions(), landmarks, &wireframe, &tables);
+    let warp = SplineWarp::new(&source, &target).ok_or_else(no_warp)?;
     let [low, high] = mesh.bounds().map(|p| p.map(f64::from));
     let reach = OFF_SURFACE * (high[0] - low[0]);
     let mut points: Vec<FeaturePointVertex> = Vec::new();
@@ -149,6 +136,34 @@ pub fn place_feature_points(mesh: &TriangleMesh, landmarks: &[u32]) -> Result<Ve
         }
     }
     Ok(points)
+}
+
+fn trusted_landmarks(tables: &Tables) -> impl Iterator<Item = &LandmarkRow> {
+    tables.landmarks.iter().filter(|r| r.confidence != LandmarkConfidence::Low)
+}
+
+/// Where the landmarks of medium and high confidence are on Candide-3 and on a mesh that has them at these vertices.
+pub fn landmark_pairs(
+    positions: &[[f32; 3]],
+    landmarks: &[u32],
+    wireframe: &Wireframe,
+    tables: &Tables,
+) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
+    let (mut nodes, mut places): (Vec<Vector3<f64>>, Vec<Vector3<f64>>) = (Vec::new(), Vec::new());
+    for row in trusted_landmarks(tables) {
+        let node = row.nodes.iter().map(|&(n, w)| wireframe.vertices()[n.index()].coords * w).sum();
+        // Candide-3's inner lips coincide in neutral: one of the two says where they are.
+        if !nodes.contains(&node) {
+            nodes.push(node);
+            places.push(Vector3::from(positions[landmarks[usize::from(row.landmark)] as usize].map(f64::from)));
+        }
+    }
+    (nodes, places)
+}
+
+/// Landmarks between which there is no smooth map.
+pub fn no_warp() -> BankError {
+    BankError::Number { what: "the landmarks' place", found: "on a line or a point".to_owned(), expected: "a face".to_owned() }
 }
 
 fn nearest(mesh: &TriangleMesh, place: &Vector3<f64>, reach: f64) -> Option<u32> {

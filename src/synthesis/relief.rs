@@ -7,16 +7,18 @@
 //! normal, and how far the surface lies below its own surroundings. The logarithm of the ratio of brightnesses is taken to be
 //! `DEPTH (TURNED . (n1 - n0) - SUNKEN (c1 - c0))`.
 
+use std::sync::OnceLock;
+
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
-use super::{BankError, head::head_skin, head_mesh::HeadMesh, solve::nonnegative};
-use crate::{
-    geometry::SplineWarp,
-    interpolation::smooth_step,
-    mesh::vertex_normals,
-    pose::HeadModel,
-    wireframe::{Face, LandmarkConfidence},
+use super::{
+    BankError,
+    feature_points::{landmark_pairs, no_warp},
+    head::head_skin,
+    head_mesh::HeadMesh,
+    solve::nonnegative,
 };
+use crate::{geometry::SplineWarp, interpolation::smooth_step, mesh::vertex_normals, pose::HeadModel, wireframe::Face};
 
 /// How much lighter skin is that turns to the light, along y and z, of a mean of people, and how much deeper anybody's own shading is: everybody's
 /// folds lie a little elsewhere. Fitted to the smiles of 90 people in soft light, together with how far the skin sinks in; correlation 0.64 on
@@ -54,11 +56,19 @@ pub(crate) struct Relief {
 }
 
 impl Relief {
-    /// The relief of the embedded head over Candide-3's nodes.
+    /// The relief of the embedded head over Candide-3's nodes, made when it is first asked for.
     ///
     /// # Errors
     /// [`BankError`], which for the embedded file would mean a mistake in it.
-    pub fn new() -> Result<Self, BankError> {
+    pub fn shipped() -> Result<&'static Self, BankError> {
+        static RELIEF: OnceLock<Relief> = OnceLock::new();
+        match RELIEF.get() {
+            Some(relief) => Ok(relief),
+            None => Self::new().map(|relief| RELIEF.get_or_init(|| relief)),
+        }
+    }
+
+    fn new() -> Result<Self, BankError> {
         let (head, face) = (head_skin()?, Face::candide3());
         let model = HeadModel::shipped(&face.wireframe, &face.tables);
         let pupils = model
@@ -157,21 +167,8 @@ fn neighbours(head: &HeadMesh) -> (Vec<u32>, Vec<u32>) {
 
 /// The head's vertices on Candide-3's neutral face: a smooth map that takes its landmarks to their nodes.
 fn on_candide(head: &HeadMesh, face: &Face) -> Result<Vec<Vector3<f64>>, BankError> {
-    let (mut from, mut to) = (Vec::new(), Vec::new());
-    for row in face.tables.landmarks.iter().filter(|row| row.confidence != LandmarkConfidence::Low) {
-        let node: Vector3<f64> = row.nodes.iter().map(|&(n, w)| face.wireframe.vertices()[n.index()].coords * w).sum();
-        if let Some(&vertex) = head.landmarks.get(usize::from(row.landmark))
-            && !to.contains(&node)
-        {
-            from.push(Vector3::from(head.positions[vertex as usize].map(f64::from)));
-            to.push(node);
-        }
-    }
-    let warp = SplineWarp::new(&from, &to).ok_or_else(|| BankError::Number {
-        what: "the landmarks' place",
-        found: "on a line or a point".to_owned(),
-        expected: "a face".to_owned(),
-    })?;
+    let (nodes, places) = landmark_pairs(&head.positions, &head.landmarks, &face.wireframe, &face.tables);
+    let warp = SplineWarp::new(&places, &nodes).ok_or_else(no_warp)?;
     Ok(head.positions.iter().map(|p| warp.apply(&Vector3::from(p.map(f64::from)).into())).collect())
 }
 
@@ -181,7 +178,7 @@ mod tests {
 
     #[test]
     fn a_motion_is_taken_apart_into_what_it_was_made_of() {
-        let relief = Relief::new().unwrap();
+        let relief = Relief::shipped().unwrap();
         let name = |k: usize| relief.head.names[relief.shapes[k].0].as_str();
         let sneer = |name: &str| name.starts_with("noseSneer");
         let mut offsets = vec![Vector2::zeros(); 113];
@@ -199,7 +196,7 @@ mod tests {
 
     #[test]
     fn the_head_lies_on_candide_and_a_vertex_below_its_neighbours_is_sunken() {
-        let (relief, face) = (Relief::new().unwrap(), Face::candide3());
+        let (relief, face) = (Relief::shipped().unwrap(), Face::candide3());
         // The corner of the mouth is a landmark of its own.
         let row = face.tables.landmarks.iter().find(|row| row.landmark == 48).unwrap();
         let vertex = relief.head.landmarks[48] as usize;
