@@ -26,7 +26,7 @@ pub fn bounds(points: &[Point2<f64>]) -> Option<(Point2<f64>, Point2<f64>)> {
 
 /// Distance of a point to a line of segments.
 pub fn distance_to_line(line: &[Point2<f64>], point: &Point2<f64>) -> f64 {
-    line.windows(2).map(|w| distance_to_segment(&w[0], &w[1], point)).fold(f64::INFINITY, f64::min)
+    distance_within(line, point, f64::INFINITY)
 }
 
 /// [`distance_to_line`] where it is at most `reach`, else that or more: segments farther away are not looked at.
@@ -56,9 +56,7 @@ fn squared_distance(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>) -> f6
 
 /// Distance of a point from a closed polygon's border, positive inside.
 pub fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
-    let ends = polygon.iter().zip(polygon.iter().cycle().skip(1));
-    let nearest = ends.map(|(a, b)| squared_distance(a, b, point)).fold(f64::INFINITY, f64::min).sqrt();
-    if inside(polygon, point) { nearest } else { -nearest }
+    inside_depth_within(polygon, point, f64::INFINITY)
 }
 
 /// [`inside_depth`] where it is at most `reach` to either side, else that or more.
