@@ -125,6 +125,7 @@ impl Pull {
     }
 
     fn value(&self, goal: &Goal, weights: &[f64]) -> f64 {
+        debug_assert_eq!(weights.len(), goal.member_count());
         if !self.is_on {
             return 0.0;
         }
