@@ -166,10 +166,10 @@ fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Work
     let (path, representative) = match choice {
         SkinChoice::None => return Ok(None),
         SkinChoice::Form => return of_form(),
-        SkinChoice::Auto => match Skin::path_beside(path, motion.kind) {
-            Some(picture) => (picture, motion.clone()),
-            None => return of_form(),
-        },
+        SkinChoice::Auto => {
+            let (skin, path) = Skin::going_with(path, motion)?;
+            return Ok(Some(SourceSkin { path, skin, representative: motion.clone() }));
+        }
         SkinChoice::Of(csv) => {
             let representative = SourceMotion::read(csv, bench)?;
             anyhow::ensure!(
@@ -411,7 +411,9 @@ impl Job<'_> {
             None => None,
         };
         let options = self.args.options(&source.motion);
-        let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
+        // Wrinkles of the source's own frames go before.
+        let worn = source.skin.as_ref().filter(|_| options.wrinkles <= 0.0 || details.is_none());
+        let skin = worn.map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
         let mut clone = clone_expression(&source.motion, target, details.as_ref(), &options, self.bench)?;
         if let Some(skin) = &skin {
             clone = clone.with_skin(skin, &source.motion)?;
@@ -435,8 +437,8 @@ impl Job<'_> {
             frames_unfolded: 0,
             faps_limited: 0,
             faps_cut: Vec::new(),
-            skin: source.skin.as_ref().map(|s| s.path.as_deref().map_or_else(|| "form".to_owned(), file_name)),
-            skin_blake3: source.skin.as_ref().and_then(|s| file_blake3(s.path.as_deref()?)),
+            skin: worn.map(|s| s.path.as_deref().map_or_else(|| "form".to_owned(), file_name)),
+            skin_blake3: worn.and_then(|s| file_blake3(s.path.as_deref()?)),
             wrinkles_light_share: details.as_ref().filter(|_| options.wrinkles > 0.0).map(Details::light_share),
         };
         let films = self.args.look.film.as_slice();

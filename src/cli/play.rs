@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use grimace::{
-    clone::{SourceMotion, Target},
+    clone::{Skin, SourceMotion, Target},
     dataset::LandmarkSelection,
     output,
     pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, showcase_target},
@@ -82,7 +82,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let targets = targets(args, &bench)?;
     let faces: Vec<PlayerFace> =
         targets.iter().map(|(label, target)| PlayerFace { label: label.as_str(), target, height: HEIGHT }).collect();
-    let shown: Vec<Shown> = labels.iter().zip(&motions).map(|(label, motion)| Shown { label: label.as_str(), motion }).collect();
+    let going_with = |(path, motion): (&PathBuf, &SourceMotion)| Ok(Skin::going_with(path, motion)?.0);
+    let skins = args.motions.iter().zip(&motions).map(going_with).collect::<anyhow::Result<Vec<_>>>()?;
+    let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin: Some(skin) };
+    let shown: Vec<Shown> = labels.iter().zip(&motions).zip(&skins).map(show).collect();
     let title = match labels.as_slice() {
         [only] => only.clone(),
         [first, .., last] => format!("{first} to {last}"),

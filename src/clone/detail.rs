@@ -54,7 +54,7 @@ pub(super) const MOVED_EDGE: f32 = 14.0;
 /// How far an edge spoils what is around it, over the eye distance.
 const EDGE_REACH: f64 = 0.022;
 /// Share of the ratio that is applied to lips, whose colour and shine is everybody's own.
-const LIPS: f32 = 0.35;
+pub(super) const LIPS: f32 = 0.35;
 /// How much brighter than its surroundings (logarithm) a place of the source may be before it counts as shine, and where it wholly does:
 /// shine goes with the skin's oil and the lamp, not with the expression.
 const SHINE: (f64, f64) = (0.16, 0.40);

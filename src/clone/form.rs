@@ -4,7 +4,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     CloneError, Skin, SourceMotion, detail,
-    skin::{NOSTRILS, ORIGIN, SCALE, SIZE, SKIN_LOG_LIMIT, layout_nodes},
+    skin::{NOSTRILS, ORIGIN, SCALE, SIZE, SKIN_LOG_LIMIT, eye_distance, layout_nodes},
 };
 use crate::{geometry::polygon::inside_depth, synthesis::Relief, warp::fill_triangle};
 
@@ -34,7 +34,7 @@ impl Skin {
             fill_triangle(triangle.map(place), values, SIZE, |x, y, at| logs[(y * SIZE.0 + x) as usize] = at.x as f32);
         }
         let nodes = layout_nodes();
-        let unit = (nalgebra::center(&nodes[20], &nodes[23]) - nalgebra::center(&nodes[53], &nodes[56])).norm();
+        let unit = eye_distance(&nodes);
         let nostrils = NOSTRILS.map(|n| nodes[n]);
         let mask = detail::mask_of(&nodes, unit, SIZE, 0.0);
         let mut logs = detail::smooth(&logs, SIZE.0, SIZE.1, SMOOTHING);

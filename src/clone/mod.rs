@@ -41,7 +41,10 @@ pub use detail::{Details, Teeth};
 pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, FRAMES_RECORD, Film, encode_png, write_clone};
 pub use picture::{Sheet, at_height};
 pub use render::{CloneFrame, CloneOptions, ClonedExpression, clone_expression};
-pub use skin::{ClonedSkin, LEAST_SKIN_PEOPLE, MOST_SKIN_PEOPLE, NoSkin, SKIN_SUFFIX, Skin, SkinLayout, SkinSample};
+pub use skin::{
+    ClonedSkin, LEAST_SKIN_PEOPLE, MOST_SKIN, MOST_SKIN_PEOPLE, NO_CHANGE, NoSkin, SKIN_LOG_LIMIT, SKIN_SUFFIX, Skin, SkinLayout,
+    SkinSample, fold_powers, places_on_skin,
+};
 pub use source::{LID_PAIRS, SourceKind, SourceMotion, canonical_lid_gaps};
 pub use target::{Rescale, Target};
 pub use timing::{Course, Ease, Moment, Timing};

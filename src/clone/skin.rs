@@ -36,7 +36,7 @@ pub(super) const SCALE: f64 = 100.0;
 /// Logarithm of a ratio that the file's 255 stands for; 128 is none, 1 its negative.
 pub const SKIN_LOG_LIMIT: f32 = 0.4;
 /// Level of the file that stands for no change.
-const NO_CHANGE: u8 = 128;
+pub const NO_CHANGE: u8 = 128;
 /// End of its file's name, after the representative's stem.
 pub const SKIN_SUFFIX: &str = "_skin.png";
 /// Fewest people whose mean is taken: of fewer it would be somebody's own face.
@@ -170,6 +170,11 @@ impl SkinLayout {
     }
 }
 
+/// Distance between the middles of the eyes.
+pub(super) fn eye_distance(nodes: &[Point2<f64>]) -> f64 {
+    (nalgebra::center(&nodes[20], &nodes[23]) - nalgebra::center(&nodes[53], &nodes[56])).norm()
+}
+
 pub(super) fn layout_nodes() -> Vec<Point2<f64>> {
     Wireframe::candide3().vertices().iter().map(|v| Point2::new(ORIGIN.0 + SCALE * v.x, ORIGIN.1 - SCALE * v.y)).collect()
 }
@@ -258,6 +263,34 @@ impl Skin {
             .map_err(io::Error::other)
     }
 
+    /// The picture without what lies beside the face, and where it ends softly: a mask on the layout for who has none of the face itself.
+    pub fn picture_in_face(&self) -> GrayImage {
+        let nodes = layout_nodes();
+        let mask = detail::mask_of(&nodes, eye_distance(&nodes), SIZE, detail::LIPS);
+        let mut picture = self.picture();
+        for (level, share) in picture.iter_mut().zip(&mask) {
+            *level = bordered(*level, *share);
+        }
+        picture
+    }
+
+    /// Share of what grows lighter that is shown.
+    pub fn lighter(&self) -> f32 {
+        self.lighter
+    }
+
+    /// The skin that goes with a motion, and its file: that of its class beside a representative's table; where there is none, the folds of the
+    /// motion's form.
+    ///
+    /// # Errors
+    /// [`CloneError`] for a file that is no skin.
+    pub fn going_with(source: &Path, motion: &SourceMotion) -> Result<(Self, Option<PathBuf>), CloneError> {
+        match Self::path_beside(source, motion.kind) {
+            Some(path) => Ok((Self::read(&path)?, Some(path))),
+            None => Ok((Self::of_form(motion)?, None)),
+        }
+    }
+
     /// Where the skin lies that belongs to a motion: beside a representative's table. `None` for other motions, and where there is none.
     pub fn path_beside(source: &Path, kind: SourceKind) -> Option<PathBuf> {
         let stem = source.file_stem()?.to_string_lossy();
@@ -292,7 +325,7 @@ pub struct ClonedSkin {
 }
 
 /// Most of a skin that is applied: a motion stronger than the class's own has no deeper folds than this.
-const MOST_SKIN: f64 = 1.3;
+pub const MOST_SKIN: f64 = 1.3;
 /// Red, green and blue of a fold: what lies in shadow is lit through the skin around it. Powers of the ratio of brightnesses, as measured on the
 /// cheeks of 90 people who smile (of their mean 0.76, 1.09, 1.16; of their own fine shading 0.82, 1.06, 1.14).
 const CHANNELS: [f32; 3] = [0.80, 1.07, 1.15];
@@ -300,6 +333,28 @@ const CHANNELS: [f32; 3] = [0.80, 1.07, 1.15];
 const BORDER: f32 = 0.5;
 /// Share of a skin under which none is applied.
 const LEAST_SKIN: f64 = 0.01;
+
+/// Powers of the ratio of brightnesses that folds have on a target, for red, green and blue: all the same on a photograph in one tone.
+pub fn fold_powers(target: &Target) -> [f32; 3] {
+    let toned = one_tone(target.texture(), target.warp().texture_nodes());
+    CHANNELS.map(|power| power + (1.0 - power) * toned)
+}
+
+/// Where every vertex of a target's mesh lies on the layout, as shares of its width and height.
+///
+/// # Errors
+/// [`CloneError::Warp`] never for a target that could be made.
+pub fn places_on_skin(target: &Target) -> Result<Vec<Point2<f64>>, CloneError> {
+    let placement = target.warp().place(&layout_nodes())?;
+    let share = |p: &Point2<f64>| Point2::new((p.x + 0.5) / f64::from(SIZE.0), (p.y + 0.5) / f64::from(SIZE.1));
+    Ok(placement.vertices().iter().map(share).collect())
+}
+
+/// A level as far as a share of the face's mask lets it through.
+fn bordered(level: u8, share: f32) -> u8 {
+    let change = f32::from(level) - f32::from(NO_CHANGE);
+    (f32::from(NO_CHANGE) + change * (share / BORDER).min(1.0)).round() as u8
+}
 
 impl ClonedSkin {
     /// Carries the skin of a class onto a target; `representative` is the class's own motion.
@@ -313,11 +368,7 @@ impl ClonedSkin {
         target.warp().unwarp(&Texture::from_gray(&skin.picture()), &placement, &mut carried);
         let mask = detail::mask(target);
         // It ends softly where the face does: a fit knows little of where a forehead ends.
-        let level = |(p, share): (&image::Rgb<u8>, &f32)| {
-            let change = f32::from(p.0[0]) - f32::from(NO_CHANGE);
-            (f32::from(NO_CHANGE) + change * (share / BORDER).min(1.0)).round() as u8
-        };
-        let levels: Vec<u8> = carried.pixels().zip(&mask).map(level).collect();
+        let levels: Vec<u8> = carried.pixels().zip(&mask).map(|(p, share)| bordered(p.0[0], *share)).collect();
         let changes = |level: &u8| *level != NO_CHANGE;
         let line = |(y, row): (usize, &[u8])| {
             let (first, last) = (row.iter().position(changes)?, row.iter().rposition(changes)?);
@@ -325,9 +376,7 @@ impl ClonedSkin {
         };
         let lines = levels.chunks(width.max(1) as usize).enumerate().filter_map(line).collect();
         let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
-        let toned = one_tone(target.texture(), target.warp().texture_nodes());
-        let powers = CHANNELS.map(|power| power + (1.0 - power) * toned);
-        Ok(Self { lines, apex, lighter: skin.lighter, powers })
+        Ok(Self { lines, apex, lighter: skin.lighter, powers: fold_powers(target) })
     }
 
     /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.

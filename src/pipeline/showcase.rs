@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks, marks_beside};
 use crate::{
-    clone::{CloneError, SourceMotion, Target},
+    clone::{CloneError, Skin, SourceMotion, Target},
     correspondence::{Correspondence, correspondences_of},
     dataset::{LandmarkSelection, read_marks},
     input::CsvFile,
@@ -107,12 +107,16 @@ pub fn showcase_remarks(bench: &Workbench) -> Result<Vec<String>, CloneError> {
     Ok(marks_beside(&read_frame(image)?, &marks, &target.fitted, bench))
 }
 
-/// The player of all representatives on the face of the report; `None` for a wireframe that the warp does not know, and where no face is to
+/// The player of all representatives, with the skin of their class or else the folds of their form, on the face of the report; `None` for a wireframe that the warp does not know, and where no face is to
 /// be shown.
 ///
 /// # Errors
 /// [`CloneError`] for a face that does not serve.
-pub(super) fn player(representatives: &[Representative], bench: &Workbench) -> Result<Option<serde_json::Value>, CloneError> {
+pub(super) fn player(
+    representatives: &[Representative],
+    skins: &[Option<&Skin>],
+    bench: &Workbench,
+) -> Result<Option<serde_json::Value>, CloneError> {
     let options = &bench.options;
     if bench.wireframe.node_count() != NODE_COUNT || representatives.is_empty() || options.no_faces {
         return Ok(None);
@@ -127,7 +131,11 @@ pub(super) fn player(representatives: &[Representative], bench: &Workbench) -> R
         .iter()
         .map(|r| SourceMotion::from_model(&r.label.emotion, &r.model, bench))
         .collect::<Result<Vec<_>, _>>()?;
-    let shown: Vec<Shown> = labels.iter().zip(&motions).map(|(label, motion)| Shown { label: label.as_str(), motion }).collect();
+    let own =
+        |(motion, skin): (&SourceMotion, &Option<&Skin>)| skin.map_or_else(|| Skin::of_form(motion), |skin| Ok(skin.clone()));
+    let skins = motions.iter().zip(skins).map(own).collect::<Result<Vec<_>, _>>()?;
+    let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin: Some(skin) };
+    let shown: Vec<Shown> = labels.iter().zip(&motions).zip(&skins).map(show).collect();
     let face = face_name(bench);
     payload(&shown, &[PlayerFace { label: &face, target: &target, height: HEIGHT }], bench).map(Some).map_err(|e| match e {
         PlayerError::Clone(error) => error,

@@ -20,7 +20,10 @@ use serde::Serialize;
 pub use head::Head as PlayerHead;
 pub use payload::{Face as PlayerFace, PlayerError, payload};
 
-use crate::{clone::SourceMotion, wireframe::Face};
+use crate::{
+    clone::{Skin, SourceMotion},
+    wireframe::Face,
+};
 
 const TEMPLATE: &str = include_str!("assets/player.html");
 /// Style sheet of the player itself, for any page that holds one.
@@ -46,6 +49,8 @@ pub struct Shown<'a> {
     pub label: &'a str,
     /// The motion.
     pub motion: &'a SourceMotion,
+    /// The folds that grow with it.
+    pub skin: Option<&'a Skin>,
 }
 
 #[derive(Serialize)]

@@ -10,7 +10,10 @@ use super::{
     pack,
 };
 use crate::{
-    clone::{CloneError, LID_PAIRS, SourceKind, SourceMotion, Target, at_height},
+    clone::{
+        CloneError, LID_PAIRS, MOST_SKIN, NO_CHANGE, SKIN_LOG_LIMIT, Skin, SourceKind, SourceMotion, Target, at_height,
+        fold_powers, places_on_skin,
+    },
     fap::{FapCatalog, FapFrame, FapMotion, FapNumber, FapRow, FapSequence},
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, Normalizer},
@@ -96,6 +99,8 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             .collect::<Vec<_>>(),
         "canonical": { "fapus": lengths(&canonical.fapus), "lids": crate::clone::canonical_lid_gaps(canonical) },
         "lidPairs": LID_PAIRS,
+        // What the levels of a skin mean, and how much of it is shown at most.
+        "folds": { "none": NO_CHANGE, "limit": SKIN_LOG_LIMIT, "most": MOST_SKIN, "unit": place_of(Fapu::Es) },
         // What the skin of a shutting lid goes by, on every face.
         "lidSkin": {
             "shut": lid_skin::SHUT,
@@ -133,7 +138,17 @@ fn motion(shown: &Shown, neutral: &FrameExpressionModel<FaceUnit>, canonical: &F
         "lids": motion.lid_gaps,
         "offsets": pack::scaled(&flat),
         "faps": curves(motion, neutral, canonical, wire)?,
+        "folds": shown.skin.map(|skin| folds(&motion.name, skin)).transpose()?,
+        "apex": motion.apex(),
     }))
+}
+
+/// The folds that grow with a motion: levels on the layout of skins, which its faces place their vertices on.
+fn folds(name: &str, skin: &Skin) -> Result<Value, PlayerError> {
+    let failed = |e: image::ImageError| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() };
+    let mut bytes = Vec::new();
+    skin.picture_in_face().write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).map_err(failed)?;
+    Ok(json!({ "picture": pack::data_url("image/png", &bytes), "lighter": skin.lighter() }))
 }
 
 /// The FAPs that move, of a FAP file those that it sets: number, and its value in every frame.
@@ -252,6 +267,8 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "lip": rig.lip,
         "enamel": rig.enamel,
         "teethSize": rig.teeth_size,
+        "onSkin": pack::single(places_on_skin(target)?.iter().flat_map(|p| [p.x, p.y])),
+        "foldPowers": fold_powers(target),
         "tone": { "lines": rig.tone.0, "share": rig.tone.1 },
     }))
 }

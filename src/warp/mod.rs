@@ -170,6 +170,13 @@ impl Deformation {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placement(Vec<Point2<f64>>);
 
+impl Placement {
+    /// The vertices, in the order of [`Rig::vertices`].
+    pub fn vertices(&self) -> &[Point2<f64>] {
+        &self.0
+    }
+}
+
 impl Warp {
     /// The warp of a face with its nodes at the given positions (px, all of Candide-3's, neutral).
     ///

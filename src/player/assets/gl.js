@@ -6,6 +6,18 @@ void main() { c = cover; uv = (from + 0.5) / size; vec2 p = (at + 0.5) / size * 
 const SKIN_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
 void main() { vec4 t = texture2D(picture, uv); gl_FragColor = vec4(t.rgb, c * t.a); }`;
+// The skin of a face while folds grow on it: `fold` is where a vertex lies on the picture of their levels.
+const FOLD_VERTEX = `
+attribute vec2 at; attribute vec2 from; attribute vec2 fold; uniform vec2 size; varying vec2 uv; varying vec2 f;
+void main() { uv = (from + 0.5) / size; f = fold; vec2 p = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, 0.0, 1.0); }`;
+const FOLD_FRAGMENT = `
+precision highp float; varying vec2 uv; varying vec2 f; uniform sampler2D picture; uniform sampler2D folds;
+uniform vec3 powers; uniform float growth; uniform float lighter; uniform float none; uniform float limit;
+void main() {
+  float log = (texture2D(folds, f).r * 255.0 - none) / 127.0 * limit;
+  log *= growth * (log > 0.0 ? lighter : 1.0);
+  gl_FragColor = vec4(texture2D(picture, uv).rgb * exp(powers * log), 1.0);
+}`;
 // `place` is in eye distances from where the closed lips meet, `lips` the heights of both lips there.
 const MOUTH_VERTEX = `
 attribute vec2 at; attribute vec2 place; attribute vec2 lips; attribute vec2 above; attribute vec2 below; uniform vec2 size;
@@ -117,11 +129,13 @@ class GlStage {
   setUp() {
     const { gl } = this;
     this.skin = this.program(SKIN_VERTEX, SKIN_FRAGMENT);
+    this.folded = this.program(FOLD_VERTEX, FOLD_FRAGMENT);
     this.mouth = this.program(MOUTH_VERTEX, MOUTH_FRAGMENT);
     this.lash = this.program(LASH_VERTEX, LASH_FRAGMENT);
     this.head = this.program(HEAD_VERTEX, HEAD_FRAGMENT);
     this.pictures = new Map();
     this.lidPictures = new Map();
+    this.foldPictures = new Map();
     this.around = null;
     this.buffers = new Map();
     this.teethTexture = this.texture(this.teeth.image);
@@ -220,11 +234,10 @@ class GlStage {
       this.loose(rig, opening.triangles.map((v) => [...at.get(v), ...source(v)]));
     }
     this.drawMouth(rig, source);
-    this.use(this.skin, rig);
-    this.buffer("skin at", () => rig.moved);
-    this.attribute(this.skin, "at");
-    this.buffer(`skin from ${rig.index}`, () => rig.vertices, gl.ARRAY_BUFFER, true);
-    this.attribute(this.skin, "from");
+    const folds = rig.folds.growth > 0;
+    const skin = folds ? this.folded : this.skin;
+    this.skinBy(skin, rig);
+    if (folds) this.setFolds(rig);
     this.buffer(`skin ${rig.index}`, () => rig.skin, gl.ELEMENT_ARRAY_BUFFER, true);
     gl.drawElements(gl.TRIANGLES, rig.skin.length, gl.UNSIGNED_SHORT, 0);
     gl.enable(gl.BLEND);
@@ -241,9 +254,33 @@ class GlStage {
     for (const opening of rig.openings.slice(1)) this.drawLashes(rig, opening);
     gl.disable(gl.BLEND);
   }
+  /** Takes a program, with where the skin's vertices are and where they are from. */
+  skinBy(program, rig) {
+    this.use(program, rig);
+    this.buffer("skin at", () => rig.moved);
+    this.attribute(program, "at");
+    this.buffer(`skin from ${rig.index}`, () => rig.vertices, this.gl.ARRAY_BUFFER, true);
+    this.attribute(program, "from");
+  }
+  /** Sets what the program for folds asks for. */
+  setFolds(rig) {
+    const { gl, folded, foldPictures } = this;
+    const { folds: { growth, source }, shared } = rig;
+    this.buffer(`folds ${rig.index}`, () => rig.onSkin, gl.ARRAY_BUFFER, true);
+    this.attribute(folded, "fold");
+    this.uniform(folded, "powers", ...rig.foldPowers);
+    for (const [name, value] of [["growth", growth], ["lighter", source.folds.lighter], ["none", shared.folds.none], ["limit", shared.folds.limit]]) this.uniform(folded, name, value);
+    gl.activeTexture(gl.TEXTURE1);
+    if (!foldPictures.has(source)) foldPictures.set(source, this.texture(source.folds.image));
+    gl.bindTexture(gl.TEXTURE_2D, foldPictures.get(source));
+    gl.uniform1i(folded.at("folds")[1], 1);
+    gl.uniform1i(folded.at("picture")[1], 0);
+    gl.activeTexture(gl.TEXTURE0);
+  }
   /** Over the skin that has just been drawn, and by its buffers: that of lids that shut. */
   drawLids(rig, shutting) {
     const { gl } = this;
+    if (shutting.length) this.skinBy(this.skin, rig);
     for (const { opening, lid, gone } of shutting) {
       this.byLidPicture(rig, () => {
         gl.vertexAttrib1f(this.skin.at("cover")[0], gone);

@@ -47,6 +47,8 @@ class Motion {
     Object.assign(this, { frames: entry.frames, fapus: entry.fapus, lids: entry.lids });
     this.offsets = scaled(entry.offsets);
     this.width = this.offsets.length / this.frames;
+    this.folds = entry.folds;
+    this.apexOffsets = this.offsets.subarray(entry.apex * this.width, (entry.apex + 1) * this.width);
     this.slopes = slopesOf(this.offsets, this.width);
     this.faps = entry.faps.map(([number, packed]) => {
       const values = scaled(packed);
@@ -77,6 +79,21 @@ class Motion {
     const seconds = (this.seconds * place) / Math.max(this.last, 1);
     return `frame ${Math.round(place) + 1} of ${this.frames}, ${seconds.toFixed(2)} s`;
   }
+}
+
+/** How far the folds of the first part's motion have grown by all parts: 0 at neutral, 1 where they are as at its apex. */
+function foldGrowth(parts, { unit, most }) {
+  const { source } = parts[0];
+  if (!source.folds) return 0;
+  const { apexOffsets: apex } = source;
+  let along = 0, whole = 0;
+  for (let k = 0; k < apex.length; k++) whole += apex[k] * apex[k];
+  for (const part of parts) {
+    // Both are in eye separations.
+    const scale = (part.gain * source.fapus[unit]) / part.source.fapus[unit];
+    for (let k = 0; k < apex.length; k++) along += scale * part.offsets[k] * apex[k];
+  }
+  return whole > 0 ? clamp(along / whole, 0, most) : 0;
 }
 
 /** How time passes: from a clock (s) to the share of the way, 0 to 1, and whether it is over. */

@@ -7,7 +7,7 @@ const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 14, UN
 class Rig {
   constructor(entry, shared) {
     Object.assign(this, entry);
-    for (const name of ["given", "nodes", "vertices", "leastAreas"]) this[name] = singles(entry[name]);
+    for (const name of ["given", "nodes", "vertices", "leastAreas", "onSkin"]) this[name] = singles(entry[name]);
     this.skin = wholes(entry.skin);
     this.weights = scaled(entry.weights);
     this.shared = shared;
@@ -17,6 +17,7 @@ class Rig {
     this.offsets = new Float32Array(2 * entry.drivers.length);
     this.wanted = Float32Array.from(this.nodes);
     this.scales = new Map();
+    this.folds = { growth: 0, source: null };
     this.lidSkins = entry.openings.map(({ lid }) => lid && new LidSkin(lid, this));
   }
   level(p, k) {
@@ -60,7 +61,8 @@ class Rig {
   }
   /** Moves the face: a list of offsets with what they are from and how strong, added up. */
   move(parts) {
-    const { given, nodes, wanted, roll } = this;
+    const { given, nodes, wanted, roll, shared } = this;
+    this.folds = { source: parts[0].source, growth: foldGrowth(parts, shared.folds) };
     const [cos, sin] = [Math.cos(roll), Math.sin(roll)];
     const at = Float32Array.from(given);
     for (const { offsets, source, gain } of parts) {

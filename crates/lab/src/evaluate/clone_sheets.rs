@@ -41,10 +41,7 @@ impl SheetSource {
     /// [`CloneError`] for a file that is none of these.
     pub fn read(path: &Path, bench: &Workbench) -> Result<Self, CloneError> {
         let motion = SourceMotion::read(path, bench)?;
-        let skin = match Skin::path_beside(path, motion.kind) {
-            Some(picture) => Skin::read(&picture)?,
-            None => Skin::of_form(&motion)?,
-        };
+        let (skin, _) = Skin::going_with(path, &motion)?;
         Ok(Self { motion, skin })
     }
 
