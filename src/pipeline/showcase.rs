@@ -132,8 +132,8 @@ pub(super) fn player(
         .map(|r| SourceMotion::from_model(&r.label.emotion, &r.model, bench))
         .collect::<Result<Vec<_>, _>>()?;
     let own =
-        |(motion, skin): (&SourceMotion, &Option<&Skin>)| skin.map_or_else(|| Skin::of_form(motion), |skin| Ok(skin.clone()));
-    let skins = motions.iter().zip(skins).map(own).collect::<Result<Vec<_>, _>>()?;
+        |(motion, skin): (&SourceMotion, Option<&Skin>)| skin.map_or_else(|| Skin::of_form(motion), |skin| Ok(skin.clone()));
+    let skins = motions.iter().zip(skins.iter().copied()).map(own).collect::<Result<Vec<_>, _>>()?;
     let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin: Some(skin) };
     let shown: Vec<Shown> = labels.iter().zip(&motions).zip(&skins).map(show).collect();
     let face = face_name(bench);

@@ -237,7 +237,7 @@ pub fn evaluate_pose(
     options: &PoseStudyOptions,
     tick: impl Fn() -> bool + Sync,
 ) -> Result<Vec<PoseTrial>, EvaluateError> {
-    assert!(full.options.normalize.pose == PoseMode::Full && roll.options.normalize.pose == PoseMode::Roll);
+    debug_assert!(full.options.normalize.pose == PoseMode::Full && roll.options.normalize.pose == PoseMode::Roll);
     let faces = Faces::read(folder)?;
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     let heads = faces.heads(options.heads, options.first_mode, options.spread, &mut random);
