@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{CloneError, source::normalizer};
 use crate::{
-    fap::{FapCatalog, FapMotion, FapNumber, FapSequence, offsets_from_frame},
+    fap::{FapCatalog, FapFrame, FapMotion, FapNumber, FapSequence, offsets_from_frame},
     fit::{DrivenNode, Pull, Springs},
     normalize::stable_nodes,
     units::NodeId,
@@ -55,7 +55,7 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
     let still: Vec<NodeId> = still_nodes(face);
     let mut frames = Vec::with_capacity(sequence.frames.len());
     for frame in &sequence.frames {
-        let driven = offsets_from_frame(frame, &canonical.fapus, catalog)?;
+        let driven = offsets_from_frame(&with_lids_that_meet(frame), &canonical.fapus, catalog)?;
         // Offset and gain along x and y of every node that is driven or goes along.
         let mut wanted: BTreeMap<NodeId, [Option<(f64, f64)>; 2]> = BTreeMap::new();
         for (&node, offset) in &driven {
@@ -101,6 +101,32 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
     Ok((frames, not_shown))
 }
 
+/// The FAPs of the upper and the lower lid, of either eye.
+const LIDS: [(u8, u8); 2] = [(19, 21), (20, 22)];
+/// Closing of both lids of an eye together with which they meet.
+const SHUT: f64 = 1024.0;
+
+/// A frame whose lids close until they meet and no further, each giving way in proportion.
+fn with_lids_that_meet(frame: &FapFrame) -> FapFrame {
+    let mut frame = frame.clone();
+    for lids in LIDS {
+        let Some([upper, lower]) = FapNumber::try_from(lids.0).ok().zip(FapNumber::try_from(lids.1).ok()).map(<[_; 2]>::from)
+        else {
+            continue;
+        };
+        let closing = [upper, lower].map(|fap| frame.value(fap).unwrap_or(0.0).max(0.0));
+        // A lid that opens meanwhile makes room for the other.
+        let room = [upper, lower].map(|fap| frame.value(fap).unwrap_or(0.0).min(0.0)).iter().sum::<f64>();
+        let share = (SHUT - room) / (closing[0] + closing[1]).max(1e-9);
+        if share < 1.0 {
+            for (fap, value) in [upper, lower].into_iter().zip(closing).filter(|(_, value)| *value > 0.0) {
+                frame.set_value(fap, Some(value * share));
+            }
+        }
+    }
+    frame
+}
+
 /// Nodes that no expression moves: eye corners and nose bone, the skull's outline, the irises (they are driven by the gaze or stay).
 fn still_nodes(face: &Face) -> Vec<NodeId> {
     let mut still: Vec<NodeId> =
@@ -136,4 +162,26 @@ fn companions(face: &Face, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lids_close_until_they_meet() {
+        let frame = |values: &[(u8, f64)]| {
+            let mut frame = FapFrame::default();
+            values.iter().for_each(|&(fap, value)| frame.set_value(FapNumber::try_from(fap).unwrap(), Some(value)));
+            with_lids_that_meet(&frame)
+        };
+        let value = |frame: &FapFrame, fap: u8| frame.value(FapNumber::try_from(fap).unwrap());
+        let far = frame(&[(19, 5000.0), (20, 900.0), (22, 300.0), (3, 2000.0)]);
+        assert_eq!((value(&far, 19), value(&far, 21), value(&far, 3)), (Some(1024.0), None, Some(2000.0)));
+        // Together 1200: each gives way by 176 / 1200 of itself.
+        assert_eq!((value(&far, 20), value(&far, 22)), (Some(900.0 * (1024.0 / 1200.0)), Some(300.0 * (1024.0 / 1200.0))));
+        // A lower lid that opens by 500 lets the upper one follow; what does not meet is as it was.
+        let open = frame(&[(19, 1500.0), (21, -500.0), (20, 700.0), (22, 300.0)]);
+        assert_eq!((value(&open, 19), value(&open, 20), value(&open, 22)), (Some(1500.0), Some(700.0), Some(300.0)));
+    }
 }

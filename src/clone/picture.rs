@@ -6,7 +6,7 @@ use image::{
 };
 
 use super::CloneError;
-use crate::render::{LABEL_HEIGHT, Labelled, write_label};
+use crate::render::{LABEL_HEIGHT, Labelled, in_few_colours, write_label};
 
 /// Width of the gap between pictures of a sheet, px.
 const GAP: u32 = 6;
@@ -91,13 +91,11 @@ pub fn animated_gif(frames: impl IntoIterator<Item = Result<RgbImage, CloneError
     let end_of = |k: usize| ((k + 1) as f64 * 100.0 / fps.max(0.1)).round() as u64;
     let mut bytes = Vec::new();
     {
-        // Speed 10 of 1 to 30: colours as good as the slower ones at a fifth of the time.
-        let mut encoder = GifEncoder::new_with_speed(&mut bytes, 10);
+        let mut encoder = GifEncoder::new(&mut bytes);
         encoder.set_repeat(Repeat::Infinite).map_err(error)?;
         let mut show = |picture: RgbImage, hundredths: u64| {
             let delay = Delay::from_numer_denom_ms((10 * hundredths.max(LEAST_DELAY)).min(655_350) as u32, 1);
-            let rgba = image::DynamicImage::ImageRgb8(picture).to_rgba8();
-            encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay)).map_err(error)
+            encoder.encode_frame(Frame::from_parts(in_few_colours(&picture), 0, 0, delay)).map_err(error)
         };
         let (mut start, mut shown) = (0, None);
         for (k, frame) in frames.into_iter().enumerate() {

@@ -82,7 +82,7 @@ pub enum CorrespondenceSource {
 }
 
 /// Column of the manifest that says which face of a table of landmarks is meant.
-const FACE_COLUMN: &str = "face_id";
+pub(super) const FACE_COLUMN: &str = "face_id";
 
 impl SequenceEntry {
     /// Lists the frames, cut to the neutral and the apex frame.
@@ -150,6 +150,12 @@ impl SequenceEntry {
             None if self.landmarks_paths.is_empty() => Ok(None),
             None => Err(LandmarksError::NotFound { paths: self.landmarks_paths.clone() }),
         }
+    }
+
+    /// Frames that a manifest names and that are not there; those that lie by their names are not asked for.
+    pub fn missing_frames(&self) -> Option<&Path> {
+        let by_name = self.default_correspondences_path.parent();
+        Some(self.frames_path.as_path()).filter(|path| Some(*path) != by_name && !path.exists())
     }
 
     /// Where the landmarks are that drive the sequence, when it is given as landmarks instead of images: the file or folder that

@@ -11,10 +11,11 @@ use std::{
 };
 
 use super::{
-    Dataset, DatasetError, FailedEntry, RowError, SequenceEntry,
+    Dataset, DatasetError, FailedEntry, PUBLISH_COLUMN, RowError, SEGMENT_COLUMN, SequenceEntry,
+    entry::FACE_COLUMN,
     error::{check_file_name, name_key},
     frames::is_video,
-    spelling::place_of,
+    spelling::{composed, place_of},
 };
 use crate::{
     input::{CsvFile, CsvRow},
@@ -87,15 +88,22 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
 /// Columns that need not be there.
 const OPTIONAL: [&str; 6] = ["frames", "first_frame", "last_frame", "correspondences", "landmarks", "fps"];
 
+/// Further columns that say something: whether people may be shown, whether a row is a whole recording, which of several faces is meant.
+const FURTHER: [&str; 3] = [PUBLISH_COLUMN, SEGMENT_COLUMN, FACE_COLUMN];
+
 /// Fewest letters of a column whose misspellings are looked for, and most letters by which they differ.
 const MISSPELT: (usize, usize) = (6, 2);
 
 fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
     let [subject, sequence, emotion] = csv.require(["subject", "sequence", "emotion"])?;
     let [frames, first_frame, last_frame, correspondences, landmarks, fps] = OPTIONAL.map(|name| csv.column(name));
-    for meant in OPTIONAL.into_iter().filter(|name| name.len() >= MISSPELT.0 && csv.column(name).is_none()) {
-        let is_near =
-            |name: &&String| strsim::damerau_levenshtein(&name.to_lowercase().replace([' ', '-'], "_"), meant) <= MISSPELT.1;
+    for meant in OPTIONAL.into_iter().chain(FURTHER).filter(|name| csv.column(name).is_none()) {
+        // Of a short one only another case, blanks or hyphens: two letters make it any word.
+        let most = if meant.len() >= MISSPELT.0 { MISSPELT.1 } else { 0 };
+        let plain = |name: &str| name.trim().to_lowercase().replace([' ', '-'], "_");
+        // Consent is read in any case.
+        let is_read = |name: &str| meant == PUBLISH_COLUMN && name.trim().eq_ignore_ascii_case(meant);
+        let is_near = |name: &&String| !is_read(name) && strsim::damerau_levenshtein(&plain(name), meant) <= most;
         if let Some(found) = csv.header().iter().find(is_near) {
             return Err(DatasetError::MisspeltColumn {
                 path: csv.path().to_owned(),
@@ -136,7 +144,8 @@ fn entry(
     seen: &mut BTreeMap<String, (usize, SequenceId)>,
 ) -> Result<SequenceEntry, Fault> {
     let given = |column: Option<usize>| column.filter(|&k| !row.get(k).is_empty());
-    let id = SequenceId { subject: row.get(columns.subject).to_owned(), sequence: row.get(columns.sequence).to_owned() };
+    // Names and labels with accents behind their letters are those with accents in them.
+    let id = SequenceId { subject: composed(row.get(columns.subject)), sequence: composed(row.get(columns.sequence)) };
     check_file_name("subject", &id.subject)?;
     check_file_name("sequence", &id.sequence)?;
     let key = name_key(&id.to_string());
@@ -152,7 +161,7 @@ fn entry(
         return Err(problem.into());
     }
     seen.insert(key, (row.line(), id.clone()));
-    let emotion = row.get(columns.emotion).to_lowercase();
+    let emotion = composed(row.get(columns.emotion)).to_lowercase();
     check_file_name("emotion", &emotion)?;
     if emotion == super::UNKNOWN_EMOTION {
         return Err(RowError::EmotionOpen.into());
@@ -182,7 +191,7 @@ fn entry(
         default_correspondences_path: folder.join(CORRESPONDENCES_NAME),
         landmarks_paths,
         fps,
-        metadata: columns.metadata.iter().map(|(k, name)| (name.clone(), one_line(row.get(*k)))).collect(),
+        metadata: columns.metadata.iter().map(|(k, name)| (name.clone(), one_line(&composed(row.get(*k))))).collect(),
     })
 }
 

@@ -60,6 +60,9 @@ pub fn read_marks(
         let row = row?;
         let number = row.whole_number(point)? as usize;
         let slot = points.get_mut(number).ok_or_else(|| row.field_error(point, "a landmark from 0 to 67"))?;
+        if slot.is_some() {
+            return Err(row.field_error(point, "a landmark that no line before it has").into());
+        }
         *slot = Some(Point2::new(row.number(x)?, row.number(y)?));
     }
     let found = points.iter().flatten().count();
@@ -97,6 +100,8 @@ mod tests {
         let nodes = read("nodes.csv", "node,x,y\n10,80,64\n".to_owned()).unwrap();
         assert_eq!((nodes[0].node, nodes[0].position), (chin.node, chin.position));
         assert!(read("few.csv", "point,x,y\n0,1,2\n".to_owned()).unwrap_err().contains("1 landmarks; the points 0 to 67"));
+        let twice = read("twice.csv", format!("point,x,y\n{points}8,1,2\n")).unwrap_err();
+        assert!(twice.contains("line 70") && twice.contains("that no line before it has"), "{twice}");
         assert!(read("bad.pts", "hello\n".to_owned()).unwrap_err().contains("bad.pts, line 1"));
         assert!(read("else.csv", "x,y\n1,2\n".to_owned()).unwrap_err().contains("has no column `node`"));
     }

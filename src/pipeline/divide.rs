@@ -130,6 +130,6 @@ fn work(
     let results = process_all(&planned, worked, event)?;
     output::sync_written()?;
     let mut record = new_record(String::new(), Vec::new(), bench);
-    let Collected { models, failures, .. } = collect(planned, results, &mut record)?;
+    let Collected { models, failures, .. } = collect(planned, results, out, &mut record)?;
     Ok((models, failures))
 }

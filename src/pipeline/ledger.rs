@@ -77,13 +77,22 @@ impl Ledger {
         let said = |name: &&String| {
             format!("{name} was there and not written by a run into this folder, or changed since; it was replaced (--force)")
         };
-        Ok(foreign.iter().map(said).collect())
+        let is_edited = |name: &&String| self.is_changed(name) && is_edited_track(name, &self.out.join(name));
+        let edited = names.par_iter().filter(is_edited).map(|name| {
+            format!("{name} was changed since it was written and is made again; what is set by hand belongs into corrections/ (`annotate`)")
+        });
+        Ok(foreign.iter().map(said).chain(edited.collect::<Vec<_>>()).collect())
     }
 
     fn is_foreign(&self, name: &str) -> bool {
+        self.is_changed(name) && !is_track(name, &self.out.join(name))
+    }
+
+    /// Whether a file is there that is not as a run wrote it.
+    fn is_changed(&self, name: &str) -> bool {
         let path = self.out.join(name);
         let is_as_written = |known: &Known| known.is_open || file_blake3(&path).is_some_and(|hash| known.hashes.contains(&hash));
-        fs::symlink_metadata(&path).is_ok() && !self.known.get(name).is_some_and(is_as_written) && !is_track(name, &path)
+        fs::symlink_metadata(&path).is_ok() && !self.known.get(name).is_some_and(is_as_written)
     }
 
     /// Enters files that were written.
@@ -143,6 +152,13 @@ fn is_track(name: &str, path: &Path) -> bool {
     name.starts_with("tracks/")
         && matches!(read_track_info(path), Ok(Some(info))
             if path.file_stem().is_some_and(|stem| stem.to_string_lossy() == info.id.to_string()))
+}
+
+/// Whether the table of a track of ours is not the one that its `.json` tells of.
+fn is_edited_track(name: &str, path: &Path) -> bool {
+    name.starts_with("tracks/")
+        && path.extension().is_some_and(|extension| extension == "csv")
+        && matches!(read_track_info(path), Ok(Some(info)) if file_blake3(path).is_some_and(|hash| hash != info.csv_blake3))
 }
 
 #[cfg(test)]

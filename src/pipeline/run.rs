@@ -23,14 +23,13 @@ use super::{
     sequence::overlays_of,
     skins::{collect_skins, picture_sources},
     variation::model_names,
-    work::{Collected, Planned, Worked, collect, plan_all, process_all, sequence_files},
+    work::{Collected, Planned, Worked, collect, corrections_hash, plan_all, process_all, sequence_files},
     write::{TABLES, class_files, write_failures},
 };
 use crate::{
     dataset::SequenceEntry,
     output::{self, OutputError, count},
     pipeline::write_analysis,
-    track::corrections_path,
     units::SequenceId,
 };
 
@@ -322,7 +321,7 @@ pub fn run(
     event(Event::Analyzing);
 
     let pictures = picture_sources(&planned, bench);
-    let Collected { models, failures, tracked, reused, mut outputs, notes } = collect(planned, results, &mut record)?;
+    let Collected { models, failures, tracked, reused, mut outputs, notes } = collect(planned, results, out, &mut record)?;
     said.extend(notes);
     if models.is_empty() {
         write_failures(&out.join("failures.csv"), &failures)?;
@@ -370,8 +369,7 @@ fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, 
         record.id == item.id
             && record.emotion == item.emotion
             && record.metadata == item.metadata()
-            && (record.failure.is_some()
-                || record.corrections_blake3 == hash_of(&corrections_path(&out.join(format!("tracks/{}.csv", item.id)))))
+            && record.corrections_blake3 == corrections_hash(out, &item.id)
             && match &item.source {
                 Ok(driven) => driven.inputs_blake3().as_ref() == Some(&record.inputs_blake3),
                 Err(failure) => record.failure.as_ref() == Some(&(failure.stage, failure.reason.clone())),

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::{
     AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, SequenceRecord, SequenceSource, Stage, Workbench,
     corrected::correct_frames,
+    file_blake3,
     found::found_marks_and_remark,
     inputs::Inputs,
     landmarks::LandmarkSource,
@@ -30,7 +31,7 @@ use crate::{
     sequence::read_first_frame,
     statistics::SequenceModel,
     text::message,
-    track::{Corrections, TrackQuality, TrackedFrame},
+    track::{Corrections, TrackQuality, TrackedFrame, corrections_path},
     units::SequenceId,
 };
 
@@ -198,8 +199,18 @@ pub(super) struct Collected {
     pub notes: Vec<String>,
 }
 
+/// BLAKE3 of the corrections by hand of a sequence, if there are any.
+pub(super) fn corrections_hash(out: &Path, id: &SequenceId) -> Option<String> {
+    file_blake3(&corrections_path(&out.join(format!("tracks/{id}.csv"))))
+}
+
 /// Sorts the results of the sequences into models and failures and enters them in the record.
-pub(super) fn collect(planned: Vec<Planned<'_>>, results: Vec<Processed>, record: &mut RunJson) -> Result<Collected, RunError> {
+pub(super) fn collect(
+    planned: Vec<Planned<'_>>,
+    results: Vec<Processed>,
+    out: &Path,
+    record: &mut RunJson,
+) -> Result<Collected, RunError> {
     let is_cause =
         |p: &&Processed| p.result.as_ref().is_err_and(|f| f.fatal && (f.stage == Stage::Write || f.reason.starts_with(MACHINE)));
     if let Some(at) = results.iter().position(|p| is_cause(&p))
@@ -221,7 +232,8 @@ pub(super) fn collect(planned: Vec<Planned<'_>>, results: Vec<Processed>, record
             Err(SequenceFailure { stage, reason, .. }) => {
                 let SequenceId { subject, sequence } = item.id.clone();
                 all.failures.push(Failure { subject, sequence, stage, reason: reason.clone() });
-                (Some((stage, reason)), None)
+                // Corrections that do not read are mended without anything else being changed.
+                (Some((stage, reason)), corrections_hash(out, &item.id))
             }
         };
         let metadata = item.metadata();
@@ -236,7 +248,9 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven
     if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
         let source = LandmarkSource::new(entry, path, bench)?;
         let inputs = hashed.then(|| source.inputs(bench)).transpose()?;
-        return Ok(Driven { source: Source::Landmarks(source), inputs, remark: None });
+        let missing = entry.missing_frames();
+        let remark = missing.map(|frames| format!("{} is not there; landmarks drive it, without images", frames.display()));
+        return Ok(Driven { source: Source::Landmarks(source), inputs, remark });
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
     let (marks, marks_from, remark) = marks_of(entry, &frames, bench)?;

@@ -6,6 +6,8 @@ use image::{
     imageops,
 };
 
+use super::palette::in_few_colours;
+
 /// A picture and what it shows.
 #[derive(Clone, Debug)]
 pub struct Labelled {
@@ -64,13 +66,11 @@ pub fn write_label(picture: &mut RgbImage, text: &str, x: u32, y: u32, width: u3
 pub fn gif_bytes(pictures: &[RgbImage], centiseconds: u32) -> Result<Vec<u8>, image::ImageError> {
     let mut bytes = Vec::new();
     {
-        // 1 is the finest quantization, 30 the fastest.
-        let mut encoder = GifEncoder::new_with_speed(&mut bytes, 10);
+        let mut encoder = GifEncoder::new(&mut bytes);
         encoder.set_repeat(Repeat::Infinite)?;
         for picture in pictures {
-            let rgba = image::DynamicImage::ImageRgb8(picture.clone()).into_rgba8();
             let delay = image::Delay::from_numer_denom_ms(10 * centiseconds, 1);
-            encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay))?;
+            encoder.encode_frame(Frame::from_parts(in_few_colours(picture), 0, 0, delay))?;
         }
     }
     Ok(bytes)

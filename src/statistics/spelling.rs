@@ -5,14 +5,17 @@
 
 use std::collections::BTreeMap;
 
+use unicode_normalization::UnicodeNormalization;
+
 use super::EMOTIONS;
 
 /// Fewest letters of words that are looked at as near twins.
 const LEAST_LETTERS: usize = 5;
 
-/// Text by which values are compared: lower case, blanks at the ends removed and others single.
+/// Text by which values are compared: accents in their letters, lower case, blanks at the ends removed and others single.
 pub fn spelling_key(value: &str) -> String {
-    value.split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
+    let composed: String = value.nfc().collect();
+    composed.split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
 }
 
 /// The most frequent spelling of every value, of equally frequent ones the first by alphabet, by [`spelling_key`].
@@ -61,6 +64,7 @@ mod tests {
         let spellings = common_spellings(["FEMALE", "female ", "female", "Male", "East  Asian", "east asian"]);
         let expected = [("east asian", "East  Asian"), ("female", "female"), ("male", "Male")];
         assert_eq!(spellings, expected.map(|(k, v)| (k.to_owned(), v.to_owned())).into());
+        assert_eq!(spelling_key("De\u{301}gou\u{302}t"), "d\u{e9}go\u{fb}t");
     }
 
     #[test]

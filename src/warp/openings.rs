@@ -13,7 +13,7 @@ use super::{
     mouth::{self, Arches},
     sample,
     seam::Seam,
-    tone::Tone,
+    tone::{self, Tone},
 };
 use crate::{
     geometry::{
@@ -62,10 +62,15 @@ pub fn draw(
     match (opening.opening, inside) {
         (Opening::Mouth, MouthInside::Picture { texture: source, placement }) => {
             let tone = Tone::of(texture, &warp.nodes);
+            // The cast of the light that the source stands in, as its skin shows it.
+            let skin = || warp.mesh.drivers.iter().map(|(_, v)| *v as usize);
+            let seen = |texture: &Texture, places: &[Point2<f64>]| skin().map(|v| texture.sample(places[v])).collect::<Vec<_>>();
+            let factors = tone::cast(&seen(source, &placement.0), &seen(texture, &warp.source));
+            let in_light = |colour: [f32; 3]| std::array::from_fn(|c| (colour[c] * factors[c]).min(255.0));
             for triangle in &opening.triangles {
                 let to = triangle.map(|v| vertices[v as usize]);
                 let from = triangle.map(|v| placement.0[v as usize]);
-                layer.fill(to, from, |at, _| tone.apply(source.sample(at)));
+                layer.fill(to, from, |at, _| tone.apply(in_light(source.sample(at))));
             }
         }
         (Opening::Mouth, MouthInside::Dark | MouthInside::Teeth) => {

@@ -1,4 +1,5 @@
-//! Photographs in one tone, grey or sepia: what is drawn on them is in that tone, too.
+//! The colours of a photograph's light: what is drawn on a photograph in one tone, grey or sepia, is in that tone, too, and what is taken from
+//! another photograph loses the cast of its light.
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
@@ -8,6 +9,29 @@ use crate::interpolation::smooth_step;
 /// How far the colours of a face lie from one line over their brightness, root mean square over the brightness: up to the first a photograph is
 /// in one tone, from the second on it is in colour. Grey ones have 0, sepia ones 0.015, ten colour photographs 0.042 to 0.062.
 const OFF_TONE: (f64, f64) = (0.018, 0.028);
+
+/// How far the colours of two people's skin in the same light may lie from each other: root of the sum of squares of the logarithms of their
+/// red, green and blue by their brightness. Pairs of the 90 people of `scripts/people_dataset`: 0.08 on the median, 95 % up to 0.22.
+const SKINS: f32 = 0.20;
+
+/// Shares of red, green and blue in brightness.
+const LUMA: [f32; 3] = [0.30, 0.59, 0.11];
+
+/// Factors for red, green and blue that take a colour out of the light of one photograph into that of another, as told by the skin of both, seen
+/// at the same places of the face. Brightness stays, which skins differ by; so does what skins differ by in one light.
+pub fn cast(from: &[[f32; 3]], to: &[[f32; 3]]) -> [f32; 3] {
+    let median = |colours: &[[f32; 3]], c: usize| {
+        let mut levels: Vec<f32> = colours.iter().map(|colour| colour[c]).collect();
+        levels.sort_by(f32::total_cmp);
+        levels.get(levels.len() / 2).map_or(1.0, |level| level.max(1.0))
+    };
+    let logs: [f32; 3] = std::array::from_fn(|c| (median(to, c) / median(from, c)).ln());
+    let bright: f32 = logs.iter().zip(LUMA).map(|(log, share)| log * share).sum();
+    let apart = logs.map(|log| log - bright);
+    let distance = apart.iter().map(|log| log * log).sum::<f32>().sqrt();
+    let share = (1.0 - SKINS / distance.max(SKINS)).max(0.0);
+    apart.map(|log| (share * log).exp())
+}
 
 /// The colours of a photograph as a line over their brightness.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +90,27 @@ mod tests {
         let texture = Texture::new(&RgbImage::from_fn(20, 20, |x, y| Rgb(colour(x, y))));
         let places: Vec<Point2<f64>> = (0..400).map(|k| Point2::new(f64::from(k % 20), f64::from(k / 20))).collect();
         Tone::of(&texture, &places)
+    }
+
+    #[test]
+    fn the_cast_of_a_light_goes_and_what_skins_differ_by_stays() {
+        let skin = [[200.0, 150.0, 130.0], [180.0, 135.0, 117.0], [220.0, 165.0, 143.0]];
+        // Half as bright, and in the same light.
+        let dark = skin.map(|colour| colour.map(|level| level / 2.0));
+        assert!(cast(&skin, &dark).iter().all(|factor| (factor - 1.0).abs() < 1e-6));
+        // A tenth redder: another skin.
+        let redder = skin.map(|[r, g, b]| [1.1 * r, g, b]);
+        assert_eq!(cast(&redder, &skin), [1.0; 3]);
+        // A light without three quarters of its blue.
+        let orange = skin.map(|[r, g, b]| [r, g, b / 4.0]);
+        let [r, g, b] = cast(&orange, &skin);
+        // Logarithms of -0.152 twice and 1.234 (their mean by brightness is 0), a length of 1.253, of which 0.20 is left.
+        let expected = [-0.1525, -0.1525, 1.2338].map(|log: f32| (log * (1.0 - 0.20 / 1.2525)).exp());
+        assert!(
+            (r - expected[0]).abs() < 2e-3 && (g - expected[1]).abs() < 2e-3 && (b - expected[2]).abs() < 5e-3,
+            "{r} {g} {b}"
+        );
+        assert_eq!(cast(&[], &[]), [1.0; 3]);
     }
 
     #[test]

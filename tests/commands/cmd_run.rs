@@ -176,8 +176,32 @@ fn a_track_that_was_damaged_or_removed_is_made_again() {
     let before = work.files("out");
     work.replace("out/tracks/S001_005.csv", "tracked", "fitted");
     fs::remove_file(work.path("out/models/S002_005.csv")).unwrap();
-    work.grimace("run faces -o out").exit(0).prints(&["1 tracked, 1 unchanged"]);
-    assert_same_files(&before, &work.files("out"));
+    let said = "note: tracks/S001_005.csv was changed since it was written and is made again";
+    work.grimace("run faces -o out").exit(0).prints(&["1 tracked, 1 unchanged", said]);
+    let after = work.files("out");
+    for name in before.keys().filter(|name| *name != "run.json") {
+        assert_eq!(before.get(name), after.get(name), "{name}");
+    }
+}
+
+#[test]
+fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("run faces -o out").exit(0);
+    let before = work.files("out/tracks");
+    work.write("out/corrections/S001_005.csv", "frame,node,x,y\n3,abc,1,2\n");
+    let bad = "S001_005.csv, line 2: node is `abc`";
+    work.grimace("run faces -o out").exit(3).says(&[bad]);
+    work.grimace("run faces -o out").exit(3).prints(&["nothing changed"]).says(&[bad]);
+    work.write("out/corrections/S001_005.csv", "frame,node,x,y\n3,31,90.5,100.25\n");
+    work.grimace("run faces -o out").exit(0).prints(&["1 unchanged, 0 failed"]);
+    assert!(work.read("out/tracks/S001_005.csv").contains("3,31,90.5,100.25,corrected"));
+    // Broken once more, and taken away.
+    work.write("out/corrections/S001_005.csv", "none");
+    work.grimace("run faces -o out").exit(3);
+    fs::remove_file(work.path("out/corrections/S001_005.csv")).unwrap();
+    work.grimace("run faces -o out").exit(0).prints(&["1 unchanged, 0 failed"]);
+    assert_same_files(&before, &work.files("out/tracks"));
 }
 
 #[test]

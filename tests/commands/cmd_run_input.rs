@@ -101,6 +101,15 @@ fn a_plan_of_nothing_is_no_plan() {
 }
 
 #[test]
+fn accents_of_either_kind_are_one_label() {
+    let rows = "S001,005,de\u{301}gou\u{302}t,cafe\u{301}\nS002,005,d\u{e9}go\u{fb}t,caf\u{e9}\n";
+    let work = with_manifest(format!("subject,sequence,emotion,place\n{rows}"));
+    work.grimace("run faces -o plan --plan").exit(0).prints(&["{\"sequences\":2,\"emotions\":[[\"d\u{e9}go\u{fb}t\",2]]}"]);
+    work.grimace("run faces -o out --by place").exit(0);
+    assert_eq!(work.read("out/statistics.csv").lines().count(), 2, "one group");
+}
+
+#[test]
 fn a_manifest_that_is_none_is_refused_as_a_whole() {
     let refused = |manifest: &[u8], texts: &[&str]| {
         let work = with_manifest(manifest);
@@ -117,6 +126,13 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
         &["the column `correspondence` is not known; if it is `correspondences`, name it so"],
     );
     refused(b"subject,sequence,emotion,First frame\nS001,005,happiness,1\n", &["if it is `first_frame`, name it so"]);
+    // Consent, and what would silently count for nothing.
+    refused(
+        b"subject,sequence,emotion,publsh\nS001,005,happiness,no\n",
+        &["the column `publsh`", "if it is `publish`, name it so"],
+    );
+    refused(b"subject,sequence,emotion,FPS\nS001,005,happiness,50\n", &["the column `FPS`", "if it is `fps`, name it so"]);
+    refused(b"subject,sequence,emotion,Segment\nS001,005,happiness,auto\n", &["if it is `segment`, name it so"]);
     refused(b"sequence\n005\n", &["has no column `subject`, `emotion`"]);
     refused(b"subject;sequence;emotion\nS001;005;happiness\n", &["columns are separated by commas"]);
     refused(b"", &["is empty; a header line was expected"]);
