@@ -26,7 +26,8 @@ const COMPANION: f64 = 40.0;
 const FREE: f64 = 1e-6;
 /// Gain that draws other nodes to rest.
 const REST: f64 = 0.4;
-/// The same for brows that nothing drives: a lid that closes does not pull them down.
+/// The same for brows that nothing drives, and for lids where brows are driven: a lid that closes does not pull the brow down, nor does a brow
+/// that is raised open the eye.
 const REST_BROW: f64 = 6.0;
 /// The same, across the face, for lips where cheeks are driven and neither lips nor jaw are: a puffed cheek stands off from the teeth, and
 /// the muscle around the mouth holds the lips shut and in place.
@@ -90,6 +91,7 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
                 let gain = match face.tables.region(node) {
                     _ if still.contains(&node) => DRIVEN,
                     Region::Brow => REST_BROW,
+                    Region::Eye if drives(Region::Brow) => REST_BROW,
                     _ => REST,
                 };
                 targets.push(DrivenNode { node, position: at, pull: Pull::Force(gain) });
@@ -183,5 +185,18 @@ mod tests {
         // A lower lid that opens by 500 lets the upper one follow; what does not meet is as it was.
         let open = frame(&[(19, 1500.0), (21, -500.0), (20, 700.0), (22, 300.0)]);
         assert_eq!((value(&open, 19), value(&open, 20), value(&open, 22)), (Some(1500.0), Some(700.0), Some(300.0)));
+    }
+
+    #[test]
+    fn brows_that_rise_leave_the_lids_where_they_are() {
+        let mut frame = FapFrame::default();
+        (31..=36).for_each(|fap| frame.set_value(FapNumber::try_from(fap).unwrap(), Some(400.0)));
+        let sequence = FapSequence { version: "2.1".to_owned(), name: "brows".to_owned(), fps: 25.0, frames: vec![frame] };
+        let (frames, _) = offsets("brows", &sequence, &Face::candide3()).unwrap();
+        let up = |node: usize| frames[0][node].y;
+        // The middle of the upper lid and of the brow, on either side.
+        for (lid, brow) in [(21, 16), (54, 49)] {
+            assert!(up(brow) > 0.0 && up(lid).abs() < 0.15 * up(brow), "{} of {}", up(lid), up(brow));
+        }
     }
 }

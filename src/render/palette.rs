@@ -6,7 +6,7 @@ use image::{RgbImage, Rgba, RgbaImage};
 /// Colours that a frame may have.
 const COLOURS: usize = 256;
 /// Bits of red, green and blue by which colours are counted as one.
-const BITS: u8 = 6;
+const BITS: u8 = 5;
 
 /// A picture in at most 256 colours, which an encoder takes as they are.
 ///
