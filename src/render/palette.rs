@@ -7,6 +7,8 @@ use image::{RgbImage, Rgba, RgbaImage};
 const COLOURS: usize = 256;
 /// Bits of red, green and blue by which colours are counted as one.
 const BITS: u8 = 5;
+/// Samples of such a colour over the square root of its pixels; of few pixels all.
+const SHARE: u64 = 8;
 
 /// A picture in at most 256 colours, which an encoder takes as they are.
 ///
@@ -14,16 +16,19 @@ const BITS: u8 = 5;
 /// turn grey and lips brown.
 pub fn in_few_colours(picture: &RgbImage) -> RgbaImage {
     let bin = |p: &[u8; 3]| p.iter().fold(0, |bin, &level| (bin << BITS) | usize::from(level >> (8 - BITS)));
-    let mut bins = vec![([0_u64; 3], 0_u64); 1 << (3 * BITS)];
-    for p in picture.pixels() {
-        let (sum, count) = &mut bins[bin(&p.0)];
-        sum.iter_mut().zip(p.0).for_each(|(sum, level)| *sum += u64::from(level));
-        *count += 1;
-    }
+    let mut counts = vec![0_u64; 1 << (3 * BITS)];
+    picture.pixels().for_each(|p| counts[bin(&p.0)] += 1);
+    // Of every bin so many of its pixels, evenly.
+    let mut seen = vec![0_u64; counts.len()];
     let mut samples: Vec<u8> = Vec::new();
-    for (sum, count) in bins.into_iter().filter(|(_, count)| *count > 0) {
-        let [r, g, b] = sum.map(|sum| (sum / count) as u8);
-        samples.extend([r, g, b, u8::MAX].repeat(count.isqrt() as usize));
+    for p in picture.pixels() {
+        let bin = bin(&p.0);
+        let (count, taken) = (counts[bin], (SHARE * counts[bin].isqrt()).min(counts[bin]));
+        let before = seen[bin] * taken / count;
+        seen[bin] += 1;
+        if seen[bin] * taken / count > before {
+            samples.extend([p.0[0], p.0[1], p.0[2], u8::MAX]);
+        }
     }
     let map = NeuQuant::new(1, COLOURS, &samples);
     let palette = map.color_map_rgb();
