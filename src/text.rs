@@ -6,6 +6,8 @@
 
 use std::borrow::Cow;
 
+use unicode_normalization::UnicodeNormalization;
+
 /// Most characters of a quoted field.
 const EXCERPT: usize = 60;
 
@@ -19,6 +21,11 @@ const SLACK: usize = 64;
 fn is_command(c: char) -> bool {
     (c.is_control() && c != '\n' && c != '\t')
         || matches!(c, '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{200E}' | '\u{200F}')
+}
+
+/// A text with accents in their letters: those that stand behind them, as macOS writes names, are the same text.
+pub fn composed(text: &str) -> String {
+    text.nfc().collect()
 }
 
 /// A field or word as messages quote it: its first 60 characters, everything in them printable, and `...` where there are more.

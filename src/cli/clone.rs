@@ -411,13 +411,12 @@ impl Job<'_> {
             None => None,
         };
         let options = self.args.options(&source.motion);
-        // Wrinkles of the source's own frames go before.
-        let worn = source.skin.as_ref().filter(|_| options.wrinkles <= 0.0 || details.is_none());
-        let skin = worn.map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
+        let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
         let mut clone = clone_expression(&source.motion, target, details.as_ref(), &options, self.bench)?;
         if let Some(skin) = &skin {
             clone = clone.with_skin(skin, &source.motion)?;
         }
+        let worn = source.skin.as_ref().filter(|_| clone.has_skin());
         let info = CloneInfo {
             schema_version: CLONE_SCHEMA,
             made_by: MADE_BY,

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         targets.iter().map(|(label, target)| PlayerFace { label: label.as_str(), target, height: HEIGHT }).collect();
     let going_with = |(path, motion): (&PathBuf, &SourceMotion)| Ok(Skin::going_with(path, motion)?.0);
     let skins = args.motions.iter().zip(&motions).map(going_with).collect::<anyhow::Result<Vec<_>>>()?;
-    let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin: Some(skin) };
+    let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin };
     let shown: Vec<Shown> = labels.iter().zip(&motions).zip(&skins).map(show).collect();
     let title = match labels.as_slice() {
         [only] => only.clone(),

@@ -194,6 +194,9 @@ impl<'a> ClonedExpression<'a> {
     /// # Errors
     /// As [`clone_expression`].
     pub fn with_skin(mut self, skin: &'a ClonedSkin, source: &SourceMotion) -> Result<Self, CloneError> {
+        if self.options.wrinkles > 0.0 && self.details.is_some() {
+            return Ok(self);
+        }
         let (_, moments) = self.options.timing.moments(source)?;
         for (frame, moment) in self.frames.iter_mut().zip(&moments) {
             frame.skin = skin.growth(source, moment, self.options.emphasis);
@@ -204,14 +207,18 @@ impl<'a> ClonedExpression<'a> {
 }
 
 impl ClonedExpression<'_> {
+    /// Whether a skin grows on it.
+    pub fn has_skin(&self) -> bool {
+        self.skin.is_some()
+    }
+
     /// Renders one frame.
     ///
     /// # Panics
     /// If there is no such frame (a programmer's error).
     pub fn picture(&self, frame: usize) -> RgbImage {
         let CloneFrame { deformation, nearest, skin, .. } = &self.frames[frame];
-        let grown = self.skin.filter(|_| self.options.wrinkles <= 0.0 || self.details.is_none());
-        let grown = grown.and_then(|s| s.texture(self.target, *skin));
+        let grown = self.skin.and_then(|s| s.texture(self.target, *skin));
         let (warp, plain) = (self.target.warp(), grown.as_ref().unwrap_or(self.target.texture()));
         let teeth = self.options.teeth;
         let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(None, teeth)) };

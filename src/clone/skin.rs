@@ -200,6 +200,12 @@ fn deepen(logs: &mut [f32], samples: &[&SkinSample]) {
     }
 }
 
+fn write_png(picture: &GrayImage, writer: &mut dyn io::Write) -> io::Result<()> {
+    PngEncoder::new(writer)
+        .write_image(picture.as_raw(), picture.width(), picture.height(), image::ExtendedColorType::L8)
+        .map_err(io::Error::other)
+}
+
 /// The logarithm of a ratio that a level of the file stands for.
 fn log_of(level: u8) -> f32 {
     (f32::from(level) - f32::from(NO_CHANGE)) / 127.0 * SKIN_LOG_LIMIT
@@ -258,20 +264,21 @@ impl Skin {
     /// # Errors
     /// [`io::Error`] when `writer` takes no more.
     pub fn write(&self, writer: &mut dyn io::Write) -> io::Result<()> {
-        PngEncoder::new(writer)
-            .write_image(self.picture().as_raw(), SIZE.0, SIZE.1, image::ExtendedColorType::L8)
-            .map_err(io::Error::other)
+        write_png(&self.picture(), writer)
     }
 
-    /// The picture without what lies beside the face, and where it ends softly: a mask on the layout for who has none of the face itself.
-    pub fn picture_in_face(&self) -> GrayImage {
+    /// Writes the picture without what lies beside the face, and where it ends softly: a mask on the layout for who has none of the face itself.
+    ///
+    /// # Errors
+    /// [`io::Error`] when `writer` takes no more.
+    pub fn write_in_face(&self, writer: &mut dyn io::Write) -> io::Result<()> {
         let nodes = layout_nodes();
         let mask = detail::mask_of(&nodes, eye_distance(&nodes), SIZE, detail::LIPS);
         let mut picture = self.picture();
         for (level, share) in picture.iter_mut().zip(&mask) {
             *level = bordered(*level, *share);
         }
-        picture
+        write_png(&picture, writer)
     }
 
     /// Share of what grows lighter that is shown.

@@ -53,11 +53,15 @@ pub const PUBLISH_COLUMN: &str = "publish";
 /// The column of a manifest whose value `auto` says that the row is a whole recording: its sequences are found.
 pub const SEGMENT_COLUMN: &str = "segment";
 
+/// Whether a column is [`PUBLISH_COLUMN`], in any case.
+pub(super) fn is_publish_column(name: &str) -> bool {
+    name.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)
+}
+
 /// Whether pictures of a sequence with these further columns may be shown to others. Its numbers count in any case. Without the column, or
 /// with an empty field, they may; anything but `yes` (or `true`, `1`) forbids it, so that a misspelled `no` does.
 pub fn may_publish(metadata: &BTreeMap<String, String>) -> bool {
-    let field =
-        metadata.iter().find(|(name, _)| name.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)).map_or("", |(_, value)| value.trim());
+    let field = metadata.iter().find(|(name, _)| is_publish_column(name)).map_or("", |(_, value)| value.trim());
     field.is_empty() || ["yes", "true", "1"].iter().any(|yes| field.eq_ignore_ascii_case(yes))
 }
 

@@ -8,10 +8,11 @@ use std::{
 };
 
 use self::search::Found;
-use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, spelling::composed};
+use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade};
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
+    text::composed,
 };
 
 /// What stands for an emotion that neither folders nor file names say.

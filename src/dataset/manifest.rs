@@ -12,14 +12,14 @@ use std::{
 
 use super::{
     Dataset, DatasetError, FailedEntry, PUBLISH_COLUMN, RowError, SEGMENT_COLUMN, SequenceEntry,
-    entry::FACE_COLUMN,
+    entry::{FACE_COLUMN, is_publish_column},
     error::{check_file_name, name_key},
     frames::is_video,
-    spelling::{composed, place_of},
+    spelling::place_of,
 };
 use crate::{
     input::{CsvFile, CsvRow},
-    text::excerpt,
+    text::{composed, excerpt},
     units::SequenceId,
 };
 
@@ -101,9 +101,7 @@ fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
         // Of a short one only another case, blanks or hyphens: two letters make it any word.
         let most = if meant.len() >= MISSPELT.0 { MISSPELT.1 } else { 0 };
         let plain = |name: &str| name.trim().to_lowercase().replace([' ', '-'], "_");
-        // Consent is read in any case.
-        let is_read = |name: &str| meant == PUBLISH_COLUMN && name.trim().eq_ignore_ascii_case(meant);
-        let is_near = |name: &&String| !is_read(name) && strsim::damerau_levenshtein(&plain(name), meant) <= most;
+        let is_near = |name: &&String| !is_publish_column(name) && strsim::damerau_levenshtein(&plain(name), meant) <= most;
         if let Some(found) = csv.header().iter().find(is_near) {
             return Err(DatasetError::MisspeltColumn {
                 path: csv.path().to_owned(),

@@ -3,12 +3,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use unicode_normalization::UnicodeNormalization;
-
-/// A text with accents in their letters.
-pub(super) fn composed(text: &str) -> String {
-    text.nfc().collect()
-}
+use crate::text::composed;
 
 /// Where `value`, relative to `root`, lies: folders and files of that very name, and where there are none, those whose names are the same text.
 /// What is not there at all keeps its name.
@@ -35,7 +30,8 @@ fn same_text(folder: &Path, name: &str) -> Option<String> {
     }
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let names = folder.read_dir().ok()?.flatten().filter_map(|entry| entry.file_name().into_string().ok());
-    names.filter(|other| other.nfc().eq(name.nfc())).min()
+    let meant = composed(name);
+    names.filter(|other| composed(other) == meant).min()
 }
 
 #[cfg(test)]

@@ -2,8 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use unicode_normalization::UnicodeNormalization;
-
 use super::{AnalysisError, AnalyzedClass, FapOptions, Workbench};
 use crate::{
     clone::NoSkin,
@@ -13,6 +11,7 @@ use crate::{
         ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, likely_emotion,
         near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, trimming::trimmed_count,
     },
+    text::composed,
     units::SequenceId,
     wireframe::Fapus,
 };
@@ -226,7 +225,7 @@ pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<
 /// Text that is safe in a file name on any system: letters, digits, `.`, `-`; everything else becomes `-`.
 fn file_stem(text: &str) -> String {
     let safe = |c: char| if c.is_alphanumeric() || c == '.' || c == '-' || c == '_' { c } else { '-' };
-    let stem: String = text.trim().nfc().map(safe).collect();
+    let stem: String = composed(text.trim()).chars().map(safe).collect();
     let stem = stem.trim_start_matches('.');
     if stem.is_empty() { "none".to_owned() } else { stem.to_owned() }
 }

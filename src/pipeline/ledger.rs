@@ -65,7 +65,9 @@ impl Ledger {
 
     /// Takes names for results. What stands there and is not what this folder's runs wrote is refused, or, with `--force`, said.
     pub(super) fn claim(&self, names: &[String]) -> Result<Vec<String>, RunError> {
-        let foreign: Vec<&String> = names.par_iter().filter(|name| self.is_foreign(name)).collect();
+        let changed: Vec<&String> = names.par_iter().filter(|name| self.is_changed(name)).collect();
+        let (tracks, foreign): (Vec<&String>, Vec<&String>) =
+            changed.into_iter().partition(|name| is_track(name, &self.out.join(name)));
         if let Some(first) = foreign.first()
             && !self.force
         {
@@ -77,15 +79,10 @@ impl Ledger {
         let said = |name: &&String| {
             format!("{name} was there and not written by a run into this folder, or changed since; it was replaced (--force)")
         };
-        let is_edited = |name: &&String| self.is_changed(name) && is_edited_track(name, &self.out.join(name));
-        let edited = names.par_iter().filter(is_edited).map(|name| {
+        let edited = tracks.iter().filter(|name| is_edited_track(&self.out.join(name))).map(|name| {
             format!("{name} was changed since it was written and is made again; what is set by hand belongs into corrections/ (`annotate`)")
         });
-        Ok(foreign.iter().map(said).chain(edited.collect::<Vec<_>>()).collect())
-    }
-
-    fn is_foreign(&self, name: &str) -> bool {
-        self.is_changed(name) && !is_track(name, &self.out.join(name))
+        Ok(foreign.iter().map(said).chain(edited).collect())
     }
 
     /// Whether a file is there that is not as a run wrote it.
@@ -154,10 +151,9 @@ fn is_track(name: &str, path: &Path) -> bool {
             if path.file_stem().is_some_and(|stem| stem.to_string_lossy() == info.id.to_string()))
 }
 
-/// Whether the table of a track of ours is not the one that its `.json` tells of.
-fn is_edited_track(name: &str, path: &Path) -> bool {
-    name.starts_with("tracks/")
-        && path.extension().is_some_and(|extension| extension == "csv")
+/// Whether a file of a track of ours is its table, and not the one that its `.json` tells of.
+fn is_edited_track(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "csv")
         && matches!(read_track_info(path), Ok(Some(info)) if file_blake3(path).is_some_and(|hash| hash != info.csv_blake3))
 }
 

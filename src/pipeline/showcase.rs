@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use image::codecs::jpeg::JpegEncoder;
 use serde::{Deserialize, Serialize};
 
-use super::{SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks, marks_beside};
+use super::{AnalyzedClass, SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks, marks_beside};
 use crate::{
     clone::{CloneError, Skin, SourceMotion, Target},
     correspondence::{Correspondence, correspondences_of},
@@ -107,18 +107,14 @@ pub fn showcase_remarks(bench: &Workbench) -> Result<Vec<String>, CloneError> {
     Ok(marks_beside(&read_frame(image)?, &marks, &target.fitted, bench))
 }
 
-/// The player of all representatives, with the skin of their class or else the folds of their form, on the face of the report; `None` for a wireframe that the warp does not know, and where no face is to
-/// be shown.
+/// The player of all representatives, with the skin of their class or else the folds of their form, on the face of the report; `None` for a
+/// wireframe that the warp does not know, and where no face is to be shown.
 ///
 /// # Errors
 /// [`CloneError`] for a face that does not serve.
-pub(super) fn player(
-    representatives: &[Representative],
-    skins: &[Option<&Skin>],
-    bench: &Workbench,
-) -> Result<Option<serde_json::Value>, CloneError> {
+pub(super) fn player(classes: &[AnalyzedClass], bench: &Workbench) -> Result<Option<serde_json::Value>, CloneError> {
     let options = &bench.options;
-    if bench.wireframe.node_count() != NODE_COUNT || representatives.is_empty() || options.no_faces {
+    if bench.wireframe.node_count() != NODE_COUNT || classes.is_empty() || options.no_faces {
         return Ok(None);
     }
     let target = showcase_target(bench)?;
@@ -126,15 +122,12 @@ pub(super) fn player(
         let group: Vec<String> = r.label.group.iter().map(|(column, value)| format!("{column} {value}")).collect();
         [vec![r.label.emotion.clone()], group].concat().join(", ")
     };
-    let labels: Vec<String> = representatives.iter().map(label).collect();
-    let motions = representatives
-        .iter()
-        .map(|r| SourceMotion::from_model(&r.label.emotion, &r.model, bench))
-        .collect::<Result<Vec<_>, _>>()?;
-    let own =
-        |(motion, skin): (&SourceMotion, Option<&Skin>)| skin.map_or_else(|| Skin::of_form(motion), |skin| Ok(skin.clone()));
-    let skins = motions.iter().zip(skins.iter().copied()).map(own).collect::<Result<Vec<_>, _>>()?;
-    let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin: Some(skin) };
+    let labels: Vec<String> = classes.iter().map(|c| label(&c.representative)).collect();
+    let motion = |c: &AnalyzedClass| SourceMotion::from_model(&c.representative.label.emotion, &c.representative.model, bench);
+    let motions = classes.iter().map(motion).collect::<Result<Vec<_>, _>>()?;
+    let skin = |(motion, class): (&SourceMotion, &AnalyzedClass)| class.skin.clone().or_else(|_| Skin::of_form(motion));
+    let skins = motions.iter().zip(classes).map(skin).collect::<Result<Vec<_>, _>>()?;
+    let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin };
     let shown: Vec<Shown> = labels.iter().zip(&motions).zip(&skins).map(show).collect();
     let face = face_name(bench);
     payload(&shown, &[PlayerFace { label: &face, target: &target, height: HEIGHT }], bench).map(Some).map_err(|e| match e {

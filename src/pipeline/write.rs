@@ -15,7 +15,7 @@ use super::{
     variation::{shown_bands, write_variations},
 };
 use crate::{
-    clone::{NoSkin, SKIN_SUFFIX, Skin},
+    clone::{NoSkin, SKIN_SUFFIX},
     fap::{self, ConvertError, FapCatalog, FapMotion, FapNumber, ValueFormat},
     output::{self, OutputError, nine_digits, write_records},
     report::{ApexFap, GroupsData, ReportData, VariationData, mean_course_svg, render_html},
@@ -325,7 +325,6 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
 
 fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<String, AnalysisError> {
     let representatives: Vec<Representative> = analysis.classes.iter().map(|c| c.representative.clone()).collect();
-    let skins: Vec<Option<&Skin>> = analysis.classes.iter().map(|c| c.skin.as_ref().ok()).collect();
     let catalog = FapCatalog::mpeg4();
     let apex = |class: &AnalyzedClass| {
         let frame = class.fap.frames.last();
@@ -352,7 +351,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         tables: &bench.tables,
         fapus: bench.normalizer()?.canonical().fapus,
         apex_faps: analysis.classes.iter().map(apex).collect(),
-        player: showcase::player(&representatives, &skins, bench)?,
+        player: showcase::player(&analysis.classes, bench)?,
         face: showcase::face_name(bench),
         stems: analysis.classes.iter().map(|c| c.stem.clone()).collect(),
         tracked_here: analysis.tracked_here,

@@ -50,7 +50,7 @@ pub struct Shown<'a> {
     /// The motion.
     pub motion: &'a SourceMotion,
     /// The folds that grow with it.
-    pub skin: Option<&'a Skin>,
+    pub skin: &'a Skin,
 }
 
 #[derive(Serialize)]

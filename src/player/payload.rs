@@ -138,16 +138,15 @@ fn motion(shown: &Shown, neutral: &FrameExpressionModel<FaceUnit>, canonical: &F
         "lids": motion.lid_gaps,
         "offsets": pack::scaled(&flat),
         "faps": curves(motion, neutral, canonical, wire)?,
-        "folds": shown.skin.map(|skin| folds(&motion.name, skin)).transpose()?,
+        "folds": folds(&motion.name, shown.skin)?,
         "apex": motion.apex(),
     }))
 }
 
 /// The folds that grow with a motion: levels on the layout of skins, which its faces place their vertices on.
 fn folds(name: &str, skin: &Skin) -> Result<Value, PlayerError> {
-    let failed = |e: image::ImageError| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() };
     let mut bytes = Vec::new();
-    skin.picture_in_face().write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).map_err(failed)?;
+    skin.write_in_face(&mut bytes).map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
     Ok(json!({ "picture": pack::data_url("image/png", &bytes), "lighter": skin.lighter() }))
 }
 

@@ -5,17 +5,15 @@
 
 use std::collections::BTreeMap;
 
-use unicode_normalization::UnicodeNormalization;
-
 use super::EMOTIONS;
+use crate::text::composed;
 
 /// Fewest letters of words that are looked at as near twins.
 const LEAST_LETTERS: usize = 5;
 
 /// Text by which values are compared: accents in their letters, lower case, blanks at the ends removed and others single.
 pub fn spelling_key(value: &str) -> String {
-    let composed: String = value.nfc().collect();
-    composed.split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
+    composed(value).split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
 }
 
 /// The most frequent spelling of every value, of equally frequent ones the first by alphabet, by [`spelling_key`].

@@ -14,9 +14,6 @@ const OFF_TONE: (f64, f64) = (0.018, 0.028);
 /// red, green and blue by their brightness. Pairs of the 90 people of `scripts/people_dataset`: 0.08 on the median, 95 % up to 0.22.
 const SKINS: f32 = 0.20;
 
-/// Shares of red, green and blue in brightness.
-const LUMA: [f32; 3] = [0.30, 0.59, 0.11];
-
 /// Factors for red, green and blue that take a colour out of the light of one photograph into that of another, as told by the skin of both, seen
 /// at the same places of the face. Brightness stays, which skins differ by; so does what skins differ by in one light.
 pub fn cast(from: &[[f32; 3]], to: &[[f32; 3]]) -> [f32; 3] {
@@ -26,7 +23,7 @@ pub fn cast(from: &[[f32; 3]], to: &[[f32; 3]]) -> [f32; 3] {
         levels.get(levels.len() / 2).map_or(1.0, |level| level.max(1.0))
     };
     let logs: [f32; 3] = std::array::from_fn(|c| (median(to, c) / median(from, c)).ln());
-    let bright: f32 = logs.iter().zip(LUMA).map(|(log, share)| log * share).sum();
+    let bright = luma(logs);
     let apart = logs.map(|log| log - bright);
     let distance = apart.iter().map(|log| log * log).sum::<f32>().sqrt();
     let share = (1.0 - SKINS / distance.max(SKINS)).max(0.0);

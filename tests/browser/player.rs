@@ -193,7 +193,7 @@ fn folds_grow_with_a_motion_as_clone_draws_them() {
     };
     let with = drawn("smile-folds.png", "");
     assert!((numbers("return [P.views[0].rig.folds.growth]")[0] - 1.0).abs() < 1e-3);
-    let without = drawn("smile-smooth.png", "P.views[0].motion.folds = null");
+    let without = drawn("smile-smooth.png", "P.shelf.data.folds.most = 0");
     let cloned = cloned.crop_imm(left, top, with.width(), with.height()).to_rgb8();
     // Beside the mouth, from the wing of the nose to the corner of the lips: 1.2 levels apart, and 2.6 and 2.8 without folds.
     for side in [[59, 64], [26, 31]] {

@@ -84,7 +84,6 @@ class Motion {
 /** How far the folds of the first part's motion have grown by all parts: 0 at neutral, 1 where they are as at its apex. */
 function foldGrowth(parts, { unit, most }) {
   const { source } = parts[0];
-  if (!source.folds) return 0;
   const { apexOffsets: apex } = source;
   let along = 0, whole = 0;
   for (let k = 0; k < apex.length; k++) whole += apex[k] * apex[k];

@@ -31,7 +31,7 @@ class Shelf {
   /** Decodes the pictures. */
   async ready() {
     this.teeth = { ...this.data.teeth, image: await loaded(this.data.teeth.picture) };
-    for (const { folds } of this.motions) if (folds) folds.image = await loaded(folds.picture);
+    for (const { folds } of this.motions) folds.image = await loaded(folds.picture);
     for (const rig of this.rigs) if (rig.picture) rig.image = await loaded(rig.picture);
     return this;
   }
