@@ -126,6 +126,12 @@ impl Desk {
         resolved.file_name().map_or_else(|| "dataset".to_owned(), |name| name.to_string_lossy().into_owned())
     }
 
+    /// What tells this dataset from others of its name, in 16 digits.
+    pub fn key(&self) -> String {
+        let resolved = fs::canonicalize(&self.root).unwrap_or_else(|_| self.root.clone());
+        blake3::hash(resolved.as_os_str().as_encoded_bytes()).to_hex()[..16].to_owned()
+    }
+
     /// The sequences on the page.
     pub fn list(&self) -> List {
         let items = self.lock();
@@ -150,11 +156,12 @@ impl Desk {
 
     fn open_item(&self, item: &mut Item) -> Result<Opened, RequestError> {
         let frames = self.frames_of(item)?;
-        let (neutral, apex) = cut(&item.entry, &frames)?;
+        let (neutral, apex, missing) = cut(&item.entry, &frames)?;
         let (marks, problem) = match self.read_marks(&item.entry) {
             Ok(marks) => (marks, None),
             Err(problem) => (Vec::new(), Some(problem)),
         };
+        let problem = problem.or(missing);
         item.marks = marks.len();
         Ok(Opened {
             id: item.entry.id.to_string(),
@@ -180,8 +187,11 @@ impl Desk {
         let mut items = self.lock();
         self.refresh(&mut items, id)?;
         let item = find(&mut items, id)?;
-        let size = self.frames_of(item)?.size;
-        self.check_marks(&request.marks, size)?;
+        let frames = self.frames_of(item)?;
+        if let (.., Some(problem)) = cut(&item.entry, &frames)? {
+            return Err(RequestError::Refused(problem));
+        }
+        self.check_marks(&request.marks, frames.size)?;
         let current = self.read_marks(&item.entry).map_err(|problem| {
             RequestError::Refused(format!("{problem}; correct the file or move it away, marks made here would replace it"))
         })?;
@@ -311,18 +321,19 @@ impl Desk {
         frames_of(&entry)
     }
 
-    /// Saves marks of a sequence that has none.
-    pub(super) fn save_found(&self, id: &SequenceId, marks: &[Correspondence]) -> Result<(), RequestError> {
+    /// Saves marks of a sequence that has none; `false`, and nothing is written, where it has some by now.
+    pub(super) fn save_found(&self, id: &SequenceId, marks: &[Correspondence]) -> Result<bool, RequestError> {
         let mut items = self.lock();
         let id = id.to_string();
         self.refresh(&mut items, &id)?;
         let item = find(&mut items, &id)?;
         if !self.read_marks(&item.entry).map_err(RequestError::Refused)?.is_empty() {
-            return Ok(());
+            return Ok(false);
         }
         self.write_marks(&mut item.entry, marks)?;
         item.marks = marks.len();
-        self.refresh(&mut items, &id)
+        self.refresh(&mut items, &id)?;
+        Ok(true)
     }
 
     /// Fits the wireframe to marks that need not be saved.
@@ -350,8 +361,8 @@ impl Desk {
 
     /// One frame for the browser.
     pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
-        let path = find(&mut self.lock(), id)?.entry.frames_path.clone();
-        self.shelf.picture(&path, number)
+        let entry = find(&mut self.lock(), id)?.entry.clone();
+        self.shelf.picture(&entry.frames_path, (entry.first_frame, entry.last_frame), number)
     }
 
     /// Reads the manifest again where its content has changed, by whomever, and takes from it what it says of the sequences now.
@@ -373,7 +384,8 @@ impl Desk {
                 let entry = entries.remove(&item.entry.id.to_string());
                 item.listed = entry.is_some();
                 if let Some(entry) = entry {
-                    if entry.frames_path != item.entry.frames_path {
+                    let range = |entry: &SequenceEntry| (entry.first_frame, entry.last_frame);
+                    if entry.frames_path != item.entry.frames_path || range(&entry) != range(&item.entry) {
                         item.frames = None;
                     }
                     item.entry = entry;
@@ -411,7 +423,7 @@ impl Desk {
         if let Some(frames) = &item.frames {
             return Ok(frames.clone());
         }
-        let frames = self.shelf.list(&item.entry.frames_path)?;
+        let frames = self.shelf.list(&item.entry.frames_path, (item.entry.first_frame, item.entry.last_frame))?;
         Ok(item.frames.insert(frames).clone())
     }
 
@@ -483,13 +495,22 @@ fn marks_path(entry: &SequenceEntry) -> &Path {
     entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path)
 }
 
-/// Neutral and apex frame of a sequence; where the manifest names a frame that is not there, the first and the last.
-fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32), RequestError> {
+/// Neutral and apex frame of a sequence: those that the manifest names, else the first and the last; and what is to be said where it names
+/// one that is not there, before anything is marked on another.
+fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32, Option<String>), RequestError> {
     let none = || RequestError::Refused("the sequence has no frames".to_owned());
-    let known = |n: &u32| frames.numbers.binary_search(n).is_ok();
-    let first = entry.first_frame.filter(known).or(frames.numbers.first().copied()).ok_or_else(none)?;
-    let last = entry.last_frame.filter(known).or(frames.numbers.last().copied()).ok_or_else(none)?;
-    Ok((first, last))
+    let (first, last) = (*frames.numbers.first().ok_or_else(none)?, *frames.numbers.last().ok_or_else(none)?);
+    let is_there = |n: &u32| frames.numbers.binary_search(n).is_ok();
+    let named = [
+        ("first_frame", entry.first_frame, "F makes another one the neutral one"),
+        ("last_frame", entry.last_frame, "L makes another one the apex"),
+    ];
+    let missing = named.iter().find_map(|(column, named, key)| Some((column, named.filter(|n| !is_there(n))?, key)));
+    let problem = missing.map(|(column, number, key)| {
+        format!("{column} is {number} in the manifest, and there are frames {first} to {last} only: {key}; until then nothing is saved")
+    });
+    let (neutral, apex) = (entry.first_frame.filter(is_there), entry.last_frame.filter(is_there));
+    Ok((neutral.unwrap_or(first), apex.unwrap_or(last), problem))
 }
 
 fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {

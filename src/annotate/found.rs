@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{AnnotateError, ProposalSource, ProposedMarks, desk::Desk};
+use super::{ProposalSource, ProposedMarks, desk::Desk};
 use crate::{
     fit::Correspondence,
     pipeline::{FoundFace, found_face},
@@ -38,8 +38,9 @@ pub struct Accepted {
 
 impl Desk {
     /// Saves the marks found in every sequence that has none, where half of them are expected to be less than `limit` percent of the eye
-    /// distance off and no single one is expected to be more than three times that: those are left out. A mark set by hand always wins.
-    pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Result<Accepted, AnnotateError> {
+    /// distance off and no single one is expected to be more than three times that: those are left out. A mark set by hand always wins, and of several faces a person has to
+    /// say which one is meant.
+    pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Accepted {
         let open: Vec<SequenceId> = self.unmarked();
         let done = std::sync::atomic::AtomicUsize::new(0);
         let found: Vec<(SequenceId, Result<Vec<Correspondence>, String>)> = open
@@ -53,15 +54,15 @@ impl Desk {
         let mut outcome = Accepted::default();
         for (id, marks) in found {
             match marks {
-                Ok(marks) => {
-                    self.save_found(&id, &marks)
-                        .map_err(|error| AnnotateError::Accept { id: id.clone(), reason: error.to_string() })?;
-                    outcome.accepted.push(id);
-                }
+                Ok(marks) => match self.save_found(&id, &marks) {
+                    Ok(true) => outcome.accepted.push(id),
+                    Ok(false) => outcome.left.push((id, "it has got marks meanwhile".to_owned())),
+                    Err(error) => outcome.left.push((id, error.to_string())),
+                },
                 Err(reason) => outcome.left.push((id, reason)),
             }
         }
-        Ok(outcome)
+        outcome
     }
 
     fn sure_marks(&self, id: &SequenceId, limit: f64) -> Result<Vec<Correspondence>, String> {
@@ -71,6 +72,9 @@ impl Desk {
         let percent = 100.0 * face.expected_error;
         if !face.trusted || percent >= limit {
             return Err(format!("half of the points are expected to be more than {percent:.1} % of the eye distance off"));
+        }
+        if let Some(remark) = face.of_several() {
+            return Err(remark);
         }
         let most = 3.0 * limit / 100.0 * face.eye_distance;
         let sure: Vec<Correspondence> = face.marks.into_iter().filter(|m| m.expected_error.is_some_and(|e| e <= most)).collect();

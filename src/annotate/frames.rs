@@ -14,7 +14,10 @@ use crate::{
 };
 
 /// Most frames of a video that are kept for scrubbing.
-const MAX_VIDEO_FRAMES: usize = 2000;
+const MAX_VIDEO_FRAMES: u32 = 2000;
+
+/// The frames of a sequence that its manifest or track names: neutral and apex, in either order.
+pub type Named = (Option<u32>, Option<u32>);
 
 /// A frame's bytes and their type.
 pub struct Picture {
@@ -24,7 +27,7 @@ pub struct Picture {
     pub bytes: Vec<u8>,
 }
 
-/// All frames of one sequence, whatever its neutral and apex frame.
+/// All frames of one sequence, whatever its neutral and apex frame; of a long video those around them.
 #[derive(Clone, Debug)]
 pub struct FrameList {
     /// Frame numbers, ascending.
@@ -36,7 +39,13 @@ pub struct FrameList {
 /// Lists and shows frames; keeps the decoded frames of one video, because a video only decodes in order.
 #[derive(Default)]
 pub struct FrameShelf {
-    video: Mutex<Option<(PathBuf, Arc<Vec<VideoFrame>>)>>,
+    video: Mutex<Option<Shelved>>,
+}
+
+struct Shelved {
+    path: PathBuf,
+    named: Named,
+    frames: Arc<Vec<VideoFrame>>,
 }
 
 struct VideoFrame {
@@ -46,11 +55,12 @@ struct VideoFrame {
 }
 
 impl FrameShelf {
-    /// The frames of a folder, a video or a picture.
+    /// The frames of a folder, a video or a picture; of a video of more than 2,000 frames those around the `named` ones, every second or
+    /// fewer where these lie further apart.
     ///
     /// # Errors
     /// [`RequestError::Refused`] when there are none, or the first one does not decode.
-    pub fn list(&self, path: &Path) -> Result<FrameList, RequestError> {
+    pub fn list(&self, path: &Path, named: Named) -> Result<FrameList, RequestError> {
         match frames_at(path)? {
             FrameSource::Images(files) => {
                 let first = files.first().ok_or_else(|| RequestError::Refused("no frames".to_owned()))?;
@@ -58,7 +68,7 @@ impl FrameShelf {
                 Ok(FrameList { numbers: files.iter().map(|f| f.number).collect(), size })
             }
             source @ FrameSource::Video { .. } => {
-                let frames = self.video(path, &source)?;
+                let frames = self.video(path, &source, named)?;
                 let first = frames.first().ok_or_else(|| RequestError::Refused("the video has no frames".to_owned()))?;
                 Ok(FrameList { numbers: frames.iter().map(|f| f.number).collect(), size: first.size })
             }
@@ -69,7 +79,7 @@ impl FrameShelf {
     ///
     /// # Errors
     /// [`RequestError`] when there is no such frame or it does not decode.
-    pub fn picture(&self, path: &Path, number: u32) -> Result<Picture, RequestError> {
+    pub fn picture(&self, path: &Path, named: Named, number: u32) -> Result<Picture, RequestError> {
         let missing = || RequestError::NotFound(format!("there is no frame {number}"));
         match frames_at(path)? {
             FrameSource::Images(files) => {
@@ -77,27 +87,60 @@ impl FrameShelf {
                 image_file(&file.path)
             }
             source @ FrameSource::Video { .. } => {
-                let frames = self.video(path, &source)?;
+                let frames = self.video(path, &source, named)?;
                 let frame = frames.iter().find(|f| f.number == number).ok_or_else(missing)?;
                 Ok(Picture { mime: "image/png", bytes: frame.png.clone() })
             }
         }
     }
 
-    fn video(&self, path: &Path, source: &FrameSource) -> Result<Arc<Vec<VideoFrame>>, RequestError> {
+    fn video(&self, path: &Path, source: &FrameSource, named: Named) -> Result<Arc<Vec<VideoFrame>>, RequestError> {
         let mut shelf = self.video.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, frames)) = shelf.as_ref().filter(|(known, _)| known == path) {
-            return Ok(Arc::clone(frames));
+        if let Some(known) = shelf.as_ref().filter(|known| known.path == path && known.named == named) {
+            return Ok(Arc::clone(&known.frames));
         }
-        let mut frames = Vec::new();
-        for frame in SequenceReader::open(source).map_err(RequestError::refused)?.take(MAX_VIDEO_FRAMES) {
-            let frame = frame.map_err(RequestError::refused)?;
-            frames.push(VideoFrame { number: frame.number(), size: frame.size(), png: png(&frame)? });
-        }
-        let frames = Arc::new(frames);
-        *shelf = Some((path.to_owned(), Arc::clone(&frames)));
+        let reader = SequenceReader::open(source).map_err(RequestError::refused)?;
+        let frames = Arc::new(window(reader, named, MAX_VIDEO_FRAMES)?);
+        *shelf = Some(Shelved { path: path.to_owned(), named, frames: Arc::clone(&frames) });
         Ok(frames)
     }
+}
+
+/// At most about `most` frames: those around the `named` ones; every second, every fourth and so on where the named ones lie further apart,
+/// or where it is the end of the video that is named by nothing. What is named, the first and the last frame of the video, where nothing
+/// names them, are among them.
+fn window(reader: SequenceReader, (neutral, apex): Named, most: u32) -> Result<Vec<VideoFrame>, RequestError> {
+    let to_end = neutral.is_none() || apex.is_none();
+    let (low, high) = (neutral.min(apex).or(neutral).or(apex).unwrap_or(1), neutral.max(apex).unwrap_or(1));
+    let around = most.saturating_sub(high - low) / 2;
+    let start = if neutral.is_none() { 1 } else { low.saturating_sub(around).max(1) };
+    let end = if to_end { u32::MAX } else { high.saturating_add(around) };
+    let mut every = if to_end { 1 } else { ((high - low) / most + 1).next_power_of_two() };
+    let is_named = |n: u32| Some(n) == neutral || Some(n) == apex;
+    let mut kept: Vec<VideoFrame> = Vec::new();
+    let mut last = None;
+    for frame in reader {
+        let frame = frame.map_err(RequestError::refused)?;
+        let number = frame.number();
+        if number > end {
+            break;
+        }
+        if number < start {
+            continue;
+        }
+        if (number - start) % every == 0 || is_named(number) {
+            kept.push(VideoFrame { number, size: frame.size(), png: png(&frame)? });
+        }
+        if to_end && kept.len() > most as usize {
+            every *= 2;
+            kept.retain(|f| (f.number - start) % every == 0 || is_named(f.number));
+        }
+        last = kept.last().is_none_or(|f| f.number != number).then_some(frame);
+    }
+    if let Some(frame) = last.filter(|_| to_end) {
+        kept.push(VideoFrame { number: frame.number(), size: frame.size(), png: png(&frame)? });
+    }
+    Ok(kept)
 }
 
 /// One picture as the frames of a sequence.
@@ -128,9 +171,17 @@ fn image_file(path: &Path) -> Result<Picture, RequestError> {
 fn browser_type(bytes: &[u8]) -> Option<&'static str> {
     /// Place of the bit depth in a PNG file. Browsers show 16 bits by the upper 8: a 12-bit camera would give black.
     const PNG_DEPTH: usize = 24;
+    /// Flag of a WebP file that holds Exif data.
+    const WEBP_EXIF: u8 = 0x08;
     match bytes {
         [0xFF, 0xD8, 0xFF, ..] => Some("image/jpeg"),
         [0x89, b'P', b'N', b'G', ..] if bytes.get(PNG_DEPTH) != Some(&16) => Some("image/png"),
+        // Browsers do not turn these as their Exif data say; the reader does.
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', b'V', b'P', b'8', b'X', _, _, _, _, flags, ..]
+            if flags & WEBP_EXIF != 0 =>
+        {
+            None
+        }
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => Some("image/webp"),
         _ => None,
     }
@@ -164,11 +215,13 @@ mod tests {
         fs::write(folder.path().join("secret_9.png"), "a text that is called an image").unwrap();
         fs::write(folder.path().join("notes.txt"), "x").unwrap();
         let shelf = FrameShelf::default();
-        let list = shelf.list(folder.path()).unwrap();
+        let list = shelf.list(folder.path(), (None, None)).unwrap();
         assert_eq!((list.numbers, list.size), (vec![3, 5, 9], ImageSize { width: 8, height: 6 }));
-        assert_eq!(shelf.picture(folder.path(), 5).ok().map(|p| p.mime), Some("image/png"));
-        assert!(matches!(shelf.picture(folder.path(), 4), Err(RequestError::NotFound(_))));
-        assert!(matches!(shelf.picture(folder.path(), 9), Err(RequestError::Refused(reason)) if reason.contains("not an image")));
+        assert_eq!(shelf.picture(folder.path(), (None, None), 5).ok().map(|p| p.mime), Some("image/png"));
+        assert!(matches!(shelf.picture(folder.path(), (None, None), 4), Err(RequestError::NotFound(_))));
+        assert!(
+            matches!(shelf.picture(folder.path(), (None, None), 9), Err(RequestError::Refused(reason)) if reason.contains("not an image"))
+        );
     }
 
     #[test]
@@ -178,12 +231,40 @@ mod tests {
         pgm.extend([0, 50, 100, 150, 200, 250, 10, 20]);
         fs::write(folder.path().join("a1.pgm"), &pgm).unwrap();
         fs::write(folder.path().join("a2.pgm"), &pgm).unwrap();
-        let picture = FrameShelf::default().picture(folder.path(), 1).ok().unwrap();
+        let picture = FrameShelf::default().picture(folder.path(), (None, None), 1).ok().unwrap();
         let shown = image::load_from_memory(&picture.bytes).unwrap().to_luma8();
         assert_eq!((picture.mime, shown.get_pixel(1, 1).0[0]), ("image/png", 250));
         // A PNG file of 16 bits per sample is decoded as well.
         let mut deep = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01".to_vec();
         deep.push(16);
         assert_eq!((browser_type(&deep), browser_type(&[0xFF, 0xD8, 0xFF, 0])), (None, Some("image/jpeg")));
+        // So is a WebP file that may have to be turned.
+        let webp = |flags: u8| [b"RIFF\0\0\0\0WEBPVP8X\x0A\0\0\0".as_slice(), &[flags]].concat();
+        assert_eq!((browser_type(&webp(0x08)), browser_type(&webp(0x10))), (None, Some("image/webp")));
+    }
+
+    #[test]
+    fn a_long_recording_shows_the_frames_around_those_that_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let files: Vec<FrameFile> = (1..=60)
+            .map(|number| {
+                let path = folder.path().join(format!("{number}.png"));
+                gray(8, 6).save(&path).unwrap();
+                FrameFile { number, path }
+            })
+            .collect();
+        let numbers = |named: Named, most: u32| -> Vec<u32> {
+            let reader = SequenceReader::open(&FrameSource::Images(files.clone())).unwrap();
+            window(reader, named, most).map_err(|e| e.to_string()).unwrap().iter().map(|f| f.number).collect()
+        };
+        assert_eq!(numbers((None, None), 100), (1..=60).collect::<Vec<_>>());
+        assert_eq!(numbers((Some(40), Some(44)), 10), (37..=47).collect::<Vec<_>>());
+        assert_eq!(numbers((Some(44), Some(40)), 10), (37..=47).collect::<Vec<_>>(), "against the time, too");
+        assert_eq!(numbers((Some(2), Some(5)), 10), (1..=8).collect::<Vec<_>>());
+        // Further apart than can be kept: fewer of them, but both.
+        assert_eq!(numbers((Some(10), Some(50)), 10), [10, 18, 26, 34, 42, 50]);
+        // To the end of the video, wherever that is.
+        assert_eq!(numbers((None, None), 8), [1, 9, 17, 25, 33, 41, 49, 57, 60]);
+        assert_eq!(numbers((Some(31), None), 8), [27, 31, 35, 43, 51, 59, 60]);
     }
 }

@@ -13,6 +13,7 @@ use crate::{
     dataset::SequenceEntry,
     input::{CsvFile, InputError},
     output::{OutputError, write_durable},
+    text::composed,
     units::SequenceId,
 };
 
@@ -64,7 +65,8 @@ pub fn set_fields(path: &Path, id: &SequenceId, fields: &[(&str, String)]) -> Re
 fn set_field(path: &Path, bytes: Vec<u8>, id: &SequenceId, column: &str, value: &str) -> Result<Vec<u8>, ManifestEditError> {
     let csv = CsvFile::from_bytes(path, bytes.clone())?;
     let [subject, sequence] = csv.require(["subject", "sequence"])?;
-    let is_row = |row: &crate::input::CsvRow<'_>| row.get(subject) == id.subject && row.get(sequence) == id.sequence;
+    let is_row =
+        |row: &crate::input::CsvRow<'_>| composed(row.get(subject)) == id.subject && composed(row.get(sequence)) == id.sequence;
     let line = csv.rows().flatten().find(is_row).map(|row| row.line());
     let line = line.ok_or_else(|| ManifestEditError::NoSuchRow { path: path.to_owned(), id: id.clone() })?;
     let place = csv.column(column);
@@ -244,6 +246,16 @@ mod tests {
         let expected = "subject,sequence,emotion,note,fps\nS1,1,joy,\"a,\nb\",\nS1,2,joy,\"c\r\n\r\nd\",25\nS1,3,joy,,\n";
         assert_eq!(set(text, &[("fps", "25")]).unwrap(), expected);
         assert_eq!(set(text, &[("note", "x")]).unwrap(), text.replace("\"c\r\n\r\nd\"", "x"));
+    }
+
+    #[test]
+    fn names_with_accents_behind_their_letters_are_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("manifest.csv");
+        fs::write(&path, "subject,sequence,emotion\nAndre\u{301},1,joy\n").unwrap();
+        let id = SequenceId { subject: "Andr\u{e9}".into(), sequence: "1".into() };
+        set_fields(&path, &id, &[("last_frame", "9".to_owned())]).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "subject,sequence,emotion,last_frame\nAndre\u{301},1,joy,9\n");
     }
 
     #[test]

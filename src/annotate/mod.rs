@@ -32,7 +32,7 @@ use std::{
     time::Duration,
 };
 
-use crate::{dataset::DatasetError, pipeline::Workbench, units::SequenceId};
+use crate::{dataset::DatasetError, pipeline::Workbench};
 
 pub use found::Accepted;
 pub use proposals::{CascadeError, Cascades, ProposalSource, ProposedMarks};
@@ -115,14 +115,6 @@ pub enum AnnotateError {
         /// Why.
         source: io::Error,
     },
-    /// Found marks that cannot be saved.
-    #[error("{id}: the marks that were found cannot be saved: {reason}")]
-    Accept {
-        /// The sequence.
-        id: SequenceId,
-        /// Why.
-        reason: String,
-    },
     /// The port cannot be had.
     #[error("cannot listen on {address}: {source}; choose another port with --port, or leave it out for any that is free")]
     Listen {
@@ -202,13 +194,10 @@ impl Annotator {
     /// Saves found marks of sequences that have none, where half of them are expected to be less than `limit` percent of the eye distance
     /// off; a mark set by hand always wins. `progress` is told how many of how many sequences have been looked at, from any thread.
     /// Nothing to do for tracks.
-    ///
-    /// # Errors
-    /// [`AnnotateError::Accept`].
-    pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Result<Accepted, AnnotateError> {
+    pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Accepted {
         match &self.app.work {
             Work::Marks(desk) => desk.accept(limit, progress),
-            Work::Tracks(_) => Ok(Accepted::default()),
+            Work::Tracks(_) => Accepted::default(),
         }
     }
 

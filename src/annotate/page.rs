@@ -56,7 +56,7 @@ struct Node {
 }
 
 /// What the page must know before it shows a sequence.
-pub fn setup(bench: &Workbench, mode: &str, title: &str) -> Value {
+pub fn setup(bench: &Workbench, mode: &str, title: &str, key: &str) -> Value {
     let frontal = bench.wireframe.frontal();
     let fps: BTreeMap<NodeId, &crate::wireframe::FeaturePointRow> = bench
         .tables
@@ -88,6 +88,7 @@ pub fn setup(bench: &Workbench, mode: &str, title: &str) -> Value {
     json!({
         "mode": mode,
         "title": title,
+        "key": key,
         "version": env!("CARGO_PKG_VERSION"),
         "nodes": frontal.iter().enumerate().map(node).collect::<Vec<_>>(),
         "edges": bench.wireframe.edges(),
@@ -124,7 +125,7 @@ mod tests {
     #[test]
     fn the_suggested_nodes_can_be_marked_and_have_names() {
         let bench = Workbench::new(None, PipelineOptions::default()).unwrap();
-        let setup = setup(&bench, "marks", "faces");
+        let setup = setup(&bench, "marks", "faces", "");
         let suggested = setup["suggested"].as_array().unwrap();
         assert_eq!((suggested.len(), suggested[0].as_u64()), (15, Some(20)));
         for node in suggested {

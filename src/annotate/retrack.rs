@@ -191,8 +191,13 @@ impl TrackDesk {
 
     /// One frame for the browser.
     pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
-        let path = find(&self.lock(), id)?.frames_path.clone();
-        self.shelf.picture(&path, number)
+        let (path, named) = {
+            let items = self.lock();
+            let item = find(&items, id)?;
+            let frames = self.read_frames(item)?;
+            (item.frames_path.clone(), (frames.first().map(|f| f.number), frames.last().map(|f| f.number)))
+        };
+        self.shelf.picture(&path, named, number)
     }
 
     /// A frame with corrections that are not saved: what the page shows while a node is dragged.

@@ -153,8 +153,8 @@ where
 async fn setup(State(app): State<Shared>) -> Response {
     answer(app, |app| {
         Ok(match &app.work {
-            Work::Marks(desk) => page::setup(&desk.bench, "marks", &desk.title()),
-            Work::Tracks(tracks) => page::setup(&tracks.bench, "tracks", &tracks.title()),
+            Work::Marks(desk) => page::setup(&desk.bench, "marks", &desk.title(), &desk.key()),
+            Work::Tracks(tracks) => page::setup(&tracks.bench, "tracks", &tracks.title(), ""),
         })
     })
     .await

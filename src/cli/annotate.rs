@@ -125,7 +125,6 @@ fn accept(annotator: &Annotator, limit: f64) -> anyhow::Result<()> {
         bar.set_position(done as u64);
     });
     bar.finish_and_clear();
-    let accepted = accepted?;
     println!("{} accepted with the marks that were found", count(accepted.accepted.len(), "sequence", "sequences"));
     for (id, reason) in &accepted.left {
         println!("  to look at: {id}: {reason}");

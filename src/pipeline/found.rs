@@ -65,6 +65,11 @@ impl FoundFace {
         self.chosen_of_several("the largest was taken", "another one is taken where `grimace annotate` marks it")
     }
 
+    /// That a person has to say which of several faces is meant; `None` where there is one.
+    pub(crate) fn of_several(&self) -> Option<String> {
+        self.chosen_of_several("the largest is proposed", "mark the one that is meant")
+    }
+
     /// That there are several faces, which one was `taken`, and how another one is; `None` where there is one.
     pub(super) fn chosen_of_several(&self, taken: &str, another: &str) -> Option<String> {
         let middle = self.middle();

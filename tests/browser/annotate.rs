@@ -342,6 +342,68 @@ fn a_conflict_is_decided_by_the_user() {
 }
 
 #[test]
+fn no_key_of_the_work_answers_a_conflict_and_what_is_dropped_can_be_had_back() {
+    let work = unmarked(&["S001_005"]);
+    let server = Server::start(&work, "faces");
+    let browser = Browser::start();
+    open(&browser, &server, (1280, 720));
+    no_proposals(&browser);
+    browser.press(" ");
+    wait(&browser, "document.querySelectorAll('.pin.mark').length === 1");
+    saved(&browser);
+    work.write("faces/S001/005/correspondences.csv", "node,x,y,kind\n10,100,120,mark\n");
+    browser.press(" ");
+    wait(&browser, "document.getElementById('ask').open");
+    for key in [" ", "a", &ENTER.to_string()] {
+        browser.press(key);
+    }
+    assert_eq!(browser.run("return document.getElementById('ask').open"), json!(true));
+    assert_eq!(rows(&work, "S001/005").len(), 1, "nothing was overwritten before the answer");
+    // Closed without an answer, it is open still: the next change asks again.
+    browser.press(&ESCAPE.to_string());
+    wait(&browser, "!document.getElementById('ask').open && document.getElementById('saved').className === 'failed'");
+    assert_eq!(rows(&work, "S001/005").len(), 1);
+    browser.press(" ");
+    wait(&browser, "document.getElementById('ask').open");
+    browser.run("document.getElementById('ask-no').click()");
+    wait(&browser, "document.querySelectorAll('.pin.mark').length === 1");
+    browser.run("document.getElementById('undo').click()");
+    wait(&browser, "document.querySelectorAll('.pin.mark').length === 3");
+    saved(&browser);
+    assert_eq!(rows(&work, "S001/005").len(), 3);
+}
+
+#[test]
+fn a_sequence_that_does_not_open_takes_no_marks() {
+    let work = unmarked(&["S001_005", "S002_007"]);
+    for name in crate::common::files_in(&work.path("faces/S002/007")).keys().filter(|name| name.ends_with(".png")) {
+        work.write(&format!("faces/S002/007/{name}"), "no picture");
+    }
+    let server = Server::start(&work, "faces");
+    let browser = Browser::start();
+    open(&browser, &server, (1280, 720));
+    no_proposals(&browser);
+    browser.run("document.getElementById('next').click()");
+    wait(&browser, "document.getElementById('sequence').textContent === 'S002_007'");
+    assert!(text(&browser, "notice").starts_with("S002_007: "), "{}", text(&browser, "notice"));
+    assert_eq!(browser.run("return document.getElementById('photo').hasAttribute('href')"), json!(false));
+    for key in [" ", "a", "f", "z", "]"] {
+        browser.press(key);
+    }
+    browser.click((500.0, 400.0));
+    assert!(
+        !work.path("faces/S001/005/correspondences.csv").exists() && !work.path("faces/S002/007/correspondences.csv").exists()
+    );
+    browser.run("document.getElementById('previous').click()");
+    wait(&browser, "document.getElementById('sequence').textContent === 'S001_005'");
+    no_proposals(&browser);
+    browser.press(" ");
+    saved(&browser);
+    assert_eq!(rows(&work, "S001/005").len(), 1);
+    // The frames themselves are said not to load; nothing else goes wrong.
+}
+
+#[test]
 fn frames_are_stepped_through_and_chosen() {
     let work = unmarked(&["S001_005"]);
     let server = Server::start(&work, "faces");
@@ -550,9 +612,11 @@ fn a_new_user_marks_three_real_sequences_in_two_minutes() {
         sleep(Duration::from_millis(2500));
         let proposed = browser.run("return document.querySelectorAll('.pin.proposal').length").as_u64().unwrap();
         browser.screenshot(&format!("real-{}", id.replace('/', "_")), false);
-        // The whole face is found, with discs of doubt.
+        // The whole face is found, with discs of doubt; one point taken by a key keeps the error to expect, as all do.
         assert!(proposed > 40, "{id}: {proposed}");
         assert_eq!(browser.run("return document.querySelectorAll('.pin.proposal .doubt').length"), json!(proposed));
+        browser.press(" ");
+        wait(&browser, "document.querySelectorAll('.pin.mark .doubt').length === 1");
         browser.press("a");
         wait(&browser, "document.querySelectorAll('.pin.proposal').length === 0");
         // What is left is marked by hand: a look, a click, where the wireframe expects it or in the middle of the face.

@@ -345,6 +345,11 @@ fn any_frame_may_be_neutral_or_apex() {
     let server = Server::start(&work, "faces");
     let opened = open(&server, "S001_005");
     assert_eq!((&opened["neutral"], &opened["apex"]), (&json!(1), &json!(5)));
+    assert!(
+        opened["problem"].as_str().unwrap().starts_with("first_frame is 0 in the manifest, and there are frames 1 to 6 only")
+    );
+    let refused = save(&server, "S001_005", &opened["version"], &true_marks("S001/005"));
+    assert!(refused.status == 422 && refused.text().contains("first_frame is 0"), "nothing is marked on another frame");
     server.send("PUT", "api/sequences/S001_005/range", &json!({"version": opened["version"], "neutral": 1, "apex": 5})).ok();
     assert_eq!(row(&work)["first_frame"], "1");
 }

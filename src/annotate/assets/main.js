@@ -77,7 +77,7 @@ class Page {
     document.title = `${title} · grimace annotate`;
     if (mode === 'tracks') get('list-title').textContent = 'Corrections';
     const name = (n) => this.setup.nodes[n].name;
-    this.drafts = new Drafts(title);
+    this.drafts = new Drafts(this.setup.key);
     this.saver = new Saver(this.drafts, (state, text) => this.showSaved(state, text), (id, current, marks) => this.conflict(id, current, marks));
     this.stage = new Stage(this);
     this.scrubber = new Scrubber((number) => this.work.showFrame(number));
@@ -96,7 +96,11 @@ class Page {
   // What the stage asks and tells goes to the work at hand.
 
   hit(...what) { return this.work.hit(...what); }
-  tap(...what) { this.hideNotice(); this.work.tap(...what); }
+  tap(...what) {
+    if (!this.isOpen()) return;
+    this.hideNotice();
+    this.work.tap(...what);
+  }
   dragStart(...what) { this.hideNotice(); this.work.dragStart(...what); }
   dragMove(...what) { this.work.dragMove(...what); }
   dragEnd(...what) { this.work.dragEnd(...what); }
@@ -105,6 +109,11 @@ class Page {
   /** The part of a wireframe that is worth zooming to: without skull and outline. */
   innerFace(nodes) {
     return this.setup.nodes.filter((n) => n.live && n.region !== 'forehead' && n.region !== 'contour').map((n) => nodes[n.id]);
+  }
+
+  /** Whether a sequence or a track is there to work on: one that does not open leaves the stage empty. */
+  isOpen() {
+    return Boolean(this.work.sequence ?? this.work.track);
   }
 
   // Sequences.
@@ -134,6 +143,7 @@ class Page {
       await this.work.open(id);
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
+      this.work.close();
       this.notice(`${id}: ${error.message}`, true);
     }
     this.id = id;
@@ -226,7 +236,11 @@ class Page {
     const mine = await this.askUser(
       'Changed elsewhere',
       `Another tab or program has saved ${current.marks.length} marks for ${id} since this page read it; this page has ${marks.length}. Which ones are to stay?`,
-      'Keep mine', 'Take theirs');
+      'Keep mine', 'Take theirs', true);
+    if (mine === null) {
+      this.showSaved('failed', 'Not saved: changed elsewhere. The next change asks again.');
+      return;
+    }
     this.saver.read(id, current.version);
     if (mine) this.saver.save(id, marks);
     else {
@@ -236,13 +250,15 @@ class Page {
       if (this.work.id === id) {
         this.work.take(current);
         this.work.showFrame(current.neutral);
+        // What this page had is one step back.
+        this.work.remember(marks);
       }
     }
   }
 
   /** Back in this tab: shows what another one has saved meanwhile. */
   async lookAgain() {
-    if (document.hidden || !this.id || this.setup.mode !== 'marks' || !this.saver.isSaved(this.id)) return;
+    if (document.hidden || !this.isOpen() || this.setup.mode !== 'marks' || !this.saver.isSaved(this.id)) return;
     try {
       const current = await ask(sequencePath(this.id));
       if (current.id !== this.id || !this.saver.isSaved(this.id) || current.version === this.saver.versions.get(this.id)) return;
@@ -288,17 +304,25 @@ class Page {
     }
   }
 
-  /** A question with two answers, or one; whether the first was chosen. */
-  askUser(title, text, yes, no) {
+  /**
+   * A question with two answers, or one: `true` for the first, `false` for the second, `null` where it was closed without one. One at a
+   * time. A `sudden` one comes while somebody works: no key that is meant for the work answers it.
+   */
+  askUser(...what) {
+    const answer = (this.asked ?? Promise.resolve()).then(() => this.askNow(...what));
+    this.asked = answer;
+    return answer;
+  }
+
+  askNow(title, text, yes, no, sudden = false) {
     const dialog = get('ask');
     get('ask-title').textContent = title;
     get('ask-text').textContent = text;
     get('ask-yes').textContent = yes;
     get('ask-no').textContent = no ?? '';
     get('ask-no').hidden = no === null;
-    if (dialog.open) dialog.close();
     dialog.showModal();
-    get('ask-yes').focus();
+    get(sudden ? 'ask-title' : 'ask-yes').focus();
     return new Promise((answer) => {
       const finish = (value) => {
         dialog.onclose = null;
@@ -307,7 +331,7 @@ class Page {
       };
       get('ask-yes').onclick = () => finish(true);
       get('ask-no').onclick = () => finish(false);
-      dialog.onclose = () => answer(false);
+      dialog.onclose = () => answer(null);
     });
   }
 
@@ -412,7 +436,7 @@ class Page {
     on('zoom-in', 'click', () => this.stage.zoomBy(1.25));
     on('zoom-out', 'click', () => this.stage.zoomBy(0.8));
     on('zoom-fit', 'click', () => this.stage.fit());
-    on('zoom-face', 'click', () => this.work.showFace());
+    on('zoom-face', 'click', () => this.isOpen() && this.work.showFace());
     on('wire-toggle', 'click', () => this.toggleWire());
     on('loupe-toggle', 'click', () => this.toggleLoupe());
     addEventListener('keydown', (event) => this.key(event));
@@ -453,14 +477,14 @@ class Page {
       '=': () => this.stage.zoomBy(1.25),
       '-': () => this.stage.zoomBy(0.8),
       0: () => this.stage.fit(),
-      z: () => this.work.showFace(),
+      z: () => this.isOpen() && this.work.showFace(),
       w: () => this.toggleWire(),
       m: () => this.toggleLoupe(),
       d: () => this.nextTheme(),
       '/': () => get('node').focus(),
     };
     if (keys[name]) keys[name]();
-    else if (!this.work.sequence && !this.work.track) return;
+    else if (!this.isOpen()) return;
     else if (!this.work.key(event, name)) return;
     event.preventDefault();
   }

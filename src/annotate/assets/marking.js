@@ -14,7 +14,7 @@ export class Marking {
     this.setup = page.setup;
     this.fitter = new Newest((...what) => this.askFit(...what));
     this.live = this.setup.nodes.filter((n) => n.live).map((n) => n.id);
-    const on = (id, act) => document.getElementById(id).addEventListener('click', act);
+    const on = (id, act) => document.getElementById(id).addEventListener('click', () => this.sequence && act());
     on('accept', () => this.accept());
     on('dismiss', () => this.dismiss());
     on('undo', () => this.undo());
@@ -22,7 +22,7 @@ export class Marking {
     on('remove', () => this.remove());
     on('set-neutral', () => this.setRange(this.frame, this.sequence.apex));
     on('set-apex', () => this.setRange(this.sequence.neutral, this.frame));
-    }
+  }
 
   async open(id) {
     const sequence = await ask(sequencePath(id));
@@ -35,6 +35,33 @@ export class Marking {
     this.propose();
     const draft = this.page.drafts.of(id);
     if (draft && this.page.saver.isSaved(id)) this.offerDraft(draft);
+  }
+
+  /** No sequence, nothing to mark. */
+  close() {
+    this.id = null;
+    this.sequence = null;
+    this.marks = new Map();
+    this.proposals = [];
+    this.undone = [];
+    this.done = [];
+    this.selected = null;
+    this.chosen = null;
+    this.fit = null;
+    this.fitter.forget();
+    this.page.stage.clear();
+    this.page.scrubber.clear();
+    this.page.showList([], '');
+    document.getElementById('proposal-bar').hidden = true;
+    for (const id of ['undo', 'redo', 'remove', 'set-neutral', 'set-apex']) document.getElementById(id).disabled = true;
+    for (const id of ['step', 'target']) document.getElementById(id).textContent = '';
+    document.getElementById('hint').textContent = 'This sequence does not open. › goes on to the next one.';
+  }
+
+  /** Marks that were there before what is shown now: one step to undo. */
+  remember(marks) {
+    this.done.push([...marks].sort((a, b) => a.node - b.node));
+    this.render();
   }
 
   /** Shows a sequence as the server has it. */
@@ -57,7 +84,8 @@ export class Marking {
 
   async offerDraft(draft) {
     const same = JSON.stringify([...draft].sort((a, b) => a.node - b.node)) === JSON.stringify(this.sequence.marks);
-    const restore = !same && (await this.page.askUser('Marks that were not saved', 'The last changes to this sequence did not reach the server. Bring them back?', 'Bring back', 'Drop them'));
+    const restore = !same && (await this.page.askUser('Marks that were not saved', 'The last changes to this sequence did not reach the server. Bring them back?', 'Bring back', 'Drop them', true));
+    if (restore === null || this.sequence === null) return;
     if (restore) this.change(() => (this.marks = new Map(draft.map((m) => [m.node, m]))));
     else this.page.drafts.drop(this.id);
   }
@@ -134,6 +162,13 @@ export class Marking {
     this.render();
   }
 
+  /** Takes a proposal as it is, with the error to expect. */
+  adopt(proposal) {
+    this.change(() => this.marks.set(proposal.node, { ...proposal, kind: 'mark' }));
+    this.selected = proposal.node;
+    this.render();
+  }
+
   remove(node = this.selected) {
     if (!this.marks.has(node)) return;
     this.change(() => this.marks.delete(node));
@@ -161,6 +196,7 @@ export class Marking {
 
   /** Picks a node: one that is marked is selected, any other is marked by the next tap. */
   pick(node) {
+    if (!this.sequence) return;
     this.selected = this.marks.has(node) || this.fit ? node : null;
     this.chosen = this.marks.has(node) ? null : node;
     this.render();
@@ -173,13 +209,17 @@ export class Marking {
     const node = this.next() ?? this.selected;
     if (node === null || this.marks.has(node) || !this.needsNeutral()) return;
     const proposal = this.proposals.find((p) => p.node === node);
+    if (proposal) {
+      this.adopt(proposal);
+      this.page.stage.showLoupeBriefly(this.point(node));
+      return;
+    }
     const [w, h] = this.page.stage.size;
     const { x, y } = this.setup.nodes[node];
     // Candide's face is about 2 units high: here it fills half of the image.
     const scale = Math.min(w, h) / 4;
     const guess = [w / 2 + x * scale, h / 2 + y * scale];
-    const point = proposal ? [proposal.x, proposal.y] : this.fit?.nodes[node] ?? guess;
-    this.place(node, this.page.stage.clamp(point));
+    this.place(node, this.page.stage.clamp(this.fit?.nodes[node] ?? guess));
     this.page.stage.showLoupeBriefly(this.point(node));
   }
 
@@ -284,6 +324,7 @@ export class Marking {
       if (id !== this.id) return;
       const moved = sequence.neutral !== this.sequence.neutral;
       this.sequence = sequence;
+      this.problem = sequence.problem;
       this.page.saver.read(id, sequence.version);
       this.page.showSaved('saved', 'Saved');
       if (moved && this.marks.size) this.page.notice(`Frame ${neutral} is neutral now. The marks stay where they were: look whether they still fit.`);
@@ -319,7 +360,7 @@ export class Marking {
   }
 
   wantsLoupe() {
-    return this.onNeutral() && this.next() !== null;
+    return Boolean(this.sequence) && this.onNeutral() && this.next() !== null;
   }
 
   tap(point, thing) {
@@ -327,7 +368,7 @@ export class Marking {
     if (thing?.type === 'mark') {
       this.selected = thing.node;
     } else if (thing?.type === 'proposal') {
-      return this.place(thing.node, thing.point);
+      return this.adopt(this.proposals.find((p) => p.node === thing.node));
     } else if (this.next() !== null) {
       return this.place(this.next(), point);
     } else {
@@ -390,8 +431,9 @@ export class Marking {
     document.getElementById('redo').disabled = !this.undone.length;
     document.getElementById('remove').disabled = !this.marks.has(this.selected);
     const { neutral, apex, frames } = this.sequence;
-    document.getElementById('set-neutral').disabled = this.frame === neutral || this.frame === apex;
-    document.getElementById('set-apex').disabled = this.frame === apex || this.frame === neutral || frames.length < 2;
+    // What the manifest names and is not there is chosen anew, be it where it is shown.
+    document.getElementById('set-neutral').disabled = (this.frame === neutral && !this.problem) || this.frame === apex;
+    document.getElementById('set-apex').disabled = (this.frame === apex && !this.problem) || this.frame === neutral || frames.length < 2;
     page.scrubber.update(this.frame, { neutral, apex });
     page.showProblem(this.problem || this.fitProblem);
   }

@@ -41,6 +41,16 @@ export class Scrubber {
     );
   }
 
+  /** No frames. */
+  clear() {
+    this.frames = [];
+    this.index = 0;
+    this.range.max = 0;
+    this.pictures = new Map();
+    this.strip.replaceChildren();
+    this.text.textContent = '';
+  }
+
   /** Which frame is shown, which are neutral and apex, and what a frame is to look like. */
   update(number, { neutral, apex, classes = () => '', fill = () => 0, words = () => '' }) {
     this.index = this.frames.indexOf(number);

@@ -63,8 +63,9 @@ const RETRY_MS = 1500;
 
 /** Marks that could not be sent yet, kept by the browser. */
 export class Drafts {
-  constructor(title) {
-    this.prefix = `grimace:${title}:`;
+  /** `key` tells a dataset from others of its name. */
+  constructor(key) {
+    this.prefix = `grimace:${key}:`;
   }
 
   keep(id, marks) {

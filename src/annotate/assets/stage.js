@@ -59,6 +59,18 @@ export class Stage {
     if (!same) this.fit();
   }
 
+  /** Nothing to show. */
+  clear() {
+    this.photo.removeAttribute('href');
+    this.bitmap = new Image();
+    this.root.dataset.frame = '';
+    this.size = [1, 1];
+    for (const path of this.wire.children) path.setAttribute('d', '');
+    this.drawDots([]);
+    this.drawMarks([]);
+    this.hideLoupe();
+  }
+
   /** The window has another size: what was in the middle stays there. */
   resized() {
     if (!this.touched) return this.fit();

@@ -23,7 +23,7 @@ export class Tracking {
     this.live = this.setup.nodes.filter((n) => n.live).map((n) => n.id);
     this.colours = new Map(this.setup.states.map((s) => [s.name, s.colour]));
     this.previewer = new Newest((...what) => this.askPreview(...what));
-    const on = (id, act) => document.getElementById(id).addEventListener('click', act);
+    const on = (id, act) => document.getElementById(id).addEventListener('click', () => this.track && act());
     on('retrack', () => this.retrack());
     on('undo', () => this.undo());
     on('redo', () => this.redo());
@@ -42,6 +42,24 @@ export class Tracking {
     this.page.stage.forgetView();
     this.showFrame(track.frames[0].number);
     this.showFace();
+  }
+
+  /** No track, nothing to correct. */
+  close() {
+    this.id = null;
+    this.track = null;
+    this.preview = null;
+    this.selected = null;
+    this.done = [];
+    this.undone = [];
+    this.previewer.forget();
+    this.page.stage.clear();
+    this.page.scrubber.clear();
+    this.page.showList([], '');
+    for (const id of ['undo', 'redo', 'remove', 'retrack']) document.getElementById(id).disabled = true;
+    for (const id of ['track-step', 'track-title']) document.getElementById(id).textContent = '';
+    document.getElementById('track-hint').textContent = 'This track does not open. › goes on to the next one.';
+    document.getElementById('legend').replaceChildren();
   }
 
   showFace() {
@@ -189,6 +207,7 @@ export class Tracking {
   }
 
   pick(node) {
+    if (!this.track) return;
     this.selected = node;
     this.render();
     this.page.stage.showLoupeBriefly(this.current().nodes[node]);
