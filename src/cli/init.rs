@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use grimace::{
-    dataset::{DatasetError, UNKNOWN_EMOTION, manifest_path, propose_manifest},
+    dataset::{DatasetError, Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest},
     output::count,
 };
 
@@ -29,7 +29,7 @@ pub struct Args {
     /// Table of people, a CSV file with a column `subject`
     #[arg(long, value_name = "CSV")]
     people: Option<PathBuf>,
-    /// Write over a manifest that is there
+    /// Write over a manifest that is there; what it says of frames that are still there and a proposal does not is kept
     #[arg(long)]
     force: bool,
     /// No summary
@@ -55,10 +55,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(people) = &args.people {
         manifest.join_people(people)?;
     }
+    let kept = if path.is_file() { manifest.keep(&path) } else { Ok(Kept::default()) };
     manifest.write(&path)?;
     if !args.quiet {
+        match &kept {
+            Err(error) => println!("note: nothing is kept of the manifest that was there: {error}"),
+            Ok(kept) => say_kept(kept),
+        }
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
         println!("{}: {}", path.display(), count(manifest.rows.len(), "sequence", "sequences"));
+        if !manifest.skipped.is_empty() {
+            println!("note: not taken: {}", shortened(&manifest.skipped));
+        }
         if !manifest.left_out.is_empty() {
             println!("note: left out, with fewer than two pictures: {}", shortened(&manifest.left_out));
         }
@@ -80,6 +88,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         println!("next: grimace run {} -o results", quoted(&args.folder.display().to_string()));
     }
     Ok(Outcome::Done)
+}
+
+/// What was taken over from the manifest that was there, and what was not.
+fn say_kept(kept: &Kept) {
+    if !kept.columns.is_empty() {
+        println!("note: kept from the manifest that was there: {}", shortened(&kept.columns));
+    }
+    if !kept.other_emotions.is_empty() {
+        println!("note: the manifest that was there had other emotions: {}", shortened(&kept.other_emotions));
+    }
+    if !kept.gone.is_empty() {
+        println!("note: in the manifest that was there, and not found: {}", shortened(&kept.gone));
+    }
 }
 
 /// The first names of a list, and how many more there are.

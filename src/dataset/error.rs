@@ -241,8 +241,11 @@ pub enum RowError {
 /// Longest text taken as part of a file name, bytes.
 const MAX_NAME_BYTES: usize = 100;
 
-/// Checks that a text can be part of a file name on any system.
-pub(super) fn check_file_name(column: &'static str, value: &str) -> Result<(), RowError> {
+/// Checks that a text can be part of a file name on any system; `column` is what is said to hold it.
+///
+/// # Errors
+/// [`RowError`] with the reason.
+pub fn check_file_name(column: &'static str, value: &str) -> Result<(), RowError> {
     let reason = match value {
         "" => return Err(RowError::Empty { column }),
         "." | ".." => "which is a folder of its own",

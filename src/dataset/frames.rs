@@ -270,7 +270,7 @@ pub(super) fn sub_folders(folder: &Path) -> io::Result<Vec<String>> {
 }
 
 /// Entries of a folder by name, hidden ones left out.
-pub(super) fn visible(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
+pub(crate) fn visible(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
     let mut entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
     entries.retain(|e| !e.file_name().as_encoded_bytes().starts_with(b"."));
     entries.sort_by_key(fs::DirEntry::file_name);

@@ -8,7 +8,7 @@ use std::{
 };
 
 use self::search::Found;
-use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade};
+use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, error::name_key};
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
@@ -24,25 +24,37 @@ const NEGATIONS: [&str; 6] = ["not", "non", "no", "un", "never", "without"];
 /// What divides a name into parts.
 const SEPARATORS: [char; 3] = ['_', '-', ' '];
 
-/// The word for anger in short, which other words and names begin with (`angle`, `Angela`).
-const ANGER: &str = "ang";
-
-/// Words that say an emotion, beginning with these letters.
-const EMOTION_WORDS: [(&str, &str); 15] = [
-    ("anger", "anger"),
+/// Words that say an emotion, whatever follows: nobody is called so.
+const EMOTION_STEMS: [(&str, &str); 16] = [
     ("angr", "anger"),
     ("disg", "disgust"),
-    ("fear", "fear"),
+    ("fearful", "fear"),
     ("afraid", "fear"),
     ("scared", "fear"),
-    ("happ", "happiness"),
-    ("joy", "happiness"),
-    ("smil", "happiness"),
-    ("sad", "sadness"),
+    ("happy", "happiness"),
+    ("happi", "happiness"),
+    ("joyful", "happiness"),
+    ("joyous", "happiness"),
+    ("smile", "happiness"),
+    ("smiling", "happiness"),
+    ("sadness", "sadness"),
     ("surp", "surprise"),
     ("amaze", "surprise"),
     ("contempt", "contempt"),
     ("neutral", "neutral"),
+];
+
+/// Words that say an emotion alone or before another one (`sadhappy`): names begin with them (`Angela`, `Joyce`, `Sadie`, `Neumann`).
+const EMOTION_WORDS: [(&str, &str); 10] = [
+    ("anger", "anger"),
+    ("ang", "anger"),
+    ("fears", "fear"),
+    ("fear", "fear"),
+    ("happ", "happiness"),
+    ("hap", "happiness"),
+    ("joy", "happiness"),
+    ("sad", "sadness"),
+    ("sur", "surprise"),
     ("neu", "neutral"),
 ];
 
@@ -61,6 +73,19 @@ pub struct ProposedRow {
     pub landmarks: String,
     /// Fields of the person, in the order of [`ProposedManifest::person_columns`].
     pub person: Vec<String>,
+    /// Fields of the sequence, in the order of [`ProposedManifest::more_columns`].
+    pub more: Vec<String>,
+}
+
+/// What became of an earlier manifest.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// Columns that were taken over.
+    pub columns: Vec<String>,
+    /// Sequences whose emotion was another one before, each with both.
+    pub other_emotions: Vec<String>,
+    /// Frames of rows that are not found any more.
+    pub gone: Vec<String>,
 }
 
 /// A manifest to be.
@@ -70,8 +95,12 @@ pub struct ProposedManifest {
     pub rows: Vec<ProposedRow>,
     /// Columns that say something about people.
     pub person_columns: Vec<String>,
+    /// Further columns: marks and frames that are known, and those of an earlier manifest.
+    pub more_columns: Vec<String>,
     /// Subjects that the table of people lacks.
     pub unknown_people: Vec<String>,
+    /// Sequences of a labelled dataset that are not taken, with the reason.
+    pub skipped: Vec<String>,
     /// Folders that hold no sequence, relative to the manifest: empty ones, and those with a single picture.
     pub left_out: Vec<String>,
     /// Videos and pictures of formats that are not read, relative to the manifest.
@@ -97,7 +126,7 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
         Err(error) => return Err(error),
     };
     let manifest = match labelled {
-        Some(dataset) => ProposedManifest { rows: of_dataset(root, &dataset), ..ProposedManifest::default() },
+        Some(dataset) => of_dataset(root, &dataset),
         None => of_folders(root)?,
     };
     if manifest.rows.is_empty() {
@@ -147,6 +176,53 @@ impl ProposedManifest {
         Ok(())
     }
 
+    /// Takes over what an earlier manifest says of the same frames: emotions that are not known otherwise, landmarks, and all columns that
+    /// a proposal has no value for, such as marks, chosen frames and `publish`.
+    ///
+    /// # Errors
+    /// [`DatasetError`] when it does not read.
+    pub fn keep(&mut self, path: &Path) -> Result<Kept, DatasetError> {
+        let csv = CsvFile::open(path)?;
+        let mut kept = Kept::default();
+        let Some(frames) = csv.column("frames") else { return Ok(kept) };
+        let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
+        let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
+        let columns: Vec<(usize, String)> = csv.header().iter().cloned().enumerate().filter(|(_, name)| is_more(name)).collect();
+        for (_, name) in &columns {
+            if !self.more_columns.contains(name) {
+                self.more_columns.push(name.clone());
+            }
+        }
+        let width = self.more_columns.len();
+        self.rows.iter_mut().for_each(|row| row.more.resize(width, String::new()));
+        for old in csv.rows() {
+            let old = old?;
+            let place = composed(old.get(frames));
+            let Some(row) = self.rows.iter_mut().find(|row| composed(&row.frames) == place) else {
+                kept.gone.push(place);
+                continue;
+            };
+            let field = |name: &str| csv.column(name).map(|k| old.get(k)).unwrap_or_default();
+            let emotion = field("emotion");
+            if row.emotion == UNKNOWN_EMOTION && !emotion.is_empty() {
+                emotion.clone_into(&mut row.emotion);
+            } else if emotion != row.emotion {
+                kept.other_emotions.push(format!("{}_{} ({emotion}, now {})", row.subject, row.sequence, row.emotion));
+            }
+            if row.landmarks.is_empty() {
+                field("landmarks").clone_into(&mut row.landmarks);
+            }
+            for (k, name) in &columns {
+                let place = self.more_columns.iter().position(|column| column == name);
+                if let Some(value) = place.and_then(|place| row.more.get_mut(place)).filter(|value| value.is_empty()) {
+                    old.get(*k).clone_into(value);
+                }
+            }
+        }
+        kept.columns = columns.into_iter().map(|(_, name)| name).collect();
+        Ok(kept)
+    }
+
     /// Writes `manifest.csv`.
     ///
     /// # Errors
@@ -155,12 +231,13 @@ impl ProposedManifest {
         let with_landmarks = self.rows.iter().any(|row| !row.landmarks.is_empty());
         let mut header: Vec<String> = ["subject", "sequence", "emotion", "frames"].map(str::to_owned).into();
         header.extend(with_landmarks.then(|| "landmarks".to_owned()));
-        header.extend(self.person_columns.iter().cloned());
+        header.extend(self.person_columns.iter().chain(&self.more_columns).cloned());
         let rows = self.rows.iter().map(|row| {
-            let ProposedRow { subject, sequence, emotion, frames, landmarks, person } = row.clone();
+            let ProposedRow { subject, sequence, emotion, frames, landmarks, person, more } = row.clone();
             let mut fields = vec![subject, sequence, emotion, frames];
             fields.extend(with_landmarks.then_some(landmarks));
             fields.extend(person);
+            fields.extend(more);
             fields
         });
         write_records(path, header, rows).map(|_| ())
@@ -174,7 +251,12 @@ fn relative(root: &Path, path: &Path) -> String {
     if parts.is_empty() { ".".to_owned() } else { parts.join("/") }
 }
 
-fn of_dataset(root: &Path, dataset: &Dataset) -> Vec<ProposedRow> {
+fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
+    let marks = |entry: &super::SequenceEntry| {
+        let file = entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path);
+        file.is_file().then(|| relative(root, file))
+    };
+    let any_marks = dataset.sequences.iter().any(|entry| marks(entry).is_some());
     let row = |entry: &super::SequenceEntry| ProposedRow {
         subject: entry.id.subject.clone(),
         sequence: entry.id.sequence.clone(),
@@ -182,8 +264,16 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> Vec<ProposedRow> {
         frames: relative(root, &entry.frames_path),
         landmarks: entry.landmarks_paths.first().map(|path| relative(root, path)).unwrap_or_default(),
         person: Vec::new(),
+        more: any_marks.then(|| marks(entry).unwrap_or_default()).into_iter().collect(),
     };
-    dataset.sequences.iter().map(row).collect()
+    let skipped = dataset.skipped.iter().map(|s| format!("{}: {}", s.id, s.reason));
+    let failed = dataset.failures.iter().map(|f| f.error.to_string());
+    ProposedManifest {
+        rows: dataset.sequences.iter().map(row).collect(),
+        more_columns: any_marks.then(|| "correspondences".to_owned()).into_iter().collect(),
+        skipped: skipped.chain(failed).collect(),
+        ..ProposedManifest::default()
+    }
 }
 
 fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
@@ -191,19 +281,23 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let relative_all = |paths: &[PathBuf]| paths.iter().map(|path| relative(root, path)).collect();
     let names: Vec<Vec<String>> = found.sequences.iter().map(|path| names(root, path)).collect();
     let holds_all = names.first().and_then(|n| n.first()).filter(|first| holds_all(first, &names)).cloned();
+    let people_first = are_people(names.iter().filter_map(|n| n.get(usize::from(holds_all.is_some()))));
     let mut seen = BTreeSet::new();
     let row = |(path, names): (&PathBuf, &Vec<String>)| {
         let names = &names[usize::from(holds_all.is_some())..];
-        let (subject, mut sequence) = subject_and_sequence(root, names);
+        let (subject, mut sequence) = subject_and_sequence(root, names, people_first);
         let plain = sequence.clone();
         let mut number = 1;
-        while !seen.insert(format!("{subject}_{sequence}")) {
+        while !seen.insert(name_key(&format!("{subject}_{sequence}"))) {
             number += 1;
             sequence = format!("{plain}-{number}");
         }
-        let emotion = names.iter().rev().find_map(|name| emotion_of(name)).unwrap_or(UNKNOWN_EMOTION);
+        // Somebody called Joy is not happy by that.
+        let is_name = |name: &&String| people_first && names.len() > 1 && **name == subject && !has_other_words(name);
+        let emotion =
+            names.iter().rev().filter(|name| !is_name(name)).find_map(|name| emotion_of(name)).unwrap_or(UNKNOWN_EMOTION);
         let (emotion, frames) = (emotion.to_owned(), relative(root, path));
-        ProposedRow { subject, sequence, emotion, frames, landmarks: String::new(), person: Vec::new() }
+        ProposedRow { subject, sequence, emotion, frames, landmarks: String::new(), person: Vec::new(), more: Vec::new() }
     };
     let mut rows: Vec<ProposedRow> = found.sequences.iter().zip(&names).map(row).collect();
     rows.sort_by(|a, b| (&a.subject, &a.sequence).cmp(&(&b.subject, &b.sequence)));
@@ -218,6 +312,13 @@ fn holds_all(first: &str, names: &[Vec<String>]) -> bool {
     emotion_of(first).is_none()
         && !is_label(first)
         && names.iter().all(|n| n.len() > 1 && n[0] == first && n[1..].iter().any(may_be_person))
+}
+
+/// Whether folders side by side are called as people are: fewer than half of their names are emotions.
+fn are_people<'a>(names: impl Iterator<Item = &'a String>) -> bool {
+    let names: BTreeSet<&String> = names.collect();
+    let emotions = names.iter().filter(|name| emotion_of(name).is_some() && !has_other_words(name)).count();
+    2 * emotions < names.len()
 }
 
 /// Words that begin the names of folders that hold several people.
@@ -244,11 +345,12 @@ fn names(root: &Path, path: &Path) -> Vec<String> {
     inside.components().map(|c| composed(&c.as_os_str().to_string_lossy())).collect()
 }
 
-/// Subject and sequence by the names: the first that is no emotion, and the others. Of one name alone, what stands before the first `_`,
+/// Subject and sequence by the names: the first where `people_first`, else the first that is no emotion, and the others. Of one name alone, what stands before the first `_`,
 /// `-` or space is the subject; where that is an emotion, the next part that is none.
-fn subject_and_sequence(root: &Path, names: &[String]) -> (String, String) {
+fn subject_and_sequence(root: &Path, names: &[String], people_first: bool) -> (String, String) {
     let of_root = || root.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy())));
-    let place = names.iter().position(|name| emotion_of(name).is_none_or(|_| has_other_words(name)));
+    let place =
+        if people_first { Some(0) } else { names.iter().position(|name| emotion_of(name).is_none_or(|_| has_other_words(name))) };
     match (names, place) {
         ([], _) => (of_root().unwrap_or_else(|| "1".to_owned()), "1".to_owned()),
         ([name], _) => {
@@ -283,12 +385,18 @@ fn has_other_words(name: &str) -> bool {
     words(name).len() > 1 || name.chars().any(|c| c.is_ascii_digit())
 }
 
+/// The emotion that begins a word, with the length of what says it.
+fn at_start(word: &str) -> Option<(usize, &'static str)> {
+    let long = |(start, emotion): &(&str, &'static str)| word.starts_with(start).then_some((start.len(), *emotion));
+    let short = |(start, emotion): &(&str, &'static str)| {
+        let rest = word.strip_prefix(start)?;
+        (rest.is_empty() || at_start(rest).is_some()).then_some((start.len(), *emotion))
+    };
+    EMOTION_STEMS.iter().find_map(long).or_else(|| EMOTION_WORDS.iter().find_map(short))
+}
+
 /// The emotion that a name says; [`UNKNOWN_EMOTION`] where it says several, or that it is not one.
 fn emotion_of(name: &str) -> Option<&'static str> {
-    let at_start = |word: &str| match EMOTION_WORDS.iter().find(|(start, _)| word.starts_with(start)) {
-        Some((start, emotion)) => Some((start.len(), *emotion)),
-        None => (word == ANGER).then_some((ANGER.len(), "anger")),
-    };
     let mut found: BTreeSet<&'static str> = BTreeSet::new();
     let words = words(name);
     for word in &words {
@@ -361,6 +469,18 @@ mod tests {
             ("ang-2", Some("anger")),
             ("angry", Some("anger")),
             ("angela_happy", Some("happiness")),
+            ("sadhappy", Some("?")),
+            ("joy", Some("happiness")),
+            ("happyface", Some("happiness")),
+            ("sad2", Some("sadness")),
+            ("NEU", Some("neutral")),
+            ("Joyce", None),
+            ("Sadie", None),
+            ("Neumann", None),
+            ("neurotypical", None),
+            ("Fearon", None),
+            ("Surya", None),
+            ("Hapke", None),
             ("nora", None),
             ("un_1", None),
         ] {
@@ -384,6 +504,63 @@ mod tests {
             ["happy", "sad", "?", "happy_sad.mp4"],
         ];
         assert_eq!(rows(&["happy_P01.mp4", "happy_sad.mp4", "sad-P01-2.mp4"]), expected.map(|r| r.map(str::to_owned)));
+    }
+
+    #[test]
+    fn people_may_be_called_joy_and_names_that_differ_by_case_are_told_apart() {
+        let files =
+            ["Joy/clip1/1.png", "Joy/clip1/2.png", "anna/happy/1.png", "anna/happy/2.png", "ben/sad/1.png", "ben/sad/2.png"];
+        let expected = [
+            ["Joy", "clip1", "?", "Joy/clip1"],
+            ["anna", "happy", "happiness", "anna/happy"],
+            ["ben", "sad", "sadness", "ben/sad"],
+        ];
+        assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
+        let files = ["S1/Take/1.png", "S1/Take/2.png", "S1/take/1.png", "S1/take/2.png"];
+        assert_eq!(rows(&files).iter().map(|r| r[1].as_str()).collect::<Vec<_>>(), ["Take", "take-2"]);
+    }
+
+    #[test]
+    fn what_a_person_entered_is_kept_when_a_manifest_is_made_anew() {
+        let folder = folder(&["A/a.mp4", "B/b.mp4"]);
+        let path = manifest_path(folder.path());
+        fs::write(
+            &path,
+            "subject,sequence,emotion,frames,publish,first_frame,group\nA,a,fear,A/a.mp4,no,7,old\nC,c,joy,C/c.mp4,no,,old\n",
+        )
+        .unwrap();
+        let people = folder.path().join("people.csv");
+        fs::write(&people, "subject,group\nA,new\nB,new\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.join_people(&people).unwrap();
+        let kept = manifest.keep(&path).unwrap();
+        assert_eq!((kept.columns, kept.gone), (vec!["publish".to_owned(), "first_frame".to_owned()], vec!["C/c.mp4".to_owned()]));
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,group,publish,first_frame\n\
+                        A,a,fear,A/a.mp4,new,no,7\nB,b,?,B/b.mp4,new,,\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+    }
+
+    #[test]
+    fn marks_of_a_labelled_dataset_are_named_and_what_has_no_label_is_said() {
+        let folder = folder(&["1", "2"].map(|f| format!("cohn-kanade-images/S005/001/{f}.png")).each_ref().map(String::as_str));
+        for (file, text) in [
+            ("cohn-kanade-images/S005/001/correspondences.csv", "node,x,y\n"),
+            ("cohn-kanade-images/S005/002/1.png", ""),
+            ("cohn-kanade-images/S005/002/2.png", ""),
+            ("Emotion/S005/001/S005_001_00000002_emotion.txt", "   3.0000000e+00\n"),
+        ] {
+            let path = folder.path().join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        let manifest = propose_manifest(folder.path()).unwrap();
+        assert_eq!(manifest.skipped, ["S005_002: it has no emotion label"]);
+        let path = manifest_path(folder.path());
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,correspondences\n\
+                        S005,001,disgust,cohn-kanade-images/S005/001,cohn-kanade-images/S005/001/correspondences.csv\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
     }
 
     #[test]

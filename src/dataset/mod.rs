@@ -22,11 +22,12 @@ use crate::units::SequenceId;
 pub use cohn_kanade::emotion_code;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, may_publish};
 pub(crate) use error::name_key;
-pub use error::{DatasetError, RowError};
+pub use error::{DatasetError, RowError, check_file_name};
+pub(crate) use frames::visible;
 pub use frames::{
     FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, has_picture_name, is_picture, list_frames, list_recording,
 };
-pub use init::{UNKNOWN_EMOTION, manifest_path, propose_manifest};
+pub use init::{Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
     LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks,
