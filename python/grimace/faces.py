@@ -112,12 +112,15 @@ def _mark_of_row(row: Mapping[str, Any]) -> tuple[str, float, float, bool, Optio
     return str(node), float(row["x"]), float(row["y"]), row.get("kind") == "hard", float(error) if known else None
 
 
-def locate(image: Picture, most_faces: int = 20, least_eye_distance: Optional[float] = None) -> list[Face]:
+def locate(
+    image: Picture, most_faces: int = 20, least_eye_distance: Optional[float] = None, every_size: bool = False
+) -> list[Face]:
     """The faces of a picture and their points, the largest first; an empty list where there is none.
 
     ``least_eye_distance`` is the smallest distance of the pupils that is looked for, px; by default a share of the picture's longer side.
+    With ``every_size`` small faces are looked for beside large ones, too, which takes about five times as long.
     """
-    return [Face(**face) for face in _grimace.locate(native_picture(image), most_faces, least_eye_distance)]
+    return [Face(**face) for face in _grimace.locate(native_picture(image), most_faces, least_eye_distance, every_size)]
 
 
 def read_marks(path: Union[str, "os.PathLike[str]"]) -> dict[int, tuple[float, float]]:

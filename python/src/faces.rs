@@ -27,9 +27,10 @@ pub fn locate<'py>(
     image: &Bound<'py, PyAny>,
     most_faces: usize,
     least_eye_distance: Option<f64>,
+    every_size: bool,
 ) -> PyResult<Bound<'py, PyList>> {
     let picture = Picture::of(image)?;
-    let options = LocateOptions { most_faces, least_eye_distance };
+    let options = LocateOptions { most_faces, least_eye_distance, every_size };
     let faces = run_long(py, None, false, move |_| {
         let frame = picture.frame(0)?;
         Ok(Locator::shipped().map_err(to::<LocateError>)?.locate(frame.image(), &options))

@@ -45,7 +45,7 @@ fn source_of(source: &MotionSource<'_>, bench: &grimace::internal::pipeline::Wor
         MotionSource::Fap(values, fps) => SourceMotion::from_fap(NAME, &sequence_of(NAME, *fps, values, Vec::new())?, bench),
         MotionSource::Track(track) => {
             let track = track.get();
-            SourceMotion::from_track(NAME, track.frames(), bench).map(|motion| SourceMotion { fps: track.fps(), ..motion })
+            SourceMotion::from_track(NAME, track.frames(), &[], bench).map(|motion| SourceMotion { fps: track.fps(), ..motion })
         }
     };
     motion.map_err(to::<CloneError>)

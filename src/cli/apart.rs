@@ -45,6 +45,17 @@ pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Resul
     Ok(())
 }
 
+/// Refuses an output that is there among the inputs of a folder.
+pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        !(output.is_file() && resolved(output).starts_with(resolved(folder))),
+        "{}: --output would be written over a file of {}; give it another name",
+        output.display(),
+        folder.display()
+    );
+    Ok(())
+}
+
 /// Refuses inputs in a folder that is made anew, or in one below it.
 pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyhow::Result<()> {
     let folder = resolved(folder);
@@ -108,6 +119,9 @@ mod tests {
             assert_ne!(said(&[("-o", &at("link/new.csv")), ("--more", &at("sub/new.csv"))], &[]), "");
             assert_ne!(said(&[("-o", &at("other.csv"))], &[("MARKS", &at("marks.csv"))]), "");
         }
+        let over = check_not_over(&at("marks.csv"), folder.path()).unwrap_err().to_string();
+        assert!(over.contains("--output would be written over a file of"), "{over}");
+        assert!(check_not_over(&a, folder.path()).is_ok() && check_not_over(&at("marks.csv"), &at("sub")).is_ok());
         let inside = |path: &str| check_outside("--output", &at("sub"), &[("--source", &at(path))]).is_err();
         assert!(inside("sub/a.fap") && inside("sub/deep/a.fap") && !inside("subject.fap"));
     }

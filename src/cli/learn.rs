@@ -15,6 +15,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    apart::check_not_over,
     progress::frame_bar,
     shared::{LearnedFileArgs, check_free, file_name},
 };
@@ -80,6 +81,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
+    check_not_over(&args.output, &args.faces)?;
     check_free(&args.output, args.file.force)?;
     let options = LearnOptions {
         seed: args.seed,

@@ -11,6 +11,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    apart::check_not_over,
     shared::{LearnedFileArgs, check_free, file_name},
 };
 
@@ -39,6 +40,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    check_not_over(&args.output, &args.folder)?;
     check_free(&args.output, args.file.force)?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let (head, blake3) = learn_head(&read_dense_faces(&args.folder, args.modes)?, args.modes, &wireframe, &tables)?;

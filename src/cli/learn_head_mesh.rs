@@ -10,6 +10,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    apart::check_not_over,
     shared::{LearnedFileArgs, about, check_free, file_name},
 };
 
@@ -36,6 +37,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    check_not_over(&args.output, &args.folder)?;
     check_free(&args.output, args.file.force)?;
     let (head, blake3) = learn_head_mesh(&args.folder).map_err(|e| about(&args.folder)(&e))?;
     let command = format!("grimace learn head-mesh {} -o {}", file_name(&args.folder), file_name(&args.output));

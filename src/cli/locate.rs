@@ -8,6 +8,7 @@ use grimace::{
     output::{self, nine_digits},
     overlay::{draw_points, png_bytes},
     pipeline::{PictureSource, pictures_of},
+    sequence::ImageSize,
 };
 use rayon::prelude::*;
 
@@ -27,8 +28,8 @@ Example:
 
 POINTS.csv has the columns image,face,node,x,y,expected_error: faces count from 1, the largest first; nodes are Candide-3 vertices; x, y and \
 the expected error (half of such points are further off, half less) are in pixels. Of a dataset the neutral frames are taken. A face whose \
-median expected error is above the limit is named as not trusted: look at it before you use its points. Faces are looked for upright and \
-large first, then small and turned ones.
+median expected error is above the limit is named as not trusted: look at it before you use its points. Turned faces are looked for where \
+no upright one is found.
 
 Exit status: 0 done, 3 where a picture has no face or does not read.")]
 pub struct Args {
@@ -51,8 +52,11 @@ pub struct Args {
     /// Smallest distance of the pupils that is looked for, px; a share of the picture's longer side by default
     #[arg(long, value_parser = clap::value_parser!(u16).range(10..), value_name = "PX")]
     least_eye_distance: Option<u16>,
+    /// Look for small faces beside large ones, too, which takes about five times as long; else only where there is no large one
+    #[arg(long)]
+    every_size: bool,
     /// Median expected error, over the eye distance, up to which a face is trusted
-    #[arg(long, default_value_t = TRUSTED, value_name = "SHARE")]
+    #[arg(long, default_value_t = TRUSTED, value_parser = share, value_name = "SHARE")]
     trust: f64,
     /// Threads; 0 for one per core
     #[arg(short, long, default_value_t = 0)]
@@ -63,6 +67,18 @@ pub struct Args {
     /// No progress bar, no summary
     #[arg(short, long)]
     quiet: bool,
+}
+
+/// A share of the eye distance, which is easily taken for percent.
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        Ok(percent) if percent > 1.0 && percent <= 100.0 => Err(format!(
+            "this is a share, from 0 to 1: for {percent} % of the eye distance give {}",
+            nine_digits(percent / 100.0)
+        )),
+        _ => Err("a share is a number from 0 to 1".to_owned()),
+    }
 }
 
 /// Runs the command.
@@ -79,8 +95,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         None => Model::shipped()?,
     };
     let locator = Locator::new(model);
-    let options =
-        LocateOptions { most_faces: usize::from(args.faces), least_eye_distance: args.least_eye_distance.map(f64::from) };
+    let options = LocateOptions {
+        most_faces: usize::from(args.faces),
+        least_eye_distance: args.least_eye_distance.map(f64::from),
+        every_size: args.every_size,
+    };
     let (mut pictures, mut failures) = (Vec::new(), Vec::new());
     for path in &args.pictures {
         let (found, failed) = pictures_of(path)?;
@@ -91,7 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     }
     let bar = frame_bar(args.quiet, Some(pictures.len() as u64));
-    let found: Vec<Result<(Vec<LocatedFace>, usize), String>> = pictures
+    let found: Vec<Result<Located, String>> = pictures
         .par_iter()
         .enumerate()
         .map(|(k, picture)| {
@@ -108,12 +127,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     bar.finish_and_clear();
     let rows = pictures.iter().zip(&found).flat_map(|(picture, faces)| {
         let name = picture.name.as_str();
-        faces.iter().flat_map(|(faces, _)| faces).enumerate().flat_map(move |(k, face)| {
-            face.points.iter().map(move |point| {
-                let numbers = [point.position.x, point.position.y, point.expected_error].map(nine_digits);
-                [name.to_owned(), (k + 1).to_string(), point.node.to_string()].into_iter().chain(numbers).collect::<Vec<_>>()
-            })
-        })
+        faces.iter().flat_map(|found| found.faces.iter().map(|face| (found.size, face))).enumerate().flat_map(
+            move |(k, (size, face))| {
+                // Of a face that the border cuts, the points beyond it cannot be seen.
+                face.points.iter().filter(move |point| size.contains(&point.position)).map(move |point| {
+                    let numbers = [point.position.x, point.position.y, point.expected_error].map(nine_digits);
+                    [name.to_owned(), (k + 1).to_string(), point.node.to_string()].into_iter().chain(numbers).collect::<Vec<_>>()
+                })
+            },
+        )
     });
     output::write_records(&args.output, ["image", "face", "node", "x", "y", "expected_error"], rows)?;
     let (mut empty, mut unreadable, mut doubtful, mut count) = (0, failures.len(), 0, 0);
@@ -127,11 +149,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 // What OpenCV or the file system says names the file.
                 if reason.contains(&picture.name) { eprintln!("{reason}") } else { eprintln!("{}: {reason}", picture.name) }
             }
-            Ok((faces, _)) if faces.is_empty() => {
+            Ok(Located { faces, .. }) if faces.is_empty() => {
                 empty += 1;
                 eprintln!("{}: no face found", picture.name);
             }
-            Ok((faces, left_out)) => {
+            Ok(Located { faces, left_out, .. }) => {
                 count += faces.len();
                 if *left_out > 0 {
                     eprintln!(
@@ -164,13 +186,23 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(if empty + unreadable > 0 { Outcome::SomeFailed } else { Outcome::Done })
 }
 
+/// The faces of a picture.
+struct Located {
+    faces: Vec<LocatedFace>,
+    /// How many more there may be.
+    left_out: usize,
+    size: ImageSize,
+}
+
 fn locate(
     locator: &Locator,
     picture: &PictureSource,
     options: &LocateOptions,
     overlay: Option<(&Path, usize)>,
-) -> anyhow::Result<(Vec<LocatedFace>, usize)> {
-    let image = picture.read()?.into_image();
+) -> anyhow::Result<Located> {
+    let frame = picture.read()?;
+    let size = frame.size();
+    let image = frame.into_image();
     let (faces, left_out) = locator.locate_counted(&image, options);
     if let Some((folder, number)) = overlay {
         let stem = Path::new(&picture.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -179,5 +211,5 @@ fn locate(
         let path = folder.join(format!("{:04}_{stem}.png", number + 1));
         output::write_bytes(&path, &png_bytes(&draw_points(&image, &points))?)?;
     }
-    Ok((faces, left_out))
+    Ok(Located { faces, left_out, size })
 }

@@ -64,11 +64,13 @@ pub struct LocateOptions {
     pub most_faces: usize,
     /// Smallest eye distance, px; `None` for a share of the picture's longer side.
     pub least_eye_distance: Option<f64>,
+    /// Whether small faces are looked for beside large ones, too; else only where there are no large ones.
+    pub every_size: bool,
 }
 
 impl Default for LocateOptions {
     fn default() -> Self {
-        Self { most_faces: 20, least_eye_distance: None }
+        Self { most_faces: 20, least_eye_distance: None, every_size: false }
     }
 }
 
@@ -171,7 +173,7 @@ impl Locator {
 
     /// The faces of a picture, the largest first; none where there are none.
     ///
-    /// Faces are looked for upright and large first; where there are none, small ones and turned ones are.
+    /// Faces are looked for upright and large first; where there are none, small ones are, and where there are none of these, turned ones.
     pub fn locate(&self, image: &GrayImage, options: &LocateOptions) -> Vec<LocatedFace> {
         self.locate_counted(image, options).0
     }
@@ -198,9 +200,26 @@ impl Locator {
         for (least, most, angle, count) in searches {
             let search = Search { eye_distance: (least, most), angle, most: count };
             let (found, left_out) = self.faces(&picture, &search, options);
-            if !found.is_empty() {
+            if found.is_empty() {
+                continue;
+            }
+            let is_first = angle == 0.0 && count == searches[0].3;
+            if !(options.every_size && is_first && found.len() < options.most_faces) {
                 return (found, left_out);
             }
+            let [_, (smaller, _, angle, count), ..] = searches;
+            let below = Search { eye_distance: (smaller, least.max(smaller)), angle, most: count };
+            let (small, more) = self.faces(&picture, &below, options);
+            let mut all = found;
+            for face in small {
+                if !all.iter().any(|known| is_same(known, &face)) {
+                    all.push(face);
+                }
+            }
+            all.sort_by(|p, q| q.eye_distance.total_cmp(&p.eye_distance));
+            let beyond = all.len().saturating_sub(options.most_faces);
+            all.truncate(options.most_faces);
+            return (all, left_out.max(more) + beyond);
         }
         (Vec::new(), 0)
     }
@@ -292,16 +311,22 @@ fn places<'a>(candidates: impl IntoIterator<Item = &'a Candidate>) -> usize {
 /// Faces whose middles are nearer than the larger one's eye distance are one face; the reading with the smallest expected error is kept.
 fn each_once(mut faces: Vec<LocatedFace>) -> Vec<LocatedFace> {
     faces.sort_by(|p, q| p.expected_error().total_cmp(&q.expected_error()));
-    let mut kept: Vec<(Point2<f64>, LocatedFace)> = Vec::new();
+    let mut kept: Vec<LocatedFace> = Vec::new();
     for face in faces {
-        let sum = face.shape.iter().fold(Vector2::zeros(), |sum, p| sum + p.coords);
-        let middle = Point2::from(sum / face.shape.len().max(1) as f64);
-        let is_new = |(other, f): &(Point2<f64>, LocatedFace)| (middle - other).norm() >= f.eye_distance.max(face.eye_distance);
-        if kept.iter().all(is_new) {
-            kept.push((middle, face));
+        if !kept.iter().any(|known| is_same(known, &face)) {
+            kept.push(face);
         }
     }
-    kept.into_iter().map(|(_, face)| face).collect()
+    kept
+}
+
+/// Whether the middles of two faces are nearer than the larger one's eye distance.
+fn is_same(p: &LocatedFace, q: &LocatedFace) -> bool {
+    let middle = |face: &LocatedFace| {
+        let sum = face.shape.iter().fold(Vector2::zeros(), |sum, p| sum + p.coords);
+        Point2::from(sum / face.shape.len().max(1) as f64)
+    };
+    (middle(p) - middle(q)).norm() < p.eye_distance.max(q.eye_distance)
 }
 
 /// The mean of two readings.

@@ -1,9 +1,12 @@
 //! Pictures to look for faces in: files, folders, datasets.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use crate::{
-    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, is_picture, may_publish},
+    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, is_picture, may_publish, visible},
     input::CsvFile,
     sequence::{Frame, SequenceError, read_first_frame, read_frame},
 };
@@ -106,7 +109,7 @@ fn file(path: &Path) -> PictureSource {
 
 fn neutral_frames(dataset: &Dataset) -> (Vec<PictureSource>, Vec<String>) {
     let mut failures: Vec<String> = dataset.failures.iter().map(|f| f.error.to_string()).collect();
-    let mut pictures = Vec::new();
+    let mut pictures: Vec<PictureSource> = Vec::new();
     for entry in &dataset.sequences {
         match entry.frames() {
             Ok(source) => {
@@ -116,13 +119,20 @@ fn neutral_frames(dataset: &Dataset) -> (Vec<PictureSource>, Vec<String>) {
             Err(error) => failures.push(format!("{}: {error}", entry.id)),
         }
     }
+    // Sequences of one video are told apart by their neutral frames.
+    let mut times: BTreeMap<String, usize> = BTreeMap::new();
+    pictures.iter().for_each(|picture| *times.entry(picture.name.clone()).or_default() += 1);
+    for picture in &mut pictures {
+        if let (Some(2..), Frames::First(source @ FrameSource::Video { .. })) = (times.get(&picture.name), &picture.frames) {
+            picture.name = format!("{}#{}", picture.name, source.neutral_number());
+        }
+    }
     (pictures, failures)
 }
 
 fn gather(folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), BatchError> {
     let failed = |source| BatchError::Io { path: folder.to_owned(), source };
-    for item in std::fs::read_dir(folder).map_err(failed)? {
-        let item = item.map_err(failed)?;
+    for item in visible(folder).map_err(failed)? {
         let kind = item.file_type().map_err(failed)?;
         let path = item.path();
         if kind.is_dir() {
@@ -153,13 +163,27 @@ mod tests {
     fn a_folder_gives_its_pictures_in_natural_order() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("b")).unwrap();
-        for name in ["p10.png", "p9.PNG", "b/q.jpg", "notes.txt"] {
+        for name in ["p10.png", "p9.PNG", "b/q.jpg", "notes.txt", "._p9.PNG"] {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         let (pictures, failures) = pictures_of(folder.path()).unwrap();
         let names: Vec<_> = pictures.iter().map(|p| p.name.rsplit('/').next().unwrap()).collect();
         assert_eq!((names, failures.len()), (vec!["q.jpg", "p9.PNG", "p10.png"], 0));
         assert!(pictures[0].read().is_err());
+    }
+
+    #[test]
+    fn sequences_of_one_video_have_names_of_their_own() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.avi", "b.avi"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let rows = "S1,1,joy,a.avi,7\nS1,2,joy,a.avi,90\nS2,1,joy,b.avi,3\n";
+        std::fs::write(folder.path().join(MANIFEST_NAME), format!("subject,sequence,emotion,frames,first_frame\n{rows}"))
+            .unwrap();
+        let (pictures, _) = pictures_of(folder.path()).unwrap();
+        let names: Vec<_> = pictures.iter().map(|p| p.name.rsplit('/').next().unwrap()).collect();
+        assert_eq!(names, ["a.avi#7", "a.avi#90", "b.avi"]);
     }
 
     #[test]
