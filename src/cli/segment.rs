@@ -9,20 +9,22 @@ use std::{
     },
 };
 
+use anyhow::Context;
 use grimace::{
-    dataset::list_recording,
+    dataset::{check_file_name, list_recording},
     output::count,
     pipeline::{
         ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow, Workbench, reuse_recording,
         segment_recording, segments_folder, write_recording, write_recording_film, write_segments,
     },
     segment::SegmentOptions,
+    sequence::check_video,
 };
 use indicatif::ProgressBar;
 
 use super::{
     Outcome,
-    apart::{all, check_apart, maybe},
+    apart::{all, check_apart, check_outside, maybe},
     progress::counted_bar,
     shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, marks_or_found, positive, set_threads, stop_flag, thread_count},
 };
@@ -158,6 +160,26 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "{}: the table is a .csv; a folder of the same name without it is made beside it",
         args.output.display()
     );
+    for path in args.recordings.iter().filter(|path| path.is_dir()) {
+        anyhow::ensure!(
+            !is_within(&folder, path),
+            "{}: what is found goes into {}, which is among the frames of the recording; give the table another name or place",
+            args.output.display(),
+            folder.display()
+        );
+    }
+    let is_ours = |name: &std::ffi::OsStr| name.to_string_lossy().ends_with("_frames.csv");
+    let mut entries = std::fs::read_dir(&folder).into_iter().flatten().flatten().peekable();
+    anyhow::ensure!(
+        entries.peek().is_none() || entries.any(|entry| is_ours(&entry.file_name())),
+        "{}: what is found goes into {}, which holds other files; give the table another name",
+        args.output.display(),
+        folder.display()
+    );
+    if let Some(subject) = &args.subject {
+        check_file_name("subject", subject).context("--subject")?;
+    }
+    check_file_name("emotion", args.emotion.trim()).context("--emotion")?;
     let inputs: Vec<_> =
         all("the recording", &args.recordings).chain(maybe("--correspondences", args.correspondences.as_ref())).collect();
     let films: Vec<PathBuf> = args.recordings.iter().filter_map(|path| film_of(args, &stem_of(path))).collect();
@@ -281,23 +303,37 @@ fn one(
         "--overlay names one film, but there are {} recordings; name a folder",
         args.recordings.len()
     );
+    let reusable = reuse_recording(folder, recording, &options, bench, !args.no_faces)?;
     if let Some(film) = &film {
         args.general.check_free(film)?;
-    } else if let Some(files) = reuse_recording(folder, recording, &options, bench)? {
+        check_video(film, recording.fps.unwrap_or(25.0), (64, 64))?;
+    } else if let Some(files) = reusable {
         return Ok(files);
     }
     let steps = Steps::new(args.general.quiet, &recording.stem, stop);
     let tick = |step, done, of| steps.tick(step, done, of);
     let found = segment_recording(recording, bench, &options, &tick);
     let written = found.map_err(anyhow::Error::from).and_then(|found| {
-        let files = write_recording(folder, (recording, &found), &options, bench, !args.no_faces, &tick)?;
-        if let Some(film) = &film {
-            write_recording_film(film, (recording, &found), bench, &tick)?;
+        // What is there of the same recording stays, with marks that were corrected.
+        let files = match reusable {
+            Some(files) => files,
+            None => write_recording(folder, (recording, &found), &options, bench, !args.no_faces, &tick)?,
+        };
+        if let Some(film) = &film
+            && let Err(error) = write_recording_film(film, (recording, &found), bench, &tick)
+        {
+            anyhow::ensure!(!stop.load(Ordering::Relaxed), error);
+            eprintln!("no film: {}: {}", film.display(), super::chain(&error.into()));
         }
         Ok(files)
     });
     steps.finish();
     written
+}
+
+/// Whether a folder that may not be there yet is another one, or lies in it.
+fn is_within(folder: &Path, outer: &Path) -> bool {
+    check_outside("", outer, &[("", folder)]).is_err()
 }
 
 /// Folder of the table, in full.

@@ -56,6 +56,10 @@ fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> i64
     row[column].parse().unwrap_or_else(|_| panic!("{column} is `{}`", row[column]))
 }
 
+fn number_of(row: &std::collections::BTreeMap<String, String>, column: &str) -> f64 {
+    row[column].parse().unwrap()
+}
+
 /// Whether a frame number is one of the hold of an expression that begins with frame `start`, or at most two frames beside it.
 fn is_apex(frame: i64, start: i64) -> bool {
     (start + HOLD.0 - 2..=start + HOLD.1 + 2).contains(&frame)
@@ -96,6 +100,30 @@ fn expressions_of_a_recording_become_sequences_that_run_takes() {
 }
 
 #[test]
+fn corrected_marks_stay_and_pictures_come_and_go() {
+    let work = Work::new();
+    record(&work, "talk", &expression("005"));
+    let segment = |more: &str| work.grimace(&format!("segment talk -o segments.csv --force {more}"));
+    segment("").exit(0);
+    let picture = work.path("segments/talk-01.png");
+    assert!(picture.is_file());
+    let marks = work.read("segments/talk-01.csv");
+    let corrected =
+        marks.lines().map(|line| if line.starts_with("5,") { "5,150,150,mark" } else { line }).collect::<Vec<_>>().join("\n");
+    work.write("segments/talk-01.csv", &corrected);
+    segment("").exit(0);
+    assert_eq!(work.read("segments/talk-01.csv"), corrected);
+    segment("--no-faces").exit(0);
+    assert!(!picture.exists());
+    segment("").exit(0).prints(&["talk-01.csv had been edited: they are kept as talk-01_edited.csv"]);
+    assert!(picture.is_file());
+    assert_eq!((work.read("segments/talk-01_edited.csv"), work.read("segments/talk-01.csv")), (corrected, marks));
+    // What is not proposed any more leaves nothing behind.
+    segment("--high 60").exit(1);
+    assert!(!picture.exists() && !work.path("segments/talk-01.csv").exists());
+}
+
+#[test]
 fn a_recording_in_a_manifest_is_cut_by_run() {
     let work = Work::new();
     // It begins in the middle of the expression: the rest behind it is the neutral one.
@@ -109,6 +137,23 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     let frames: Vec<i64> = work.rows("out/tracks/P1_talk-01.csv").iter().map(|r| number(r, "frame")).collect();
     assert!(frames.is_sorted() && frames[0] == apex && *frames.last().unwrap() == neutral, "{neutral} {apex}");
     work.grimace("run data -o out").exit(0).prints(&["nothing changed"]);
+    // A row that is called as a part of it is, and one with frames of its own.
+    let rows = "P1,talk,happiness,talk,auto,,\nP1,talk-01,surprise,talk,,1,20\nP3,part,happiness,talk,auto,1,20\n";
+    work.write("data/doubles.csv", format!("subject,sequence,emotion,frames,segment,first_frame,last_frame\n{rows}"));
+    work.grimace("run data/doubles.csv -o doubles").exit(3);
+    let reasons: Vec<String> = work.rows("doubles/failures.csv").iter().map(|r| r["reason"].clone()).collect();
+    assert!(reasons.iter().any(|r| r.contains("would be called P1_talk-01, and P1_talk-01 is there already")), "{reasons:?}");
+    assert!(reasons.iter().any(|r| r.contains("leave them empty")), "{reasons:?}");
+    // A person who may not be shown any more is not.
+    let picture = work.path("out/segments/P1/talk-01.png");
+    assert!(picture.is_file());
+    let manifest = work.read("data/manifest.csv");
+    work.write("data/manifest.csv", "subject,sequence,emotion,frames,segment,publish\nP1,talk,happiness,talk,auto,no\n");
+    work.grimace("run data -o out --force --fit-force 21").exit(0);
+    assert!(!picture.exists());
+    work.write("data/manifest.csv", manifest);
+    work.grimace("run data -o out --force").exit(0);
+    assert!(picture.is_file());
     // Nothing is found in one of two: it is named.
     work.grimace("segment data/talk -o none.csv --high 60").exit(1).prints(&["0 sequences proposed", "no expression was found"]);
     record(&work, "data/still", &[Shot::Face("005", 1); 40]);
@@ -193,10 +238,27 @@ fn what_is_no_recording_is_said() {
     work.grimace("segment one -o a.csv --fps 1").exit(1).says(&["1 frame, 2 at least at 1 frame per second"]);
     work.grimace("segment nothing -o a.csv").exit(1).says(&["nothing: there is no such folder"]);
     work.grimace("segment short other/short -o a.csv").exit(1);
+    work.grimace("segment short -o short.csv").exit(1).says(&["among the frames of the recording"]);
+    work.write("full/notes.txt", "");
+    work.grimace("segment short -o full.csv").exit(1).says(&["holds other files"]);
+    work.grimace("segment short -o a.csv --subject A/B").exit(1).says(&["path separator"]);
+    work.grimace("segment short -o a.csv --emotion a/b").exit(1).says(&["emotion"]);
     work.grimace("segment short -o segments").exit(1).says(&["the table is a .csv"]);
     work.grimace("segment short -o a.csv --correspondences c.csv").exit(2).says(&["--neutral-frame"]);
     work.write("c.csv", "node,x,y\n20,1,1\n23,2,2\n56,3,1\n");
     work.grimace("segment short -o a.csv -c c.csv --neutral-frame 99").exit(1).says(&["frame 99", "frames 1 to 12"]);
+    // Marks beside the face, in a frame that is looked at.
+    record(&work, "whole", &expression("005"));
+    work.grimace("locate whole/r_00001.jpg -o found.csv").exit(0);
+    let shifted = work
+        .rows("found.csv")
+        .iter()
+        .map(|r| format!("{},{},{}\n", r["node"], number_of(r, "x") + 30.0, r["y"]))
+        .collect::<String>();
+    work.write("shifted.csv", format!("node,x,y\n{shifted}"));
+    work.grimace("segment whole -o a.csv -c shifted.csv --neutral-frame 1")
+        .exit(1)
+        .says(&["frame 1: the marks are not on the face"]);
     // In a manifest it costs that recording.
     work.write("manifest.csv", "subject,sequence,emotion,frames,segment\nP1,dark,anger,dark,auto\n");
     work.grimace("run manifest.csv -o out").exit(1).says(&["no face was found"]);

@@ -1,16 +1,16 @@
 //! Rows of a manifest that are whole recordings, replaced by the sequences found in them.
 
 use std::{
+    collections::{BTreeMap, btree_map::Entry},
     path::Path,
     sync::atomic::{AtomicBool, Ordering},
 };
 
 use super::{
-    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording, withdraw_pictures,
-    write_recording,
+    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording, write_recording,
 };
 use crate::{
-    dataset::{Dataset, DatasetError, FailedEntry, SEGMENT_COLUMN, SequenceEntry, list_recording},
+    dataset::{Dataset, DatasetError, FailedEntry, SEGMENT_COLUMN, SequenceEntry, list_recording, name_key},
     output::OutputError,
     pipeline::{Event, RunError, Workbench},
     segment::SegmentOptions,
@@ -48,9 +48,36 @@ pub(in super::super) fn expand(
             }),
         }
     }
+    dataset.failures.extend(take_doubles(&mut sequences));
     sequences.sort_by(|a, b| a.id.cmp(&b.id));
     dataset.sequences = sequences;
     Ok(())
+}
+
+/// Takes out sequences whose files would be those of an earlier one: rows may be called as parts of a recording are.
+fn take_doubles(sequences: &mut Vec<SequenceEntry>) -> Vec<FailedEntry> {
+    let mut known: BTreeMap<String, String> = BTreeMap::new();
+    let mut doubles = Vec::new();
+    sequences.retain(|entry| {
+        let id = entry.id.to_string();
+        match known.entry(name_key(&id)) {
+            Entry::Vacant(place) => {
+                place.insert(id);
+                true
+            }
+            Entry::Occupied(first) => {
+                let reason =
+                    format!("this sequence would be called {id}, and {} is there already; rename one of them", first.get());
+                doubles.push(FailedEntry {
+                    subject: entry.id.subject.clone(),
+                    sequence: entry.id.sequence.clone(),
+                    error: DatasetError::Recording { path: entry.frames_path.clone(), reason },
+                });
+                false
+            }
+        }
+    });
+    doubles
 }
 
 /// What was found in a recording; one in which nothing was found is a failure as a bad sequence is, with its notes for a reason.
@@ -65,6 +92,12 @@ fn segmented(
     stop: &AtomicBool,
 ) -> Result<RecordingFiles, RecordingError> {
     let frames = list_recording(&entry.frames_path).map_err(|e| RecordingError::Row { reason: e.to_string() })?;
+    if entry.last_frame.is_some() || (entry.first_frame.is_some() && entry.correspondences_path.is_none()) {
+        let reason = "a recording that is cut as a whole (segment is auto) has no first_frame and last_frame of its own: leave them empty, or \
+                      name one sequence and leave segment empty; with marks, first_frame says which frame they are for"
+            .to_owned();
+        return Err(RecordingError::Row { reason });
+    }
     let marks = match (&entry.correspondences_path, entry.first_frame) {
         (None, _) => None,
         (Some(path), Some(frame)) => {
@@ -79,8 +112,8 @@ fn segmented(
     let recording = Recording { stem: entry.id.sequence.clone(), frames, fps: entry.fps, marks };
     let options = SegmentOptions::default();
     let shows = bench.options.shows(&entry.metadata);
-    if let Some(files) = reuse_recording(folder, &recording, &options, bench)? {
-        return if shows { Ok(files) } else { withdraw_pictures(folder, &recording.stem, files) };
+    if let Some(files) = reuse_recording(folder, &recording, &options, bench, shows)? {
+        return Ok(files);
     }
     let tick = |_: RecordingStep, _: usize, _: Option<usize>| !stop.load(Ordering::Relaxed);
     let found = segment_recording(&recording, bench, &options, &tick)?;

@@ -70,61 +70,131 @@ fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, ben
         hasher.update(bytes);
     };
     part(MADE_BY.as_bytes());
-    let depends = (SCHEMA, options, &bench.options.fit, &bench.options.track, &bench.wireframe_blake3, recording.fps);
+    let pose = bench.options.normalize.pose;
+    let depends = (SCHEMA, options, &bench.options.fit, &bench.options.track, pose, &bench.wireframe_blake3, recording.fps);
     part(&serde_json::to_vec(&depends).unwrap_or_default());
     part(recording.stem.as_bytes());
     if let Some((frame, marks)) = &recording.marks {
         part(&frame.to_le_bytes());
         for mark in marks {
             part(&mark.node.0.to_le_bytes());
-            part(&[u8::from(mark.kind == MarkKind::Hard)]);
+            part(&[u8::from(mark.kind == MarkKind::Hard), u8::from(mark.expected_error.is_some())]);
             part(&mark.position.x.to_le_bytes());
             part(&mark.position.y.to_le_bytes());
+            part(&mark.expected_error.unwrap_or_default().to_le_bytes());
         }
     }
     part(content.as_bytes());
     hasher.finalize().to_hex().to_string()
 }
 
-/// [`RecordingFiles`] of an earlier time that were made from the same, with all their files as they were written.
+/// The record of a recording in a folder, if there is one.
+fn read_record(folder: &Path, stem: &str) -> Option<RecordingFiles> {
+    let bytes = crate::input::read(&folder.join(format!("{stem}.json"))).ok()?;
+    serde_json::from_slice(&bytes).ok()
+}
+
+/// What became of a file since it was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Since {
+    Unchanged,
+    Edited,
+    Gone,
+}
+
+fn since(folder: &Path, name: &str, hash: &str) -> Since {
+    match crate::input::read(&folder.join(name)) {
+        Ok(bytes) if blake3::hash(&bytes).to_hex().as_str() == hash => Since::Unchanged,
+        Ok(_) => Since::Edited,
+        Err(_) => Since::Gone,
+    }
+}
+
+impl RecordingFiles {
+    fn is_picture(name: &str) -> bool {
+        is_inside(name) && Path::new(name).extension().is_some_and(|e| e == "png")
+    }
+
+    /// Whether a file holds the marks of a sequence, which a person may correct.
+    fn is_marks(&self, name: &str) -> bool {
+        self.segments.iter().any(|segment| name.strip_suffix(".csv") == Some(&segment.name))
+    }
+
+    /// Whether it can be used again: pictures are there where they are wanted, and all files are as they were written but for marks that
+    /// somebody corrected.
+    fn is_whole(&self, folder: &Path, pictures: bool) -> bool {
+        let lacks_pictures = pictures && !self.segments.is_empty() && !self.files.keys().any(|name| Self::is_picture(name));
+        let stands = |(name, hash): (&String, &String)| match since(folder, name, hash) {
+            Since::Unchanged => true,
+            Since::Edited => self.is_marks(name),
+            Since::Gone => false,
+        };
+        !lacks_pictures && self.files.iter().all(stands)
+    }
+}
+
+/// [`RecordingFiles`] of an earlier time that were made from the same, with all their files as they were written, but for marks that
+/// somebody corrected: these stay. Where no `pictures` are to be shown (any more), those that are there are taken away.
 ///
 /// # Errors
-/// [`RecordingError`] when the recording does not read.
+/// [`RecordingError`] when the recording does not read, or a picture cannot be taken away.
 pub fn reuse_recording(
     folder: &Path,
     recording: &Recording,
     options: &SegmentOptions,
     bench: &Workbench,
+    pictures: bool,
 ) -> Result<Option<RecordingFiles>, RecordingError> {
-    let Ok(bytes) = crate::input::read(&folder.join(format!("{}.json", recording.stem))) else { return Ok(None) };
-    let Ok(files) = serde_json::from_slice::<RecordingFiles>(&bytes) else { return Ok(None) };
+    let Some(files) = read_record(folder, &recording.stem) else { return Ok(None) };
     let inputs = recording_inputs_blake3(recording, options, bench)?;
-    let is_whole = |(name, hash): (&String, &String)| {
-        crate::input::read(&folder.join(name)).is_ok_and(|bytes| blake3::hash(&bytes).to_hex().as_str() == hash)
-    };
-    Ok((files.inputs_blake3 == inputs && files.files.iter().all(is_whole)).then_some(files))
+    if files.inputs_blake3 != inputs || !files.is_whole(folder, pictures) {
+        return Ok(None);
+    }
+    if pictures { Ok(Some(files)) } else { withdraw_pictures(folder, &recording.stem, files).map(Some) }
 }
 
 /// Removes the pictures of a recording whose person may not be shown any more, as far as they are as they were written, from the folder and
 /// from its record.
-///
-/// # Errors
-/// [`RecordingError`] when a file cannot be removed or written.
-pub fn withdraw_pictures(folder: &Path, stem: &str, mut files: RecordingFiles) -> Result<RecordingFiles, RecordingError> {
-    let is_picture = |name: &str| is_inside(name) && Path::new(name).extension().is_some_and(|e| e == "png");
-    let pictures: Vec<String> = files.files.keys().filter(|name| is_picture(name)).cloned().collect();
+fn withdraw_pictures(folder: &Path, stem: &str, mut files: RecordingFiles) -> Result<RecordingFiles, RecordingError> {
+    let pictures: Vec<String> = files.files.keys().filter(|name| RecordingFiles::is_picture(name)).cloned().collect();
     if pictures.is_empty() {
         return Ok(files);
     }
     for name in pictures {
-        let path = folder.join(&name);
-        let hash = crate::input::read(&path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string());
-        if hash.is_some() && hash == files.files.remove(&name) {
+        if let Some(hash) = files.files.remove(&name)
+            && since(folder, &name, &hash) == Since::Unchanged
+        {
+            let path = folder.join(&name);
             std::fs::remove_file(&path).map_err(OutputError::at(&path))?;
         }
     }
     output::write_json(&folder.join(format!("{stem}.json")), &files)?;
     Ok(files)
+}
+
+/// Makes room for a recording that is cut anew: what was written before is removed, and marks that somebody corrected get another name. What
+/// is to be said of these.
+fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
+    let mut notes = Vec::new();
+    let Some(old) = read_record(folder, stem) else { return Ok(notes) };
+    for (name, hash) in old.files.iter().filter(|(name, _)| is_inside(name)) {
+        let path = folder.join(name);
+        match since(folder, name, hash) {
+            Since::Unchanged => std::fs::remove_file(&path).map_err(OutputError::at(&path))?,
+            Since::Edited if old.is_marks(name) => {
+                let plain = name.strip_suffix(".csv").unwrap_or(name);
+                let free = (1..).map(|k| format!("{plain}_edited{}.csv", if k == 1 { String::new() } else { format!("-{k}") }));
+                if let Some(kept) = free.into_iter().find(|kept| !folder.join(kept).exists()) {
+                    std::fs::rename(&path, folder.join(&kept)).map_err(OutputError::at(&path))?;
+                    notes.push(format!(
+                        "the marks in {name} had been edited: they are kept as {kept}, for the recording is cut anew"
+                    ));
+                }
+            }
+            Since::Edited | Since::Gone => {}
+        }
+    }
+    Ok(notes)
 }
 
 /// BLAKE3 of everything that the segments of a recording depend on.
@@ -153,6 +223,8 @@ pub fn write_recording(
     pictures: bool,
     tick: Tick<'_>,
 ) -> Result<RecordingFiles, RecordingError> {
+    let mut notes = found.notes.clone();
+    notes.extend(make_room(folder, &found.stem)?);
     let mut files = BTreeMap::new();
     let table = format!("{}_frames.csv", found.stem);
     let (header, rows) = frames_table(found);
@@ -181,7 +253,7 @@ pub fn write_recording(
         uneven: found.clock.times.is_some(),
         frames: [found.frame_count, found.frames.len()],
         segments: found.segments.clone(),
-        notes: found.notes.clone(),
+        notes,
         files,
     };
     output::write_json(&folder.join(format!("{}.json", found.stem)), &record)?;
@@ -232,12 +304,11 @@ fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
     let units = ACTION_UNITS.iter().map(|u| format!("AU{:02}_r", u.number));
     let header = fixed.into_iter().map(str::to_owned).chain(units).chain(["confidence".to_owned()]);
     let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
-    let first = found.frames.first().map_or(1, |f| f.measured.number).min(1);
     let row = |frame: &RecordingFrame| {
         let m = &frame.measured;
         let mut row = vec![
             m.number.to_string(),
-            found.clock.seconds(m.number.saturating_sub(first)).map(number).unwrap_or_default(),
+            found.seconds(m.number).map(number).unwrap_or_default(),
             frame.stretch.to_string(),
             frame.phase.name().to_owned(),
             number(frame.activity),

@@ -72,7 +72,7 @@ fn film_frame(picture: &RgbImage, number: u32, place: Option<usize>, found: &Seg
     image::imageops::replace(&mut film, &drawn, 0, 0);
     let top = drawn.height();
     let line = |film: &mut RgbImage, row: u32, text: &str| write_label(film, text, 6, top + 6 + 12 * row, TEXT);
-    let seconds = found.clock.seconds(number.saturating_sub(1)).unwrap_or_default();
+    let seconds = found.seconds(number).unwrap_or_default();
     line(&mut film, 0, &format!("frame {number}  {seconds:.2} s"));
     let (Some(frame), Some(place)) = (seen, place) else {
         line(&mut film, 1, "no face");

@@ -123,6 +123,12 @@ pub(super) fn follow(
                 return Ok((out, None));
             }
             if let Some(reason) = astray(survey, place, &tracked, eye_distance, bench) {
+                if place == start.place {
+                    // Nothing can be tracked from there, and looking again would not end.
+                    let where_it_is = reason.split_once(": ").map_or(reason.as_str(), |(_, reason)| reason);
+                    let reason = format!("the marks are not on the face: {where_it_is}; look at them with `grimace annotate`");
+                    return Err(RecordingError::Marks { frame: frame.number(), reason });
+                }
                 // Since the last look it may have been astray already.
                 let step = survey.looks.iter().map(|look| look.place.abs_diff(place)).filter(|&d| d > 0).min().unwrap_or(1);
                 out.truncate(out.len().saturating_sub(step - 1).max(1));
@@ -181,8 +187,7 @@ fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f
         return is_gone.then(|| format!("frame {}: no face is found, and {lost} nodes were lost", tracked.number));
     };
     let median = apart(tracked, marks)?;
-    (median > ASTRAY * eye_distance)
-        .then(|| format!("frame {}: the face is {median:.0} px from where it was tracked to", tracked.number))
+    (median > ASTRAY * eye_distance).then(|| format!("frame {}: the face is found {median:.0} px from there", tracked.number))
 }
 
 type Frames = Box<dyn Iterator<Item = Result<Frame, SequenceError>>>;

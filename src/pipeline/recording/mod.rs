@@ -13,7 +13,10 @@ mod measure;
 mod persons;
 mod survey;
 
-use std::{collections::VecDeque, path::PathBuf};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    path::PathBuf,
+};
 
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +28,7 @@ use self::{
 use super::{FoundMarksError, Workbench, found::fitting_marks};
 use crate::{
     dataset::FrameSource,
+    features::frame_steps,
     fit::Correspondence,
     output::OutputError,
     pose::{HeadPose, PoseError},
@@ -34,9 +38,7 @@ use crate::{
 };
 
 pub(super) use expand::{SEGMENTS_FOLDER, expand};
-pub use files::{
-    ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, withdraw_pictures, write_recording, write_segments,
-};
+pub use files::{ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, write_recording, write_segments};
 pub use film::write_recording_film;
 
 /// What is being done to a recording.
@@ -116,6 +118,8 @@ pub struct SegmentedRecording {
     pub size: ImageSize,
     /// Frames in all.
     pub frame_count: usize,
+    /// How many frames each lies behind the first, by its number.
+    steps: BTreeMap<u32, u32>,
     /// Frames with a tracked face, ascending.
     pub frames: Vec<RecordingFrame>,
     /// The sequences, in time.
@@ -124,6 +128,13 @@ pub struct SegmentedRecording {
     pub notes: Vec<String>,
     /// BLAKE3 of the names and bytes of its files.
     pub content_blake3: String,
+}
+
+impl SegmentedRecording {
+    /// Seconds from its first frame to the one of a number; `None` where nobody says.
+    pub(super) fn seconds(&self, number: u32) -> Option<f64> {
+        self.clock.seconds(*self.steps.get(&number)?)
+    }
 }
 
 /// Why a recording cannot be cut into sequences.
@@ -231,6 +242,7 @@ pub fn segment_recording(
         clock: survey.clock.clone(),
         size: survey.size,
         frame_count: survey.numbers.len(),
+        steps: survey.numbers.iter().copied().zip(frame_steps(&survey.numbers)).collect(),
         frames: Vec::new(),
         segments: Vec::new(),
         notes: Vec::new(),
@@ -263,6 +275,9 @@ fn tracked_stretches(
     let mut waiting = VecDeque::from(stretches);
     let mut tracked = Vec::new();
     while let Some(stretch) = waiting.pop_front() {
+        if !tick(RecordingStep::Tracking, 0, Some(survey.numbers.len())) {
+            return Err(RecordingError::Interrupted);
+        }
         let named = format!("frames {} to {}", number(stretch.first), number(stretch.last));
         if ((stretch.last - stretch.first + 1) as f64) < SHORTEST * survey.fps {
             notes.push(too_short(&named, stretch.last - stretch.first + 1, survey.fps));
