@@ -1,6 +1,9 @@
 //! `grimace features`.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use grimace::{
     features::{ActionUnit, ColumnNames, read_blendshapes, write_features},
@@ -65,6 +68,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
     let normalize = NormalizeOptions { pose: PoseMode::Full, ..NormalizeOptions::default() };
     let bench = args.general.workbench(PipelineOptions { normalize, ..PipelineOptions::default() })?;
+    if matches!(args.names, Names::Openface)
+        && let Some(unit) = args.units.iter().find(|unit| !ColumnNames::OpenFace.has(unit.number))
+    {
+        anyhow::bail!("--units AU{:02}: OpenFace's files have no such column; leave it out, or --names grimace", unit.number);
+    }
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(
         files.len() == 1 || args.blendshapes.as_ref().is_none_or(|path| path.is_dir()),
@@ -72,6 +80,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         files.len()
     );
     anyhow::ensure!(!files.is_empty(), "no track files among what was given; a track is a .csv as `grimace run` writes it");
+    let mut targets: BTreeMap<PathBuf, &Path> = BTreeMap::new();
+    for path in &files {
+        // What does not read is said below.
+        let Ok(target) = target_of(path, args) else { continue };
+        if let Some(first) = targets.insert(target.clone(), path) {
+            anyhow::bail!(
+                "{} and {} are tracks of one name: both tables would be {}; make them in two folders",
+                first.display(),
+                path.display(),
+                target.display()
+            );
+        }
+    }
     let results: Vec<anyhow::Result<()>> = files.par_iter().map(|path| one(path, args, &bench)).collect();
     let mut failed = 0;
     for (path, result) in files.iter().zip(&results) {
@@ -92,12 +113,21 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     })
 }
 
+/// The table of a track.
+fn target_of(path: &Path, args: &Args) -> anyhow::Result<PathBuf> {
+    let id = read_track_info(path)?.map_or_else(|| id_of(path), |info| info.id);
+    Ok(args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-"))))
+}
+
 fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let track = read_track(path)?;
     let info = read_track_info(path)?;
     let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
-    let target = args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")));
+    let target = target_of(path, args)?;
     let blendshapes = args.blendshapes.as_deref().and_then(|path| blendshapes_of(path, &id.to_string()));
+    if let Some(given) = args.blendshapes.as_ref().filter(|_| blendshapes.is_none()) {
+        eprintln!("note: {}: no {id}.json, .jsonl or .csv: {} gets no blendshapes", given.display(), target.display());
+    }
     let (units, of_track) = (target.with_extension("json"), path.with_extension("json"));
     let inputs = [("the track", path), ("the .json beside the track", of_track.as_path())];
     let inputs: Vec<_> = inputs.into_iter().chain(maybe("--blendshapes", blendshapes.as_ref())).collect();

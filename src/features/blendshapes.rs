@@ -193,6 +193,11 @@ pub fn read_blendshapes(path: &Path) -> Result<Blendshapes, BlendshapesError> {
         let what = if is_json { "`faceBlendshapes` with scores such as jawOpen" } else { "columns such as jawOpen" };
         return Err(BlendshapesError::None { path: path.to_owned(), what });
     }
+    let numbered = frames.iter().filter(|(number, _)| number.is_some()).count();
+    if numbered > 0 && numbered < frames.len() {
+        let reason = format!("{numbered} of {} results have a frame number; give one to all or to none", frames.len());
+        return Err(BlendshapesError::Json { path: path.to_owned(), reason });
+    }
     let mut numbers = BTreeSet::new();
     if let Some(frame) = frames.iter().filter_map(|(number, _)| *number).find(|&number| !numbers.insert(number)) {
         return Err(BlendshapesError::DuplicateFrame { path: path.to_owned(), frame });

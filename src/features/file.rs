@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, in_time, openface};
+use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, frame_steps, in_time, openface};
 use crate::{
     fap::FapCatalog,
     output::{self, OutputError, nine_digits, write_records},
@@ -64,12 +64,12 @@ pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
     let faps: Vec<_> = features.first().map(|f| f.faps.iter().map(|(fap, _)| *fap).collect()).unwrap_or_default();
     header.extend(faps.iter().map(|&fap| format!("FAP{:02}_{}", fap.get(), catalog.row(fap).name)));
     let features = in_time(features);
-    let first = features.first().map_or(0, |f| f.frame);
-    let rows = features.iter().map(|f| {
+    let steps = frame_steps(&features.iter().map(|f| f.frame).collect::<Vec<_>>());
+    let rows = features.iter().zip(steps).map(|(f, step)| {
         let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
         let mut row = vec![
             f.frame.to_string(),
-            clock.seconds(f.frame.saturating_sub(first)).map(number).unwrap_or_default(),
+            clock.seconds(step).map(number).unwrap_or_default(),
             number(f.confidence),
             u8::from(f.reason.is_none()).to_string(),
             f.reason.clone().unwrap_or_default(),
@@ -107,6 +107,13 @@ pub enum ColumnNames {
     Grimace,
     /// What readers of `OpenFace`'s files expect: landmarks, pose in radians, action units.
     OpenFace,
+}
+
+impl ColumnNames {
+    /// Whether files with these names have an action unit.
+    pub fn has(self, unit: u8) -> bool {
+        self == Self::Grimace || openface::UNITS.contains(&unit)
+    }
 }
 
 /// Writes `STEM.csv`, with the columns of `beside` after its own, and `STEM.json` with the units.

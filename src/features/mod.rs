@@ -327,6 +327,19 @@ fn even_frames(numbers: &[u32], clock: &Clock, fps: f64) -> Vec<(usize, f64)> {
     (0..=count).map(at).collect()
 }
 
+/// How many frames each of ascending numbers lies behind the first, as [`every_frame`] counts them: folders may be numbered in steps.
+pub(crate) fn frame_steps(numbers: &[u32]) -> Vec<u32> {
+    let mut steps = vec![0; numbers.len()];
+    for (step, (k, share)) in (0..).zip(every_frame(numbers)) {
+        if share == 0.0
+            && let Some(place) = steps.get_mut(k)
+        {
+            *place = step;
+        }
+    }
+    steps
+}
+
 /// All frames from the first to the last of ascending numbers: which of them is the last one that is there, and the share of the way to
 /// the next one. Where the numbers count something else than frames, only those that are there.
 fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
@@ -396,6 +409,10 @@ mod tests {
     fn missing_frames_are_filled_where_numbers_count_frames() {
         assert_eq!(every_frame(&[3, 4, 7, 8]), [(0, 0.0), (1, 0.0), (1, 1.0 / 3.0), (1, 2.0 / 3.0), (2, 0.0), (3, 0.0)]);
         assert_eq!(every_frame(&[10, 20, 30]), [(0, 0.0), (1, 0.0), (2, 0.0)]);
+        assert_eq!(
+            (frame_steps(&[3, 4, 7, 8]), frame_steps(&[10, 20, 40]), frame_steps(&[7])),
+            (vec![0, 1, 4, 5], vec![0, 1, 3], vec![0])
+        );
         // Milliseconds; and a neutral frame of another time.
         assert_eq!(every_frame(&[33, 66, 100]).len(), 3);
         assert_eq!(every_frame(&[1, 500, 501]).len(), 3);

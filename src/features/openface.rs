@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::{FrameFeatures, in_time};
+use super::{FrameFeatures, frame_steps, in_time};
 use crate::{output::nine_digits, pose::HeadPose, sequence::Clock};
 
 /// Action units that the files have.
-const UNITS: [u8; 17] = [1, 2, 4, 5, 6, 7, 9, 10, 12, 14, 15, 17, 20, 23, 25, 26, 45];
+pub(super) const UNITS: [u8; 17] = [1, 2, 4, 5, 6, 7, 9, 10, 12, 14, 15, 17, 20, 23, 25, 26, 45];
 
 /// Units of the columns, for the JSON beside the table.
 pub(super) const ABOUT: [(&str, &str); 6] = [
@@ -40,21 +40,24 @@ pub(super) fn table(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
     let landmarks = features.first().map_or(0, |f| f.landmarks.len());
     header.extend((0..landmarks).map(|k| format!("x_{k}")));
     header.extend((0..landmarks).map(|k| format!("y_{k}")));
-    header.extend(UNITS.map(|n| format!("AU{n:02}_r")));
-    header.extend(UNITS.map(|n| format!("AU{n:02}_c")));
+    // Those that are asked for: all frames have the same.
+    let is_there = |n: &u8| features.first().is_none_or(|f| f.action_units.iter().any(|unit| unit.number == *n));
+    let units: Vec<u8> = UNITS.into_iter().filter(is_there).collect();
+    header.extend(units.iter().map(|n| format!("AU{n:02}_r")));
+    header.extend(units.iter().map(|n| format!("AU{n:02}_c")));
     let features = in_time(features);
-    let first = features.first().map_or(0, |f| f.frame);
+    let steps = frame_steps(&features.iter().map(|f| f.frame).collect::<Vec<_>>());
     let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
-    let rows = features.iter().map(|f| {
-        let seconds = clock.seconds(f.frame.saturating_sub(first)).unwrap_or(0.0);
+    let rows = features.iter().zip(steps).map(|(f, step)| {
+        let seconds = clock.seconds(step).unwrap_or(0.0);
         let mut row = vec![f.frame.to_string(), "0".to_owned(), number(seconds), number(f.confidence)];
         row.push(u8::from(f.reason.is_none()).to_string());
         row.extend(angles(f.pose).map(number));
         row.extend(f.landmarks.iter().map(|p| p.map(|p| number(p.x)).unwrap_or_default()));
         row.extend(f.landmarks.iter().map(|p| p.map(|p| number(p.y)).unwrap_or_default()));
         let unit = |n: u8| f.action_units.iter().find(|unit| unit.number == n);
-        row.extend(UNITS.map(|n| unit(n).map(|u| number(u.value)).unwrap_or_default()));
-        row.extend(UNITS.map(|n| unit(n).map(|u| u8::from(u.is_present()).to_string()).unwrap_or_default()));
+        row.extend(units.iter().map(|&n| unit(n).map(|u| number(u.value)).unwrap_or_default()));
+        row.extend(units.iter().map(|&n| unit(n).map(|u| u8::from(u.is_present()).to_string()).unwrap_or_default()));
         row
     });
     (header, rows.collect())
