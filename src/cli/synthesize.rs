@@ -8,7 +8,7 @@ use std::{
 use super::{
     Outcome,
     apart::{all, check_apart, maybe},
-    bank, portrait,
+    bank, numbers, portrait,
     progress::frame_bar,
     shared::{about, positive, set_threads, thread_count},
     synthesize_report::Report,
@@ -140,8 +140,8 @@ struct SearchArgs {
     #[arg(long, value_enum, default_value = "refined")]
     solver: SolverWord,
     /// Regions of the face that are searched each by itself: 1, 2 (right, left) or 4 (these, upper and lower)
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
-    regions: u8,
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = regions)]
+    regions: usize,
     /// Width of the overlap of two regions over the width of the face
     #[arg(long, default_value_t = OVERLAP, value_name = "SHARE", value_parser = positive)]
     overlap: f64,
@@ -155,16 +155,16 @@ struct SearchArgs {
     #[arg(long, default_value_t = BLX_ALPHA)]
     alpha: f64,
     /// Generations
-    #[arg(long, default_value_t = GENERATIONS, value_name = "N")]
+    #[arg(long, default_value_t = GENERATIONS, value_name = "N", value_parser = numbers::count(1, 1_000_000))]
     generations: usize,
     /// Individuals; by default as many as the bank has members
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = numbers::count(2, 100_000))]
     population: Option<usize>,
     /// Individuals drawn per generation
-    #[arg(long, default_value_t = TOURNAMENT_SIZE, value_name = "N")]
+    #[arg(long, default_value_t = TOURNAMENT_SIZE, value_name = "N", value_parser = numbers::count(1, 100_000))]
     tournament: usize,
     /// Independent runs, of which the best counts
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = numbers::count(1, 10_000))]
     runs: usize,
     /// Seed of every draw
     #[arg(long, default_value_t = 1)]
@@ -173,7 +173,7 @@ struct SearchArgs {
     #[arg(long, value_enum, default_value = "auto")]
     weights: SignsWord,
     /// Starts of the search for the bound of the fitness; 0 for no bound
-    #[arg(long, default_value_t = BOUND_STARTS, value_name = "N")]
+    #[arg(long, default_value_t = BOUND_STARTS, value_name = "N", value_parser = numbers::count(0, 100_000))]
     bound_starts: usize,
 }
 
@@ -184,11 +184,12 @@ struct TimeArgs {
     /// Width of the smoothing in time, frames; 0 for none
     #[arg(long, default_value_t = SMOOTHING_FRAMES, value_name = "FRAMES")]
     smooth: f64,
-    /// Frames put between every two of the motion; by default 5 for representatives and models, 0 for others
+    /// Frames put between every two of the motion; by default 5 for representatives and models, 0 for others. A motion with a frame rate
+    /// of its own (a track, a FAP file) takes as long as before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     between: Option<u16>,
     /// Frames per second; by default what the motion says, or 25
-    #[arg(long, value_parser = positive)]
+    #[arg(long, value_parser = frame_rate)]
     fps: Option<f64>,
     /// Feature points that never move this share of the farthest moving one count as at rest; by default 0.05 for measured motion, 0 for
     /// a CSV file of feature points
@@ -198,8 +199,32 @@ struct TimeArgs {
     #[arg(long = "loop")]
     there_and_back: bool,
     /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units
-    #[arg(long, value_parser = positive, value_name = "FACTOR")]
+    #[arg(long, value_parser = scale, value_name = "FACTOR")]
     scale: Option<f64>,
+}
+
+/// Frames per second that times in single precision tell apart.
+const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.001..=10_000.0;
+
+/// Most frames that are synthesized.
+const MOST_FRAMES: f64 = 360_000.0;
+
+fn frame_rate(text: &str) -> Result<f64, String> {
+    positive(text)
+        .ok()
+        .filter(|fps| FRAME_RATES.contains(fps))
+        .ok_or_else(|| format!("expected a number from {} to {}", FRAME_RATES.start(), FRAME_RATES.end()))
+}
+
+fn scale(text: &str) -> Result<f64, String> {
+    positive(text)
+        .ok()
+        .filter(|scale| (1e-9..=1e9).contains(scale))
+        .ok_or_else(|| "expected a number from 1e-9 to 1e9".to_owned())
+}
+
+fn regions(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|regions| [1, 2, 4].contains(regions)).ok_or_else(|| "expected 1, 2 or 4".to_owned())
 }
 
 impl SearchArgs {
@@ -227,7 +252,7 @@ impl SearchArgs {
                 SolverWord::Cosine => Solver::Cosine,
             },
             ga,
-            regions: RegionScheme::of_count(usize::from(self.regions))?,
+            regions: RegionScheme::of_count(self.regions)?,
             overlap: self.overlap,
             emphasis: self.emphasis,
             smoothing_frames,
@@ -350,8 +375,24 @@ impl<'a> Played<'a> {
         }
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
         anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
-        let mut motion = motion.as_animated(args.time.between.map(usize::from), Some(noise));
-        let fps = args.time.fps.or(motion.fps).unwrap_or(f64::from(FPS));
+        let between = args.time.between.map(usize::from);
+        let own_fps = motion.fps.map(|fps| fps * (between.unwrap_or(0) + 1) as f64);
+        let fps = args.time.fps.or(own_fps).unwrap_or(f64::from(FPS));
+        anyhow::ensure!(
+            FRAME_RATES.contains(&fps),
+            "{}: {fps} frames per second; choose another rate with --fps, from {} to {}",
+            path.display(),
+            FRAME_RATES.start(),
+            FRAME_RATES.end()
+        );
+        let frames =
+            motion.frames.len() as f64 * (between.unwrap_or(0) + 1) as f64 * if args.time.there_and_back { 2.0 } else { 1.0 };
+        anyhow::ensure!(
+            frames <= MOST_FRAMES,
+            "{}: that makes {frames} frames; at most {MOST_FRAMES} are made: choose fewer with --between",
+            path.display()
+        );
+        let mut motion = motion.as_animated(between, Some(noise));
         if args.time.there_and_back {
             motion = motion.there_and_back((HOLD_S * fps).round() as usize);
         }

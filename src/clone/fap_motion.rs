@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{CloneError, source::normalizer};
 use crate::{
-    fap::{FapCatalog, FapFrame, FapMotion, FapNumber, FapSequence, offsets_from_frame},
+    fap::{FapCatalog, FapFrame, FapMask, FapMotion, FapNumber, FapSequence, offsets_from_frame},
     fit::{DrivenNode, Pull, Springs},
     normalize::stable_nodes,
     units::NodeId,
@@ -39,6 +39,12 @@ type NodeOffsets = Vec<Vec<Vector2<f64>>>;
 /// Neutral offsets of all nodes for every frame, face units, and the FAPs with values that do not show.
 pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeOffsets, Vec<FapNumber>), CloneError> {
     let catalog = FapCatalog::mpeg4();
+    // Files leave out of a frame what rests in it.
+    let sequence = &{
+        let mut sequence = sequence.clone();
+        sequence.apply_mask(&FapMask::Set);
+        sequence
+    };
     let normalizer = normalizer(face)?;
     let canonical = normalizer.canonical();
     let rest = canonical.neutral.nodes();

@@ -11,11 +11,29 @@ use crate::{
     model::DynamicExpressionModel,
     normalize::{Canonical, EyeCorners, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
+    pose::{HeadFitter, HeadPose},
     positions::PositionTable,
-    track::{TrackFileError, TrackedFrame, read_track, read_track_info, track_model},
-    units::{FaceUnit, Px},
+    track::{TrackFileError, TrackInfo, TrackedFrame, read_track, read_track_info, track_model},
+    units::{FaceUnit, NodeId, Px},
     wireframe::{Face, Fapus, LID_LIMIT, LidUnits},
 };
+
+/// Turn of the head against the neutral frame, degrees, from which it is taken out of a track: below, the pose is not known well enough to
+/// be worth it.
+const TURNED: f64 = 4.0;
+
+/// A track's model without the head's turns, where the head turns; `None` also where no head fits.
+fn without_turns(frames: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)], face: &Face) -> Option<DynamicExpressionModel<Px>> {
+    let fitter = HeadFitter::new(&face.wireframe, &face.tables);
+    let fit = fitter.fit(&face.tables, frames, marks).ok()?;
+    let angles: Vec<[f64; 3]> = fit.poses.iter().map(HeadPose::degrees).collect();
+    let [yaw, pitch, _] = *angles.first()?;
+    let turn = angles.iter().map(|[y, p, _]| (y - yaw).abs().max((p - pitch).abs())).fold(0.0, f64::max);
+    if turn < TURNED {
+        return None;
+    }
+    fitter.frontal((&face.wireframe, &face.tables), &fit, frames).ok()
+}
 
 /// What a motion was read from.
 ///
@@ -43,7 +61,7 @@ pub enum SourceKind {
 /// use grimace::{clone::SourceMotion, track::read_track, wireframe::Face};
 ///
 /// let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
-/// let motion = SourceMotion::from_track("smile", &track, &Face::candide3())?;
+/// let motion = SourceMotion::from_track("smile", &track, &[], &Face::candide3())?;
 /// assert_eq!((motion.frame_count(), motion.apex(), motion.offsets[0][31].norm()), (10, 9, 0.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -97,8 +115,10 @@ impl SourceMotion {
                 if table.is_track() {
                     let frames = read_track(path)?;
                     check(frames.first().map_or(0, |f| f.nodes.len()))?;
-                    let mut motion = Self::from_track(&name, &frames, face)?;
-                    if let Some(info) = read_track_info(path)? {
+                    let info = read_track_info(path)?;
+                    let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
+                    let mut motion = Self::from_track(&name, &frames, &marks, face)?;
+                    if let Some(info) = info {
                         motion.fps = info.fps;
                         motion.emotion = Some(info.emotion);
                     }
@@ -130,14 +150,20 @@ impl SourceMotion {
         Ok(())
     }
 
-    /// The motion of tracked frames; the head's motion is taken out and kept beside it.
+    /// The motion of tracked frames, with the marks on the neutral one where they are known; turns of the head by more than a few degrees
+    /// are taken out, which would be taken for an expression, and what it does in the picture is kept beside it.
     ///
     /// # Errors
     /// [`CloneError`] for fewer than two frames or a neutral face without FAPUs.
-    pub fn from_track(name: &str, frames: &[TrackedFrame], face: &Face) -> Result<Self, CloneError> {
+    pub fn from_track(
+        name: &str,
+        frames: &[TrackedFrame],
+        marks: &[(NodeId, Point2<f64>)],
+        face: &Face,
+    ) -> Result<Self, CloneError> {
         let model: DynamicExpressionModel<Px> = track_model(frames)?;
         let normalizer = normalizer(face)?;
-        let upright = normalizer.upright(&model)?;
+        let upright = normalizer.upright(without_turns(frames, marks, face).as_ref().unwrap_or(&model))?;
         let fapus = Fapus::measure(&face.tables.fapus, &upright[0])
             .map_err(|source| CloneError::Fapus { what: "the source's neutral face", source })?;
         let corners = EyeCorners::new(&face.tables, face.wireframe.node_count());

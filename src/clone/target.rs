@@ -323,7 +323,7 @@ mod tests {
         end[31] += Vector2::new(0.4, -1.5);
         end[64] += Vector2::new(-0.4, -1.5);
         let end: Vec<_> = end.iter().map(|p| roll.apply(p)).collect();
-        let motion = SourceMotion::from_track("smile", &[tracked(1, &start), tracked(2, &end)], bench).unwrap();
+        let motion = SourceMotion::from_track("smile", &[tracked(1, &start), tracked(2, &end)], &[], bench).unwrap();
         (motion, end)
     }
 

@@ -23,6 +23,7 @@ use crate::text::excerpt;
 const STREAMING_FRAME_COUNT: u64 = 10_000;
 /// Greatest absolute value: what a 32-bit reader holds.
 const VALUE_LIMIT: f64 = i32::MAX as f64;
+const LEAST_VALUE: f64 = i32::MIN as f64;
 
 /// A FAP file that was read.
 ///
@@ -420,8 +421,7 @@ impl Parser {
         let high: Vec<FapNumber> = [FapNumber::VISEME, FapNumber::EXPRESSION].into_iter().filter(|&fap| is_set(fap)).collect();
         let low: Vec<FapNumber> = FapNumber::low_level().filter(|&fap| is_set(fap)).collect();
         let catalog = FapCatalog::mpeg4();
-        let in_full = low.len() + high.iter().map(|&fap| catalog.fields(fap).len()).sum::<usize>();
-        let in_short = low.len() + high.len();
+        let [in_full, in_short] = asked_for(mask);
         if words.len() != in_full && words.len() != in_short {
             let or = if in_full == in_short { String::new() } else { format!(" (or {in_short})") };
             let message = format!("{} values after the frame number; the mask asks for {in_full}{or}", words.len());
@@ -478,7 +478,7 @@ impl Parser {
             self.findings.error(line, format!("FAP {fap}"), Rule::NotNumeric, message);
             return None;
         };
-        if value.is_nan() || value.abs() > VALUE_LIMIT {
+        if !(LEAST_VALUE..=VALUE_LIMIT).contains(&value) {
             let message = format!("`{}` is not a finite number of 32 bits", excerpt(word));
             self.findings.error(line, format!("FAP {fap}"), Rule::NotFinite, message);
             return None;
@@ -514,11 +514,17 @@ impl Parser {
     }
 }
 
+/// How many values a mask asks for: with all fields of FAPs 1 and 2, and with one value for each, as old tools write them.
+fn asked_for(mask: &Mask) -> [usize; 2] {
+    let set = FapNumber::all().filter(|fap| mask[fap.index()]);
+    let fields = |fap: FapNumber| if fap.is_high_level() { FapCatalog::mpeg4().fields(fap).len() } else { 1 };
+    [set.clone().map(fields).sum(), set.count()]
+}
+
 /// Whether a line in the place of values is rather a mask: 68 or 69 flags that are not the values the last mask asks for.
 fn looks_like_mask(words: &[&str], mask: Option<&Mask>) -> bool {
-    let asked = mask.map(|mask| 1 + mask.iter().filter(|&&set| set).count());
     (FapNumber::COUNT..=FapNumber::COUNT + 1).contains(&words.len())
-        && asked != Some(words.len())
+        && !mask.is_some_and(|mask| asked_for(mask).contains(&(words.len() - 1)))
         && words.iter().all(|word| is_flag(word))
 }
 

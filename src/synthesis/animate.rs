@@ -27,6 +27,11 @@ use crate::units::FeaturePoint;
 
 /// Default width of the smoothing in time, frames.
 pub const SMOOTHING_FRAMES: f64 = 2.0;
+/// Least emphasis, and one over the greatest: beyond, squares of what moves are lost in rounding.
+const LEAST_EMPHASIS: f64 = 1e-6;
+/// Widths of the smoothing, frames, that its system of equations can tell from none and from an average over all.
+const LEAST_SMOOTHING: f64 = 1e-6;
+const MOST_SMOOTHING: f64 = 1e5;
 /// Default number of starts of the bound.
 pub const BOUND_STARTS: usize = 8;
 
@@ -81,13 +86,14 @@ impl SynthesisOptions {
     /// [`SynthesisError::Option`].
     pub fn check(&self) -> Result<(), SynthesisError> {
         self.ga.check()?;
-        if !(self.emphasis > 0.0 && self.emphasis.is_finite()) {
+        if !(LEAST_EMPHASIS..=1.0 / LEAST_EMPHASIS).contains(&self.emphasis) {
             let found = self.emphasis.to_string();
-            return Err(SynthesisError::Option { what: "the emphasis", found, expected: "a number greater than 0" });
+            return Err(SynthesisError::Option { what: "the emphasis", found, expected: "a number from 0.000001 to 1000000" });
         }
-        if !(self.smoothing_frames >= 0.0 && self.smoothing_frames.is_finite()) {
+        let smooths = (LEAST_SMOOTHING..=MOST_SMOOTHING).contains(&self.smoothing_frames);
+        if !(smooths || self.smoothing_frames == 0.0) {
             let found = self.smoothing_frames.to_string();
-            return Err(SynthesisError::Option { what: "the smoothing", found, expected: "0 or more frames" });
+            return Err(SynthesisError::Option { what: "the smoothing", found, expected: "0, or 0.000001 to 100000 frames" });
         }
         Ok(())
     }

@@ -10,15 +10,16 @@ use nalgebra::{Vector2, Vector3};
 
 use super::{Bank, FpMotion, SynthesisError};
 use crate::{
-    fap::{FapCatalog, FapNumber, offsets_from_frame, read_fap},
+    fap::{FapCatalog, FapMask, FapNumber, offsets_from_frame, read_fap},
     input::CsvFile,
     interpolation::{Curve, FRAMES_BETWEEN, Moment},
     model::DynamicExpressionModel,
     normalize::{Canonical, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
+    pose::HeadFitter,
     positions::PositionTable,
     text::excerpt,
-    track::{read_track, read_track_info, track_model},
+    track::{TrackInfo, read_track, read_track_info},
     units::{FaceUnit, FeaturePoint, NodeId},
     wireframe::{Fapu, LidUnits, Tables, Wireframe},
 };
@@ -241,9 +242,36 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
             Some(place) => motion.offsets[place] = Some(offset),
         }
     }
-    let mut frames: Vec<FpMotion> = frames.into_values().collect();
-    frames.iter_mut().for_each(|f| f.planar = planar);
-    Ok(Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, not_shown: Vec::new(), scale: None })
+    frames.values_mut().for_each(|f| f.planar = planar);
+    let of = |frames| Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, not_shown: Vec::new(), scale: None };
+    filled(frames, of).map_err(|reason| SynthesisError::Motion { path: file.path().to_owned(), reason })
+}
+
+/// Key frames by their numbers with those between that are not there: on the curve of FAP files where they are evenly apart, else on a line.
+fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Motion) -> Result<Motion, String> {
+    /// Most frames for one that is there.
+    const MOST: u32 = 1000;
+    let (numbers, keys): (Vec<u32>, Vec<FpMotion>) = frames.into_iter().unzip();
+    let (Some(first), Some(last)) = (numbers.first(), numbers.last()) else { return Err("the table has no rows".to_owned()) };
+    if (last - first) / MOST >= numbers.len() as u32 {
+        return Err(format!("{} frames, numbered from {first} to {last}: number frames one after the other", numbers.len()));
+    }
+    let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    if let Some(&step) = steps.first().filter(|step| steps.iter().all(|other| other == *step)) {
+        return Ok(of(keys).with_frames_between(step as usize - 1));
+    }
+    let mut all = Vec::new();
+    for (pair, step) in keys.windows(2).zip(steps) {
+        let between = |k: u32| {
+            let share = f64::from(k) / f64::from(step);
+            let offset = |(a, b): (&Option<Vector3<f64>>, &Option<Vector3<f64>>)| Some((*a)?.lerp(&(*b)?, share));
+            FpMotion { offsets: pair[0].offsets.iter().zip(&pair[1].offsets).map(offset).collect(), planar: pair[0].planar }
+        };
+        all.push(pair[0].clone());
+        all.extend((1..step).map(between));
+    }
+    all.extend(keys.last().cloned());
+    Ok(of(all))
 }
 
 fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
@@ -253,8 +281,18 @@ fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisErr
 }
 
 fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
-    let track = track_model(&read_track(path)?)?;
-    let fps = read_track_info(path)?.and_then(|info| info.fps);
+    let (frames, info) = (read_track(path)?, read_track_info(path)?);
+    let (found, expected) = (frames.first().map_or(0, |f| f.nodes.len()), face.wireframe.node_count());
+    if found != expected {
+        let reason = format!("{found} nodes; Candide-3 has {expected}");
+        return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+    }
+    let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
+    let fps = info.and_then(|info| info.fps);
+    // A head that turns would be taken for an expression.
+    let track = HeadFitter::new(&face.wireframe, &face.tables)
+        .without_head((&face.wireframe, &face.tables), &frames, &marks)
+        .map_err(|source| SynthesisError::Pose { path: path.to_owned(), source })?;
     let normalizer = Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())?;
     let model =
         normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
@@ -265,8 +303,8 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
 
 /// A FAP file's motion. FAPs that no frame sets rest: FAPs are offsets from neutral, and a mixture in which feature points were free
 /// that the file does not speak of would close the eyes or open the mouth for the sake of a brow. So a file that sets few FAPs moves as
-/// the same file with the others at 0, as \[ZL\] have it, whose input is the motion of all 56 feature points, zero or not. What is
-/// unknown are points that no frontal FAP drives, and FAPs in frames that mask them out while others set them.
+/// the same file with the others at 0, as \[ZL\] have it, whose input is the motion of all 56 feature points, zero or not. A FAP that only
+/// some frames set is 0 in the others: files leave out what rests. What is unknown are points that no frontal FAP drives.
 fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let mut sequence = read_fap(path)?.sequence;
     let set = sequence.set_faps();
@@ -275,6 +313,7 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
         let row = catalog.row(fap);
         row.shows_from_front() && row.nodes.iter().any(|&node| face.has(node))
     };
+    sequence.apply_mask(&FapMask::Set);
     let not_shown = sequence.moving_faps().into_iter().filter(|&fap| !is_shown(fap)).collect();
     for fap in FapNumber::low_level().filter(|fap| !set.contains(fap)) {
         sequence.frames.iter_mut().for_each(|frame| frame.set_value(fap, Some(0.0)));
@@ -431,10 +470,15 @@ mod tests {
     #[test]
     fn feature_points_are_read_in_space_and_in_the_plane() {
         let motion = read("frame,fp,dx,dy,dz\n3,8.4,1,2,3\n7,8.3,0,0,0\n7,2.1,1,1,1\n").unwrap();
-        assert_eq!(motion.frames.len(), 2);
+        // Frames 4 to 6 are put between.
+        assert_eq!(motion.frames.len(), 5);
         assert_eq!(motion.frames[0].offsets, [Some(Vector3::new(1.0, 2.0, 3.0)), None, None]);
         assert!(!motion.frames[0].planar);
         assert_eq!(motion.ignored, ["2.1".parse().unwrap()]);
+        let uneven = read("frame,fp,dx,dy\n0,8.4,0,0\n2,8.4,2,0\n3,8.4,6,0\n").unwrap();
+        let x: Vec<f64> = uneven.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();
+        assert_eq!(x, [0.0, 1.0, 2.0, 6.0]);
+        assert!(read("frame,fp,dx,dy\n0,8.4,0,0\n4000000000,8.4,2,0\n").is_err());
         assert!(read("frame,fp,dx,dy,dz\n3,8.4,1,2,\n").unwrap().frames[0].planar);
         assert!(read("frame,fp,dx,dy\n3,8.4,1,2\n").unwrap().frames[0].planar);
     }
@@ -480,9 +524,9 @@ mod tests {
         let offset =
             |frame: usize, fp: &str| motion.frames[frame].offsets[bank.feature_point_index(fp.parse().unwrap()).unwrap()];
         assert!(offset(1, "4.1").is_some_and(|v| v.y > 0.0));
-        // Lids, lips and chin stay where they are; of the middle brow nothing is known.
-        assert!(["3.1", "8.3", "2.1"].iter().all(|fp| offset(1, fp) == Some(Vector3::zeros())));
-        assert_eq!((offset(0, "4.3"), offset(1, "4.3").map(|v| v.y)), (Some(Vector3::zeros()), None));
+        // Lids, lips and chin stay where they are, and so does the middle brow in the frame that leaves it out.
+        assert!(["3.1", "8.3", "2.1", "4.3"].iter().all(|fp| offset(1, fp) == Some(Vector3::zeros())));
+        assert_eq!(offset(0, "4.3"), Some(Vector3::zeros()));
     }
 
     #[test]

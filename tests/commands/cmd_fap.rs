@@ -72,6 +72,18 @@ joy.fap: `joy`, version 2.1
 }
 
 #[test]
+fn values_that_look_like_a_mask_are_values() {
+    let work = Work::new();
+    // FAP 1 with its four fields and 63 others are 68 words of 0 and 1 in a neutral frame.
+    let faps: Vec<usize> = std::iter::once(1).chain(3..=65).collect();
+    let (mask, zeros) = (mask(&faps), ["0"; 67].join(" "));
+    work.write("still.fap", format!("2.1 still 25 2\n{mask}\n0 {zeros}\n{mask}\n1 {zeros}\n"));
+    work.fap("info still.fap").success();
+    work.fap("convert still.fap -o again.fap").success();
+    work.fap("info again.fap").success();
+}
+
+#[test]
 fn info_gives_json_with_units_and_schema_version() {
     let work = Work::new();
     work.write("joy.fap", strict());

@@ -1,6 +1,6 @@
 //! `grimace synthesize` and `evaluate synthesis`: every input, every output, and what they refuse.
 
-use crate::common::Work;
+use crate::common::{Work, root};
 use serde_json::Value;
 
 fn report(work: &Work, folder: &str) -> Value {
@@ -172,6 +172,41 @@ fn what_a_fap_file_does_not_set_rests() {
     assert!(weight("jawOpen") < 0.05 && weight("surprise") < 0.05 && weight("mouthSmile") < 0.05, "{:?}", rows[2]);
 }
 
+/// A FAP file's mask that sets these.
+fn mask(faps: &[usize]) -> String {
+    (1..=68).map(|k| if faps.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn faps_that_only_some_frames_set_are_0_in_the_others() {
+    let work = Work::new();
+    let (none, smile) = (mask(&[]), mask(&[53, 54, 59, 60]));
+    work.write("some.fap", format!("2.1 some 25 3\n{none}\n0\n{smile}\n1 100 100 80 80\n{smile}\n2 200 200 160 160\n"));
+    work.write("all.fap", format!("2.1 all 25 3\n{smile}\n0 0 0 0 0\n{smile}\n1 100 100 80 80\n{smile}\n2 200 200 160 160\n"));
+    for name in ["some", "all"] {
+        work.grimace(&format!("synthesize -b candide -m {name}.fap -o {name} --bound-starts 0 --between 3")).exit(0);
+        let portrait = root().join("fixtures/portraits/P01.jpg");
+        let clone = format!("clone --source {name}.fap --target {} -o {name}-clone --teeth dark -q", portrait.display());
+        work.grimace(&clone).exit(0);
+    }
+    assert_eq!(work.read("some/weights.csv"), work.read("all/weights.csv"));
+    // But for the name in the first line.
+    let values =
+        |name: &str| work.read(&format!("{name}-clone/clone.fap")).lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(values("some"), values("all"));
+    // Frames put between take no time: the motion has a rate of its own.
+    let report = report(&work, "some");
+    assert_eq!((report["frames"].clone(), report["motion"]["fps"].clone()), (9.into(), 100.0.into()), "{report}");
+}
+
+#[test]
+fn key_frames_of_feature_points_have_frames_between() {
+    let work = Work::new();
+    work.write("keys.csv", "frame,fp,dx,dy\n0,8.3,0,0\n10,8.3,0.1,0\n20,8.3,0.2,0\n");
+    work.grimace("synthesize -b candide -m keys.csv -o out --bound-starts 0").exit(0);
+    assert_eq!(report(&work, "out")["frames"], 21);
+}
+
 #[test]
 fn what_should_rest_is_not_torn_along_for_a_few_points() {
     let work = Work::new();
@@ -248,7 +283,22 @@ fn bad_input_is_named() {
     };
     says("-b gone.bank -m m.csv", &["gone.bank"]);
     says("-b candide -m gone.csv", &["gone.csv"]);
-    says("-b candide -m m.csv --regions 3", &["the number of regions is 3; 1, 2 or 4"]);
+    work.grimace("synthesize -o out -b candide -m m.csv --regions 3").exit(2).says(&["expected 1, 2 or 4"]);
+    // What would end in no number, in no memory or never.
+    for beyond in
+        ["--generations 18446744073709551615", "--population 1000000000000", "--fps 1e-40", "--fps 1e60", "--scale 1e40"]
+    {
+        work.grimace(&format!("synthesize -o out -b candide -m m.csv {beyond}")).exit(2).says(&["expected a"]);
+    }
+    for beyond in ["--smooth 3e8", "--smooth 1e-200", "-c 1e300"] {
+        says(&format!("-b candide -m m.csv {beyond}"), &["expected"]);
+    }
+    work.write("fast.fap", "2.1 fast 2147483647 2\n".to_owned() + &format!("{0}\n0 0\n{0}\n1 9\n", mask(&[19])));
+    says("-b candide -m fast.fap --loop", &["fast.fap: 2147483647 frames per second", "--fps"]);
+    work.write("empty.csv", "frame,fp,dx,dy\n");
+    says("-b candide -m empty.csv", &["the table has no rows"]);
+    work.write("far.csv", "frame,fp,dx,dy\n0,8.3,1,1\n4000000000,8.3,1,1\n");
+    says("-b candide -m far.csv", &["2 frames, numbered from 0 to 4000000000"]);
     says("-b candide -m m.csv --tournament 1", &["the tournament's size is 1"]);
     says("-b candide -m m.csv --solver ga --crossover blx --alpha 2", &["alpha is 2"]);
     says("-b candide -m m.csv --overlap 2", &["the overlap is 2"]);

@@ -46,10 +46,12 @@ mod tests {
     #[test]
     fn what_is_written_reads_back_dense_and_sparse() {
         let read = read(&glb()).unwrap();
-        assert_eq!(read.mesh, mesh());
+        // Where its node puts it: in metres, a tenth as large.
+        assert_eq!(read.mesh.positions(), [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.025], [0.0, 0.1, -0.2]]);
+        assert_eq!(read.mesh.triangles(), mesh().triangles());
         assert_eq!(read.names, ["smile \"wide\"", "jawOpen"]);
-        assert_eq!(read.targets[0], vec![[0.5, 0.0, 0.0]; 4]);
-        assert_eq!(read.targets[1], [[0.0; 3], [0.0, -1.0, 0.0], [0.0; 3], [0.0; 3]]);
+        assert_eq!(read.targets[0], vec![[0.05, 0.0, 0.0]; 4]);
+        assert_eq!(read.targets[1], [[0.0; 3], [0.0, -0.1, 0.0], [0.0; 3], [0.0; 3]]);
     }
 
     #[test]

@@ -10,6 +10,8 @@ use gltf::{
     mesh::Mode,
 };
 
+use nalgebra::{Affine3, Matrix4, Point3, Vector3};
+
 use crate::{
     foreign::caught,
     mesh::{MeshFileError, TriangleMesh, check_finite},
@@ -30,7 +32,8 @@ pub struct GltfMorphs {
 }
 
 /// Reads a mesh with morph targets: the one of this name, or the one that has most targets that count for `wanted`, of equals the one with
-/// most targets, the first of these. Transforms of nodes, normals and skins are not applied.
+/// most targets, the first of these. Transforms of the first node that holds it are applied, but for a mesh with a skin, as glTF has it;
+/// normals and skins are not.
 ///
 /// # Errors
 /// [`MeshFileError`] for what is no glTF, has no morph targets, no such mesh, is compressed, or refers to data that is not there.
@@ -79,12 +82,48 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
         firsts.entry(vertices).or_insert(positions.len());
         read_primitive(&primitive, &buffers, known, &mut positions, &mut triangles, &mut targets).map_err(error)?;
     }
+    if let Some(placed) = placement(&document, mesh.index()).map_err(error)? {
+        positions.iter_mut().for_each(|p| *p = placed.transform_point(&Point3::from(*p).cast()).cast::<f32>().coords.into());
+        let linear = placed.matrix().fixed_view::<3, 3>(0, 0).into_owned();
+        let moved = |v: &[f32; 3]| -> [f32; 3] { (linear * Vector3::from(*v).cast::<f64>()).cast::<f32>().into() };
+        targets.iter_mut().flatten().for_each(|v| *v = moved(v));
+    }
     let names = target_names(&mesh, targets.len());
     let mesh = TriangleMesh::new(positions, triangles).map_err(MeshFileError::mesh(path))?;
     for (name, target) in names.iter().zip(&targets) {
         check_finite(target).map_err(|e| error(format!("morph target `{name}`: {e}")))?;
     }
     Ok(GltfMorphs { mesh, names, targets, others })
+}
+
+/// Where the first node that holds a mesh puts it in the scene; `None` where nothing moves it.
+fn placement(document: &Document, mesh: usize) -> Result<Option<Affine3<f64>>, String> {
+    let Some(node) = document.nodes().find(|node| node.mesh().is_some_and(|m| m.index() == mesh)) else { return Ok(None) };
+    if node.skin().is_some() {
+        return Ok(None);
+    }
+    let parents: BTreeMap<usize, gltf::Node<'_>> = document
+        .nodes()
+        .flat_map(|parent| parent.children().map(move |child| (child.index(), parent.clone())).collect::<Vec<_>>())
+        .collect();
+    let mut whole = Matrix4::identity();
+    let mut at = Some(&node);
+    let mut steps = 0;
+    while let Some(node) = at {
+        whole = Matrix4::from(node.transform().matrix()).cast::<f64>() * whole;
+        steps += 1;
+        if steps > document.nodes().len() {
+            return Err(format!("no valid glTF: node {} is among its own parents", node.index()));
+        }
+        at = parents.get(&node.index());
+    }
+    if whole == Matrix4::identity() {
+        return Ok(None);
+    }
+    if whole.iter().any(|v| !v.is_finite()) {
+        return Err(format!("the transform of node {} is not finite", node.index()));
+    }
+    Ok(Some(Affine3::from_matrix_unchecked(whole)))
 }
 
 /// The mesh of a name, or the one with most targets that are wanted; and what is said of the other meshes with targets.

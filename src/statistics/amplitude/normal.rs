@@ -3,7 +3,7 @@
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 /// The t that a share of the distribution with `freedom` degrees of freedom, greater than 0, lies under.
-pub(super) fn t_quantile(share: f64, freedom: f64) -> Option<f64> {
+pub(crate) fn t_quantile(share: f64, freedom: f64) -> Option<f64> {
     StudentsT::new(0.0, 1.0, freedom).ok().map(|t| t.inverse_cdf(share)).filter(|t| t.is_finite())
 }
 

@@ -142,9 +142,8 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
         };
         kept.iter().map(of_field).collect()
     });
-    let fields_of: Vec<u8> = (0..models)
-        .map(|i| is_kept.as_ref().map_or(fields as u8, |flags| flags.iter().filter(|field| field[i]).count() as u8))
-        .collect();
+    let fields_of: Vec<usize> =
+        (0..models).map(|i| is_kept.as_ref().map_or(fields, |flags| flags.iter().filter(|field| field[i]).count())).collect();
     let mut vectors = vec![Vector2::zeros(); nodes * fields];
     let (mut sums, mut bounds) = (vec![0.0; nodes * fields], vec![0.0; nodes * fields]);
     let (mut steps, mut ending) = (0, SearchEnding::Converged);
@@ -224,11 +223,11 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
 }
 
 /// The mean of a model's distances over the `count` fields that it is kept in; `None` where that is no field.
-fn mean_of_kept(distances: &[Vec<f64>], is_kept: Option<&[Vec<bool>]>, count: u8, model: usize) -> Option<f64> {
+fn mean_of_kept(distances: &[Vec<f64>], is_kept: Option<&[Vec<bool>]>, count: usize, model: usize) -> Option<f64> {
     let of_field = |(m, field): (usize, &Vec<f64>)| {
         if is_kept.is_none_or(|flags| flags[m][model]) { field[model] } else { 0.0 }
     };
-    (count > 0).then(|| distances.iter().enumerate().map(of_field).sum::<f64>() / f64::from(count))
+    (count > 0).then(|| distances.iter().enumerate().map(of_field).sum::<f64>() / (count as f64))
 }
 
 /// The representative of a class of very many models: certified trimming, the exact median, dispersions.

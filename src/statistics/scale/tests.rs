@@ -126,3 +126,15 @@ proptest! {
         prop_assert_eq!(found.kept, direct(&models, share).kept);
     }
 }
+
+#[test]
+fn distances_are_means_over_any_number_of_fields() {
+    let models = models(12, 2, 300, 5);
+    let found = streamed_median(models.as_slice(), None, None, DEFAULT_MEMORY).unwrap();
+    let center = DisplacementFields::from_vectors(2, &found.vectors);
+    for (model, distance) in models.iter().zip(&found.distances) {
+        let all = (0..300).flat_map(|m| [(m, 0), (m, 1)]);
+        let expected = all.map(|(m, k)| (model.vector(m, k) - center.vector(m, k)).norm()).sum::<f64>() / 600.0;
+        assert!((distance.unwrap() / expected - 1.0).abs() < 1e-9, "{distance:?} {expected}");
+    }
+}

@@ -133,7 +133,7 @@ fn self_clone(
         fps: entry.fps,
     };
     let (track, _) = track_one(&source, bench, |_| true).map_err(|f| f.reason)?;
-    let motion = SourceMotion::from_track(&entry.id.to_string(), &track.frames, bench).map_err(text)?;
+    let motion = SourceMotion::from_track(&entry.id.to_string(), &track.frames, &[], bench).map_err(text)?;
     let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
     let pictures: Vec<RgbImage> =
         read_colour_frames(&source.frames, &numbers).map_err(text)?.into_iter().map(|(_, picture)| picture).collect();

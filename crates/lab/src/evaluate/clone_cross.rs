@@ -94,7 +94,7 @@ fn pair(
     let (from, to) = performed_nodes(options, source, emotion, scope)?;
     let (neutral, truth) = performed_nodes(&seen, target, emotion, scope)?;
     let track = [tracked(1, &from), tracked(2, &to)];
-    let motion = SourceMotion::from_track("source", &track, bench)?;
+    let motion = SourceMotion::from_track("source", &track, &[], bench)?;
     let picture = image::RgbImage::new(8, 8);
     let fitted = FittedWireframe {
         model: FrameExpressionModel::new(neutral.clone()),

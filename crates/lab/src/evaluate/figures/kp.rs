@@ -265,7 +265,7 @@ impl<'a> KpFigures<'a> {
     }
 
     fn motion(&self, p: &Performance) -> Result<SourceMotion, EvaluateError> {
-        SourceMotion::from_track(&p.name, &p.track, self.bench).map_err(|e| failed("a tracked motion")(&e))
+        SourceMotion::from_track(&p.name, &p.track, &[], self.bench).map_err(|e| failed("a tracked motion")(&e))
     }
 
     /// Figure 6: one person's smile on two others.
