@@ -140,5 +140,14 @@ fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target
         let target = portrait::target(path, marks, &LandmarkSelection::Auto, bench)?;
         Ok((target.name.clone(), target))
     };
-    args.portrait.iter().enumerate().map(portrait).collect()
+    let mut targets: Vec<(String, Target)> = args.portrait.iter().enumerate().map(portrait).collect::<Result<_, _>>()?;
+    // Pictures of one name get numbers.
+    for k in 0..targets.len() {
+        let name = targets[k].0.clone();
+        let free = (2..).map(|n| format!("{name} ({n})")).find(|l| targets[..k].iter().all(|(known, _)| known != l));
+        if targets[..k].iter().any(|(known, _)| *known == name) {
+            targets[k].0 = free.unwrap_or(name);
+        }
+    }
+    Ok(targets)
 }

@@ -398,14 +398,22 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Gain of the alignment with the neutral frame", o.track.align.gain.to_string()),
         ("Stiffness that holds inner to outer corners of the mouth", o.track.align.corners.to_string()),
         ("Landmarks used as marks", json(serde_json::to_value(&o.marks))),
+        ("Marks held against the face of the picture", (!o.unchecked_marks).to_string()),
+        ("Landmarks before images", o.landmarks.prefer.to_string()),
+        ("Confidence of landmarks at least", o.landmarks.least_confidence.to_string()),
     ];
     let tests = [
         ("Permutations of a test between groups", o.groups.compare.permutations.to_string()),
         ("People of a group in a test, at most", o.groups.compare.people.to_string()),
         ("Bootstrap replicates", o.groups.bootstrap.to_string()),
+        ("Significance of tests, over all of them", o.groups.compare.significance.to_string()),
+        ("Amplitudes taken for equivalent within (of the median)", o.groups.amplitude.equivalence.to_string()),
+        ("Power for which numbers of people are given", o.groups.amplitude.power.to_string()),
         ("Seed", o.groups.compare.seed.to_string()),
     ];
     let analysis = [
+        ("Program", MADE_BY.to_owned()),
+        ("Motion of the head taken out", json(serde_json::to_value(o.normalize.pose))),
         ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
         ("Size normalization", json(serde_json::to_value(o.normalize.size))),
         ("IRISD0 measured at", json(serde_json::to_value(o.normalize.irisd))),

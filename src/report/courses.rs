@@ -1,6 +1,6 @@
 //! Action units and head pose over time, as pictures: the mean of every class with its interval, and every sequence.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point2;
 use serde::Serialize;
@@ -12,7 +12,8 @@ use super::{
 };
 use crate::{
     features::{ACTION_UNITS, COURSE_POINTS, Course},
-    statistics::Representative,
+    output::count,
+    statistics::{Representative, t_quantile},
     units::SequenceId,
 };
 
@@ -22,8 +23,8 @@ const CURVES: usize = 6;
 const SEEN: f64 = 0.25;
 /// Sequences that are drawn; the tables of all stand in `features/`.
 const MOST_SEQUENCES: usize = 240;
-/// Distance of the interval's ends from the mean, standard errors: 95 %.
-const INTERVAL: f64 = 1.96;
+/// Share of the mean's distribution below the upper end of its interval, which is one of 95 %.
+const UPPER: f64 = 0.975;
 /// Largest intensity.
 const TOP: f64 = 5.0;
 /// Size of a class's picture, of its title in a file of its own, and of its text, px.
@@ -43,7 +44,8 @@ struct ClassView {
     label: String,
     emotion: String,
     group: String,
-    sequences: usize,
+    sequences: String,
+    people: String,
     picture: String,
     members: Vec<MemberView>,
 }
@@ -72,7 +74,9 @@ pub(super) fn view(data: &ReportData<'_>) -> Option<CoursesView> {
         if of.is_empty() {
             continue;
         }
-        let curves = mean_curves(&of.iter().map(|(_, course)| *course).collect::<Vec<_>>());
+        let by_person: Vec<(&str, &Course)> = of.iter().map(|(id, course)| (id.subject.as_str(), *course)).collect();
+        let people = by_person.iter().map(|(person, _)| *person).collect::<BTreeSet<_>>().len();
+        let curves = mean_curves(&by_person);
         let shown = of.len().min(left);
         left -= shown;
         hidden += of.len() - shown;
@@ -81,14 +85,15 @@ pub(super) fn view(data: &ReportData<'_>) -> Option<CoursesView> {
         let picture =
             chart(&curves, (0.0, TOP), SIZE).inline("course", &format!("Mean intensities of action units over time, {label}"));
         let members = of[..shown].iter().map(|(id, course)| member(id, course)).collect();
-        classes.push(ClassView { label, emotion, group, sequences: of.len(), picture, members });
+        let (sequences, people) = (count(of.len(), "sequence", "sequences"), count(people, "person", "people"));
+        classes.push(ClassView { label, emotion, group, sequences, people, picture, members });
     }
     let more = (hidden > 0).then(|| format!("{hidden} more sequences are not drawn here; features/ has the table of every one."));
     (!classes.is_empty()).then_some(CoursesView { classes, more })
 }
 
-/// The mean intensities of the action units of a class, as a drawing; `None` for no course.
-pub fn mean_course(of: &[&Course], label: &str) -> Option<Drawing> {
+/// The mean intensities of the action units of a class from courses with the names of their people, as a drawing; `None` for no course.
+pub fn mean_course(of: &[(&str, &Course)], label: &str) -> Option<Drawing> {
     if of.is_empty() {
         return None;
     }
@@ -101,7 +106,8 @@ pub fn mean_course(of: &[&Course], label: &str) -> Option<Drawing> {
 
 /// The picture of a class's mean intensities, as a file of its own; `None` where no sequence has a course.
 pub fn mean_course_svg(class: &Representative, courses: &BTreeMap<SequenceId, Course>) -> Option<String> {
-    let of: Vec<&Course> = class.sequences.iter().filter_map(|id| courses.get(id)).collect();
+    let of: Vec<(&str, &Course)> =
+        class.sequences.iter().filter_map(|id| Some((id.subject.as_str(), courses.get(id)?))).collect();
     let group = group_text(&class.label);
     let label = if group.is_empty() { class.label.emotion.clone() } else { format!("{}, {group}", class.label.emotion) };
     let drawing = mean_course(&of, &label)?;
@@ -112,17 +118,25 @@ fn courses<'a>(class: &'a Representative, all: &'a BTreeMap<SequenceId, Course>)
     class.sequences.iter().filter_map(|id| Some((id, all.get(id)?))).collect()
 }
 
-/// The strongest action units of some sequences: means and 95 % intervals of the mean.
-fn mean_curves(of: &[&Course]) -> Vec<Curve> {
-    let n = of.len() as f64;
+/// The strongest action units of some sequences: means over people, each by the mean of their own sequences, and 95 % intervals of these
+/// by Student's t.
+fn mean_curves(of: &[(&str, &Course)]) -> Vec<Curve> {
+    let mut by_person: BTreeMap<&str, Vec<&Course>> = BTreeMap::new();
+    of.iter().for_each(|(person, course)| by_person.entry(person).or_default().push(course));
+    let n = by_person.len() as f64;
+    let errors = t_quantile(UPPER, n - 1.0).filter(|_| by_person.len() > 1);
     let curve = |k: usize| {
-        let at = |t: usize| of.iter().filter_map(move |course| course.units.get(t)).map(move |units| f64::from(units[k]));
-        let values: Vec<f64> = (0..COURSE_POINTS).map(|t| at(t).sum::<f64>() / n).collect();
-        let half = |t: usize| {
-            let squares: f64 = at(t).map(|v| (v - values[t]).powi(2)).sum();
-            INTERVAL * (squares / (n - 1.0) / n).sqrt()
+        let of_person = |courses: &Vec<&Course>, t: usize| {
+            let sum: f64 = courses.iter().filter_map(|course| course.units.get(t)).map(|units| f64::from(units[k])).sum();
+            sum / courses.len() as f64
         };
-        let interval = if of.len() > 1 { (0..COURSE_POINTS).map(half).collect() } else { Vec::new() };
+        let at = |t: usize| by_person.values().map(move |courses| of_person(courses, t));
+        let values: Vec<f64> = (0..COURSE_POINTS).map(|t| at(t).sum::<f64>() / n).collect();
+        let half = |errors: f64, t: usize| {
+            let squares: f64 = at(t).map(|v| (v - values[t]).powi(2)).sum();
+            errors * (squares / (n - 1.0) / n).sqrt()
+        };
+        let interval = errors.map(|errors| (0..COURSE_POINTS).map(|t| half(errors, t)).collect()).unwrap_or_default();
         Curve { name: format!("AU{:02} {}", ACTION_UNITS[k].number, ACTION_UNITS[k].name), values, interval }
     };
     let mut curves: Vec<Curve> = (0..ACTION_UNITS.len()).map(curve).collect();
@@ -135,7 +149,7 @@ fn mean_curves(of: &[&Course]) -> Vec<Curve> {
 
 fn member(id: &SequenceId, course: &Course) -> MemberView {
     let size = (330.0, 130.0);
-    let units = chart(&mean_curves(&[course]), (0.0, TOP), size).inline("course", &format!("Action units over time, {id}"));
+    let units = chart(&mean_curves(&[("", course)]), (0.0, TOP), size).inline("course", &format!("Action units over time, {id}"));
     let angle = |k: usize, name: &str| Curve {
         name: name.to_owned(),
         values: course.pose.iter().map(|pose| f64::from(pose[k])).collect(),
@@ -196,17 +210,21 @@ mod tests {
     #[test]
     fn means_have_their_interval_and_what_does_not_move_is_not_drawn() {
         let (a, b) = (course(2.0), course(4.0));
-        let curves = mean_curves(&[&a, &b]);
+        let curves = mean_curves(&[("P1", &a), ("P2", &b)]);
         assert_eq!(curves.len(), 1);
         assert_eq!(curves[0].name, "AU12 lip corner puller");
-        // Mean of 2 and 4 is 3; their standard deviation is sqrt(2), so the standard error is 1.
-        assert!((curves[0].values[12] - 3.0).abs() < 1e-6 && (curves[0].interval[12] - 1.96).abs() < 1e-6);
-        assert!(mean_curves(&[&a])[0].interval.is_empty());
+        // Mean of 2 and 4 is 3; their standard deviation is sqrt(2), so the standard error is 1, and t with 1 degree of freedom 12.7062.
+        assert!((curves[0].values[12] - 3.0).abs() < 1e-6 && (curves[0].interval[12] - 12.7062).abs() < 1e-3);
+        assert!(mean_curves(&[("P1", &a)])[0].interval.is_empty());
+        // One person counts once, however many sequences they have.
+        let twice = mean_curves(&[("P1", &a), ("P2", &b), ("P2", &b)]);
+        assert_eq!((&twice[0].values, &twice[0].interval), (&curves[0].values, &curves[0].interval));
+        assert!(mean_curves(&[("P1", &a), ("P1", &b)])[0].interval.is_empty());
     }
 
     #[test]
     fn texts_in_pictures_are_escaped() {
-        let svg = chart(&mean_curves(&[&course(3.0)]), (0.0, 5.0), (300.0, 100.0)).inline("course", "a <b> & \"c\"");
+        let svg = chart(&mean_curves(&[("P1", &course(3.0))]), (0.0, 5.0), (300.0, 100.0)).inline("course", "a <b> & \"c\"");
         assert!(svg.contains("aria-label=\"a &lt;b&gt; &amp; &quot;c&quot;\"") && !svg.contains("NaN"), "{svg}");
     }
 }

@@ -11,7 +11,7 @@ use super::{
     view::{Fields, group_text},
 };
 use crate::{
-    output::count,
+    output::{count, nine_digits},
     statistics::compare::{Comparison, Tested, group_values},
     units::NodeId,
 };
@@ -68,6 +68,7 @@ struct TestRow {
     chance: String,
     p: String,
     p_holm: String,
+    p_either: String,
     verdict: &'static str,
     differs: bool,
     hopeless: bool,
@@ -90,7 +91,7 @@ struct Picture {
     /// Where they differ.
     map: String,
     effect: String,
-    p_holm: String,
+    p_either: String,
 }
 
 impl GroupsView {
@@ -130,10 +131,11 @@ impl GroupsView {
             chance: percent(t.effect_by_chance),
             p: p_text(t.p, t.least_p),
             p_holm: p_text(t.p_adjusted, 0.0),
+            p_either: p_text(t.p_either_adjusted, 0.0),
             verdict: if differs(t) { "differ" } else { "not shown to differ" },
             differs: differs(t),
-            hopeless: t.least_p_adjusted > significance,
-            least_p: p_text(t.least_p_adjusted, 0.0),
+            hopeless: least_either(t) > significance,
+            least_p: p_text(least_either(t), 0.0),
             place: if differs(t) { place(t) } else { String::new() },
             direction: if differs(t) { direction(c, t) } else { String::new() },
         });
@@ -150,7 +152,7 @@ impl GroupsView {
             direction: direction(c, t),
             map: map_of(c, t, data, significance, fields),
             effect: percent(t.effect),
-            p_holm: p_text(t.p_adjusted, 0.0),
+            p_either: p_text(t.p_either_adjusted, 0.0),
         });
         // Reasons by pair, equal ones together.
         let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -182,7 +184,7 @@ impl GroupsView {
             permutations: groups.options.compare.permutations,
             replicates: groups.options.bootstrap,
             significance: format!("{significance}"),
-            significance_percent: format!("{}", significance * 100.0),
+            significance_percent: nine_digits(significance * 100.0),
             small_group: SMALL_GROUP,
             notes,
             rows,
@@ -191,9 +193,14 @@ impl GroupsView {
     }
 }
 
-/// Whether either test shows two groups to differ.
+/// Whether two groups are shown to differ, as a whole or at a node: docs/populations.md, "Verdict".
 fn groups_differ(t: &Tested, significance: f64) -> bool {
-    t.p_adjusted <= significance || t.p_either_adjusted <= significance
+    t.p_either_adjusted <= significance
+}
+
+/// The least that [`Tested::p_either_adjusted`] can come to: twice that of p, as it is twice p.
+fn least_either(t: &Tested) -> f64 {
+    (2.0 * t.least_p_adjusted).min(1.0)
 }
 
 /// How the apex of the first group differs from the second's, by part of the face; empty where a representative is not there.
@@ -227,13 +234,19 @@ fn percent(share: f64) -> String {
     format!("{} %", fixed(share.max(0.0) * 100.0, 1))
 }
 
-/// A p value; one that no split can undercut as `≤`.
-fn p_text(p: f64, least: f64) -> String {
-    if p >= 0.995 {
+/// A p value with three decimals, below 0.001 with two digits: it is never 0.
+pub fn p_value(p: f64) -> String {
+    const MOST_DECIMALS: usize = 12;
+    if p >= 0.9995 {
         return "1".to_owned();
     }
-    let digits = if p < 0.001 { 4 } else { 3 };
-    let text = fixed(p, digits);
+    let decimals = if p < 0.001 && p > 0.0 { (1.0 - p.log10().floor()) as usize } else { 3 };
+    fixed(p, decimals.min(MOST_DECIMALS))
+}
+
+/// A p value; one that no split can undercut as `≤`.
+fn p_text(p: f64, least: f64) -> String {
+    let text = p_value(p);
     if least > 0.0 && p <= least { format!("{text} (least possible)") } else { text }
 }
 
@@ -272,7 +285,7 @@ pub(super) fn payload(groups: &GroupsData<'_>, data: &ReportData<'_>) -> Value {
             "b": place(&c.emotion, &c.groups[1])?,
             "names": [group_values(&c.groups[0]), group_values(&c.groups[1])],
             "energy": t.node_energy.iter().map(|&e| length(e.max(0.0))).collect::<Vec<_>>(),
-            "p": t.node_p.iter().map(|&p| rounded(p, 4)).collect::<Vec<_>>(),
+            "p": t.node_p.iter().map(|&p| rounded(p, 8)).collect::<Vec<_>>(),
             "differing": differing,
         });
         Some((k.to_string(), pair))

@@ -37,6 +37,7 @@ use crate::{
 
 pub use courses::{mean_course, mean_course_svg};
 pub use failure::{Failure, Stage};
+pub use groups::p_value;
 pub use variation::{BandCurve, VariationData};
 
 const TEMPLATE: &str = include_str!("assets/report.html");

@@ -3,6 +3,7 @@
 mod read;
 
 use std::{
+    collections::BTreeSet,
     fmt::Write as _,
     path::{Path, PathBuf},
 };
@@ -12,12 +13,13 @@ use serde::Serialize;
 use self::read::{Class, Results};
 use super::{ModelFileError, Workbench};
 use crate::{
+    features::Course,
     input::InputError,
-    output::{self, OutputError, count},
+    output::{self, OutputError, count, nine_digits},
     report::{
         drawing::Drawing,
         figures::{self, FieldScale, Lines, Model, StripRow, view_box},
-        mean_course,
+        mean_course, p_value,
     },
     statistics::compare::group_values,
 };
@@ -123,10 +125,17 @@ pub fn figures_of(out: &Path, bench: &Workbench) -> Result<Vec<Figure>, FiguresE
             figures.push(dispersion(class, &lines));
             figures.push(class.figure("distances", "distances", distances(class), &distances_caption(class)));
         }
-        if let Some(drawing) = mean_course(&class.courses.iter().collect::<Vec<_>>(), &class.label()) {
+        let courses: Vec<(&str, &Course)> = class.courses.iter().map(|(who, course)| (who.as_str(), course)).collect();
+        if let Some(drawing) = mean_course(&courses, &class.label()) {
             let what = "Intensities of the strongest action units (0 to 5) from the neutral to the apex frame";
-            let interval = if class.courses.len() > 1 { " with the 95 % interval of the mean" } else { "" };
-            let caption = format!("{what}, the mean of {}{interval}; {}.", people(class), class.label());
+            let who: BTreeSet<&str> = courses.iter().map(|(who, _)| *who).collect();
+            let interval = if who.len() > 1 { " with its 95 % interval (Student's t)" } else { "" };
+            let of = count(courses.len(), "sequence", "sequences");
+            let people = count(who.len(), "person", "people");
+            let caption = format!(
+                "{what}, the mean of {people}{interval}, everybody by the mean of their own sequences ({of}); {}.",
+                class.label()
+            );
             figures.push(class.figure("courses", "courses of action units", drawing, &caption));
         }
         if !class.bands.is_empty() {
@@ -179,7 +188,7 @@ impl Class {
 
     fn method_text(&self) -> String {
         self.method_with(&if self.drops_none() {
-            format!("nothing trimmed ({} % of so few is none)", self.about.alpha * 100.0)
+            format!("nothing trimmed ({} % of so few is none)", nine_digits(self.about.alpha * 100.0))
         } else {
             self.trimmed_text()
         })
@@ -191,7 +200,7 @@ impl Class {
         if a.alpha > 0.0 {
             format!(
                 "{} % of the models trimmed per {}",
-                a.alpha * 100.0,
+                nine_digits(a.alpha * 100.0),
                 if a.trim == "model" { "model" } else { "displacement field" }
             )
         } else {
@@ -242,7 +251,7 @@ fn method_of_all(classes: &[Class]) -> String {
         "{} (of {} nothing: {} % of so few is none)",
         first.trimmed_text(),
         untrimmed.join("; "),
-        first.about.alpha * 100.0
+        nine_digits(first.about.alpha * 100.0)
     );
     first.method_with(&of_them)
 }
@@ -330,8 +339,8 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     let title = format!("{}: {first} and {second}", pair.emotion);
     let drawing = figures::difference(&title, [first, second], [&a.model, &b.model], &energy, &differing, &words, lines);
     let verdict = match (pair.p, differs) {
-        (Some(p), true) => format!("The groups differ (p after Holm {p:.4})"),
-        (Some(p), false) => format!("The groups are not shown to differ (p after Holm {p:.4})"),
+        (Some(p), true) => format!("The groups differ (p of either test after Holm {})", p_value(p)),
+        (Some(p), false) => format!("The groups are not shown to differ (p of either test after Holm {})", p_value(p)),
         (None, _) => "The groups were not tested".to_owned(),
     };
     let in_words = if directions.is_empty() {
@@ -347,7 +356,7 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
         pair.emotion,
         people(a),
         people(b),
-        100.0 * results.significance,
+        nine_digits(100.0 * results.significance),
         differing.len()
     );
     let mut figure = a.figure("difference", "difference between groups", drawing, &caption);

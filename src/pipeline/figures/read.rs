@@ -42,8 +42,8 @@ pub struct Class {
     pub model: Model,
     /// Name of the run's method; empty where none is told.
     pub method: String,
-    /// Courses of its sequences, of those whose features are there.
-    pub courses: Vec<Course>,
+    /// Courses of its sequences, of those whose features are there, each with its person.
+    pub courses: Vec<(String, Course)>,
     /// Courses of FAPs, those that move most first; of whole emotions only.
     pub bands: Vec<BandFigure>,
     /// By displacement field: the distance of every model to the others, and whether it was dropped.
@@ -83,6 +83,8 @@ impl Results {
         let run: Option<RunJson> = if run.exists() { Some(json(&run)?) } else { None };
         let trimming = trimming(out)?;
         let mut bands = bands(out)?;
+        let subjects = subjects(out)?;
+        let of = |id: &'_ String| subjects.get(id).cloned().unwrap_or_else(|| id.split('_').next().unwrap_or(id).to_owned());
         let mut classes = Vec::new();
         for stem in stems {
             let path = out.join(format!("representatives/{stem}.csv"));
@@ -96,7 +98,7 @@ impl Results {
             for id in &about.sequences {
                 let path = out.join(format!("features/{id}.csv"));
                 if path.is_file() {
-                    courses.extend(course(&path)?);
+                    courses.extend(course(&path)?.map(|course| (of(id), course)));
                 }
             }
             let key = (about.emotion.clone(), about.group.values().cloned().collect::<Vec<_>>());
@@ -124,8 +126,6 @@ impl Results {
             let key = |c: &Class| (c.about.emotion.clone(), c.about.group.clone());
             key(a).cmp(&key(b))
         });
-        let subjects = subjects(out)?;
-        let of = |id: &'_ String| subjects.get(id).cloned().unwrap_or_else(|| id.split('_').next().unwrap_or(id).to_owned());
         let people = classes.iter().flat_map(|c| &c.about.sequences).map(of).collect::<BTreeSet<String>>().len();
         let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
         Ok(Self { pairs: pairs(out)?, classes, significance, people })

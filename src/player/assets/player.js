@@ -113,7 +113,7 @@ class FacePlayer {
   /** Dragging over a face scrubs, by mouse and by finger. */
   scrubOn(frame) {
     let start = null;
-    frame.addEventListener("pointerdown", (event) => { start = { x: event.clientX, share: this.share, moved: false }; });
+    frame.addEventListener("pointerdown", (event) => { start = event.button === 0 ? { x: event.clientX, share: this.share, moved: false } : null; });
     frame.addEventListener("pointermove", (event) => {
       if (!start || !event.buttons) return;
       const by = (event.clientX - start.x) / frame.clientWidth;
@@ -245,16 +245,26 @@ class FacePlayer {
   play() {
     if (this.playing) return;
     this.playing = true;
-    this.clock = this.share >= 1 ? 0 : this.course().clock(this.share);
+    const course = this.course();
+    // Where it was paused it goes on, also on the way back.
+    const paused = this.clock === undefined ? { over: true } : course.share(this.clock);
+    const goesOn = !paused.over && this.share > 0 && this.share < 1 && Math.abs(paused.share - this.share) < 1e-9;
+    if (!goesOn) this.clock = this.share >= 1 ? 0 : course.clock(this.share);
     this.before = performance.now();
     this.buttonSays();
-    requestAnimationFrame((now) => this.step(now));
+    this.nextStep();
   }
   pause() {
     if (!this.playing) return;
     this.playing = false;
+    cancelAnimationFrame(this.awaited);
     this.buttonSays();
     this.say();
+  }
+  /** One step a frame, however often play is pressed within it. */
+  nextStep() {
+    cancelAnimationFrame(this.awaited);
+    this.awaited = requestAnimationFrame((now) => this.step(now));
   }
   buttonSays() {
     this.button.textContent = this.playing ? "Pause" : "Play";
@@ -275,7 +285,7 @@ class FacePlayer {
     this.share = share;
     if (this.visible || over) this.draw();
     if (over) this.pause();
-    else requestAnimationFrame((next) => this.step(next));
+    else this.nextStep();
   }
   parts(view) {
     const { motion, buffer } = view;
@@ -302,15 +312,20 @@ class FacePlayer {
   }
   /** All that is shown, side by side, as one PNG. */
   save() {
+    if (this.seen.some((view) => view.stage.gl?.isContextLost())) {
+      this.said.textContent = this.place.textContent = "Not saved: the browser took the picture away; try again in a moment";
+      return null;
+    }
     this.draw();
     const canvases = this.seen.map((view) => view.stage.canvas);
-    const height = Math.max(...canvases.map((c) => c.height));
-    const all = node("canvas", { width: canvases.reduce((sum, c) => sum + c.width, 0), height });
-    let left = 0;
-    for (const c of canvases) {
-      all.getContext("2d").drawImage(c, left, 0);
-      left += c.width;
-    }
+    // As wide as each other, as on the page: a head is drawn larger than a photograph.
+    const width = Math.max(...canvases.map((c) => c.width));
+    const height = Math.max(...canvases.map((c) => Math.round((c.height * width) / c.width)));
+    const all = node("canvas", { width: canvases.length * width, height });
+    const paper = all.getContext("2d");
+    paper.fillStyle = "#fff";
+    paper.fillRect(0, 0, all.width, all.height);
+    canvases.forEach((c, k) => paper.drawImage(c, k * width, 0, width, Math.round((c.height * width) / c.width)));
     const names = this.seen.map((view) => `${view.motion.label} ${view.rig.label}`).join(" ");
     const name = `${names} ${Math.round(100 * this.share)}`.replace(/[^\p{L}\p{N}]+/gu, "_");
     const link = node("a", { href: all.toDataURL("image/png"), download: `${name}.png` });
@@ -318,7 +333,10 @@ class FacePlayer {
     return link;
   }
   key(event) {
-    const inField = event.target.closest?.("input, select, textarea, summary, a");
+    // A control keeps the keys that it uses itself: a slider and a list those that move them, a box and a list the one that presses them.
+    const field = event.target.closest?.("input, select, textarea, summary, a");
+    const own = { range: ["ArrowLeft", "ArrowRight", "Home", "End"], checkbox: [" "] }[field?.type];
+    const inField = field && !(own && !own.includes(event.key));
     const act = {
       " ": () => this.toggle(),
       k: () => this.toggle(),

@@ -184,10 +184,16 @@ class Player {
     this.clock = start === 0 ? 0 : HOLD_NEUTRAL + (FORMATION * start) / this.apex;
     this.setPlaying(true);
     this.last = performance.now();
-    requestAnimationFrame((now) => this.step(now));
+    this.nextStep();
+  }
+  /** One step a frame, however often play is pressed within it. */
+  nextStep() {
+    cancelAnimationFrame(this.awaited);
+    this.awaited = requestAnimationFrame((now) => this.step(now));
   }
   setPlaying(playing) {
     this.playing = playing;
+    if (!playing) cancelAnimationFrame(this.awaited);
     this.button.setAttribute("aria-pressed", String(playing));
     $(".play-text", this.button).textContent = playing ? "Pause" : "Play";
   }
@@ -202,7 +208,7 @@ class Player {
     this.time = Math.min(Math.max((this.clock - HOLD_NEUTRAL) / FORMATION, 0), 1) * this.apex;
     if (this.visible || over) this.draw();
     if (over) this.pause();
-    else requestAnimationFrame((next) => this.step(next));
+    else this.nextStep();
   }
 }
 const watcher = new IntersectionObserver((entries) => {

@@ -20,6 +20,6 @@ function drawPair(figure) {
 
   const top = Math.max(...pair.energy, 1e-9);
   const box = slot("energy");
-  probeNodes(box, $("svg", box), neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(pair.energy[k], 2)} face units, p ${fixed(pair.p[k], 4)}`);
+  probeNodes(box, $("svg", box), neutral, (k) => `${wireframe.live[k]} ${data.nodes[k]}: ${fixed(pair.energy[k], 2)} face units, p ${pair.p[k] < 0.001 ? Number(pair.p[k].toPrecision(2)) : fixed(pair.p[k], 3)}`);
   colorBar(slot("energybar"), [0, top], "energy distance per node, face units");
 }

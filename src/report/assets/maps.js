@@ -12,6 +12,12 @@ function rangeOf(values) {
 function colorBar(root, [least, most], unit) {
   const gradient = VIRIDIS.map((c, k) => `${c} ${(100 * k) / (VIRIDIS.length - 1)}%`).join(", ");
   const marks = element("div", { class: "marks" });
+  if (most - least < 1e-6) {
+    // One value everywhere.
+    marks.append(element("span", { style: "left:0%" }, least.toFixed(2)));
+    root.append(element("div", { class: "ramp", style: `background:${VIRIDIS[0]}` }), marks, element("div", { class: "unit" }, unit));
+    return;
+  }
   const { list, digits } = ticks(least, most, 5);
   for (const v of list) marks.append(element("span", { style: `left:${(100 * (v - least)) / (most - least)}%` }, v.toFixed(digits)));
   root.append(element("div", { class: "ramp", style: `background:linear-gradient(to right, ${gradient})` }), marks);

@@ -6,7 +6,7 @@ const qualityOrders = {
   worst: worseFirst,
   name: (a, b) => a[0] - b[0],
   emotion: (a, b) => a[1] - b[1] || worseFirst(a, b),
-  lost: (a, b) => (a[5] ?? 0) === (b[5] ?? 0) ? worseFirst(a, b) : (a[4] ?? 0) - (b[4] ?? 0) || worseFirst(a, b),
+  lost: (a, b) => (a[4] ?? 0) - (b[4] ?? 0) || worseFirst(a, b),
 };
 
 /** Expected error as a line, lost nodes as bars, over the frames. */
@@ -109,13 +109,23 @@ foldAll.addEventListener("click", () => {
 });
 /** What a link leads to is open. */
 function unfoldTarget() {
-  const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  let name = location.hash.slice(1);
+  try {
+    name = decodeURIComponent(name);
+  } catch { /* A percent sign of its own. */ }
+  const target = name && document.getElementById(name);
   if (!target) return;
   for (const { part, set } of folds) if (part.contains(target)) set(true);
   repaintAll();
   target.scrollIntoView();
 }
 addEventListener("hashchange", unfoldTarget);
+// A link to where the page is already changes nothing that the browser tells of.
+addEventListener("click", (event) => {
+  const link = event.target.closest?.('a[href^="#"]');
+  if (link && link.hash === location.hash) unfoldTarget();
+});
+unfoldTarget();
 
 // ---- The player ----
 const playerRoot = $("#player");

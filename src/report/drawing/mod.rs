@@ -8,6 +8,8 @@ mod svg;
 
 use nalgebra::Point2;
 
+pub use pdf::text_width;
+
 /// A colour, red, green and blue from 0 to 255.
 pub type Colour = [u8; 3];
 

@@ -136,10 +136,8 @@ fn path(content: &mut Content, pen: Pen, steps: &[Step], to: impl Fn(Point2<f64>
 
 fn write(content: &mut Content, text: &Text, to: impl Fn(Point2<f64>) -> [f32; 2]) {
     let bytes = latin(&text.content);
-    let thousandths: f64 =
-        bytes.iter().map(|b| f64::from(WIDTHS.get(usize::from(*b).wrapping_sub(32)).copied().unwrap_or(OTHER_WIDTH))).sum();
     // Bold letters are wider by about a fifteenth.
-    let width = thousandths / 1000.0 * text.size * if text.bold { 1.065 } else { 1.0 };
+    let width = text_width(&text.content, text.size) * if text.bold { 1.065 } else { 1.0 };
     let back = match text.anchor {
         Anchor::Start => 0.0,
         Anchor::Middle => width / 2.0,
@@ -149,6 +147,12 @@ fn write(content: &mut Content, text: &Text, to: impl Fn(Point2<f64>) -> [f32; 2
     let [x, y] = to(Point2::new(text.at.x - back, text.at.y));
     content.set_fill_rgb(r, g, b).begin_text().set_font(if text.bold { BOLD } else { REGULAR }, text.size as f32);
     content.next_line(x, y).show(Str(&bytes)).end_text();
+}
+
+/// Width of a text in the page's font.
+pub fn text_width(text: &str, size: f64) -> f64 {
+    let width = |b: &u8| f64::from(WIDTHS.get(usize::from(*b).wrapping_sub(32)).copied().unwrap_or(OTHER_WIDTH));
+    latin(text).iter().map(width).sum::<f64>() / 1000.0 * size
 }
 
 /// Text in the encoding of the page's fonts, which is Latin-1 for what is written here.

@@ -5,7 +5,7 @@ use nalgebra::{Point2, Vector2};
 use super::{BLUE, DARK, Drawing, HEADING, Lines, Model, ORANGE, Pen, QUIET, SMALL, Step, apex, chains, offset, place, view_box};
 use crate::{
     report::{
-        drawing::{Anchor, circle},
+        drawing::{Anchor, circle, text_width},
         numbers::fixed,
     },
     units::NodeId,
@@ -151,13 +151,18 @@ fn compass(sheet: &mut Drawing, at: Point2<f64>) {
 pub fn representatives(models: &[(String, &Model)], lines: &Lines) -> Drawing {
     const COLUMNS: usize = 6;
     const WIDE: f64 = 132.0;
+    const LINE: f64 = 12.0;
     let within = view_box(models.iter().map(|(_, m)| *m), lines);
     let high = WIDE * within[3] / within[2];
     let columns = models.len().clamp(1, COLUMNS);
     let rows = models.len().div_ceil(COLUMNS).max(1);
-    let mut sheet = Drawing::new(columns as f64 * (WIDE + 8.0) + 8.0, rows as f64 * (high + 28.0) + 8.0);
+    // The group stands below the emotion.
+    let lines_of = |label: &str| label.split(", ").map(str::to_owned).collect::<Vec<_>>();
+    let most_lines = models.iter().map(|(label, _)| lines_of(label).len()).max().unwrap_or(1);
+    let step = high + 16.0 + LINE * most_lines as f64;
+    let mut sheet = Drawing::new(columns as f64 * (WIDE + 8.0) + 8.0, rows as f64 * step + 8.0);
     for (k, (label, model)) in models.iter().enumerate() {
-        let (left, top) = (8.0 + (k % columns) as f64 * (WIDE + 8.0), 8.0 + (k / columns) as f64 * (high + 28.0));
+        let (left, top) = (8.0 + (k % columns) as f64 * (WIDE + 8.0), 8.0 + (k / columns) as f64 * step);
         let mut face = Drawing::within(within);
         let neutral = |n: NodeId| place(model, 0, n);
         face.path(Pen::line("ghosted", QUIET, 0.7), lines.contours(&neutral));
@@ -165,7 +170,11 @@ pub fn representatives(models: &[(String, &Model)], lines: &Lines) -> Drawing {
         let moved = |n: NodeId| place(model, apex(model), n);
         lines.draw(&mut face, &moved, false);
         sheet.place(&face, [left, top, WIDE, high]);
-        sheet.text(left + WIDE / 2.0, top + high + 14.0, SMALL, Anchor::Middle, label.as_str());
+        for (row, line) in lines_of(label).iter().enumerate() {
+            // No line is wider than its place.
+            let size = SMALL * (WIDE / text_width(line, SMALL)).min(1.0);
+            sheet.text(left + WIDE / 2.0, top + high + 14.0 + LINE * row as f64, size, Anchor::Middle, line.as_str());
+        }
     }
     sheet
 }
