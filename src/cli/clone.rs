@@ -245,9 +245,17 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.look.wrinkles.is_none() || args.look.source_frames.is_some(),
         "--wrinkles needs the pictures of the source: give --source-frames"
     );
+    anyhow::ensure!(
+        args.look.wrinkles.is_none() || matches!(args.look.skin, SkinChoice::Auto | SkinChoice::None),
+        "--wrinkles takes the folds of the source's own frames, --skin those of others; give one of them"
+    );
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let stop = stop_flag()?;
     let pairs = args.source.len() * args.target.len();
+    let sheet_path = args.output.join("sheet.png");
+    if args.sheet && pairs > 1 {
+        args.general.check_free(&sheet_path)?;
+    }
     let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
     let bar = frame_bar(args.general.quiet, None);
     let mut sheet = Sheet::new(480);
@@ -284,9 +292,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     bar.finish_and_clear();
     if args.sheet && pairs > 1 && done > 0 {
-        let path = args.output.join("sheet.png");
-        args.general.check_free(&path)?;
-        write_atomic(&path, |writer| encode_png(&sheet.draw(), writer))?;
+        write_atomic(&sheet_path, |writer| encode_png(&sheet.draw(), writer))?;
     }
     for failure in &failed {
         eprintln!("failed: {failure}");
@@ -323,6 +329,11 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     for path in &args.source {
         let read = || -> anyhow::Result<Source> {
             let motion = SourceMotion::read(path, bench)?;
+            anyhow::ensure!(
+                args.motion.rescale != Rescale::None || motion.kind == SourceKind::Track,
+                "{}: --rescale none carries pixels over, and this motion is in face units; give uniform, or a track",
+                path.display()
+            );
             let wants_pictures = args.look.source_frames.is_some() && !motion.frames.is_empty();
             let info = if wants_pictures { read_track_info(path)? } else { None };
             if let Some(info) = &info {

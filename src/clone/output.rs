@@ -6,6 +6,7 @@ use image::{
     ImageEncoder, RgbImage,
     codecs::png::{CompressionType, FilterType, PngEncoder},
 };
+use nalgebra::Point2;
 use serde::Serialize;
 
 use super::{CloneError, CloneOptions, ClonedExpression, Sheet, SourceMotion, picture};
@@ -19,7 +20,7 @@ use crate::{
     overlay::draw_overlay,
     sequence::{Frame, ImageSize, check_video, write_video},
     track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackOptions, TrackedFrame, TrackedNode, summarize, track_units, write_track},
-    units::SequenceId,
+    units::{Px, SequenceId},
     wireframe::Face,
 };
 
@@ -231,7 +232,8 @@ pub fn write_clone(
     info.faps_not_shown = source.not_shown.iter().map(|f| f.get()).collect();
     write_json(&folder.join("clone.json"), &info)?;
     let grey = image::imageops::grayscale(&apex_picture);
-    let overlay = draw_overlay(&Frame::new(1, grey), &face.wireframe, &frames[apex].nodes, &[]);
+    let at_apex = &frames[apex + usize::from(!clone.starts_neutral())].nodes;
+    let overlay = draw_overlay(&Frame::new(1, grey), &face.wireframe, at_apex, &[]);
     write_atomic(&folder.join("overlay.png"), |writer| encode_png(&overlay, writer))?;
     let mut sheet = Sheet::new(SHEET_HEIGHT);
     if let Some(pictures) = source_frames {
@@ -267,7 +269,13 @@ fn tracked(clone: &ClonedExpression, face: &Face) -> Vec<TrackedFrame> {
             })
             .collect(),
     };
-    clone.frames.iter().enumerate().map(frame).collect()
+    let mut frames: Vec<TrackedFrame> = clone.frames.iter().enumerate().map(frame).collect();
+    if !clone.starts_neutral() {
+        // A track begins with the neutral face: frame 0, of which there is no picture.
+        let node = |&position: &Point2<f64>| TrackedNode::new(position, NodeState::Fitted, None);
+        frames.insert(0, TrackedFrame { number: 0, nodes: clone.target().warp().nodes().iter().map(node).collect() });
+    }
+    frames
 }
 
 /// Where the track goes, and what stands beside it.
@@ -312,9 +320,18 @@ fn track_info(
     (files.folder.join("track").join(format!("{id}.csv")), track_info)
 }
 
+/// A model of the clone's frames with the target's neutral face before them, where they do not begin with it: FAPs are offsets from neutral.
+fn from_neutral(model: DynamicExpressionModel<Px>, clone: &ClonedExpression) -> Result<DynamicExpressionModel<Px>, CloneError> {
+    if clone.starts_neutral() {
+        return Ok(model);
+    }
+    let neutral = FrameExpressionModel::new(clone.target().warp().nodes().to_vec());
+    Ok(DynamicExpressionModel::new(std::iter::once(neutral).chain(model.frames().iter().cloned()).collect())?)
+}
+
 /// The target's FAP file: its own motion in its own FAPUs.
 fn fap_of(
-    model: &DynamicExpressionModel<crate::units::Px>,
+    model: &DynamicExpressionModel<Px>,
     clone: &ClonedExpression,
     source: &SourceMotion,
     face: &Face,
@@ -322,11 +339,16 @@ fn fap_of(
     let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
     let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
     let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
-    let normalized = normalizer.normalize_every_frame(model)?;
+    let starts_neutral = clone.starts_neutral();
+    let normalized = normalizer.normalize_every_frame(&from_neutral(model.clone(), clone)?)?;
     let name = format!("{}_{}", clone.target().name, source.name);
     let units = (&normalizer.canonical().fapus, clone.target().lid_units());
     let (measured, clamped) = FapSequence::from_measured(&normalized, units, FapCatalog::mpeg4(), &name, FPS, 0)?;
-    let mut sequence = FapSequence { fps: clone.fps, ..measured }.at_whole_rate();
+    let mut sequence = FapSequence { fps: clone.fps, ..measured };
+    if !starts_neutral {
+        sequence.frames.remove(0);
+    }
+    let mut sequence = sequence.at_whole_rate();
     sequence.round();
     Ok((sequence, clamped))
 }
@@ -336,7 +358,7 @@ fn fap_of(
 fn faps_cut(
     source: &SourceMotion,
     clone: &ClonedExpression,
-    shown: &DynamicExpressionModel<crate::units::Px>,
+    shown: &DynamicExpressionModel<Px>,
     face: &Face,
 ) -> Result<Vec<CutFap>, CloneError> {
     let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
@@ -345,15 +367,20 @@ fn faps_cut(
     let catalog = FapCatalog::mpeg4();
     let units = (&normalizer.canonical().fapus, clone.target().lid_units());
     let asked = DynamicExpressionModel::new(clone.unshaped(source, face)?.into_iter().map(FrameExpressionModel::new).collect())?;
-    let (asked, shown) = (normalizer.normalize_every_frame(&asked)?, normalizer.normalize_every_frame(shown)?);
+    let first = usize::from(!clone.starts_neutral());
+    let (asked, shown) = (from_neutral(asked, clone)?, from_neutral(shown.clone(), clone)?);
+    let (asked, shown) = (normalizer.normalize_every_frame(&asked)?, normalizer.normalize_every_frame(&shown)?);
     let mut most: BTreeMap<u8, CutFap> = BTreeMap::new();
-    for frame in 0..asked.frame_count().min(shown.frame_count()) {
+    for frame in first..asked.frame_count().min(shown.frame_count()) {
         let asked = unlimited_faps(&asked.neutral_offsets(frame), units, catalog)?;
         let shown = unlimited_faps(&shown.neutral_offsets(frame), units, catalog)?;
         for ((fap, asked), (_, shown)) in asked.into_iter().zip(shown).filter(|((fap, _), _)| source.asks_for(*fap)) {
             let known = most.get(&fap.get()).map_or(0.0, |cut| cut.asked.abs());
             if asked.abs() > known {
-                most.insert(fap.get(), CutFap { fap: fap.get(), frame: frame + 1, asked: asked.round(), shown: shown.round() });
+                most.insert(
+                    fap.get(),
+                    CutFap { fap: fap.get(), frame: frame + 1 - first, asked: asked.round(), shown: shown.round() },
+                );
             }
         }
     }

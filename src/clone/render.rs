@@ -256,12 +256,28 @@ impl ClonedExpression<'_> {
         self.target
     }
 
-    /// The frame in which the nodes are farthest from neutral; the first of equals.
+    /// Whether the first frame is the target's neutral face, as good as.
+    pub(super) fn starts_neutral(&self) -> bool {
+        /// Px.
+        const STILL: f64 = 1e-6;
+        let neutral = self.target.warp().nodes();
+        self.frames.first().is_some_and(|f| f.deformation.nodes().iter().zip(neutral).all(|(p, n)| (p - n).norm() < STILL))
+    }
+
+    /// The frame in which the nodes are farthest from neutral, without the head's motion; the first of equals. A blink is no apex.
     pub fn apex(&self) -> usize {
         let neutral = self.target.warp().nodes();
-        let size = |f: &CloneFrame| f.deformation.nodes().iter().zip(neutral).map(|(p, n)| (p - n).norm()).sum::<f64>();
+        let blinks = |k: usize| LID_PAIRS.iter().any(|&(above, below)| self.options.blink && (k == above || k == below));
+        let size = |f: &CloneFrame| {
+            let moved = f.deformation.nodes().iter().zip(neutral).enumerate().filter(|(k, _)| !blinks(*k));
+            moved.map(|(_, (p, n))| (p - f.deformation.background().apply(n)).norm()).sum::<f64>()
+        };
+        let seconds = self.frames.len().saturating_sub(1) as f64 / self.fps;
+        let is_shut = |k: usize| self.options.blink && blink(k as f64 / self.fps, seconds) > 0.0;
         let sizes: Vec<f64> = self.frames.iter().map(size).collect();
-        (0..sizes.len()).fold(0, |best, k| if sizes[k] > sizes[best] { k } else { best })
+        let open: Vec<usize> = (0..sizes.len()).filter(|&k| !is_shut(k)).collect();
+        let first = open.first().copied().unwrap_or(0);
+        open.into_iter().fold(first, |best, k| if sizes[k] > sizes[best] { k } else { best })
     }
 }
 

@@ -255,6 +255,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "drivers": rig.drivers,
         "weights": pack::scaled(&rig.weights),
         "neighbours": rig.neighbours,
+        "partners": rig.partners,
         "openings": rig.openings.iter().map(|o| opening(o, place, scale)).collect::<Vec<_>>(),
         "bows": rig.bows.each_ref().map(|edge| edge.iter().map(|(v, bow)| json!([v, (bow * scale) as f32])).collect::<Vec<_>>()),
         "closed": rig.closed,

@@ -1,20 +1,22 @@
 //! Skin that a motion would fold is smoothed until it does not.
 
+use std::sync::LazyLock;
+
 use nalgebra::{Point2, Vector2};
 
-use super::{Warp, mesh::Mesh};
-use crate::{geometry::Similarity, units::NodeId};
+use super::{NODE_COUNT, Warp, mesh::Mesh};
+use crate::{fit::mirror_nodes, geometry::Similarity, units::NodeId, wireframe::Wireframe};
 
 /// A skin triangle counts as folded when its area falls below this share of the area in the reference, and below half of its area on
 /// the photograph.
 const LEAST_AREA: f64 = 0.02;
 /// Rounds of smoothing that a folded frame gets.
-const UNFOLD_ROUNDS: usize = 40;
+const UNFOLD_ROUNDS: usize = 120;
 /// Rounds of weakening that it gets when smoothing does not help, and the factor of each.
 const WEAKEN_ROUNDS: usize = 30;
 const WEAKEN: f64 = 0.75;
 /// Share of the way to its neighbours' mean that a node at a fold goes in a round.
-const UNFOLD_STEP: f64 = 0.35;
+const UNFOLD_STEP: f64 = 0.1;
 
 impl Warp {
     /// Vertices for the wanted nodes, and the rounds it took until no skin was folded; `wanted` becomes what was possible.
@@ -65,6 +67,10 @@ impl Warp {
                 }
             }
         }
+        // Both sides of the face alike: one half of a smile that is drawn back would be a crooked one.
+        for d in 0..at_fold.len() {
+            at_fold[self.partners[d]] |= at_fold[d];
+        }
         let node = |d: usize| self.mesh.drivers[d].0.index();
         let offsets: Vec<Vector2<f64>> =
             (0..at_fold.len()).map(|d| wanted[node(d)] - around.apply(&self.nodes[node(d)])).collect();
@@ -79,6 +85,14 @@ impl Warp {
 /// The least area of a triangle of these areas in the reference and on the photograph; a smaller one is folded.
 pub fn least_area(in_reference: f64, on_photograph: f64) -> f64 {
     (LEAST_AREA * in_reference).min(0.5 * on_photograph)
+}
+
+/// The driving node on the other side of the face for each; itself in the middle.
+pub fn partners(mesh: &Mesh) -> Vec<usize> {
+    static MIRROR: LazyLock<Vec<usize>> =
+        LazyLock::new(|| mirror_nodes(&Wireframe::candide3()).unwrap_or_else(|_| (0..NODE_COUNT).collect()));
+    let place = |node: usize| mesh.drivers.iter().position(|(n, _)| n.index() == node);
+    (0..mesh.drivers.len()).map(|d| place(MIRROR[mesh.drivers[d].0.index()]).unwrap_or(d)).collect()
 }
 
 /// The six driving nodes nearest to each, in the reference.

@@ -28,6 +28,8 @@ const BESIDE: usize = 3;
 const SKIN: (f64, f64) = (0.75, 0.95);
 /// Lashes end where it is this bright over that skin.
 const LASHLESS: f64 = 0.93;
+/// How fast the lid's height falls along it, over the way.
+const FALL: f64 = 0.6;
 /// Least height of the band of lashes, and that over which it fades, over the eye distance.
 pub const LEAST_BAND: f64 = 0.03;
 pub const FADE: f64 = 0.055;
@@ -107,6 +109,11 @@ impl LidSkin {
         }
         lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
         lid.band = smoothed(&lid.band, |list| list.iter().copied().fold(0.0, f64::max));
+        // Nor walls: the crease runs down to the corners.
+        let fall = FALL * across.norm() / PLACES as f64;
+        for order in [(1..PLACES).map(|k| (k - 1, k)).collect::<Vec<_>>(), (1..PLACES).rev().map(|k| (k, k - 1)).collect()] {
+            order.into_iter().for_each(|(from, to)| lid.band[to] = lid.band[to].max(lid.band[from] - fall));
+        }
         // No steps from one place to the next: skin has none.
         for _ in 0..2 {
             lid.band = smoothed(&lid.band, |list| list.iter().sum::<f64>() / list.len() as f64);

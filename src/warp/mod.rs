@@ -72,6 +72,8 @@ pub(crate) use sample::byte;
 pub(crate) use tone::one_tone;
 
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
+/// Distance from a corner of an eye, over the eye distance, within which skin may fold.
+const BESIDE_CORNER: f64 = 0.07;
 /// pixel, and where lips close a sliver may turn.
 const MOST_FOLDED: f64 = 0.04;
 /// Why a face cannot be warped.
@@ -126,6 +128,8 @@ pub struct Warp {
     is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
+    /// The driving node on the other side of the face for each, as places.
+    partners: Vec<usize>,
     /// How far vertices of the upper and the lower lip's edge lie below the arches through their nodes, px; closed lips meet in a bow.
     bows: [Vec<(usize, f64)>; 2],
     /// Eyeballs found in the photograph, one for each opening; none for the mouth, and for an eye in which no iris was found.
@@ -158,6 +162,11 @@ impl Deformation {
     /// All nodes.
     pub fn nodes(&self) -> &[Point2<f64>] {
         &self.nodes
+    }
+
+    /// How everything around the face moved.
+    pub fn background(&self) -> &Similarity {
+        &self.background
     }
 
     /// Rounds of smoothing that the motion needed so that no skin folds; 0 for a motion that is rendered as it was asked for.
@@ -206,6 +215,7 @@ impl Warp {
         let mesh = Mesh::new(&reference_nodes, &frame)?;
         let weights = Weights::new(&mesh)?;
         let neighbours = folds::neighbours(&mesh, &reference_nodes);
+        let partners = folds::partners(&mesh);
         let triangles = mesh.skin.len();
         let mut warp = Self {
             mesh,
@@ -220,6 +230,7 @@ impl Warp {
             is_flat: vec![false; triangles],
             reference_nodes,
             neighbours,
+            partners,
             bows: Default::default(),
             eyes: Vec::new(),
             lids: Vec::new(),
@@ -239,6 +250,15 @@ impl Warp {
         warp.places = (0..NODE_COUNT).map(|n| if drives(n) { None } else { warp.place_of(&warp.nodes[n]) }).collect();
         let flat: Vec<usize> = warp.folded(&warp.source).collect();
         flat.iter().for_each(|&k| warp.is_flat[k] = true);
+        // At the corners of an eye the few pixels of a lid that shuts pass what does not move; the lid's own skin and lashes cover them. What
+        // is smoothed for their sake is the whole lid.
+        let corners = OPENINGS[1..].iter().flat_map(|eye| [eye.upper[0], eye.upper[4]]).map(|n| warp.nodes[usize::from(n)]);
+        let corners: Vec<Point2<f64>> = corners.collect();
+        for (k, triangle) in warp.mesh.skin.iter().enumerate() {
+            let middle = triangle.iter().map(|&v| warp.source[v as usize].coords).sum::<Vector2<f64>>() / 3.0;
+            let is_near = |corner: &Point2<f64>| (middle - corner.coords).norm() < BESIDE_CORNER * frame.eye_distance;
+            warp.is_flat[k] |= corners.iter().any(is_near);
+        }
         let area = |k: usize| {
             let [a, b, c] = warp.mesh.skin[k].map(|v| warp.mesh.vertices[v as usize]);
             (b - a).perp(&(c - a)).abs()

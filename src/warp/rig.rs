@@ -23,6 +23,8 @@ pub struct Rig {
     pub weights: Vec<f64>,
     /// Driving nodes near each driving node, as places in `drivers`.
     pub neighbours: Vec<Vec<usize>>,
+    /// The driving node on the other side of the face for each, as places in `drivers`.
+    pub partners: Vec<usize>,
     /// Mouth, left eye, right eye.
     pub openings: Vec<RigOpening>,
     /// Vertices of the upper and the lower lip's edge, and how far below the arches through their nodes they lie, px.
@@ -107,6 +109,7 @@ impl Warp {
             drivers: self.mesh.drivers.iter().map(|&(n, v)| (n.0, v)).collect(),
             weights: (0..self.mesh.vertices.len()).flat_map(|v| self.weights.of(v).iter().copied()).collect(),
             neighbours: self.neighbours.clone(),
+            partners: self.partners.clone(),
             openings: openings.collect(),
             bows: self.bows.clone(),
             closed: self.closed,

@@ -244,7 +244,7 @@ class Rig {
   }
   /** Draws nodes at folded skin towards their neighbours; whether there was any. */
   unfold(wanted) {
-    const { skin, leastAreas, moved, weights, drivers, neighbours, offsets } = this;
+    const { skin, leastAreas, moved, weights, drivers, neighbours, partners, offsets } = this;
     const n = drivers.length;
     let atFold = null;
     for (let k = 0, t = 0; k < skin.length; k += 3, t++) {
@@ -258,6 +258,8 @@ class Rig {
       }
     }
     if (!atFold) return false;
+    // Both sides of the face alike.
+    for (let d = 0; d < n; d++) if (atFold[d]) atFold[partners[d]] = 1;
     for (let d = 0; d < n; d++) {
       if (!atFold[d]) continue;
       for (const axis of [0, 1]) {
