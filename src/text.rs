@@ -23,6 +23,14 @@ fn is_command(c: char) -> bool {
         || matches!(c, '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{200E}' | '\u{200F}')
 }
 
+/// Words, whatever their case, by which R, pandas, SQL and spreadsheets write that there is no value.
+const MISSING_WORDS: [&str; 4] = ["na", "n/a", "nan", "null"];
+
+/// Whether a text is a word for no value.
+pub fn is_missing_word(value: &str) -> bool {
+    MISSING_WORDS.iter().any(|word| value.trim().eq_ignore_ascii_case(word))
+}
+
 /// A text with accents in their letters: those that stand behind them, as macOS writes names, are the same text.
 pub fn composed(text: &str) -> String {
     text.nfc().collect()

@@ -62,8 +62,12 @@ impl ColumnarWriter {
         let names = NAMES.iter().chain([&ID]).map(|&name| name.to_owned());
         // A column of the user's that is called like one of ours keeps its content under another name.
         let further = metadata.iter().map(|name| {
-            let taken = NAMES.contains(&name.as_str()) || name == ID || super::read::parse_coordinate(name).is_some();
-            if taken { format!("by_{name}") } else { name.clone() }
+            let mut free = name.clone();
+            let is_ours = |name: &str| NAMES.contains(&name) || name == ID || super::read::parse_coordinate(name).is_some();
+            while is_ours(&free) || (free != *name && metadata.contains(&free)) {
+                free.insert_str(0, "by_");
+            }
+            free
         });
         for name in names.chain(further) {
             let text = Type::primitive_type_builder(&name, PhysicalType::BYTE_ARRAY)

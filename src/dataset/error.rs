@@ -185,6 +185,14 @@ pub enum RowError {
     /// An emotion that is still to be filled in.
     #[error("the emotion is `?`; write which one the sequence shows, or take the row out")]
     EmotionOpen,
+    /// A word by which programs write that there is none.
+    #[error(
+        "the emotion is `{value}`, by which programs write that there is none; write which one the sequence shows, or take the row out"
+    )]
+    EmotionMissing {
+        /// The word.
+        value: String,
+    },
     /// A required field without content.
     #[error("{column} is empty")]
     Empty {

@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     input::{CsvFile, CsvRow},
-    text::{composed, excerpt},
+    text::{composed, excerpt, is_missing_word},
     units::SequenceId,
 };
 
@@ -91,17 +91,31 @@ const OPTIONAL: [&str; 6] = ["frames", "first_frame", "last_frame", "corresponde
 /// Further columns that say something: whether people may be shown, whether a row is a whole recording, which of several faces is meant.
 const FURTHER: [&str; 3] = [PUBLISH_COLUMN, SEGMENT_COLUMN, FACE_COLUMN];
 
-/// Fewest letters of a column whose misspellings are looked for, and most letters by which they differ.
-const MISSPELT: (usize, usize) = (6, 2);
+/// Whether a column is called nearly as one that says something: by case, blanks or hyphens; from 6 letters on also by a letter that is
+/// missing, too many or exchanged with the next, from 10 on by two letters of any kind. A misspelt `publish` shows people who said no, so it is
+/// taken for one from further off.
+fn is_misspelt(found: &str, meant: &str) -> bool {
+    let plain = found.trim().to_lowercase().replace([' ', '-'], "_");
+    let letters = |text: &str| {
+        let mut letters: Vec<char> = text.chars().collect();
+        letters.sort_unstable();
+        letters
+    };
+    let distance = strsim::damerau_levenshtein(&plain, meant);
+    match meant.len() {
+        _ if distance == 0 => true,
+        10.. => distance <= 2,
+        6.. if meant == PUBLISH_COLUMN => distance <= 2,
+        6.. => distance == 1 && (plain.len() != meant.len() || letters(&plain) == letters(meant)),
+        _ => false,
+    }
+}
 
 fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
     let [subject, sequence, emotion] = csv.require(["subject", "sequence", "emotion"])?;
     let [frames, first_frame, last_frame, correspondences, landmarks, fps] = OPTIONAL.map(|name| csv.column(name));
     for meant in OPTIONAL.into_iter().chain(FURTHER).filter(|name| csv.column(name).is_none()) {
-        // Of a short one only another case, blanks or hyphens: two letters make it any word.
-        let most = if meant.len() >= MISSPELT.0 { MISSPELT.1 } else { 0 };
-        let plain = |name: &str| name.trim().to_lowercase().replace([' ', '-'], "_");
-        let is_near = |name: &&String| !is_publish_column(name) && strsim::damerau_levenshtein(&plain(name), meant) <= most;
+        let is_near = |name: &&String| !is_publish_column(name) && is_misspelt(name, meant);
         if let Some(found) = csv.header().iter().find(is_near) {
             return Err(DatasetError::MisspeltColumn {
                 path: csv.path().to_owned(),
@@ -160,6 +174,9 @@ fn entry(
     }
     seen.insert(key, (row.line(), id.clone()));
     let emotion = composed(row.get(columns.emotion)).to_lowercase();
+    if is_missing_word(&emotion) {
+        return Err(RowError::EmotionMissing { value: excerpt(row.get(columns.emotion)) }.into());
+    }
     check_file_name("emotion", &emotion)?;
     if emotion == super::UNKNOWN_EMOTION {
         return Err(RowError::EmotionOpen.into());

@@ -272,3 +272,25 @@ fn the_real_sequences_read() {
     // Counted apart from this code: image files in the folder, and the sum of last_frame - first_frame + 1 over the rows.
     assert_eq!(frame_count, 638);
 }
+
+#[test]
+fn columns_of_their_own_and_words_for_no_emotion_are_told_from_misspelt_ones() {
+    let open = |header: &str, row: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("manifest.csv"), format!("subject,sequence,emotion,{header}\n{row}\n")).unwrap();
+        Dataset::open(folder.path())
+    };
+    for own in ["case_id", "race_id", "page_id", "name_id", "names", "grades", "force"] {
+        assert!(open(own, "S1,1,joy,x").is_ok(), "{own}");
+    }
+    for misspelt in
+        ["publsh", "publich", "Frames", "frame", "farmes", "face-id", "correspondance", "landmark", "first frame", "FPS"]
+    {
+        assert!(matches!(open(misspelt, "S1,1,joy,x"), Err(DatasetError::MisspeltColumn { .. })), "{misspelt}");
+    }
+    for word in ["NA", "nan", "N/A", "null"] {
+        let dataset = open("note", &format!("S1,1,{word},x")).unwrap();
+        let said = dataset.failures[0].error.to_string();
+        assert!(said.contains(&format!("the emotion is `{word}`")), "{said}");
+    }
+}

@@ -140,7 +140,13 @@ pub(super) fn write_amplitudes(
 ) -> Result<Vec<(&'static str, blake3::Hash)>, OutputError> {
     let columns: BTreeSet<&String> = results.sequences.iter().flat_map(|s| s.metadata.keys()).collect();
     // A column of the manifest that is called like one of ours keeps its content under another name.
-    let named = |name: &&String| if AFTER.contains(&name.as_str()) { format!("by_{name}") } else { (*name).clone() };
+    let named = |name: &&String| {
+        let mut free = (*name).clone();
+        while AFTER.contains(&free.as_str()) || (free != **name && columns.contains(&free)) {
+            free.insert_str(0, "by_");
+        }
+        free
+    };
     let header = BEFORE.map(str::to_owned).into_iter().chain(columns.iter().map(named)).chain(AFTER.map(str::to_owned));
     let rows = results.sequences.iter().flat_map(|s| {
         let columns = &columns;

@@ -49,6 +49,14 @@ impl Clock {
 
     /// What is to be said of times that are not even.
     pub fn remark(&self) -> Option<String> {
+        /// Frames per second below which times may rather be milliseconds.
+        const SLOW: f64 = 1.0;
+        if let Some(fps) = self.fps.filter(|fps| *fps < SLOW) {
+            return Some(format!(
+                "the times say {}; if they are milliseconds, give seconds",
+                per_second((fps * 1e4).round() / 1e4)
+            ));
+        }
         let times = self.times.as_ref()?;
         let apart = times.windows(2).map(|pair| pair[1] - pair[0]);
         let (least, most) = apart.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{ClassLabel, SequenceModel, common_spellings, spelling_key};
 use crate::{
     output::{count, listed},
+    text::is_missing_word,
     units::SequenceId,
 };
 
@@ -14,17 +15,10 @@ pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadne
 /// Group of the models whose metadata column is missing, empty or a word for that ([`is_missing`]).
 pub const UNKNOWN_GROUP: &str = "unknown";
 
-/// Words, whatever their case, by which R, pandas, SQL and spreadsheets write that there is no value.
-const MISSING_WORDS: [&str; 4] = ["na", "n/a", "nan", "null"];
-
 /// Whether a value of a column to group by, or of strata, says that there is none: it is blank, or one of the words for it.
 pub fn is_missing(value: &str) -> bool {
     let value = value.trim();
     value.is_empty() || is_missing_word(value)
-}
-
-fn is_missing_word(value: &str) -> bool {
-    MISSING_WORDS.iter().any(|word| value.trim().eq_ignore_ascii_case(word))
 }
 
 /// What a person should know where words stand for missing values in columns to group by, or of strata.

@@ -1,13 +1,16 @@
 //! Tables: a row per frame and face, columns by name.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use nalgebra::Point2;
 
 use super::{Form, LANDMARK_COUNT, LandmarkTrack, LandmarksError, form_of, mediapipe};
 use crate::{
     input::{CsvFile, CsvRow, InputError, InputErrorKind},
-    text::excerpt,
+    text::{excerpt, is_missing_word},
 };
 
 /// Whether a file is a table of landmarks: it has a column `frame` and the first point's.
@@ -56,10 +59,9 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
         return Err(LandmarksError::Count { path: path.to_owned(), found: points.len() });
     }
     let [confidence, success, face_id, timestamp] =
-        ["confidence", "success", "face_id", "timestamp"].map(|name| csv.column(name));
-    let size = ["", "image_"]
-        .iter()
-        .find_map(|start| Some((csv.column(&format!("{start}width"))?, csv.column(&format!("{start}height"))?)));
+        ["confidence", "success", "face_id", "timestamp"].map(|name| csv.column_of_any_case(name));
+    let any_case = |start: &str, name: &str| csv.column_of_any_case(&format!("{start}{name}"));
+    let size = ["", "image_"].iter().find_map(|start| Some((any_case(start, "width")?, any_case(start, "height")?)));
     let columns = Columns { points, confidence, success, face: face_id, timestamp, size };
     let mut rows = Vec::new();
     for row in csv.rows() {
@@ -75,6 +77,8 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
         faces.values_mut().for_each(|rows| (1..).zip(rows).for_each(|(number, row)| row.frame = number));
     }
     let ids: Vec<String> = faces.keys().cloned().collect();
+    let all: BTreeSet<u32> = faces.values().flatten().map(|row| row.frame).collect();
+    let is_named = face.is_some_and(|face| !face.trim().is_empty());
     let rows = match face.map(str::trim).filter(|face| !face.is_empty()) {
         Some(face) => faces.remove(face).ok_or_else(|| LandmarksError::NoSuchFace {
             path: path.to_owned(),
@@ -83,7 +87,14 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
         })?,
         None => longest(faces),
     };
-    take(rows, path, track)
+    let own: BTreeSet<u32> = rows.iter().map(|row| row.frame).collect();
+    take(rows, path, track)?;
+    if !is_named {
+        // Programs call a face that they lose and find again another one: where only others are, it is lost.
+        track.lost.extend(all.difference(&own));
+        track.lost.sort_unstable();
+    }
+    Ok(())
 }
 
 /// The rows of the face that is found in most frames, of equals the largest, of these the first.
@@ -154,10 +165,16 @@ fn read_row(row: &CsvRow<'_>, frame: usize, columns: &Columns, least: f64, path:
 fn is_lost(row: &CsvRow<'_>, columns: &Columns, least: f64) -> Result<bool, LandmarksError> {
     let given = |column: Option<usize>| column.filter(|&k| !is_missing(row.get(k)));
     let number = |k: usize| row.number(k).map_err(|error| explained(error, row.get(k)));
-    if let Some(k) = given(columns.success)
-        && number(k)? <= 0.0
-    {
-        return Ok(true);
+    if let Some(k) = given(columns.success) {
+        // As pandas writes it, too.
+        let failed = match row.get(k).trim().to_lowercase().as_str() {
+            "true" => false,
+            "false" => true,
+            _ => number(k)? <= 0.0,
+        };
+        if failed {
+            return Ok(true);
+        }
     }
     if let Some(k) = given(columns.confidence)
         && number(k)? < least
@@ -167,11 +184,8 @@ fn is_lost(row: &CsvRow<'_>, columns: &Columns, least: f64) -> Result<bool, Land
     Ok(columns.points.iter().any(|&(x, y)| is_missing(row.get(x)) || is_missing(row.get(y))))
 }
 
-/// What programs write where there is no value.
-const MISSING: [&str; 5] = ["", "nan", "na", "n/a", "null"];
-
 fn is_missing(field: &str) -> bool {
-    MISSING.iter().any(|word| field.eq_ignore_ascii_case(word))
+    field.is_empty() || is_missing_word(field)
 }
 
 /// An error of the table, with decimal commas named where they are the cause.

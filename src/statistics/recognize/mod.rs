@@ -249,8 +249,9 @@ impl Recognizer {
         let label_of: Vec<usize> = models.iter().map(|(_, label)| labels.iter().position(|l| l == label).unwrap_or(0)).collect();
         let subject_of: Vec<usize> = models.iter().map(|(m, _)| place[m.id.subject.as_str()]).collect();
         let folds = place.len().min(MOST_FOLDS[usize::from(data.len() > FEW_SEQUENCES)]);
+        let fold_of = folds_of_people(&subject_of, &label_of, labels.len(), folds);
         let fold = |f: usize| -> Result<Vec<(usize, LeftOut)>, RecognizeError> {
-            let (own, others): (Vec<usize>, Vec<usize>) = (0..data.len()).partition(|&i| subject_of[i] % folds == f);
+            let (own, others): (Vec<usize>, Vec<usize>) = (0..data.len()).partition(|&i| fold_of[subject_of[i]] == f);
             let of_others: Vec<usize> = others.iter().map(|&i| label_of[i]).collect();
             let discriminants = Discriminants::new(&rows(&data, &others), &of_others, labels.len())?;
             tick();
@@ -267,12 +268,12 @@ impl Recognizer {
         let of_fold: Vec<(Calibration, Vec<f64>)> = (0..folds)
             .into_par_iter()
             .map(|f| {
-                let others: Vec<&LeftOut> = all.iter().filter(|l| l.subject % folds != f).collect();
+                let others: Vec<&LeftOut> = all.iter().filter(|l| fold_of[l.subject] != f).collect();
                 (Calibration::new(&others), sorted_nearest(&others))
             })
             .collect();
         let left_out = all.iter().map(|l| {
-            let (calibration, nearest) = &of_fold[l.subject % folds];
+            let (calibration, nearest) = &of_fold[fold_of[l.subject]];
             recognized(&labels, &l.distances, *calibration, nearest)
         });
         let left_out = left_out.collect();
@@ -300,6 +301,31 @@ impl Recognizer {
         }
         Ok(recognized(&self.labels, &self.discriminants.distances(&data), self.calibration, &self.nearest))
     }
+}
+
+/// The fold of every person: dealt one after the other, but for a person who is moved on where all who show a label would be left out
+/// together, and nobody would show it.
+fn folds_of_people(subject_of: &[usize], label_of: &[usize], labels: usize, folds: usize) -> Vec<usize> {
+    let people = subject_of.iter().max().map_or(0, |most| most + 1);
+    let mut fold_of: Vec<usize> = (0..people).map(|person| person % folds).collect();
+    let mut showers = vec![BTreeSet::new(); labels];
+    for (&person, &label) in subject_of.iter().zip(label_of) {
+        showers[label].insert(person);
+    }
+    // A move may leave another label's people together: moves are few, and as many as there are labels settle them all.
+    for _ in 0..=labels {
+        for people in &showers {
+            let mut of_them = people.iter().map(|&person| fold_of[person]);
+            let first = of_them.next();
+            if people.len() > 1
+                && of_them.all(|fold| Some(fold) == first)
+                && let Some(&last) = people.last()
+            {
+                fold_of[last] = (fold_of[last] + 1) % folds;
+            }
+        }
+    }
+    fold_of
 }
 
 fn sorted_nearest(of: &[&LeftOut]) -> Vec<f64> {
@@ -480,5 +506,16 @@ mod tests {
             people(4, 1.0, 1).into_iter().enumerate().filter(|(k, (_, label))| *label == "fear" || *k < 2).collect();
         let alone: Vec<_> = alone.into_iter().map(|(_, model)| model).collect();
         assert!(recognizer(&alone).unwrap_err().to_string().starts_with("`anger` is shown by one person"));
+    }
+
+    #[test]
+    fn no_label_is_left_out_with_all_who_show_it() {
+        // 60 people in 50 folds: persons 0 and 50 share one, and show label 1 alone.
+        let subjects: Vec<usize> = (0..60).chain([0, 50]).collect();
+        let labels: Vec<usize> = vec![0; 60].into_iter().chain([1, 1]).collect();
+        let fold_of = folds_of_people(&subjects, &labels, 2, 50);
+        assert_ne!(fold_of[0], fold_of[50]);
+        assert!((0..60).filter(|&k| k != 50).all(|k| fold_of[k] == k % 50), "nobody else is moved");
+        assert!(fold_of.iter().all(|&f| f < 50));
     }
 }
