@@ -46,6 +46,10 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
+pub fn share_up_to_one(text: &str) -> Result<f64, String> {
+    number(text, |v| v > 0.0 && v <= 1.0, "a number greater than 0, 1 at most")
+}
+
 pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text, |v| v >= 0.0, "a number of at least 0")
 }

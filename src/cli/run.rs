@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Folder for pictures of the wireframe on the neutral and apex frame of every sequence
-    #[arg(long, value_name = "DIR", conflicts_with = "no_faces")]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["no_faces", "plan", "part", "emotion"])]
     overlay: Option<PathBuf>,
     /// Threads; 0 for one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
@@ -81,6 +81,8 @@ fn run_division(args: &Args, bench: &Workbench) -> anyhow::Result<Option<Outcome
     if *plan {
         let plan = pipeline::run_plan(&args.dataset, &args.output, bench, args.general.force)?;
         println!("{}", serde_json::to_string(&plan)?);
+        // The plan itself stands on the standard output; the workflow goes on without these.
+        plan.failures.iter().for_each(|failure| eprintln!("not a sequence: {failure}"));
         return Ok(Some(Outcome::Done));
     }
     let stop = || stop_flag();

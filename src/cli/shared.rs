@@ -29,7 +29,7 @@ use grimace::{
 };
 use serde::de::DeserializeOwned;
 
-pub use super::numbers::{alpha, count, memory, not_negative, positive, power, share, thread_count, whole};
+pub use super::numbers::{alpha, count, memory, not_negative, positive, power, share, share_up_to_one, thread_count, whole};
 
 /// One of some words, turned into the library's enum of the same words.
 pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
@@ -98,7 +98,7 @@ impl FitArgs {
 #[command(next_help_heading = "Track")]
 pub struct TrackArgs {
     /// Side of the KLT window, over the eye distance
-    #[arg(long, default_value_t = TrackOptions::default().window, value_parser = positive, value_name = "SHARE")]
+    #[arg(long, default_value_t = TrackOptions::default().window, value_parser = share_up_to_one, value_name = "SHARE")]
     window: f64,
     /// Pyramid levels, the image itself included
     #[arg(long, default_value_t = TrackOptions::default().levels, value_parser = clap::value_parser!(u32).range(1..=8))]

@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use grimace::{
     dataset::{FrameSource, list_frames},
-    output,
     overlay::png_bytes,
     pipeline::{
-        PipelineOptions, SequenceFailure, SequenceSource, correct_track, id_of, overlay_path, overlay_pictures, track_one,
+        OverlayFolder, PipelineOptions, SequenceFailure, SequenceSource, correct_track, id_of, overlay_pictures, track_one,
     },
     report::Stage,
     sequence::read_first_frame,
@@ -111,6 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     correct_track(&source, &args.output, &mut track.frames, &mut info, &bench).map_err(|f| about(&args.output)(&f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {
+        let folder = OverlayFolder::open(folder, args.general.force)?;
         let fit = bench.fit_head(&track.frames, &info.mark_places()).ok();
         overlay_pictures(
             &source,
@@ -118,12 +118,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             &bench,
             |_| true,
             |number, picture| {
-                let path = overlay_path(folder, &source.id, number);
                 let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
-                output::write_bytes(&path, &bytes).map_err(SequenceFailure::at(Stage::Write))
+                folder.write(&source.id, number, &bytes).map_err(SequenceFailure::at(Stage::Write))
             },
         )
         .map_err(|f| about(&args.sequence)(&f.reason))?;
+        folder.close(|id| id == source.id.to_string())?;
     }
     if !args.general.quiet {
         let s = &info.summary;

@@ -143,6 +143,16 @@ impl FolderRecord {
         Ok(kept)
     }
 
+    /// Keeps the files of earlier commands whose names fit, as if this one had written them.
+    pub(crate) fn keep(&self, fits: impl Fn(&str) -> bool) {
+        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        for (name, hashes) in self.earlier.iter().filter(|(name, _)| fits(name)) {
+            if let Some(hash) = hashes.iter().next_back() {
+                now.written.entry(name.clone()).or_insert_with(|| hash.clone());
+            }
+        }
+    }
+
     /// Writes the record anew, its lines sorted.
     ///
     /// # Errors

@@ -24,6 +24,9 @@ pub struct Plan {
     pub sequences: usize,
     /// Emotions in the order of the tables, with their sequences.
     pub emotions: Vec<(String, usize)>,
+    /// What in the dataset is no sequence; the last step of the run fails them.
+    #[serde(skip)]
+    pub failures: Vec<String>,
 }
 
 /// Opens the dataset, marks the output folder as this run's, and says what there is to do.
@@ -50,7 +53,8 @@ pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> R
         *emotions.entry((rank, &entry.emotion)).or_default() += 1;
     }
     let emotions = emotions.into_iter().map(|((_, emotion), count)| (emotion.to_owned(), count)).collect();
-    Ok(Plan { sequences: opened.sequences.len(), emotions })
+    let failures = opened.failures.iter().map(|failure| failure.error.to_string()).collect();
+    Ok(Plan { sequences: opened.sequences.len(), emotions, failures })
 }
 
 /// Tracks and normalizes part `part` (from 1) of `of` equal parts of the sequences in the order of their ids, into a folder that

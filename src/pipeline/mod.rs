@@ -81,7 +81,7 @@ pub use recording::{
     segment_recording, segments_folder, write_recording, write_recording_film, write_segments,
 };
 pub use run::{Event, RunError, RunSummary, run};
-pub use sequence::{SequenceFailure, SequenceSource, overlay_path, overlay_pictures, track_one, track_pictures};
+pub use sequence::{OverlayFolder, SequenceFailure, SequenceSource, overlay_pictures, track_one, track_pictures};
 pub use showcase::{PORTRAIT_NAME, ReportFace, showcase_remarks, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use write::write_analysis;

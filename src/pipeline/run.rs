@@ -20,7 +20,7 @@ use super::{
     folder::{RUN_JSON, new_record, open},
     ledger::{Ledger, remove_journal},
     parts::PARTS_FOLDER,
-    sequence::overlays_of,
+    sequence::{OverlayFolder, overlays_of},
     skins::{collect_skins, picture_sources},
     variation::model_names,
     work::{Collected, Planned, Worked, collect, corrections_hash, plan_all, process_all, sequence_files},
@@ -317,7 +317,11 @@ pub fn run(
     }
     output::write_json_durably(&out.join(RUN_JSON), &record)?;
 
-    let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay, stop }, &event)?;
+    let pictures = overlay.map(|folder| OverlayFolder::open(folder, force)).transpose()?;
+    let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay: pictures.as_ref(), stop }, &event)?;
+    if let Some(pictures) = pictures {
+        pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?;
+    }
     event(Event::Analyzing);
 
     let pictures = picture_sources(&planned, bench);

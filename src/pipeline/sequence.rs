@@ -18,7 +18,7 @@ use crate::{
     companion::CompanionError,
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
-    output,
+    output::{self, FolderRecord, OutputError},
     overlay::{draw_axes, draw_overlay},
     pose::HeadPose,
     sequence::{Clock, Frame, SequenceError, SequenceReader, content_blake3},
@@ -430,10 +430,48 @@ pub fn overlay_pictures(
     Ok(())
 }
 
-/// Path of an overlay picture.
-pub fn overlay_path(folder: &Path, id: &SequenceId, number: u32) -> PathBuf {
-    // Not the name of a Cohn-Kanade frame, lest a picture replace the frame it shows.
-    folder.join(format!("{id}_{number:08}{OVERLAY_SUFFIX}"))
+/// Overlay pictures in a folder, with a record of what is ours there: other files of their names are not written over.
+pub struct OverlayFolder {
+    record: FolderRecord,
+}
+
+impl OverlayFolder {
+    /// Opens the folder, or makes it. With `force` files of others are written over.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn open(folder: &Path, force: bool) -> Result<Self, OutputError> {
+        const NAME: &str = "overlays.b3";
+        std::fs::create_dir_all(folder).map_err(OutputError::at(folder))?;
+        Ok(Self { record: FolderRecord::open(folder, NAME, force)? })
+    }
+
+    /// Name of an overlay picture: not that of a Cohn-Kanade frame, lest a picture replace the frame it shows.
+    fn name(id: &SequenceId, number: u32) -> String {
+        format!("{id}_{number:08}{OVERLAY_SUFFIX}")
+    }
+
+    /// Writes the picture of a frame.
+    ///
+    /// # Errors
+    /// [`OutputError`], also where somebody else's file has its name.
+    pub fn write(&self, id: &SequenceId, number: u32, png: &[u8]) -> Result<(), OutputError> {
+        self.record.write(&Self::name(id, number), |out| out.write_all(png))
+    }
+
+    /// Removes earlier pictures of the sequences for which `is_done`, and ends the record; those of others stay.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn close(self, is_done: impl Fn(&str) -> bool) -> Result<(), OutputError> {
+        let sequence = |name: &str| {
+            let stem = name.strip_suffix(OVERLAY_SUFFIX)?;
+            Some(stem.rsplit_once('_')?.0.to_owned())
+        };
+        self.record.keep(|name| !sequence(name).is_some_and(|id| is_done(&id)));
+        self.record.remove_stale()?;
+        self.record.close()
+    }
 }
 
 /// End of the name of an overlay picture.

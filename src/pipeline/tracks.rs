@@ -15,7 +15,7 @@ use crate::{
     dataset::Dataset,
     features::Course,
     statistics::SequenceModel,
-    track::{TrackInfo, TrackQuality, read_track, read_track_info, summarize},
+    track::{TrackInfo, TrackQuality, neutral_first, read_track, read_track_info, summarize},
     units::SequenceId,
 };
 
@@ -115,6 +115,11 @@ fn load(
         return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
+    // Without the file beside it, only the manifest knows that a sequence goes back in time.
+    let frames = match listed.and_then(|entry| entry.first_frame) {
+        Some(neutral) if info.is_none() => neutral_first(frames, Some(neutral)),
+        _ => frames,
+    };
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let times = info.as_ref().and_then(|info| info.times.clone());
     let beside = info.as_ref().map(|info| info.summary.beside.clone()).unwrap_or_default();

@@ -19,14 +19,13 @@ use super::{
     measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
     overlay_pictures,
-    sequence::{Labels, MACHINE, RunTrack, overlay_path, track_or_reuse, track_recorded},
+    sequence::{Labels, MACHINE, OverlayFolder, RunTrack, track_or_reuse, track_recorded},
     showcase::thumbnails,
 };
 use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry},
     features::Course,
     fit::Correspondence,
-    output,
     overlay::png_bytes,
     sequence::read_first_frame,
     statistics::SequenceModel,
@@ -75,7 +74,7 @@ pub(super) struct Worked<'a> {
     pub out: &'a Path,
     pub ledger: &'a Ledger,
     pub bench: &'a Workbench,
-    pub overlay: Option<&'a Path>,
+    pub overlay: Option<&'a OverlayFolder>,
     pub stop: &'a AtomicBool,
 }
 
@@ -351,7 +350,7 @@ fn process(
             |index| index == 0 || index == last,
             |number, picture| {
                 let bytes = png_bytes(&picture).map_err(SequenceFailure::at(Stage::Write))?;
-                output::write_bytes(&overlay_path(folder, &source.id, number), &bytes).map_err(SequenceFailure::at(Stage::Write))
+                folder.write(&source.id, number, &bytes).map_err(SequenceFailure::at(Stage::Write))
             },
         )?;
     }

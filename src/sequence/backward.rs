@@ -78,7 +78,7 @@ impl BackwardVideo {
     /// Decodes the piece that ends with frame `last`.
     fn fill(&mut self, last: u32) -> Result<(), SequenceError> {
         let first = last.saturating_sub(self.length - 1).max(self.to);
-        let mut reader = VideoReader::open(&self.path, Some(first), Some(last))?;
+        let mut reader = VideoReader::open(&self.path, Some(first), Some(last))?.of_backward();
         while let Some(frame) = reader.next_frame() {
             let (number, image) = frame?;
             let bytes = (u64::from(image.width()) * u64::from(image.height())).max(1);

@@ -47,9 +47,14 @@ impl Stream {
     /// Opens a video; frames come from number `first` on, in colour or grey.
     pub(super) fn open(path: &Path, is_coloured: bool, first: u32) -> Result<Self, SequenceError> {
         let unreadable = |e: std::io::Error| SequenceError::Decode { path: path.to_owned(), source: e.into() };
-        crate::input::open_file(path).map_err(unreadable)?;
+        if is_text(&mut crate::input::open_file(path).map_err(unreadable)?) {
+            let reason = "a text, such as a list of other files, and not a video".to_owned();
+            return Err(SequenceError::Video { path: path.to_owned(), reason });
+        }
+        // From the root on: what comes before a colon in a bare name would be a protocol to FFmpeg.
+        let full = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let words = ["decode", if is_coloured { "colour" } else { "grey" }, &first.to_string(), &max_pixels().to_string()];
-        let arguments = words.iter().map(OsStr::new).chain([path.as_os_str()]).map(OsString::from);
+        let arguments = words.iter().map(OsStr::new).chain([full.as_os_str()]).map(OsString::from);
         let failed = |source| SequenceError::Decoder { path: path.to_owned(), source };
         let mut companion = Companion::start(arguments).map_err(failed)?;
         match companion.receive(0).map_err(failed)? {
@@ -99,6 +104,8 @@ pub struct VideoReader {
     ended: bool,
     times: FrameTimes,
     remark: Option<String>,
+    /// What names the last frame.
+    asked_by: &'static str,
 }
 
 impl VideoReader {
@@ -109,8 +116,9 @@ impl VideoReader {
         let stamp = Stamp::of(path).map_err(unreadable)?;
         let first = first.unwrap_or(1);
         let stream = Stream::open(path, false, first.max(1))?;
-        if first == 0 {
-            let reason = "the frames of a video are numbered from 1; `first_frame` is 0".to_owned();
+        if first == 0 || last == Some(0) {
+            let zero = if first == 0 { "first_frame" } else { "last_frame" };
+            let reason = format!("the frames of a video are numbered from 1; `{zero}` is 0");
             return Err(SequenceError::Video { path: path.to_owned(), reason });
         }
         Ok(Self {
@@ -124,7 +132,13 @@ impl VideoReader {
             ended: false,
             times: FrameTimes::default(),
             remark: None,
+            asked_by: "last_frame",
         })
+    }
+
+    /// The reader of a video that goes back in time: there it is the neutral frame that comes last in the file.
+    pub(super) fn of_backward(self) -> Self {
+        Self { asked_by: "first_frame", ..self }
     }
 
     /// The file.
@@ -204,7 +218,7 @@ impl VideoReader {
     fn end(&mut self, count: u32) -> Option<SequenceError> {
         let error = |reason: String| Some(SequenceError::Video { path: self.path.clone(), reason });
         match self.last {
-            Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
+            Some(last) => error(format!("ends at frame {count}, before frame {last} that `{}` asks for", self.asked_by)),
             None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
             None if self.breaks_off(count) => {
                 error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stream.stated))
@@ -234,6 +248,15 @@ impl VideoReader {
         let lacks = f64::from(count) < stated && self.times.end().is_none_or(is_early) && counts_frames(&self.path);
         lacks.then(|| format!("{count} of the {stated} frames that the file promises were found in it; it may be cut"))
     }
+}
+
+/// Whether a file begins as a text does: `FFmpeg` follows lists of files (`ffconcat`, `#EXTM3U`, an MPD) wherever they lead, to pipes that
+/// never end and to videos whose changes nobody would see. No container of ours begins so.
+fn is_text(file: &mut impl Read) -> bool {
+    const LOOKED_AT: u64 = 64;
+    let mut begin = Vec::new();
+    let is_letter = |b: &u8| matches!(b, b'\t' | b'\n' | b'\r' | b' '..=b'~' | 0x80..);
+    file.take(LOOKED_AT).read_to_end(&mut begin).is_ok() && !begin.is_empty() && begin.iter().all(is_letter)
 }
 
 /// Whether a video's header counts its frames: that of AVI and MP4 does, others only say how long they are, the sound included.

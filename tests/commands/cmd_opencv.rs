@@ -85,7 +85,7 @@ fn script(folder: &std::path::Path, text: &str) {
 #[cfg(unix)]
 fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
     let work = Work::with_sequences(&["S001_005"]);
-    work.write("face.avi", "any bytes");
+    work.write("face.avi", "any bytes\0");
     // The first message is the text {"hello":{"version":2}}; then comes a video without frames, and no more.
     let hello = r#"printf '\000\027\000\000\000{"hello":{"version":2}}'"#;
     let video = r#"printf '\000\070\000\000\000{"video":{"fps":25,"frames":9,"width":200,"height":160}}'"#;
@@ -102,6 +102,26 @@ fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
         script(&work.path("bin"), &text);
         let ran = alone(&work, &format!("track face.avi -c {MARKS} -o S001_1.csv")).exit(1);
         ran.says(&["face.avi: ", said]);
+    }
+}
+
+#[test]
+fn lists_of_files_are_no_videos_and_colons_no_protocols() {
+    let work = Work::with_sequences(&["S001_005"]);
+    if !crate::common::video::write_video(&work, "faces/S001/005", "real.avi") {
+        return;
+    }
+    work.write("list.mp4", "ffconcat version 1.0\nfile real.avi\n");
+    work.grimace(&format!("track list.mp4 -c {MARKS} -o S001_1.csv"))
+        .exit(1)
+        .says(&["list.mp4: ", "a text, such as a list of other files"]);
+    #[cfg(unix)]
+    {
+        fs::rename(work.path("real.avi"), work.path("10:20.avi")).unwrap();
+        work.grimace(&format!("track 10:20.avi -c {MARKS} -o S001_1.csv")).exit(0);
+        work.grimace(&format!("track 10:20.avi -c {MARKS} -o S001_2.csv --first-frame 41 --last-frame 1"))
+            .exit(1)
+            .says(&["before frame 41 that `first_frame` asks for"]);
     }
 }
 

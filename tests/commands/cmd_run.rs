@@ -501,7 +501,22 @@ fn overlays_show_the_neutral_and_the_apex_frame() {
     let work = Work::with_sequences(&["S001_005"]);
     work.grimace("run faces -o out --overlay pictures").exit(0);
     let names: Vec<_> = work.files("pictures").into_keys().collect();
-    assert_eq!(names, ["S001_005_00000001_overlay.png", "S001_005_00000006_overlay.png"]);
+    assert_eq!(names, ["S001_005_00000001_overlay.png", "S001_005_00000006_overlay.png", "overlays.b3"]);
+    // A file of somebody else with such a name stays; what is not of the sequence any more goes.
+    work.write("others/S001_005_00000001_overlay.png", "mine");
+    work.grimace("run faces -o out --overlay others").exit(1).says(&["no earlier command of ours wrote it"]);
+    assert_eq!(work.read("others/S001_005_00000001_overlay.png"), "mine");
+    let manifest = work.read("faces/manifest.csv");
+    work.write(
+        "faces/manifest.csv",
+        "subject,sequence,emotion,last_frame,correspondences\nS001,005,happiness,5,S001/005/correspondences.csv\n",
+    );
+    work.grimace("run faces -o shorter --overlay pictures").exit(0);
+    let names: Vec<_> = work.files("pictures").into_keys().collect();
+    assert_eq!(names, ["S001_005_00000001_overlay.png", "S001_005_00000005_overlay.png", "overlays.b3"]);
+    work.write("faces/manifest.csv", manifest);
+    work.grimace("run faces -o out --overlay pictures").exit(0);
+    work.grimace("run faces -o out --plan --overlay pictures").exit(2).says(&["--overlay"]);
     let picture = image::load_from_memory(&work.bytes("pictures/S001_005_00000006_overlay.png")).unwrap().to_rgb8();
     let frame = image::load_from_memory(&work.bytes("faces/S001/005/S001_005_00000006.png")).unwrap().to_rgb8();
     assert_eq!(picture.width() * frame.height(), frame.width() * picture.height());
