@@ -94,7 +94,7 @@ def native_marks(marks: Marks) -> NativeMarks:
             for node, (x, y), error in zip(marks.nodes, marks.points, marks.expected_errors)
         ]
     if isinstance(marks, Mapping):
-        return [(str(node), float(place[0]), float(place[1]), False, None) for node, place in marks.items()]
+        return [(_node_of(node), float(place[0]), float(place[1]), False, None) for node, place in marks.items()]
     if hasattr(marks, "columns") and hasattr(marks, "itertuples"):
         return [_mark_of_row(row) for row in marks.to_dict("records")]
     rows = np.asarray(marks, dtype=np.float64)
@@ -109,7 +109,23 @@ def _mark_of_row(row: Mapping[str, Any]) -> tuple[str, float, float, bool, Optio
         raise _grimace.InputError(f"marks need the columns node, x, y; {', '.join(missing)} is missing, found were {', '.join(map(str, row))}")
     node, error = row["node"], row.get("expected_error")
     known = error is not None and error == error and error != ""
-    return str(node), float(row["x"]), float(row["y"]), row.get("kind") == "hard", float(error) if known else None
+    if known and not float(error) > 0.0:
+        raise _grimace.InputError(f"expected_error of the mark {node} is {error}; a number greater than 0 was expected")
+    kind = row.get("kind", "mark")
+    if kind is None or kind != kind or kind == "":
+        kind = "mark"
+    if kind not in ("mark", "hard"):
+        raise _grimace.InputError(f"the mark {node} is of the kind {kind!r}; 'mark' or 'hard' was expected")
+    return _node_of(node), float(row["x"]), float(row["y"]), kind == "hard", float(error) if known else None
+
+
+def _node_of(node: Any) -> str:
+    """A node's number or a feature point as text. As a number 8.10 would be 8.1, another point."""
+    if isinstance(node, (float, np.floating)):
+        if not float(node).is_integer():
+            raise _grimace.InputError(f"the node {node} is a number with decimals: give feature points as text, such as '8.10'")
+        return str(int(node))
+    return str(node)
 
 
 def locate(

@@ -133,6 +133,9 @@ def synthesize(
 
     Raises :class:`SynthesisError`.
     """
+    unknown = sorted(set(search) - {"generations", "population", "tournament", "runs"})
+    if unknown:
+        raise TypeError(f"there is no option `{unknown[0]}`; there are generations, population, tournament, runs")
     chosen = {
         "solver": solver,
         "regions": regions,

@@ -17,6 +17,18 @@ from ._options import Progress, caller, changed, options
 from .fap import Fap
 from .tracks import Track, read_model
 
+_FORMULA = "=+-@\t\r\n\uff1d\uff0b\uff0d\uff20"
+"""First characters of what a spreadsheet takes for a formula."""
+
+
+def _without_apostrophe(text: Any) -> Any:
+    if isinstance(text, str) and text.startswith("'"):
+        rest = text.lstrip("'")
+        if len(rest) > 1 and rest[0] in _FORMULA:
+            return text[1:]
+    return text
+
+
 Path = Union[str, "os.PathLike[str]"]
 
 
@@ -53,7 +65,13 @@ class Results:
         if not path.is_file():
             there = sorted(p.stem for p in self.folder.glob("*.csv"))
             raise _grimace.InputError(f"{path}: there is no such table; there are {', '.join(there)}")
-        return pandas.read_csv(path, dtype={"subject": str, "sequence": str, "id": str})
+        # A group may be called None, a person NA; what is empty is missing, and nothing else. An apostrophe keeps spreadsheets from taking a
+        # text for a formula.
+        frame = pandas.read_csv(path, dtype={"subject": str, "sequence": str, "id": str}, keep_default_na=False, na_values=[""])
+        for column in frame.columns:
+            if not pandas.api.types.is_numeric_dtype(frame[column]):
+                frame[column] = frame[column].map(_without_apostrophe)
+        return frame
 
     def units(self) -> dict[str, Any]:
         """The unit of every column of every table."""

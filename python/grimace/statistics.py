@@ -23,7 +23,10 @@ def _native(models: Models) -> list[tuple[str, str, npt.NDArray[np.float64]]]:
     named: list[tuple[str, str, npt.NDArray[np.float64]]] = []
     if isinstance(models, Mapping):
         for subject, of_subject in models.items():
-            array = np.asarray(of_subject, dtype=np.float64)
+            try:
+                array = np.asarray(of_subject, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise _grimace.InputError(f"the models of {subject} are no array of numbers, frames x nodes x 2 each: {error}") from None
             several = array[None] if array.ndim == 3 else array
             _check(several, f"of {subject}")
             named.extend((str(subject), f"{k + 1:03}", np.ascontiguousarray(model)) for k, model in enumerate(several))
@@ -31,7 +34,10 @@ def _native(models: Models) -> list[tuple[str, str, npt.NDArray[np.float64]]]:
         models = list(models)  # type: ignore[arg-type]
         width = len(str(len(models)))
         for k, model in enumerate(models):
-            array = np.asarray(model, dtype=np.float64)
+            try:
+                array = np.asarray(model, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise _grimace.InputError(f"the model number {k} is no array of numbers, frames x nodes x 2: {error}") from None
             _check(array[None], f"number {k}")
             named.append((f"{k:0{width}}", "001", np.ascontiguousarray(array)))
     return named
@@ -85,7 +91,7 @@ def representative(
     """The representative of normalized models: their trimmed generalized median.
 
     ``alpha`` is the share of models trimmed from each displacement field, at least 0 and less than 0.5; ``median`` is ``"greedy"`` or
-    ``"exact"``; both are computed, and ``sums`` tells the gap. ``trim`` is ``"frame"`` or ``"sequence"``, ``weight`` ``"subject"`` or
+    ``"exact"``; both are computed, and ``sums`` tells the gap. ``trim`` is ``"frame"`` or ``"model"``, ``weight`` ``"person"`` or
     ``"sequence"``.
 
     Raises :class:`StatisticsError` for no models, models of different shapes or neutral frames, or alpha out of range.

@@ -26,10 +26,17 @@ pub fn bench(options: &str) -> PyResult<Arc<Workbench>> {
     {
         return Ok(Arc::clone(bench));
     }
-    let parsed: PipelineOptions = serde_json::from_str(options).map_err(|e| PyValueError::new_err(format!("options: {e}")))?;
+    let parsed: PipelineOptions =
+        serde_json::from_str(options).map_err(|e| PyValueError::new_err(format!("options: {}", without_place(&e))))?;
     let bench = Arc::new(Workbench::new(None, parsed).map_err(to::<GrimaceError>)?);
     *last() = Some((options.to_owned(), Arc::clone(&bench)));
     Ok(bench)
+}
+
+/// What is wrong with an option, without the place in a text that the caller never saw.
+pub fn without_place(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    text.rsplit_once(" at line ").map_or(text.clone(), |(said, _)| said.to_owned())
 }
 
 /// The options of every stage with a method, as JSON.

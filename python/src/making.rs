@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::{
     arrays::{Marks, Picture, model_array, model_of},
-    bench::bench,
+    bench::{bench, without_place},
     errors::{CloneError, GrimaceError, LocateError, SynthesisError, to},
     fap::sequence_of,
     long::run_long,
@@ -66,7 +66,7 @@ pub fn clone<'py>(
     let mut wanted = serde_json::to_value(CloneOptions::default()).map_err(to::<GrimaceError>)?;
     let given: serde_json::Value = serde_json::from_str(clone_options).map_err(to::<GrimaceError>)?;
     merge(&mut wanted, given);
-    let wanted: CloneOptions = serde_json::from_value(wanted).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let wanted: CloneOptions = serde_json::from_value(wanted).map_err(|e| PyValueError::new_err(without_place(&e)))?;
     let motion = source_of(&source, &bench)?;
     let picture = Picture::of(image)?;
     let (pixels, nodes, fps, apex) = run_long(py, progress, true, move |caller| {
@@ -133,7 +133,7 @@ pub fn synthesize<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let mut wanted = serde_json::to_value(SynthesisOptions::default()).map_err(to::<GrimaceError>)?;
     merge(&mut wanted, serde_json::from_str(synthesis_options).map_err(to::<GrimaceError>)?);
-    let wanted: SynthesisOptions = serde_json::from_value(wanted).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let wanted: SynthesisOptions = serde_json::from_value(wanted).map_err(|e| PyValueError::new_err(without_place(&e)))?;
     wanted.check().map_err(to::<SynthesisError>)?;
     let ((between, noise), (fps, scale)) = (between_noise, fps_scale);
     let made = run_long(py, progress, false, move |caller| {
