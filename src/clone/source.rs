@@ -7,12 +7,14 @@ use nalgebra::{Point2, Vector2};
 use super::{CloneError, fap_motion};
 use crate::{
     fap::{FapNumber, FapSequence, read_fap},
+    features::frame_steps,
     geometry::Similarity,
     model::DynamicExpressionModel,
     normalize::{Canonical, EyeCorners, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
     pose::{HeadFitter, HeadPose},
     positions::PositionTable,
+    sequence::Clock,
     track::{TrackFileError, TrackInfo, TrackedFrame, read_track, read_track_info, track_model},
     units::{FaceUnit, NodeId, Px},
     wireframe::{Face, Fapus, LID_LIMIT, LidUnits},
@@ -33,6 +35,26 @@ fn without_turns(frames: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)], face:
         return None;
     }
     fitter.frontal((&face.wireframe, &face.tables), &fit, frames).ok()
+}
+
+/// When the frames of a track are shown, s from the first; `None` where they are evenly apart, are in no order of time, or nobody knows.
+fn times_of(frames: &[TrackedFrame], clock: &Clock) -> Option<Vec<f64>> {
+    let mut numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
+    let goes_back = numbers.first() > numbers.last();
+    if goes_back {
+        numbers.reverse();
+    }
+    if !numbers.is_sorted_by(|a, b| a < b) {
+        return None;
+    }
+    let mut times: Vec<f64> = frame_steps(&numbers).into_iter().map(|step| clock.seconds(step)).collect::<Option<_>>()?;
+    if goes_back {
+        let last = *times.last()?;
+        times = times.into_iter().rev().map(|time| last - time).collect();
+    }
+    let step = *times.get(1)?;
+    let is_even = times.windows(2).all(|pair| (pair[1] - pair[0] - step).abs() < 1e-3 * step);
+    (!is_even && times.is_sorted_by(|a, b| a < b)).then_some(times)
 }
 
 /// What a motion was read from.
@@ -83,6 +105,9 @@ pub struct SourceMotion {
     pub frames: Vec<(u32, Vec<Point2<f64>>)>,
     /// Frames per second, where the source says.
     pub fps: Option<f64>,
+    /// Seconds from the first frame to every frame, ascending, where they are not evenly apart: frames that are missing, or have times of
+    /// their own.
+    pub times: Option<Vec<f64>>,
     /// Emotion label, where the source says.
     pub emotion: Option<String>,
     /// FAPs that have values and do not show on a face seen from the front.
@@ -120,6 +145,7 @@ impl SourceMotion {
                     let mut motion = Self::from_track(&name, &frames, &marks, face)?;
                     if let Some(info) = info {
                         motion.fps = info.fps;
+                        motion.times = times_of(&frames, &info.clock());
                         motion.emotion = Some(info.emotion);
                     }
                     motion
@@ -180,6 +206,7 @@ impl SourceMotion {
             head,
             frames: frames.iter().map(|f| (f.number, f.nodes.iter().map(|n| n.position).collect())).collect(),
             fps: None,
+            times: None,
             emotion: None,
             not_shown: Vec::new(),
             asked: None,
@@ -207,6 +234,7 @@ impl SourceMotion {
             lid_gaps: canonical_lid_gaps(canonical),
             frames: Vec::new(),
             fps: None,
+            times: None,
             emotion: None,
             not_shown: Vec::new(),
             asked: None,
@@ -234,6 +262,7 @@ impl SourceMotion {
             lid_gaps: canonical_lid_gaps(canonical),
             frames: Vec::new(),
             fps: Some(sequence.fps),
+            times: None,
             emotion: None,
             not_shown,
             asked: Some(sequence.set_faps()),

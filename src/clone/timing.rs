@@ -113,7 +113,6 @@ impl Timing {
     /// # Errors
     /// [`CloneError::TooManyFrames`].
     pub fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
-        let steps = (source.frame_count() - 1) as f64;
         let fps = self.fps.or(source.fps).unwrap_or(f64::from(FPS));
         let count = (self.duration.unwrap_or(source.seconds()) * fps).round().max(1.0) + 1.0;
         if !(count <= MAX_FRAMES as f64) {
@@ -126,7 +125,7 @@ impl Timing {
             times.extend(forth[1..forth.len() - 1].iter().rev());
         }
         let course = source.course();
-        let place = |time: f64| self.ease.apply(time) * steps;
+        let place = |time: f64| source.place(self.ease.apply(time));
         let low = if self.ease == Ease::Natural { lowness(source.offsets[0].len()) } else { Vec::new() };
         let moment = |time: f64| {
             let mut moment = course.at(place(time));
@@ -165,8 +164,21 @@ impl SourceMotion {
     pub fn seconds(&self) -> f64 {
         match self.kind {
             SourceKind::Model => MODEL_SECONDS,
-            _ => (self.frame_count() - 1) as f64 / self.fps.unwrap_or(f64::from(FPS)),
+            _ => match self.times.as_ref().and_then(|times| times.last()) {
+                Some(&last) => last,
+                None => (self.frame_count() - 1) as f64 / self.fps.unwrap_or(f64::from(FPS)),
+            },
         }
+    }
+
+    /// The place between frames at a share of the way through the motion's time.
+    fn place(&self, share: f64) -> f64 {
+        let last = (self.frame_count() - 1) as f64;
+        let Some((times, end)) = self.times.as_ref().and_then(|times| Some((times, times.last()?))) else { return share * last };
+        let time = share.clamp(0.0, 1.0) * end;
+        let next = times.partition_point(|t| *t <= time).clamp(1, times.len() - 1);
+        let (from, to) = (times[next - 1], times[next]);
+        (next - 1) as f64 + ((time - from) / (to - from)).clamp(0.0, 1.0)
     }
 
     /// The motion at all times.
@@ -265,6 +277,19 @@ mod tests {
         // By hand: half of the onset brings half of what it brings, and s(0.31) of the rest.
         let rest = 0.05 * 0.31 * 0.31 * (3.0 - 0.62);
         assert!((Ease::Natural.apply(0.31) - (0.475 + rest)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn frames_that_are_not_evenly_apart_keep_their_times() {
+        let motion = SourceMotion { kind: SourceKind::Track, times: Some(vec![0.0, 0.1, 0.2, 0.3, 1.0]), ..happiness() };
+        assert_eq!(motion.seconds(), 1.0);
+        assert!((motion.place(0.05) - 0.5).abs() < 1e-12 && (motion.place(0.65) - 3.5).abs() < 1e-12 && motion.place(1.0) == 4.0);
+        let timing = Timing { fps: Some(10.0), ..Timing::default() };
+        let (_, moments) = timing.moments(&motion).unwrap();
+        // A tenth of a second each: the first four frames are the motion's own, and the last comes a second after the first.
+        assert_eq!(moments.len(), 11);
+        assert!((moments[2].offsets[31] - motion.offsets[2][31]).norm() < 1e-6);
+        assert!((moments[10].offsets[31] - motion.offsets[4][31]).norm() < 1e-9);
     }
 
     #[test]
