@@ -169,6 +169,10 @@ fn companions(face: &Face, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f
             found.push((*driver, *node, axis, along(offset) / own));
         }
     }
+    // The lips are one at their ends: a file that moves the inner corners alone takes the outer ones along.
+    for (inner, outer) in [(88, 31), (89, 64)] {
+        found.extend([Axis::X, Axis::Y].map(|axis| (NodeId(inner), NodeId(outer), axis, 1.0)));
+    }
     found
 }
 
@@ -191,6 +195,18 @@ mod tests {
         // A lower lid that opens by 500 lets the upper one follow; what does not meet is as it was.
         let open = frame(&[(19, 1500.0), (21, -500.0), (20, 700.0), (22, 300.0)]);
         assert_eq!((value(&open, 19), value(&open, 20), value(&open, 22)), (Some(1500.0), Some(700.0), Some(300.0)));
+    }
+
+    #[test]
+    fn inner_corners_of_the_mouth_take_the_outer_ones_along() {
+        let mut frame = FapFrame::default();
+        [6, 7, 12, 13].into_iter().for_each(|fap| frame.set_value(FapNumber::try_from(fap).unwrap(), Some(300.0)));
+        let sequence = FapSequence { version: "2.1".to_owned(), name: "lips".to_owned(), fps: 25.0, frames: vec![frame] };
+        let (frames, _) = offsets("lips", &sequence, &Face::candide3()).unwrap();
+        for (inner, outer) in [(88, 31), (89, 64)] {
+            let (inner, outer) = (frames[0][inner], frames[0][outer]);
+            assert!(inner.norm() > 20.0 && (outer - inner).norm() < 0.2 * inner.norm(), "{inner} {outer}");
+        }
     }
 
     #[test]
