@@ -46,6 +46,17 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
+/// Gains, over a stiffness of 1, whose equations can be solved in double precision.
+const GAINS: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
+
+pub fn gain(text: &str) -> Result<f64, String> {
+    number(text, |v| GAINS.contains(&v), "a number from 1e-9 to 1e9")
+}
+
+pub fn gain_or_none(text: &str) -> Result<f64, String> {
+    number(text, |v| v == 0.0 || GAINS.contains(&v), "0, or a number from 1e-9 to 1e9")
+}
+
 pub fn share_up_to_one(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0 && v <= 1.0, "a number greater than 0, 1 at most")
 }

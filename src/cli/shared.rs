@@ -29,7 +29,9 @@ use grimace::{
 };
 use serde::de::DeserializeOwned;
 
-pub use super::numbers::{alpha, count, memory, not_negative, positive, power, share, share_up_to_one, thread_count, whole};
+pub use super::numbers::{
+    alpha, count, gain, gain_or_none, memory, not_negative, positive, power, share, share_up_to_one, thread_count, whole,
+};
 
 /// One of some words, turned into the library's enum of the same words.
 pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
@@ -78,7 +80,7 @@ pub struct FitArgs {
     #[arg(long, value_parser = prior, value_name = "none|candide|faces|auto|FILE")]
     prior: Option<PriorKind>,
     /// Force on a marked node per pixel, over the stiffness of a spring
-    #[arg(long, default_value_t = FitOptions::default().force, value_parser = positive, value_name = "GAIN")]
+    #[arg(long, default_value_t = FitOptions::default().force, value_parser = gain, value_name = "GAIN")]
     fit_force: f64,
 }
 
@@ -114,13 +116,13 @@ pub struct TrackArgs {
     forces: Option<Forces>,
     /// Force per pixel on a tracked node, over the stiffness of a spring: on every node with --forces same; with --forces measured on a
     /// node whose window has gradients, in grey levels per pixel, as large as its mismatch, in grey levels, more on clearer windows
-    #[arg(long, default_value_t = TrackOptions::default().force, value_parser = positive, value_name = "GAIN")]
+    #[arg(long, default_value_t = TrackOptions::default().force, value_parser = gain, value_name = "GAIN")]
     track_force: f64,
     /// Weight of the mismatch of two windows against their gradients, in measured forces; 0 trusts every match alike
     #[arg(long, default_value_t = TrackOptions::default().mismatch, value_parser = not_negative, value_name = "WEIGHT")]
     mismatch: f64,
     /// Gain of the alignment with the neutral frame; 0 leaves it out [default: 150]
-    #[arg(long, value_parser = not_negative, value_name = "GAIN")]
+    #[arg(long, value_parser = gain_or_none, value_name = "GAIN")]
     align_gain: Option<f64>,
     /// Stiffness of the springs that hold the inner corners of the mouth to the outer ones; 0 leaves them free [default: 25]
     #[arg(long, value_parser = not_negative, value_name = "STIFFNESS")]

@@ -24,8 +24,8 @@ use crate::{
     sequence::{Clock, Frame, SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
-        Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackedFrame, neutral_first, parse_track,
-        summarize, track_csv, track_sequence, track_units, write_track,
+        Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackOptions, TrackedFrame, neutral_first,
+        parse_track, summarize, track_csv, track_sequence, track_units, write_track,
     },
     units::SequenceId,
 };
@@ -363,7 +363,7 @@ pub(super) fn track_or_reuse(
             (None, Timed::ByRate) => own_clock(inputs)?,
         };
         let track = RunTrack { frames, info, reused: true, hashes };
-        return relabel(labels, (clock, inputs.with_rate(labels.fps)), track, csv_path);
+        return relabel(labels, (clock, inputs.with_rate(labels.fps)), track, csv_path, &bench.options.track);
     }
     let (mut frames, mut info) = make()?;
     if let Some(saved) = &saved {
@@ -377,12 +377,13 @@ pub(super) fn track_or_reuse(
     Ok(RunTrack { frames, info, reused: false, hashes })
 }
 
-/// Brings the labels and times beside an unchanged track up to date.
+/// Brings the labels and times beside an unchanged track up to date, and the options of the tracker, of which landmarks use few.
 fn relabel(
     labels: &Labels<'_>,
     (clock, inputs_blake3): (Clock, String),
     mut track: RunTrack,
     csv_path: &Path,
+    options: &TrackOptions,
 ) -> Result<RunTrack, SequenceFailure> {
     let info = &track.info;
     let labelled = TrackInfo {
@@ -392,6 +393,7 @@ fn relabel(
         fps: clock.fps,
         times: clock.times,
         inputs_blake3,
+        track: options.clone(),
         ..info.clone()
     };
     if labelled != *info {
