@@ -94,13 +94,35 @@ impl FrameShelf {
         }
     }
 
+    /// One frame for the browser, be it among those that a list has or not: of a long video those around it are kept.
+    ///
+    /// # Errors
+    /// As [`FrameShelf::picture`].
+    pub fn any_picture(&self, path: &Path, number: u32) -> Result<Picture, RequestError> {
+        /// Frames of a video that are kept for one another.
+        const BLOCK: u32 = 1000;
+        let kept = {
+            let shelf = self.video.lock().unwrap_or_else(PoisonError::into_inner);
+            let known = shelf.as_ref().filter(|known| known.path == path);
+            known.filter(|known| known.frames.iter().any(|f| f.number == number)).map(|known| known.named)
+        };
+        let low = (number - number % BLOCK).max(1);
+        self.picture(path, kept.unwrap_or((Some(low), Some(low + BLOCK - 1))), number)
+    }
+
     fn video(&self, path: &Path, source: &FrameSource, named: Named) -> Result<Arc<Vec<VideoFrame>>, RequestError> {
         let mut shelf = self.video.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = shelf.as_ref().filter(|known| known.path == path && known.named == named) {
             return Ok(Arc::clone(&known.frames));
         }
-        let reader = SequenceReader::open(source).map_err(RequestError::refused)?;
-        let frames = Arc::new(window(reader, named, MAX_VIDEO_FRAMES)?);
+        let read = |named: Named| window(SequenceReader::open(source).map_err(RequestError::refused)?, named, MAX_VIDEO_FRAMES);
+        let (mut frames, end) = read(named)?;
+        // A frame that the video does not reach says nothing of where to look.
+        let reached = |n: Option<u32>| n.filter(|n| *n <= end);
+        if (reached(named.0), reached(named.1)) != named {
+            frames = read((reached(named.0), reached(named.1)))?.0;
+        }
+        let frames = Arc::new(frames);
         *shelf = Some(Shelved { path: path.to_owned(), named, frames: Arc::clone(&frames) });
         Ok(frames)
     }
@@ -108,14 +130,16 @@ impl FrameShelf {
 
 /// At most about `most` frames: those around the `named` ones; every second, every fourth and so on where the named ones lie further apart,
 /// or where it is the end of the video that is named by nothing. What is named, the first and the last frame of the video, where nothing
-/// names them, are among them.
-fn window(reader: SequenceReader, (neutral, apex): Named, most: u32) -> Result<Vec<VideoFrame>, RequestError> {
+/// names them, are among them, and a few of what lies before, to go back to. With them, the last number that was read.
+fn window(reader: SequenceReader, (neutral, apex): Named, most: u32) -> Result<(Vec<VideoFrame>, u32), RequestError> {
     let to_end = neutral.is_none() || apex.is_none();
     let (low, high) = (neutral.min(apex).or(neutral).or(apex).unwrap_or(1), neutral.max(apex).unwrap_or(1));
-    let around = most.saturating_sub(high - low) / 2;
+    let around = (most.saturating_sub(high - low) / 2).max(most / 10);
     let start = if neutral.is_none() { 1 } else { low.saturating_sub(around).max(1) };
     let end = if to_end { u32::MAX } else { high.saturating_add(around) };
     let mut every = if to_end { 1 } else { ((high - low) / most + 1).next_power_of_two() };
+    let before = (start / (most / 10).max(1)).max(1);
+    let mut read = 0;
     let is_named = |n: u32| Some(n) == neutral || Some(n) == apex;
     let mut kept: Vec<VideoFrame> = Vec::new();
     let mut last = None;
@@ -125,22 +149,21 @@ fn window(reader: SequenceReader, (neutral, apex): Named, most: u32) -> Result<V
         if number > end {
             break;
         }
-        if number < start {
-            continue;
-        }
-        if (number - start) % every == 0 || is_named(number) {
+        read = number;
+        let is_wanted = if number < start { (number - 1) % before == 0 } else { (number - start) % every == 0 };
+        if is_wanted || is_named(number) {
             kept.push(VideoFrame { number, size: frame.size(), png: png(&frame)? });
         }
         if to_end && kept.len() > most as usize {
             every *= 2;
-            kept.retain(|f| (f.number - start) % every == 0 || is_named(f.number));
+            kept.retain(|f| f.number < start || (f.number - start) % every == 0 || is_named(f.number));
         }
-        last = kept.last().is_none_or(|f| f.number != number).then_some(frame);
+        last = kept.last().is_none_or(|f| f.number != number).then_some(frame).filter(|_| number >= start);
     }
     if let Some(frame) = last.filter(|_| to_end) {
         kept.push(VideoFrame { number: frame.number(), size: frame.size(), png: png(&frame)? });
     }
-    Ok(kept)
+    Ok((kept, read))
 }
 
 /// One picture as the frames of a sequence.
@@ -255,16 +278,17 @@ mod tests {
             .collect();
         let numbers = |named: Named, most: u32| -> Vec<u32> {
             let reader = SequenceReader::open(&FrameSource::Images(files.clone())).unwrap();
-            window(reader, named, most).map_err(|e| e.to_string()).unwrap().iter().map(|f| f.number).collect()
+            window(reader, named, most).map_err(|e| e.to_string()).unwrap().0.iter().map(|f| f.number).collect()
         };
         assert_eq!(numbers((None, None), 100), (1..=60).collect::<Vec<_>>());
-        assert_eq!(numbers((Some(40), Some(44)), 10), (37..=47).collect::<Vec<_>>());
-        assert_eq!(numbers((Some(44), Some(40)), 10), (37..=47).collect::<Vec<_>>(), "against the time, too");
+        let around: Vec<u32> = std::iter::once(1).chain(37..=47).collect();
+        assert_eq!(numbers((Some(40), Some(44)), 10), around);
+        assert_eq!(numbers((Some(44), Some(40)), 10), around, "against the time, too");
         assert_eq!(numbers((Some(2), Some(5)), 10), (1..=8).collect::<Vec<_>>());
         // Further apart than can be kept: fewer of them, but both.
-        assert_eq!(numbers((Some(10), Some(50)), 10), [10, 18, 26, 34, 42, 50]);
+        assert_eq!(numbers((Some(10), Some(50)), 10), [1, 9, 10, 17, 25, 33, 41, 49, 50]);
         // To the end of the video, wherever that is.
         assert_eq!(numbers((None, None), 8), [1, 9, 17, 25, 33, 41, 49, 57, 60]);
-        assert_eq!(numbers((Some(31), None), 8), [27, 31, 35, 43, 51, 59, 60]);
+        assert_eq!(numbers((Some(31), None), 8), [1, 27, 31, 35, 43, 51, 59, 60]);
     }
 }

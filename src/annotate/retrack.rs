@@ -191,13 +191,8 @@ impl TrackDesk {
 
     /// One frame for the browser.
     pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
-        let (path, named) = {
-            let items = self.lock();
-            let item = find(&items, id)?;
-            let frames = self.read_frames(item)?;
-            (item.frames_path.clone(), (frames.first().map(|f| f.number), frames.last().map(|f| f.number)))
-        };
-        self.shelf.picture(&path, named, number)
+        let path = find(&self.lock(), id)?.frames_path.clone();
+        self.shelf.any_picture(&path, number)
     }
 
     /// A frame with corrections that are not saved: what the page shows while a node is dragged.

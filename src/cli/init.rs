@@ -55,13 +55,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(people) = &args.people {
         manifest.join_people(people)?;
     }
-    let kept = if path.is_file() { manifest.keep(&path) } else { Ok(Kept::default()) };
+    let kept = if path.is_file() {
+        manifest.keep(&path).map_err(|error| anyhow::anyhow!("{error}; what it says would be lost: mend it, or move it away"))?
+    } else {
+        Kept::default()
+    };
     manifest.write(&path)?;
     if !args.quiet {
-        match &kept {
-            Err(error) => println!("note: nothing is kept of the manifest that was there: {error}"),
-            Ok(kept) => say_kept(kept),
-        }
+        say_kept(&kept);
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
         println!("{}: {}", path.display(), count(manifest.rows.len(), "sequence", "sequences"));
         if !manifest.skipped.is_empty() {

@@ -169,7 +169,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     }
     let is_ours = |name: &std::ffi::OsStr| name.to_string_lossy().ends_with("_frames.csv");
-    let mut entries = std::fs::read_dir(&folder).into_iter().flatten().flatten().peekable();
+    let is_hidden = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with('.');
+    let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
+    let mut entries = entries.filter(|entry| !is_hidden(&entry.file_name())).peekable();
     anyhow::ensure!(
         entries.peek().is_none() || entries.any(|entry| is_ours(&entry.file_name())),
         "{}: what is found goes into {}, which holds other files; give the table another name",

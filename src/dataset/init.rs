@@ -184,41 +184,63 @@ impl ProposedManifest {
     pub fn keep(&mut self, path: &Path) -> Result<Kept, DatasetError> {
         let csv = CsvFile::open(path)?;
         let mut kept = Kept::default();
-        let Some(frames) = csv.column("frames") else { return Ok(kept) };
         let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
         let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
         let columns: Vec<(usize, String)> = csv.header().iter().cloned().enumerate().filter(|(_, name)| is_more(name)).collect();
+        // All rows, before anything is changed.
+        let mut earlier: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
+        let field = |row: &[String], name: &str| csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default();
+        for row in csv.rows() {
+            let row = row?;
+            let fields: Vec<String> = (0..csv.header().len()).map(|k| row.get(k).to_owned()).collect();
+            let named = composed(&field(&fields, "frames"));
+            let default = composed(&format!("{}/{}", field(&fields, "subject"), field(&fields, "sequence")));
+            let place = if named.is_empty() { default } else { named.trim_start_matches("./").trim_end_matches('/').to_owned() };
+            earlier.entry(place).or_default().push(fields);
+        }
         for (_, name) in &columns {
             if !self.more_columns.contains(name) {
                 self.more_columns.push(name.clone());
             }
         }
         let width = self.more_columns.len();
-        self.rows.iter_mut().for_each(|row| row.more.resize(width, String::new()));
-        for old in csv.rows() {
-            let old = old?;
-            let place = composed(old.get(frames));
-            let Some(row) = self.rows.iter_mut().find(|row| composed(&row.frames) == place) else {
-                kept.gone.push(place);
+        let more_columns = self.more_columns.clone();
+        let mut rows = Vec::with_capacity(self.rows.len());
+        for mut row in std::mem::take(&mut self.rows) {
+            row.more.resize(width, String::new());
+            let Some(old) = earlier.remove(&composed(&row.frames)) else {
+                rows.push(row);
                 continue;
             };
-            let field = |name: &str| csv.column(name).map(|k| old.get(k)).unwrap_or_default();
-            let emotion = field("emotion");
-            if row.emotion == UNKNOWN_EMOTION && !emotion.is_empty() {
-                emotion.clone_into(&mut row.emotion);
-            } else if emotion != row.emotion {
-                kept.other_emotions.push(format!("{}_{} ({emotion}, now {})", row.subject, row.sequence, row.emotion));
-            }
-            if row.landmarks.is_empty() {
-                field("landmarks").clone_into(&mut row.landmarks);
-            }
-            for (k, name) in &columns {
-                let place = self.more_columns.iter().position(|column| column == name);
-                if let Some(value) = place.and_then(|place| row.more.get_mut(place)).filter(|value| value.is_empty()) {
-                    old.get(*k).clone_into(value);
+            // Several sequences of one recording stay several.
+            let several = old.len() > 1;
+            for fields in &old {
+                let mut row = row.clone();
+                if several {
+                    (row.subject, row.sequence) = (field(fields, "subject"), field(fields, "sequence"));
                 }
+                let emotion = field(fields, "emotion");
+                if !emotion.is_empty() && (several || row.emotion == UNKNOWN_EMOTION) {
+                    row.emotion = emotion;
+                } else if !emotion.is_empty() && emotion != row.emotion {
+                    kept.other_emotions.push(format!("{}_{} ({emotion}, now {})", row.subject, row.sequence, row.emotion));
+                }
+                if row.landmarks.is_empty() {
+                    row.landmarks = field(fields, "landmarks");
+                }
+                for (k, name) in &columns {
+                    let place = more_columns.iter().position(|column| column == name);
+                    if let Some(value) =
+                        place.and_then(|place| row.more.get_mut(place)).filter(|value| several || value.is_empty())
+                    {
+                        value.clone_from(&fields[*k]);
+                    }
+                }
+                rows.push(row);
             }
         }
+        self.rows = rows;
+        kept.gone = earlier.into_keys().collect();
         kept.columns = columns.into_iter().map(|(_, name)| name).collect();
         Ok(kept)
     }
@@ -390,7 +412,7 @@ fn at_start(word: &str) -> Option<(usize, &'static str)> {
     let long = |(start, emotion): &(&str, &'static str)| word.starts_with(start).then_some((start.len(), *emotion));
     let short = |(start, emotion): &(&str, &'static str)| {
         let rest = word.strip_prefix(start)?;
-        (rest.is_empty() || at_start(rest).is_some()).then_some((start.len(), *emotion))
+        (rest.is_empty() || matches!(rest, "face" | "faces") || at_start(rest).is_some()).then_some((start.len(), *emotion))
     };
     EMOTION_STEMS.iter().find_map(long).or_else(|| EMOTION_WORDS.iter().find_map(short))
 }
@@ -472,6 +494,7 @@ mod tests {
             ("sadhappy", Some("?")),
             ("joy", Some("happiness")),
             ("happyface", Some("happiness")),
+            ("sadface", Some("sadness")),
             ("sad2", Some("sadness")),
             ("NEU", Some("neutral")),
             ("Joyce", None),
@@ -539,6 +562,17 @@ mod tests {
         let expected = "subject,sequence,emotion,frames,group,publish,first_frame\n\
                         A,a,fear,A/a.mp4,new,no,7\nB,b,?,B/b.mp4,new,,\n";
         assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        // Two sequences of one video, another way to write a path, and a row that does not read.
+        fs::write(&path, "subject,sequence,emotion,frames,publish\nA,1,joy,./A/a.mp4,no\nA,2,fear,A/a.mp4,yes\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.keep(&path).unwrap();
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,publish\nA,1,joy,A/a.mp4,no\nA,2,fear,A/a.mp4,yes\nB,b,?,B/b.mp4,\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        fs::write(&path, "subject,sequence,emotion,frames\nA,a,joy,A/a.mp4,x,y,z\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        let before = manifest.clone();
+        assert!(manifest.keep(&path).is_err() && manifest == before);
     }
 
     #[test]

@@ -121,7 +121,8 @@ pub(super) fn write_measured(
     let id = &info.id;
     let [csv, json, fap] = measured_files(id);
     let clock = info.clock();
-    let hashes = write_features(&out.join(&csv), features, &clock, ColumnNames::Grimace, None);
+    let by_number = info.clock_of_numbers(features.iter().map(|f| f.frame));
+    let hashes = write_features(&out.join(&csv), features, &by_number, ColumnNames::Grimace, None);
     let hashes = hashes.map_err(SequenceFailure::at(Stage::Write))?;
     let faps = fap_sequence(features, &id.to_string(), &clock, f64::from(bench.options.fap.fps));
     let profile = bench.options.fap.profile;

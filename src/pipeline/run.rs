@@ -320,7 +320,7 @@ pub fn run(
     let pictures = overlay.map(|folder| OverlayFolder::open(folder, force)).transpose()?;
     let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay: pictures.as_ref(), stop }, &event)?;
     if let Some(pictures) = pictures {
-        pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?;
+        said.extend(pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?);
     }
     event(Event::Analyzing);
 

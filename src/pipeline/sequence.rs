@@ -3,6 +3,7 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
 };
 
 use image::RgbImage;
@@ -393,7 +394,7 @@ fn relabel(
         fps: clock.fps,
         times: clock.times,
         inputs_blake3,
-        track: options.clone(),
+        track: *options,
         ..info.clone()
     };
     if labelled != *info {
@@ -435,6 +436,8 @@ pub fn overlay_pictures(
 /// Overlay pictures in a folder, with a record of what is ours there: other files of their names are not written over.
 pub struct OverlayFolder {
     record: FolderRecord,
+    /// Names that files of others have.
+    taken: Mutex<BTreeSet<String>>,
 }
 
 impl OverlayFolder {
@@ -445,7 +448,7 @@ impl OverlayFolder {
     pub fn open(folder: &Path, force: bool) -> Result<Self, OutputError> {
         const NAME: &str = "overlays.b3";
         std::fs::create_dir_all(folder).map_err(OutputError::at(folder))?;
-        Ok(Self { record: FolderRecord::open(folder, NAME, force)? })
+        Ok(Self { record: FolderRecord::open(folder, NAME, force)?, taken: Mutex::default() })
     }
 
     /// Name of an overlay picture: not that of a Cohn-Kanade frame, lest a picture replace the frame it shows.
@@ -453,26 +456,37 @@ impl OverlayFolder {
         format!("{id}_{number:08}{OVERLAY_SUFFIX}")
     }
 
-    /// Writes the picture of a frame.
-    ///
-    /// # Errors
-    /// [`OutputError`], also where somebody else's file has its name.
-    pub fn write(&self, id: &SequenceId, number: u32, png: &[u8]) -> Result<(), OutputError> {
-        self.record.write(&Self::name(id, number), |out| out.write_all(png))
-    }
-
-    /// Removes earlier pictures of the sequences for which `is_done`, and ends the record; those of others stay.
+    /// Writes the picture of a frame, unless somebody else's file has its name.
     ///
     /// # Errors
     /// [`OutputError`].
-    pub fn close(self, is_done: impl Fn(&str) -> bool) -> Result<(), OutputError> {
+    pub fn write(&self, id: &SequenceId, number: u32, png: &[u8]) -> Result<(), OutputError> {
+        let name = Self::name(id, number);
+        if self.record.check_free(&name).is_err() {
+            self.taken.lock().unwrap_or_else(PoisonError::into_inner).insert(name);
+            return Ok(());
+        }
+        self.record.write(&name, |out| out.write_all(png))
+    }
+
+    /// Removes earlier pictures of the sequences for which `is_done`, and ends the record; those of others stay. What is to be said of
+    /// pictures that were not written.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn close(self, is_done: impl Fn(&str) -> bool) -> Result<Option<String>, OutputError> {
         let sequence = |name: &str| {
             let stem = name.strip_suffix(OVERLAY_SUFFIX)?;
             Some(stem.rsplit_once('_')?.0.to_owned())
         };
         self.record.keep(|name| !sequence(name).is_some_and(|id| is_done(&id)));
         self.record.remove_stale()?;
-        self.record.close()
+        self.record.close()?;
+        let taken = self.taken.into_inner().unwrap_or_else(PoisonError::into_inner);
+        Ok(taken.first().map(|first| {
+            let pictures = output::count(taken.len(), "overlay picture", "overlay pictures");
+            format!("{pictures} not written: files that no earlier command of ours wrote have the names, such as {first}; --force writes over them")
+        }))
     }
 }
 

@@ -115,7 +115,10 @@ fn corrected_marks_stay_and_pictures_come_and_go() {
     assert_eq!(work.read("segments/talk-01.csv"), corrected);
     segment("--no-faces").exit(0);
     assert!(!picture.exists());
-    segment("").exit(0).prints(&["talk-01.csv had been edited: they are kept as talk-01_edited.csv"]);
+    // Corrected marks are worth more than a picture; another option cuts it anew.
+    segment("").exit(0);
+    assert!(!picture.exists() && work.read("segments/talk-01.csv") == corrected);
+    segment("--shortest 0.21").exit(0).prints(&["talk-01.csv had been edited: they are kept as talk-01_edited.csv"]);
     assert!(picture.is_file());
     assert_eq!((work.read("segments/talk-01_edited.csv"), work.read("segments/talk-01.csv")), (corrected, marks));
     // What is not proposed any more leaves nothing behind.

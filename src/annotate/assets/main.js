@@ -238,9 +238,11 @@ class Page {
       `Another tab or program has saved ${current.marks.length} marks for ${id} since this page read it; this page has ${marks.length}. Which ones are to stay?`,
       'Keep mine', 'Take theirs', true);
     if (mine === null) {
+      this.saver.held.add(id);
       this.showSaved('failed', 'Not saved: changed elsewhere. The next change asks again.');
       return;
     }
+    this.saver.held.delete(id);
     this.saver.read(id, current.version);
     if (mine) this.saver.save(id, marks);
     else {

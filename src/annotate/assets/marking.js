@@ -323,6 +323,8 @@ export class Marking {
       const sequence = await ask(sequencePath(id, '/range'), 'PUT', { version, neutral, apex, createManifest });
       if (id !== this.id) return;
       const moved = sequence.neutral !== this.sequence.neutral;
+      // Of a long video other frames are there now.
+      if (String(sequence.frames) !== String(this.sequence.frames)) this.page.scrubber.open(id, sequence.frames);
       this.sequence = sequence;
       this.problem = sequence.problem;
       this.page.saver.read(id, sequence.version);

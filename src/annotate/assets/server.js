@@ -98,6 +98,8 @@ export class Saver {
     Object.assign(this, { drafts, show, conflict });
     this.versions = new Map();
     this.waiting = new Map();
+    /** Sequences whose conflict was left open: the page has marks that nobody has. */
+    this.held = new Set();
     this.busy = false;
   }
 
@@ -106,16 +108,21 @@ export class Saver {
     this.versions.set(id, version);
   }
 
-  isSaved(id) {
+  isSent(id) {
     return !this.waiting.has(id) && this.current !== id;
+  }
+
+  isSaved(id) {
+    return this.isSent(id) && !this.held.has(id);
   }
 
   /** Waits until everything of a sequence is saved. */
   async settled(id) {
-    while (!this.isSaved(id)) await new Promise((done) => setTimeout(done, 20));
+    while (!this.isSent(id)) await new Promise((done) => setTimeout(done, 20));
   }
 
   save(id, marks) {
+    this.held.delete(id);
     this.waiting.set(id, marks);
     this.drafts.keep(id, marks);
     this.show('saving', 'Saving…');

@@ -124,12 +124,15 @@ impl RecordingFiles {
     /// somebody corrected.
     fn is_whole(&self, folder: &Path, pictures: bool) -> bool {
         let lacks_pictures = pictures && !self.segments.is_empty() && !self.files.keys().any(|name| Self::is_picture(name));
+        // Pictures can only be made with everything else: corrected marks are worth more.
+        let marks = self.files.iter().filter(|(name, _)| self.is_marks(name));
+        let is_corrected = marks.clone().any(|(name, hash)| since(folder, name, hash) == Since::Edited);
         let stands = |(name, hash): (&String, &String)| match since(folder, name, hash) {
             Since::Unchanged => true,
             Since::Edited => self.is_marks(name),
-            Since::Gone => false,
+            Since::Gone => is_corrected && Self::is_picture(name),
         };
-        !lacks_pictures && self.files.iter().all(stands)
+        (!lacks_pictures || is_corrected) && self.files.iter().all(stands)
     }
 }
 
@@ -194,6 +197,9 @@ fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
             Since::Edited | Since::Gone => {}
         }
     }
+    // What is written now, and not to its end, is nobody's correction.
+    let record = folder.join(format!("{stem}.json"));
+    std::fs::remove_file(&record).map_err(OutputError::at(&record))?;
     Ok(notes)
 }
 
