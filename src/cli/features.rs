@@ -84,7 +84,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for path in &files {
         // What does not read is said below.
         let Ok(target) = target_of(path, args) else { continue };
-        if let Some(first) = targets.insert(target.clone(), path) {
+        let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
+        if let Some(first) = targets.insert(target.clone(), path).filter(|first| !same(first, path)) {
             anyhow::bail!(
                 "{} and {} are tracks of one name: both tables would be {}; make them in two folders",
                 first.display(),
@@ -133,7 +134,8 @@ fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let inputs: Vec<_> = inputs.into_iter().chain(maybe("--blendshapes", blendshapes.as_ref())).collect();
     check_apart(&[("a table of --output", &target), ("a .json of --output", &units)], &inputs)?;
     args.general.check_free(&target)?;
-    let clock = info.as_ref().map(TrackInfo::clock).unwrap_or_default();
+    let numbers = track.iter().map(|frame| frame.number);
+    let clock = info.as_ref().map(|info| info.clock_of_numbers(numbers)).unwrap_or_default();
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let fit = bench.fit_head(&track, &marks)?;
     let model = bench.frontal_model(&fit, &track)?;

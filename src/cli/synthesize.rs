@@ -155,10 +155,10 @@ struct SearchArgs {
     #[arg(long, default_value_t = BLX_ALPHA)]
     alpha: f64,
     /// Generations
-    #[arg(long, default_value_t = GENERATIONS, value_name = "N", value_parser = numbers::count(1, 1_000_000))]
+    #[arg(long, default_value_t = GENERATIONS, value_name = "N", value_parser = numbers::count(0, 1_000_000))]
     generations: usize,
     /// Individuals; by default as many as the bank has members
-    #[arg(long, value_name = "N", value_parser = numbers::count(2, 100_000))]
+    #[arg(long, value_name = "N", value_parser = numbers::count(1, 100_000))]
     population: Option<usize>,
     /// Individuals drawn per generation
     #[arg(long, default_value_t = TOURNAMENT_SIZE, value_name = "N", value_parser = numbers::count(1, 100_000))]

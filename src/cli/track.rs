@@ -123,7 +123,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             },
         )
         .map_err(|f| about(&args.sequence)(&f.reason))?;
-        folder.close(|id| id == source.id.to_string())?;
+        if let Some(note) = folder.close(|id| id == source.id.to_string())? {
+            eprintln!("note: {note}");
+        }
     }
     if !args.general.quiet {
         let s = &info.summary;

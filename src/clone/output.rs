@@ -232,7 +232,7 @@ pub fn write_clone(
     info.faps_not_shown = source.not_shown.iter().map(|f| f.get()).collect();
     write_json(&folder.join("clone.json"), &info)?;
     let grey = image::imageops::grayscale(&apex_picture);
-    let at_apex = &frames[apex + usize::from(!clone.starts_neutral())].nodes;
+    let at_apex = &frames[apex + usize::from(clone.rest_before().is_some())].nodes;
     let overlay = draw_overlay(&Frame::new(1, grey), &face.wireframe, at_apex, &[]);
     write_atomic(&folder.join("overlay.png"), |writer| encode_png(&overlay, writer))?;
     let mut sheet = Sheet::new(SHEET_HEIGHT);
@@ -270,10 +270,10 @@ fn tracked(clone: &ClonedExpression, face: &Face) -> Vec<TrackedFrame> {
             .collect(),
     };
     let mut frames: Vec<TrackedFrame> = clone.frames.iter().enumerate().map(frame).collect();
-    if !clone.starts_neutral() {
+    if let Some(rest) = clone.rest_before() {
         // A track begins with the neutral face: frame 0, of which there is no picture.
         let node = |&position: &Point2<f64>| TrackedNode::new(position, NodeState::Fitted, None);
-        frames.insert(0, TrackedFrame { number: 0, nodes: clone.target().warp().nodes().iter().map(node).collect() });
+        frames.insert(0, TrackedFrame { number: 0, nodes: rest.iter().map(node).collect() });
     }
     frames
 }
@@ -322,10 +322,8 @@ fn track_info(
 
 /// A model of the clone's frames with the target's neutral face before them, where they do not begin with it: FAPs are offsets from neutral.
 fn from_neutral(model: DynamicExpressionModel<Px>, clone: &ClonedExpression) -> Result<DynamicExpressionModel<Px>, CloneError> {
-    if clone.starts_neutral() {
-        return Ok(model);
-    }
-    let neutral = FrameExpressionModel::new(clone.target().warp().nodes().to_vec());
+    let Some(rest) = clone.rest_before() else { return Ok(model) };
+    let neutral = FrameExpressionModel::new(rest.to_vec());
     Ok(DynamicExpressionModel::new(std::iter::once(neutral).chain(model.frames().iter().cloned()).collect())?)
 }
 
@@ -339,7 +337,7 @@ fn fap_of(
     let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
     let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
     let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
-    let starts_neutral = clone.starts_neutral();
+    let starts_neutral = clone.rest_before().is_none();
     let normalized = normalizer.normalize_every_frame(&from_neutral(model.clone(), clone)?)?;
     let name = format!("{}_{}", clone.target().name, source.name);
     let units = (&normalizer.canonical().fapus, clone.target().lid_units());
@@ -367,7 +365,7 @@ fn faps_cut(
     let catalog = FapCatalog::mpeg4();
     let units = (&normalizer.canonical().fapus, clone.target().lid_units());
     let asked = DynamicExpressionModel::new(clone.unshaped(source, face)?.into_iter().map(FrameExpressionModel::new).collect())?;
-    let first = usize::from(!clone.starts_neutral());
+    let first = usize::from(clone.rest_before().is_some());
     let (asked, shown) = (from_neutral(asked, clone)?, from_neutral(shown.clone(), clone)?);
     let (asked, shown) = (normalizer.normalize_every_frame(&asked)?, normalizer.normalize_every_frame(&shown)?);
     let mut most: BTreeMap<u8, CutFap> = BTreeMap::new();

@@ -1,11 +1,12 @@
 //! A source on a target: the frames.
 
 use image::RgbImage;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::{CloneError, ClonedSkin, Details, Rescale, SourceMotion, Target, Teeth, Timing, detail, source::LID_PAIRS};
+use super::{CloneError, ClonedSkin, Details, Moment, Rescale, SourceMotion, Target, Teeth, Timing, detail, source::LID_PAIRS};
 use crate::{
+    geometry::Similarity,
     interpolation::smooth_step,
     model::{DynamicExpressionModel, FrameExpressionModel},
     units::Px,
@@ -115,6 +116,8 @@ pub struct ClonedExpression<'a> {
     pub fps: f64,
     /// The frames.
     pub frames: Vec<CloneFrame>,
+    /// Nodes at rest, where the motion does not begin there.
+    rest: Option<Vec<Point2<f64>>>,
 }
 
 /// Computes the motion of a source on a target.
@@ -159,7 +162,16 @@ pub fn clone_expression<'a>(
             Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, asked: nodes, skin: 0.0 })
         })
         .collect::<Result<_, CloneError>>()?;
-    Ok(ClonedExpression { target, details, skin: None, options: *options, fps, frames })
+    let is_still = |moment: &Moment| moment.offsets.iter().all(|offset| offset.norm() < 1e-9);
+    let rest = match moments.first() {
+        Some(first) if !is_still(first) => {
+            let still = Moment { offsets: vec![Vector2::zeros(); first.offsets.len()], head: Similarity::identity(), nearest: 0 };
+            let nodes = target.nodes_at(source, &still, options.rescale, options.emphasis, false, face);
+            Some(target.warp().deform(&nodes)?.nodes().to_vec())
+        }
+        _ => None,
+    };
+    Ok(ClonedExpression { target, details, skin: None, options: *options, fps, frames, rest })
 }
 
 /// Seconds from the start to the first blink, from one to the next, and of shutting and opening the lids: an opening takes twice as long.
@@ -256,12 +268,9 @@ impl ClonedExpression<'_> {
         self.target
     }
 
-    /// Whether the first frame is the target's neutral face, as good as.
-    pub(super) fn starts_neutral(&self) -> bool {
-        /// Px.
-        const STILL: f64 = 1e-6;
-        let neutral = self.target.warp().nodes();
-        self.frames.first().is_some_and(|f| f.deformation.nodes().iter().zip(neutral).all(|(p, n)| (p - n).norm() < STILL))
+    /// The nodes of the target at rest, where the first frame is not at rest.
+    pub(super) fn rest_before(&self) -> Option<&[Point2<f64>]> {
+        self.rest.as_deref()
     }
 
     /// The frame in which the nodes are farthest from neutral, without the head's motion; the first of equals. A blink is no apex.

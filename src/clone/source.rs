@@ -7,35 +7,17 @@ use nalgebra::{Point2, Vector2};
 use super::{CloneError, fap_motion};
 use crate::{
     fap::{FapNumber, FapSequence, read_fap},
-    features::frame_steps,
     geometry::Similarity,
     model::DynamicExpressionModel,
     normalize::{Canonical, EyeCorners, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
-    pose::{HeadFitter, HeadPose},
+    pose::without_turns,
     positions::PositionTable,
     sequence::Clock,
     track::{TrackFileError, TrackInfo, TrackedFrame, read_track, read_track_info, track_model},
     units::{FaceUnit, NodeId, Px},
     wireframe::{Face, Fapus, LID_LIMIT, LidUnits},
 };
-
-/// Turn of the head against the neutral frame, degrees, from which it is taken out of a track: below, the pose is not known well enough to
-/// be worth it.
-const TURNED: f64 = 4.0;
-
-/// A track's model without the head's turns, where the head turns; `None` also where no head fits.
-fn without_turns(frames: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)], face: &Face) -> Option<DynamicExpressionModel<Px>> {
-    let fitter = HeadFitter::new(&face.wireframe, &face.tables);
-    let fit = fitter.fit(&face.tables, frames, marks).ok()?;
-    let angles: Vec<[f64; 3]> = fit.poses.iter().map(HeadPose::degrees).collect();
-    let [yaw, pitch, _] = *angles.first()?;
-    let turn = angles.iter().map(|[y, p, _]| (y - yaw).abs().max((p - pitch).abs())).fold(0.0, f64::max);
-    if turn < TURNED {
-        return None;
-    }
-    fitter.frontal((&face.wireframe, &face.tables), &fit, frames).ok()
-}
 
 /// When the frames of a track are shown, s from the first; `None` where they are evenly apart, are in no order of time, or nobody knows.
 fn times_of(frames: &[TrackedFrame], clock: &Clock) -> Option<Vec<f64>> {
@@ -47,7 +29,8 @@ fn times_of(frames: &[TrackedFrame], clock: &Clock) -> Option<Vec<f64>> {
     if !numbers.is_sorted_by(|a, b| a < b) {
         return None;
     }
-    let mut times: Vec<f64> = frame_steps(&numbers).into_iter().map(|step| clock.seconds(step)).collect::<Option<_>>()?;
+    let first = *numbers.first()?;
+    let mut times: Vec<f64> = numbers.iter().map(|number| clock.seconds(number - first)).collect::<Option<_>>()?;
     if goes_back {
         let last = *times.last()?;
         times = times.into_iter().rev().map(|time| last - time).collect();
@@ -145,7 +128,7 @@ impl SourceMotion {
                     let mut motion = Self::from_track(&name, &frames, &marks, face)?;
                     if let Some(info) = info {
                         motion.fps = info.fps;
-                        motion.times = times_of(&frames, &info.clock());
+                        motion.times = times_of(&frames, &info.clock_of_numbers(frames.iter().map(|frame| frame.number)));
                         motion.emotion = Some(info.emotion);
                     }
                     motion
@@ -189,7 +172,7 @@ impl SourceMotion {
     ) -> Result<Self, CloneError> {
         let model: DynamicExpressionModel<Px> = track_model(frames)?;
         let normalizer = normalizer(face)?;
-        let upright = normalizer.upright(without_turns(frames, marks, face).as_ref().unwrap_or(&model))?;
+        let upright = normalizer.upright(without_turns(face, frames, marks).as_ref().unwrap_or(&model))?;
         let fapus = Fapus::measure(&face.tables.fapus, &upright[0])
             .map_err(|source| CloneError::Fapus { what: "the source's neutral face", source })?;
         let corners = EyeCorners::new(&face.tables, face.wireframe.node_count());

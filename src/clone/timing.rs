@@ -171,6 +171,23 @@ impl SourceMotion {
         }
     }
 
+    /// The motion with frames that are evenly apart, at its own rate.
+    pub fn evenly(&self) -> Self {
+        let Some(end) = self.times.as_ref().and_then(|times| times.last()) else { return self.clone() };
+        let fps = self.fps.unwrap_or(f64::from(FPS));
+        let last = ((end * fps).round().max(1.0) as usize).min(MAX_FRAMES - 1);
+        let course = self.course();
+        let moments: Vec<Moment> = (0..=last).map(|k| course.at(self.place(k as f64 / last as f64))).collect();
+        Self {
+            head: moments.iter().map(|moment| moment.head).collect(),
+            frames: moments.iter().filter_map(|moment| self.frames.get(moment.nearest).cloned()).collect(),
+            offsets: moments.into_iter().map(|moment| moment.offsets).collect(),
+            fps: Some(last as f64 / end),
+            times: None,
+            ..self.clone()
+        }
+    }
+
     /// The place between frames at a share of the way through the motion's time.
     fn place(&self, share: f64) -> f64 {
         let last = (self.frame_count() - 1) as f64;

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, frame_steps, in_time, openface};
+use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, in_time, openface};
 use crate::{
     fap::FapCatalog,
     output::{self, OutputError, nine_digits, write_records},
@@ -64,12 +64,12 @@ pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
     let faps: Vec<_> = features.first().map(|f| f.faps.iter().map(|(fap, _)| *fap).collect()).unwrap_or_default();
     header.extend(faps.iter().map(|&fap| format!("FAP{:02}_{}", fap.get(), catalog.row(fap).name)));
     let features = in_time(features);
-    let steps = frame_steps(&features.iter().map(|f| f.frame).collect::<Vec<_>>());
-    let rows = features.iter().zip(steps).map(|(f, step)| {
+    let first = features.first().map_or(0, |f| f.frame);
+    let rows = features.iter().map(|f| {
         let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
         let mut row = vec![
             f.frame.to_string(),
-            clock.seconds(step).map(number).unwrap_or_default(),
+            clock.seconds(f.frame.saturating_sub(first)).map(number).unwrap_or_default(),
             number(f.confidence),
             u8::from(f.reason.is_none()).to_string(),
             f.reason.clone().unwrap_or_default(),

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::{FrameFeatures, frame_steps, in_time};
+use super::{FrameFeatures, in_time};
 use crate::{output::nine_digits, pose::HeadPose, sequence::Clock};
 
 /// Action units that the files have.
@@ -46,10 +46,10 @@ pub(super) fn table(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
     header.extend(units.iter().map(|n| format!("AU{n:02}_r")));
     header.extend(units.iter().map(|n| format!("AU{n:02}_c")));
     let features = in_time(features);
-    let steps = frame_steps(&features.iter().map(|f| f.frame).collect::<Vec<_>>());
+    let first = features.first().map_or(0, |f| f.frame);
     let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
-    let rows = features.iter().zip(steps).map(|(f, step)| {
-        let seconds = clock.seconds(step).unwrap_or(0.0);
+    let rows = features.iter().map(|f| {
+        let seconds = clock.seconds(f.frame.saturating_sub(first)).unwrap_or(0.0);
         let mut row = vec![f.frame.to_string(), "0".to_owned(), number(seconds), number(f.confidence)];
         row.push(u8::from(f.reason.is_none()).to_string());
         row.extend(angles(f.pose).map(number));

@@ -96,17 +96,4 @@ impl HeadFitter {
         let frames = frontalized(&self.model, fit, track, (wireframe, tables), &self.springs)?;
         Ok(DynamicExpressionModel::new(frames.into_iter().map(FrameExpressionModel::new).collect())?)
     }
-
-    /// A track as [`HeadFitter::frontal`] has it, by the head that fits it with the marks on its neutral frame.
-    ///
-    /// # Errors
-    /// [`PoseError`].
-    pub(crate) fn without_head(
-        &self,
-        face: (&Wireframe, &Tables),
-        track: &[TrackedFrame],
-        marks: &[(NodeId, Point2<f64>)],
-    ) -> Result<DynamicExpressionModel<Px>, PoseError> {
-        self.frontal(face, &self.fit(face.1, track, marks)?, track)
-    }
 }

@@ -26,6 +26,7 @@ mod observe;
 mod person;
 mod solve;
 mod turned;
+mod turns;
 
 pub use camera::{CAMERA_DISTANCE, HEAD_ES, HeadPose};
 pub use file::{HeadOrigin, write_head};
@@ -35,3 +36,4 @@ pub use frontal::frontalized;
 pub use head::{HeadModel, NamedOffsets};
 pub use learn::{DenseFaces, IDENTITY_MODES, learn_head};
 pub use turned::fit_turned;
+pub(crate) use turns::without_turns;

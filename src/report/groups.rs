@@ -134,8 +134,8 @@ impl GroupsView {
             p_either: p_text(t.p_either_adjusted, 0.0),
             verdict: if differs(t) { "differ" } else { "not shown to differ" },
             differs: differs(t),
-            hopeless: least_either(t) > significance,
-            least_p: p_text(least_either(t), 0.0),
+            hopeless: t.least_either_adjusted() > significance,
+            least_p: p_text(t.least_either_adjusted(), 0.0),
             place: if differs(t) { place(t) } else { String::new() },
             direction: if differs(t) { direction(c, t) } else { String::new() },
         });
@@ -196,11 +196,6 @@ impl GroupsView {
 /// Whether two groups are shown to differ, as a whole or at a node: docs/populations.md, "Verdict".
 fn groups_differ(t: &Tested, significance: f64) -> bool {
     t.p_either_adjusted <= significance
-}
-
-/// The least that [`Tested::p_either_adjusted`] can come to: twice that of p, as it is twice p.
-fn least_either(t: &Tested) -> f64 {
-    (2.0 * t.least_p_adjusted).min(1.0)
 }
 
 /// How the apex of the first group differs from the second's, by part of the face; empty where a representative is not there.

@@ -10,7 +10,6 @@ use crate::{
     normalize::NormalizeError,
     output::OutputError,
     plausible::Implausible,
-    pose::PoseError,
     positions::PositionsError,
     track::TrackFileError,
     units::FeaturePoint,
@@ -201,14 +200,6 @@ pub enum SynthesisError {
         path: PathBuf,
         /// Why.
         source: NormalizeError,
-    },
-    /// A track without a head.
-    #[error("{}: {source}; `analyze --pose roll` normalizes it without one, and takes its models", path.display())]
-    Pose {
-        /// The track.
-        path: PathBuf,
-        /// Why.
-        source: PoseError,
     },
     /// Frames that make no model.
     #[error(transparent)]

@@ -16,12 +16,12 @@ use crate::{
     model::DynamicExpressionModel,
     normalize::{Canonical, NormalizeOptions, Normalizer},
     plausible::{FaceSize, Implausible},
-    pose::HeadFitter,
+    pose::without_turns,
     positions::PositionTable,
     text::excerpt,
-    track::{TrackInfo, read_track, read_track_info},
+    track::{TrackInfo, read_track, read_track_info, track_model},
     units::{FaceUnit, FeaturePoint, NodeId},
-    wireframe::{Fapu, LidUnits, Tables, Wireframe},
+    wireframe::{Face, Fapu, LidUnits, Tables, Wireframe},
 };
 
 /// What a motion was read from.
@@ -249,11 +249,11 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
 
 /// Key frames by their numbers with those between that are not there: on the curve of FAP files where they are evenly apart, else on a line.
 fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Motion) -> Result<Motion, String> {
-    /// Most frames for one that is there.
-    const MOST: u32 = 1000;
+    /// Most frames in all.
+    const MOST: u32 = 100_000;
     let (numbers, keys): (Vec<u32>, Vec<FpMotion>) = frames.into_iter().unzip();
     let (Some(first), Some(last)) = (numbers.first(), numbers.last()) else { return Err("the table has no rows".to_owned()) };
-    if (last - first) / MOST >= numbers.len() as u32 {
+    if last - first > MOST {
         return Err(format!("{} frames, numbered from {first} to {last}: number frames one after the other", numbers.len()));
     }
     let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -290,9 +290,11 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let fps = info.and_then(|info| info.fps);
     // A head that turns would be taken for an expression.
-    let track = HeadFitter::new(&face.wireframe, &face.tables)
-        .without_head((&face.wireframe, &face.tables), &frames, &marks)
-        .map_err(|source| SynthesisError::Pose { path: path.to_owned(), source })?;
+    let own = Face { wireframe: face.wireframe.clone(), tables: face.tables.clone() };
+    let track = match without_turns(&own, &frames, &marks) {
+        Some(track) => track,
+        None => track_model(&frames)?,
+    };
     let normalizer = Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())?;
     let model =
         normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;

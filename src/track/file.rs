@@ -127,6 +127,21 @@ impl TrackInfo {
         Clock { fps: self.fps, times: self.times.clone() }
     }
 
+    /// [`TrackInfo::clock`] for seconds by the numbers of the frames: pictures may be numbered in steps, and their rate counts pictures, while
+    /// landmarks and videos have times by their numbers.
+    pub fn clock_of_numbers(&self, numbers: impl IntoIterator<Item = u32>) -> Clock {
+        let clock = self.clock();
+        let is_of_pictures = self.source.len() > 1 && self.image_size.width > 0;
+        let mut numbers: Vec<u32> = numbers.into_iter().collect();
+        numbers.sort_unstable();
+        let steps = || numbers.windows(2).map(|pair| pair[1] - pair[0]);
+        let usual = steps().min().unwrap_or(1).max(1);
+        if is_of_pictures && usual > 1 && steps().all(|step| step.is_multiple_of(usual)) {
+            return Clock::even(clock.fps.map(|fps| fps / f64::from(usual)));
+        }
+        clock
+    }
+
     /// Nodes with a mark, and where it is, px.
     pub fn mark_places(&self) -> Vec<(NodeId, Point2<f64>)> {
         self.marks.iter().map(|&(node, x, y, _)| (NodeId(node), Point2::new(x, y))).collect()

@@ -535,3 +535,26 @@ fn sheets_for_graders_hide_what_is_meant_and_grades_are_summed_up() {
     work.grimace("evaluate clone --sheets P01.jpg -o none").exit(2).says(&["--sources"]);
     work.grimace("evaluate clone --grades graded/graded.csv -o bad").exit(1).says(&["key.csv"]);
 }
+
+#[test]
+fn a_clone_that_does_not_begin_at_rest_is_measured_from_rest() {
+    let work = Work::new();
+    let mask = (1..=68).map(|k| if k == 12 || k == 13 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    for (name, first) in [("rest", 0), ("late", 200)] {
+        work.write(&format!("{name}.fap"), format!("2.1 {name} 25 2\n{mask}\n0 {first} {first}\n{mask}\n1 200 200\n"));
+        let portraits = crate::common::root().join("fixtures/portraits");
+        let target = format!("{} -c {}", portraits.join("P05.jpg").display(), portraits.join("P05_correspondences.csv").display());
+        work.grimace(&format!("clone -s {name}.fap -t {target} -o {name} -q")).exit(0);
+        let track = work.files(&format!("{name}/track")).keys().find(|file| file.ends_with(".csv")).unwrap().clone();
+        let frames: std::collections::BTreeSet<String> =
+            work.rows(&format!("{name}/track/{track}")).into_iter().map(|row| row["frame"].clone()).collect();
+        let faps = work.read(&format!("{name}/clone.fap"));
+        let row: Vec<i32> = faps.lines().nth(2).unwrap().split(' ').skip(1).map(|word| word.parse().unwrap()).collect();
+        // Frame 0 is the face at rest, where the motion does not begin there.
+        if first == 0 {
+            assert_eq!((frames.len(), row.iter().all(|value| *value == 0)), (2, true), "{row:?}");
+        } else {
+            assert!(frames.len() == 3 && frames.contains("0") && row.iter().any(|value| *value > 150), "{row:?}");
+        }
+    }
+}

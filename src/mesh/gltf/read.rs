@@ -85,6 +85,10 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     if let Some(placed) = placement(&document, mesh.index()).map_err(error)? {
         positions.iter_mut().for_each(|p| *p = placed.transform_point(&Point3::from(*p).cast()).cast::<f32>().coords.into());
         let linear = placed.matrix().fixed_view::<3, 3>(0, 0).into_owned();
+        // A mirror turns the triangles over.
+        if linear.determinant() < 0.0 {
+            triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
+        }
         let moved = |v: &[f32; 3]| -> [f32; 3] { (linear * Vector3::from(*v).cast::<f64>()).cast::<f32>().into() };
         targets.iter_mut().flatten().for_each(|v| *v = moved(v));
     }
@@ -120,8 +124,9 @@ fn placement(document: &Document, mesh: usize) -> Result<Option<Affine3<f64>>, S
     if whole == Matrix4::identity() {
         return Ok(None);
     }
-    if whole.iter().any(|v| !v.is_finite()) {
-        return Err(format!("the transform of node {} is not finite", node.index()));
+    let volume = whole.fixed_view::<3, 3>(0, 0).determinant();
+    if whole.iter().any(|v| !v.is_finite()) || !(volume.abs() > 0.0) {
+        return Err(format!("the transform of node {} is not finite, or leaves nothing of the mesh", node.index()));
     }
     Ok(Some(Affine3::from_matrix_unchecked(whole)))
 }

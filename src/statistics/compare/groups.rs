@@ -170,14 +170,14 @@ impl Comparisons {
     /// The warning that tests cannot find anything, and what would help.
     fn hopeless(&self, significance: f64) -> Option<String> {
         let tested: Vec<&Tested> = self.pairs.iter().filter_map(|pair| pair.outcome.as_ref().ok()).collect();
-        let hopeless: Vec<&&Tested> = tested.iter().filter(|t| t.least_p_adjusted > significance).collect();
+        let hopeless: Vec<&&Tested> = tested.iter().filter(|t| t.least_either_adjusted() > significance).collect();
         let first = hopeless.first()?;
         let tests = tested.len();
         let drawn = hopeless.iter().filter(|t| !t.exhaustive).count();
         let mut helps = Vec::new();
         if drawn > 0 {
-            // One of drawn + 1 times the number of tests is at most the significance.
-            helps.push(format!("--permutations {} or more", (tests as f64 / significance).ceil() as usize));
+            // Twice one of drawn + 1, times the number of tests, is at most the significance.
+            helps.push(format!("--permutations {} or more", (2.0 * tests as f64 / significance).ceil() as usize));
         }
         if drawn < hopeless.len() {
             helps.push("more people in groups whose splits are all tried".to_owned());

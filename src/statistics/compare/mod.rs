@@ -191,6 +191,13 @@ pub struct Tested {
     pub p_either_adjusted: f64,
 }
 
+impl Tested {
+    /// The least that [`Tested::p_either_adjusted`] can come to: twice that of p, as it is twice p at least.
+    pub fn least_either_adjusted(&self) -> f64 {
+        (2.0 * self.least_p_adjusted).min(1.0)
+    }
+}
+
 /// Two groups of one emotion, compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
