@@ -543,7 +543,8 @@ fn a_clone_that_does_not_begin_at_rest_is_measured_from_rest() {
     for (name, first) in [("rest", 0), ("late", 200)] {
         work.write(&format!("{name}.fap"), format!("2.1 {name} 25 2\n{mask}\n0 {first} {first}\n{mask}\n1 200 200\n"));
         let portraits = crate::common::root().join("fixtures/portraits");
-        let target = format!("{} -c {}", portraits.join("P05.jpg").display(), portraits.join("P05_correspondences.csv").display());
+        let target =
+            format!("{} -c {}", portraits.join("P05.jpg").display(), portraits.join("P05_correspondences.csv").display());
         work.grimace(&format!("clone -s {name}.fap -t {target} -o {name} -q")).exit(0);
         let track = work.files(&format!("{name}/track")).keys().find(|file| file.ends_with(".csv")).unwrap().clone();
         let frames: std::collections::BTreeSet<String> =
