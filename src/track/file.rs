@@ -127,7 +127,7 @@ impl TrackInfo {
         Clock { fps: self.fps, times: self.times.clone() }
     }
 
-    /// [`TrackInfo::clock`] for seconds by the numbers of the frames: pictures may be numbered in steps, and their rate counts pictures, while
+    /// The clock for seconds by the numbers of the frames: pictures may be numbered in steps, and their rate counts pictures, while
     /// landmarks and videos have times by their numbers.
     pub fn clock_of_numbers(&self, numbers: impl IntoIterator<Item = u32>) -> Clock {
         let clock = self.clock();
