@@ -1,7 +1,7 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
-const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 40, UNFOLD_STEP = 0.1, LEAST_WEIGHT = 0.002, CLOSING = 0.6, OWN_STRETCH = 0.02;
+const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 16, UNFOLD_STEP = 0.2, LEAST_WEIGHT = 0.002, CLOSING = 0.6, OWN_STRETCH = 0.02;
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
 class Rig {
