@@ -24,6 +24,11 @@ fn resolved(path: &Path) -> PathBuf {
     }
 }
 
+/// Whether a path, which may not be there yet, is a folder or lies in it.
+pub fn lies_in(path: &Path, folder: &Path) -> bool {
+    resolved(path).starts_with(resolved(folder))
+}
+
 /// Refuses an output that is another output, or an input: one would be written over the other.
 pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Result<()> {
     let places: Vec<PathBuf> = outputs.iter().map(|(_, path)| resolved(path)).collect();
@@ -48,7 +53,7 @@ pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Resul
 /// Refuses an output that is there among the inputs of a folder.
 pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
     anyhow::ensure!(
-        !(output.is_file() && resolved(output).starts_with(resolved(folder))),
+        !(output.is_file() && lies_in(output, folder)),
         "{}: --output would be written over a file of {}; give it another name",
         output.display(),
         folder.display()
@@ -58,10 +63,9 @@ pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
 
 /// Refuses inputs in a folder that is made anew, or in one below it.
 pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyhow::Result<()> {
-    let folder = resolved(folder);
     for (input, path) in inputs {
         anyhow::ensure!(
-            !resolved(path).starts_with(&folder),
+            !lies_in(path, folder),
             "{}: {option} makes this folder anew, and {input} lies in it; give another folder",
             path.display()
         );

@@ -12,6 +12,7 @@ use grimace::{
     output::count,
     pipeline::{PipelineOptions, Workbench, id_of, track_files},
     track::{TrackInfo, read_track, read_track_info},
+    units::SequenceId,
 };
 use rayon::prelude::*;
 
@@ -83,7 +84,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut targets: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for path in &files {
         // What does not read is said below.
-        let Ok(target) = target_of(path, args) else { continue };
+        let Ok(info) = read_track_info(path) else { continue };
+        let target = target_of(&id_beside(info.as_ref(), path), args);
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
         if let Some(first) = targets.insert(target.clone(), path).filter(|first| !same(first, path)) {
             anyhow::bail!(
@@ -114,17 +116,21 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     })
 }
 
+/// Whose track it is: as the file beside it says, else as its name does.
+fn id_beside(info: Option<&TrackInfo>, path: &Path) -> SequenceId {
+    info.map_or_else(|| id_of(path), |info| info.id.clone())
+}
+
 /// The table of a track.
-fn target_of(path: &Path, args: &Args) -> anyhow::Result<PathBuf> {
-    let id = read_track_info(path)?.map_or_else(|| id_of(path), |info| info.id);
-    Ok(args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-"))))
+fn target_of(id: &SequenceId, args: &Args) -> PathBuf {
+    args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")))
 }
 
 fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let track = read_track(path)?;
     let info = read_track_info(path)?;
-    let id = info.as_ref().map_or_else(|| id_of(path), |info| info.id.clone());
-    let target = target_of(path, args)?;
+    let id = id_beside(info.as_ref(), path);
+    let target = target_of(&id, args);
     let blendshapes = args.blendshapes.as_deref().and_then(|path| blendshapes_of(path, &id.to_string()));
     if let Some(given) = args.blendshapes.as_ref().filter(|_| blendshapes.is_none()) {
         eprintln!("note: {}: no {id}.json, .jsonl or .csv: {} gets no blendshapes", given.display(), target.display());

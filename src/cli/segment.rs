@@ -24,7 +24,7 @@ use indicatif::ProgressBar;
 
 use super::{
     Outcome,
-    apart::{all, check_apart, check_outside, maybe},
+    apart::{all, check_apart, lies_in, maybe},
     progress::counted_bar,
     shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, marks_or_found, positive, set_threads, stop_flag, thread_count},
 };
@@ -162,7 +162,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     for path in args.recordings.iter().filter(|path| path.is_dir()) {
         anyhow::ensure!(
-            !is_within(&folder, path),
+            !lies_in(&folder, path),
             "{}: what is found goes into {}, which is among the frames of the recording; give the table another name or place",
             args.output.display(),
             folder.display()
@@ -331,11 +331,6 @@ fn one(
     });
     steps.finish();
     written
-}
-
-/// Whether a folder that may not be there yet is another one, or lies in it.
-fn is_within(folder: &Path, outer: &Path) -> bool {
-    check_outside("", outer, &[("", folder)]).is_err()
 }
 
 /// Folder of the table, in full.

@@ -197,14 +197,13 @@ impl Locator {
             (least, most, degrees(50.0), 12),
             (least, most, degrees(-50.0), 12),
         ];
-        for (least, most, angle, count) in searches {
+        for (k, (least, most, angle, count)) in searches.into_iter().enumerate() {
             let search = Search { eye_distance: (least, most), angle, most: count };
             let (found, left_out) = self.faces(&picture, &search, options);
             if found.is_empty() {
                 continue;
             }
-            let is_first = angle == 0.0 && count == searches[0].3;
-            if !(options.every_size && is_first && found.len() < options.most_faces) {
+            if !(options.every_size && k == 0 && found.len() < options.most_faces) {
                 return (found, left_out);
             }
             let [_, (smaller, _, angle, count), ..] = searches;

@@ -41,13 +41,7 @@ export class Marking {
   close() {
     this.id = null;
     this.sequence = null;
-    this.marks = new Map();
-    this.proposals = [];
-    this.undone = [];
-    this.done = [];
-    this.selected = null;
-    this.chosen = null;
-    this.fit = null;
+    this.startWith([]);
     this.fitter.forget();
     this.page.stage.clear();
     this.page.scrubber.clear();
@@ -64,17 +58,22 @@ export class Marking {
     this.render();
   }
 
-  /** Shows a sequence as the server has it. */
-  take(sequence) {
-    this.sequence = sequence;
-    this.page.saver.read(this.id, sequence.version);
-    this.marks = new Map(sequence.marks.map((m) => [m.node, m]));
+  /** These marks and nothing done to them yet: nothing to undo, chosen, proposed or fitted. */
+  startWith(marks) {
+    this.marks = new Map(marks.map((m) => [m.node, m]));
     this.proposals = [];
     this.undone = [];
     this.done = [];
     this.selected = null;
     this.chosen = null;
     this.fit = null;
+  }
+
+  /** Shows a sequence as the server has it. */
+  take(sequence) {
+    this.sequence = sequence;
+    this.page.saver.read(this.id, sequence.version);
+    this.startWith(sequence.marks);
     this.problem = sequence.problem;
     // The view goes to the face once, before anything is marked here: never under the pointer.
     this.fresh = sequence.marks.length >= this.setup.minimum;
@@ -157,16 +156,18 @@ export class Marking {
   }
 
   place(node, [x, y], kind = 'mark') {
-    this.change(() => this.marks.set(node, { node, x, y, kind }));
-    this.selected = node;
+    this.put({ node, x, y, kind });
+  }
+
+  put(mark) {
+    this.change(() => this.marks.set(mark.node, mark));
+    this.selected = mark.node;
     this.render();
   }
 
   /** Takes a proposal as it is, with the error to expect. */
   adopt(proposal) {
-    this.change(() => this.marks.set(proposal.node, { ...proposal, kind: 'mark' }));
-    this.selected = proposal.node;
-    this.render();
+    this.put({ ...proposal, kind: 'mark' });
   }
 
   remove(node = this.selected) {
