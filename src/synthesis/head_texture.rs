@@ -75,6 +75,17 @@ impl HeadTexture {
     /// # Errors
     /// [`SynthesisError::Portrait`] when head and portrait share too few feature points.
     pub fn new(bank: &Bank, portrait: &RgbImage, nodes: &[Point2<f64>], tables: &Tables) -> Result<Self, SynthesisError> {
+        Self::with_side(SIDE, bank, portrait, nodes, tables)
+    }
+
+    /// The same with a texture of `side` px, a multiple of [`BAND`].
+    fn with_side(
+        side: u32,
+        bank: &Bank,
+        portrait: &RgbImage,
+        nodes: &[Point2<f64>],
+        tables: &Tables,
+    ) -> Result<Self, SynthesisError> {
         let mesh = bank.mesh();
         let seen_at = |v: usize| Point2::new(f64::from(mesh.positions()[v][0]), -f64::from(mesh.positions()[v][1]));
         // Feature points that both have: on the head, and on the portrait.
@@ -106,7 +117,7 @@ impl HeadTexture {
         let normals = vertex_normals(mesh.positions(), mesh.triangles());
         let mut corners: Vec<Corner> = (0..bank.vertex_count())
             .map(|v| Corner {
-                at: Point2::new(f64::from(places[v][0]), f64::from(places[v][1])) * f64::from(SIDE),
+                at: Point2::new(f64::from(places[v][0]), f64::from(places[v][1])) * f64::from(side),
                 seen: portrait_from_head
                     .apply(&(seen_at(v) + nalgebra::Vector2::new(f64::from(moved[v][0]), -f64::from(moved[v][1])))),
                 facing: f64::from(normals[v][2]),
@@ -123,8 +134,13 @@ impl HeadTexture {
         let (inside, worn): (Vec<_>, Vec<_>) = skin.into_iter().partition(|triangle| triangle.iter().any(is_inside));
         let unit = portrait_from_head.scale * super::fapu_length(bank, Fapu::Es).unwrap_or(0.0);
         let unit = if unit > 0.0 { unit } else { convex_extent(&to) };
-        let canvas =
-            Canvas { portrait: Texture::new(portrait), outline: convex_hull(nodes.to_vec()), features: convex_hull(to), unit };
+        let canvas = Canvas {
+            portrait: Texture::new(portrait),
+            outline: convex_hull(nodes.to_vec()),
+            features: convex_hull(to),
+            unit,
+            side,
+        };
         let picture = canvas.painted(&worn, &corners);
         let mut colours = own;
         worn.iter().flatten().for_each(|&v| colours[v as usize] = sampled(&picture, places[v as usize]));
@@ -250,6 +266,8 @@ struct Canvas {
     features: Vec<Point2<f64>>,
     /// Distance of the pupils in the portrait, px.
     unit: f64,
+    /// Side of the texture, px.
+    side: u32,
 }
 
 /// A place of the texture.
@@ -275,19 +293,21 @@ impl Cell {
 
 impl Canvas {
     fn painted(&self, skin: &[[u32; 3]], corners: &[Corner]) -> RgbImage {
-        let triangles: Vec<[Corner; 3]> = skin.iter().map(|t| t.map(|v| corners[v as usize])).filter(is_paintable).collect();
-        let mut cells = vec![Cell::EMPTY; (SIDE * SIDE) as usize];
-        cells.par_chunks_mut((BAND * SIDE) as usize).enumerate().for_each(|(k, band)| {
+        let side = self.side;
+        let triangles = skin.iter().map(|t| t.map(|v| corners[v as usize]));
+        let triangles: Vec<[Corner; 3]> = triangles.filter(|triangle| is_paintable(triangle, side)).collect();
+        let mut cells = vec![Cell::EMPTY; (side * side) as usize];
+        cells.par_chunks_mut((BAND * side) as usize).enumerate().for_each(|(k, band)| {
             triangles.iter().for_each(|triangle| self.paint(triangle, k as u32 * BAND, band));
         });
         wear(&mut cells);
-        pad(&mut cells);
+        pad(&mut cells, side as usize);
         let worn = || cells.iter().filter(|cell| !cell.is_empty());
         let count = worn().count().max(1) as f64;
         let mean: [f32; 3] = std::array::from_fn(|c| (worn().map(|cell| f64::from(cell.seen[c])).sum::<f64>() / count) as f32);
         let colour = |cell: &Cell| if cell.is_empty() { mean } else { cell.seen };
-        RgbImage::from_fn(SIDE, SIDE, |x, y| {
-            Rgb(colour(&cells[(y * SIDE + x) as usize]).map(|c| c.round().clamp(0.0, 255.0) as u8))
+        RgbImage::from_fn(side, side, |x, y| {
+            Rgb(colour(&cells[(y * side + x) as usize]).map(|c| c.round().clamp(0.0, 255.0) as u8))
         })
     }
 
@@ -304,16 +324,16 @@ impl Canvas {
 
     /// Paints what of a triangle lies in a band of rows from `first` on.
     fn paint(&self, triangle: &[Corner; 3], first: u32, band: &mut [Cell]) {
-        let [a, b, c] = triangle;
+        let ([a, b, c], side) = (triangle, self.side);
         let area = (b.at - a.at).perp(&(c.at - a.at));
         let ((left, right), (top, bottom)) = (span(triangle, 0), span(triangle, 1));
         let whole = |value: f64, low: u32, high: u32| value.clamp(f64::from(low), f64::from(high)) as u32;
-        let last = first + band.len() as u32 / SIDE - 1;
+        let last = first + band.len() as u32 / side - 1;
         if bottom + 0.5 < f64::from(first) || top - 0.5 > f64::from(last + 1) {
             return;
         }
         for y in whole(top - 0.5, first, last)..=whole(bottom + 0.5, first, last) {
-            for x in whole(left - 0.5, 0, SIDE - 1)..=whole(right + 0.5, 0, SIDE - 1) {
+            for x in whole(left - 0.5, 0, side - 1)..=whole(right + 0.5, 0, side - 1) {
                 let p = Point2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let (s, t) = ((p - a.at).perp(&(c.at - a.at)) / area, (b.at - a.at).perp(&(p - a.at)) / area);
                 let shares = [1.0 - s - t, s, t];
@@ -323,7 +343,7 @@ impl Canvas {
                 let mean =
                     |of: &dyn Fn(&Corner) -> f64| triangle.iter().zip(shares).map(|(corner, w)| of(corner) * w).sum::<f64>();
                 let facing = mean(&|k| k.facing);
-                let cell = &mut band[((y - first) * SIDE + x) as usize];
+                let cell = &mut band[((y - first) * side + x) as usize];
                 // Where the skin lies over itself, what is seen from the front is kept.
                 if cell.facing < facing as f32 {
                     let seen = Point2::new(mean(&|k| k.seen.x), mean(&|k| k.seen.y));
@@ -346,13 +366,13 @@ fn span(triangle: &[Corner; 3], axis: usize) -> (f64, f64) {
 }
 
 /// Whether a triangle is one in the texture: one that spans the back of the head would cover the face.
-fn is_paintable(triangle: &[Corner; 3]) -> bool {
+fn is_paintable(triangle: &[Corner; 3], side: u32) -> bool {
     let [a, b, c] = triangle;
     let extent = |axis: usize| {
         let (low, high) = span(triangle, axis);
         high - low
     };
-    (b.at - a.at).perp(&(c.at - a.at)).abs() >= 1e-9 && extent(0).max(extent(1)) <= f64::from(SIDE) / 4.0
+    (b.at - a.at).perp(&(c.at - a.at)).abs() >= 1e-9 && extent(0).max(extent(1)) <= f64::from(side) / 4.0
 }
 
 /// Mixes the portrait with the head's own colours in the portrait's tone.
@@ -372,8 +392,7 @@ fn wear(cells: &mut [Cell]) {
 }
 
 /// Gives places beside what is painted the mean of their neighbours' colours, [`PADDING`] times.
-fn pad(cells: &mut [Cell]) {
-    let side = SIDE as usize;
+fn pad(cells: &mut [Cell], side: usize) {
     let around = |at: usize| [at - 1, at + 1, at - side, at + side];
     let is_inner = |at: usize| (1..side - 1).contains(&(at % side)) && (1..side - 1).contains(&(at / side));
     let mut next: Vec<usize> = (0..cells.len())
@@ -415,7 +434,7 @@ mod tests {
     fn feature_points_wear_what_the_portrait_shows_there() {
         let (bank, tables) = (EmbeddedBank::Head.bank().unwrap(), Tables::candide3());
         let (picture, nodes) = portrait();
-        let texture = HeadTexture::new(&bank, &picture, &nodes, &tables).unwrap();
+        let texture = HeadTexture::with_side(512, &bank, &picture, &nodes, &tables).unwrap();
         assert!(texture.places.iter().flatten().all(|c| (0.0..=1.0).contains(c)));
         // The tip of the nose, a corner of the mouth, the middle of the lower lip.
         for (fp, node) in [("9.3", 5), ("8.4", 64), ("8.2", 8)] {
@@ -431,7 +450,8 @@ mod tests {
         assert_eq!(texture.worn.len() + texture.inside.len(), skin);
         assert!(texture.inside.len() > 20 && texture.inside.len() < skin / 10, "{} of {skin}", texture.inside.len());
         // Behind the head no portrait is seen: one tone.
-        let back = (0..bank.vertex_count()).filter(|&v| bank.mesh().positions()[v][2] < bank.mesh().bounds()[0][2] + 2.0);
+        let [low, _] = bank.mesh().bounds();
+        let back = (0..bank.vertex_count()).filter(|&v| bank.mesh().positions()[v][2] < low[2] + 2.0);
         let tones: std::collections::BTreeSet<u8> = back.map(|v| texture.colours[v][2]).collect();
         assert!(tones.last().unwrap() - tones.first().unwrap() < 40, "{tones:?}");
     }

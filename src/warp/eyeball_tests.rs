@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use super::*;
 use crate::{
     geometry::polygon::inside,
-    warp::test_face::{EYES, nodes},
+    warp::test_face::{self, EYES, nodes},
     warp::{MouthInside, NODE_COUNT, mouth::luma},
 };
 
@@ -27,7 +27,7 @@ fn centre(nodes: &[Point2<f64>], eye: usize) -> Point2<f64> {
 
 /// Skin, and between the lids a white with a round iris and a pupil, edges one pixel soft.
 fn drawn(nodes: &[Point2<f64>]) -> RgbImage {
-    let warp = Warp::new(nodes).unwrap();
+    let warp = test_face::warp();
     let outlines: Vec<Vec<Point2<f64>>> = warp.mesh.openings[1..]
         .iter()
         .map(|o| o.upper.iter().chain(o.lower.iter().rev()).map(|&v| warp.source[v as usize]).collect())
@@ -113,7 +113,7 @@ fn moved(upper: f64, lower: f64, corners: f64, gaze: Vector2<f64>) -> Vec<Point2
 #[test]
 fn a_drawn_iris_is_found_where_it_is() {
     let picture = drawn(&nodes());
-    let warp = Warp::new(&nodes()).unwrap().with_eyes(&Texture::new(&picture));
+    let warp = test_face::warp().with_eyes(&Texture::new(&picture));
     for (k, found) in warp.irises().into_iter().enumerate() {
         let (at, radius) = found.unwrap();
         assert!((at - centre(&nodes(), k + 1) - BESIDE).norm() < 0.012 * EYES, "{at} {radius}");
@@ -121,14 +121,14 @@ fn a_drawn_iris_is_found_where_it_is() {
     }
     assert_eq!(nodes().len(), NODE_COUNT);
     let plain = RgbImage::from_pixel(300, 380, Rgb([200; 3]));
-    assert_eq!(Warp::new(&nodes()).unwrap().with_eyes(&Texture::new(&plain)).irises(), [None, None]);
+    assert_eq!(test_face::warp().with_eyes(&Texture::new(&plain)).irises(), [None, None]);
 }
 
 #[test]
 fn irises_stay_round_within_a_tenth_when_lids_open_narrow_and_squint_and_the_gaze_turns() {
     let picture = drawn(&nodes());
     let texture = Texture::new(&picture);
-    let plain = Warp::new(&nodes()).unwrap();
+    let plain = test_face::warp();
     let warp = plain.clone().with_eyes(&texture);
     let none = Vector2::zeros();
     let motions = [
@@ -163,7 +163,7 @@ fn irises_stay_round_within_a_tenth_when_lids_open_narrow_and_squint_and_the_gaz
 fn eyes_that_do_not_move_are_the_photograph_to_the_bit() {
     let picture = drawn(&nodes());
     let texture = Texture::new(&picture);
-    let warp = Warp::new(&nodes()).unwrap().with_eyes(&texture);
+    let warp = test_face::warp().with_eyes(&texture);
     let mut smile = nodes();
     smile[31] += Vector2::new(6.0, -5.0);
     let frame = warp.render(&texture, &warp.deform(&smile).unwrap(), &MouthInside::Dark);

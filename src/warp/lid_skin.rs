@@ -201,7 +201,10 @@ mod tests {
     use super::*;
     use crate::{
         geometry::polygon::distance_to_line,
-        warp::{MouthInside, test_face::nodes},
+        warp::{
+            MouthInside,
+            test_face::{nodes, warp},
+        },
     };
 
     /// Skin; around the irises' centres dark circles in white; dark lashes that stand up to `reach` px over the upper lids.
@@ -230,7 +233,7 @@ mod tests {
         let nodes = nodes();
         let picture = drawn(&nodes, 4.0);
         let texture = Texture::new(&picture);
-        let warp = Warp::new(&nodes).unwrap().with_eyes(&texture);
+        let warp = warp().with_eyes(&texture);
         let mut shut = nodes.clone();
         for eye in &OPENINGS[1..] {
             for k in 1..4 {
@@ -254,7 +257,7 @@ mod tests {
     #[test]
     fn an_eye_that_shuts_in_the_middle_shuts_from_corner_to_corner() {
         let given = nodes();
-        let warp = Warp::new(&given).unwrap();
+        let warp = warp();
         let gap = |points: &[Point2<f64>], k: usize| {
             points[usize::from(OPENINGS[1].lower[k])].y - points[usize::from(OPENINGS[1].upper[k])].y
         };

@@ -410,8 +410,11 @@ fn check(nodes: &[Point2<f64>]) -> Result<(), WarpError> {
 /// The face that tests of the parts draw on.
 #[cfg(test)]
 mod test_face {
+    use std::sync::LazyLock;
+
     use nalgebra::Point2;
 
+    use super::Warp;
     use crate::wireframe::Wireframe;
 
     /// Distance of its eyes, px.
@@ -422,10 +425,18 @@ mod test_face {
         let scale = EYES / 0.6;
         Wireframe::candide3().vertices().iter().map(|v| Point2::new(150.0 + scale * v.x, 190.0 - scale * v.y)).collect()
     }
+
+    /// Its warp, made once for all tests.
+    pub fn warp() -> Warp {
+        static WARP: LazyLock<Warp> = LazyLock::new(|| Warp::new(&nodes()).unwrap());
+        WARP.clone()
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::LazyLock;
+
     use image::{Rgb, RgbImage};
     use proptest::prelude::*;
 
@@ -437,20 +448,26 @@ mod tests {
         Wireframe::candide3().vertices().iter().map(|v| Point2::new(100.0 + 80.0 * v.x, 110.0 - 80.0 * v.y)).collect()
     }
 
+    /// Its warp, made once for all tests.
+    fn warp() -> &'static Warp {
+        static WARP: LazyLock<Warp> = LazyLock::new(|| Warp::new(&face()).unwrap());
+        &WARP
+    }
+
     fn photograph() -> RgbImage {
         RgbImage::from_fn(200, 230, |x, y| Rgb([(x * 5 % 256) as u8, (y * 3 % 256) as u8, ((x * y) % 251) as u8]))
     }
 
     #[test]
     fn a_still_face_is_the_photograph_to_the_bit() {
-        let warp = Warp::new(&face()).unwrap();
+        let warp = warp();
         let picture = warp.render(&Texture::new(&photograph()), &warp.deform(&face()).unwrap(), &MouthInside::Dark);
         assert!(picture == photograph());
     }
 
     #[test]
     fn driving_nodes_are_where_they_were_asked_to_be_and_the_map_agrees() {
-        let warp = Warp::new(&face()).unwrap();
+        let warp = warp();
         let mut moved = face();
         moved[31] += Vector2::new(4.0, -3.0);
         moved[16] += Vector2::new(0.5, -4.0);
@@ -481,7 +498,7 @@ mod tests {
                 shut[usize::from(eye.upper[k])] = shut[usize::from(eye.lower[k])];
             }
         }
-        let warp = Warp::new(&nodes).unwrap();
+        let warp = warp();
         let frame = warp.render(&Texture::new(&picture), &warp.deform(&shut).unwrap(), &MouthInside::Dark);
         assert!(frame.pixels().all(|p| p.0[0] > 200), "black shows through shut lids");
     }
@@ -495,7 +512,7 @@ mod tests {
                 shut[usize::from(eye.upper[k])] = shut[usize::from(eye.lower[k])];
             }
         }
-        let warp = Warp::new(&nodes).unwrap();
+        let warp = warp();
         let frame = warp.deform(&shut).unwrap();
         for (lid, brow) in [(21, [17, 18]), (54, [50, 51])] {
             let above = nalgebra::center(&nodes[brow[0]], &nodes[brow[1]]);
@@ -522,7 +539,7 @@ mod tests {
         for n in [40, 83, 84, 8, 85, 86, 9, 10, 32, 65] {
             open[n].y += 12.0;
         }
-        let warp = Warp::new(&nodes).unwrap();
+        let warp = warp();
         let deformation = warp.deform(&open).unwrap();
         let frame = warp.render(&Texture::new(&picture), &deformation, &MouthInside::Dark);
         for x in 88..112 {
@@ -540,7 +557,7 @@ mod tests {
         for n in [40, 83, 84, 8, 85, 86, 9, 10, 32, 65] {
             open[n].y += 12.0;
         }
-        let warp = Warp::new(&face()).unwrap();
+        let warp = warp();
         let white = RgbImage::from_pixel(200, 230, Rgb([255; 3]));
         let frame = warp.render(&Texture::new(&white), &warp.deform(&open).unwrap(), &MouthInside::Dark);
         let middle = nalgebra::center(&open[87], &open[40]);
@@ -557,12 +574,12 @@ mod tests {
         nan[3].x = f64::NAN;
         assert_eq!(Warp::new(&nan).unwrap_err(), WarpError::NotFinite);
         assert_eq!(Warp::new(&vec![Point2::origin(); NODE_COUNT]).unwrap_err(), WarpError::NoEyes);
-        assert_eq!(Warp::new(&face()).unwrap().deform(&nan).unwrap_err(), WarpError::NotFinite);
+        assert_eq!(warp().deform(&nan).unwrap_err(), WarpError::NotFinite);
     }
 
     #[test]
     fn the_background_moves_when_it_is_asked_to() {
-        let warp = Warp::new(&face()).unwrap();
+        let warp = warp();
         let shift = Similarity { translation: Vector2::new(7.0, -4.0), ..Similarity::identity() };
         let moved: Vec<_> = face().iter().map(|p| shift.apply(p)).collect();
         let picture = photograph();
@@ -577,7 +594,7 @@ mod tests {
 
         #[test]
         fn no_motion_leaves_a_hole_or_a_fold(offsets in prop::collection::vec((-6.0..6.0f64, -6.0..6.0f64), NODE_COUNT)) {
-            let warp = Warp::new(&face()).unwrap();
+            let warp = warp();
             let moved: Vec<_> = face().iter().zip(&offsets).map(|(p, &(x, y))| p + Vector2::new(x, y)).collect();
             let audit = warp.audit(&warp.deform(&moved).unwrap(), (200, 230));
             prop_assert_eq!((audit.folded, audit.holes), (0, 0));

@@ -122,12 +122,15 @@ mod tests {
     use image::{Rgb, RgbImage};
 
     use super::*;
-    use crate::warp::{MouthInside, test_face::nodes};
+    use crate::warp::{
+        MouthInside,
+        test_face::{nodes, warp},
+    };
 
     #[test]
     fn the_line_between_lips_that_part_is_not_left_around_the_opening() {
         let nodes = nodes();
-        let warp = Warp::new(&nodes).unwrap();
+        let warp = warp();
         // Skin and lips of one colour; a dark line of 4 px where the lips meet.
         let moved = |nodes_moved: &[usize], by: f64| {
             let mut open = nodes.clone();
