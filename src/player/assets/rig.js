@@ -75,8 +75,9 @@ class Rig {
     }
     this.keepCorners(at);
     const parted = smoothStep(...PARTED, (this.level(at, 40) - this.level(at, 87)) / this.unit);
-    this.roundLip(at, 40, [83, 84], 1, parted);
-    this.roundLip(at, 87, [81, 82], -1, 0);
+    this.roundLip(at, 40, [83, 84], [88, 89], 1, parted);
+    this.roundLip(at, 87, [81, 82], [88, 89], -1, 0);
+    this.roundLip(at, 8, [85, 86], [31, 64], 1, 0);
     this.stretchUpperLip(at);
     this.archLids(at);
     for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
@@ -106,14 +107,14 @@ class Rig {
     }
   }
   /** Lips open round: `sign` 1 for the lower one, -1 for the upper one; `flat` is how much of the closed lip's bow is taken away. */
-  roundLip(at, centre, sides, sign, flat) {
+  roundLip(at, centre, sides, [first, last], sign, flat) {
     const { given } = this;
-    const line = (this.level(given, 88) + this.level(given, 89)) / 2;
+    const line = (this.level(given, first) + this.level(given, last)) / 2;
     const moved = (n) => sign * (this.level(at, n) - this.level(given, n) + flat * (this.level(given, n) - line));
-    const corners = (moved(88) + moved(89)) / 2;
+    const corners = (moved(first) + moved(last)) / 2;
     const middle = moved(centre) - corners, beside = (moved(sides[0]) + moved(sides[1])) / 2 - corners;
     const apart = (a, b) => Math.hypot(given[2 * a] - given[2 * b], given[2 * a + 1] - given[2 * b + 1]);
-    const width = apart(88, 89), place = width > 0 ? Math.min(apart(...sides) / width, 1) : 0.5;
+    const width = apart(first, last), place = width > 0 ? Math.min(apart(...sides) / width, 1) : 0.5;
     const least = Math.min((1 - place * place) ** LIP_FULLNESS, LIP_ROUND);
     let share;
     if (middle > 0 && beside < least * middle) share = least;
