@@ -2,6 +2,7 @@
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
 const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 16, UNFOLD_STEP = 0.2, LEAST_WEIGHT = 0.002, CLOSING = 0.6, OWN_STRETCH = 0.02;
+const CLING = 0.045, CLING_WITHIN = 0.35, CLING_UPPER = 0.4, CLINGING = [0.04, 0.1, 0.22], TURNED_AWAY = [0.6, 0.9];
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
 class Rig {
@@ -218,7 +219,30 @@ class Rig {
       const taken = smoothStep(...limits, parted);
       if (taken > 0) for (const [v, bow] of this.bows[lip]) this.shift(moved, v, -bow * taken);
     });
+    this.cling(this.openings[0], wanted, parted);
     for (const opening of this.openings) this.meet(opening, wanted);
+  }
+  /** Towards the corners of a mouth that a dropping lower lip opens a little, the lips lie on each other. */
+  cling({ upper, lower }, wanted, parted) {
+    const { moved, vertices, nodes, unit, down } = this;
+    const clinging = smoothStep(0, CLINGING[0], parted) * (1 - smoothStep(CLINGING[1], CLINGING[2], parted));
+    if (!(this.closed && clinging > 0)) return;
+    const fell = (n) => this.level(wanted, n) - this.level(nodes, n);
+    const reach = CLING * unit * clinging * smoothStep(...TURNED_AWAY, (fell(40) - fell(6)) / (parted * unit));
+    if (!(reach > 0)) return;
+    const [from, to] = [upper[0], upper[upper.length - 1]];
+    const way = [0, 1].map((axis) => vertices[2 * to + axis] - vertices[2 * from + axis]), length = Math.max(way[0] ** 2 + way[1] ** 2, 1e-12);
+    upper.forEach((a, k) => {
+      const b = lower[k];
+      if (a === b) return;
+      const along = ((vertices[2 * a] - vertices[2 * from]) * way[0] + (vertices[2 * a + 1] - vertices[2 * from + 1]) * way[1]) / length;
+      const touching = reach * (1 - smoothStep(0, CLING_WITHIN, Math.min(along, 1 - along)));
+      const gap = (moved[2 * b] - moved[2 * a]) * down[0] + (moved[2 * b + 1] - moved[2 * a + 1]) * down[1];
+      if (!(gap > 0 && touching > 0)) return;
+      const closer = gap + touching - Math.hypot(gap, touching);
+      this.shift(moved, a, CLING_UPPER * closer);
+      this.shift(moved, b, (CLING_UPPER - 1) * closer);
+    });
   }
   /** Where the edges of an opening would pass through each other they meet. */
   meet({ upper, lower, eyeball, stops, upperNodes, lowerNodes }, wanted) {
