@@ -281,10 +281,10 @@ impl<'a> Interior<'a> {
     fn lay_between(&self, x: f64, above_edge: f64, light: f64, from_corner: f64, colour: &mut [f32; 3]) {
         let along = smooth_step(0.44, 0.38, x.abs() / self.size) * smooth_step(0.0, 0.035, from_corner);
         let cover = BETWEEN.2 * smooth_step(-0.006, 0.006, above_edge) * smooth_step(0.125, 0.095, above_edge) * along;
-        for c in 0..3 {
+        (0..3).for_each(|c| {
             let seen = self.enamel[c] * BETWEEN.1[c] * (BETWEEN.0 * light) as f32;
             colour[c] += (seen - colour[c]) * cover as f32;
-        }
+        });
     }
 
     /// Both rows of teeth and the gum above the upper one.
