@@ -31,8 +31,11 @@ impl Target {
         let down = self.warp().down();
         // The further lips part, the less is left of their bow.
         let flat = smooth_step(PARTED.0, PARTED.1, self.parted(nodes));
-        self.round_lip(nodes, 40, [83, 84], down, flat);
-        self.round_lip(nodes, 87, [81, 82], -down, 0.0);
+        let inner = [88, 89];
+        self.round_lip(nodes, 40, [83, 84], inner, down, flat);
+        self.round_lip(nodes, 87, [81, 82], inner, -down, 0.0);
+        // The lower one's outer edge goes as round as its inner one: it would be a point otherwise, and the lip thin beside it.
+        self.round_lip(nodes, 8, [85, 86], [31, 64], down, 0.0);
         self.stretch_upper_lip(nodes);
         self.arch_lids(nodes);
     }
@@ -60,17 +63,19 @@ impl Target {
         nodes: &mut [Point2<f64>],
         middle_node: usize,
         beside_nodes: [usize; 2],
+        ends: [usize; 2],
         outwards: Vector2<f64>,
         flat: f64,
     ) {
         let neutral = self.fitted.model.nodes();
-        let line = nalgebra::center(&neutral[88], &neutral[89]);
+        let [first, last] = ends;
+        let line = nalgebra::center(&neutral[first], &neutral[last]);
         let moved = |n: usize| (nodes[n] - neutral[n]).dot(&outwards) + flat * (neutral[n] - line).dot(&outwards);
-        let corners = f64::midpoint(moved(88), moved(89));
+        let corners = f64::midpoint(moved(first), moved(last));
         let beside = f64::midpoint(moved(beside_nodes[0]), moved(beside_nodes[1])) - corners;
         let middle = moved(middle_node) - corners;
         // Where they are between the middle (0) and the corners (1).
-        let width = (neutral[88] - neutral[89]).norm();
+        let width = (neutral[first] - neutral[last]).norm();
         let place =
             if width > 0.0 { ((neutral[beside_nodes[0]] - neutral[beside_nodes[1]]).norm() / width).min(1.0) } else { 0.5 };
         let least = (1.0 - place * place).powf(LIP_FULLNESS).min(LIP_ROUND);

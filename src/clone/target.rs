@@ -377,6 +377,19 @@ mod tests {
     }
 
     #[test]
+    fn the_outer_edge_of_a_lower_lip_that_drops_is_round() {
+        // Its middle goes down, the points beside it hardly do: they go at least on an arch through it.
+        let (start, nodes) =
+            moved(&[(8, Vector2::new(0.0, -20.0)), (85, Vector2::new(0.0, -2.0)), (86, Vector2::new(0.0, -2.0))]);
+        let down = |n: usize| nodes[n].y - start[n].y;
+        assert!(down(85) > 6.0 && down(85) < down(8) && (down(85) - down(86)).abs() < 1e-6, "{} {}", down(85), down(8));
+        // One that goes round already stays.
+        let (start, nodes) =
+            moved(&[(8, Vector2::new(0.0, -20.0)), (85, Vector2::new(0.0, -18.0)), (86, Vector2::new(0.0, -18.0))]);
+        assert!((nodes[8].y - start[8].y - 20.0).abs() < 1e-6);
+    }
+
+    #[test]
     fn the_end_of_the_opening_goes_with_the_corner_of_the_mouth() {
         let at = |way: Vector2<f64>| moved(&[31, 64].map(|n| (n, way)));
         // Half a pixel: the piece between them turns and stretches a little, its end stays. Up by 14: it turns by 0.55 and keeps 1.15 of its

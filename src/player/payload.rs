@@ -268,6 +268,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "lip": rig.lip,
         "enamel": rig.enamel,
         "teethSize": rig.teeth_size,
+        "inside": rig.inside,
         "onSkin": pack::single(places_on_skin(target)?.iter().flat_map(|p| [p.x, p.y])),
         "foldPowers": fold_powers(target),
         "tone": { "lines": rig.tone.0, "share": rig.tone.1 },

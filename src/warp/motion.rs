@@ -5,6 +5,7 @@ use nalgebra::{Point2, Vector2};
 use super::{
     Warp,
     layout::{self, OPENINGS, OpeningNodes},
+    seam,
 };
 use crate::{geometry::Similarity, interpolation::smooth_step};
 
@@ -18,6 +19,14 @@ const BESIDE_MIDDLE: f64 = 1.35;
 /// at which they have none: an upper lip is drawn over teeth.
 const PARTED: [(f64, f64); 2] = [(0.03, 0.10), (0.06, 0.20)];
 
+/// How near to each other lips lie on each other at the corners of a mouth that opens a little, over the eye distance, up to which share of
+/// its width, and the upper lip's share of the way.
+const CLING: f64 = 0.045;
+const CLING_WITHIN: f64 = 0.35;
+const CLING_UPPER: f64 = 0.4;
+/// Distances of the lips over the eye distance: where that has begun, where it begins to cease, and where it has ceased.
+const CLINGING: (f64, f64, f64) = (0.04, 0.10, 0.22);
+
 impl Warp {
     /// Vertices of a frame whose driving nodes are at `wanted`, all else having moved by `around`.
     pub(super) fn vertices_of(&self, wanted: &[Point2<f64>], around: &Similarity) -> Vec<Point2<f64>> {
@@ -28,8 +37,35 @@ impl Warp {
             let taken = smooth_step(from, to, parted);
             bows.iter().filter(|_| taken > 0.0).for_each(|&(v, bow)| moved[v] -= down * (bow * taken));
         }
+        self.cling(&mut moved, wanted, parted, &down);
         self.meet(&mut moved, wanted);
         moved
+    }
+
+    /// Draws the lips together towards the corners of a mouth that a dropping lower lip opens a little: thick and soft as they are, they lie on each
+    /// other there, and leave each other in a line, not in a wedge. Where the upper lip is raised, or the mouth gapes, they are stretched.
+    fn cling(&self, moved: &mut [Point2<f64>], wanted: &[Point2<f64>], parted: f64, down: &Vector2<f64>) {
+        let clinging = smooth_step(0.0, CLINGING.0, parted) * (1.0 - smooth_step(CLINGING.1, CLINGING.2, parted));
+        if !(self.closed && clinging > 0.0) {
+            return;
+        }
+        let fell = |n: usize| self.frame.height(&wanted[n]) - self.frame.height(&self.nodes[n]);
+        let (low, high) = seam::TURNED_AWAY;
+        let reach = CLING * clinging * smooth_step(low, high, (fell(40) - fell(6)) / (parted * self.frame.eye_distance));
+        let mouth = &self.mesh.openings[0];
+        let edges = mouth.upper.iter().zip(&mouth.lower);
+        let [first, .., last] = mouth.upper[..] else { return };
+        let (start, way) = (self.source[first as usize], self.source[last as usize] - self.source[first as usize]);
+        for (&a, &b) in edges.filter(|(a, b)| reach > 0.0 && a != b) {
+            let along = (self.source[a as usize] - start).dot(&way) / way.norm_squared().max(1e-12);
+            let touching = reach * self.frame.eye_distance * (1.0 - smooth_step(0.0, CLING_WITHIN, along.min(1.0 - along)));
+            let gap = (moved[b as usize] - moved[a as usize]).dot(down);
+            if gap > 0.0 && touching > 0.0 {
+                let closer = gap + touching - gap.hypot(touching);
+                moved[a as usize] += down * (CLING_UPPER * closer);
+                moved[b as usize] -= down * ((1.0 - CLING_UPPER) * closer);
+            }
+        }
     }
 
     /// The bows of the upper and the lower lip's edge in the texture; none where it shows them open.
@@ -145,4 +181,39 @@ pub fn eye_motion(
     let gaze = middle(wanted) - eye.apply(&middle(base));
     let limit = MAX_GAZE * eye_distance;
     (eye, if gaze.norm() > limit { gaze * (limit / gaze.norm()) } else { gaze })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::warp::test_face::{EYES, nodes};
+
+    /// Distances of the lips, px, at places of the opening from the one corner to the other, when some nodes go down.
+    fn gaps(moved: &[(usize, f64)]) -> Vec<f64> {
+        let nodes = nodes();
+        let warp = Warp::new(&nodes).unwrap();
+        let mut open = nodes.clone();
+        moved.iter().for_each(|&(n, by)| open[n].y += by * EYES);
+        let frame = warp.deform(&open).unwrap();
+        let mouth = &warp.mesh.openings[0];
+        mouth.upper.iter().zip(&mouth.lower).map(|(&a, &b)| frame.vertices[b as usize].y - frame.vertices[a as usize].y).collect()
+    }
+
+    /// The share of the middle's gap an eighth of the way from the corner.
+    fn beside_corner(gaps: &[f64]) -> f64 {
+        gaps[gaps.len() / 8] / gaps[gaps.len() / 2]
+    }
+
+    #[test]
+    fn lips_that_part_a_little_lie_on_each_other_towards_the_corners() {
+        let lower = |by: f64| [40, 83, 84, 8, 85, 86, 9, 10].map(|n| (n, by));
+        let (little, wide) = (gaps(&lower(0.08)), gaps(&lower(0.30)));
+        // The middle opens as far as it was asked to; towards the corners the gap is narrower than that of a mouth that gapes.
+        assert!((little[little.len() / 2] - 0.08 * EYES).abs() < 0.01 * EYES, "{little:?}");
+        assert!(beside_corner(&little) < 0.6 * beside_corner(&wide), "{} {}", beside_corner(&little), beside_corner(&wide));
+        assert!(little.iter().all(|gap| *gap >= 0.0));
+        // An upper lip that is raised leaves the corners open.
+        let raised = gaps(&[87, 81, 82, 7, 33, 66].map(|n| (n, -0.08)));
+        assert!(beside_corner(&raised) > 1.3 * beside_corner(&little), "{} {}", beside_corner(&raised), beside_corner(&little));
+    }
 }

@@ -26,6 +26,9 @@ pub const TEETH_WHITE: f32 = 200.0;
 
 /// How far the upper incisors reach below the closed lips, over the eye distance (2.8 mm of a mean 63 mm between the pupils).
 const UPPER_BELOW_LIPS: f64 = 0.058;
+/// A lip is long or short, and shows less or more of them: its length from the base of the nose on the mean of 59 people, over the eye distance, by
+/// how much less the teeth reach below a longer one, and at most.
+const UPPER_LIP: (f64, f64, f64) = (0.375, 0.30, 0.012);
 /// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline, where the lower lip
 /// has dropped, and where the upper one is raised.
 const FLATTER: (f64, f64) = (0.12, 0.22);
@@ -50,13 +53,31 @@ const LOWER_SHARE: f64 = 0.88;
 /// colour, of the lip's own.
 struct Wet(f64, f64, [f32; 3]);
 /// Of lips in shadow, and of the upper and the lower one in the light.
-const WET: Wet = Wet(0.034, 0.42, [0.74, 0.60, 0.60]);
-const WET_LIT: [Wet; 2] = [Wet(0.030, 0.34, [0.70, 0.56, 0.56]), Wet(0.022, 0.26, [0.90, 0.76, 0.76])];
+const WET: Wet = Wet(0.024, 0.28, [0.74, 0.60, 0.60]);
+const WET_LIT: [Wet; 2] = [Wet(0.020, 0.34, [0.83, 0.76, 0.76]), Wet(0.022, 0.26, [0.90, 0.76, 0.76])];
 /// Width of a mouth over the eye distance whose teeth are as large as the picture's, the power by which they grow with it, and the limits.
 const MOUTH: (f64, f64) = (0.62, 0.6);
 const TEETH_SIZES: (f64, f64) = (0.86, 1.12);
 /// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
 const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
+/// Light on what lies behind the upper lip, and on the tops of the teeth, of all that falls on it further down: in the shadow of a lip, and
+/// where it is raised. On smiles of 32 people nothing below it is darker than the lip itself.
+const BEHIND_LIP: (f64, f64) = (0.58, 0.85);
+const TOPS: (f64, f64) = (0.56, 0.80);
+/// How much darker the side teeth are, which turn away, and how far from the corners their dark begins, likewise. The picture has what the same
+/// 32 smiles lose to the sides: a raised lip takes hardly more.
+const TURNED: (f64, f64) = (0.40, 0.10);
+const CORNERS_DARK: (f64, f64) = (0.14, 0.10);
+/// The edge of the row on the picture, at the square of the distance from the midline.
+const ROW_EDGE: f64 = 0.60;
+/// How much of the crowns the picture shows, over the eye distance: of the incisors, how much less at the square of the distance from the midline,
+/// and at least. Lips cover the rest in the smiles that it is made of; a lip that is raised further shows it, up to the whole crown.
+const CROWNS_SHOWN: (f64, f64, f64) = (0.122, 0.35, 0.05);
+const CROWN: f64 = 0.165;
+/// How far crowns go under the lip.
+const TUCKED: f64 = 0.01;
+/// What is seen between two crowns, of the row's light, its tint, and how much of it covers what lies behind.
+const BETWEEN: (f64, [f32; 3], f64) = (0.55, [0.92, 0.86, 0.80], 0.85);
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
 const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
@@ -71,8 +92,12 @@ const LOWER_LIGHT: (f64, f64) = (0.69, 0.18);
 const LOWER_TINT: [f32; 3] = [1.0, 0.94, 0.84];
 /// The tongue: half its width over that of the mouth, brightness behind and how much more of it there is at the tip, and its colour over that of flesh.
 const TONGUE: (f64, f64, f64, [f32; 3]) = (0.38, 0.40, 0.72, [1.0, 0.95, 0.96]);
+/// Its height over the gap of the lips; it lies lower in a long jaw: length from the lips to the chin on the mean of 59 people, over the eye
+/// distance, by how much less high it is in a longer one, and at most.
+const TONGUE_HEIGHT: f64 = 0.56;
+const JAW: (f64, f64, f64) = (0.78, 1.0, 0.07);
 /// Height of what a raised lip bares above the teeth, over the eye distance.
-const GUM_ABOVE: f64 = 0.118;
+const GUM_ABOVE: f64 = 0.163;
 
 /// Whether the inside of the mouth shows teeth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,6 +129,7 @@ struct Interior<'a> {
     tone: Tone,
     /// Size of the teeth over that of the picture's.
     size: f64,
+    proportions: Proportions,
     teeth: Option<&'a Rgba32FImage>,
 }
 
@@ -165,6 +191,7 @@ impl<'a> Interior<'a> {
             enamel: enamel(warp, texture),
             tone: Tone::of(texture, &warp.nodes),
             size: teeth_size(warp),
+            proportions: Proportions::of(warp),
             teeth: match arches {
                 Arches::Shown => teeth(),
                 Arches::Hidden => None,
@@ -192,10 +219,11 @@ impl<'a> Interior<'a> {
         self.lay_tongue((x, y), lower, open, &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
-        let shadow = (0.58 + 0.42 * smooth_step(0.0, 0.06, below_upper)) * (0.75 + 0.25 * smooth_step(0.0, 0.03, above_lower));
+        let behind = self.by_light(BEHIND_LIP);
+        let shadow =
+            (behind + (1.0 - behind) * smooth_step(0.0, 0.06, below_upper)) * (0.75 + 0.25 * smooth_step(0.0, 0.03, above_lower));
         let rounds: [f64; 2] = std::array::from_fn(|k| {
-            let lit = |dark: f64, light: f64| dark + (light - dark) * self.lit;
-            let (most, share) = (lit(WET.0, WET_LIT[k].0), lit(WET.1, WET_LIT[k].1));
+            let (most, share) = (self.by_light((WET.0, WET_LIT[k].0)), self.by_light((WET.1, WET_LIT[k].1)));
             let width = most.min(share * (lower - upper).max(0.0)).max(1e-6);
             1.0 - smooth_step(0.0, width, [below_upper, above_lower][k])
         });
@@ -210,6 +238,11 @@ impl<'a> Interior<'a> {
             };
             wet(0, wet(1, inside))
         })
+    }
+
+    /// A number between that of lips in shadow and that of lips in the light.
+    fn by_light(&self, (dark, light): (f64, f64)) -> f64 {
+        dark + (light - dark) * self.lit
     }
 
     /// The colour of the lips, made redder by `warm`, at a brightness.
@@ -228,7 +261,7 @@ impl<'a> Interior<'a> {
             return;
         }
         let floor = line_at(&self.lower, 0.0).unwrap_or(lower);
-        let height = 0.56 * self.gap * within.sqrt();
+        let height = self.proportions.tongue * self.gap * within.sqrt();
         let top = floor - height;
         let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
@@ -244,12 +277,22 @@ impl<'a> Interior<'a> {
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
 
+    /// What is seen between the upper crowns: not the dark of the mouth, but teeth in their own shadow.
+    fn lay_between(&self, x: f64, above_edge: f64, light: f64, from_corner: f64, colour: &mut [f32; 3]) {
+        let along = smooth_step(0.44, 0.38, x.abs() / self.size) * smooth_step(0.0, 0.035, from_corner);
+        let cover = BETWEEN.2 * smooth_step(-0.006, 0.006, above_edge) * smooth_step(0.125, 0.095, above_edge) * along;
+        (0..3).for_each(|c| {
+            let seen = self.enamel[c] * BETWEEN.1[c] * (BETWEEN.0 * light) as f32;
+            colour[c] += (seen - colour[c]) * cover as f32;
+        });
+    }
+
     /// Both rows of teeth and the gum above the upper one.
     fn lay_arches(&self, (x, y): (f64, f64), below_upper: f64, above_lower: f64, from_corner: f64, colour: &mut [f32; 3]) {
         let Some(picture) = self.teeth else { return };
         // The row turns away to the sides, and is lost in the dark of the cheeks towards the corners.
-        let turned = 1.0 - 0.40 * smooth_step(0.10, 0.30, x.abs() / self.size);
-        let side = (0.25 + 0.75 * smooth_step(0.0, 0.14, from_corner)) * turned;
+        let turned = 1.0 - self.by_light(TURNED) * smooth_step(0.10, 0.30, x.abs() / self.size);
+        let side = (0.25 + 0.75 * smooth_step(0.0, self.by_light(CORNERS_DARK), from_corner)) * turned;
         let row = |dx: f64, dy: f64, brightness: f64, tint: [f32; 3], colour: &mut [f32; 3]| {
             let Some((tooth, cover)) = sampled(picture, dx / self.size, dy / self.size) else { return };
             let cover = cover * smooth_step(0.0, 0.035, from_corner) as f32;
@@ -279,7 +322,7 @@ impl<'a> Interior<'a> {
             );
             (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * shown as f32);
         }
-        let upper_y = y - UPPER_BELOW_LIPS - (FLATTER.0 + (FLATTER.1 - FLATTER.0) * self.lit + FLATTER_GAPING * gaping) * x * x;
+        let upper_y = y - self.proportions.incisors - (self.by_light(FLATTER) + FLATTER_GAPING * gaping) * x * x;
         // Above the crowns is gum.
         let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
         if gum > 0.0 {
@@ -289,13 +332,23 @@ impl<'a> Interior<'a> {
         // The lip's shadow on their tops, and a wet light on the front ones.
         let wet: f64 = WET_LIGHTS.iter().map(|&(at, size)| size * (-((x.abs() - at) / 0.016).powi(2)).exp()).sum();
         let wet = wet * (-((upper_y + 0.045) / 0.014).powi(2)).exp();
-        let light = 0.56 + 0.44 * smooth_step(0.0, 0.05, below_upper) + wet;
+        let tops = self.by_light(TOPS);
+        let light = tops + (1.0 - tops) * smooth_step(0.0, 0.05, below_upper) + wet;
+        let edge = -ROW_EDGE * x * x / self.size;
+        let above_edge = (edge - upper_y) / crowns_longer(x / self.size, (edge - upper_y + below_upper) / self.size);
+        self.lay_between(x, above_edge, light * side, from_corner, colour);
         // A sliver of tooth that the lip all but hides is in the lip's shadow.
         let bared = smooth_step(0.0, 0.03, below_upper + above_lower);
         let before = *colour;
-        row(x, upper_y, light, [1.0; 3], colour);
+        row(x, edge - above_edge, light, [1.0; 3], colour);
         (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * bared as f32);
     }
+}
+
+/// By how much the crowns at a place of the row are longer than the picture shows them, for a lip that is so high above their edge.
+fn crowns_longer(x: f64, lip_above: f64) -> f64 {
+    let shown = (CROWNS_SHOWN.0 - CROWNS_SHOWN.1 * x * x).max(CROWNS_SHOWN.2);
+    ((lip_above + TUCKED) / shown).clamp(1.0, CROWN / shown)
 }
 
 /// Values from -1 to 1 that change smoothly from one whole number to the next, the same on every machine: a lattice of hashed values.
@@ -364,6 +417,29 @@ pub fn luma([r, g, b]: [f32; 3]) -> f32 {
 /// Brightness, less where it is red: skin, and a lid below its crease, are not the white of an eye.
 pub fn whiteness(colour: [f32; 3]) -> f32 {
     luma(colour) - 0.8 * (colour[0] - colour[1]).max(0.0)
+}
+
+/// What of a mouth's inside goes by the face around it, which keeps it from being alike on everybody.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Proportions {
+    /// How far the upper incisors reach below the closed lips, over the eye distance: a short lip shows more of them.
+    pub incisors: f64,
+    /// Height of the tongue over the gap of the lips: it lies lower in a long jaw.
+    pub tongue: f64,
+}
+
+impl Proportions {
+    /// Those of a face.
+    pub fn of(warp: &Warp) -> Self {
+        let length = |from: usize, to: usize| warp.frame.height(&warp.nodes[to]) - warp.frame.height(&warp.nodes[from]);
+        Self::by(length(6, 87) / warp.frame.eye_distance, length(40, 10) / warp.frame.eye_distance)
+    }
+
+    /// Those of a face whose upper lip and jaw have these lengths, over the eye distance.
+    fn by(lip: f64, jaw: f64) -> Self {
+        let less = |(mean, share, most): (f64, f64, f64), length: f64| (share * (length - mean)).clamp(-most, most);
+        Self { incisors: UPPER_BELOW_LIPS - less(UPPER_LIP, lip), tongue: TONGUE_HEIGHT - less(JAW, jaw) }
+    }
 }
 
 /// Size of the teeth over that of the picture's: a wide mouth has larger ones, which keeps them from being alike on everybody.
@@ -458,6 +534,31 @@ mod tests {
             let (left, right) = (sampled(picture, -x, -0.07).unwrap(), sampled(picture, x, -0.07).unwrap());
             assert!((left.1 - right.1).abs() < 0.12 && (left.0[1] - right.0[1]).abs() < 12.0, "{x}: {left:?} {right:?}");
         }
+    }
+
+    #[test]
+    fn crowns_are_as_long_as_a_raised_lip_shows_them_and_no_longer() {
+        // A lip that hides their tops leaves them as the picture has them.
+        assert_eq!(crowns_longer(0.0, 0.08), 1.0);
+        assert_eq!(crowns_longer(0.3, 0.05), 1.0);
+        // One that is raised above what the picture shows has them below it, in the middle as beside it.
+        let longer = crowns_longer(0.0, 0.14);
+        assert!((longer * CROWNS_SHOWN.0 - (0.14 + TUCKED)).abs() < 1e-12 && crowns_longer(0.35, 0.14) > longer);
+        // Above a whole crown is gum.
+        assert!((crowns_longer(0.0, 0.5) * CROWNS_SHOWN.0 - CROWN).abs() < 1e-12);
+        assert!((crowns_longer(0.4, 0.5) * (CROWNS_SHOWN.0 - CROWNS_SHOWN.1 * 0.16) - CROWN).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_short_lip_shows_more_of_the_incisors_and_a_long_jaw_less_of_the_tongue() {
+        let mean = Proportions::by(UPPER_LIP.0, JAW.0);
+        assert_eq!(mean, Proportions { incisors: UPPER_BELOW_LIPS, tongue: TONGUE_HEIGHT });
+        let (short, long) = (Proportions::by(UPPER_LIP.0 - 0.02, JAW.0), Proportions::by(UPPER_LIP.0, JAW.0 + 0.05));
+        assert!((short.incisors - mean.incisors - 0.006).abs() < 1e-12 && short.tongue == mean.tongue);
+        assert!((mean.tongue - long.tongue - 0.05).abs() < 1e-12 && long.incisors == mean.incisors);
+        // What a bad fit measures changes no more than people differ.
+        let bad = Proportions::by(5.0, -5.0);
+        assert!((mean.incisors - bad.incisors - UPPER_LIP.2).abs() < 1e-12 && (bad.tongue - mean.tongue - JAW.2).abs() < 1e-12);
     }
 
     #[test]

@@ -30,8 +30,8 @@ const CLOSING: f64 = 0.6;
 const ROLL: f64 = 0.040;
 const ROLLED: (f64, f64) = (0.01, 0.10);
 const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
-/// Share of that on a lower lip which faces the light.
-const ROLLED_BELOW: f64 = 0.4;
+/// Shares of that where the upper lip is raised: on itself, and on a lower one, which faces the light then.
+const ROLLED_LIT: [f64; 2] = [0.5, 0.4];
 /// Half the width of the line of lashes, over the eye distance.
 const LASHES: f64 = 0.024;
 
@@ -159,12 +159,12 @@ fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, seam: &Seam, tone: &Tone, 
         return;
     }
     let width = ROLL * unit;
-    let below = 1.0 - (1.0 - ROLLED_BELOW) * seam.lit;
+    let shares = ROLLED_LIT.map(|share| 1.0 - (1.0 - share) * seam.lit);
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {
         let at = Point2::new(f64::from(x), f64::from(y));
         let near = lips.each_ref().map(|lip| (1.0 - distance_within(lip, &at, width) / width).max(0.0));
-        let near = (near[0] * near[0]).max(below * near[1] * near[1]);
+        let near = (shares[0] * near[0] * near[0]).max(shares[1] * near[1] * near[1]);
         if near > 0.0 {
             let share = (strength * near) as f32;
             let pixel = frame.get_pixel_mut(x, y);

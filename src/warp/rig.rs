@@ -41,6 +41,8 @@ pub struct Rig {
     pub enamel: [f32; 3],
     /// Size of the teeth over that of the picture's.
     pub teeth_size: f64,
+    /// How far the upper incisors reach below the closed lips, over the eye distance, and the height of the tongue over the gap of the lips.
+    pub inside: [f64; 2],
     /// The tone of a photograph without colours: level at brightness 0 and its rise, for red, green and blue, and how much of that holds.
     pub tone: ([[f32; 2]; 3], f32),
 }
@@ -99,7 +101,7 @@ impl Warp {
             lashes: openings::lash_colour(self, mesh, texture),
             lid: self.lids.get(k).cloned().flatten(),
         });
-        let tone = Tone::of(texture, &self.nodes);
+        let (tone, proportions) = (Tone::of(texture, &self.nodes), mouth::Proportions::of(self));
         Rig {
             given: self.given.clone(),
             nodes: self.nodes.clone(),
@@ -118,6 +120,7 @@ impl Warp {
             lip: mouth::lip_colour(self, texture),
             enamel: mouth::enamel(self, texture),
             teeth_size: mouth::teeth_size(self),
+            inside: [proportions.incisors, proportions.tongue],
             tone: (tone.lines, tone.share),
         }
     }

@@ -27,7 +27,7 @@ const WITHIN: (f64, f64) = (0.06, 0.34);
 const DARKER: f64 = 0.10;
 
 /// Shares of the gap by which the lower lip has dropped between which its edge turns away from the light.
-const TURNED_AWAY: (f64, f64) = (0.60, 0.90);
+pub const TURNED_AWAY: (f64, f64) = (0.60, 0.90);
 
 /// The line in one frame, and how lips part there.
 pub struct Seam {

@@ -31,7 +31,7 @@ precision highp float;
 varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
 uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform vec3 enamel; uniform vec2 ends; uniform vec2 teethSize;
 uniform vec2 teethOrigin; uniform float teethScale; uniform float white; uniform float gap; uniform float jaw; uniform float floorY;
-uniform float shown; uniform float lit; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
+uniform float shown; uniform float lit; uniform float scale; uniform float incisors; uniform float tongue; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
 vec3 tinted(vec3 warm, float light) {
   vec3 grey = vec3(0.3, 0.59, 0.11);
   float luma = max(dot(lip, grey), min(60.0 / 255.0, 0.5 * dot(enamel, grey)));
@@ -56,7 +56,7 @@ void main() {
   vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side)), light0);
   float across = x / max(0.38 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
-    float height = 0.56 * gap * sqrt(within), top = floorY - height;
+    float height = tongue * gap * sqrt(within), top = floorY - height;
     float cover = smoothstep(-0.015, 0.05, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
     float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.20 * exp(-(x / 0.026) * (x / 0.026)) * (0.3 + 0.7 * tip);
     float sheen = 0.08 * open * within * smoothstep(0.25, 0.60, tip) * (1.0 - smoothstep(0.70, 1.05, tip));
@@ -64,7 +64,7 @@ void main() {
     colour = mix(colour, tinted(vec3(1.0, 0.95, 0.96), light), cover);
   }
   if (shown > 0.5) {
-    float turned = (0.25 + 0.75 * smoothstep(0.0, 0.14, fromCorner)) * (1.0 - 0.40 * smoothstep(0.10, 0.30, abs(x)));
+    float turned = (0.25 + 0.75 * smoothstep(0.0, mix(0.14, 0.10, lit), fromCorner)) * (1.0 - mix(0.40, 0.10, lit) * smoothstep(0.10, 0.30, abs(x) / scale));
     float gaping = smoothstep(0.14, 0.34, gap);
     float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.007 - 0.061 * smoothstep(0.05, 0.12, floorY - jaw)) + 1.5 * gaping * x * x;
     float part = smoothstep(0.02, 0.08, jaw);
@@ -72,15 +72,21 @@ void main() {
       float light = (0.69 - 0.18 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
       colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, vec3(1.0, 0.94, 0.84), turned, fromCorner, colour), part);
     }
-    float upperY = y - 0.058 - (mix(0.12, 0.22, lit) + 0.60 * gaping) * x * x;
-    float gum = smoothstep(0.088, 0.118, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
+    float upperY = y - incisors - (mix(0.12, 0.22, lit) + 0.60 * gaping) * x * x;
+    float gum = smoothstep(0.133, 0.163, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * turned), gum);
-    float light = 0.56 + 0.44 * smoothstep(0.0, 0.05, belowUpper);
-    colour = mix(colour, row(vec2(x, upperY), light, vec3(1.0), turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
+    float light = mix(mix(0.56, 0.80, lit), 1.0, smoothstep(0.0, 0.05, belowUpper));
+    // Crowns as long as a raised lip shows them, and what is seen between them.
+    float edge = -0.60 * x * x / scale, crown = max(0.122 - 0.35 * (x / scale) * (x / scale), 0.05);
+    float above = (edge - upperY) / clamp(((edge - upperY + belowUpper) / scale + 0.01) / crown, 1.0, 0.165 / crown);
+    float between = (1.0 - smoothstep(0.38, 0.44, abs(x) / scale)) * smoothstep(0.0, 0.035, fromCorner);
+    between *= 0.85 * smoothstep(-0.006, 0.006, above) * (1.0 - smoothstep(0.095, 0.125, above));
+    colour = mix(colour, enamel * vec3(0.92, 0.86, 0.80) * 0.55 * light * turned, between);
+    colour = mix(colour, row(vec2(x, edge - above), light, vec3(1.0), turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
-  float shadow = (0.58 + 0.42 * smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
+  float shadow = mix(mix(0.58, 0.85, lit), 1.0, smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
   // Of the upper lip and the lower one.
-  vec2 most = mix(vec2(0.034), vec2(0.030, 0.022), lit), part = mix(vec2(0.42), vec2(0.34, 0.26), lit);
+  vec2 most = mix(vec2(0.024), vec2(0.020, 0.022), lit), part = mix(vec2(0.28), vec2(0.34, 0.26), lit);
   vec2 width = max(min(most, part * max(lower - upper, 0.0)), 1e-6);
   // A gap as narrow as a line is lip, not cavity.
   vec2 round = max(1.0 - smoothstep(vec2(0.0), width, vec2(belowUpper, aboveLower)), 1.0 - smoothstep(0.004, 0.03, lower - upper));
@@ -89,7 +95,7 @@ void main() {
   vec3 inside = mix(colour * shadow, near * 0.52, 0.9 * sealed);
   vec3 dark = vec3(0.74, 0.60, 0.60);
   vec3 seen = mix(inside, near * mix(dark, vec3(0.90, 0.76, 0.76), lit), 0.85 * round.y);
-  seen = mix(seen, near * mix(dark, vec3(0.70, 0.56, 0.56), lit), 0.85 * round.x);
+  seen = mix(seen, near * mix(dark, vec3(0.83, 0.76, 0.76), lit), 0.85 * round.x);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
 }`;
 const LASH_VERTEX = `
@@ -365,7 +371,7 @@ class GlStage {
     this.uniform(mouth, "ends", ...m.ends);
     this.uniform(mouth, "teethSize", this.teeth.image.naturalWidth, this.teeth.image.naturalHeight);
     this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
-    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0]]) this.uniform(mouth, name, value);
+    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0], ["scale", rig.teethSize], ["incisors", rig.inside[0]], ["tongue", rig.inside[1]]]) this.uniform(mouth, name, value);
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.teethTexture);
     gl.uniform1i(mouth.at("teeth")[1], 1);

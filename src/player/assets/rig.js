@@ -2,6 +2,7 @@
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
 const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 16, UNFOLD_STEP = 0.2, LEAST_WEIGHT = 0.002, CLOSING = 0.6, OWN_STRETCH = 0.02;
+const CLING = 0.045, CLING_WITHIN = 0.35, CLING_UPPER = 0.4, CLINGING = [0.04, 0.1, 0.22], TURNED_AWAY = [0.6, 0.9];
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
 class Rig {
@@ -75,8 +76,9 @@ class Rig {
     }
     this.keepCorners(at);
     const parted = smoothStep(...PARTED, (this.level(at, 40) - this.level(at, 87)) / this.unit);
-    this.roundLip(at, 40, [83, 84], 1, parted);
-    this.roundLip(at, 87, [81, 82], -1, 0);
+    this.roundLip(at, 40, [83, 84], [88, 89], 1, parted);
+    this.roundLip(at, 87, [81, 82], [88, 89], -1, 0);
+    this.roundLip(at, 8, [85, 86], [31, 64], 1, 0);
     this.stretchUpperLip(at);
     this.archLids(at);
     for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
@@ -106,14 +108,14 @@ class Rig {
     }
   }
   /** Lips open round: `sign` 1 for the lower one, -1 for the upper one; `flat` is how much of the closed lip's bow is taken away. */
-  roundLip(at, centre, sides, sign, flat) {
+  roundLip(at, centre, sides, [first, last], sign, flat) {
     const { given } = this;
-    const line = (this.level(given, 88) + this.level(given, 89)) / 2;
+    const line = (this.level(given, first) + this.level(given, last)) / 2;
     const moved = (n) => sign * (this.level(at, n) - this.level(given, n) + flat * (this.level(given, n) - line));
-    const corners = (moved(88) + moved(89)) / 2;
+    const corners = (moved(first) + moved(last)) / 2;
     const middle = moved(centre) - corners, beside = (moved(sides[0]) + moved(sides[1])) / 2 - corners;
     const apart = (a, b) => Math.hypot(given[2 * a] - given[2 * b], given[2 * a + 1] - given[2 * b + 1]);
-    const width = apart(88, 89), place = width > 0 ? Math.min(apart(...sides) / width, 1) : 0.5;
+    const width = apart(first, last), place = width > 0 ? Math.min(apart(...sides) / width, 1) : 0.5;
     const least = Math.min((1 - place * place) ** LIP_FULLNESS, LIP_ROUND);
     let share;
     if (middle > 0 && beside < least * middle) share = least;
@@ -217,7 +219,30 @@ class Rig {
       const taken = smoothStep(...limits, parted);
       if (taken > 0) for (const [v, bow] of this.bows[lip]) this.shift(moved, v, -bow * taken);
     });
+    this.cling(this.openings[0], wanted, parted);
     for (const opening of this.openings) this.meet(opening, wanted);
+  }
+  /** Towards the corners of a mouth that a dropping lower lip opens a little, the lips lie on each other. */
+  cling({ upper, lower }, wanted, parted) {
+    const { moved, vertices, nodes, unit, down } = this;
+    const clinging = smoothStep(0, CLINGING[0], parted) * (1 - smoothStep(CLINGING[1], CLINGING[2], parted));
+    if (!(this.closed && clinging > 0)) return;
+    const fell = (n) => this.level(wanted, n) - this.level(nodes, n);
+    const reach = CLING * unit * clinging * smoothStep(...TURNED_AWAY, (fell(40) - fell(6)) / (parted * unit));
+    if (!(reach > 0)) return;
+    const [from, to] = [upper[0], upper[upper.length - 1]];
+    const way = [0, 1].map((axis) => vertices[2 * to + axis] - vertices[2 * from + axis]), length = Math.max(way[0] ** 2 + way[1] ** 2, 1e-12);
+    upper.forEach((a, k) => {
+      const b = lower[k];
+      if (a === b) return;
+      const along = ((vertices[2 * a] - vertices[2 * from]) * way[0] + (vertices[2 * a + 1] - vertices[2 * from + 1]) * way[1]) / length;
+      const touching = reach * (1 - smoothStep(0, CLING_WITHIN, Math.min(along, 1 - along)));
+      const gap = (moved[2 * b] - moved[2 * a]) * down[0] + (moved[2 * b + 1] - moved[2 * a + 1]) * down[1];
+      if (!(gap > 0 && touching > 0)) return;
+      const closer = gap + touching - Math.hypot(gap, touching);
+      this.shift(moved, a, CLING_UPPER * closer);
+      this.shift(moved, b, (CLING_UPPER - 1) * closer);
+    });
   }
   /** Where the edges of an opening would pass through each other they meet. */
   meet({ upper, lower, eyeball, stops, upperNodes, lowerNodes }, wanted) {
