@@ -29,7 +29,7 @@ pub use clock::Clock;
 pub use colour::{ColourReader, MAX_SIDE, colour_of, read_colour, read_colour_frames};
 pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder, grey_of};
-pub use film::{FilmError, check_video, write_video};
+pub use film::{FilmError, LONGEST_FRAME_S, check_video, write_video};
 pub use limit::{DEFAULT_MAX_PIXELS, set_max_pixels};
 
 /// Width and height in pixels.
