@@ -216,6 +216,20 @@ impl SequenceReader {
         Ok(Self { source, size: None, content: ContentHasher::default() })
     }
 
+    /// Opens a part of a sequence of images, which is as bright as in the whole one; the whole sequence of other sources.
+    ///
+    /// # Errors
+    /// As [`SequenceReader::open`].
+    pub(crate) fn open_part(part: &FrameSource, whole: &FrameSource) -> Result<Self, SequenceError> {
+        let mut reader = Self::open(part)?;
+        if let (Source::Images { decoder, .. }, FrameSource::Images(files)) = (&mut reader.source, whole)
+            && let Some(first) = files.first()
+        {
+            *decoder = GrayDecoder::of_sequence(&first.path);
+        }
+        Ok(reader)
+    }
+
     /// How fast the frames that were read follow on each other, by their own times; of images nobody knows.
     pub(crate) fn clock(&self) -> Clock {
         match &self.source {
@@ -331,7 +345,19 @@ impl Iterator for SequenceReader {
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
-    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| GrayDecoder::default().decode(&bytes));
+    read_with(path, GrayDecoder::default())
+}
+
+/// [`read_frame`] of a frame of a sequence that begins with the picture `first`: as bright as when the sequence is read.
+///
+/// # Errors
+/// As [`read_frame`].
+pub(crate) fn read_frame_of(path: &Path, first: &Path) -> Result<Frame, SequenceError> {
+    read_with(path, if path == first { GrayDecoder::default() } else { GrayDecoder::of_sequence(first) })
+}
+
+fn read_with(path: &Path, mut decoder: GrayDecoder) -> Result<Frame, SequenceError> {
+    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
     let image = decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })?;
     Ok(Frame { number: 0, image })
 }
