@@ -8,7 +8,7 @@ use super::{
     DecodeError, SequenceError,
     decode::{bits_of, other_pixels},
     still::{Wanted, decode},
-    video::{Next, Stream},
+    stream::{self, Next, Stream},
 };
 use crate::{
     companion::wire::Pixels,
@@ -53,7 +53,7 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
         FrameSource::Video { path, .. } => {
             let error = |reason: &str| SequenceError::Video { path: path.clone(), reason: reason.to_owned() };
             let first = wanted.iter().copied().min().unwrap_or(1).max(1);
-            let mut stream = Stream::open(path, true, first)?;
+            let mut stream = Stream::open(path, stream::Wanted::Colour { first })?;
             let mut frames = Vec::new();
             for number in first..=wanted.iter().copied().max().unwrap_or(0) {
                 let Next::Frame(Pixels { width, height, data, .. }) = stream.next()? else {
@@ -86,7 +86,11 @@ impl ColourReader {
             FrameSource::Images(files) => Colours::Images { files: files.clone().into_iter(), bits: None },
             FrameSource::Video { path, first, .. } => {
                 let first = first.unwrap_or(1).max(1);
-                Colours::Video { stream: Box::new(Stream::open(path, true, first)?), next: first, ended: false }
+                Colours::Video {
+                    stream: Box::new(Stream::open(path, stream::Wanted::Colour { first })?),
+                    next: first,
+                    ended: false,
+                }
             }
         }))
     }

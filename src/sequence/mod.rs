@@ -11,7 +11,9 @@ mod decode;
 mod film;
 mod jpeg;
 mod limit;
+mod packets;
 mod still;
+mod stream;
 mod video;
 mod webm;
 
@@ -153,6 +155,18 @@ pub enum SequenceError {
         path: PathBuf,
         /// What happened.
         reason: String,
+    },
+    /// A video that is damaged in its middle: frames are missing, and those behind them would get wrong numbers.
+    #[error(
+        "{}: damaged behind frame {last}: frames that are in the file cannot be decoded there, and those behind them would get wrong \
+         numbers; frames 1 to {last} can be used, or a copy that is whole",
+        path.display()
+    )]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The last frame before the damage.
+        last: u32,
     },
     /// The program that decodes videos is not there, or ended in the middle.
     #[error("{}: {source}", path.display())]
