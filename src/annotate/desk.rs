@@ -77,8 +77,7 @@ impl Desk {
         };
         let failures: Vec<String> = dataset.failures.iter().map(|f| f.error.to_string()).collect();
         let count_marks = |entry: &SequenceEntry| {
-            let file = entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path);
-            read_correspondences(file, &bench.tables, bench.wireframe.node_count()).map_or(0, |marks| marks.len())
+            read_correspondences(entry.marks_path(), &bench.tables, bench.wireframe.node_count()).map_or(0, |marks| marks.len())
         };
         let items: Vec<Item> = dataset
             .sequences
@@ -120,16 +119,19 @@ impl Desk {
         &self.failures
     }
 
+    /// The dataset's folder, without links.
+    fn resolved(&self) -> PathBuf {
+        fs::canonicalize(&self.root).unwrap_or_else(|_| self.root.clone())
+    }
+
     /// Name of the dataset.
     pub fn title(&self) -> String {
-        let resolved = fs::canonicalize(&self.root).unwrap_or_else(|_| self.root.clone());
-        resolved.file_name().map_or_else(|| "dataset".to_owned(), |name| name.to_string_lossy().into_owned())
+        self.resolved().file_name().map_or_else(|| "dataset".to_owned(), |name| name.to_string_lossy().into_owned())
     }
 
     /// What tells this dataset from others of its name, in 16 digits.
     pub fn key(&self) -> String {
-        let resolved = fs::canonicalize(&self.root).unwrap_or_else(|_| self.root.clone());
-        blake3::hash(resolved.as_os_str().as_encoded_bytes()).to_hex()[..16].to_owned()
+        blake3::hash(self.resolved().as_os_str().as_encoded_bytes()).to_hex()[..16].to_owned()
     }
 
     /// The sequences on the page.
@@ -174,9 +176,9 @@ impl Desk {
             marks: marks.iter().map(Mark::from).collect(),
             version: version(&item.entry),
             file: if self.is_picture {
-                marks_path(&item.entry).file_name().unwrap_or_default().to_string_lossy().into_owned()
+                item.entry.marks_path().file_name().unwrap_or_default().to_string_lossy().into_owned()
             } else {
-                relative(&self.root, marks_path(&item.entry))
+                relative(&self.root, item.entry.marks_path())
             },
             problem,
         })
@@ -213,7 +215,7 @@ impl Desk {
     }
 
     fn write_marks(&self, entry: &mut SequenceEntry, marks: &[Correspondence]) -> Result<(), RequestError> {
-        let file = marks_path(entry).to_owned();
+        let file = entry.marks_path().to_owned();
         let manifest = self.manifest();
         if marks.is_empty() {
             // Without marks the sequence is as it was before the first one: landmarks serve again where there are any.
@@ -429,7 +431,7 @@ impl Desk {
 
     /// The marks of a sequence; none where there is no file.
     fn read_marks(&self, entry: &SequenceEntry) -> Result<Vec<Correspondence>, String> {
-        let path = marks_path(entry);
+        let path = entry.marks_path();
         if !path.exists() {
             return Ok(Vec::new());
         }
@@ -491,10 +493,6 @@ fn find<'a>(items: &'a mut [Item], id: &str) -> Result<&'a mut Item, RequestErro
     items.iter_mut().find(|item| item.entry.id.to_string() == id).ok_or_else(|| no_sequence(id))
 }
 
-fn marks_path(entry: &SequenceEntry) -> &Path {
-    entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path)
-}
-
 /// Neutral and apex frame of a sequence: those that the manifest names, else the first and the last; and what is to be said where it names
 /// one that is not there, before anything is marked on another.
 fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32, Option<String>), RequestError> {
@@ -520,13 +518,13 @@ fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
 /// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.
 fn version(entry: &SequenceEntry) -> String {
     let mut hasher = blake3::Hasher::new();
-    match crate::input::read(marks_path(entry)) {
+    match crate::input::read(entry.marks_path()) {
         Ok(bytes) => hasher.update(&[1]).update(&bytes),
         Err(_) => hasher.update(&[0]),
     };
     let SequenceEntry { frames_path, first_frame, last_frame, landmarks_paths, .. } = entry;
     // The path of the marks, not who names it: the first save enters the default path into the manifest.
-    for path in [marks_path(entry), frames_path].into_iter().chain(landmarks_paths.iter().map(PathBuf::as_path)) {
+    for path in [entry.marks_path(), frames_path].into_iter().chain(landmarks_paths.iter().map(PathBuf::as_path)) {
         hasher.update(path.as_os_str().as_encoded_bytes()).update(&[0]);
     }
     hasher.update(format!("{first_frame:?} {last_frame:?}").as_bytes());

@@ -38,8 +38,8 @@ pub struct Accepted {
 
 impl Desk {
     /// Saves the marks found in every sequence that has none, where half of them are expected to be less than `limit` percent of the eye
-    /// distance off and no single one is expected to be more than three times that: those are left out. A mark set by hand always wins, and of several faces a person has to
-    /// say which one is meant.
+    /// distance off and no single one is expected to be more than three times that: those are left out. A mark set by hand always wins,
+    /// and of several faces a person has to say which one is meant.
     pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Accepted {
         let open: Vec<SequenceId> = self.unmarked();
         let done = std::sync::atomic::AtomicUsize::new(0);

@@ -10,7 +10,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use super::RequestError;
 use crate::{
     dataset::{FrameFile, FrameSource, is_picture, list_frames},
-    sequence::{Frame, ImageSize, SequenceReader, read_frame},
+    sequence::{Frame, ImageSize, SequenceReader, read_frame, read_frame_of},
 };
 
 /// Most frames of a video that are kept for scrubbing.
@@ -84,7 +84,7 @@ impl FrameShelf {
         match frames_at(path)? {
             FrameSource::Images(files) => {
                 let file = files.iter().find(|f| f.number == number).ok_or_else(missing)?;
-                image_file(&file.path)
+                image_file(&file.path, files.first().map_or(&file.path, |first| &first.path))
             }
             source @ FrameSource::Video { .. } => {
                 let frames = self.video(path, &source, named)?;
@@ -179,10 +179,11 @@ fn frames_at(path: &Path) -> Result<FrameSource, RequestError> {
     list_frames(path, None, None).map_err(RequestError::refused)
 }
 
-/// An image file as it is where browsers show it right, decoded to grey where they do not.
-fn image_file(path: &Path) -> Result<Picture, RequestError> {
+/// An image file of a sequence that begins with the picture `first`: as it is where browsers show it right, decoded to grey where they do
+/// not.
+fn image_file(path: &Path, first: &Path) -> Result<Picture, RequestError> {
     // Only a whole image is given out, whatever the file is called: this decodes it.
-    let frame = read_frame(path).map_err(RequestError::refused)?;
+    let frame = read_frame_of(path, first).map_err(RequestError::refused)?;
     let bytes = crate::input::read(path).map_err(RequestError::failed)?;
     match browser_type(&bytes) {
         Some(mime) => Ok(Picture { mime, bytes }),

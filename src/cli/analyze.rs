@@ -126,6 +126,12 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
         file.node_count(),
         bench.wireframe.node_count()
     );
+    if let Some(column) = bench.options.by.iter().find(|column| file.not_read.contains(column)) {
+        anyhow::bail!(
+            "{}: column `{column}` holds neither text nor plain numbers (a date, a decimal fraction, a list); save it as text to group by it",
+            path.display()
+        );
+    }
     let analysis = if file.memory() <= args.memory {
         analyze(load_columnar(&file)?, Vec::new(), bench)?
     } else {

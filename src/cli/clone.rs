@@ -3,7 +3,10 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use grimace::{
@@ -224,7 +227,7 @@ impl Args {
 struct Source<'a> {
     path: &'a Path,
     motion: SourceMotion,
-    pictures: Option<Vec<RgbImage>>,
+    pictures: Option<Arc<[RgbImage]>>,
     skin: Option<SourceSkin>,
 }
 
@@ -346,6 +349,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
             }
             let pictures =
                 args.look.source_frames.as_ref().map(|folder| source_pictures(folder, &motion, info.as_ref())).transpose()?;
+            let pictures = pictures.map(Arc::from);
             let skin = skin_of(&args.look.skin, path, &motion, bench)?;
             Ok(Source { path, motion, pictures, skin })
         };
@@ -418,7 +422,7 @@ impl Job<'_> {
             folder.display()
         );
         let details = match &source.pictures {
-            Some(pictures) => Some(Details::new(target, &source.motion, pictures.clone())?),
+            Some(pictures) => Some(Details::new(target, &source.motion, Arc::clone(pictures))?),
             None => None,
         };
         let options = self.args.options(&source.motion);

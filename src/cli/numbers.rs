@@ -4,6 +4,7 @@ use std::{
     error::Error as _,
     fmt::Display,
     num::{IntErrorKind, ParseFloatError, ParseIntError},
+    ops::RangeInclusive,
     str::FromStr,
 };
 
@@ -42,15 +43,20 @@ fn number(text: &str, fits: impl Fn(f64) -> bool, expected: &str) -> Result<f64,
     }
 }
 
+/// A number within bounds, which `said` names.
+pub fn within(text: &str, bounds: RangeInclusive<f64>, said: &str) -> Result<f64, String> {
+    number(text, |v| bounds.contains(&v), &format!("a number from {said}"))
+}
+
 pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
 /// Gains, over a stiffness of 1, whose equations can be solved in double precision.
-const GAINS: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
+const GAINS: RangeInclusive<f64> = 1e-9..=1e9;
 
 pub fn gain(text: &str) -> Result<f64, String> {
-    number(text, |v| GAINS.contains(&v), "a number from 1e-9 to 1e9")
+    within(text, GAINS, "1e-9 to 1e9")
 }
 
 pub fn gain_or_none(text: &str) -> Result<f64, String> {
@@ -114,9 +120,9 @@ pub fn memory(text: &str) -> Result<u64, String> {
 }
 
 pub fn share(text: &str) -> Result<f64, String> {
-    number(text, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1")
+    within(text, 0.0..=1.0, "0 to 1")
 }
 
 pub fn power(text: &str) -> Result<f64, String> {
-    number(text, |v| (0.5..=0.99).contains(&v), "a number from 0.5 to 0.99")
+    within(text, 0.5..=0.99, "0.5 to 0.99")
 }

@@ -8,9 +8,11 @@ use std::{
 use super::{
     Outcome,
     apart::{all, check_apart, maybe},
-    bank, numbers, portrait,
+    bank,
+    numbers::{self, within},
+    portrait,
     progress::frame_bar,
-    shared::{about, positive, set_threads, thread_count},
+    shared::{about, gain, positive, set_threads, thread_count},
     synthesize_report::Report,
 };
 use anyhow::Context;
@@ -199,28 +201,18 @@ struct TimeArgs {
     #[arg(long = "loop")]
     there_and_back: bool,
     /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units
-    #[arg(long, value_parser = scale, value_name = "FACTOR")]
+    #[arg(long, value_parser = gain, value_name = "FACTOR")]
     scale: Option<f64>,
 }
-
-/// Frames per second that times in single precision tell apart.
-const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.001..=10_000.0;
 
 /// Most frames that are synthesized.
 const MOST_FRAMES: f64 = 360_000.0;
 
-fn frame_rate(text: &str) -> Result<f64, String> {
-    positive(text)
-        .ok()
-        .filter(|fps| FRAME_RATES.contains(fps))
-        .ok_or_else(|| format!("expected a number from {} to {}", FRAME_RATES.start(), FRAME_RATES.end()))
-}
+/// Frames per second that times in single precision tell apart.
+const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.001..=10_000.0;
 
-fn scale(text: &str) -> Result<f64, String> {
-    positive(text)
-        .ok()
-        .filter(|scale| (1e-9..=1e9).contains(scale))
-        .ok_or_else(|| "expected a number from 1e-9 to 1e9".to_owned())
+fn frame_rate(text: &str) -> Result<f64, String> {
+    within(text, FRAME_RATES, "0.001 to 10000")
 }
 
 fn regions(text: &str) -> Result<usize, String> {

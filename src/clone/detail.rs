@@ -7,6 +7,8 @@
 //! frames (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
 //! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target.
 
+use std::sync::Arc;
+
 use image::{GrayImage, RgbImage};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
@@ -91,7 +93,7 @@ const TEETH_GAP: f64 = 0.012;
 /// ```
 #[derive(Debug)]
 pub struct Details {
-    frames: Vec<RgbImage>,
+    frames: Arc<[RgbImage]>,
     /// Neutral frame in the geometry of the target.
     neutral: Vec<f32>,
     placements: Vec<Placement>,
@@ -107,11 +109,13 @@ pub struct Details {
 }
 
 impl Details {
-    /// Prepares the details of a source for a target; `frames` are the colour pictures of the source's track, in its order.
+    /// Prepares the details of a source for a target; `frames` are the colour pictures of the source's track, in its order. They are not
+    /// copied: a caller who needs them, too, or again for another target, shares them as an [`Arc`].
     ///
     /// # Errors
     /// [`CloneError::NoSourceFrames`] when the source is no track or has other frames.
-    pub fn new(target: &Target, source: &SourceMotion, frames: Vec<RgbImage>) -> Result<Self, CloneError> {
+    pub fn new(target: &Target, source: &SourceMotion, frames: impl Into<Arc<[RgbImage]>>) -> Result<Self, CloneError> {
+        let frames = frames.into();
         if source.frames.is_empty() {
             let reason = "wrinkles and teeth need a tracked sequence as source: a representative or a FAP file has no pictures";
             return Err(CloneError::NoSourceFrames(reason.to_owned()));
@@ -335,6 +339,22 @@ pub(super) fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pictures_of_the_source_are_held_once() {
+        let face = crate::wireframe::Face::candide3();
+        let marks =
+            crate::correspondence::read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113);
+        let fitter = crate::fit::Fitter::new(&face.wireframe, crate::fit::FitOptions::default());
+        let picture = image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8();
+        let target = Target::new("P01", picture.clone(), &marks.unwrap(), &fitter, &face).unwrap();
+        let nodes = target.fitted.model.nodes().to_vec();
+        let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
+        let source = SourceMotion { frames: vec![(1, nodes.clone()), (2, nodes)], ..source };
+        let frames: Arc<[RgbImage]> = vec![picture.clone(), picture].into();
+        let details = Details::new(&target, &source, Arc::clone(&frames)).unwrap();
+        assert!(Arc::ptr_eq(&details.frames, &frames));
+    }
 
     #[test]
     fn smoothing_keeps_what_is_even_and_the_sum_of_what_is_not() {

@@ -194,6 +194,25 @@ pub enum CloneError {
         /// Most frames.
         most: usize,
     },
+    /// A length in which there is no second frame.
+    #[error(
+        "{seconds} s at {fps} frames per second are less than half a frame: the film would last longer than that; choose a longer \
+         duration or a higher frame rate"
+    )]
+    TooFewFrames {
+        /// Seconds from the first to the last frame.
+        seconds: f64,
+        /// Frames per second.
+        fps: f64,
+    },
+    /// A film whose frames would be shown for longer than films can say.
+    #[error("a frame would be shown for {seconds:.0} s, and films show one for {most} s at most; choose a higher frame rate")]
+    TooSlow {
+        /// Seconds for which a frame would be shown.
+        seconds: f64,
+        /// The longest time.
+        most: f64,
+    },
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),

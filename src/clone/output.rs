@@ -174,6 +174,7 @@ pub fn write_clone(
     let file = |k: usize| folder.join(name(k));
     // What encodes films may be missing: that is said before frames are drawn.
     for film in films {
+        picture::check_rate(clone.fps)?;
         if matches!(film, Film::Mp4 | Film::Webm) {
             check_video(&folder.join(film.file_name()), clone.fps, clone.target().picture.dimensions())?;
         }

@@ -7,6 +7,7 @@ use image::{
 
 use super::CloneError;
 use crate::render::{LABEL_HEIGHT, Labelled, in_few_colours, write_label};
+use crate::sequence::LONGEST_FRAME_S;
 
 /// Width of the gap between pictures of a sheet, px.
 const GAP: u32 = 6;
@@ -78,6 +79,17 @@ pub fn at_height(picture: &RgbImage, height: u32) -> RgbImage {
 
 /// Hundredths of a second that a frame of a GIF is shown at least: what is shorter, viewers show for a tenth of a second.
 const LEAST_DELAY: u64 = 2;
+/// Hundredths of a second that a frame of a GIF is shown at most.
+const MOST_DELAY: u64 = u16::MAX as u64;
+
+/// Refuses rates at which a frame would be shown for longer than every kind of film can say.
+///
+/// # Errors
+/// [`CloneError::TooSlow`].
+pub fn check_rate(fps: f64) -> Result<(), CloneError> {
+    let (seconds, most) = (1.0 / fps, LONGEST_FRAME_S);
+    if seconds <= most { Ok(()) } else { Err(CloneError::TooSlow { seconds, most }) }
+}
 
 /// An animated GIF that repeats for ever: 256 colours, and times in hundredths of a second. Frames are taken one after the other.
 ///
@@ -85,16 +97,18 @@ const LEAST_DELAY: u64 = 2;
 /// other too fast for the format, some are left out.
 ///
 /// # Errors
-/// [`CloneError::Encode`] when a side is over 65535 px; what `frames` gives as error.
+/// [`CloneError::TooSlow`] for frames that the format cannot show for so long; [`CloneError::Encode`] when a side is over 65535 px; what
+/// `frames` gives as error.
 pub fn animated_gif(frames: impl IntoIterator<Item = Result<RgbImage, CloneError>>, fps: f64) -> Result<Vec<u8>, CloneError> {
+    check_rate(fps)?;
     let error = |e: image::ImageError| CloneError::Encode { what: "the GIF", reason: e.to_string() };
-    let end_of = |k: usize| ((k + 1) as f64 * 100.0 / fps.max(0.1)).round() as u64;
+    let end_of = |k: usize| ((k + 1) as f64 * 100.0 / fps).round() as u64;
     let mut bytes = Vec::new();
     {
         let mut encoder = GifEncoder::new(&mut bytes);
         encoder.set_repeat(Repeat::Infinite).map_err(error)?;
         let mut show = |picture: RgbImage, hundredths: u64| {
-            let delay = Delay::from_numer_denom_ms((10 * hundredths.max(LEAST_DELAY)).min(655_350) as u32, 1);
+            let delay = Delay::from_numer_denom_ms((10 * hundredths.clamp(LEAST_DELAY, MOST_DELAY)) as u32, 1);
             encoder.encode_frame(Frame::from_parts(in_few_colours(&picture), 0, 0, delay)).map_err(error)
         };
         let (mut start, mut shown) = (0, None);
@@ -199,6 +213,10 @@ mod tests {
         // 100 frames a second: every other one.
         assert_eq!(times(6, 100.0), [2, 2, 2]);
         assert_eq!(times(1, 25.0), [4]);
+        // Slow ones are as slow as in the other formats; a frame of more than 655 s is in none.
+        assert_eq!(times(3, 0.05), [2000, 2000, 2000]);
+        assert_eq!(times(2, 1.0 / 655.0), [65_500, 65_500]);
+        assert!(matches!(animated_gif(vec![], 0.001), Err(CloneError::TooSlow { most: 655.0, .. })));
     }
 
     #[test]

@@ -111,10 +111,15 @@ impl Timing {
     /// Frames per second and the moments of all frames, the first and the last frame of the source included.
     ///
     /// # Errors
-    /// [`CloneError::TooManyFrames`].
+    /// [`CloneError::TooManyFrames`]; [`CloneError::TooFewFrames`] for a length and a rate that contradict each other.
     pub fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
         let fps = self.fps.or(source.fps).unwrap_or(f64::from(FPS));
-        let count = (self.duration.unwrap_or(source.seconds()) * fps).round().max(1.0) + 1.0;
+        let seconds = self.duration.unwrap_or(source.seconds());
+        let steps = (seconds * fps).round();
+        if steps < 1.0 && (self.fps.is_some() || self.duration.is_some()) {
+            return Err(CloneError::TooFewFrames { seconds, fps });
+        }
+        let count = steps.max(1.0) + 1.0;
         if !(count <= MAX_FRAMES as f64) {
             return Err(CloneError::TooManyFrames { frames: count, most: MAX_FRAMES });
         }
@@ -307,6 +312,20 @@ mod tests {
         assert_eq!(moments.len(), 11);
         assert!((moments[2].offsets[31] - motion.offsets[2][31]).norm() < 1e-6);
         assert!((moments[10].offsets[31] - motion.offsets[4][31]).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_length_in_which_there_is_no_second_frame_is_refused() {
+        let motion = happiness();
+        let of = |fps: f64, duration: f64| {
+            Timing { fps: Some(fps), duration: Some(duration), ..Timing::default() }
+                .moments(&motion)
+                .map(|(_, moments)| moments.len())
+        };
+        // Two seconds at 0.3 frames per second are 0.6 frames, about one; at 0.2 the film would last five seconds instead of two.
+        assert_eq!(of(0.3, 2.0).unwrap(), 2);
+        assert!(matches!(of(0.2, 2.0), Err(CloneError::TooFewFrames { seconds: 2.0, fps: 0.2 })));
+        assert!(matches!(Timing { fps: Some(0.4), ..Timing::default() }.moments(&motion), Err(CloneError::TooFewFrames { .. })));
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! | `subject`, `sequence`, `emotion` | text | as in the manifest, emotions in lower case |
 //! | `id` | text | `SUBJECT_SEQUENCE`, the same name as in every table; written, and not needed when read |
 //! | further columns of the manifest | text | as in the manifest; empty where missing; a null counts as empty |
+//! | further columns of other programs | whole numbers, fractions, yes and no | as a manifest would have them (`34`, `0.5`, `true`); NaN and null are empty; read, never written |
 //! | `x_M_K`, `y_M_K` | double | node K in frame M (from 0), face units |
 //!
 //! The file's own metadata say the unit, the program and the version of this schema. All digits, no compression, rows sorted by
@@ -12,6 +13,7 @@
 //! programs wrote over this one may have columns in another order, nullable types or Snappy compression.
 
 mod lengths;
+mod number;
 mod read;
 mod write;
 

@@ -12,7 +12,7 @@ use nalgebra::{Point2, Vector2};
 use parquet::{
     basic::Type as PhysicalType,
     column::reader::{ColumnReader, get_typed_column_reader},
-    data_type::{ByteArray, ByteArrayType, DataType, DoubleType},
+    data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type, Int64Type},
     errors::ParquetError,
     file::reader::{ChunkReader, FileReader, Length, SerializedFileReader},
 };
@@ -20,6 +20,7 @@ use parquet::{
 use super::{
     ColumnarError, ID, NAMES, coordinate,
     lengths::{PageLengths, check_footer},
+    number::Number,
 };
 use crate::{
     foreign::caught,
@@ -139,8 +140,10 @@ pub struct ColumnarModels {
     pub ids: Vec<SequenceId>,
     /// Emotions by row.
     pub emotions: Vec<String>,
-    /// Further text columns: name and values by row.
+    /// Further columns of text and numbers: name and values by row, as a table in CSV has them.
     pub metadata: BTreeMap<String, Vec<String>>,
+    /// Further columns that are neither: dates, decimal fractions, lists.
+    pub not_read: Vec<String>,
     frames: usize,
     nodes: usize,
     /// Column of frame m, node k, axis a at (m * nodes + k) * 2 + a.
@@ -172,11 +175,20 @@ impl ColumnarModels {
         check_rows(&reader, length).map_err(damaged)?;
         let schema = reader.metadata().file_metadata().schema_descr_ptr();
         let (mut numbers, mut texts) = (BTreeMap::new(), BTreeMap::new());
+        let (mut further, mut not_read) = (Vec::new(), Vec::new());
         for (place, column) in schema.columns().iter().enumerate() {
             let is_flat = column.path().parts().len() == 1 && column.max_rep_level() == 0;
             match column.physical_type() {
                 PhysicalType::DOUBLE if is_flat => drop(numbers.insert(column.name().to_owned(), place)),
                 PhysicalType::BYTE_ARRAY if is_flat => drop(texts.insert(column.name().to_owned(), place)),
+                _ => {}
+            }
+            let is_ours = parse_coordinate(column.name()).is_some() || NAMES.contains(&column.name()) || column.name() == ID;
+            match Number::of(column).filter(|_| is_flat) {
+                Some(number) if !is_ours => further.push((column.name().to_owned(), place, number)),
+                None if !(is_flat && column.physical_type() == PhysicalType::BYTE_ARRAY) => {
+                    not_read.extend(column.path().parts().first().cloned());
+                }
                 _ => {}
             }
         }
@@ -202,6 +214,7 @@ impl ColumnarModels {
             ids: Vec::new(),
             emotions: Vec::new(),
             metadata: BTreeMap::new(),
+            not_read,
             frames,
             nodes,
             columns,
@@ -222,6 +235,10 @@ impl ColumnarModels {
         }
         for (name, place) in texts.into_iter().filter(|(name, _)| name != ID) {
             let values = file.texts(place, &name, true)?;
+            file.metadata.insert(name, values);
+        }
+        for (name, place, number) in further {
+            let values = file.numbers(place, &name, number)?;
             file.metadata.insert(name, values);
         }
         if file.ids.is_empty() {
@@ -252,18 +269,24 @@ impl ColumnarModels {
 
     /// All values of a column, which must be there in every row.
     fn values<T: DataType>(&self, place: usize, name: &str) -> Result<Vec<T::T>, ColumnarError> {
-        self.values_or::<T>(place, name, None)
+        self.values_as::<T, _>(place, name, None, |value| value)
     }
 
-    /// All values of a column, nulls as `null` where that is given.
-    fn values_or<T: DataType>(&self, place: usize, name: &str, null: Option<&T::T>) -> Result<Vec<T::T>, ColumnarError> {
+    /// All values of a column as `make` makes them, nulls as `null` where that is given.
+    fn values_as<T: DataType, V: Clone>(
+        &self,
+        place: usize,
+        name: &str,
+        null: Option<&V>,
+        make: impl Fn(T::T) -> V,
+    ) -> Result<Vec<V>, ColumnarError> {
         let damaged = |reason| ColumnarError::Parquet { path: self.path.clone(), reason: format!("column `{name}`: {reason}") };
         let rows = self.reader.metadata().file_metadata().num_rows() as usize;
-        let mut values: Vec<T::T> = Vec::new();
+        let mut values = Vec::new();
         for group in 0..self.reader.num_row_groups() {
             self.check_pages(group, place).map_err(damaged)?;
             let before = values.len();
-            let read = caught(|| self.group_values::<T>(group, place, null, &mut values)).map_err(damaged)?;
+            let read = caught(|| self.group_values::<T, V>((group, place), null, &make, &mut values)).map_err(damaged)?;
             if let Some(missing) = read.map_err(|e| damaged(e.to_string()))? {
                 return Err(ColumnarError::Missing {
                     path: self.path.clone(),
@@ -276,33 +299,33 @@ impl ColumnarModels {
     }
 
     /// Adds a row group's values of a column, nulls as `null` where that is given; gives the row of the group, from 0, that has none.
-    fn group_values<T: DataType>(
+    fn group_values<T: DataType, V: Clone>(
         &self,
-        group: usize,
-        place: usize,
-        null: Option<&T::T>,
-        values: &mut Vec<T::T>,
+        (group, place): (usize, usize),
+        null: Option<&V>,
+        make: &impl Fn(T::T) -> V,
+        values: &mut Vec<V>,
     ) -> Result<Option<usize>, ParquetError> {
         let group = self.reader.get_row_group(group)?;
         let count = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
         let column: ColumnReader = group.get_column_reader(place)?;
         let mut column = get_typed_column_reader::<T>(column);
-        let mut levels = Vec::new();
-        let before = values.len();
+        let (mut levels, mut there) = (Vec::new(), Vec::new());
         let (mut read, mut last) = (0, usize::MAX);
         while read < count && last > 0 {
             levels.clear();
-            let (records, _, _) = column.read_records(count - read, Some(&mut levels), None, values)?;
+            let (records, _, _) = column.read_records(count - read, Some(&mut levels), None, &mut there)?;
             (read, last) = (read + records, records);
-            if let (Some(null), true) = (null, values.len() != before + read) {
-                // The values that are there stand together at the end; each goes to its row.
-                let mut there = values.split_off(before + read - records).into_iter();
-                let value = |level: &i16| if *level == 0 { Some(null.clone()) } else { there.next() };
-                values.extend(levels.iter().filter_map(value));
-            }
-            if values.len() != before + read {
-                let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
-                return Ok(Some(read - records + null));
+            let all = there.len() == records;
+            let mut made = there.drain(..).map(make);
+            match null {
+                _ if all => values.extend(made),
+                // Each of the values that are there goes to its row.
+                Some(null) => values.extend(levels.iter().filter_map(|&l| if l == 0 { Some(null.clone()) } else { made.next() })),
+                None => {
+                    let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
+                    return Ok(Some(read - records + null));
+                }
             }
         }
         Ok(None)
@@ -341,7 +364,7 @@ impl ColumnarModels {
     /// All values of a column of text; nulls are empty texts where `may_be_null`.
     fn texts(&self, place: usize, name: &str, may_be_null: bool) -> Result<Vec<String>, ColumnarError> {
         let empty = ByteArray::from("");
-        let values = self.values_or::<ByteArrayType>(place, name, may_be_null.then_some(&empty))?;
+        let values = self.values_as::<ByteArrayType, _>(place, name, may_be_null.then_some(&empty), |value| value)?;
         // A text that many rows share stands in the file once.
         let bytes: u64 = values.iter().map(|text: &ByteArray| text.len() as u64).sum();
         if bytes > self.shared.length.saturating_mul(MOST_TEXT) {
@@ -349,6 +372,24 @@ impl ColumnarModels {
             return Err(ColumnarError::Parquet { path: self.path.clone(), reason });
         }
         Ok(values.iter().map(|text| String::from_utf8_lossy(text.data()).into_owned()).collect())
+    }
+
+    /// All values of a column of numbers, as a table in CSV would have them; nulls are empty.
+    fn numbers(&self, place: usize, name: &str, number: Number) -> Result<Vec<String>, ColumnarError> {
+        let null = Some(&String::new());
+        match number {
+            Number::Truth => self.values_as::<BoolType, _>(place, name, null, |value| value.to_string()),
+            Number::Int { is_signed: true } => self.values_as::<Int32Type, _>(place, name, null, |value| value.to_string()),
+            Number::Int { .. } => self.values_as::<Int32Type, _>(place, name, null, |v| v.cast_unsigned().to_string()),
+            Number::Long { is_signed: true } => self.values_as::<Int64Type, _>(place, name, null, |value| value.to_string()),
+            Number::Long { .. } => self.values_as::<Int64Type, _>(place, name, null, |v| v.cast_unsigned().to_string()),
+            Number::Float => {
+                self.values_as::<FloatType, _>(place, name, null, |v| if v.is_nan() { String::new() } else { v.to_string() })
+            }
+            Number::Double => {
+                self.values_as::<DoubleType, _>(place, name, null, |v| if v.is_nan() { String::new() } else { v.to_string() })
+            }
+        }
     }
 
     /// Positions of a node in a frame, by row.

@@ -151,3 +151,67 @@ fn rows_and_pages_that_no_file_holds_are_refused() {
     assert!(error(b"PAR1\xFF\xFF\xFF\x7FPAR1").contains("no Parquet footer"));
     assert!(error(b"PAR1").contains("no Parquet footer"));
 }
+
+/// A file as another program writes it: two models of one node that stays or moves by 1, and columns of every kind.
+fn foreign(path: &std::path::Path) {
+    use parquet::{
+        data_type::{BoolType, ByteArrayType, DoubleType, Int32Type, Int64Type},
+        file::writer::SerializedFileWriter,
+        schema::parser::parse_message_type,
+    };
+    let schema = "message models {
+        required binary subject (UTF8); required binary sequence (UTF8); required binary emotion (UTF8);
+        optional int32 age; required double weight; required boolean smoker; required int64 number (INTEGER(64, false));
+        required int32 born (DATE); optional int64 all_null;
+        required double x_0_0; required double y_0_0; required double x_1_0; required double y_1_0;
+    }";
+    let schema = std::sync::Arc::new(parse_message_type(schema).unwrap());
+    let mut writer = SerializedFileWriter::new(std::fs::File::create(path).unwrap(), schema, std::sync::Arc::default()).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    macro_rules! column {
+        ($kind:ty, $values:expr) => {
+            column!($kind, $values, None)
+        };
+        ($kind:ty, $values:expr, $levels:expr) => {{
+            let mut column = group.next_column().unwrap().unwrap();
+            column.typed::<$kind>().write_batch(&$values, $levels, None).unwrap();
+            column.close().unwrap();
+        }};
+    }
+    column!(ByteArrayType, ["a", "b"].map(Into::into));
+    column!(ByteArrayType, ["1", "1"].map(Into::into));
+    column!(ByteArrayType, ["joy", "joy"].map(Into::into));
+    column!(Int32Type, [-34], Some(&[0, 1]));
+    column!(DoubleType, [f64::NAN, 70.5]);
+    column!(BoolType, [true, false]);
+    column!(Int64Type, [-1, 3]);
+    column!(Int32Type, [0, 1]);
+    column!(Int64Type, [], Some(&[0, 0]));
+    for values in [[0.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, 0.0]] {
+        column!(DoubleType, values);
+    }
+    group.close().unwrap();
+    writer.close().unwrap();
+}
+
+#[test]
+fn numbers_of_other_programs_are_columns_to_group_by() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("theirs.parquet");
+    foreign(&path);
+    let file = ColumnarModels::open(&path).unwrap();
+    assert_eq!(file.models().unwrap().len(), 2);
+    let expected = [
+        ("age", ["", "-34"]),
+        ("all_null", ["", ""]),
+        ("number", ["18446744073709551615", "3"]),
+        ("smoker", ["true", "false"]),
+        ("weight", ["", "70.5"]),
+    ];
+    let found: Vec<(&str, &[String])> = file.metadata.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect();
+    assert_eq!(found.len(), expected.len(), "{found:?}");
+    for ((name, values), (expected_name, expected_values)) in found.into_iter().zip(expected) {
+        assert_eq!((name, values), (expected_name, &expected_values.map(str::to_owned)[..]));
+    }
+    assert_eq!(file.not_read, ["born"]);
+}

@@ -16,7 +16,7 @@ use parquet::{
 use super::{ColumnarError, GROUP_ROWS, ID, NAMES, SCHEMA_VERSION, coordinate};
 use crate::{
     model::DynamicExpressionModel,
-    output::{OutputError, PendingFile},
+    output::{OutputError, PendingFile, beside_ours},
     units::{FaceUnit, SequenceId},
 };
 
@@ -60,16 +60,8 @@ impl ColumnarWriter {
         let error = |e: parquet::errors::ParquetError| ColumnarError::Parquet { path: path.to_owned(), reason: e.to_string() };
         let mut fields: Vec<TypePtr> = Vec::new();
         let names = NAMES.iter().chain([&ID]).map(|&name| name.to_owned());
-        // A column of the user's that is called like one of ours keeps its content under another name.
-        let further = metadata.iter().map(|name| {
-            let mut free = name.clone();
-            let is_ours = |name: &str| NAMES.contains(&name) || name == ID || super::read::parse_coordinate(name).is_some();
-            while is_ours(&free) || (free != *name && metadata.contains(&free)) {
-                free.insert_str(0, "by_");
-            }
-            free
-        });
-        for name in names.chain(further) {
+        let is_ours = |name: &str| NAMES.contains(&name) || name == ID || super::read::parse_coordinate(name).is_some();
+        for name in names.chain(beside_ours(metadata, is_ours)) {
             let text = Type::primitive_type_builder(&name, PhysicalType::BYTE_ARRAY)
                 .with_repetition(Repetition::REQUIRED)
                 .with_logical_type(Some(LogicalType::String));

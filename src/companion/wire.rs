@@ -7,7 +7,7 @@ use std::io::{self, Read, Write};
 use serde::{Deserialize, Serialize};
 
 /// Version of this language; both sides must speak the same.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 const TEXT: u8 = 0;
 const PIXELS: u8 = 1;
@@ -63,6 +63,11 @@ pub enum Reply {
         width: u32,
         /// Rows.
         height: u32,
+    },
+    /// A frame that is not given, or not yet.
+    Passed {
+        /// When it is shown, seconds from the start of the video; nothing where the file does not say.
+        seconds: Option<f64>,
     },
     /// When the frame that follows is shown; not said where the file does not say.
     Time {

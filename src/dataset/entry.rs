@@ -97,6 +97,11 @@ impl SequenceEntry {
         list_frames(&self.frames_path, self.first_frame, self.last_frame)
     }
 
+    /// The file that the marks of the neutral frame are in, or would be: the one named, else the default place.
+    pub fn marks_path(&self) -> &Path {
+        self.correspondences_path.as_ref().unwrap_or(&self.default_correspondences_path)
+    }
+
     /// Where correspondences come from: the file named, else the file in the default place, else landmarks.
     ///
     /// # Errors

@@ -1,5 +1,7 @@
 //! A manifest for folders that have none: a row for every folder of images and every video, at any depth.
 
+mod emotions;
+mod kept;
 mod search;
 
 use std::{
@@ -7,7 +9,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use self::search::Found;
+pub use self::kept::Kept;
+use self::{
+    emotions::{emotion_of, has_other_words},
+    search::Found,
+};
 use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, error::name_key};
 use crate::{
     input::CsvFile,
@@ -18,45 +24,8 @@ use crate::{
 /// What stands for an emotion that neither folders nor file names say.
 pub const UNKNOWN_EMOTION: &str = "?";
 
-/// Words that say no to an emotion, as words of their own or as beginnings.
-const NEGATIONS: [&str; 6] = ["not", "non", "no", "un", "never", "without"];
-
 /// What divides a name into parts.
 const SEPARATORS: [char; 3] = ['_', '-', ' '];
-
-/// Words that say an emotion, whatever follows: nobody is called so.
-const EMOTION_STEMS: [(&str, &str); 16] = [
-    ("angr", "anger"),
-    ("disg", "disgust"),
-    ("fearful", "fear"),
-    ("afraid", "fear"),
-    ("scared", "fear"),
-    ("happy", "happiness"),
-    ("happi", "happiness"),
-    ("joyful", "happiness"),
-    ("joyous", "happiness"),
-    ("smile", "happiness"),
-    ("smiling", "happiness"),
-    ("sadness", "sadness"),
-    ("surp", "surprise"),
-    ("amaze", "surprise"),
-    ("contempt", "contempt"),
-    ("neutral", "neutral"),
-];
-
-/// Words that say an emotion alone or before another one (`sadhappy`): names begin with them (`Angela`, `Joyce`, `Sadie`, `Neumann`).
-const EMOTION_WORDS: [(&str, &str); 10] = [
-    ("anger", "anger"),
-    ("ang", "anger"),
-    ("fears", "fear"),
-    ("fear", "fear"),
-    ("happ", "happiness"),
-    ("hap", "happiness"),
-    ("joy", "happiness"),
-    ("sad", "sadness"),
-    ("sur", "surprise"),
-    ("neu", "neutral"),
-];
 
 /// A row of a manifest to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -75,17 +44,6 @@ pub struct ProposedRow {
     pub person: Vec<String>,
     /// Fields of the sequence, in the order of [`ProposedManifest::more_columns`].
     pub more: Vec<String>,
-}
-
-/// What became of an earlier manifest.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Kept {
-    /// Columns that were taken over.
-    pub columns: Vec<String>,
-    /// Sequences whose emotion was another one before, each with both.
-    pub other_emotions: Vec<String>,
-    /// Frames of rows that are not found any more.
-    pub gone: Vec<String>,
 }
 
 /// A manifest to be.
@@ -176,75 +134,6 @@ impl ProposedManifest {
         Ok(())
     }
 
-    /// Takes over what an earlier manifest says of the same frames: emotions that are not known otherwise, landmarks, and all columns that
-    /// a proposal has no value for, such as marks, chosen frames and `publish`.
-    ///
-    /// # Errors
-    /// [`DatasetError`] when it does not read.
-    pub fn keep(&mut self, path: &Path) -> Result<Kept, DatasetError> {
-        let csv = CsvFile::open(path)?;
-        let mut kept = Kept::default();
-        let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
-        let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
-        let columns: Vec<(usize, String)> = csv.header().iter().cloned().enumerate().filter(|(_, name)| is_more(name)).collect();
-        // All rows, before anything is changed.
-        let mut earlier: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
-        let field = |row: &[String], name: &str| csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default();
-        for row in csv.rows() {
-            let row = row?;
-            let fields: Vec<String> = (0..csv.header().len()).map(|k| row.get(k).to_owned()).collect();
-            let named = composed(&field(&fields, "frames"));
-            let default = composed(&format!("{}/{}", field(&fields, "subject"), field(&fields, "sequence")));
-            let place = if named.is_empty() { default } else { named.trim_start_matches("./").trim_end_matches('/').to_owned() };
-            earlier.entry(place).or_default().push(fields);
-        }
-        for (_, name) in &columns {
-            if !self.more_columns.contains(name) {
-                self.more_columns.push(name.clone());
-            }
-        }
-        let width = self.more_columns.len();
-        let more_columns = self.more_columns.clone();
-        let mut rows = Vec::with_capacity(self.rows.len());
-        for mut row in std::mem::take(&mut self.rows) {
-            row.more.resize(width, String::new());
-            let Some(old) = earlier.remove(&composed(&row.frames)) else {
-                rows.push(row);
-                continue;
-            };
-            // Several sequences of one recording stay several.
-            let several = old.len() > 1;
-            for fields in &old {
-                let mut row = row.clone();
-                if several {
-                    (row.subject, row.sequence) = (field(fields, "subject"), field(fields, "sequence"));
-                }
-                let emotion = field(fields, "emotion");
-                if !emotion.is_empty() && (several || row.emotion == UNKNOWN_EMOTION) {
-                    row.emotion = emotion;
-                } else if !emotion.is_empty() && emotion != row.emotion {
-                    kept.other_emotions.push(format!("{}_{} ({emotion}, now {})", row.subject, row.sequence, row.emotion));
-                }
-                if row.landmarks.is_empty() {
-                    row.landmarks = field(fields, "landmarks");
-                }
-                for (k, name) in &columns {
-                    let place = more_columns.iter().position(|column| column == name);
-                    if let Some(value) =
-                        place.and_then(|place| row.more.get_mut(place)).filter(|value| several || value.is_empty())
-                    {
-                        value.clone_from(&fields[*k]);
-                    }
-                }
-                rows.push(row);
-            }
-        }
-        self.rows = rows;
-        kept.gone = earlier.into_keys().collect();
-        kept.columns = columns.into_iter().map(|(_, name)| name).collect();
-        Ok(kept)
-    }
-
     /// Writes `manifest.csv`.
     ///
     /// # Errors
@@ -275,7 +164,7 @@ fn relative(root: &Path, path: &Path) -> String {
 
 fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
     let marks = |entry: &super::SequenceEntry| {
-        let file = entry.correspondences_path.as_ref().unwrap_or(&entry.default_correspondences_path);
+        let file = entry.marks_path();
         file.is_file().then(|| relative(root, file))
     };
     let any_marks = dataset.sequences.iter().any(|entry| marks(entry).is_some());
@@ -367,8 +256,8 @@ fn names(root: &Path, path: &Path) -> Vec<String> {
     inside.components().map(|c| composed(&c.as_os_str().to_string_lossy())).collect()
 }
 
-/// Subject and sequence by the names: the first where `people_first`, else the first that is no emotion, and the others. Of one name alone, what stands before the first `_`,
-/// `-` or space is the subject; where that is an emotion, the next part that is none.
+/// Subject and sequence by the names: the first where `people_first`, else the first that is no emotion, and the others. Of one name
+/// alone, what stands before the first `_`, `-` or space is the subject; where that is an emotion, the next part that is none.
 fn subject_and_sequence(root: &Path, names: &[String], people_first: bool) -> (String, String) {
     let of_root = || root.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy())));
     let place =
@@ -395,46 +284,6 @@ fn subject_and_sequence(root: &Path, names: &[String], people_first: bool) -> (S
             let others: Vec<&str> = names.iter().enumerate().filter(|(k, _)| *k != place).map(|(_, n)| n.as_str()).collect();
             (names[place].clone(), others.join("-"))
         }
-    }
-}
-
-fn words(name: &str) -> Vec<String> {
-    name.to_lowercase().split(|c: char| !c.is_alphabetic()).filter(|w| !w.is_empty()).map(str::to_owned).collect()
-}
-
-/// Whether a name is more than an emotion.
-fn has_other_words(name: &str) -> bool {
-    words(name).len() > 1 || name.chars().any(|c| c.is_ascii_digit())
-}
-
-/// The emotion that begins a word, with the length of what says it.
-fn at_start(word: &str) -> Option<(usize, &'static str)> {
-    let long = |(start, emotion): &(&str, &'static str)| word.starts_with(start).then_some((start.len(), *emotion));
-    let short = |(start, emotion): &(&str, &'static str)| {
-        let rest = word.strip_prefix(start)?;
-        (rest.is_empty() || matches!(rest, "face" | "faces") || at_start(rest).is_some()).then_some((start.len(), *emotion))
-    };
-    EMOTION_STEMS.iter().find_map(long).or_else(|| EMOTION_WORDS.iter().find_map(short))
-}
-
-/// The emotion that a name says; [`UNKNOWN_EMOTION`] where it says several, or that it is not one.
-fn emotion_of(name: &str) -> Option<&'static str> {
-    let mut found: BTreeSet<&'static str> = BTreeSet::new();
-    let words = words(name);
-    for word in &words {
-        if NEGATIONS.iter().any(|no| word.strip_prefix(no).is_some_and(|rest| at_start(rest).is_some())) {
-            return Some(UNKNOWN_EMOTION);
-        }
-        let Some((length, emotion)) = at_start(word) else { continue };
-        found.insert(emotion);
-        // Another one may follow in the same word: `happysad`.
-        let rest = word.get(length..).unwrap_or_default();
-        found.extend(rest.char_indices().filter_map(|(k, _)| at_start(&rest[k..])).map(|(_, emotion)| emotion));
-    }
-    let is_negated = words.iter().any(|word| NEGATIONS.contains(&word.as_str()));
-    match found.first() {
-        Some(_) if found.len() > 1 || is_negated => Some(UNKNOWN_EMOTION),
-        only => only.copied(),
     }
 }
 
@@ -476,39 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_say_no_emotion_or_several_leave_it_open() {
-        for (name, emotion) in [
-            ("happy_01", Some("happiness")),
-            ("01-SMILING", Some("happiness")),
-            ("disgusted", Some("disgust")),
-            ("surprise neutral", Some("?")),
-            ("not_happy", Some("?")),
-            ("non-sad", Some("?")),
-            ("unhappy", Some("?")),
-            ("no smile", Some("?")),
-            ("happysad", Some("?")),
-            ("happy_happiness", Some("happiness")),
-            ("ang-2", Some("anger")),
-            ("angry", Some("anger")),
-            ("angela_happy", Some("happiness")),
-            ("sadhappy", Some("?")),
-            ("joy", Some("happiness")),
-            ("happyface", Some("happiness")),
-            ("sadface", Some("sadness")),
-            ("sad2", Some("sadness")),
-            ("NEU", Some("neutral")),
-            ("Joyce", None),
-            ("Sadie", None),
-            ("Neumann", None),
-            ("neurotypical", None),
-            ("Fearon", None),
-            ("Surya", None),
-            ("Hapke", None),
-            ("nora", None),
-            ("un_1", None),
-        ] {
-            assert_eq!(emotion_of(name), emotion, "{name}");
-        }
+    fn names_that_say_no_emotion_leave_it_open() {
         let files = ["S1/happy/not_happy/1.png", "S1/happy/not_happy/2.png", "S1/x/1.png", "S1/x/2.png"];
         assert_eq!(rows(&files).iter().map(|r| r[2].as_str()).collect::<Vec<_>>(), ["?", "?"]);
     }
@@ -541,38 +358,6 @@ mod tests {
         assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
         let files = ["S1/Take/1.png", "S1/Take/2.png", "S1/take/1.png", "S1/take/2.png"];
         assert_eq!(rows(&files).iter().map(|r| r[1].as_str()).collect::<Vec<_>>(), ["Take", "take-2"]);
-    }
-
-    #[test]
-    fn what_a_person_entered_is_kept_when_a_manifest_is_made_anew() {
-        let folder = folder(&["A/a.mp4", "B/b.mp4"]);
-        let path = manifest_path(folder.path());
-        fs::write(
-            &path,
-            "subject,sequence,emotion,frames,publish,first_frame,group\nA,a,fear,A/a.mp4,no,7,old\nC,c,joy,C/c.mp4,no,,old\n",
-        )
-        .unwrap();
-        let people = folder.path().join("people.csv");
-        fs::write(&people, "subject,group\nA,new\nB,new\n").unwrap();
-        let mut manifest = propose_manifest(folder.path()).unwrap();
-        manifest.join_people(&people).unwrap();
-        let kept = manifest.keep(&path).unwrap();
-        assert_eq!((kept.columns, kept.gone), (vec!["publish".to_owned(), "first_frame".to_owned()], vec!["C/c.mp4".to_owned()]));
-        manifest.write(&path).unwrap();
-        let expected = "subject,sequence,emotion,frames,group,publish,first_frame\n\
-                        A,a,fear,A/a.mp4,new,no,7\nB,b,?,B/b.mp4,new,,\n";
-        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
-        // Two sequences of one video, another way to write a path, and a row that does not read.
-        fs::write(&path, "subject,sequence,emotion,frames,publish\nA,1,joy,./A/a.mp4,no\nA,2,fear,A/a.mp4,yes\n").unwrap();
-        let mut manifest = propose_manifest(folder.path()).unwrap();
-        manifest.keep(&path).unwrap();
-        manifest.write(&path).unwrap();
-        let expected = "subject,sequence,emotion,frames,publish\nA,1,joy,A/a.mp4,no\nA,2,fear,A/a.mp4,yes\nB,b,?,B/b.mp4,\n";
-        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
-        fs::write(&path, "subject,sequence,emotion,frames\nA,a,joy,A/a.mp4,x,y,z\n").unwrap();
-        let mut manifest = propose_manifest(folder.path()).unwrap();
-        let before = manifest.clone();
-        assert!(manifest.keep(&path).is_err() && manifest == before);
     }
 
     #[test]

@@ -156,6 +156,20 @@ pub fn write_records<H: AsRef<[u8]>>(
     })
 }
 
+/// Names of columns that are the user's in a table that has columns of ours: one that is called like one of ours keeps its content under
+/// another name, with `by_` before it as often as it takes until no other column is called so.
+pub fn beside_ours<N: AsRef<str>>(theirs: &[N], is_ours: impl Fn(&str) -> bool) -> Vec<String> {
+    let is_theirs = |name: &str| theirs.iter().any(|other| other.as_ref() == name);
+    let named = |name: &N| {
+        let mut free = name.as_ref().to_owned();
+        while is_ours(&free) || (free != name.as_ref() && is_theirs(&free)) {
+            free.insert_str(0, "by_");
+        }
+        free
+    };
+    theirs.iter().map(named).collect()
+}
+
 /// `1 sequence`, `2 sequences`.
 pub fn count(n: usize, singular: &str, plural: &str) -> String {
     format!("{n} {}", if n == 1 { singular } else { plural })
@@ -184,6 +198,13 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn no_table_has_a_column_twice() {
+        let is_ours = |name: &str| ["id", "by_why"].contains(&name);
+        let named = beside_ours(&["id", "by_id", "age", "why", "by_why"], is_ours);
+        assert_eq!(named, ["by_by_id", "by_id", "age", "why", "by_by_why"]);
+    }
 
     #[test]
     fn a_failed_write_leaves_nothing_and_keeps_the_old_file() {

@@ -7,7 +7,7 @@ use std::{
 
 use super::{Workbench, analysis::EmotionGroups};
 use crate::{
-    output::{OutputError, listed, nine_digits, write_records},
+    output::{OutputError, beside_ours, listed, nine_digits, write_records},
     statistics::{
         LabelledModel, SequenceModel,
         amplitude::{
@@ -139,15 +139,9 @@ pub(super) fn write_amplitudes(
     bench: &Workbench,
 ) -> Result<Vec<(&'static str, blake3::Hash)>, OutputError> {
     let columns: BTreeSet<&String> = results.sequences.iter().flat_map(|s| s.metadata.keys()).collect();
-    // A column of the manifest that is called like one of ours keeps its content under another name.
-    let named = |name: &&String| {
-        let mut free = (*name).clone();
-        while AFTER.contains(&free.as_str()) || (free != **name && columns.contains(&free)) {
-            free.insert_str(0, "by_");
-        }
-        free
-    };
-    let header = BEFORE.map(str::to_owned).into_iter().chain(columns.iter().map(named)).chain(AFTER.map(str::to_owned));
+    let columns: Vec<&String> = columns.into_iter().collect();
+    let named = beside_ours(&columns, |name| BEFORE.contains(&name) || AFTER.contains(&name));
+    let header = BEFORE.map(str::to_owned).into_iter().chain(named).chain(AFTER.map(str::to_owned));
     let rows = results.sequences.iter().flat_map(|s| {
         let columns = &columns;
         AmplitudeRegion::ALL.into_iter().zip(s.values).map(move |(region, value)| {

@@ -17,7 +17,7 @@ use super::{
 use crate::{
     clone::{NoSkin, SKIN_SUFFIX},
     fap::{self, ConvertError, FapCatalog, FapMotion, FapNumber, ValueFormat},
-    output::{self, OutputError, nine_digits, write_records},
+    output::{self, OutputError, beside_ours, nine_digits, write_records},
     report::{ApexFap, GroupsData, ReportData, VariationData, mean_course_svg, render_html},
     statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
     track::TrackQuality,
@@ -195,8 +195,7 @@ fn write_table(
     by: &[String],
     rows: impl IntoIterator<Item = Vec<String>>,
 ) -> Result<blake3::Hash, OutputError> {
-    // A column grouped by keeps its name unless the table has one of that name already.
-    let grouped = by.iter().map(|name| if header.contains(&name.as_str()) { format!("by_{name}") } else { name.clone() });
+    let grouped = beside_ours(by, |name| header.contains(&name));
     write_records(path, header.iter().map(|&name| name.to_owned()).chain(grouped), rows)
 }
 

@@ -1,7 +1,7 @@
 //! Frames of a video from a later one back to an earlier one.
 //!
-//! Codecs only go forward: a piece of the video is decoded, held, and given back to front; then the piece before it. Pieces are as long as
-//! fits into [`HELD_BYTES`], so that memory does not grow with the video.
+//! Codecs only go forward: `grimace-opencv` decodes the video up to the later frame, then piece after piece, each from a key frame before it,
+//! and gives a frame only where it is the one of the first time, to the pixel.
 
 use std::path::{Path, PathBuf};
 
@@ -10,42 +10,34 @@ use image::GrayImage;
 use super::{
     SequenceError,
     clock::{Clock, FrameTimes},
-    video::VideoReader,
+    content::Stamp,
+    stream::{Next, Stream, Wanted},
+    video::{check_numbers, content_of},
 };
-
-/// Pixels held at a time, bytes.
-const HELD_BYTES: u64 = 48 << 20;
-/// Frames of a piece at least and at most.
-const PIECE: (u32, u32) = (4, 512);
+use crate::companion::wire::Pixels;
 
 /// Gives the frames of a video by descending number.
 pub(super) struct BackwardVideo {
     path: PathBuf,
-    /// Opened first, so that it says what the file is and whether it was changed.
-    whole: VideoReader,
+    stamp: Stamp,
+    stream: Stream,
+    from: u32,
     /// Last number wanted.
     to: u32,
-    /// Next number that is not in the piece; `None` when nothing is left.
+    /// Number of the next frame; `None` when nothing is left.
     next: Option<u32>,
-    piece: Vec<(u32, GrayImage)>,
-    /// Frames of a piece; known once one frame was seen.
-    length: u32,
     times: FrameTimes,
 }
 
 impl BackwardVideo {
     /// Opens a video for its frames `from` down to `to`, both included.
     pub(super) fn open(path: &Path, from: u32, to: u32) -> Result<Self, SequenceError> {
-        let whole = VideoReader::open(path, Some(to), Some(from))?;
-        Ok(Self {
-            path: path.to_owned(),
-            whole,
-            to,
-            next: Some(from),
-            piece: Vec::new(),
-            length: 1,
-            times: FrameTimes::default(),
-        })
+        let unreadable = |source: std::io::Error| SequenceError::Decode { path: path.to_owned(), source: source.into() };
+        crate::input::open_file(path).map_err(unreadable)?;
+        let stamp = Stamp::of(path).map_err(unreadable)?;
+        let stream = Stream::open(path, Wanted::Back { from, to: to.max(1) })?;
+        check_numbers(path, from, Some(to))?;
+        Ok(Self { path: path.to_owned(), stamp, stream, from, to, next: Some(from), times: FrameTimes::default() })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -53,40 +45,31 @@ impl BackwardVideo {
     }
 
     pub(super) fn fps(&self) -> Option<f64> {
-        self.whole.fps()
+        self.stream.fps()
     }
 
     pub(super) fn clock(&self) -> Clock {
-        self.times.clock(self.fps(), self.whole.duration())
+        self.times.clock(self.fps(), self.stream.duration())
     }
 
     pub(super) fn content_blake3(self) -> Result<blake3::Hash, SequenceError> {
-        self.whole.content_blake3()
+        content_of(self.path, &self.stamp)
     }
 
     pub(super) fn next_frame(&mut self) -> Option<Result<(u32, GrayImage), SequenceError>> {
-        if self.piece.is_empty() {
-            let last = self.next?;
-            if let Err(error) = self.fill(last) {
-                self.next = None;
-                return Some(Err(error));
+        let number = self.next.take()?;
+        match self.stream.next() {
+            Ok(Next::Frame(Pixels { width, height, data, .. })) => {
+                self.next = number.checked_sub(1).filter(|next| *next >= self.to);
+                self.times.enter(number, self.stream.time());
+                Some(Ok((number, GrayImage::from_raw(width, height, data).unwrap_or_default())))
             }
+            Ok(Next::End(count)) => {
+                let from = self.from;
+                let reason = format!("ends at frame {count}, before frame {from} that `first_frame` asks for");
+                Some(Err(SequenceError::Video { path: self.path.clone(), reason }))
+            }
+            Err(error) => Some(Err(error)),
         }
-        self.piece.pop().map(Ok)
-    }
-
-    /// Decodes the piece that ends with frame `last`.
-    fn fill(&mut self, last: u32) -> Result<(), SequenceError> {
-        let first = last.saturating_sub(self.length - 1).max(self.to);
-        let mut reader = VideoReader::open(&self.path, Some(first), Some(last))?.of_backward();
-        while let Some(frame) = reader.next_frame() {
-            let (number, image) = frame?;
-            let bytes = (u64::from(image.width()) * u64::from(image.height())).max(1);
-            self.length = u32::try_from(HELD_BYTES / bytes).unwrap_or(PIECE.1).clamp(PIECE.0, PIECE.1);
-            self.piece.push((number, image));
-        }
-        self.times.append(reader.times().clone());
-        self.next = (first > self.to).then(|| first - 1);
-        Ok(())
     }
 }

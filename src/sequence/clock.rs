@@ -81,11 +81,6 @@ impl FrameTimes {
         self.0.push((number, seconds));
     }
 
-    /// Enters the frames of another part.
-    pub(super) fn append(&mut self, mut others: Self) {
-        self.0.append(&mut others.0);
-    }
-
     /// Time of the frame that was entered last.
     pub(super) fn last(&self) -> Option<f64> {
         self.0.last().and_then(|(_, seconds)| *seconds)

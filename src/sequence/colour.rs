@@ -8,7 +8,7 @@ use super::{
     DecodeError, SequenceError,
     decode::{bits_of, other_pixels},
     still::{Wanted, decode},
-    video::{Next, Stream},
+    stream::{self, Next, Stream},
 };
 use crate::{
     companion::wire::Pixels,
@@ -24,25 +24,36 @@ pub const MAX_SIDE: u32 = 16_384;
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_colour(path: &Path) -> Result<RgbImage, SequenceError> {
-    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes));
+    read_with(path, &mut None)
+}
+
+/// [`read_colour`] of a picture whose 16-bit channels have `bits`; its own, which are then those of the others, where none are known yet.
+fn read_with(path: &Path, bits: &mut Option<u32>) -> Result<RgbImage, SequenceError> {
+    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes, bits));
     decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })
 }
 
-/// The colour frames of a sequence with their numbers, at most `wanted` of them held by the caller's choice of numbers.
+/// The colour frames of a sequence with their numbers, at most `wanted` of them held by the caller's choice of numbers. 16-bit channels are
+/// scaled by the bits that the first wanted frame uses.
 ///
 /// # Errors
 /// [`SequenceError`] when a frame does not read, or the video ends before the last number.
 pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u32, RgbImage)>, SequenceError> {
     match source {
-        FrameSource::Images(files) => files
-            .iter()
-            .filter(|file| wanted.contains(&file.number))
-            .map(|file| Ok((file.number, read_colour(&file.path)?)))
-            .collect(),
+        FrameSource::Images(files) => {
+            let mut bits = None;
+            let is_first = |file: &&FrameFile| Some(&file.number) == wanted.first();
+            let mut first = files.iter().find(is_first).map(|file| read_with(&file.path, &mut bits)).transpose()?;
+            let read = |file: &FrameFile| match first.take_if(|_| is_first(&file)) {
+                Some(picture) => Ok((file.number, picture)),
+                None => Ok((file.number, read_with(&file.path, &mut bits)?)),
+            };
+            files.iter().filter(|file| wanted.contains(&file.number)).map(read).collect()
+        }
         FrameSource::Video { path, .. } => {
             let error = |reason: &str| SequenceError::Video { path: path.clone(), reason: reason.to_owned() };
             let first = wanted.iter().copied().min().unwrap_or(1).max(1);
-            let mut stream = Stream::open(path, true, first)?;
+            let mut stream = Stream::open(path, stream::Wanted::Colour { first })?;
             let mut frames = Vec::new();
             for number in first..=wanted.iter().copied().max().unwrap_or(0) {
                 let Next::Frame(Pixels { width, height, data, .. }) = stream.next()? else {
@@ -61,7 +72,7 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
 pub struct ColourReader(Colours);
 
 enum Colours {
-    Images(std::vec::IntoIter<FrameFile>),
+    Images { files: std::vec::IntoIter<FrameFile>, bits: Option<u32> },
     Video { stream: Box<Stream>, next: u32, ended: bool },
 }
 
@@ -72,10 +83,14 @@ impl ColourReader {
     /// [`SequenceError`] for a video that does not open.
     pub fn open(source: &FrameSource) -> Result<Self, SequenceError> {
         Ok(Self(match source {
-            FrameSource::Images(files) => Colours::Images(files.clone().into_iter()),
+            FrameSource::Images(files) => Colours::Images { files: files.clone().into_iter(), bits: None },
             FrameSource::Video { path, first, .. } => {
                 let first = first.unwrap_or(1).max(1);
-                Colours::Video { stream: Box::new(Stream::open(path, true, first)?), next: first, ended: false }
+                Colours::Video {
+                    stream: Box::new(Stream::open(path, stream::Wanted::Colour { first })?),
+                    next: first,
+                    ended: false,
+                }
             }
         }))
     }
@@ -86,9 +101,9 @@ impl Iterator for ColourReader {
 
     fn next(&mut self) -> Option<Self::Item> {
         match &mut self.0 {
-            Colours::Images(files) => {
+            Colours::Images { files, bits } => {
                 let FrameFile { number, path } = files.next()?;
-                Some(read_colour(&path).map(|image| (number, image)))
+                Some(read_with(&path, bits).map(|image| (number, image)))
             }
             Colours::Video { ended: true, .. } => None,
             Colours::Video { stream, next, ended } => match stream.next() {
@@ -116,16 +131,16 @@ pub fn colour_of(image: &GrayImage) -> RgbImage {
     RgbImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
 }
 
-fn decode_colour(bytes: &[u8]) -> Result<RgbImage, DecodeError> {
+fn decode_colour(bytes: &[u8], bits: &mut Option<u32>) -> Result<RgbImage, DecodeError> {
     let image = decode(bytes, Wanted::Colour)?;
     match image {
         DynamicImage::ImageRgb8(image) => Ok(image),
         DynamicImage::ImageLuma8(image) => Ok(colour_of(&image)),
         DynamicImage::ImageLumaA8(_) | DynamicImage::ImageRgba8(_) => Ok(on_white(&image.into_rgba8())),
-        DynamicImage::ImageLuma16(_) | DynamicImage::ImageRgb16(_) => Ok(narrow(&image.into_rgb16())),
+        DynamicImage::ImageLuma16(_) | DynamicImage::ImageRgb16(_) => Ok(narrow(&image.into_rgb16(), bits)),
         DynamicImage::ImageLumaA16(_) | DynamicImage::ImageRgba16(_) => {
             let deep = image.into_rgba16();
-            let mut narrow = narrow(&DynamicImage::from(deep.clone()).into_rgb16());
+            let mut narrow = narrow(&DynamicImage::from(deep.clone()).into_rgb16(), bits);
             for (pixel, from) in narrow.pixels_mut().zip(deep.pixels()) {
                 pixel.0 = over_white(pixel.0, f64::from(from.0[3]) / 65_535.0);
             }
@@ -135,9 +150,9 @@ fn decode_colour(bytes: &[u8]) -> Result<RgbImage, DecodeError> {
     }
 }
 
-/// 16-bit channels to 8 by the bits that the picture uses.
-fn narrow(image: &ImageBuffer<Rgb<u16>, Vec<u16>>) -> RgbImage {
-    let bits = bits_of(image.as_raw().iter().copied().max().unwrap_or(0));
+/// 16-bit channels to 8 by the bits that are known, else by those that the picture uses.
+fn narrow(image: &ImageBuffer<Rgb<u16>, Vec<u16>>, bits: &mut Option<u32>) -> RgbImage {
+    let bits = *bits.get_or_insert_with(|| bits_of(image.as_raw().iter().copied().max().unwrap_or(0)));
     let scale = 255.0 / f64::from((1_u32 << bits) - 1);
     let values = image.as_raw().iter().map(|&v| (f64::from(v) * scale).round().min(255.0) as u8).collect();
     RgbImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
@@ -169,14 +184,44 @@ mod tests {
     #[test]
     fn colours_keep_their_order() {
         let image = RgbImage::from_pixel(3, 2, image::Rgb([10, 20, 30]));
-        assert_eq!(decode_colour(&png(image.clone())).unwrap(), image);
+        assert_eq!(decode_colour(&png(image.clone()), &mut None).unwrap(), image);
     }
 
     #[test]
     fn sixteen_bits_are_scaled_by_the_bits_in_use() {
         // 1023 uses 10 bits: 1023 -> 255, 512 -> 127.6 -> 128.
         let image = image::ImageBuffer::from_pixel(2, 2, image::Rgb([1023_u16, 512, 0]));
-        assert_eq!(decode_colour(&png(DynamicImage::ImageRgb16(image))).unwrap().get_pixel(1, 1).0, [255, 128, 0]);
+        assert_eq!(decode_colour(&png(DynamicImage::ImageRgb16(image)), &mut None).unwrap().get_pixel(1, 1).0, [255, 128, 0]);
+    }
+
+    #[test]
+    fn all_frames_of_a_sequence_are_scaled_by_the_bits_of_the_first() {
+        let folder = tempfile::tempdir().unwrap();
+        // A camera of 12 bits; the second frame is dark, the third brighter than the first.
+        let file = |(number, value): (u32, u16)| {
+            let path = folder.path().join(format!("f_{number}.png"));
+            std::fs::write(&path, png(DynamicImage::ImageLuma16(ImageBuffer::from_pixel(2, 2, image::Luma([value]))))).unwrap();
+            FrameFile { number, path }
+        };
+        let files: Vec<FrameFile> = [(1, 4095), (2, 819), (3, 65_535)].map(file).into();
+        let source = FrameSource::Images(files.clone());
+        let level = |image: &RgbImage| image.get_pixel(0, 0).0[0];
+        let all: Vec<u8> = ColourReader::open(&source).unwrap().map(|frame| level(&frame.unwrap().1)).collect();
+        assert_eq!(all, [255, 51, 255]);
+        // 819 of 4095 is a fifth: 51; of the picture's own 10 bits it would be 204.
+        let read = |wanted: &[u32]| -> Vec<(u32, u8)> {
+            read_colour_frames(&source, wanted).unwrap().iter().map(|(number, image)| (*number, level(image))).collect()
+        };
+        assert_eq!(read(&[1, 2, 3]), [(1, 255), (2, 51), (3, 255)]);
+        // Back in time the third is the neutral one: 16 bits.
+        assert_eq!(read(&[3, 2, 1]), [(1, 16), (2, 3), (3, 255)]);
+        // In grey, a part of the sequence and one frame alone are as bright as in the whole.
+        let part = FrameSource::Images(files[1..].to_vec());
+        let grey = |frame: &super::super::Frame| frame.image().get_pixel(0, 0).0[0];
+        let reader = super::super::SequenceReader::open_part(&part, &source).unwrap();
+        assert_eq!(reader.map(|frame| grey(&frame.unwrap())).collect::<Vec<_>>(), [51, 255]);
+        assert_eq!(grey(&super::super::read_frame_of(&files[1].path, &files[0].path).unwrap()), 51);
+        assert_eq!(grey(&super::super::read_frame(&files[1].path).unwrap()), 204);
     }
 
     #[test]
@@ -184,12 +229,12 @@ mod tests {
         let mut image = RgbaImage::from_pixel(2, 1, image::Rgba([100, 0, 0, 255]));
         // 51 is a fifth: 255 + (100 - 255) / 5 = 224, 255 - 51 = 204.
         image.put_pixel(1, 0, image::Rgba([100, 0, 0, 51]));
-        let read = decode_colour(&png(image)).unwrap();
+        let read = decode_colour(&png(image), &mut None).unwrap();
         assert_eq!((read.get_pixel(0, 0).0, read.get_pixel(1, 0).0), ([100, 0, 0], [224, 204, 204]));
     }
 
     #[test]
     fn what_is_no_image_is_named() {
-        assert!(decode_colour(b"hello").unwrap_err().to_string().contains("the text \"hello\""));
+        assert!(decode_colour(b"hello", &mut None).unwrap_err().to_string().contains("the text \"hello\""));
     }
 }

@@ -4,6 +4,8 @@
 //! (9798 R + 19235 G + 3735 B + 16384) / 32768, rounded down, of colours (BT.601's 0.299, 0.587, 0.114 in 15 bits). Transparency does not
 //! count. 16-bit values are scaled as [`GrayDecoder`] says.
 
+use std::path::Path;
+
 use image::{DynamicImage, GrayImage, RgbImage};
 
 use super::{
@@ -98,6 +100,13 @@ pub struct GrayDecoder {
 }
 
 impl GrayDecoder {
+    /// A decoder for some pictures of a sequence that begins with another one, whose bits they have. One that does not read has none.
+    pub(super) fn of_sequence(first: &Path) -> Self {
+        let mut decoder = Self::default();
+        let _ = crate::input::read(first).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
+        decoder
+    }
+
     /// Decodes the bytes of a file to a single 8-bit channel.
     ///
     /// # Errors

@@ -31,6 +31,14 @@ pub enum FilmError {
         /// Codecs tried, as four-character codes.
         tried: String,
     },
+    /// Frames that would be shown for longer than films can say.
+    #[error("{}: a frame would be shown for {seconds:.0} s, and films show one for {LONGEST_FRAME_S} s at most", path.display())]
+    TooSlow {
+        /// The file.
+        path: PathBuf,
+        /// Seconds for which a frame would be shown.
+        seconds: f64,
+    },
     /// The encoder gave no file.
     #[error("{}: the encoder wrote nothing", path.display())]
     Empty {
@@ -58,6 +66,47 @@ pub enum FilmError {
     },
 }
 
+/// How long a frame of a film is shown at most, s: what a GIF can say.
+pub const LONGEST_FRAME_S: f64 = 655.0;
+
+/// Ticks per second of films whose own rate OpenCV does not write.
+const TICKS: f64 = 10.0;
+
+/// How the frames of a film follow on each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pace {
+    /// Frames per second that are wanted.
+    fps: f64,
+    /// Frames per second that are written.
+    written: f64,
+}
+
+impl Pace {
+    /// OpenCV writes a rate as a whole number over 1, 10, 100, ..., and takes the first one that is less than a thousandth off, which is much
+    /// of a slow rate. Where that is seen, every frame is written as often as tenths of a second fall on it.
+    fn of(path: &Path, fps: f64) -> Result<Self, FilmError> {
+        /// Frames per second from which on a thousandth is not seen, and the share of slower rates that is not.
+        const USUAL: f64 = 1.0;
+        const UNSEEN: f64 = 1e-4;
+        if !(fps > 0.0 && 1.0 / fps <= LONGEST_FRAME_S) {
+            return Err(FilmError::TooSlow { path: path.to_owned(), seconds: 1.0 / fps });
+        }
+        let mut base = 1.0;
+        while ((fps * base + 0.5).floor() / base - fps).abs() > 1e-3 {
+            base *= 10.0;
+        }
+        let off = ((fps * base + 0.5).floor() / base - fps).abs() / fps;
+        let written = if fps >= USUAL || off < UNSEEN { fps } else { TICKS };
+        Ok(Self { fps, written })
+    }
+
+    /// How often the frame at place `k`, from 0, is written.
+    fn times(self, k: usize) -> u64 {
+        let end = |k: usize| (k as f64 * self.written / self.fps).round() as u64;
+        if self.written.total_cmp(&self.fps).is_eq() { 1 } else { end(k + 1).saturating_sub(end(k)).max(1) }
+    }
+}
+
 /// Tries whether a film could be written: its encoder is started and ended. Whoever makes frames first and a film of them later asks
 /// before.
 ///
@@ -66,7 +115,8 @@ pub enum FilmError {
 pub fn check_video(path: &Path, fps: f64, size: (u32, u32)) -> Result<(), FilmError> {
     let scratch = tempfile::tempdir().map_err(OutputError::at(path))?;
     let (format, name) = format_of(path);
-    Encoder::start(path, &scratch.path().join(name), format, fps, even(size)).map(drop)
+    let pace = Pace::of(path, fps)?;
+    Encoder::start(path, &scratch.path().join(name), format, pace.written, even(size)).map(drop)
 }
 
 /// Format of a film by its extension, and its temporary name: the container follows the extension, so that has it too.
@@ -80,7 +130,8 @@ fn even((width, height): (u32, u32)) -> (u32, u32) {
 }
 
 /// Writes frames of one size as MP4 or `WebM`, by the extension of the path; odd sides lose their last row or column, as video codecs
-/// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one.
+/// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one. Of films of less than
+/// one frame per second some have every frame several times: they last as long as they should.
 ///
 /// # Errors
 /// [`FilmError`] when this OpenCV has no encoder for the format or the file cannot be written; what `frames` gives as error.
@@ -94,9 +145,13 @@ pub fn write_video<E: From<FilmError>>(
     let scratch = PendingFolder::create(path).map_err(FilmError::from)?;
     let (format, name) = format_of(path);
     let temporary = scratch.file(name);
-    let mut encoder = Encoder::start(path, &temporary, format, fps, even(first.dimensions()))?;
-    for frame in std::iter::once(Ok(first)).chain(frames) {
-        encoder.write(&frame?)?;
+    let pace = Pace::of(path, fps)?;
+    let mut encoder = Encoder::start(path, &temporary, format, pace.written, even(first.dimensions()))?;
+    for (k, frame) in std::iter::once(Ok(first)).chain(frames).enumerate() {
+        let frame = frame?;
+        for _ in 0..pace.times(k) {
+            encoder.write(&frame)?;
+        }
     }
     encoder.finish()?;
     if std::fs::metadata(&temporary).map_or(0, |m| m.len()) == 0 {
@@ -172,6 +227,33 @@ impl<'a> Encoder<'a> {
         match self.companion.receive(0) {
             Ok(Answer::Said(Reply::Failed { reason })) => FilmError::Encoder { path: self.path.to_owned(), reason },
             _ => FilmError::Program { path: self.path.to_owned(), source },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_films_last_as_long_as_they_should() {
+        let path = Path::new("a.mp4");
+        // Frames, and seconds that they last.
+        let film = |fps: f64, count: usize| {
+            let pace = Pace::of(path, fps).unwrap();
+            let frames: u64 = (0..count).map(|k| pace.times(k)).sum();
+            (frames, frames as f64 / pace.written)
+        };
+        assert_eq!(film(25.0, 50), (50, 2.0));
+        assert_eq!(film(0.05, 3), (3, 60.0));
+        // OpenCV would write 0.333 and 0.1 frames per second, and none for the last.
+        let (frames, seconds) = film(1.0 / 3.0, 1000);
+        assert_eq!((frames, seconds.round()), (30_000, 3000.0));
+        let (frames, seconds) = film(0.0994, 71);
+        assert!(frames == 7143 && (seconds - 71.0 / 0.0994).abs() < 0.05, "{frames} {seconds}");
+        assert_eq!(film(1.0 / 600.0, 2), (12_000, 1200.0));
+        for fps in [1e-3, 1e-300, 0.0, -1.0] {
+            assert!(matches!(Pace::of(path, fps), Err(FilmError::TooSlow { .. })), "{fps}");
         }
     }
 }

@@ -11,7 +11,9 @@ mod decode;
 mod film;
 mod jpeg;
 mod limit;
+mod packets;
 mod still;
+mod stream;
 mod video;
 mod webm;
 
@@ -29,7 +31,7 @@ pub use clock::Clock;
 pub use colour::{ColourReader, MAX_SIDE, colour_of, read_colour, read_colour_frames};
 pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder, grey_of};
-pub use film::{FilmError, check_video, write_video};
+pub use film::{FilmError, LONGEST_FRAME_S, check_video, write_video};
 pub use limit::{DEFAULT_MAX_PIXELS, set_max_pixels};
 
 /// Width and height in pixels.
@@ -154,6 +156,18 @@ pub enum SequenceError {
         /// What happened.
         reason: String,
     },
+    /// A video that is damaged in its middle: frames are missing, and those behind them would get wrong numbers.
+    #[error(
+        "{}: damaged behind frame {last}: frames that are in the file cannot be decoded there, and those behind them would get wrong \
+         numbers; frames 1 to {last} can be used, or a copy that is whole",
+        path.display()
+    )]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The last frame before the damage.
+        last: u32,
+    },
     /// The program that decodes videos is not there, or ended in the middle.
     #[error("{}: {source}", path.display())]
     Decoder {
@@ -214,6 +228,20 @@ impl SequenceReader {
             FrameSource::Video { path, first, last } => Source::Video(Box::new(video::VideoReader::open(path, *first, *last)?)),
         };
         Ok(Self { source, size: None, content: ContentHasher::default() })
+    }
+
+    /// Opens a part of a sequence of images, which is as bright as in the whole one; the whole sequence of other sources.
+    ///
+    /// # Errors
+    /// As [`SequenceReader::open`].
+    pub(crate) fn open_part(part: &FrameSource, whole: &FrameSource) -> Result<Self, SequenceError> {
+        let mut reader = Self::open(part)?;
+        if let (Source::Images { decoder, .. }, FrameSource::Images(files)) = (&mut reader.source, whole)
+            && let Some(first) = files.first()
+        {
+            *decoder = GrayDecoder::of_sequence(&first.path);
+        }
+        Ok(reader)
     }
 
     /// How fast the frames that were read follow on each other, by their own times; of images nobody knows.
@@ -331,7 +359,19 @@ impl Iterator for SequenceReader {
 /// # Errors
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
-    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| GrayDecoder::default().decode(&bytes));
+    read_with(path, GrayDecoder::default())
+}
+
+/// [`read_frame`] of a frame of a sequence that begins with the picture `first`: as bright as when the sequence is read.
+///
+/// # Errors
+/// As [`read_frame`].
+pub(crate) fn read_frame_of(path: &Path, first: &Path) -> Result<Frame, SequenceError> {
+    read_with(path, if path == first { GrayDecoder::default() } else { GrayDecoder::of_sequence(first) })
+}
+
+fn read_with(path: &Path, mut decoder: GrayDecoder) -> Result<Frame, SequenceError> {
+    let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
     let image = decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })?;
     Ok(Frame { number: 0, image })
 }

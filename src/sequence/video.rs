@@ -1,7 +1,6 @@
 //! Frames of a video file, decoded by `grimace-opencv`.
 
 use std::{
-    ffi::{OsStr, OsString},
     io::Read,
     path::{Path, PathBuf},
 };
@@ -9,88 +8,15 @@ use std::{
 use image::GrayImage;
 
 use super::{
-    DecodeError, SequenceError,
+    SequenceError,
     clock::{Clock, FrameTimes},
     content::{Stamp, content_blake3},
-    limit::{check_size, max_pixels},
+    stream::{Next, Stream, Wanted},
 };
-use crate::{
-    companion::{
-        Answer, Companion, CompanionError,
-        wire::{Pixels, Reply},
-    },
-    dataset::FrameSource,
-};
+use crate::{companion::wire::Pixels, dataset::FrameSource};
 
 /// Share of the stated frames that a whole video decodes at least; headers may be estimates.
 const COMPLETE: f64 = 0.9;
-
-/// A video at the program that decodes it.
-pub(super) struct Stream {
-    path: PathBuf,
-    companion: Companion,
-    fps: f64,
-    /// Frames that the file's header states; 0 or less when it does not. Some containers only estimate it.
-    stated: f64,
-    /// When the frame that was given last is shown, s from the start of the video.
-    time: Option<f64>,
-}
-
-/// What comes next in a video.
-pub(super) enum Next {
-    Frame(Pixels),
-    /// The end, after so many frames in all.
-    End(u32),
-}
-
-impl Stream {
-    /// Opens a video; frames come from number `first` on, in colour or grey.
-    pub(super) fn open(path: &Path, is_coloured: bool, first: u32) -> Result<Self, SequenceError> {
-        let unreadable = |e: std::io::Error| SequenceError::Decode { path: path.to_owned(), source: e.into() };
-        if is_text(&mut crate::input::open_file(path).map_err(unreadable)?) {
-            let reason = "a text, such as a list of other files, and not a video".to_owned();
-            return Err(SequenceError::Video { path: path.to_owned(), reason });
-        }
-        // From the root on: what comes before a colon in a bare name would be a protocol to FFmpeg.
-        let full = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let words = ["decode", if is_coloured { "colour" } else { "grey" }, &first.to_string(), &max_pixels().to_string()];
-        let arguments = words.iter().map(OsStr::new).chain([full.as_os_str()]).map(OsString::from);
-        let failed = |source| SequenceError::Decoder { path: path.to_owned(), source };
-        let mut companion = Companion::start(arguments).map_err(failed)?;
-        match companion.receive(0).map_err(failed)? {
-            Answer::Said(Reply::Video { fps, frames, width, height }) => {
-                if width > 0 && height > 0 {
-                    let of_size = |e: DecodeError| SequenceError::Video { path: path.to_owned(), reason: e.to_string() };
-                    check_size(width, height).map_err(of_size)?;
-                }
-                Ok(Self { path: path.to_owned(), companion, fps, stated: frames, time: None })
-            }
-            Answer::Said(Reply::Failed { reason }) => Err(SequenceError::Video { path: path.to_owned(), reason }),
-            other => Err(failed(other.unexpected())),
-        }
-    }
-
-    /// The next frame, or the end.
-    pub(super) fn next(&mut self) -> Result<Next, SequenceError> {
-        let failed = |source: CompanionError| SequenceError::Decoder { path: self.path.clone(), source };
-        let mut answer = self.companion.receive(max_pixels()).map_err(failed)?;
-        self.time = None;
-        if let Answer::Said(Reply::Time { seconds }) = answer {
-            self.time = Some(seconds);
-            answer = self.companion.receive(max_pixels()).map_err(failed)?;
-        }
-        match answer {
-            Answer::Pixels(pixels) => {
-                let of_size = |e: DecodeError| SequenceError::Video { path: self.path.clone(), reason: e.to_string() };
-                check_size(pixels.width, pixels.height).map_err(of_size)?;
-                Ok(Next::Frame(pixels))
-            }
-            Answer::Said(Reply::End { frames }) => Ok(Next::End(frames)),
-            Answer::Said(Reply::Failed { reason }) => Err(SequenceError::Video { path: self.path.clone(), reason }),
-            other @ Answer::Said(_) => Err(failed(other.unexpected())),
-        }
-    }
-}
 
 /// Decodes a video from its first to its last wanted frame.
 pub struct VideoReader {
@@ -104,8 +30,6 @@ pub struct VideoReader {
     ended: bool,
     times: FrameTimes,
     remark: Option<String>,
-    /// What names the last frame.
-    asked_by: &'static str,
 }
 
 impl VideoReader {
@@ -115,12 +39,8 @@ impl VideoReader {
         crate::input::open_file(path).map_err(unreadable)?;
         let stamp = Stamp::of(path).map_err(unreadable)?;
         let first = first.unwrap_or(1);
-        let stream = Stream::open(path, false, first.max(1))?;
-        if first == 0 || last == Some(0) {
-            let zero = if first == 0 { "first_frame" } else { "last_frame" };
-            let reason = format!("the frames of a video are numbered from 1; `{zero}` is 0");
-            return Err(SequenceError::Video { path: path.to_owned(), reason });
-        }
+        let stream = Stream::open(path, Wanted::Grey { first: first.max(1) })?;
+        check_numbers(path, first, last)?;
         Ok(Self {
             path: path.to_owned(),
             stamp,
@@ -132,13 +52,7 @@ impl VideoReader {
             ended: false,
             times: FrameTimes::default(),
             remark: None,
-            asked_by: "last_frame",
         })
-    }
-
-    /// The reader of a video that goes back in time: there it is the neutral frame that comes last in the file.
-    pub(super) fn of_backward(self) -> Self {
-        Self { asked_by: "first_frame", ..self }
     }
 
     /// The file.
@@ -148,12 +62,7 @@ impl VideoReader {
 
     /// BLAKE3 of the file, which must be as it was when it was opened: the codec reads it by itself.
     pub fn content_blake3(self) -> Result<blake3::Hash, SequenceError> {
-        let source = FrameSource::Video { path: self.path.clone(), first: None, last: None };
-        let content = content_blake3(&source)?;
-        match Stamp::of(&self.path) {
-            Ok(stamp) if stamp == self.stamp => Ok(content),
-            _ => Err(SequenceError::Changed { path: self.path }),
-        }
+        content_of(self.path, &self.stamp)
     }
 
     /// Times of the frames that were given.
@@ -163,7 +72,7 @@ impl VideoReader {
 
     /// How fast the frames that were given follow on each other.
     pub fn clock(&self) -> Clock {
-        self.times.clock(self.fps(), self.duration())
+        self.times.clock(self.fps(), self.stream.duration())
     }
 
     /// What is to be said of a video that was read to its end.
@@ -173,17 +82,12 @@ impl VideoReader {
 
     /// Frames per second stated by the file.
     pub fn fps(&self) -> Option<f64> {
-        Some(self.stream.fps).filter(|fps| fps.is_finite() && *fps > 0.0)
-    }
-
-    /// How long the file says that it is, s.
-    pub(super) fn duration(&self) -> Option<f64> {
-        self.fps().map(|fps| self.stream.stated / fps).filter(|seconds| seconds.is_finite() && *seconds > 0.0)
+        self.stream.fps()
     }
 
     /// Frames that the file's header states.
     pub fn stated_frames(&self) -> Option<usize> {
-        let stated = self.stream.stated;
+        let stated = self.stream.stated();
         (stated.is_finite() && stated >= 1.0).then_some(stated as usize)
     }
 
@@ -206,7 +110,7 @@ impl VideoReader {
             Ok(Next::Frame(Pixels { width, height, data, .. })) => {
                 self.next += 1;
                 self.given += 1;
-                self.times.enter(number, self.stream.time);
+                self.times.enter(number, self.stream.time());
                 Some(Ok((number, GrayImage::from_raw(width, height, data).unwrap_or_default())))
             }
             Ok(Next::End(count)) => self.end(count).map(Err),
@@ -218,10 +122,10 @@ impl VideoReader {
     fn end(&mut self, count: u32) -> Option<SequenceError> {
         let error = |reason: String| Some(SequenceError::Video { path: self.path.clone(), reason });
         match self.last {
-            Some(last) => error(format!("ends at frame {count}, before frame {last} that `{}` asks for", self.asked_by)),
+            Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
             None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
             None if self.breaks_off(count) => {
-                error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stream.stated))
+                error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stream.stated()))
             }
             None if self.given < 2 => {
                 error(format!("a sequence needs at least 2 frames, from neutral to apex; found {}", self.given))
@@ -236,27 +140,38 @@ impl VideoReader {
     /// Whether a video of `count` frames lacks its end. Some containers state how long they are, and their frames only as a guess from
     /// that, which is too many where frames were dropped, or where their rate is none: there the last frame's time tells.
     fn breaks_off(&self, count: u32) -> bool {
-        let Stream { stated, fps, .. } = self.stream;
-        let is_late = |end: f64| fps > 0.0 && end * fps + 1.0 >= COMPLETE * stated;
+        let (stated, fps) = (self.stream.stated(), self.fps());
+        let is_late = |end: f64| fps.is_some_and(|fps| end * fps + 1.0 >= COMPLETE * stated);
         f64::from(count) < COMPLETE * stated && !self.times.end().is_some_and(is_late)
     }
 
     /// What is to be said of a video in which `count` frames were found.
     fn remark_at(&self, count: u32) -> Option<String> {
-        let Stream { stated, fps, .. } = self.stream;
-        let is_early = |end: f64| fps > 0.0 && end * fps < stated - 1.0;
+        let (stated, fps) = (self.stream.stated(), self.fps());
+        let is_early = |end: f64| fps.is_some_and(|fps| end * fps < stated - 1.0);
         let lacks = f64::from(count) < stated && self.times.end().is_none_or(is_early) && counts_frames(&self.path);
         lacks.then(|| format!("{count} of the {stated} frames that the file promises were found in it; it may be cut"))
     }
 }
 
-/// Whether a file begins as a text does: `FFmpeg` follows lists of files (`ffconcat`, `#EXTM3U`, an MPD) wherever they lead, to pipes that
-/// never end and to videos whose changes nobody would see. No container of ours begins so.
-fn is_text(file: &mut impl Read) -> bool {
-    const LOOKED_AT: u64 = 64;
-    let mut begin = Vec::new();
-    let is_letter = |b: &u8| matches!(b, b'\t' | b'\n' | b'\r' | b' '..=b'~' | 0x80..);
-    file.take(LOOKED_AT).read_to_end(&mut begin).is_ok() && !begin.is_empty() && begin.iter().all(is_letter)
+/// Refuses numbers of frames that no video has.
+pub(super) fn check_numbers(path: &Path, first: u32, last: Option<u32>) -> Result<(), SequenceError> {
+    if first > 0 && last != Some(0) {
+        return Ok(());
+    }
+    let zero = if first == 0 { "first_frame" } else { "last_frame" };
+    let reason = format!("the frames of a video are numbered from 1; `{zero}` is 0");
+    Err(SequenceError::Video { path: path.to_owned(), reason })
+}
+
+/// BLAKE3 of a video, which must be as it was when it was opened.
+pub(super) fn content_of(path: PathBuf, opened: &Stamp) -> Result<blake3::Hash, SequenceError> {
+    let source = FrameSource::Video { path: path.clone(), first: None, last: None };
+    let content = content_blake3(&source)?;
+    match Stamp::of(&path) {
+        Ok(stamp) if stamp == *opened => Ok(content),
+        _ => Err(SequenceError::Changed { path }),
+    }
 }
 
 /// Whether a video's header counts its frames: that of AVI and MP4 does, others only say how long they are, the sound included.

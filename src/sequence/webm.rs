@@ -58,7 +58,7 @@ pub(super) fn set_random_numbers(path: &Path) -> io::Result<()> {
 }
 
 /// Number, start of the content and size of the element at a place of the file; `None` at its end.
-fn element_at(file: &mut File, at: u64) -> io::Result<Option<(u32, u64, u64)>> {
+pub(super) fn element_at(file: &mut File, at: u64) -> io::Result<Option<(u32, u64, u64)>> {
     let mut head = Vec::new();
     file.seek(SeekFrom::Start(at))?;
     file.take(12).read_to_end(&mut head)?;
@@ -67,7 +67,7 @@ fn element_at(file: &mut File, at: u64) -> io::Result<Option<(u32, u64, u64)>> {
 
 /// Number, start of the content and size of the element at the front of some bytes. A number has up to 4 bytes, a size up to 8; the zeros
 /// before their first one tell how many.
-fn element_in(bytes: &[u8]) -> Option<(u32, usize, u64)> {
+pub(super) fn element_in(bytes: &[u8]) -> Option<(u32, usize, u64)> {
     let number_length = bytes.first()?.leading_zeros() as usize + 1;
     let number = bytes.get(..number_length).filter(|b| b.len() <= 4)?;
     let number = number.iter().fold(0, |n, &b| n << 8 | u32::from(b));

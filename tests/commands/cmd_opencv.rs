@@ -86,8 +86,8 @@ fn script(folder: &std::path::Path, text: &str) {
 fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("face.avi", "any bytes\0");
-    // The first message is the text {"hello":{"version":2}}; then comes a video without frames, and no more.
-    let hello = r#"printf '\000\027\000\000\000{"hello":{"version":2}}'"#;
+    // The first message is the text {"hello":{"version":3}}; then comes a video without frames, and no more.
+    let hello = r#"printf '\000\027\000\000\000{"hello":{"version":3}}'"#;
     let video = r#"printf '\000\070\000\000\000{"video":{"fps":25,"frames":9,"width":200,"height":160}}'"#;
     let huge = r#"printf '\001\377\377\377\377\377\377\000\000\377\377\000\000\003'"#;
     let cases = [

@@ -304,3 +304,26 @@ fn landmarks_of_a_manifest_serve_as_marks() {
         .exit(3)
         .says(&["S001_005", "landmarks68.csv: frame 1 has no landmarks; there are 1 frames from 2 to 2"]);
 }
+
+#[test]
+#[cfg(unix)]
+fn a_frame_that_cannot_be_read_fails_alike_in_every_run() {
+    let work = with_manifest(PLAIN);
+    let frame = work.path("faces/S001/005/S001_005_00000004.png");
+    let bytes = std::fs::read(&frame).unwrap();
+    std::fs::remove_file(&frame).unwrap();
+    std::os::unix::fs::symlink("/no/such/picture.png", &frame).unwrap();
+    work.grimace("run faces -o out").exit(3);
+    let first = work.read("out/failures.csv");
+    assert!(first.contains("S001,005,track,") && first.contains("S001_005_00000004.png: cannot be read"), "{first}");
+    work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 0 tracked, 1 unchanged, 1 failed"]);
+    assert_eq!(work.read("out/failures.csv"), first);
+    // The same where the frame was there once and a track is.
+    std::fs::remove_file(&frame).unwrap();
+    std::fs::write(&frame, bytes).unwrap();
+    work.grimace("run faces -o out").exit(0);
+    std::fs::remove_file(&frame).unwrap();
+    std::os::unix::fs::symlink("/no/such/picture.png", &frame).unwrap();
+    work.grimace("run faces -o out").exit(3);
+    assert_eq!(work.read("out/failures.csv"), first);
+}

@@ -30,5 +30,6 @@ mod cmd_segment;
 mod cmd_skin;
 mod cmd_synthesize;
 mod cmd_track;
+mod cmd_video;
 mod real_data;
 mod workflow;

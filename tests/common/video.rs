@@ -11,6 +11,13 @@ use super::{Work, grimace};
 
 /// Writes the frames of a folder as a video, AVI (motion JPEG) or MP4 by its name; whether OpenCV has a writer for it here.
 pub fn write_video(work: &Work, folder: &str, name: &str) -> bool {
+    let files = work.files(folder);
+    let pictures = files.iter().filter(|(name, _)| name.ends_with(".png"));
+    write_pictures(work, pictures.map(|(_, bytes)| image::load_from_memory(bytes).unwrap().to_rgb8()), name)
+}
+
+/// Writes pictures of 200 x 160 px as [`write_video`] does.
+pub fn write_pictures(work: &Work, pictures: impl Iterator<Item = image::RgbImage>, name: &str) -> bool {
     // Builds what this test starts where only one test program was built.
     grimace();
     let kind = name.rsplit('.').next().unwrap();
@@ -24,8 +31,8 @@ pub fn write_video(work: &Work, folder: &str, name: &str) -> bool {
         }
         other => panic!("{other:?}"),
     }
-    for (_, bytes) in work.files(folder).iter().filter(|(name, _)| name.ends_with(".png")) {
-        writer.send_pixels((200, 160), 3, image::load_from_memory(bytes).unwrap().to_rgb8().as_raw()).unwrap();
+    for picture in pictures {
+        writer.send_pixels((200, 160), 3, picture.as_raw()).unwrap();
     }
     writer.send(&Request::End).unwrap();
     assert!(matches!(writer.receive(0).unwrap(), Answer::Said(Reply::Done)));

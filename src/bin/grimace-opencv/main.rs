@@ -6,9 +6,11 @@
 #![allow(missing_docs, clippy::pedantic)]
 
 mod about;
+mod back;
 mod decode;
 mod encode;
 mod faces;
+mod film;
 mod klt;
 mod talk;
 
@@ -58,7 +60,7 @@ fn main() -> ExitCode {
             about::lines().iter().for_each(|line| println!("{line}"));
         }
         Some("--help" | "-h") => println!("{USAGE}"),
-        Some(work @ ("decode" | "encode" | "faces" | "klt")) => return run(work, &arguments[1..]),
+        Some(work @ ("back" | "decode" | "encode" | "faces" | "klt")) => return run(work, &arguments[1..]),
         _ => {
             eprintln!("{USAGE}");
             return ExitCode::from(2);
@@ -71,6 +73,7 @@ fn run(work: &str, arguments: &[OsString]) -> ExitCode {
     let Ok(mut talk) = Talk::begin() else { return ExitCode::FAILURE };
     configure();
     let done = talk.say(&Reply::Hello { version: VERSION }).map_err(Trouble::from).and_then(|()| match work {
+        "back" => back::run(arguments, &mut talk),
         "decode" => decode::run(arguments, &mut talk),
         "encode" => encode::run(arguments, &mut talk),
         "faces" => faces::run(arguments, &mut talk),

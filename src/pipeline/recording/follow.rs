@@ -12,7 +12,7 @@ use crate::{
     dataset::FrameSource,
     fit::{Correspondence, validate_correspondences},
     pipeline::{FoundFace, Workbench},
-    sequence::{Frame, SequenceError, SequenceReader, read_frame},
+    sequence::{Frame, SequenceError, SequenceReader, read_frame_of},
     track::{FrameTracker, NodeState, TrackError, TrackedFrame, TrackedNode, eye_distance_px, window_px},
 };
 
@@ -193,8 +193,8 @@ fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f
 type Frames = Box<dyn Iterator<Item = Result<Frame, SequenceError>>>;
 
 /// The frames from one number to another, back in time where the second is the smaller one.
-fn frames_between(source: &FrameSource, from: u32, to: u32) -> Result<Frames, RecordingError> {
-    let source = match source {
+fn frames_between(whole: &FrameSource, from: u32, to: u32) -> Result<Frames, RecordingError> {
+    let source = match whole {
         FrameSource::Images(files) => {
             let wanted = from.min(to)..=from.max(to);
             let mut files: Vec<_> = files.iter().filter(|f| wanted.contains(&f.number)).cloned().collect();
@@ -203,12 +203,13 @@ fn frames_between(source: &FrameSource, from: u32, to: u32) -> Result<Frames, Re
             }
             if let [only] = &files[..] {
                 let number = only.number;
-                let frame = read_frame(&only.path).map(|frame| Frame::new(number, frame.into_image()));
+                let first = whole.files().first().map_or(&*only.path, |first| *first);
+                let frame = read_frame_of(&only.path, first).map(|frame| Frame::new(number, frame.into_image()));
                 return Ok(Box::new(std::iter::once(frame)));
             }
             FrameSource::Images(files)
         }
         FrameSource::Video { path, .. } => FrameSource::Video { path: path.clone(), first: Some(from), last: Some(to) },
     };
-    Ok(Box::new(SequenceReader::open(&source)?))
+    Ok(Box::new(SequenceReader::open_part(&source, whole)?))
 }

@@ -1,0 +1,131 @@
+//! What a manifest that is there says beyond a proposal.
+
+use std::{collections::BTreeMap, path::Path};
+
+use super::{ProposedManifest, UNKNOWN_EMOTION};
+use crate::{dataset::DatasetError, input::CsvFile, text::composed};
+
+/// What became of an earlier manifest.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// Columns that were taken over.
+    pub columns: Vec<String>,
+    /// Sequences whose emotion was another one before, each with both.
+    pub other_emotions: Vec<String>,
+    /// Frames of rows that are not found any more.
+    pub gone: Vec<String>,
+}
+
+impl ProposedManifest {
+    /// Takes over what an earlier manifest says of the same frames: emotions that are not known otherwise, landmarks, and all columns that
+    /// a proposal has no value for, such as marks, chosen frames and `publish`.
+    ///
+    /// # Errors
+    /// [`DatasetError`] when it does not read.
+    pub fn keep(&mut self, path: &Path) -> Result<Kept, DatasetError> {
+        let csv = CsvFile::open(path)?;
+        let mut kept = Kept::default();
+        let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
+        let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
+        let columns: Vec<(usize, String)> = csv.header().iter().cloned().enumerate().filter(|(_, name)| is_more(name)).collect();
+        // All rows, before anything is changed.
+        let mut earlier: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
+        let field = |row: &[String], name: &str| csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default();
+        for row in csv.rows() {
+            let row = row?;
+            let fields: Vec<String> = (0..csv.header().len()).map(|k| row.get(k).to_owned()).collect();
+            let named = composed(&field(&fields, "frames"));
+            let default = composed(&format!("{}/{}", field(&fields, "subject"), field(&fields, "sequence")));
+            let place = if named.is_empty() { default } else { named.trim_start_matches("./").trim_end_matches('/').to_owned() };
+            earlier.entry(place).or_default().push(fields);
+        }
+        for (_, name) in &columns {
+            if !self.more_columns.contains(name) {
+                self.more_columns.push(name.clone());
+            }
+        }
+        let width = self.more_columns.len();
+        let more_columns = self.more_columns.clone();
+        let mut rows = Vec::with_capacity(self.rows.len());
+        for mut row in std::mem::take(&mut self.rows) {
+            row.more.resize(width, String::new());
+            let Some(old) = earlier.remove(&composed(&row.frames)) else {
+                rows.push(row);
+                continue;
+            };
+            // Several sequences of one recording stay several.
+            let several = old.len() > 1;
+            for fields in &old {
+                let mut row = row.clone();
+                if several {
+                    (row.subject, row.sequence) = (field(fields, "subject"), field(fields, "sequence"));
+                }
+                let emotion = field(fields, "emotion");
+                if !emotion.is_empty() && (several || row.emotion == UNKNOWN_EMOTION) {
+                    row.emotion = emotion;
+                } else if !emotion.is_empty() && emotion != row.emotion {
+                    kept.other_emotions.push(format!("{}_{} ({emotion}, now {})", row.subject, row.sequence, row.emotion));
+                }
+                if row.landmarks.is_empty() {
+                    row.landmarks = field(fields, "landmarks");
+                }
+                for (k, name) in &columns {
+                    let place = more_columns.iter().position(|column| column == name);
+                    if let Some(value) =
+                        place.and_then(|place| row.more.get_mut(place)).filter(|value| several || value.is_empty())
+                    {
+                        value.clone_from(&fields[*k]);
+                    }
+                }
+                rows.push(row);
+            }
+        }
+        self.rows = rows;
+        kept.gone = earlier.into_keys().collect();
+        kept.columns = columns.into_iter().map(|(_, name)| name).collect();
+        Ok(kept)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::super::{manifest_path, propose_manifest};
+
+    #[test]
+    fn what_a_person_entered_is_kept_when_a_manifest_is_made_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        for file in ["A/a.mp4", "B/b.mp4"] {
+            fs::create_dir(folder.path().join(file).parent().unwrap()).unwrap();
+            fs::write(folder.path().join(file), "").unwrap();
+        }
+        let path = manifest_path(folder.path());
+        fs::write(
+            &path,
+            "subject,sequence,emotion,frames,publish,first_frame,group\nA,a,fear,A/a.mp4,no,7,old\nC,c,joy,C/c.mp4,no,,old\n",
+        )
+        .unwrap();
+        let people = folder.path().join("people.csv");
+        fs::write(&people, "subject,group\nA,new\nB,new\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.join_people(&people).unwrap();
+        let kept = manifest.keep(&path).unwrap();
+        assert_eq!((kept.columns, kept.gone), (vec!["publish".to_owned(), "first_frame".to_owned()], vec!["C/c.mp4".to_owned()]));
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,group,publish,first_frame\n\
+                        A,a,fear,A/a.mp4,new,no,7\nB,b,?,B/b.mp4,new,,\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        // Two sequences of one video, another way to write a path, and a row that does not read.
+        fs::write(&path, "subject,sequence,emotion,frames,publish\nA,1,joy,./A/a.mp4,no\nA,2,fear,A/a.mp4,yes\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.keep(&path).unwrap();
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,publish\nA,1,joy,A/a.mp4,no\nA,2,fear,A/a.mp4,yes\nB,b,?,B/b.mp4,\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        fs::write(&path, "subject,sequence,emotion,frames\nA,a,joy,A/a.mp4,x,y,z\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        let before = manifest.clone();
+        assert!(manifest.keep(&path).is_err() && manifest == before);
+    }
+}

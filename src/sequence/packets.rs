@@ -1,0 +1,108 @@
+//! What a video's container says of its frames, without decoding them.
+//!
+//! A decoder passes over what it cannot decode without a word, and the frames behind that would get wrong numbers. A gap in the times of
+//! frames may be one of the camera's, which left frames out, or a frame that is in the file and was lost: the container tells.
+
+mod avi;
+mod matroska;
+mod mp4;
+
+use std::{io::Read, path::Path};
+
+pub(super) use self::avi::Walk;
+
+/// How far a frame's time may be from that of its packet, s: containers and OpenCV round to milliseconds.
+const ROUNDED: f64 = 2e-3;
+/// Share of the usual distance of frames that a packet is away from both frames beside it, if it is another frame. A frame may have two
+/// packets (fields, and pictures that only help to decode others), which lie closer.
+const APART: f64 = 0.75;
+/// Most packets of a video: 38 hours of 72 frames per second.
+const MOST_PACKETS: usize = 10_000_000;
+
+/// Times of the packets of a video's pictures, and where the container is broken.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Packets {
+    /// Seconds, ascending.
+    times: Vec<f64>,
+    /// What may be the time of the first frame in `times`.
+    origins: Vec<f64>,
+    /// Time of the last packet before every place where the container is broken.
+    breaks: Vec<f64>,
+}
+
+impl Packets {
+    /// Reads the container; nothing where it is of another kind, or does not say.
+    pub(super) fn of(path: &Path) -> Option<Self> {
+        let mut packets = match Container::of(path)? {
+            Container::Avi => Walk::of(path).and_then(Walk::packets).ok().flatten()?,
+            Container::Matroska => matroska::read(path).ok()?,
+            Container::Mp4 => mp4::read(path).ok().flatten()?,
+        };
+        packets.times.sort_by(f64::total_cmp);
+        Some(packets)
+    }
+
+    /// Whether a frame was lost between two that follow on each other, with times in seconds from the first frame. Frames are `usual`
+    /// seconds apart. What cannot be told is no loss.
+    pub(super) fn lose(&self, from: f64, to: f64, usual: f64) -> bool {
+        let has = |time: f64| {
+            let place = self.times.partition_point(|other| *other < time - ROUNDED);
+            self.times.get(place).is_some_and(|other| *other <= time + ROUNDED)
+        };
+        let origin = self.origins.iter().find(|&&origin| has(origin + from) && has(origin + to));
+        origin.is_some_and(|origin| {
+            let (from, to) = (origin + from, origin + to);
+            let is_between = |time: &f64| *time > from + APART * usual && *time < to - APART * usual;
+            self.times.iter().any(is_between) || self.breaks.iter().any(|time| (from - ROUNDED..to - ROUNDED).contains(time))
+        })
+    }
+}
+
+/// What watches the places where a video's container may be broken, where times behind one tell nothing.
+pub(super) fn walk(path: &Path) -> Option<Walk> {
+    match Container::of(path)? {
+        Container::Avi => Walk::of(path).ok(),
+        Container::Matroska | Container::Mp4 => None,
+    }
+}
+
+enum Container {
+    Avi,
+    Matroska,
+    Mp4,
+}
+
+impl Container {
+    fn of(path: &Path) -> Option<Self> {
+        let mut begin = [0; 12];
+        crate::input::open_file(path).and_then(|mut file| file.read_exact(&mut begin)).ok()?;
+        match (&begin[..4], &begin[4..8], &begin[8..]) {
+            (b"RIFF", _, b"AVI ") => Some(Self::Avi),
+            ([0x1A, 0x45, 0xDF, 0xA3], ..) => Some(Self::Matroska),
+            (_, b"ftyp", _) => Some(Self::Mp4),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gap_of_the_camera_is_none_of_the_file() {
+        // 25 frames per second from 2 s on; the camera left out 2.12.
+        let times: Vec<f64> = [0, 1, 2, 4, 5, 6, 7].map(|k| 2.0 + 0.04 * f64::from(k)).to_vec();
+        let whole = Packets { times, origins: vec![0.0, 2.0], breaks: vec![] };
+        assert!(!whole.lose(0.08, 0.16, 0.04));
+        // 2.20 was lost; of times that are not there nobody knows.
+        assert!(whole.lose(0.16, 0.24, 0.04));
+        assert!(!whole.lose(0.17, 0.25, 0.04));
+        // A second field between two frames is no frame.
+        let mut fields = whole.clone();
+        fields.times.insert(3, 2.10);
+        assert!(!fields.lose(0.08, 0.16, 0.04));
+        let broken = Packets { breaks: vec![2.08], ..whole };
+        assert!(broken.lose(0.08, 0.16, 0.04) && !broken.lose(0.04, 0.08, 0.04) && !broken.lose(0.16, 0.2, 0.04));
+    }
+}

@@ -1,0 +1,188 @@
+//! Videos: frames behind damage, and frames back in time.
+
+use std::path::Path;
+
+use grimace::{
+    dataset::FrameSource,
+    sequence::{SequenceError, SequenceReader},
+};
+use image::{ImageFormat, Rgb, RgbImage};
+
+use crate::common::{
+    Work,
+    video::{matroska, write_pictures, write_video},
+};
+
+/// Bits of a number that a picture shows.
+const BITS: u32 = 10;
+
+/// A picture that shows its number: a white or black column for each bit, and no two the same.
+fn picture(number: u32) -> RgbImage {
+    RgbImage::from_fn(200, 160, |x, y| match x / 20 {
+        bit if bit < BITS && y < 140 => Rgb([255 * (number >> bit & 1) as u8; 3]),
+        _ => Rgb([(60 + x / 2 + number * 7 % 50) as u8, (y + number % 40) as u8, 90]),
+    })
+}
+
+/// The number that a decoded picture shows.
+fn shown(image: &image::GrayImage) -> u32 {
+    (0..BITS).map(|bit| u32::from(image.get_pixel(20 * bit + 10, 70).0[0] > 128) << bit).sum()
+}
+
+/// Numbers of the frames of a video and of the pictures in them, to the first error.
+fn read(path: &Path, first: Option<u32>, last: Option<u32>) -> (Vec<(u32, u32)>, Option<SequenceError>) {
+    let source = FrameSource::Video { path: path.to_owned(), first, last };
+    let mut frames = Vec::new();
+    for frame in SequenceReader::open(&source).unwrap() {
+        match frame {
+            Ok(frame) => frames.push((frame.number(), shown(frame.image()))),
+            Err(error) => return (frames, Some(error)),
+        }
+    }
+    (frames, None)
+}
+
+/// A video of 20 frames must be damaged between frame 8 and 13: what is before is read, and nothing behind it.
+fn check_damage(path: &Path) {
+    let last = match read(path, None, None) {
+        (frames, Some(SequenceError::Damaged { last, .. })) => {
+            assert_eq!(frames, (1..=last).map(|number| (number, number)).collect::<Vec<_>>());
+            last
+        }
+        other => panic!("{}: {other:?}", path.display()),
+    };
+    assert!((8..=13).contains(&last), "{}: {last}", path.display());
+    let (frames, error) = read(path, Some(3), Some(last));
+    assert!(error.is_none() && frames.len() as u32 == last - 2, "{error:?}");
+    // Frames behind it are refused, in whatever direction they are asked for, and whether those before are wanted or not.
+    for (first, last) in [(Some(last + 2), None), (Some(1), Some(last + 1)), (Some(last + 2), Some(2))] {
+        let (frames, error) = read(path, first, last);
+        let is_told = matches!(error, Some(SequenceError::Damaged { .. }));
+        assert!(is_told && frames.iter().all(|(number, shown)| number == shown), "{first:?} {last:?}: {frames:?} {error:?}");
+    }
+}
+
+/// A Matroska video with the head of a cluster broken.
+fn without_cluster(mut video: Vec<u8>, place: usize) -> Vec<u8> {
+    let clusters: Vec<usize> = (0..video.len() - 4).filter(|&k| video[k..k + 4] == [0x1F, 0x43, 0xB6, 0x75]).collect();
+    video[clusters[place]..clusters[place] + 4].fill(0);
+    video
+}
+
+#[test]
+fn no_frame_behind_damage_has_a_wrong_number() {
+    let work = Work::new();
+    let jpegs: Vec<Vec<u8>> = (1..=20)
+        .map(|number| {
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            picture(number).write_to(&mut bytes, ImageFormat::Jpeg).unwrap();
+            bytes.into_inner()
+        })
+        .collect();
+    let even: Vec<u64> = (0..20).map(|k| 40 * k).collect();
+    let write = |name: &str, frames: &[Vec<u8>], times: &[u64]| {
+        work.write(name, matroska(frames, times, Some(40), 800.0));
+        work.path(name)
+    };
+    // A cluster whose head is broken: the reader goes on with the next one.
+    let whole = write("whole.mkv", &jpegs, &even);
+    assert!(read(&whole, None, None).1.is_none());
+    work.write("cluster.mkv", without_cluster(work.bytes("whole.mkv"), 10));
+    check_damage(&work.path("cluster.mkv"));
+    // A camera that left frames out.
+    let mut uneven = even.clone();
+    uneven[10..].iter_mut().for_each(|time| *time += 200);
+    let (frames, error) = read(&write("camera.mkv", &jpegs, &uneven), None, None);
+    assert!(error.is_none() && frames.len() == 20, "{error:?}");
+
+    if write_pictures(&work, (1..=20).map(picture), "whole.avi") {
+        let mut avi = work.bytes("whole.avi");
+        let chunks: Vec<usize> = (0..avi.len() - 4).filter(|&k| &avi[k..k + 4] == b"00dc").collect();
+        avi[chunks[10]..chunks[10] + 8].fill(0);
+        work.write("chunk.avi", &avi);
+        check_damage(&work.path("chunk.avi"));
+        assert!(read(&work.path("whole.avi"), None, None).1.is_none());
+    }
+    // A picture that the decoder passes over, or ends at: no frame is another one than its number says, and none is missing without a word.
+    if write_pictures(&work, (1..=80).map(picture), "whole.webm") {
+        assert!(read(&work.path("whole.webm"), None, None).1.is_none());
+        let whole = work.bytes("whole.webm");
+        for share in [3, 4, 5, 6, 7] {
+            let mut webm = whole.clone();
+            let place = webm.len() * share / 10;
+            webm[place..place + 100].fill(0);
+            work.write("picture.webm", &webm);
+            let (frames, error) = read(&work.path("picture.webm"), None, None);
+            // Of a frame that is given the bits may be damaged, but those behind the next key frame are whole.
+            assert!(frames.iter().zip(1..).all(|((number, _), expected)| *number == expected));
+            assert!(frames.len() == 80 || error.is_some(), "{share}: {} frames", frames.len());
+        }
+    }
+}
+
+#[test]
+fn the_command_says_up_to_which_frame_a_damaged_video_can_be_used() {
+    let work = Work::with_sequences(&["S001_005"]);
+    let frames: Vec<Vec<u8>> = work
+        .files("faces/S001/005")
+        .iter()
+        .filter(|(name, _)| name.ends_with(".png"))
+        .map(|(_, bytes)| {
+            let mut jpeg = std::io::Cursor::new(Vec::new());
+            image::load_from_memory(bytes).unwrap().to_luma8().write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
+            jpeg.into_inner()
+        })
+        .collect();
+    let video = matroska(&frames, &[0, 40, 80, 120, 160, 200], Some(40), 240.0);
+    work.write("face.mkv", without_cluster(video, 3));
+    let track = "track face.mkv -c faces/S001/005/correspondences.csv -o S001_1.csv";
+    work.grimace(track).exit(1).says(&["face.mkv: damaged behind frame 3", "frames 1 to 3 can be used"]);
+    work.grimace(&format!("{track} --last-frame 3")).exit(0).prints(&["3 frames"]);
+}
+
+#[test]
+fn a_long_video_is_the_same_back_in_time() {
+    let work = Work::new();
+    // More frames than are held at a time; numbers to 1023 have bits.
+    const COUNT: u32 = 1100;
+    let numbers = || (1..=COUNT).map(|number| picture(number % 1024));
+    for name in ["film.avi", "film.mp4"] {
+        if !write_pictures(&work, numbers(), name) {
+            continue;
+        }
+        let read = |first: u32, last: u32| -> Vec<_> {
+            let source = FrameSource::Video { path: work.path(name), first: Some(first), last: Some(last) };
+            SequenceReader::open(&source).unwrap().map(|frame| frame.unwrap()).collect()
+        };
+        let mut forward = read(1, COUNT);
+        forward.reverse();
+        let back = read(COUNT, 1);
+        assert!(back == forward, "{name}: not the same frames");
+        assert!(read(COUNT - 5, 500) == forward[5..=600], "{name}: not the same frames from the middle");
+        assert!(back.iter().all(|frame| shown(frame.image()) == frame.number() % 1024));
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_video_back_in_time_is_opened_once() {
+    use std::os::unix::fs::PermissionsExt;
+    let work = Work::with_sequences(&["S001_005"]);
+    if !write_video(&work, "faces/S001/005", "face.avi") {
+        return;
+    }
+    // A decoder that counts how often it is started.
+    let program = crate::common::grimace();
+    let real = program.with_file_name("grimace-opencv");
+    work.write("bin/grimace-opencv", format!("#!/bin/sh\necho \"$1\" >> \"$0.log\"\nexec '{}' \"$@\"\n", real.display()));
+    std::fs::set_permissions(work.path("bin/grimace-opencv"), std::fs::Permissions::from_mode(0o755)).unwrap();
+    std::fs::copy(program, work.path("bin/grimace")).unwrap();
+    let track = "track face.avi -c faces/S001/005/correspondences.csv -o S001_1.csv --first-frame 6 --last-frame 1";
+    let mut command = std::process::Command::new(work.path("bin/grimace"));
+    let ran = command.current_dir(work.path(".")).args(track.split_whitespace()).output().unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let starts = work.read("bin/grimace-opencv.log");
+    assert!(starts.lines().filter(|word| *word == "back").count() >= 1, "{starts}");
+    // One look at the neutral frame for what is told of it, one through all.
+    assert!(starts.lines().count() <= 2, "{starts}");
+}
