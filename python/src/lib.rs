@@ -3,9 +3,6 @@
 //! Functions take and give arrays, numbers and JSON texts; the Python half gives them names, defaults, types and documentation. Every call
 //! that takes long runs in a thread of its own with the interpreter's lock released (`long`).
 #![allow(missing_docs, clippy::pedantic)]
-// Its tests are Python's. `scripts/test` names all packages, this one too, for all to be built with the same features; as a test program of Rust's
-// it would not link.
-#![cfg(not(test))]
 
 mod arrays;
 mod bench;
