@@ -32,8 +32,9 @@ const SEEN: (f64, f64) = (0.12, 0.88);
 /// Most of the opening that a lid may go down.
 const MOST_SHUT: f64 = 0.3;
 
-/// How far from where Candide-3 has them the inner corners of the mouth lie towards the outer ones: lips part to their end.
-const CORNERS: f64 = 0.3;
+/// How far from where Candide-3 has them the inner corners of the mouth lie towards the outer ones: lips part to their end. What is left of the
+/// line in which they meet goes on beyond the opening, as a dark spur.
+const CORNERS: f64 = 0.6;
 
 /// The nodes with the upper lids and a parted lower lip where the picture shows them, and lips that end near their corners; a node of
 /// which `is_set` says that a person placed it stays.

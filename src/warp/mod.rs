@@ -124,7 +124,7 @@ pub struct Warp {
     closed: bool,
     /// The vertices on the photograph.
     source: Vec<Point2<f64>>,
-    /// Skin triangles that have no area on the photograph (at the corners of closed lips); they cannot fold any further.
+    /// Skin triangles that may fold: they have no area on the photograph (at the corners of closed lips), or are too small for that to be seen.
     is_flat: Vec<bool>,
     /// Driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
@@ -258,6 +258,12 @@ impl Warp {
             let middle = triangle.iter().map(|&v| warp.source[v as usize].coords).sum::<Vector2<f64>>() / 3.0;
             let is_near = |corner: &Point2<f64>| (middle - corner.coords).norm() < BESIDE_CORNER * frame.eye_distance;
             warp.is_flat[k] |= corners.iter().any(is_near);
+        }
+        // So are the slivers at the edges of the lips, of a pixel or two, which an edge that is drawn flat presses upon: what would be seen to fold
+        // takes the skin beyond them along.
+        for (is_flat, triangle) in warp.is_flat.iter_mut().zip(&warp.mesh.skin) {
+            let mouth = &warp.mesh.openings[0];
+            *is_flat |= triangle.iter().any(|v| mouth.upper.contains(v) || mouth.lower.contains(v));
         }
         let area = |k: usize| {
             let [a, b, c] = warp.mesh.skin[k].map(|v| warp.mesh.vertices[v as usize]);

@@ -27,8 +27,8 @@ pub const TEETH_WHITE: f32 = 200.0;
 /// How far the upper incisors reach below the closed lips, over the eye distance (2.8 mm of a mean 63 mm between the pupils).
 const UPPER_BELOW_LIPS: f64 = 0.058;
 /// A lip is long or short, and shows less or more of them: its length from the base of the nose on the mean of 59 people, over the eye distance, by
-/// how much less the teeth reach below a longer one, and at most.
-const UPPER_LIP: (f64, f64, f64) = (0.375, 0.30, 0.012);
+/// how much less the teeth reach below a longer one, and by how much more and less at most. A mouth that gapes without any teeth is a hole.
+const UPPER_LIP: (f64, f64, [f64; 2]) = (0.375, 0.30, [0.012, 0.004]);
 /// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline, where the lower lip
 /// has dropped, and where the upper one is raised.
 const FLATTER: (f64, f64) = (0.12, 0.22);
@@ -95,7 +95,7 @@ const TONGUE: (f64, f64, f64, [f32; 3]) = (0.38, 0.40, 0.72, [1.0, 0.95, 0.96]);
 /// Its height over the gap of the lips; it lies lower in a long jaw: length from the lips to the chin on the mean of 59 people, over the eye
 /// distance, by how much less high it is in a longer one, and at most.
 const TONGUE_HEIGHT: f64 = 0.56;
-const JAW: (f64, f64, f64) = (0.78, 1.0, 0.07);
+const JAW: (f64, f64, [f64; 2]) = (0.78, 1.0, [0.07; 2]);
 /// Height of what a raised lip bares above the teeth, over the eye distance.
 const GUM_ABOVE: f64 = 0.163;
 
@@ -437,7 +437,7 @@ impl Proportions {
 
     /// Those of a face whose upper lip and jaw have these lengths, over the eye distance.
     fn by(lip: f64, jaw: f64) -> Self {
-        let less = |(mean, share, most): (f64, f64, f64), length: f64| (share * (length - mean)).clamp(-most, most);
+        let less = |(mean, share, [more, less]): (f64, f64, [f64; 2]), length: f64| (share * (length - mean)).clamp(-more, less);
         Self { incisors: UPPER_BELOW_LIPS - less(UPPER_LIP, lip), tongue: TONGUE_HEIGHT - less(JAW, jaw) }
     }
 }
@@ -558,7 +558,9 @@ mod tests {
         assert!((mean.tongue - long.tongue - 0.05).abs() < 1e-12 && long.incisors == mean.incisors);
         // What a bad fit measures changes no more than people differ.
         let bad = Proportions::by(5.0, -5.0);
-        assert!((mean.incisors - bad.incisors - UPPER_LIP.2).abs() < 1e-12 && (bad.tongue - mean.tongue - JAW.2).abs() < 1e-12);
+        assert!(
+            (mean.incisors - bad.incisors - UPPER_LIP.2[1]).abs() < 1e-12 && (bad.tongue - mean.tongue - JAW.2[0]).abs() < 1e-12
+        );
     }
 
     #[test]
