@@ -32,11 +32,11 @@ impl Target {
         // The further lips part, the less is left of their bow.
         let flat = smooth_step(PARTED.0, PARTED.1, self.parted(nodes));
         let inner = [88, 89];
-        self.round_lip(nodes, (40, [83, 84], inner), down, flat, LIP_ROUND);
-        self.round_lip(nodes, (87, [81, 82], inner), -down, 0.0, LIP_ROUND);
+        self.round_lip(nodes, (40, [83, 84], inner), down, flat, Some(LIP_ROUND));
+        self.round_lip(nodes, (87, [81, 82], inner), -down, 0.0, Some(LIP_ROUND));
         // The lower one's outer edge goes as round as its inner one: it would be a point otherwise, and the lip thin beside it. Below a smile it may
         // stay where it is, as flat as its corners leave it.
-        self.round_lip(nodes, (8, [85, 86], [31, 64]), down, 0.0, f64::INFINITY);
+        self.round_lip(nodes, (8, [85, 86], [31, 64]), down, 0.0, None);
         self.stretch_upper_lip(nodes);
         self.arch_lids(nodes);
     }
@@ -58,7 +58,7 @@ impl Target {
     /// Makes the lips open round: seen from the corners, the points of a lip beside its middle go away from the other lip at least as far as
     /// on an arch through the middle, between a parabola and an ellipse, and at most nearly as far as the middle. A median over people, and a
     /// tracker on lips that part, may leave a notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the
-    /// target's has another share; `most` is that share of the middle's way. Of the bow that the closed lip has, a share of `flat` is taken away. The
+    /// target's has another share; `most` is that share of the middle's way; `None` sets no limit. Of the bow that the closed lip has, a share of `flat` is taken away. The
     /// change is the least in squares.
     fn round_lip(
         &self,
@@ -66,7 +66,7 @@ impl Target {
         (middle_node, beside_nodes, [first, last]): (usize, [usize; 2], [usize; 2]),
         outwards: Vector2<f64>,
         flat: f64,
-        most: f64,
+        most: Option<f64>,
     ) {
         let neutral = self.fitted.model.nodes();
         let line = nalgebra::center(&neutral[first], &neutral[last]);
@@ -81,7 +81,7 @@ impl Target {
         let least = (1.0 - place * place).powf(LIP_FULLNESS).min(LIP_ROUND);
         let share = if middle > 0.0 && beside < least * middle {
             least
-        } else if beside > 0.0 && beside > most * middle {
+        } else if let Some(most) = most.filter(|most| beside > 0.0 && beside > most * middle) {
             most
         } else {
             return;

@@ -387,6 +387,9 @@ mod tests {
         let (start, nodes) =
             moved(&[(8, Vector2::new(0.0, -20.0)), (85, Vector2::new(0.0, -18.0)), (86, Vector2::new(0.0, -18.0))]);
         assert!((nodes[8].y - start[8].y - 20.0).abs() < 1e-6);
+        // One whose middle goes up while the points beside it go down is left to itself.
+        let (start, nodes) = moved(&[(8, Vector2::new(0.0, 3.0)), (85, Vector2::new(0.0, -2.0)), (86, Vector2::new(0.0, -2.0))]);
+        assert!((nodes[85].y - start[85].y - 2.0).abs() < 1e-6 && (nodes[8].y - start[8].y + 3.0).abs() < 1e-6);
     }
 
     #[test]
