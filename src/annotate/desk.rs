@@ -12,23 +12,24 @@ use std::{
     sync::{Mutex, MutexGuard, OnceLock, PoisonError},
 };
 
+use image::GrayImage;
 use nalgebra::Point2;
 
 use super::{
     AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, RequestError,
     found::propose_from_face,
     frames::{FrameList, FrameShelf, Picture, picture_frames},
+    live::LiveFrame,
     manifest_edit::{manifest_text, relative, set_fields},
-    messages::{Fit, List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved, ToFit, hundredth},
+    messages::{List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved},
     proposals::{propose_from_cascades, propose_from_landmarks},
 };
 use crate::{
     dataset::{Dataset, FrameSource, MANIFEST_NAME, SequenceEntry, is_picture},
-    fit::{Correspondence, FitError, read_correspondences, validate_correspondences, write_correspondences},
+    fit::{Correspondence, read_correspondences, write_correspondences},
     output::{remove_durably, write_durable},
     pipeline::Workbench,
     sequence::{ImageSize, read_first_frame},
-    track::eye_distance_px,
     units::SequenceId,
 };
 
@@ -62,6 +63,8 @@ pub struct Desk {
     cascade_folder: Option<PathBuf>,
     cascades: OnceLock<Mutex<Result<Cascades, CascadeError>>>,
     shelf: FrameShelf,
+    /// The frame that is marked.
+    pub(super) live: LiveFrame,
 }
 
 impl Desk {
@@ -106,6 +109,7 @@ impl Desk {
             cascade_folder: options.cascades.clone(),
             cascades: OnceLock::new(),
             shelf: FrameShelf::default(),
+            live: LiveFrame::default(),
         })
     }
 
@@ -338,27 +342,10 @@ impl Desk {
         Ok(true)
     }
 
-    /// Fits the wireframe to marks that need not be saved.
-    pub fn fit(&self, request: &ToFit) -> Fit {
-        let marks: Vec<Correspondence> = request.marks.iter().map(Correspondence::from).collect();
-        if let Err(error) = validate_correspondences(&marks, request.width, request.height) {
-            return Fit::Problem { problem: error.to_string(), node: None };
-        }
-        match self.bench.fit(&marks) {
-            Ok(fitted) => Fit::Fitted {
-                nodes: fitted.model.nodes().iter().map(|p| [hundredth(p.x), hundredth(p.y)]).collect(),
-                residuals: fitted.residuals.iter().map(|r| hundredth(*r)).collect(),
-                eye_distance: hundredth(eye_distance_px(&self.bench.tables, fitted.model.nodes()).unwrap_or(0.0)),
-            },
-            Err(error) => {
-                let node = match &error {
-                    FitError::Outlier { node, .. } => Some(*node),
-                    FitError::Exchanged { pairs } => pairs.first().map(|pair| pair.0),
-                    _ => None,
-                };
-                Fit::Problem { problem: error.to_string(), node }
-            }
-        }
+    /// A frame of a sequence, grey.
+    pub(super) fn grey(&self, id: &str, number: u32) -> Result<GrayImage, RequestError> {
+        let entry = find(&mut self.lock(), id)?.entry.clone();
+        self.shelf.grey(&entry.frames_path, (entry.first_frame, entry.last_frame), number)
     }
 
     /// One frame for the browser.

@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+use image::{ExtendedColorType, GrayImage, ImageEncoder, codecs::png::PngEncoder};
 
 use super::RequestError;
 use crate::{
@@ -92,6 +92,21 @@ impl FrameShelf {
                 Ok(Picture { mime: "image/png", bytes: frame.png.clone() })
             }
         }
+    }
+
+    /// One frame, grey, as it is tracked.
+    ///
+    /// # Errors
+    /// As [`FrameShelf::picture`].
+    pub fn grey(&self, path: &Path, named: Named, number: u32) -> Result<GrayImage, RequestError> {
+        if let FrameSource::Images(files) = frames_at(path)? {
+            let missing = || RequestError::NotFound(format!("there is no frame {number}"));
+            let file = files.iter().find(|f| f.number == number).ok_or_else(missing)?;
+            let frame = read_frame_of(&file.path, files.first().map_or(&file.path, |first| &first.path));
+            return Ok(frame.map_err(RequestError::refused)?.into_image());
+        }
+        let picture = self.picture(path, named, number)?;
+        Ok(image::load_from_memory(&picture.bytes).map_err(RequestError::failed)?.into_luma8())
     }
 
     /// One frame for the browser, be it among those that a list has or not: of a long video those around it are kept.

@@ -112,6 +112,15 @@ pub struct ToFit {
     pub marks: Vec<Mark>,
     pub width: u32,
     pub height: u32,
+    /// The frame that they are on.
+    pub frame: Option<MarkedFrame>,
+}
+
+/// A frame of a sequence.
+#[derive(Deserialize)]
+pub struct MarkedFrame {
+    pub sequence: String,
+    pub number: u32,
 }
 
 /// A fit, or why there is none.

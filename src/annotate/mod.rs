@@ -11,6 +11,7 @@
 mod desk;
 mod found;
 mod frames;
+mod live;
 mod manifest_edit;
 mod messages;
 mod page;

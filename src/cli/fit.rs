@@ -7,7 +7,7 @@ use grimace::{
     fit::{MarkKind, validate_correspondences},
     output::{self, nine_digits},
     overlay::{draw_overlay, png_bytes},
-    pipeline::{PipelineOptions, marks_beside},
+    pipeline::{NeutralFit, PipelineOptions},
     sequence::read_frame,
     track::{eye_distance_px, neutral_nodes},
 };
@@ -86,6 +86,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let options = PipelineOptions {
         fit: args.fit.options_of(args.method.method),
         unchecked_marks: args.check.unchecked(),
+        unmarked: args.check.unmarked(),
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;
@@ -94,7 +95,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let in_file = || args.correspondences.as_ref().unwrap_or(&args.image).display().to_string();
     let size = frame.size();
     validate_correspondences(&marks, size.width, size.height).with_context(in_file)?;
-    let fitted = bench.fit(&marks).with_context(in_file)?;
+    let NeutralFit { fitted, beside } = match &args.correspondences {
+        Some(_) => bench.fit_in(frame.image(), &marks).with_context(in_file)?,
+        None => NeutralFit { fitted: bench.fit(&marks).with_context(in_file)?, beside: Vec::new() },
+    };
     let nodes = neutral_nodes(&bench.wireframe, &fitted);
     let rows = nodes.iter().enumerate().map(|(node, n)| Row {
         node,
@@ -120,10 +124,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         for warning in &fitted.warnings {
             println!("note: {warning}");
         }
-        if args.correspondences.is_some() {
-            for beside in marks_beside(&frame, &marks, &fitted, &bench) {
-                println!("note: {beside}");
-            }
+        for said in &beside {
+            println!("note: {said}");
+        }
+        if !fitted.read.is_empty() {
+            println!(
+                "note: {} nodes without a mark were read in the picture; --read-unmarked off leaves that out",
+                fitted.read.len()
+            );
         }
         if marks.len() < 5 {
             println!("note: 5 to 8 marks make a fit, those that `grimace fit --help` names a good one");

@@ -6,7 +6,7 @@ use anyhow::Context;
 use grimace::{
     clone::Target,
     dataset::{LandmarkSelection, read_marks},
-    pipeline::{Workbench, marks_beside},
+    pipeline::Workbench,
     sequence::{read_colour, read_frame},
 };
 
@@ -17,14 +17,19 @@ use super::shared::marks_or_found;
 pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, bench: &Workbench) -> anyhow::Result<Target> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let picture = read_colour(path)?;
-    let points = match marks {
-        Some(marks) => read_marks(marks, selection, &bench.tables, bench.wireframe.node_count())?,
-        None => marks_or_found(None, bench, path, || Ok(read_frame(path)?))?,
+    let frame = read_frame(path)?;
+    let (target, beside) = match marks {
+        Some(marks) => {
+            let points = read_marks(marks, selection, &bench.tables, bench.wireframe.node_count())?;
+            let in_files = || format!("{} with {}", path.display(), marks.display());
+            bench.marked_target(&name, (picture, frame.image()), &points).with_context(in_files)?
+        }
+        None => {
+            let points = marks_or_found(None, bench, path, || Ok(frame))?;
+            let with_found = || format!("{} with marks that were found", path.display());
+            (bench.target(&name, picture, &points).with_context(with_found)?, Vec::new())
+        }
     };
-    let target = bench.target(&name, picture, &points).with_context(|| match marks {
-        Some(marks) => format!("{} with {}", path.display(), marks.display()),
-        None => format!("{} with marks that were found", path.display()),
-    })?;
     if let Some(apart) = target.lips_apart() {
         eprintln!(
             "note: {}: the lips are parted, by {:.0} % of the eye distance; what shows between them stays, with the upper jaw. Expressions look \
@@ -34,7 +39,7 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
         );
     }
     if let Some(marks) = marks {
-        for said in marks_beside(&read_frame(path)?, &points, &target.fitted, bench) {
+        for said in beside {
             eprintln!("note: {} with {}: {said}", path.display(), marks.display());
         }
     }

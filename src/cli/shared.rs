@@ -17,7 +17,8 @@ use grimace::{
     normalize::{IrisdMode, NormalizeOptions, Resample, SizeMode},
     output::target_of,
     pipeline::{
-        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks_and_remark, showcase_remarks,
+        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Unmarked, Workbench, found_marks_and_remark,
+        showcase_remarks,
     },
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
@@ -356,11 +357,18 @@ pub struct CheckArgs {
     /// Hold marks that are given against the face that is read in the neutral frame, and say so where they lie beside it
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     check_marks: bool,
+    /// Read nodes without a mark in the neutral frame, where marks were set by hand and agree with the face there; off: marks alone, as in the paper
+    #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
+    read_unmarked: bool,
 }
 
 impl CheckArgs {
     pub fn unchecked(&self) -> bool {
         !self.check_marks
+    }
+
+    pub fn unmarked(&self) -> Unmarked {
+        if self.read_unmarked { Unmarked::Read } else { Unmarked::Fitted }
     }
 }
 

@@ -308,6 +308,7 @@ mod tests {
             model: FrameExpressionModel::new(nodes),
             image_from_face: Similarity::identity(),
             correspondences: Vec::new(),
+            read: Vec::new(),
             residuals: Vec::new(),
             spreads: None,
             warnings: Vec::new(),

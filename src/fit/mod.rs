@@ -160,8 +160,10 @@ pub struct FittedWireframe {
     pub model: FrameExpressionModel<Px>,
     /// Placement of the frontal wireframe (y flipped) in the image, before any deformation.
     pub image_from_face: Similarity,
-    /// The correspondences used.
+    /// The correspondences that were given.
     pub correspondences: Vec<Correspondence>,
+    /// Points that were read in the picture and used beside them.
+    pub read: Vec<Correspondence>,
     /// Distance of every correspondence's node to its mark after the fit, px, in the order of `correspondences`.
     pub residuals: Vec<f64>,
     /// How far the marks leave every node's place on the face open, over the eye distance, before it is calibrated
@@ -296,6 +298,19 @@ impl Fitter {
         Ok(fitted.judged(judged.as_ref().map(|j| (j, false)), seen.eye_distance))
     }
 
+    /// How probable it is, 0 to 1, that marks mean what people mean who set points on photographs, and not what a network's landmarks mean, or a face
+    /// that only Candide's shape units make; `None` where the embedded priors of faces do not compete, and for marks that cannot be fitted.
+    pub(crate) fn share_by_hand(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Option<f64> {
+        /// Among the priors that compete: see [`ShapePrior::faces`].
+        const BY_HAND: usize = 1;
+        let compete = matches!(self.options.prior, PriorKind::Auto | PriorKind::Faces) && self.priors.len() > BY_HAND;
+        let seen = compete.then(|| self.seen(wireframe, marks).ok())??;
+        if self.priors.iter().any(|p| p.mean.len() != wireframe.node_count()) {
+            return None;
+        }
+        prior::shares(&seen.explained(marks, &self.priors).ok()?, &self.log_odds).get(BY_HAND).copied()
+    }
+
     /// The marks as they are seen, once they are known to be good.
     fn seen(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<Seen, FitError> {
         if marks.len() < MINIMUM_MARKS {
@@ -339,6 +354,7 @@ impl Fitter {
             model: FrameExpressionModel::new(nodes),
             image_from_face,
             correspondences: marks.to_vec(),
+            read: Vec::new(),
             residuals,
             spreads: None,
             warnings,
@@ -382,15 +398,20 @@ struct Seen {
 }
 
 impl Seen {
+    /// The most probable face of every prior.
+    fn explained(&self, marks: &[Correspondence], priors: &[ShapePrior]) -> Result<Vec<Explanation>, FitError> {
+        let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
+        let deviations: Vec<_> = marks.iter().map(|mark| mark_deviation(mark, self.eye_distance)).collect();
+        let explained = priors.iter().map(|p| p.explain_by_errors(&nodes, &self.places, &deviations));
+        Ok(explained.collect::<Result<_, _>>()?)
+    }
+
     /// The face that priors expect for the marks; `None` without a prior.
     ///
     /// A mark's error is the one that it tells, else that of a person's click on such a feature.
     fn expected(&self, marks: &[Correspondence], priors: &[ShapePrior], log_odds: &[f64]) -> Result<Option<Expected>, FitError> {
         let Some(first) = priors.first() else { return Ok(None) };
-        let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
-        let deviations: Vec<_> = marks.iter().map(|mark| mark_deviation(mark, self.eye_distance)).collect();
-        let explained = priors.iter().map(|p| p.explain_by_errors(&nodes, &self.places, &deviations));
-        let faces = explained.collect::<Result<Vec<_>, _>>()?;
+        let faces = self.explained(marks, priors)?;
         let shares = prior::shares(&faces, log_odds);
         let place = |k: usize| {
             let each = faces.iter().map(|f| f.marks_from_face.apply(&f.shape[k]));
@@ -430,9 +451,17 @@ impl FittedWireframe {
     /// ```
     pub fn expected_errors(&self) -> Option<Vec<f64>> {
         let eye_distance = self.image_from_face.scale * EYE_DISTANCE;
-        let told = self.correspondences.iter().filter(|m| m.expected_error.is_some()).count();
-        let told = told as f64 / self.correspondences.len().max(1) as f64;
+        let used = || self.correspondences.iter().chain(&self.read);
+        let told = used().filter(|m| m.expected_error.is_some()).count() as f64 / used().count().max(1) as f64;
         Some(self.spreads.as_ref()?.iter().map(|&spread| placement::calibrated(spread, told) * eye_distance).collect())
+    }
+
+    /// The last so many correspondences as points that were read in the picture.
+    pub(crate) fn set_apart(mut self, read: usize) -> Self {
+        let given = self.correspondences.len().saturating_sub(read);
+        self.read = self.correspondences.split_off(given);
+        self.residuals.truncate(given);
+        self
     }
 
     /// With how far its nodes are from where they were expected, and that expectation's own error; where the face is turned only that.

@@ -3,12 +3,10 @@
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 
-use super::Workbench;
 use crate::{
     fit::{Correspondence, FittedWireframe, MEDIAN_OVER_DEVIATION},
-    locate::{LocateOptions, LocatedFace, LocatedPoint, Locator, PUPILS},
+    locate::{LocatedFace, LocatedPoint, Locator, PUPILS},
     robust::median,
-    sequence::Frame,
     units::NodeId,
     wireframe::mark_deviation,
 };
@@ -295,20 +293,6 @@ pub fn face_of_marks(
     let nearest = find().into_iter().min_by(|a, b| apart(a, marks).total_cmp(&apart(b, marks)));
     let is_near = nearest.as_ref().is_some_and(|face| apart(face, marks) < ELSEWHERE * face.eye_distance);
     if is_near { nearest } else { here.or(nearest) }
-}
-
-/// What a person should know of marks that were given, and of the nodes fitted to them, where they lie beside the face that is read in their
-/// frame: a sentence each. None where no face is read, or none that is trusted.
-pub fn marks_beside(frame: &Frame, marks: &[Correspondence], fitted: &FittedWireframe, bench: &Workbench) -> Vec<String> {
-    if bench.options.unchecked_marks {
-        return Vec::new();
-    }
-    // A program that was built without the model finds no faces either, and says so there.
-    let Ok(locator) = Locator::shipped() else { return Vec::new() };
-    let image = frame.image();
-    let find = || locator.locate(image, &LocateOptions::default());
-    let face = face_of_marks((locator, image), marks, fitted, find).filter(LocatedFace::trusted);
-    face.map(|face| held(&face, marks, fitted).said()).unwrap_or_default()
 }
 
 #[cfg(test)]

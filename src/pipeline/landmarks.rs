@@ -156,6 +156,7 @@ impl LandmarkSource {
             notes: Vec::new(),
             marks_from: self.marks_from.to_owned(),
             marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
+            read: Vec::new(),
             fit: bench.options.fit.clone(),
             track: bench.options.track,
             summary: summarize(&frames, &bench.wireframe, &bench.tables),

@@ -19,6 +19,7 @@ mod ledger;
 mod measured;
 mod method;
 mod model_file;
+mod neutral;
 mod parts;
 mod pictures;
 mod recognition;
@@ -35,7 +36,7 @@ mod write;
 
 use std::{collections::BTreeMap, ops::Deref, path::Path, sync::OnceLock};
 
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
@@ -60,7 +61,7 @@ use crate::{
 pub use crate::input::file_blake3;
 pub use amplitudes::AmplitudeResults;
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
-pub use beside::{face_of_marks, held, marks_beside};
+pub use beside::{face_of_marks, held};
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
@@ -72,6 +73,7 @@ pub use landmarks::fit_landmarks;
 pub use measured::normalize_track;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
+pub use neutral::{NeutralFit, Unmarked, are_by_hand, fit_to_both};
 pub use pictures::{PictureSource, pictures_of};
 pub use recognition::{
     NONE_LEVEL, RecognitionResults, RecognizedRow, left_out_said, recognition_header, recognition_record, write_recognition,
@@ -123,6 +125,9 @@ pub struct PipelineOptions {
     /// Leave out to hold marks that are given against the face that is read in the neutral frame.
     #[serde(default)]
     pub unchecked_marks: bool,
+    /// What nodes without a mark follow, where marks were set by hand.
+    #[serde(default)]
+    pub unmarked: Unmarked,
     /// Sequences given as landmarks.
     #[serde(default)]
     pub landmarks: LandmarkOptions,
@@ -310,6 +315,26 @@ impl Workbench {
     /// As [`Target::new`].
     pub fn target(&self, name: &str, picture: RgbImage, marks: &[Correspondence]) -> Result<Target, CloneError> {
         Target::fitted_by(|marks| self.fit(marks), name, picture, marks, self)
+    }
+
+    /// [`Workbench::target`] with marks that somebody gave, fitted as [`Workbench::fit_in`] does it to the grey picture; and what it says of the marks.
+    ///
+    /// # Errors
+    /// As [`Target::new`].
+    pub(crate) fn marked_target(
+        &self,
+        name: &str,
+        (picture, grey): (RgbImage, &GrayImage),
+        marks: &[Correspondence],
+    ) -> Result<(Target, Vec<String>), CloneError> {
+        let mut beside = Vec::new();
+        let fit = |marks: &[Correspondence]| {
+            let fit = self.fit_in(grey, marks)?;
+            beside = fit.beside;
+            Ok(fit.fitted)
+        };
+        let target = Target::fitted_by(fit, name, picture, marks, self)?;
+        Ok((target, beside))
     }
 
     /// Head, poses and expressions of a track, with the marks of its neutral frame as far as they are known.

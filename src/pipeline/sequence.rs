@@ -11,9 +11,9 @@ use nalgebra::Point2;
 
 use super::{
     MADE_BY, Stage, Workbench,
-    beside::marks_beside,
     corrected::{apply, saved_or_carried_over},
     inputs::{Inputs, Timed},
+    neutral::{NeutralFit, Unmarked},
 };
 use crate::{
     companion::CompanionError,
@@ -186,6 +186,9 @@ impl SequenceSource {
         if bench.options.unchecked_marks {
             part(b"unchecked marks");
         }
+        if bench.options.unmarked == Unmarked::Fitted {
+            part(b"marks alone");
+        }
         part(content.as_bytes());
         Inputs::new(hasher.finalize())
     }
@@ -277,8 +280,12 @@ fn track_frames(
     let first = first.map_err(SequenceFailure::at(Stage::Track))?;
     let size = first.size();
     validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
-    let fitted = bench.fit(&source.marks).map_err(SequenceFailure::at(Stage::Fit))?;
-    let beside = if source.marks_from == FOUND { Vec::new() } else { marks_beside(&first, &source.marks, &fitted, bench) };
+    let fit = if source.marks_from == FOUND {
+        bench.fit(&source.marks).map(|fitted| NeutralFit { fitted, beside: Vec::new() })
+    } else {
+        bench.fit_in(first.image(), &source.marks)
+    };
+    let NeutralFit { fitted, beside } = fit.map_err(SequenceFailure::at(Stage::Fit))?;
     let frames = std::iter::once(Ok(first)).chain(frames);
     let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
         let (is_interrupted, is_lost) = (matches!(error, TrackError::Interrupted), matches!(error, TrackError::FaceLost { .. }));
@@ -302,6 +309,7 @@ fn track_frames(
         notes: Vec::new(),
         marks_from: source.marks_from.clone(),
         marks: source.marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
+        read: fitted.read.iter().map(|m| m.node).collect(),
         fit: bench.options.fit.clone(),
         track: bench.options.track,
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables).with_marks_beside(beside),

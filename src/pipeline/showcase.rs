@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use image::codecs::jpeg::JpegEncoder;
+use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use serde::{Deserialize, Serialize};
 
-use super::{AnalyzedClass, SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks, marks_beside};
+use super::{AnalyzedClass, SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks};
 use crate::{
     clone::{CloneError, Skin, SourceMotion, Target},
     correspondence::{Correspondence, correspondences_of},
@@ -68,29 +68,31 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
     match &bench.options.report_face {
         ReportFace::Photograph { image, correspondences, .. } => Ok(photograph(image, correspondences.as_deref(), bench)?.0),
         ReportFace::Composite => {
-            let picture = image::load_from_memory(PORTRAIT).map_err(|e| CloneError::Showcase(e.to_string()))?.into_rgb8();
-            let marks = CsvFile::from_bytes(Path::new("portrait_marks.csv"), PORTRAIT_MARKS.to_vec());
-            let marks = marks.map_err(|e| CloneError::Showcase(e.to_string()))?;
-            let marks = correspondences_of(&marks, &bench.tables, bench.wireframe.node_count());
-            let marks = marks.map_err(|e| CloneError::Showcase(e.to_string()))?;
+            let (picture, marks) = portrait(bench)?;
             bench.target("portrait", picture, &marks)
         }
     }
 }
 
-/// A photograph, ready to be moved, with its marks.
-fn photograph(
-    image: &Path,
-    correspondences: Option<&Path>,
-    bench: &Workbench,
-) -> Result<(Target, Vec<Correspondence>), CloneError> {
-    let picture = read_colour(image)?;
-    let marks = match correspondences {
-        Some(marks) => read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?,
-        None => found_marks(&read_frame(image)?, bench).map_err(|e| CloneError::Showcase(e.to_string()))?,
-    };
-    let target = bench.target(&image.file_stem().unwrap_or_default().to_string_lossy(), picture, &marks)?;
-    Ok((target, marks))
+/// The composite portrait that is shipped, and its marks.
+pub(super) fn portrait(bench: &Workbench) -> Result<(RgbImage, Vec<Correspondence>), CloneError> {
+    let unusable = |e: &dyn std::error::Error| CloneError::Showcase(e.to_string());
+    let picture = image::load_from_memory(PORTRAIT).map_err(|e| unusable(&e))?.into_rgb8();
+    let marks = CsvFile::from_bytes(Path::new("portrait_marks.csv"), PORTRAIT_MARKS.to_vec()).map_err(|e| unusable(&e))?;
+    let marks = correspondences_of(&marks, &bench.tables, bench.wireframe.node_count()).map_err(|e| unusable(&e))?;
+    Ok((picture, marks))
+}
+
+/// A photograph, ready to be moved, and what is said of the marks that were given for it.
+fn photograph(image: &Path, correspondences: Option<&Path>, bench: &Workbench) -> Result<(Target, Vec<String>), CloneError> {
+    let (picture, frame) = (read_colour(image)?, read_frame(image)?);
+    let name = image.file_stem().unwrap_or_default().to_string_lossy();
+    if let Some(marks) = correspondences {
+        let marks = read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?;
+        return bench.marked_target(&name, (picture, frame.image()), &marks);
+    }
+    let marks = found_marks(&frame, bench).map_err(|e| CloneError::Showcase(e.to_string()))?;
+    Ok((bench.target(&name, picture, &marks)?, Vec::new()))
 }
 
 /// What a person should know of a photograph that the report shows the representatives on: where the marks that were given for it lie
@@ -100,11 +102,7 @@ fn photograph(
 /// [`CloneError`] for a photograph or marks that do not serve.
 pub fn showcase_remarks(bench: &Workbench) -> Result<Vec<String>, CloneError> {
     let ReportFace::Photograph { image, correspondences, .. } = &bench.options.report_face else { return Ok(Vec::new()) };
-    let (target, marks) = photograph(image, correspondences.as_deref(), bench)?;
-    if correspondences.is_none() {
-        return Ok(Vec::new());
-    }
-    Ok(marks_beside(&read_frame(image)?, &marks, &target.fitted, bench))
+    Ok(photograph(image, correspondences.as_deref(), bench)?.1)
 }
 
 /// The player of all representatives, with the skin of their class or else the folds of their form, on the face of the report; `None` for a

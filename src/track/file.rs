@@ -47,6 +47,7 @@ const EXPECTED_STEPS: f64 = 1000.0;
 /// #     notes: vec![],
 /// #     marks_from: "file".to_owned(),
 /// #     marks: vec![],
+/// #     read: vec![],
 /// #     fit: Default::default(),
 /// #     track: Default::default(),
 /// #     summary: grimace::track::summarize(&track, &wireframe, &tables),
@@ -97,6 +98,9 @@ pub struct TrackInfo {
     pub marks_from: String,
     /// Marks on the neutral frame: node, x, y in px, and whether set by hand (hard).
     pub marks: Vec<(u16, f64, f64, bool)>,
+    /// Nodes without a mark that were read in the neutral frame, beside the marks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub read: Vec<NodeId>,
     /// Options of the fit.
     pub fit: FitOptions,
     /// Options of the tracker.
@@ -277,6 +281,7 @@ pub struct TrackHashes {
 /// #     notes: vec![],
 /// #     marks_from: "file".to_owned(),
 /// #     marks: vec![],
+/// #     read: vec![],
 /// #     fit: Default::default(),
 /// #     track: Default::default(),
 /// #     summary: grimace::track::summarize(&track, &wireframe, &tables),

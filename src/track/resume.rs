@@ -192,6 +192,7 @@ mod tests {
             model: FrameExpressionModel::new(nodes),
             image_from_face: Similarity::identity(),
             correspondences: vec![],
+            read: Vec::new(),
             residuals: vec![],
             spreads: None,
             warnings: Vec::new(),

@@ -97,6 +97,7 @@ fn track(truth: &[Vec<Point2<f64>>], faults: &[(usize, u16, Fault)], options: &T
         model: FrameExpressionModel::new(truth[0].clone()),
         image_from_face: Similarity::identity(),
         correspondences: Vec::new(),
+        read: Vec::new(),
         residuals: Vec::new(),
         spreads: None,
         warnings: Vec::new(),

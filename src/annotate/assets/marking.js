@@ -255,10 +255,10 @@ export class Marking {
   }
 
   async askFit(id, marks, preview) {
-    const { width, height } = this.sequence;
+    const { width, height, neutral } = this.sequence;
     try {
       const start = performance.now();
-      const answer = await ask('api/fit', 'POST', { marks, width, height });
+      const answer = await ask('api/fit', 'POST', { marks, width, height, frame: { sequence: id, number: neutral } });
       if (id !== this.id) return;
       this.page.stage.root.dataset.fitMs = (performance.now() - start).toFixed(1);
       const needed = this.marks.size + this.proposals.length >= this.setup.minimum;

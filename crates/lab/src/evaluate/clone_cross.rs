@@ -100,6 +100,7 @@ fn pair(
         model: FrameExpressionModel::new(neutral.clone()),
         image_from_face: Similarity::identity(),
         correspondences: Vec::new(),
+        read: Vec::new(),
         residuals: Vec::new(),
         spreads: None,
         warnings: Vec::new(),

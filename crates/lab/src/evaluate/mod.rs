@@ -80,7 +80,10 @@ pub use marks::{MarkChoice, SUGGESTED_COUNT, standard_choices, suggest_marks, su
 pub use people::{
     MarkNoise, Person, Population, TruthNode, is_landmark_file, people_of_dataset, people_of_landmark_file, simulated_people,
 };
-pub use placement::{FOUND, PlacementSample, Placements, placement_knots, placement_samples, placement_table};
+pub use placement::{
+    FOUND, PlacementSample, Placements, SET_ALONE, SET_AND_READ, placement_knots, placement_samples, placement_table,
+    unmarked_table,
+};
 pub use pose::{
     LANDMARK_SEQUENCES, PoseStudyOptions, PoseTrial, TurnCase, evaluate_pose, motion_lost, pose_table, pose_trials_table,
 };

@@ -10,14 +10,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use grimace::internal::{
     fit::{Correspondence, DEFAULT_MODES, FacePoints, FittedWireframe, Fitter, NeutralFace, learn_prior, placement},
     locate::{LocateOptions, Locator, learn::TrainingFace},
+    pipeline::{are_by_hand, face_of_marks, fit_to_both, held},
+    sequence::ImageSize,
     units::NodeId,
     wireframe::{MarkableNode, Tables, Wireframe, markable_nodes},
 };
+use image::GrayImage;
 use rayon::prelude::*;
 
 use super::{
     CalibrationPart, EvaluateError, ExpectedError, MarkNoise, Person, QUINTILES, TruthNode, calibration, calibration_rows,
-    calibration_table, confidence::calibrate, standard_choices, table::Table,
+    calibration_table,
+    confidence::calibrate,
+    standard_choices,
+    table::{Cell, Table},
 };
 
 /// Parts the people are dealt into.
@@ -28,6 +34,10 @@ const COUNTS: [usize; 6] = [3, 5, 7, 11, 15, 25];
 const OTHER_DEVIATION: f64 = 0.016;
 /// Kind of the marks that were found.
 pub const FOUND: &str = "found marks";
+/// Kind of the marks that were set by hand, with what is read where there is none.
+pub const SET_AND_READ: &str = "7 and 11 set marks, others read";
+/// The same fits by their marks alone.
+pub const SET_ALONE: &str = "7 and 11 set marks, of these people";
 /// Parts of the calibration when it is judged.
 const BINS: usize = 8;
 /// Smallest true error that is told from none, over the eye distance.
@@ -55,6 +65,8 @@ pub struct Placements {
     pub samples: Vec<PlacementSample>,
     /// Marks that were refused: who, which, and why. None should be.
     pub refused: Vec<String>,
+    /// Of every fit to marks set by hand of people whom the locator has not seen, whether nodes without a mark were read.
+    pub read: Vec<bool>,
 }
 
 /// Fits the faces in many ways by priors that have not seen them. `landmarks` are the same people as a network's landmarks have them; a
@@ -106,15 +118,41 @@ pub fn placement_samples(
                 let found =
                     seen.first().map(|f| f.points.iter().map(|p| Correspondence::found(p.node, p.position, p.expected_error)));
                 add(FOUND, &found.into_iter().flatten().collect::<Vec<_>>());
+                for (choice, count) in standard_choices(&tables).iter().flat_map(|c| [(c, 7), (c, 11)]) {
+                    let Some(nodes) = choice.nodes(&person, *index as u32, count, seed) else { continue };
+                    let marks = marks(&person, &nodes);
+                    // Refused marks are named above.
+                    let Ok(fitted) = fitter.fit(&wireframe, &marks) else { continue };
+                    placed.samples.extend(samples_of(SET_ALONE, part, &fitted, &person));
+                    let read = read_beside((&fitter, &wireframe), locator, &face.grey, fitted);
+                    placed.read.push(!read.read.is_empty());
+                    placed.samples.extend(samples_of(SET_AND_READ, part, &read, &person));
+                }
             }
             placed
         });
         for placed in sampled.collect::<Vec<_>>() {
             out.samples.extend(placed.samples);
             out.refused.extend(placed.refused);
+            out.read.extend(placed.read);
         }
     }
     Ok(out)
+}
+
+/// A fit to marks and what is read beside them, as `grimace fit` makes it, with other priors and another locator.
+fn read_beside(
+    (fitter, wireframe): (&Fitter, &Wireframe),
+    locator: &Locator,
+    picture: &GrayImage,
+    fitted: FittedWireframe,
+) -> FittedWireframe {
+    let marks = fitted.correspondences.clone();
+    let find = || locator.locate(picture, &LocateOptions::default());
+    let face = are_by_hand(fitter, wireframe, &marks).then(|| face_of_marks((locator, picture), &marks, &fitted, find)).flatten();
+    let Some(face) = face.filter(|face| face.trusted() && held(face, &marks, &fitted).said().is_empty()) else { return fitted };
+    let size = ImageSize { width: picture.width(), height: picture.height() };
+    fit_to_both(|marks| fitter.fit(wireframe, marks), fitted, &face, size)
 }
 
 fn person(face: &TrainingFace, seed: u64, index: usize) -> Person {
@@ -162,7 +200,7 @@ pub fn placement_table(samples: &[PlacementSample]) -> Table {
     for s in samples {
         kinds.entry(s.marks).or_default().push(pair(s.expected, s));
     }
-    let set = || samples.iter().filter(|s| s.marks != FOUND);
+    let set = || samples.iter().filter(|s| ![FOUND, SET_AND_READ, SET_ALONE].contains(&s.marks));
     kinds.insert("all set by hand", set().map(|s| pair(s.expected, s)).collect());
     let others = (0..PARTS).flat_map(|part| {
         let knots = placement_knots(set().filter(move |s| s.part != part), BINS);
@@ -174,6 +212,21 @@ pub fn placement_table(samples: &[PlacementSample]) -> Table {
     for (kind, errors) in kinds {
         let parts: Vec<CalibrationPart> = calibration(errors, QUINTILES);
         table.rows.extend(calibration_rows(kind, &parts));
+    }
+    table
+}
+
+/// How far all nodes are off where seven or eleven marks are set, by these alone and with what is read beside them: percent of the eye distance.
+#[must_use]
+pub fn unmarked_table(samples: &[PlacementSample]) -> Table {
+    let mut table = Table::new(["marks", "nodes", "mean", "median", "percentile_95"]);
+    for kind in [SET_ALONE, SET_AND_READ] {
+        let mut errors: Vec<f64> = samples.iter().filter(|s| s.marks == kind).map(|s| 100.0 * s.error).collect();
+        errors.sort_by(f64::total_cmp);
+        let at = |share: f64| errors.get((share * errors.len() as f64) as usize).copied().unwrap_or(f64::NAN);
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let numbers = [mean, at(0.5), at(0.95)].map(|n| Cell::Number(n, 2));
+        table.rows.push([vec![Cell::Text(kind.to_owned()), Cell::Count(errors.len())], numbers.to_vec()].concat());
     }
     table
 }

@@ -24,6 +24,7 @@ fn error_at_apex(simulated: &[SimulatedFrame], options: &TrackOptions) -> f64 {
         model: FrameExpressionModel::new(simulated[0].nodes.clone()),
         image_from_face: Similarity::identity(),
         correspondences: Vec::new(),
+        read: Vec::new(),
         residuals: Vec::new(),
         spreads: None,
         warnings: Vec::new(),

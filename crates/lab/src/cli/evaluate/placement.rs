@@ -7,7 +7,9 @@ use grimace::internal::{
     fit::read_neutral_faces,
     locate::{Locator, Model, learn::read_faces},
 };
-use grimace_lab::evaluate::{Cell, FOUND, Table, placement_knots, placement_samples, placement_table};
+use grimace_lab::evaluate::{
+    Cell, FOUND, SET_ALONE, SET_AND_READ, Table, placement_knots, placement_samples, placement_table, unmarked_table,
+};
 use serde_json::json;
 
 use super::{CommonArgs, check_named};
@@ -48,12 +50,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let only: BTreeSet<String> = args.only.iter().cloned().collect();
     let locator = args.model.as_ref().map(|path| Model::read(path).map(|(model, _)| Locator::new(model))).transpose()?;
     let placed = placement_samples(&faces, &landmarks, locator.as_ref().map(|l| (l, &only)), args.common.seed)?;
-    let (samples, refused) = (placed.samples, placed.refused);
+    let (samples, refused, read) = (placed.samples, placed.refused, placed.read);
     let table = placement_table(&samples);
     folder.table("expected_errors.csv", &table)?;
     folder.print("Expected and real median error, by fifths of the nodes, percent of the eye distance", &table);
+    if !read.is_empty() {
+        let table = unmarked_table(&samples);
+        folder.table("unmarked.csv", &table)?;
+        let nodes_read = read.iter().filter(|r| **r).count();
+        folder.print(&format!("All nodes, percent of the eye distance; read in {nodes_read} of {} fits", read.len()), &table);
+    }
     let mut knots = Table::new(["log_spread", "log_error"]);
-    knots.rows = placement_knots(samples.iter().filter(|s| s.marks != FOUND), BINS)
+    knots.rows = placement_knots(samples.iter().filter(|s| ![FOUND, SET_ALONE, SET_AND_READ].contains(&s.marks)), BINS)
         .into_iter()
         .map(|(s, e)| vec![Cell::Number(s, 3), Cell::Number(e, 3)])
         .collect();
