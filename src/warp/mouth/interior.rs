@@ -8,14 +8,17 @@ use super::{
     proportions::Proportions,
     teeth::{TEETH_WHITE, sampled},
 };
-use crate::{interpolation::smooth_step, warp::tone::Tone};
+use crate::{
+    interpolation::smooth_step,
+    warp::{seam::gapes, tone::Tone},
+};
 
 /// How much flatter the row's edge is than in a smile, over the eye distance, at the square of the distance from the midline, where the lower lip
 /// has dropped, and where the upper one is raised.
 const FLATTER: (f64, f64) = (0.12, 0.22);
 /// The same of a mouth that gapes, on top: the row is seen from below, and runs back to the molars.
 const FLATTER_GAPING: f64 = 0.60;
-/// The same as [`UPPER_BELOW_LIPS`] for the edge of the lower ones, which bite behind them.
+/// How far the lower incisors reach below the closed lips, over the eye distance: they bite behind the upper ones.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
 const LOWER_SIZE: (f64, f64) = (0.70, 0.75);
@@ -60,8 +63,15 @@ const BETWEEN: (f64, [f32; 3], f64) = (0.55, [0.92, 0.86, 0.80], 0.85);
 const SEALED: f64 = 0.16;
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
 const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
-/// How much lighter the skin inside the cheeks is, in the corners of a mouth that gapes.
+/// How much lighter the skin inside the cheeks is, in the corners of a mouth that is wide open.
 const CHEEKS: f64 = 0.13;
+/// The light in the depth of a mouth that gapes, and how much more of it there is around; how far from the middle of the depth, in halves of the
+/// width and shares of the gap, it begins to grow, and ends to; and how much less of red, green and blue there is than behind lips that part a little.
+const DEPTH: (f64, f64, (f64, f64)) = (0.19, 0.06, (0.2, 1.3));
+const DEPTH_AT: (f64, f64) = (0.40, 0.55);
+const DEPTH_TINT: [f32; 3] = [0.08, 0.06, 0.08];
+/// How much lighter it is behind lips that a dropped jaw parts a little.
+const PARTED_LIGHT: f64 = 0.08;
 /// How much less red it is than the throat.
 const PALE: f32 = 0.14;
 /// Light on the lower teeth, of a mouth that is hardly open, and how much less of it there is in one that gapes.
@@ -70,6 +80,34 @@ const LOWER_LIGHT: (f64, f64) = (0.69, 0.18);
 const LOWER_TINT: [f32; 3] = [1.0, 0.94, 0.84];
 /// The tongue: half its width over that of the mouth, brightness behind and how much more of it there is at the tip, and its colour over that of flesh.
 const TONGUE: (f64, f64, f64, [f32; 3]) = (0.38, 0.40, 0.72, [1.0, 0.95, 0.96]);
+/// In a mouth that gapes: half the width of the tongue over that of the mouth; how much higher it is, over the gap, and how much more its back slopes
+/// to the sides; over how much of the gap its back runs into the dark, above and below its outline; brightness at the back, how much more of it there is on the tongue's
+/// blade, and how much less at the tip, which turns down; what is left at its sides.
+const GAPING_TONGUE: GapingTongue =
+    GapingTongue { half: 0.44, higher: 0.16, slope: 0.6, runs: (0.06, 0.12), light: (0.28, 0.52, 0.14), sides: 0.32 };
+/// What light the wet tongue reflects there as a mirror, over that of enamel.
+const SHEEN: f64 = 0.11;
+struct GapingTongue {
+    half: f64,
+    higher: f64,
+    slope: f64,
+    runs: (f64, f64),
+    light: (f64, f64, f64),
+    sides: f64,
+}
+/// How much of the upper incisors lips show that a dropped jaw parts, at least, over the eye distance and of the gap: the upper lip is stretched
+/// around the opening, and drawn up a little.
+const SHOWN_DROPPED: (f64, f64) = (0.062, 0.66);
+/// By how much the shadow above a lower lip is lighter in a mouth that gapes: a tongue lies there, and no gap.
+const LIGHTER_ABOVE_LIP: f64 = 0.10;
+/// The wet edge of lips that a dropped jaw parts: of the lips' own colour, at least; how much of what is missing the upper and the lower one get; how much
+/// more of the gap it takes where the gap is small, and how small.
+const WET_LEAST: f32 = 0.85;
+const WET_SHARES: [f64; 2] = [0.35, 0.60];
+const WET_MORE: (f64, (f64, f64)) = (0.18, (0.08, 0.03));
+/// The colour between lips that lie on each other, of that of their edges, and how much more of it there is below a dropped jaw; and how much it gets there of what
+/// their edges are darker than the lips.
+const CREASE: (f64, f64, f32) = (0.52, 0.10, 0.30);
 /// Height of what a raised lip bares above the teeth, over the eye distance.
 const GUM_ABOVE: f64 = 0.163;
 
@@ -114,27 +152,40 @@ impl Interior<'_> {
         // Darkest in the middle, where the throat is.
         let throat = (-((depth - THROAT.0) / THROAT.1).powi(2)).exp() * side;
         let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt() + CHEEKS * (1.0 - side) * open;
-        let pale = PALE * (1.0 - side) as f32;
-        let mut colour = self.tinted([1.0, 0.60 + pale, 0.57 + pale], light);
-        self.lay_tongue((x, y), lower, open, &mut colour);
+        // A jaw that drops opens it so far that light falls in, and goes out softly towards the depth.
+        let (dropped, gapes) = (1.0 - self.lit, gapes(self.gap, self.lit));
+        let half = (0.5 * (corners.1 - corners.0)).max(1e-6);
+        let off = ((x - f64::midpoint(corners.0, corners.1)) / half).powi(2) + ((depth - DEPTH_AT.0) / DEPTH_AT.1).powi(2);
+        let deep = DEPTH.0 + DEPTH.1 * smooth_step(DEPTH.2.0, DEPTH.2.1, off);
+        let light = light + PARTED_LIGHT * dropped * (1.0 - open);
+        let light = light + (deep - light) * gapes;
+        let pale = PALE * ((1.0 - side) * (1.0 - gapes)) as f32;
+        let tint = [1.0, 0.60 + pale, 0.57 + pale];
+        let mut colour = self.tinted(std::array::from_fn(|c| tint[c] - DEPTH_TINT[c] * gapes as f32), light);
+        self.lay_tongue((x, y), lower, (open, gapes), &mut colour);
         self.lay_arches((x, y), below_upper, above_lower, from_corner, &mut colour);
         // The shadow of the lips, the upper one's deeper, and the round of the lips themselves.
         let behind = self.by_light(BEHIND_LIP);
-        let shadow =
-            (behind + (1.0 - behind) * smooth_step(0.0, 0.06, below_upper)) * (0.75 + 0.25 * smooth_step(0.0, 0.03, above_lower));
+        let above = 0.75 + LIGHTER_ABOVE_LIP * gapes;
+        let shadow = (behind + (1.0 - behind) * smooth_step(0.0, 0.06, below_upper))
+            * (above + (1.0 - above) * smooth_step(0.0, 0.03, above_lower));
+        let more = WET_MORE.0 * dropped * smooth_step(WET_MORE.1.0, WET_MORE.1.1, lower - upper);
         let rounds: [f64; 2] = std::array::from_fn(|k| {
-            let (most, share) = (self.by_light((WET.0, WET_LIT[k].0)), self.by_light((WET.1, WET_LIT[k].1)));
+            let (most, share) = (self.by_light((WET.0, WET_LIT[k].0)), self.by_light((WET.1, WET_LIT[k].1)) + more);
             let width = most.min(share * (lower - upper).max(0.0)).max(1e-6);
             1.0 - smooth_step(0.0, width, [below_upper, above_lower][k])
         });
         let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
-        let crease = lip.map(|c| 0.52 * c);
+        // The edge of a lip is darker than the lip; how much is missing.
+        let missing = |c: usize, of: f32| (of * self.lip[c] - lip[c]).max(0.0) * dropped as f32;
         std::array::from_fn(|c| {
             let inside = colour[c] * shadow as f32;
-            let inside = inside + (crease[c] - inside) * (0.9 * sealed) as f32;
+            let crease = (CREASE.0 + CREASE.1 * dropped) as f32 * lip[c] + CREASE.2 * missing(c, 1.0);
+            let inside = inside + (crease - inside) * (0.9 * sealed) as f32;
             let wet = |k: usize, inside: f32| {
                 let colour = WET.2[c] + (WET_LIT[k].2[c] - WET.2[c]) * self.lit as f32;
-                inside + (lip[c] * colour - inside) * (0.85 * rounds[k]) as f32
+                let edge = lip[c] + missing(c, WET_LEAST) * WET_SHARES[k] as f32;
+                inside + (edge * colour - inside) * (0.85 * rounds[k]) as f32
             };
             wet(0, wet(1, inside))
         })
@@ -154,26 +205,39 @@ impl Interior<'_> {
     }
 
     /// The tongue: a mound behind the lower teeth, lighter towards its tip, with a shallow groove.
-    fn lay_tongue(&self, (x, y): (f64, f64), lower: f64, open: f64, colour: &mut [f32; 3]) {
-        let half = TONGUE.0 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
+    fn lay_tongue(&self, (x, y): (f64, f64), lower: f64, (open, gapes): (f64, f64), colour: &mut [f32; 3]) {
+        let by_gape = |(part, wide): (f64, f64)| part + (wide - part) * gapes;
+        let shape = GAPING_TONGUE;
+        let half = by_gape((TONGUE.0, shape.half)) * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
         let within = 1.0 - (x / half.max(1e-6)).powi(2);
         if within <= 0.0 {
             return;
         }
         let floor = line_at(&self.lower, 0.0).unwrap_or(lower);
-        let height = self.proportions.tongue * self.gap * within.sqrt();
+        let height = (self.proportions.tongue + shape.higher * gapes) * self.gap * within.powf(by_gape((0.5, shape.slope)));
         let top = floor - height;
-        let cover = smooth_step(-0.015, 0.05, y - top) * open.sqrt() * smooth_step(0.0, 0.25, within);
+        let (from, to) = (-0.015 - shape.runs.0 * self.gap * gapes, 0.05 + shape.runs.1 * self.gap * gapes);
+        let cover = smooth_step(from, to, y - top) * open.sqrt().max(gapes) * smooth_step(0.0, 0.25, within);
+        if cover <= 0.0 {
+            return;
+        }
         let towards_tip = ((y - top) / height.max(1e-6)).clamp(0.0, 1.0);
-        let groove = 1.0 - 0.20 * (-(x / 0.026).powi(2)).exp() * (0.3 + 0.7 * towards_tip);
-        let light = (TONGUE.1 + TONGUE.2 * towards_tip) * (0.66 + 0.34 * open) * groove * (0.42 + 0.58 * within);
+        let groove = 1.0 - by_gape((0.20, 0.17)) * (-(x / 0.026).powi(2)).exp() * (0.3 + 0.7 * towards_tip);
+        let parted = (TONGUE.1 + TONGUE.2 * towards_tip) * (0.66 + 0.34 * open) * (0.42 + 0.58 * within);
+        let (back, blade, tip) = shape.light;
+        let wide = back + blade * smooth_step(0.0, 0.70, towards_tip) - tip * smooth_step(0.75, 1.0, towards_tip);
+        let light = by_gape((parted, wide * (shape.sides + (1.0 - shape.sides) * within))) * groove;
         // Its grain, the light that is broken on what is wet, and a broad sheen before the tip.
         let grain = 1.0 + 0.045 * grain(x / 0.011, y / 0.011);
-        let wet = 0.34 * smooth_step(0.30, 0.8, grain_of_light(x, y)) * (towards_tip * (1.0 - towards_tip) * 4.0);
+        let wet =
+            by_gape((0.34, 0.24)) * smooth_step(0.30, 0.8, grain_of_light(x, y)) * (towards_tip * (1.0 - towards_tip) * 4.0);
         let band = smooth_step(0.25, 0.60, towards_tip) * smooth_step(1.05, 0.70, towards_tip);
         let sheen = 0.13 * band * (0.6 + 0.4 * grain_of_light(0.4 * x, 0.6 * y + 3.0));
         let wet = (wet + sheen) * open * within;
-        let tongue = self.tinted(TONGUE.3, light * grain + wet);
+        let cooler = 0.03 * gapes as f32;
+        let tongue = self.tinted([TONGUE.3[0] - cooler, TONGUE.3[1], TONGUE.3[2] + cooler], light * grain + wet);
+        let mirrored = SHEEN * gapes * band * within * (0.5 + 0.5 * grain_of_light(0.3 * x + 5.0, 0.5 * y));
+        let tongue: [f32; 3] = std::array::from_fn(|c| tongue[c] + self.enamel[c] * mirrored as f32);
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
 
@@ -222,7 +286,9 @@ impl Interior<'_> {
             );
             (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * shown as f32);
         }
-        let upper_y = y - self.proportions.incisors - (self.by_light(FLATTER) + FLATTER_GAPING * gaping) * x * x;
+        let shown = line_at(&self.upper, 0.0).unwrap_or(0.0) + SHOWN_DROPPED.0.min(SHOWN_DROPPED.1 * self.gap);
+        let more = (shown - self.proportions.incisors).max(0.0) * (1.0 - self.lit);
+        let upper_y = y - self.proportions.incisors - more - (self.by_light(FLATTER) + FLATTER_GAPING * gaping) * x * x;
         // Above the crowns is gum.
         let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
         if gum > 0.0 {
@@ -285,5 +351,48 @@ mod tests {
         // Above a whole crown is gum.
         assert!((crowns_longer(0.0, 0.5) * CROWNS_SHOWN.0 - CROWN).abs() < 1e-12);
         assert!((crowns_longer(0.4, 0.5) * (CROWNS_SHOWN.0 - CROWNS_SHOWN.1 * 0.16) - CROWN).abs() < 1e-12);
+    }
+
+    /// A mouth of grey lips around the origin, 0.8 eye distances wide, whose jaw has dropped by `gap` where the lips part as an arch, 100 px to the eye distance.
+    fn dropped(gap: f64) -> Interior<'static> {
+        let line =
+            |depth: f64| (0..=20).map(|k| f64::from(k - 10) / 25.0).map(|x| (x, depth * (1.0 - (x / 0.4).powi(2)))).collect();
+        Interior {
+            origin: Point2::origin(),
+            across: Vector2::x(),
+            down: Vector2::y(),
+            unit: 100.0,
+            upper: line(0.0),
+            lower: line(gap),
+            jaw: gap,
+            gap,
+            lit: 0.0,
+            lip: [160.0, 110.0, 110.0],
+            enamel: [200.0; 3],
+            tone: Tone { lines: [[0.0, 1.0]; 3], share: 0.0 },
+            size: 1.0,
+            proportions: Proportions { incisors: 0.02, tongue: 0.55 },
+            teeth: super::super::teeth::picture(),
+        }
+    }
+
+    #[test]
+    fn a_mouth_that_gapes_shows_teeth_then_depth_then_a_tongue_as_light_as_the_lip() {
+        let mouth = dropped(0.30);
+        let level = |y: f64| luma(mouth.colour(Point2::new(5.0, y), [160.0, 110.0, 110.0]));
+        let lip = luma(mouth.lip);
+        // The incisors would end 0.02 below the lip, behind its shadow; they are shown down to 0.062.
+        let (teeth, depth, tongue) = (level(4.5), level(11.0), level(24.0));
+        assert!(teeth > 90.0, "{teeth}");
+        // What lies behind is dark, but not a hole: a tenth to a third of the lip.
+        assert!((0.08 * lip..0.35 * lip).contains(&depth), "{depth}");
+        assert!((0.65 * lip..1.05 * lip).contains(&tongue), "{tongue}");
+        // From the depth to the tongue it grows lighter step by step, without an edge: by less than a quarter of the lip for each percent of the eye distance.
+        let steps: Vec<f32> = (11..=20).map(|y| level(f64::from(y))).collect();
+        assert!(steps.windows(2).all(|w| w[1] > w[0] - 1.0 && w[1] - w[0] < 0.25 * lip), "{steps:?}");
+        // Lips that part a little show the teeth as far as they hang, and no tongue to speak of.
+        let hardly = dropped(0.06);
+        let below = luma(hardly.colour(Point2::new(5.0, 4.5), [160.0, 110.0, 110.0]));
+        assert!(below < 0.8 * lip, "{below}");
     }
 }
