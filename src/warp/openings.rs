@@ -12,7 +12,7 @@ use super::{
     motion::eye_motion,
     mouth::{self, Arches},
     sample,
-    seam::Seam,
+    seam::{Seam, gapes},
     tone::{self, Tone},
 };
 use crate::{
@@ -32,6 +32,8 @@ const ROLLED: (f64, f64) = (0.01, 0.10);
 const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
 /// Shares of that where the upper lip is raised: on itself, and on a lower one, which faces the light then.
 const ROLLED_LIT: [f64; 2] = [0.5, 0.4];
+/// How much less it is on the lower lip of a mouth that gapes, before the tongue.
+const ROLLED_LESS: f64 = 0.35;
 /// Half the width of the line of lashes, over the eye distance.
 const LASHES: f64 = 0.024;
 
@@ -159,7 +161,8 @@ fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, seam: &Seam, tone: &Tone, 
         return;
     }
     let width = ROLL * unit;
-    let shares = ROLLED_LIT.map(|share| 1.0 - (1.0 - share) * seam.lit);
+    let mut shares = ROLLED_LIT.map(|share| 1.0 - (1.0 - share) * seam.lit);
+    shares[1] -= ROLLED_LESS * gapes(seam.gap / unit, seam.lit);
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {
         let at = Point2::new(f64::from(x), f64::from(y));

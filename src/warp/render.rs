@@ -49,7 +49,7 @@ impl Warp {
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
         let lids = self.shutting_lids(deformation);
-        let seam = Seam::new(self, deformation);
+        let seam = Seam::new(self, deformation, texture);
         let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(lids.iter().filter_map(|(lid, _)| lid.bounds())).collect();
         let change = |at, photograph| {
             let without_line = seam.colour(at, photograph, texture);

@@ -9,7 +9,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     Deformation, Texture, Warp,
-    mouth::{line_at, luma},
+    mouth::{line_at, luma, whiteness},
     openings,
     sample::Bounds,
 };
@@ -19,12 +19,22 @@ use crate::interpolation::smooth_step;
 const PARTED: (f64, f64) = (0.008, 0.06);
 /// How much of it then is gone on the upper lip, which is in its own shadow, and on the lower one.
 const GONE: [f64; 2] = [0.55, 0.85];
+/// How much of it is gone on a lower lip that has dropped, over that of one in the light, in a mouth that gapes: before a tongue, which is as
+/// light as the lip, the line would part the two.
+const GONE_DROPPED: f64 = 0.55;
 /// Half its width, over the eye distance: beyond, it is the lip.
 const WIDTH: f64 = 0.032;
 /// How far from the ends of the opening it begins to go, and goes wholly, over the width of the mouth.
 const WITHIN: (f64, f64) = (0.06, 0.34);
 /// How much darker than its surroundings, as a share, a place is that belongs to the line for certain.
 const DARKER: f64 = 0.10;
+
+/// Where teeth are sought that a photograph shows between lips that count as closed: how far from the line, over the eye distance, how far
+/// beside them (wholly, and at most) and around the line their surroundings go with them, and how much whiter than both lips they are, levels: from, and for certain.
+const TEETH_WITHIN: f64 = 0.022;
+const TEETH_BESIDE: (f64, f64) = (0.05, 0.13);
+const TEETH_AROUND: f64 = 0.072;
+const TEETH_WHITER: (f64, f64) = (16.0, 32.0);
 
 /// Shares of the gap by which the lower lip has dropped between which its edge turns away from the light.
 pub const TURNED_AWAY: (f64, f64) = (0.60, 0.90);
@@ -35,8 +45,12 @@ pub struct Seam {
     line: Vec<(f64, f64)>,
     across: Vector2<f64>,
     down: Vector2<f64>,
-    /// How much of it is gone; nothing of a mouth that is open on its photograph.
-    gone: f64,
+    /// How much of it is gone on the upper and on the lower lip; nothing of a mouth that is open on its photograph.
+    gone: [f64; 2],
+    /// How far lips have parted that are closed on the photograph, 0 to 1.
+    parted: f64,
+    /// How surely teeth show at each place of the line; none if they show nowhere.
+    teeth: Vec<(f64, f64)>,
     unit: f64,
     /// Widest distance of the lips, px.
     pub gap: f64,
@@ -46,25 +60,56 @@ pub struct Seam {
 
 impl Seam {
     /// The line of a mouth in a frame.
-    pub fn new(warp: &Warp, deformation: &Deformation) -> Self {
+    pub fn new(warp: &Warp, deformation: &Deformation, texture: &Texture) -> Self {
         let (unit, mouth) = (warp.frame.eye_distance, &warp.mesh.openings[0]);
         let gap = openings::gap(warp, mouth, &deformation.vertices);
         let lit = lit(warp, deformation);
-        let gone = if warp.closed { lit * smooth_step(PARTED.0, PARTED.1, gap / unit) } else { 0.0 };
+        let parted = if warp.closed { smooth_step(PARTED.0, PARTED.1, gap / unit) } else { 0.0 };
+        let dropped = GONE_DROPPED * gapes(gap / unit, lit);
+        let gone = [GONE[0] * lit * parted, GONE[1] * (lit + dropped) * parted];
         let line = warp.frame.line(mouth.upper.iter().map(|&v| warp.source[v as usize].coords));
-        Self { line, across: warp.frame.across(), down: warp.frame.down.into_inner(), gone, unit, gap, lit }
+        let (across, down) = (warp.frame.across(), warp.frame.down.into_inner());
+        let mut seam = Self { line, across, down, gone, parted, teeth: Vec::new(), unit, gap, lit };
+        if parted > 0.0 {
+            seam.teeth = seam.teeth_along(texture);
+        }
+        seam
+    }
+
+    /// How surely teeth show along the line, and the dark beside them; none if they show nowhere.
+    fn teeth_along(&self, texture: &Texture) -> Vec<(f64, f64)> {
+        let shown: Vec<(f64, f64)> =
+            self.line.iter().map(|&(x, y)| (x, self.shows_teeth(self.across * x + self.down * y, texture))).collect();
+        if shown.iter().all(|place| place.1 <= 0.0) {
+            return Vec::new();
+        }
+        let beside = |off: f64| 1.0 - smooth_step(TEETH_BESIDE.0, TEETH_BESIDE.1, off.abs() / self.unit);
+        let most = |x: f64| shown.iter().map(|place| place.1 * beside(place.0 - x)).fold(0.0, f64::max);
+        shown.iter().map(|&(x, _)| (x, most(x))).collect()
+    }
+
+    /// How surely teeth show at a place of the line, 0 to 1: what lies there is whiter than both lips, where closed lips have their dark line.
+    fn shows_teeth(&self, at: Vector2<f64>, texture: &Texture) -> f64 {
+        let white = |off: f64| whiteness(texture.sample(Point2::from(at + self.down * (off * self.unit))));
+        let between = [-1.0, -0.5, 0.0, 0.5, 1.0].map(|share| white(share * TEETH_WITHIN)).into_iter().fold(f32::MIN, f32::max);
+        let lips = [-1.0, -0.7, 0.7, 1.0].map(|share| white(share * TEETH_AROUND)).into_iter().fold(f32::MIN, f32::max);
+        self.within_ends(&Point2::from(at)) * smooth_step(TEETH_WHITER.0, TEETH_WHITER.1, f64::from(between - lips))
     }
 
     /// The box outside of which [`Seam::colour`] is the photograph; `None` where it is so everywhere.
     pub(super) fn bounds(&self) -> Option<Bounds> {
-        let width = WIDTH * self.unit;
+        let width = if self.teeth.is_empty() { WIDTH } else { TEETH_AROUND } * self.unit;
         let ends = |&(x, y): &(f64, f64)| [-width, width].map(|off| Point2::from(self.across * x + self.down * (y + off)));
-        (self.gone > 0.0).then(|| Bounds::around(self.line.iter().flat_map(ends))).flatten()
+        self.changes().then(|| Bounds::around(self.line.iter().flat_map(ends))).flatten()
+    }
+
+    fn changes(&self) -> bool {
+        self.gone[1] > 0.0 || !self.teeth.is_empty()
     }
 
     /// The photograph's colour at a place of the skin without the line.
     pub fn colour(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
-        if self.gone <= 0.0 {
+        if !self.changes() {
             return photograph;
         }
         self.below(&at).map_or(photograph, |below| self.on_lip(at, below, usize::from(below > 0.0), photograph, texture))
@@ -90,15 +135,38 @@ impl Seam {
     }
 
     fn on_lip(&self, at: Point2<f64>, below: f64, lip: usize, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
+        let side = if lip == 0 { -1.0 } else { 1.0 };
+        let photograph = self.without_teeth(at, below, side, photograph, texture);
         let width = WIDTH * self.unit;
-        if below.abs() >= width || self.gone <= 0.0 {
+        if below.abs() >= width || self.gone[lip] <= 0.0 {
             return photograph;
         }
-        let side = if lip == 0 { -1.0 } else { 1.0 };
         let guess = texture.sample(at + self.down * (side * width - below));
         let inside = smooth_step(0.0, 1.0, 1.5 * (1.0 - below.abs() / width)) * self.within_ends(&at);
-        lightened(photograph, guess, GONE[lip] * self.gone * inside)
+        lightened(photograph, guess, self.gone[lip] * inside)
     }
+
+    /// The colour of a lip where the photograph has teeth, or the dark around them: that of the lip further out, whose skin it repeats.
+    fn without_teeth(&self, at: Point2<f64>, below: f64, side: f64, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
+        let around = TEETH_AROUND * self.unit;
+        let left = around - below.abs();
+        let teeth = line_at(&self.teeth, at.coords.dot(&self.across)).unwrap_or(0.0);
+        if left <= 0.0 || teeth <= 0.0 {
+            return photograph;
+        }
+        let share = (self.parted * teeth * smooth_step(0.0, 0.3, left / around)) as f32;
+        let repeated = texture.sample(at + self.down * (side * (around + 0.5 * left) - below));
+        std::array::from_fn(|c| photograph[c] + (repeated[c] - photograph[c]) * share)
+    }
+}
+
+/// Distances of the lips, over the eye distance, between which a jaw that drops begins to open the mouth so far that light falls in, and does.
+const GAPES: (f64, f64) = (0.10, 0.24);
+
+/// How far a mouth gapes, 0 to 1: the lips are so far apart over the eye distance, and the light falls on their edges so far. Where the upper lip is
+/// raised, none does.
+pub fn gapes(gap: f64, lit: f64) -> f64 {
+    (1.0 - lit) * smooth_step(GAPES.0, GAPES.1, gap)
 }
 
 /// How far the light falls on the inner edges of lips that part: where the upper lip is raised, teeth stand close behind the lower one, whose edge
@@ -140,7 +208,8 @@ mod tests {
         // By a raised upper lip, and by a jaw that drops.
         let raised = moved(&[87, 81, 82, 7, 33, 66], -12.0);
         let dropped = moved(&[40, 83, 84, 8, 10, 85, 86], 12.0);
-        let seam = Seam::new(&warp, &raised);
+        let plain = Texture::new(&RgbImage::from_pixel(300, 380, Rgb([200, 140, 130])));
+        let seam = Seam::new(&warp, &raised, &plain);
         let on_line = |at: &Point2<f64>| seam.below(at).is_some_and(|below| below.abs() <= 2.0);
         let picture = RgbImage::from_fn(300, 380, |x, y| {
             if on_line(&Point2::new(f64::from(x), f64::from(y))) { Rgb([60, 30, 30]) } else { Rgb([200, 140, 130]) }
@@ -152,7 +221,7 @@ mod tests {
         assert!(red(middle + Vector2::new(0.0, 1.0)) > 170.0 && (110.0..170.0).contains(&red(middle - Vector2::new(0.0, 1.0))));
         assert!((red(middle + Vector2::new(0.0, 8.0)) - 200.0).abs() < 1e-3);
         // As long as lips are closed it is the photograph; open, the lower lip is light to its edge, but not where it dropped.
-        let closed = Seam::new(&warp, &warp.deform(&nodes).unwrap());
+        let closed = Seam::new(&warp, &warp.deform(&nodes).unwrap(), &texture);
         assert_eq!(closed.colour(middle, [60.0, 30.0, 30.0], &texture), [60.0, 30.0, 30.0]);
         let below_edge = |frame: &Deformation| {
             let at = frame.node(40) + Vector2::new(0.0, 1.0);
@@ -160,6 +229,42 @@ mod tests {
         };
         let (raised, dropped) = (below_edge(&raised), below_edge(&dropped));
         assert!(raised > 130 && dropped < raised - 30, "{raised} {dropped}");
+    }
+
+    #[test]
+    fn teeth_that_show_between_closed_lips_do_not_part_with_them() {
+        let nodes = nodes();
+        let warp = warp();
+        let mut open = nodes.clone();
+        [40, 83, 84, 8, 10, 85, 86].iter().for_each(|&n: &usize| open[n].y += 12.0);
+        let open = warp.deform(&open).unwrap();
+        let lips = Texture::new(&RgbImage::from_pixel(300, 380, Rgb([200, 140, 130])));
+        let line = Seam::new(&warp, &open, &lips);
+        let middle = warp.nodes[40];
+        // Teeth of 4 px in the middle of the lips, white as no lip is.
+        let show = |at: &Point2<f64>| (at.x - middle.x).abs() < 12.0 && line.below(at).is_some_and(|below| below.abs() <= 2.0);
+        let picture = RgbImage::from_fn(300, 380, |x, y| {
+            if show(&Point2::new(f64::from(x), f64::from(y))) { Rgb([210, 205, 200]) } else { Rgb([200, 140, 130]) }
+        });
+        let texture = Texture::new(&picture);
+        let seam = Seam::new(&warp, &open, &texture);
+        let green = |seam: &Seam, below: f64| {
+            let at = middle + Vector2::new(0.0, below);
+            seam.colour(at, texture.sample(at), &texture)[1]
+        };
+        // Both lips are lip to their edges, where the photograph has teeth; as long as they are closed it is the photograph.
+        assert!((green(&seam, 1.0) - 140.0).abs() < 1.0 && (green(&seam, -1.0) - 140.0).abs() < 1.0);
+        let closed = Seam::new(&warp, &warp.deform(&nodes).unwrap(), &texture);
+        assert!(green(&closed, 1.0) > 200.0);
+        // Without teeth nothing is sought, and the lips stay.
+        assert!(line.teeth.is_empty());
+    }
+
+    #[test]
+    fn a_mouth_gapes_by_a_jaw_that_drops_far_and_by_nothing_else() {
+        assert_eq!((gapes(0.30, 0.0), gapes(0.05, 0.0), gapes(0.30, 1.0)), (1.0, 0.0, 0.0));
+        // Half way between 0.10 and 0.24, of an edge on half of which the light falls.
+        assert!((gapes(0.17, 0.5) - 0.25).abs() < 1e-12);
     }
 
     #[test]

@@ -51,17 +51,22 @@ void main() {
   float fromCorner = min(x - ends.x, ends.y - x);
   float open = smoothstep(0.02, 0.40, gap), side = smoothstep(0.0, 0.20, fromCorner);
   float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
-  float throat = (depth - 0.40) / 0.34;
+  float throat = (depth - 0.40) / 0.34, dropped = 1.0 - lit, gapes = dropped * smoothstep(0.10, 0.24, gap);
   float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.13 * (1.0 - side) * open;
-  vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side)), light0);
-  float across = x / max(0.38 * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
+  // A jaw that drops opens it so far that light falls in, and goes out softly towards the depth.
+  vec2 off = vec2((x - 0.5 * (ends.x + ends.y)) / max(0.5 * (ends.y - ends.x), 1e-6), (depth - 0.40) / 0.55);
+  light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.19 + 0.06 * smoothstep(0.2, 1.3, dot(off, off)), gapes);
+  vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side) * (1.0 - gapes)) - vec3(0.08, 0.06, 0.08) * gapes, light0);
+  float across = x / max(mix(0.38, 0.44, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
-    float height = tongue * gap * sqrt(within), top = floorY - height;
-    float cover = smoothstep(-0.015, 0.05, y - top) * sqrt(open) * smoothstep(0.0, 0.25, within);
-    float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - 0.20 * exp(-(x / 0.026) * (x / 0.026)) * (0.3 + 0.7 * tip);
-    float sheen = 0.08 * open * within * smoothstep(0.25, 0.60, tip) * (1.0 - smoothstep(0.70, 1.05, tip));
-    float light = (0.40 + 0.72 * tip) * (0.66 + 0.34 * open) * groove * (0.42 + 0.58 * within) + sheen;
-    colour = mix(colour, tinted(vec3(1.0, 0.95, 0.96), light), cover);
+    float height = (tongue + 0.16 * gapes) * gap * pow(within, mix(0.5, 0.6, gapes)), top = floorY - height;
+    float cover = smoothstep(-0.015 - 0.06 * gap * gapes, 0.05 + 0.12 * gap * gapes, y - top) * max(sqrt(open), gapes) * smoothstep(0.0, 0.25, within);
+    float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - mix(0.20, 0.17, gapes) * exp(-(x / 0.026) * (x / 0.026)) * (0.3 + 0.7 * tip);
+    float band = within * smoothstep(0.25, 0.60, tip) * (1.0 - smoothstep(0.70, 1.05, tip));
+    float wide = 0.28 + 0.52 * smoothstep(0.0, 0.70, tip) - 0.14 * smoothstep(0.75, 1.0, tip);
+    float light = mix((0.40 + 0.72 * tip) * (0.66 + 0.34 * open) * (0.42 + 0.58 * within), wide * (0.32 + 0.68 * within), gapes) * groove;
+    vec3 flesh = tinted(vec3(1.0, 0.95, 0.96) + vec3(-0.03, 0.0, 0.03) * gapes, light + 0.08 * open * band);
+    colour = mix(colour, flesh + enamel * 0.055 * gapes * band, cover);
   }
   if (shown > 0.5) {
     float turned = (0.25 + 0.75 * smoothstep(0.0, mix(0.14, 0.10, lit), fromCorner)) * (1.0 - mix(0.40, 0.10, lit) * smoothstep(0.10, 0.30, abs(x) / scale));
@@ -84,18 +89,20 @@ void main() {
     colour = mix(colour, enamel * vec3(0.92, 0.86, 0.80) * 0.55 * light * turned, between);
     colour = mix(colour, row(vec2(x, edge - above), light, vec3(1.0), turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
-  float shadow = mix(mix(0.58, 0.85, lit), 1.0, smoothstep(0.0, 0.06, belowUpper)) * (0.75 + 0.25 * smoothstep(0.0, 0.03, aboveLower));
+  float shadow = mix(mix(0.58, 0.85, lit), 1.0, smoothstep(0.0, 0.06, belowUpper)) * mix(0.75 + 0.10 * gapes, 1.0, smoothstep(0.0, 0.03, aboveLower));
   // Of the upper lip and the lower one.
-  vec2 most = mix(vec2(0.024), vec2(0.020, 0.022), lit), part = mix(vec2(0.28), vec2(0.34, 0.26), lit);
+  vec2 most = mix(vec2(0.024), vec2(0.020, 0.022), lit), part = mix(vec2(0.28), vec2(0.34, 0.26), lit) + 0.18 * dropped * (1.0 - smoothstep(0.03, 0.08, lower - upper));
   vec2 width = max(min(most, part * max(lower - upper, 0.0)), 1e-6);
   // A gap as narrow as a line is lip, not cavity.
   vec2 round = max(1.0 - smoothstep(vec2(0.0), width, vec2(belowUpper, aboveLower)), 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
   float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
-  vec3 inside = mix(colour * shadow, near * 0.52, 0.9 * sealed);
+  // The edge of a lip is darker than the lip; below a dropped jaw it gets some of what is missing.
+  vec3 crease = near * (0.52 + 0.10 * dropped) + 0.30 * dropped * max(lip - near, 0.0), missing = dropped * max(0.85 * lip - near, 0.0);
+  vec3 inside = mix(colour * shadow, crease, 0.9 * sealed);
   vec3 dark = vec3(0.74, 0.60, 0.60);
-  vec3 seen = mix(inside, near * mix(dark, vec3(0.90, 0.76, 0.76), lit), 0.85 * round.y);
-  seen = mix(seen, near * mix(dark, vec3(0.83, 0.76, 0.76), lit), 0.85 * round.x);
+  vec3 seen = mix(inside, (near + 0.60 * missing) * mix(dark, vec3(0.90, 0.76, 0.76), lit), 0.85 * round.y);
+  seen = mix(seen, (near + 0.35 * missing) * mix(dark, vec3(0.83, 0.76, 0.76), lit), 0.85 * round.x);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
 }`;
 const LASH_VERTEX = `
@@ -371,7 +378,7 @@ class GlStage {
     this.uniform(mouth, "ends", ...m.ends);
     this.uniform(mouth, "teethSize", this.teeth.image.naturalWidth, this.teeth.image.naturalHeight);
     this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
-    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0], ["scale", rig.teethSize], ["incisors", rig.inside[0]], ["tongue", rig.inside[1]]]) this.uniform(mouth, name, value);
+    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0], ["scale", rig.teethSize], ["incisors", m.incisors], ["tongue", rig.inside[1]]]) this.uniform(mouth, name, value);
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.teethTexture);
     gl.uniform1i(mouth.at("teeth")[1], 1);

@@ -344,9 +344,12 @@ class Rig {
     const along = ([x, y]) => x * down[0] + y * down[1], rest = [0, 1].map((axis) => nodes[2 * 40 + axis] - nodes[2 * 87 + axis]);
     const opened = along(rest) + along(shifted(40)) - along(shifted(87)), dropped = along(shifted(40)) - along(skull);
     const away = opened > 0 ? clamp((dropped / opened - 0.6) / 0.3, 0, 1) : 0, lit = 1 - away * away * (3 - 2 * away);
-    const floor = lineAt([...lower].sort((a, b) => a[0] - b[0]), 0);
+    const middle = (line) => lineAt([...line].sort((a, b) => a[0] - b[0]), 0);
+    const floor = middle(lower), gap = this.gap(opening, moved) / unit;
+    // Lips that a dropped jaw parts show the incisors so far at least: see `SHOWN_DROPPED` in src/warp/mouth/interior.rs.
+    const least = middle(upper) + Math.min(0.062, 0.66 * gap), incisors = this.inside[0] + Math.max(least - this.inside[0], 0) * (1 - lit);
     const ends = [upper[0][0], upper[upper.length - 1][0]].sort((a, b) => a - b);
-    return { opening, upper, lower, jaw, lit, floor, ends, skull, gap: this.gap(opening, moved) / unit };
+    return { opening, upper, lower, jaw, lit, floor, ends, skull, incisors, gap };
   }
   /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, but for an upper lip that rises, and a lower one that drops a little. */
   ownMouth(skull) {

@@ -1,0 +1,194 @@
+//! The inside of a mouth: the photograph's own, or one that is made of what real mouths show.
+//!
+//! The made one has, from back to front: a cavity that is lit the more the further the lips part, a tongue that lies behind the lower
+//! teeth, the lower arch, which goes with the jaw, and the upper arch, which hangs from the skull (a raised lip bares it, a
+//! dropped jaw does not). The teeth are a picture: the mean of what 24 people's smiles show, aligned tooth by tooth and mirrored,
+//! so that they are nobody's own (`candide/teeth.png`; `candide/README.md` says from whom and how). Near a lip everything is in
+//! its shadow, and the lip's own colour runs a little way in, because a lip is round and wet and not cut out of paper. The page of `play` draws
+//! it after these numbers (`player/assets/gl.js`): who changes one changes the other.
+
+mod interior;
+mod proportions;
+mod teeth;
+
+use nalgebra::Point2;
+
+use self::interior::Interior;
+use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, seam::Seam, tone::Tone};
+use crate::interpolation::smooth_step;
+
+pub use proportions::{Proportions, teeth_size};
+pub use teeth::{TEETH, TEETH_ORIGIN, TEETH_SCALE, TEETH_WHITE};
+
+/// Whether the inside of the mouth shows teeth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arches {
+    /// Both rows.
+    Shown,
+    /// None: cavity and tongue alone.
+    Hidden,
+}
+
+/// Draws the inside of a mouth that the photograph does not show. `layer` holds the colours of the nearest lip.
+pub fn made(
+    warp: &Warp,
+    opening: &OpeningMesh,
+    texture: &Texture,
+    deformation: &Deformation,
+    seam: &Seam,
+    arches: Arches,
+    layer: &mut Layer,
+) {
+    for triangle in &opening.triangles {
+        let to = triangle.map(|v| deformation.vertices[v as usize]);
+        layer.fill(to, [Point2::origin(); 3], |_, lip| lip);
+    }
+    let interior = Interior::new(warp, opening, texture, deformation, seam, arches);
+    let (left, top, width) = (layer.left, layer.top, layer.width);
+    for (k, (colour, is_set)) in layer.pixels.iter_mut().enumerate() {
+        if *is_set {
+            let place = Point2::new(f64::from(left + k as u32 % width), f64::from(top + k as u32 / width));
+            *colour = interior.tone.apply(interior.colour(place, *colour));
+        }
+    }
+}
+
+impl<'a> Interior<'a> {
+    fn new(
+        warp: &Warp,
+        opening: &OpeningMesh,
+        texture: &Texture,
+        deformation: &Deformation,
+        seam: &Seam,
+        arches: Arches,
+    ) -> Interior<'a> {
+        let unit = warp.frame.eye_distance;
+        let (across, down) = (warp.frame.across(), warp.frame.down.into_inner());
+        // The skull goes with the base of the nose.
+        let moved = deformation.nodes[6] - warp.nodes[6];
+        let rest = nalgebra::center(&warp.nodes[87], &warp.nodes[40]);
+        let origin = rest + moved;
+        let edge = |vertices: &[u32]| {
+            let line = warp.frame.line(vertices.iter().map(|&v| deformation.vertices[v as usize] - origin));
+            line.into_iter().map(|(x, y)| (x / unit, y / unit)).collect()
+        };
+        let chin = deformation.nodes[10] - warp.nodes[10] - moved;
+        Interior {
+            origin,
+            across,
+            down,
+            unit,
+            upper: edge(&opening.upper),
+            lower: edge(&opening.lower),
+            jaw: (chin.dot(&down) / unit).max(0.0),
+            gap: seam.gap / unit,
+            lit: seam.lit,
+            lip: lip_colour(warp, texture),
+            enamel: enamel(warp, texture),
+            tone: Tone::of(texture, &warp.nodes),
+            size: teeth_size(warp),
+            proportions: Proportions::of(warp),
+            teeth: match arches {
+                Arches::Shown => teeth::picture(),
+                Arches::Hidden => None,
+            },
+        }
+    }
+}
+
+/// Height of a line at `x`; `None` outside of it.
+pub(super) fn line_at(line: &[(f64, f64)], x: f64) -> Option<f64> {
+    let k = line.partition_point(|p| p.0 < x);
+    let (a, b) = (line.get(k.checked_sub(1)?)?, line.get(k)?);
+    Some(a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0).max(1e-9))
+}
+
+/// Brightness of a colour.
+pub fn luma([r, g, b]: [f32; 3]) -> f32 {
+    0.3 * r + 0.59 * g + 0.11 * b
+}
+
+/// Brightness, less where it is red: skin, and a lid below its crease, are not the white of an eye.
+pub fn whiteness(colour: [f32; 3]) -> f32 {
+    luma(colour) - 0.8 * (colour[0] - colour[1]).max(0.0)
+}
+
+/// Colour of the lower lip.
+pub fn lip_colour(warp: &Warp, texture: &Texture) -> [f32; 3] {
+    let inwards = warp.nodes[40] - warp.nodes[8];
+    let lips = [8_usize, 85, 86].map(|n| texture.sample(warp.nodes[n] + inwards * 0.4));
+    std::array::from_fn(|c| (lips[0][c] + lips[1][c] + lips[2][c]) / 3.0)
+}
+
+/// Colour of teeth in the light of the photograph: as bright as the white of its eyes (the second brightest of four places, which a
+/// highlight does not reach), but not darker than the skin of the cheeks lets expect, and half of that white's own tint.
+pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
+    // Between the iris and the corners of the eye.
+    let mut whites = [(67, 20, 68), (71, 23, 72), (69, 53, 70), (73, 56, 74)].map(|(a, corner, b): (usize, usize, usize)| {
+        let iris = nalgebra::center(&warp.nodes[a], &warp.nodes[b]);
+        texture.sample(nalgebra::center(&iris, &warp.nodes[corner]))
+    });
+    whites.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
+    let skin = [27_usize, 60, 90, 91].map(|n| luma(texture.sample(warp.nodes[n]))).iter().sum::<f32>() / 4.0;
+    // In a dark photograph the whites of the eyes are dark, too, whatever the skin.
+    let brightest = 1.15 * luma(whites[3]).max(1.25 * skin);
+    let light = (skin * 0.95 + 45.0).max(luma(whites[2])).min(brightest).min(222.0);
+    let white = luma(whites[2]).max(1.0);
+    std::array::from_fn(|c| {
+        let tint = (whites[2][c] / white).clamp(0.92, 1.05);
+        (0.65 * [1.0, 0.99, 0.975][c] + 0.35 * tint) * light
+    })
+}
+
+/// How far below its place on the photograph the inside of a mouth is stretched after a lower lip that drops, over the eye distance: further
+/// down there is what the photograph does not show. Up to there, the lip's own colour at its edge fades.
+const OWN_STRETCH: f64 = 0.02;
+/// Where a lower lip is that far away, so much of its edge on the photograph fades into what is made.
+const OWN_FADE: f64 = 0.022;
+
+/// Draws what the photograph shows in its open mouth over what is made: it stays with the skull, and where the upper lip is now higher than
+/// on the photograph, its edge is stretched to meet it. A lower lip that drops leaves it, as it leaves the upper teeth.
+pub fn own(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
+    let moved = deformation.nodes[6] - warp.nodes[6];
+    let (unit, down, across) = (warp.frame.eye_distance, warp.frame.down.into_inner(), warp.frame.across());
+    let height = |p: &Point2<f64>| warp.frame.height(p);
+    let lower = &opening.lower[1..opening.lower.len() - 1];
+    let dropped = |v: u32| height(&deformation.vertices[v as usize]) - height(&(warp.source[v as usize] + moved));
+    let at = |v: u32| {
+        let (stays, lip) = (warp.source[v as usize] + moved, deformation.vertices[v as usize]);
+        match (lower.contains(&v), dropped(v)) {
+            (true, way) if way > 0.0 => stays + (lip - stays) * (OWN_STRETCH * unit / way).min(1.0),
+            (true, _) => stays,
+            (false, way) if way > 0.0 => stays,
+            (false, _) => lip,
+        }
+    };
+    let furthest = lower.iter().map(|&v| dropped(v)).fold(0.0, f64::max);
+    let left = smooth_step(0.5 * OWN_STRETCH, 2.0 * OWN_STRETCH, furthest / unit);
+    let edge = warp.frame.line(opening.lower.iter().map(|&v| warp.source[v as usize].coords));
+    let faded = |at: Point2<f64>| {
+        let above = line_at(&edge, at.coords.dot(&across)).map_or(0.0, |y| (y - at.coords.dot(&down)) / unit);
+        left * (1.0 - smooth_step(0.0, OWN_FADE, above))
+    };
+    for triangle in &opening.triangles {
+        let from = triangle.map(|v| warp.source[v as usize]);
+        layer.fill(triangle.map(at), from, |at, made| {
+            let (own, gone) = (texture.sample(at), faded(at) as f32);
+            std::array::from_fn(|c| own[c] + (made[c] - own[c]) * gone)
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_followed_and_end() {
+        let line = [(0.0, 1.0), (2.0, 3.0), (4.0, 3.0)];
+        assert_eq!(line_at(&line, 1.0), Some(2.0));
+        assert_eq!(line_at(&line, 3.0), Some(3.0));
+        assert_eq!(line_at(&line, 4.5), None);
+        assert_eq!(line_at(&line, -0.5), None);
+    }
+}
