@@ -108,10 +108,9 @@ pub mod overlay {
 pub mod pipeline {
     pub use crate::modules::pipeline::{
         AnalyzedModel, Event, FapOptions, FoundMarksError, Method, NONE_LEVEL, PipelineOptions, Recording, RecordingError,
-        RunError, RunSummary, SegmentedRecording, SequenceFailure, SequenceSource, Workbench, WorkbenchError, analyze,
-        are_by_hand, face_of_marks, fit_landmarks, fit_to_both, found_marks, found_marks_and_remark, held, id_of, load_tracks,
-        normalize_track, read_model, run, segment_recording, showcase_target, track_files, track_one, track_pictures,
-        write_analysis, write_model,
+        RunError, RunSummary, SegmentedRecording, SequenceFailure, SequenceSource, Workbench, WorkbenchError, analyze, by_hand,
+        face_of_marks, fit_beside, fit_landmarks, found_marks, found_marks_and_remark, held, id_of, load_tracks, normalize_track,
+        read_model, run, segment_recording, showcase_target, track_files, track_one, track_pictures, write_analysis, write_model,
     };
 }
 pub mod plausible {

@@ -155,6 +155,7 @@ impl Desk {
 
     /// One sequence with its marks.
     pub fn opened(&self, id: &str) -> Result<Opened, RequestError> {
+        self.forget_shown();
         let mut items = self.lock();
         self.refresh(&mut items, id)?;
         self.open_item(find(&mut items, id)?)

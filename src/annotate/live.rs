@@ -1,22 +1,30 @@
 //! The fit that the page shows while marks are set: the one that tracking begins with.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use image::GrayImage;
 
 use super::{
-    RequestError,
     desk::Desk,
     messages::{Fit, ToFit, hundredth},
 };
 use crate::{
     fit::{Correspondence, FitError, validate_correspondences},
+    locate::{LocateOptions, LocatedFace},
     track::eye_distance_px,
 };
 
-/// The frame that was marked last, decoded: it is fitted to with every move of a mark.
+/// The frame that was marked last: it is fitted to with every move of a mark.
 #[derive(Default)]
-pub struct LiveFrame(Mutex<Option<(String, u32, Arc<GrayImage>)>>);
+pub struct LiveFrame(Mutex<Option<(String, u32, Arc<Shown>)>>);
+
+/// A frame and its faces, which are found once, when they are first asked for.
+#[derive(Default)]
+struct Shown {
+    /// `None` where it does not decode, which is said where it is shown.
+    picture: Option<GrayImage>,
+    faces: OnceLock<Vec<LocatedFace>>,
+}
 
 impl Desk {
     /// Fits the wireframe to marks that need not be saved, and to what is read in their frame, as far as the request names it, at nodes without one.
@@ -25,10 +33,12 @@ impl Desk {
         if let Err(error) = validate_correspondences(&marks, request.width, request.height) {
             return Fit::Problem { problem: error.to_string(), node: None };
         }
-        // A frame that does not decode is said where it is shown.
-        let picture = request.frame.as_ref().and_then(|frame| self.live_frame(&frame.sequence, frame.number).ok());
-        let fitted = match picture {
-            Some(picture) => self.bench.fit_read(&picture, &marks),
+        let serves = self.bench.reads_beside(&marks) > 0.0;
+        let shown = request.frame.as_ref().filter(|_| serves).map(|frame| self.shown(&frame.sequence, frame.number));
+        let fitted = match shown.as_ref().and_then(|shown| Some((shown, shown.picture.as_ref()?))) {
+            Some((shown, picture)) => self.bench.fit_read(picture, &marks, |locator| {
+                shown.faces.get_or_init(|| locator.locate(picture, &LocateOptions::default())).clone()
+            }),
             None => self.bench.fit(&marks),
         };
         match fitted {
@@ -48,13 +58,18 @@ impl Desk {
         }
     }
 
-    fn live_frame(&self, id: &str, number: u32) -> Result<Arc<GrayImage>, RequestError> {
-        let mut live = self.live.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, _, picture)) = live.as_ref().filter(|(of, at, _)| of == id && *at == number) {
-            return Ok(Arc::clone(picture));
-        }
-        let picture = Arc::new(self.grey(id, number)?);
-        *live = Some((id.to_owned(), number, Arc::clone(&picture)));
-        Ok(picture)
+    fn shown(&self, id: &str, number: u32) -> Arc<Shown> {
+        let live = || self.live.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = live().as_ref().filter(|(of, at, _)| of == id && *at == number).map(|(_, _, shown)| Arc::clone(shown));
+        known.unwrap_or_else(|| {
+            let shown = Arc::new(Shown { picture: self.grey(id, number).ok(), ..Shown::default() });
+            *live() = Some((id.to_owned(), number, Arc::clone(&shown)));
+            shown
+        })
+    }
+
+    /// What is known of the frame that was marked last is read again when it is next fitted to: a sequence was opened anew.
+    pub(super) fn forget_shown(&self) {
+        *self.live.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 }

@@ -86,7 +86,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let options = PipelineOptions {
         fit: args.fit.options_of(args.method.method),
         unchecked_marks: args.check.unchecked(),
-        unmarked: args.check.unmarked(),
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;
@@ -129,7 +128,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if !fitted.read.is_empty() {
             println!(
-                "note: {} nodes without a mark were read in the picture; --read-unmarked off leaves that out",
+                "{} nodes without a mark were read in the picture (--read-unmarked off: by the marks alone)",
                 fitted.read.len()
             );
         }

@@ -107,7 +107,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         marks: args.marks.marks.clone(),
         landmarks: args.marks.landmarks(),
         unchecked_marks: args.check.unchecked(),
-        unmarked: args.check.unmarked(),
         ..PipelineOptions::default()
     };
     args.analysis.fill(&mut options, args.method.method);

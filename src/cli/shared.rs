@@ -17,8 +17,7 @@ use grimace::{
     normalize::{IrisdMode, NormalizeOptions, Resample, SizeMode},
     output::target_of,
     pipeline::{
-        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Unmarked, Workbench, found_marks_and_remark,
-        showcase_remarks,
+        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks_and_remark, showcase_remarks,
     },
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
@@ -65,7 +64,7 @@ fn prior(text: &str) -> Result<PriorKind, String> {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
-    /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --forces same, --forward-backward 0,
+    /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --read-unmarked off, --forces same, --forward-backward 0,
     /// --align-gain 0, --corner-stiffness 0, --lip-probes off, --rigid-eyes off, --even-light off, --read-lids off and
     /// --weight sequence, as far as the command has them; each can be set otherwise beside it
     #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
@@ -83,6 +82,10 @@ pub struct FitArgs {
     /// Force on a marked node per pixel, over the stiffness of a spring
     #[arg(long, default_value_t = FitOptions::default().force, value_parser = gain, value_name = "GAIN")]
     fit_force: f64,
+    /// Read nodes without a mark in the picture, where seven marks and more were set by hand and agree with its face; off: the marks alone
+    /// [default: on, with --method kp off]
+    #[arg(long, value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
+    read_unmarked: Option<bool>,
 }
 
 impl FitArgs {
@@ -92,7 +95,12 @@ impl FitArgs {
 
     /// The options, those that are not given as the method has them.
     pub fn options_of(&self, method: Method) -> FitOptions {
-        FitOptions { force: self.fit_force, prior: self.prior.clone().unwrap_or(method.fit().prior) }
+        let of_method = method.fit();
+        FitOptions {
+            force: self.fit_force,
+            prior: self.prior.clone().unwrap_or(of_method.prior),
+            read_unmarked: self.read_unmarked.unwrap_or(of_method.read_unmarked),
+        }
     }
 }
 
@@ -357,18 +365,11 @@ pub struct CheckArgs {
     /// Hold marks that are given against the face that is read in the neutral frame, and say so where they lie beside it
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     check_marks: bool,
-    /// Read nodes without a mark in the neutral frame, where marks were set by hand and agree with the face there; off: marks alone, as in the paper
-    #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
-    read_unmarked: bool,
 }
 
 impl CheckArgs {
     pub fn unchecked(&self) -> bool {
         !self.check_marks
-    }
-
-    pub fn unmarked(&self) -> Unmarked {
-        if self.read_unmarked { Unmarked::Read } else { Unmarked::Fitted }
     }
 }
 

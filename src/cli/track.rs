@@ -77,7 +77,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         fit: args.fit.options_of(args.method.method),
         track: args.track.options_of(args.method.method),
         unchecked_marks: args.check.unchecked(),
-        unmarked: args.check.unmarked(),
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;

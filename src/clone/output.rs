@@ -307,7 +307,7 @@ fn track_info(
         notes: Vec::new(),
         marks_from: "clone".to_owned(),
         marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
-        read: Vec::new(),
+        read: target.fitted.read.iter().map(|m| m.node).collect(),
         fit: files.fit.clone(),
         track: TrackOptions::default(),
         summary: summarize(frames, &face.wireframe, &face.tables),

@@ -9,16 +9,14 @@
 mod clicks;
 mod error;
 mod mistakes;
+mod options;
 pub mod placement;
 mod prior;
 mod skyline;
 mod spring;
 mod unfold;
 
-use std::sync::Arc;
-
 use nalgebra::{Point2, Vector2};
-use serde::{Deserialize, Serialize};
 
 use self::{
     clicks::soft_deviation,
@@ -33,6 +31,7 @@ pub use super::correspondence::{
     write_correspondences,
 };
 pub use error::{FitError, FitWarning};
+pub use options::{FitOptions, LoadedPrior, PriorKind};
 pub(crate) use prior::mirror_nodes;
 pub use prior::{
     DEFAULT_MODES, FacePoints, FaceSource, LearnError, NeutralFace, PriorFile, PriorFileError, PriorOrigin, ShapePrior,
@@ -53,91 +52,6 @@ pub(crate) const MEDIAN_OVER_DEVIATION: f64 = 1.177_410_022_515_474_7;
 
 /// The force on a mark follows the inverse square of its expected error, within these shares of [`FitOptions::force`].
 const FORCE_SHARES: (f64, f64) = (0.02, 5.0);
-
-/// Which shape prior stands ahead of the springs.
-///
-/// ```
-/// use grimace::fit::{FitOptions, PriorKind};
-///
-/// assert_eq!(FitOptions::default().prior, PriorKind::Auto);
-/// assert_eq!(serde_json::to_string(&PriorKind::Candide)?, "\"candide\"");
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PriorKind {
-    /// None: similarity and springs only, as in KP.
-    None,
-    /// Candide's neutral and shape units.
-    Candide,
-    /// Real faces, learned from 90 people ([`ShapePrior::faces`]).
-    Faces,
-    /// Both: each by how probable it makes the marks. Candide alone for a wireframe with another number of nodes than Candide-3.
-    #[default]
-    Auto,
-    /// A prior file.
-    File(LoadedPrior),
-}
-
-/// A prior read from a file. It is known by the content of the file: only that is compared and written.
-///
-/// ```
-/// use grimace::fit::{FitOptions, LoadedPrior, PriorKind};
-///
-/// let loaded = LoadedPrior::read("candide/face_prior.json".as_ref())?;
-/// assert!(loaded.prior.is_some());
-/// let options = FitOptions { prior: PriorKind::File(loaded), ..FitOptions::default() };
-/// assert_ne!(options, FitOptions::default());
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct LoadedPrior {
-    /// BLAKE3 of the file, in hexadecimal.
-    pub blake3: String,
-    /// The prior; `None` in options that were read back from a file of provenance.
-    #[serde(skip)]
-    pub prior: Option<Arc<ShapePrior>>,
-}
-
-impl LoadedPrior {
-    /// Reads a prior file.
-    ///
-    /// # Errors
-    /// As [`read_prior`].
-    pub fn read(path: &std::path::Path) -> Result<Self, PriorFileError> {
-        let (prior, blake3) = read_prior(path)?;
-        Ok(Self { blake3, prior: Some(Arc::new(prior)) })
-    }
-}
-
-impl PartialEq for LoadedPrior {
-    fn eq(&self, other: &Self) -> bool {
-        self.blake3 == other.blake3
-    }
-}
-
-/// Options of a fit.
-///
-/// ```
-/// use grimace::fit::{FitOptions, PriorKind};
-///
-/// // As in the paper: a similarity and springs, no prior knowledge of faces.
-/// let options = FitOptions { prior: PriorKind::None, ..FitOptions::default() };
-/// assert_eq!(options.force, 20.0);
-/// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FitOptions {
-    /// Gain of the force on a marked node over the stiffness of a spring, > 0; 20.
-    pub force: f64,
-    /// Shape prior; by default both of the embedded ones, each by how probable it makes the marks.
-    pub prior: PriorKind,
-}
-
-impl Default for FitOptions {
-    fn default() -> Self {
-        Self { force: FIT_FORCE, prior: PriorKind::default() }
-    }
-}
 
 /// A wireframe fitted to the neutral frame.
 ///
@@ -462,6 +376,23 @@ impl FittedWireframe {
         self.read = self.correspondences.split_off(given);
         self.residuals.truncate(given);
         self
+    }
+
+    /// The fit on the way to another one of the same marks: this one at 0, the other at 1.
+    pub(crate) fn towards(self, other: Self, share: f64) -> Self {
+        let between = |a: f64, b: f64| a + share * (b - a);
+        let nodes = self.model.nodes().iter().zip(other.model.nodes());
+        let nodes: Vec<Point2<f64>> = nodes.map(|(p, q)| Point2::new(between(p.x, q.x), between(p.y, q.y))).collect();
+        let spreads = self.spreads.zip(other.spreads);
+        Self {
+            residuals: self.correspondences.iter().map(|m| (nodes[m.node.index()] - m.position).norm()).collect(),
+            model: FrameExpressionModel::new(nodes),
+            image_from_face: self.image_from_face,
+            correspondences: self.correspondences,
+            read: other.read,
+            spreads: spreads.map(|(a, b)| a.iter().zip(&b).map(|(a, b)| between(*a, *b)).collect()),
+            warnings: self.warnings,
+        }
     }
 
     /// With how far its nodes are from where they were expected, and that expectation's own error; where the face is turned only that.

@@ -111,6 +111,18 @@ pub struct Held {
     pub across: Vector2<f64>,
 }
 
+/// What the marked parts of a face say together, over the eye distance.
+struct Whole {
+    /// How far they lie beside it in one direction,
+    together: f64,
+    /// and in whatever direction.
+    any_way: f64,
+    /// What is to be expected of that.
+    expected: f64,
+    /// How far the eyes do, where they are marked.
+    eyes: Option<f64>,
+}
+
 impl Held {
     /// What a person should know, a sentence each; empty where all is as expected.
     pub fn said(&self) -> Vec<String> {
@@ -143,15 +155,9 @@ impl Held {
 
     /// That the marks are not those of this face.
     fn whole_beside(&self) -> Vec<String> {
-        let marked: Vec<&HeldPart> = self.parts.iter().filter(|p| p.marked).collect();
-        let middle = |of: &dyn Fn(&HeldPart) -> f64| median(&mut marked.iter().map(|p| of(p)).collect::<Vec<_>>()).unwrap_or(0.0);
-        let together = Vector2::new(middle(&|p| p.offset.x), middle(&|p| p.offset.y)).norm();
-        let any_way = middle(&|p| p.offset.norm());
-        let expected = WHOLE_FACTOR * middle(&|p| p.expected);
-        let eyes: Vec<_> = marked.iter().filter(|p| EYES.contains(&p.name)).map(|p| p.offset).collect();
-        let eyes_too = eyes.is_empty() || eyes.iter().sum::<Vector2<f64>>().norm() / eyes.len() as f64 > EYES_TOO;
-        let is_beside = together > expected.max(WHOLE * self.doubt) && eyes_too || any_way > expected.max(ANY_WAY * self.doubt);
-        let is_resized = self.size.ln().abs() > SIZE * self.doubt;
+        let Whole { together, any_way, .. } = self.whole();
+        let is_beside = self.whole_share() > 1.0;
+        let is_resized = self.size_share() > 1.0;
         let far = self.far(together.max(any_way));
         match (is_beside, is_resized) {
             (false, false) => Vec::new(),
@@ -172,11 +178,70 @@ impl Held {
         }
     }
 
-    /// That both brows are marked nearer to the eyes than they are.
-    fn brows_low(&self) -> Option<String> {
+    /// How well marks and picture agree: 1 where they are at one, 0 and less where something is to be said.
+    pub fn agreement(&self) -> f64 {
+        let parts = self.parts.iter().map(|p| p.offset.norm() / p.limit);
+        let pairs = [self.brows_share(), self.corners_share()].into_iter().flatten();
+        let all = parts.chain(pairs).chain([self.whole_share(), self.size_share()]);
+        1.0 - all.fold(0.0, f64::max)
+    }
+
+    /// What the marked parts say together.
+    fn whole(&self) -> Whole {
+        let marked: Vec<&HeldPart> = self.parts.iter().filter(|p| p.marked).collect();
+        let middle = |of: &dyn Fn(&HeldPart) -> f64| median(&mut marked.iter().map(|p| of(p)).collect::<Vec<_>>()).unwrap_or(0.0);
+        let eyes: Vec<_> = marked.iter().filter(|p| EYES.contains(&p.name)).map(|p| p.offset).collect();
+        Whole {
+            together: Vector2::new(middle(&|p| p.offset.x), middle(&|p| p.offset.y)).norm(),
+            any_way: middle(&|p| p.offset.norm()),
+            expected: WHOLE_FACTOR * middle(&|p| p.expected),
+            eyes: (!eyes.is_empty()).then(|| eyes.iter().sum::<Vector2<f64>>().norm() / eyes.len() as f64),
+        }
+    }
+
+    /// How far all marks lie beside the face, over what is to be said.
+    fn whole_share(&self) -> f64 {
+        let Whole { together, any_way, expected, eyes } = self.whole();
+        let eyes = eyes.map_or(f64::INFINITY, |eyes| eyes / EYES_TOO);
+        (together / expected.max(WHOLE * self.doubt)).min(eyes).max(any_way / expected.max(ANY_WAY * self.doubt))
+    }
+
+    /// How much larger or smaller their face is, over what is to be said.
+    fn size_share(&self) -> f64 {
+        self.size.ln().abs() / (SIZE * self.doubt)
+    }
+
+    /// How much nearer to the eyes both brows are marked, over what is to be said.
+    fn brows_share(&self) -> Option<f64> {
+        Some(self.low()? / (BROWS_LOW * self.doubt))
+    }
+
+    /// How far both mouth corners are marked out or in, over what is to be said.
+    fn corners_share(&self) -> Option<f64> {
+        let [left, right, limit] = self.out()?;
+        let least = left.min(right).max((-left).min(-right)).max(0.0);
+        // One of them alone says half as much.
+        Some((f64::midpoint(left, right).abs() / limit).min(2.0 * least / limit))
+    }
+
+    /// How far the brows lie below where they are read, over the eye distance.
+    fn low(&self) -> Option<f64> {
         let down = Vector2::new(-self.across.y, self.across.x);
         let low = self.pair(BROWS)?.map(|part| part.offset.dot(&down));
-        let low = f64::midpoint(low[0], low[1]);
+        Some(f64::midpoint(low[0], low[1]))
+    }
+
+    /// How far out the left and the right mouth corner are marked, over the eye distance, and up to where nothing is said.
+    fn out(&self) -> Option<[f64; 3]> {
+        let corners = self.pair(CORNERS)?;
+        let [left, right] = corners.map(|part| part.offset.dot(&self.across));
+        let expected = f64::midpoint(corners[0].expected, corners[1].expected);
+        Some([left, -right, (CORNERS_OUT * self.doubt).max(PAIR_FACTOR * expected)])
+    }
+
+    /// That both brows are marked nearer to the eyes than they are.
+    fn brows_low(&self) -> Option<String> {
+        let low = self.low()?;
         (low > BROWS_LOW * self.doubt).then(|| {
             let far = self.far(low);
             format!("the brows are marked {far} nearer to the eyes than the picture shows them: do the marks lie on the lids?")
@@ -185,12 +250,9 @@ impl Held {
 
     /// That both mouth corners are marked further out, or further in, than they are.
     fn corners_out(&self) -> Option<String> {
-        let corners = self.pair(CORNERS)?;
-        let [left, right] = corners.map(|part| part.offset.dot(&self.across));
-        let out = f64::midpoint(left, -right);
-        let expected = f64::midpoint(corners[0].expected, corners[1].expected);
-        let limit = (CORNERS_OUT * self.doubt).max(PAIR_FACTOR * expected);
-        let both = [left, -right].iter().all(|one| one * out.signum() > 0.5 * limit);
+        let [left, right, limit] = self.out()?;
+        let out = f64::midpoint(left, right);
+        let both = [left, right].iter().all(|one| one * out.signum() > 0.5 * limit);
         (both && out.abs() > limit).then(|| {
             let (far, way) = (self.far(out.abs()), if out > 0.0 { "out" } else { "in" });
             format!("the mouth corners are marked {far} further {way} than the picture shows them, each; look at them")

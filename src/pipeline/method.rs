@@ -22,11 +22,11 @@ pub enum Method {
 }
 
 impl Method {
-    /// Options of the fit: in \[KP\] similarity and springs, without a shape prior.
+    /// Options of the fit: in \[KP\] similarity and springs, without a shape prior and by the marks alone.
     pub fn fit(self) -> FitOptions {
         match self {
             Self::Default => FitOptions::default(),
-            Self::Kp => FitOptions { prior: PriorKind::None, ..FitOptions::default() },
+            Self::Kp => FitOptions { prior: PriorKind::None, read_unmarked: false, ..FitOptions::default() },
         }
     }
 

@@ -73,7 +73,7 @@ pub use landmarks::fit_landmarks;
 pub use measured::normalize_track;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
-pub use neutral::{NeutralFit, Unmarked, are_by_hand, fit_to_both};
+pub use neutral::{NeutralFit, by_hand, fit_beside};
 pub use pictures::{PictureSource, pictures_of};
 pub use recognition::{
     NONE_LEVEL, RecognitionResults, RecognizedRow, left_out_said, recognition_header, recognition_record, write_recognition,
@@ -125,9 +125,6 @@ pub struct PipelineOptions {
     /// Leave out to hold marks that are given against the face that is read in the neutral frame.
     #[serde(default)]
     pub unchecked_marks: bool,
-    /// What nodes without a mark follow, where marks were set by hand.
-    #[serde(default)]
-    pub unmarked: Unmarked,
     /// Sequences given as landmarks.
     #[serde(default)]
     pub landmarks: LandmarkOptions,

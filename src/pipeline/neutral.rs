@@ -1,43 +1,40 @@
 //! The fit of a neutral frame: by the marks that are given, and by what is read in the picture where no mark is.
 //!
-//! A node without a mark follows from what faces are like; read in the picture it is nearer to its place: the 53 nodes that eleven marks leave
-//! out are off by 3.3 % of the eye distance without, 2.4 with what is read there (20 people whom the locator had not seen, `docs/locate.md`).
-//! A mark always wins: what is read has an expected error and bends.
+//! A node without a mark follows from what faces are like; read in the picture it is nearer to its place (`docs/locate.md`). A mark is worth more: what is
+//! read bends, and is never taken for surer than a mark.
 //!
 //! Not every face is one that the locator reads: it was learned from photographs of people and points that people set. Rendered faces are read
 //! with twice the error that the marks alone leave, and a network's landmarks have brows and chin elsewhere. The marks tell which of these they
-//! are ([`Fitter::share_by_hand`]).
+//! are ([`Fitter::share_by_hand`]), and how well they agree with the face that is read. Between yes and no what is read fades, so that a mark that is moved a
+//! little moves the fit a little.
 //!
 //! [`Fitter::share_by_hand`]: crate::fit::Fitter::share_by_hand
 
 use image::GrayImage;
-use serde::{Deserialize, Serialize};
 
 use super::{
     Workbench,
     beside::{face_of_marks, held},
 };
 use crate::{
-    fit::{Correspondence, FitError, FittedWireframe, Fitter},
+    fit::{Correspondence, FitError, FittedWireframe, Fitter, HAND_MARK_ERROR},
     locate::{LocateOptions, LocatedFace, Locator},
     sequence::ImageSize,
-    wireframe::Wireframe,
+    units::NodeId,
+    wireframe::{LIP_TWINS, Wireframe},
 };
 
-/// What is read serves where marks are with this probability those of a person on a photograph. Of 90 people, whom the prior knows, nine in ten have
-/// 0.75 and more with eleven marks, and half 0.8 and more with seven; of 12 simulated faces the most is 0.03 with eleven and 0.11 with seven.
-const BY_HAND: f64 = 0.5;
+/// What is read counts nothing up to the first probability that marks are those of a person on a photograph, and all from the second on. Of 90
+/// people, whom the prior knows, nine in ten have 0.75 and more with eleven marks, and half 0.8 and more with seven; of 12 simulated faces the most is
+/// 0.03 with eleven and 0.11 with seven.
+const BY_HAND: [f64; 2] = [0.25, 0.6];
 
-/// What nodes without a mark follow, where marks were set by hand.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Unmarked {
-    /// What is read in the picture, where that serves.
-    #[default]
-    Read,
-    /// The marks alone.
-    Fitted,
-}
+/// Fewer marks do not tell whose they are: of 30 people's landmarks as a network sets them, 11 are taken for set by hand with three, 4 to 7 with four to
+/// six, none with seven.
+const TELLING: usize = 7;
+
+/// What is read counts all where marks and picture agree so well, nothing where something is to be said of the marks ([`super::beside::Held::agreement`]).
+const AGREEMENT: f64 = 0.4;
 
 /// A wireframe fitted to a neutral frame.
 #[derive(Clone, Debug)]
@@ -50,68 +47,111 @@ pub struct NeutralFit {
 
 impl Workbench {
     /// The wireframe fitted to marks that somebody gave for a picture, and to what is read in it at nodes that have none; by the marks alone
-    /// where [`Unmarked::Fitted`] is asked for, where the picture shows no face that is trusted, where
-    /// marks and face do not agree, and where the marks tell expected errors of their own.
+    /// where [`FitOptions::read_unmarked`](crate::fit::FitOptions::read_unmarked) says so, where the picture shows no face that is trusted, where
+    /// marks and face do not agree, where they are fewer than seven, and where they tell expected errors of their own.
     ///
     /// # Errors
     /// As [`Workbench::fit`].
     pub(crate) fn fit_in(&self, picture: &GrayImage, marks: &[Correspondence]) -> Result<NeutralFit, FitError> {
-        self.fit_and_hold(picture, marks, !self.options.unchecked_marks)
+        let is_said = !self.options.unchecked_marks;
+        let find = |locator: &Locator| locator.locate(picture, &LocateOptions::default());
+        let mut fit = self.fit_and_hold(picture, marks, is_said, find)?;
+        if !is_said {
+            fit.beside.clear();
+        }
+        Ok(fit)
     }
 
-    /// [`Workbench::fit_in`] without a word of the marks, and without a look at the picture where that serves nothing else.
+    /// [`Workbench::fit_in`] without a word of the marks, and without a look at the picture where that serves nothing else; `find` finds all its faces.
     ///
     /// # Errors
     /// As [`Workbench::fit`].
-    pub(crate) fn fit_read(&self, picture: &GrayImage, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
-        Ok(self.fit_and_hold(picture, marks, false)?.fitted)
+    pub(crate) fn fit_read(
+        &self,
+        picture: &GrayImage,
+        marks: &[Correspondence],
+        find: impl FnOnce(&Locator) -> Vec<LocatedFace>,
+    ) -> Result<FittedWireframe, FitError> {
+        Ok(self.fit_and_hold(picture, marks, false, find)?.fitted)
     }
 
-    fn fit_and_hold(&self, picture: &GrayImage, marks: &[Correspondence], is_said: bool) -> Result<NeutralFit, FitError> {
+    /// How much what is read in a picture may count beside marks, 0 to 1.
+    pub(crate) fn reads_beside(&self, marks: &[Correspondence]) -> f64 {
+        if self.options.fit.read_unmarked { by_hand(&self.fitter, &self.wireframe, marks) } else { 0.0 }
+    }
+
+    fn fit_and_hold(
+        &self,
+        picture: &GrayImage,
+        marks: &[Correspondence],
+        is_said: bool,
+        find: impl FnOnce(&Locator) -> Vec<LocatedFace>,
+    ) -> Result<NeutralFit, FitError> {
         let fitted = self.fit(marks)?;
-        let serves = self.options.unmarked == Unmarked::Read && are_by_hand(&self.fitter, &self.wireframe, marks);
+        let by_hand = self.reads_beside(marks);
         // A program that was built without the model finds no faces either, and says so there.
-        let locator = Locator::shipped().ok().filter(|_| serves || is_said);
-        let face = locator.and_then(|locator| {
-            let find = || locator.locate(picture, &LocateOptions::default());
-            face_of_marks((locator, picture), marks, &fitted, find).filter(LocatedFace::trusted)
-        });
-        let Some(face) = face else { return Ok(NeutralFit { fitted, beside: Vec::new() }) };
-        let beside = held(&face, marks, &fitted).said();
-        let size = ImageSize { width: picture.width(), height: picture.height() };
-        let fitted = if serves && beside.is_empty() { fit_to_both(|marks| self.fit(marks), fitted, &face, size) } else { fitted };
-        Ok(NeutralFit { fitted, beside: if is_said { beside } else { Vec::new() } })
+        let locator = Locator::shipped().ok().filter(|_| by_hand > 0.0 || is_said);
+        let Some(locator) = locator else { return Ok(NeutralFit { fitted, beside: Vec::new() }) };
+        Ok(fit_beside(|marks| self.fit(marks), fitted, by_hand, (locator, picture), || find(locator)))
     }
 }
 
-/// Whether marks mean what people mean who mark photographs.
-pub fn are_by_hand(fitter: &Fitter, wireframe: &Wireframe, marks: &[Correspondence]) -> bool {
-    marks.iter().all(|m| m.expected_error.is_none())
-        && fitter.share_by_hand(wireframe, marks).is_some_and(|share| share >= BY_HAND)
+/// How much it counts, 0 to 1, that marks mean what people mean who mark photographs; 0 for those that tell errors of their own.
+pub fn by_hand(fitter: &Fitter, wireframe: &Wireframe, marks: &[Correspondence]) -> f64 {
+    let may_be = marks.len() >= TELLING && marks.iter().all(|m| m.expected_error.is_none());
+    let share = if may_be { fitter.share_by_hand(wireframe, marks) } else { None };
+    share.map_or(0.0, |share| ((share - BY_HAND[0]) / (BY_HAND[1] - BY_HAND[0])).clamp(0.0, 1.0))
 }
 
-/// The fit to the marks of `by_marks` and to what is read inside a picture of this size at the other nodes; `by_marks` itself where these make no fit, or
-/// one of which there is more to say.
-pub fn fit_to_both(
+/// Holds a fit to marks against the face of a picture, and fits again to what is read there at the other nodes, as much as it counts: as much as marks are
+/// `by_hand`, and as well as they agree with the face. `fit` fits to marks, `find` finds all faces.
+pub fn fit_beside(
     fit: impl Fn(&[Correspondence]) -> Result<FittedWireframe, FitError>,
     by_marks: FittedWireframe,
-    face: &LocatedFace,
-    size: ImageSize,
-) -> FittedWireframe {
-    let is_free = |node| by_marks.correspondences.iter().all(|m| m.node != node);
-    let points = face.points.iter().filter(|p| is_free(p.node) && size.contains(&p.position));
-    let read: Vec<_> = points.map(|p| Correspondence::found(p.node, p.position, p.expected_error)).collect();
-    let both = [by_marks.correspondences.as_slice(), &read].concat();
-    match fit(&both) {
-        Ok(fitted) if fitted.warnings.len() <= by_marks.warnings.len() => fitted.set_apart(read.len()),
-        _ => by_marks,
+    by_hand: f64,
+    (locator, picture): (&Locator, &GrayImage),
+    find: impl FnOnce() -> Vec<LocatedFace>,
+) -> NeutralFit {
+    let marks = &by_marks.correspondences;
+    let face = face_of_marks((locator, picture), marks, &by_marks, find).filter(LocatedFace::trusted);
+    let Some(face) = face else { return NeutralFit { fitted: by_marks, beside: Vec::new() } };
+    let held = held(&face, marks, &by_marks);
+    let beside = held.said();
+    let counts = if beside.is_empty() { by_hand * (held.agreement() / AGREEMENT).clamp(0.0, 1.0) } else { 0.0 };
+    let size = ImageSize { width: picture.width(), height: picture.height() };
+    let read = if counts > 0.0 { read_at_free_nodes(&face, marks, size) } else { Vec::new() };
+    if read.is_empty() {
+        return NeutralFit { fitted: by_marks, beside };
     }
+    let fitted = match fit(&[marks.as_slice(), &read].concat()) {
+        // Of what a person set nothing else is to be said than before.
+        Ok(fitted) if fitted.warnings.len() <= by_marks.warnings.len() => by_marks.towards(fitted.set_apart(read.len()), counts),
+        _ => by_marks,
+    };
+    NeutralFit { fitted, beside }
+}
+
+/// The points of a face inside a picture at nodes that are not marked, nor their twins on the other lip.
+fn read_at_free_nodes(face: &LocatedFace, marks: &[Correspondence], size: ImageSize) -> Vec<Correspondence> {
+    let is_marked = |node: NodeId| marks.iter().any(|m| m.node == node);
+    let twin = |node: NodeId| {
+        let of = |&(a, b): &(u16, u16)| if node.0 == a { Some(NodeId(b)) } else { (node.0 == b).then_some(NodeId(a)) };
+        LIP_TWINS.iter().find_map(of)
+    };
+    let is_free = |node: NodeId| !is_marked(node) && !twin(node).is_some_and(is_marked);
+    let least = HAND_MARK_ERROR * face.eye_distance;
+    let points = face.points.iter().filter(|p| is_free(p.node) && size.contains(&p.position));
+    points.map(|p| Correspondence::found(p.node, p.position, p.expected_error.max(least))).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::{super::showcase::portrait, *};
-    use crate::{fit::read_correspondences, pipeline::PipelineOptions, sequence::read_frame};
+    use crate::{
+        fit::{FitOptions, read_correspondences},
+        pipeline::PipelineOptions,
+        sequence::read_frame,
+    };
 
     const ELEVEN: [u16; 11] = [20, 23, 53, 56, 31, 64, 10, 15, 17, 48, 50];
 
@@ -141,7 +181,8 @@ mod tests {
         // The marks stay where they were set.
         assert!(fitted.residuals.iter().all(|r| *r < 0.02 * 0.613 * fitted.image_from_face.scale), "{:?}", fitted.residuals);
         // What the page shows while marks are set is the same.
-        assert_eq!(bench.fit_read(&grey, &marks).unwrap(), fitted);
+        let find = |locator: &Locator| locator.locate(&grey, &LocateOptions::default());
+        assert_eq!(bench.fit_read(&grey, &marks, find).unwrap(), fitted);
     }
 
     #[test]
@@ -150,7 +191,8 @@ mod tests {
         let (picture, places) = portrait(&plain).unwrap();
         let grey = image::imageops::grayscale(&picture);
         let marks: Vec<_> = places.iter().filter(|m| ELEVEN.contains(&m.node.0)).copied().collect();
-        let alone = bench(PipelineOptions { unmarked: Unmarked::Fitted, ..PipelineOptions::default() });
+        let fit = FitOptions { read_unmarked: false, ..FitOptions::default() };
+        let alone = bench(PipelineOptions { fit, ..PipelineOptions::default() });
         assert_eq!(alone.fit_in(&grey, &marks).unwrap().fitted, plain.fit(&marks).unwrap());
         // Marks that tell errors were found or measured, and bring all that there is.
         let told: Vec<_> = marks.iter().map(|m| Correspondence::found(m.node, m.position, 1.0)).collect();
@@ -168,10 +210,42 @@ mod tests {
         let folder = std::path::Path::new("fixtures/simulated/S001/005");
         let marks = read_correspondences(&folder.join("correspondences.csv"), &bench.tables, 113).unwrap();
         let frame = read_frame(&folder.join("S001_005_00000001.jpg")).unwrap();
-        assert!(
-            bench.fitter().share_by_hand(&bench.wireframe, &marks).unwrap() < 0.2
-                && !are_by_hand(bench.fitter(), &bench.wireframe, &marks)
-        );
+        assert_eq!(bench.reads_beside(&marks), 0.0);
         assert_eq!(bench.fit_in(frame.image(), &marks).unwrap().fitted, bench.fit(&marks).unwrap());
+    }
+
+    #[test]
+    fn what_is_read_fades_where_a_mark_leaves_its_feature() {
+        let bench = bench(PipelineOptions::default());
+        let (picture, places) = portrait(&bench).unwrap();
+        let grey = image::imageops::grayscale(&picture);
+        let marks = |down: f64| -> Vec<_> {
+            let of_eleven = places.iter().filter(|m| ELEVEN.contains(&m.node.0));
+            let down =
+                |m: &Correspondence| if m.node.0 == 31 { nalgebra::Vector2::new(0.0, down) } else { nalgebra::Vector2::zeros() };
+            of_eleven.map(|m| Correspondence { position: m.position + down(m), ..*m }).collect()
+        };
+        // A mouth corner that is dragged off, px by px: no node jumps when what was read does not count any more.
+        let fits: Vec<_> = (0..28).map(|k| bench.fit_in(&grey, &marks(f64::from(k))).unwrap().fitted).collect();
+        assert!(!fits[0].read.is_empty() && fits[27].read.is_empty());
+        for pair in fits.windows(2) {
+            let moved = pair[0].model.nodes().iter().zip(pair[1].model.nodes()).map(|(p, q)| (p - q).norm());
+            let most = moved.fold(0.0, f64::max);
+            assert!(most < 4.0, "{most}");
+        }
+    }
+
+    #[test]
+    fn few_marks_and_twins_of_marked_lips_are_left_to_the_marks() {
+        let bench = bench(PipelineOptions::default());
+        let (picture, places) = portrait(&bench).unwrap();
+        let grey = image::imageops::grayscale(&picture);
+        let of = |nodes: &[u16]| -> Vec<_> { places.iter().filter(|m| nodes.contains(&m.node.0)).copied().collect() };
+        let six = of(&[20, 23, 53, 56, 31, 64]);
+        assert_eq!((six.len(), bench.reads_beside(&six)), (6, 0.0));
+        let twins = of(&[20, 23, 53, 56, 31, 64, 10, 15, 17, 48, 50, 87]);
+        assert!(twins.iter().any(|m| m.node.0 == 87), "the portrait has the upper inner lip");
+        let read = bench.fit_in(&grey, &twins).unwrap().fitted.read;
+        assert!(!read.is_empty() && read.iter().all(|r| r.node.0 != 40));
     }
 }

@@ -13,7 +13,7 @@ use super::{
     MADE_BY, Stage, Workbench,
     corrected::{apply, saved_or_carried_over},
     inputs::{Inputs, Timed},
-    neutral::{NeutralFit, Unmarked},
+    neutral::NeutralFit,
 };
 use crate::{
     companion::CompanionError,
@@ -185,9 +185,6 @@ impl SequenceSource {
         }
         if bench.options.unchecked_marks {
             part(b"unchecked marks");
-        }
-        if bench.options.unmarked == Unmarked::Fitted {
-            part(b"marks alone");
         }
         part(content.as_bytes());
         Inputs::new(hasher.finalize())

@@ -398,7 +398,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Stiffness that holds inner to outer corners of the mouth", o.track.align.corners.to_string()),
         ("Landmarks used as marks", json(serde_json::to_value(&o.marks))),
         ("Marks held against the face of the picture", (!o.unchecked_marks).to_string()),
-        ("Nodes without a mark", json(serde_json::to_value(o.unmarked))),
+        ("Nodes without a mark read in the picture", o.fit.read_unmarked.to_string()),
         ("Landmarks before images", o.landmarks.prefer.to_string()),
         ("Confidence of landmarks at least", o.landmarks.least_confidence.to_string()),
     ];

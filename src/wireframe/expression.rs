@@ -154,7 +154,7 @@ pub fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> 
 }
 
 /// Inner upper lip nodes with their lower twins.
-const LIP_TWINS: [(u16, u16); 3] = [(87, 40), (81, 83), (82, 84)];
+pub(crate) const LIP_TWINS: [(u16, u16); 3] = [(87, 40), (81, 83), (82, 84)];
 
 /// Lips touch but do not pass through each other: where an upper inner lip node would end below its lower twin, both move to the middle.
 pub fn keep_lips_apart(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {

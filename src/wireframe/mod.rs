@@ -13,6 +13,7 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use crate::units::NodeId;
 
+pub(crate) use expression::LIP_TWINS;
 pub use expression::{Emotion, ExpressionUnit, expressions, find_unit, keep_lips_apart, settle_offsets};
 pub use face::Face;
 pub(crate) use fapu::LID_LIMIT;

@@ -9,7 +9,7 @@ use std::{
 };
 
 use crate::annotation::Server;
-use crate::common::Work;
+use crate::common::{Work, root};
 use serde_json::{Value, json};
 
 /// Two sequences of which neither has correspondences yet, nor a column for them.
@@ -609,6 +609,47 @@ fn fits_are_answered_on_a_kept_connection() {
         .collect();
     times.sort_by(f64::total_cmp);
     eprintln!("200 fits over one connection: median {:.2} ms, 95 % below {:.2} ms", times[100], times[190]);
+}
+
+#[test]
+fn the_page_shows_the_fit_that_the_commands_make() {
+    let work = Work::new();
+    work.write("anna.jpg", fs::read(root().join("fixtures/portraits/P02.jpg")).unwrap());
+    let all = fs::read_to_string(root().join("fixtures/portraits/P02_correspondences.csv")).unwrap();
+    let is_of_eleven = |line: &&str| {
+        ["node", "20", "23", "53", "56", "31", "64", "10", "15", "17", "48", "50"].contains(&line.split(',').next().unwrap())
+    };
+    work.write("marks.csv", all.lines().filter(is_of_eleven).collect::<Vec<_>>().join("\n"));
+    work.grimace("fit anna.jpg -c marks.csv -o read.csv")
+        .exit(0)
+        .prints(&["11 marks", "nodes without a mark were read in the picture"]);
+    let alone = work.grimace("fit anna.jpg -c marks.csv -o alone.csv --read-unmarked off").exit(0);
+    assert!(!alone.stdout.contains("were read"), "{}", alone.stdout);
+
+    let server = Server::start(&work, "anna.jpg");
+    let id = "anna_picture";
+    let number = |row: &std::collections::BTreeMap<String, String>, name: &str| row[name].parse::<f64>().unwrap();
+    let marks: Vec<Value> = work
+        .rows("marks.csv")
+        .iter()
+        .map(|row| json!({"node": number(row, "node") as u16, "x": number(row, "x"), "y": number(row, "y"), "kind": "mark"}))
+        .collect();
+    let shown = |frame: Value| {
+        let answer = server.send("POST", "api/fit", &json!({"marks": marks, "width": 440, "height": 560, "frame": frame})).ok();
+        let nodes = answer["nodes"].as_array().unwrap().clone();
+        nodes.iter().map(|node| [node[0].as_f64().unwrap(), node[1].as_f64().unwrap()]).collect::<Vec<_>>()
+    };
+    let fitted = |file: &str| work.rows(file).iter().map(|row| [number(row, "x"), number(row, "y")]).collect::<Vec<_>>();
+    let apart =
+        |a: &[[f64; 2]], b: &[[f64; 2]]| a.iter().zip(b).map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1])).fold(0.0, f64::max);
+    let frame = json!({"sequence": id, "number": 1});
+    // Positions are sent in hundredths.
+    assert!(apart(&shown(frame.clone()), &fitted("read.csv")) < 0.01 && apart(&shown(frame), &fitted("read.csv")) < 0.01);
+    // A frame that is not there, or none: the marks alone.
+    for none in [Value::Null, json!({"sequence": id, "number": 99}), json!({"sequence": "no one", "number": 1})] {
+        assert!(apart(&shown(none), &fitted("alone.csv")) < 0.01);
+    }
+    assert!(apart(&fitted("read.csv"), &fitted("alone.csv")) > 2.0);
 }
 
 #[test]

@@ -56,7 +56,7 @@ fn fit_and_track_say_which_marks_lie_beside_what() {
     let work = smiling();
     let first = "faces/P01/001/P01_00000001.png";
     let quiet = work.grimace(&format!("fit {first} -c {MARKS} -o right.csv")).exit(0);
-    assert!(!quiet.stdout.contains("picture"), "{}", quiet.stdout);
+    assert!(!quiet.stdout.contains("note"), "{}", quiet.stdout);
     // The left mouth corner 30 px further out and 20 px up, on the cheek.
     move_marks(&work, "cheek.csv", |node, x, y| if node == 31 { (x + 30.0, y - 20.0) } else { (x, y) });
     let said = "marks lie beside where the picture shows what they mark: left mouth corner";

@@ -153,7 +153,7 @@ proptest! {
     fn options_read_back_from_json_as_written(a in any::<f64>(), b in 0.0..1.0_f64, c in 1e-9..1e9_f64, between in 0usize..99) {
         prop_assume!(a.is_finite());
         let options = PipelineOptions {
-            fit: FitOptions { force: a, prior: PriorKind::None },
+            fit: FitOptions { force: a, prior: PriorKind::None, ..FitOptions::default() },
             track: TrackOptions { window: b, extreme: c, force: b / 3.0, ..TrackOptions::default() },
             statistics: StatisticsOptions { alpha: b / 2.0, ..StatisticsOptions::default() },
             fap: FapOptions { between, fps: 30, ..FapOptions::default() },

@@ -331,6 +331,7 @@ export class Marking {
       this.page.saver.read(id, sequence.version);
       this.page.showSaved('saved', 'Saved');
       if (moved && this.marks.size) this.page.notice(`Frame ${neutral} is neutral now. The marks stay where they were: look whether they still fit.`);
+      if (moved) this.refit();
       if (moved) this.propose();
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;

@@ -85,9 +85,14 @@ pub(super) fn follow(
 ) -> Result<Followed, RecordingError> {
     validate_correspondences(start.marks, survey.size.width, survey.size.height)
         .map_err(|e| RecordingError::Marks { frame: survey.numbers[start.place], reason: e.to_string() })?;
-    let fitted = bench
-        .fit(start.marks)
-        .map_err(|e| RecordingError::Marks { frame: survey.numbers[start.place], reason: e.to_string() })?;
+    let number = survey.numbers[start.place];
+    let fitted = if bench.reads_beside(start.marks) > 0.0 {
+        let frame = frames_between(source, number, number)?.next().transpose()?;
+        frame.map_or_else(|| bench.fit(start.marks), |frame| Ok(bench.fit_in(frame.image(), start.marks)?.fitted))
+    } else {
+        bench.fit(start.marks)
+    };
+    let fitted = fitted.map_err(|e| RecordingError::Marks { frame: number, reason: e.to_string() })?;
     let eye_distance = eye_distance_px(&bench.tables, fitted.model.nodes()).unwrap_or(1.0);
     let options = &bench.options.track;
     let one_way = |to: usize| -> Result<(Vec<CompactFrame>, Option<String>), RecordingError> {

@@ -10,12 +10,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use grimace::internal::{
     fit::{Correspondence, DEFAULT_MODES, FacePoints, FittedWireframe, Fitter, NeutralFace, learn_prior, placement},
     locate::{LocateOptions, Locator, learn::TrainingFace},
-    pipeline::{are_by_hand, face_of_marks, fit_to_both, held},
-    sequence::ImageSize,
+    pipeline::{by_hand, fit_beside},
     units::NodeId,
     wireframe::{MarkableNode, Tables, Wireframe, markable_nodes},
 };
-use image::GrayImage;
 use rayon::prelude::*;
 
 use super::{
@@ -81,7 +79,7 @@ pub fn placement_samples(
     seed: u64,
 ) -> Result<Placements, EvaluateError> {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
-    let by_hand: Vec<NeutralFace> =
+    let set_by_hand: Vec<NeutralFace> =
         faces.iter().map(|f| NeutralFace { name: f.person.clone(), points: FacePoints::Nodes(f.nodes()) }).collect();
     let part_of: BTreeMap<&str, usize> = faces.iter().enumerate().map(|(k, f)| (f.person.as_str(), k % PARTS)).collect();
     let mut out = Placements::default();
@@ -90,7 +88,7 @@ pub fn placement_samples(
             all.iter().filter(|f| part_of.get(f.name.as_str()).is_some_and(|p| *p != part)).cloned().collect()
         };
         let learn = |all: &[NeutralFace]| learn_prior(&wireframe, &tables, &others(all), DEFAULT_MODES);
-        let fitter = Fitter::with_faces(&wireframe, learn(landmarks)?, learn(&by_hand)?)?;
+        let fitter = Fitter::with_faces(&wireframe, learn(landmarks)?, learn(&set_by_hand)?)?;
         let of_part: Vec<(usize, &TrainingFace)> = faces.iter().enumerate().filter(|(k, _)| k % PARTS == part).collect();
         let sampled = of_part.par_iter().map(|(index, face)| {
             let person = person(face, seed, *index);
@@ -124,7 +122,10 @@ pub fn placement_samples(
                     // Refused marks are named above.
                     let Ok(fitted) = fitter.fit(&wireframe, &marks) else { continue };
                     placed.samples.extend(samples_of(SET_ALONE, part, &fitted, &person));
-                    let read = read_beside((&fitter, &wireframe), locator, &face.grey, fitted);
+                    let counts = by_hand(&fitter, &wireframe, &marks);
+                    let find = || locator.locate(&face.grey, &LocateOptions::default());
+                    let fit = |marks: &[Correspondence]| fitter.fit(&wireframe, marks);
+                    let read = fit_beside(fit, fitted, counts, (locator, &face.grey), find).fitted;
                     placed.read.push(!read.read.is_empty());
                     placed.samples.extend(samples_of(SET_AND_READ, part, &read, &person));
                 }
@@ -138,21 +139,6 @@ pub fn placement_samples(
         }
     }
     Ok(out)
-}
-
-/// A fit to marks and what is read beside them, as `grimace fit` makes it, with other priors and another locator.
-fn read_beside(
-    (fitter, wireframe): (&Fitter, &Wireframe),
-    locator: &Locator,
-    picture: &GrayImage,
-    fitted: FittedWireframe,
-) -> FittedWireframe {
-    let marks = fitted.correspondences.clone();
-    let find = || locator.locate(picture, &LocateOptions::default());
-    let face = are_by_hand(fitter, wireframe, &marks).then(|| face_of_marks((locator, picture), &marks, &fitted, find)).flatten();
-    let Some(face) = face.filter(|face| face.trusted() && held(face, &marks, &fitted).said().is_empty()) else { return fitted };
-    let size = ImageSize { width: picture.width(), height: picture.height() };
-    fit_to_both(|marks| fitter.fit(wireframe, marks), fitted, &face, size)
 }
 
 fn person(face: &TrainingFace, seed: u64, index: usize) -> Person {
