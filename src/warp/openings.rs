@@ -7,10 +7,10 @@ use super::{
     Deformation, MouthInside, Texture, Warp,
     eyeball::{Eyeball, Turned},
     layer::Layer,
-    layout::{OPENINGS, Opening, OpeningNodes},
+    layout::{Frame, OPENINGS, Opening, OpeningNodes},
     mesh::OpeningMesh,
     motion::eye_motion,
-    mouth::{self, Arches},
+    mouth::{self, Arches, line_at},
     sample,
     seam::{Seam, gapes},
     tone::{self, Tone},
@@ -32,6 +32,9 @@ const ROLLED: (f64, f64) = (0.01, 0.10);
 const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
 /// Shares of that where the upper lip is raised: on itself, and on a lower one, which faces the light then.
 const ROLLED_LIT: [f64; 2] = [0.5, 0.4];
+/// Share of their widest distance by which lips have to be apart at a place to turn inwards there as they do in the middle: towards the corners they
+/// lie on each other, unless the mouth gapes.
+const ROLLS_APART: f64 = 0.6;
 /// How much less it is on the lower lip of a mouth that gapes, before the tongue.
 const ROLLED_LESS: f64 = 0.35;
 /// Half the width of the line of lashes, over the eye distance.
@@ -100,7 +103,7 @@ pub fn draw(
     if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
         let at = |edge: &[u32]| edge.iter().map(|&v| vertices[v as usize]).collect::<Vec<_>>();
         let lips = [at(&opening.upper), at(&opening.lower)];
-        roll_lips(&lips, warp.frame.eye_distance, seam, &Tone::of(texture, &warp.nodes), frame);
+        roll_lips(&lips, &warp.frame, seam, &Tone::of(texture, &warp.nodes), frame);
     }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
@@ -155,27 +158,37 @@ fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
 
 /// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is
 /// redder and wet. `lips` are the inner edges of the upper and of the lower one.
-fn roll_lips(lips: &[Vec<Point2<f64>>; 2], unit: f64, seam: &Seam, tone: &Tone, frame: &mut RgbImage) {
+fn roll_lips(lips: &[Vec<Point2<f64>>; 2], face: &Frame, seam: &Seam, tone: &Tone, frame: &mut RgbImage) {
+    let unit = face.eye_distance;
     let strength = smooth_step(ROLLED.0, ROLLED.1, seam.gap / unit);
     if strength <= 0.0 {
         return;
     }
     let width = ROLL * unit;
     let mut shares = ROLLED_LIT.map(|share| 1.0 - (1.0 - share) * seam.lit);
-    shares[1] -= ROLLED_LESS * gapes(seam.gap / unit, seam.lit);
+    let gaping = gapes(seam.gap / unit, seam.lit);
+    shares[1] -= ROLLED_LESS * gaping;
+    let lines = lips.each_ref().map(|lip| face.line(lip.iter().map(|p| p.coords)));
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {
         let at = Point2::new(f64::from(x), f64::from(y));
         let near = lips.each_ref().map(|lip| (1.0 - distance_within(lip, &at, width) / width).max(0.0));
         let near = (shares[0] * near[0] * near[0]).max(shares[1] * near[1] * near[1]);
         if near > 0.0 {
-            let share = (strength * near) as f32;
+            let apart = apart(&lines, at.coords.dot(&face.across()), seam.gap);
+            let share = (strength * near * (apart + (1.0 - apart) * gaping)) as f32;
             let pixel = frame.get_pixel_mut(x, y);
             let level = pixel.0.map(f32::from);
             let rolled: [f32; 3] = std::array::from_fn(|c| level[c] * (1.0 - share * (1.0 - ROLLED_COLOUR[c])));
             pixel.0 = tone.apply(rolled).map(sample::byte);
         }
     }
+}
+
+/// How far lips, given as lines across the face, are apart at a place across it: 1 where it is a good part of their widest distance, 0 where they lie on each other.
+fn apart(lines: &[Vec<(f64, f64)>; 2], x: f64, widest: f64) -> f64 {
+    let [upper, lower] = lines.each_ref().map(|line| line_at(line, x));
+    upper.zip(lower).map_or(0.0, |(upper, lower)| smooth_step(0.0, ROLLS_APART, (lower - upper) / widest.max(1e-9)))
 }
 
 /// The pixels of a picture in the box around a line and so much more, row by row.
@@ -297,4 +310,18 @@ pub fn lash_colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f3
         .collect();
     colours.sort_by(|a, b| a.iter().sum::<f32>().total_cmp(&b.iter().sum::<f32>()));
     colours[colours.len() / 6]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lips_turn_inwards_where_they_are_apart_and_not_where_they_lie_on_each_other() {
+        // From corner to corner 10 px, 4 px apart in the middle.
+        let lines = [vec![(0.0, 0.0), (5.0, -1.0), (10.0, 0.0)], vec![(0.0, 0.0), (5.0, 3.0), (10.0, 0.0)]];
+        assert_eq!([5.0, 0.0, 12.0].map(|x| apart(&lines, x, 4.0)), [1.0, 0.0, 0.0]);
+        // 1.2 px apart are half of the 2.4 px, 0.6 of the widest, from which on they do so wholly.
+        assert!((apart(&lines, 1.5, 4.0) - 0.5).abs() < 1e-12);
+    }
 }

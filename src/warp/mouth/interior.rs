@@ -18,6 +18,8 @@ use crate::{
 const FLATTER: (f64, f64) = (0.12, 0.22);
 /// The same of a mouth that gapes, on top: the row is seen from below, and runs back to the molars.
 const FLATTER_GAPING: f64 = 0.60;
+/// The same of lips that a dropped jaw parts a little: the row goes on to the sides in the shadow of the lip, and is no patch in the middle.
+const FLATTER_PARTED: f64 = 0.25;
 /// How far the lower incisors reach below the closed lips, over the eye distance: they bite behind the upper ones.
 const LOWER_BELOW_LIPS: f64 = 0.012;
 /// Size of the lower teeth over that of the upper ones, across and down.
@@ -61,6 +63,8 @@ const TUCKED: f64 = 0.01;
 const BETWEEN: (f64, [f32; 3], f64) = (0.55, [0.92, 0.86, 0.80], 0.85);
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
 const SEALED: f64 = 0.16;
+/// Distances of lips that a dropped jaw parts, over the eye distance, at a place up to which they lie on each other there, and from which on they do not.
+const TOUCHING: (f64, f64) = (0.004, 0.030);
 /// Where the throat is between the lips, 0 to 1, how far around it the dark reaches, and how much darker it is in a mouth that gapes.
 const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
 /// How much lighter the skin inside the cheeks is, in the corners of a mouth that is wide open.
@@ -176,6 +180,8 @@ impl Interior<'_> {
             1.0 - smooth_step(0.0, width, [below_upper, above_lower][k])
         });
         let sealed = 1.0 - smooth_step(0.0, SEALED * (1.0 - 0.7 * open), from_corner);
+        let touching = dropped * (1.0 - smooth_step(TOUCHING.0, TOUCHING.1, lower - upper));
+        let sealed = sealed.max(touching);
         // The edge of a lip is darker than the lip; how much is missing.
         let missing = |c: usize, of: f32| (of * self.lip[c] - lip[c]).max(0.0) * dropped as f32;
         std::array::from_fn(|c| {
@@ -288,7 +294,7 @@ impl Interior<'_> {
         }
         let shown = line_at(&self.upper, 0.0).unwrap_or(0.0) + SHOWN_DROPPED.0.min(SHOWN_DROPPED.1 * self.gap);
         let more = (shown - self.proportions.incisors).max(0.0) * (1.0 - self.lit);
-        let upper_y = y - self.proportions.incisors - more - (self.by_light(FLATTER) + FLATTER_GAPING * gaping) * x * x;
+        let upper_y = y - self.proportions.incisors - more - flatter(self.lit, gaping) * x * x;
         // Above the crowns is gum.
         let gum = smooth_step(GUM_ABOVE - 0.03, GUM_ABOVE, -upper_y - 0.20 * x * x) * smooth_step(0.36, 0.26, x.abs());
         if gum > 0.0 {
@@ -309,6 +315,12 @@ impl Interior<'_> {
         row(x, edge - above_edge, light, [1.0; 3], colour);
         (0..3).for_each(|c| colour[c] = before[c] + (colour[c] - before[c]) * bared as f32);
     }
+}
+
+/// How much flatter the row's edge is than in a smile, of lips whose edges are so far in the light, in a mouth that gapes so far.
+fn flatter(lit: f64, gaping: f64) -> f64 {
+    let (dropped, raised) = FLATTER;
+    dropped + (raised - dropped) * lit + FLATTER_GAPING * gaping + FLATTER_PARTED * (1.0 - lit) * (1.0 - gaping)
 }
 
 /// By how much the crowns at a place of the row are longer than the picture shows them, for a lip that is so high above their edge.
@@ -353,6 +365,14 @@ mod tests {
         assert!((crowns_longer(0.4, 0.5) * (CROWNS_SHOWN.0 - CROWNS_SHOWN.1 * 0.16) - CROWN).abs() < 1e-12);
     }
 
+    #[test]
+    fn a_row_of_teeth_is_flatter_the_less_it_is_of_a_smile() {
+        // Raised lips 0.22, dropped ones 0.12 and 0.25 as long as they part a little, and 0.60 when they gape.
+        assert!((flatter(1.0, 0.0) - 0.22).abs() < 1e-12);
+        assert!((flatter(0.0, 0.0) - 0.37).abs() < 1e-12);
+        assert!((flatter(0.0, 1.0) - 0.72).abs() < 1e-12);
+    }
+
     /// A mouth of grey lips around the origin, 0.8 eye distances wide, whose jaw has dropped by `gap` where the lips part as an arch, 100 px to the eye distance.
     fn dropped(gap: f64) -> Interior<'static> {
         let line =
@@ -390,6 +410,9 @@ mod tests {
         // From the depth to the tongue it grows lighter step by step, without an edge: by less than a quarter of the lip for each percent of the eye distance.
         let steps: Vec<f32> = (11..=20).map(|y| level(f64::from(y))).collect();
         assert!(steps.windows(2).all(|w| w[1] > w[0] - 1.0 && w[1] - w[0] < 0.25 * lip), "{steps:?}");
+        // Far from the corners, too, lips that are all but shut have a crease between them as light as half of themselves, and no dark slit.
+        let slit = luma(dropped(0.004).colour(Point2::new(5.0, 0.2), [160.0, 110.0, 110.0]));
+        assert!(slit > 0.5 * lip, "{slit}");
         // Lips that part a little show the teeth as far as they hang, and no tongue to speak of.
         let hardly = dropped(0.06);
         let below = luma(hardly.colour(Point2::new(5.0, 4.5), [160.0, 110.0, 110.0]));
