@@ -77,7 +77,7 @@ void main() {
       float light = (0.69 - 0.18 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
       colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, vec3(1.0, 0.94, 0.84), turned, fromCorner, colour), part);
     }
-    float upperY = y - incisors - (mix(0.12, 0.22, lit) + 0.60 * gaping) * x * x;
+    float upperY = y - incisors - (mix(0.12, 0.22, lit) + 0.60 * gaping + 0.25 * (1.0 - lit) * (1.0 - gaping)) * x * x;
     float gum = smoothstep(0.133, 0.163, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * turned), gum);
     float light = mix(mix(0.56, 0.80, lit), 1.0, smoothstep(0.0, 0.05, belowUpper));
@@ -97,6 +97,8 @@ void main() {
   vec2 round = max(1.0 - smoothstep(vec2(0.0), width, vec2(belowUpper, aboveLower)), 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
   float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
+  // Lips that lie on each other have a crease between them, not a slit.
+  sealed = max(sealed, dropped * (1.0 - smoothstep(0.004, 0.03, lower - upper)));
   // The edge of a lip is darker than the lip; below a dropped jaw it gets some of what is missing.
   vec3 crease = near * (0.52 + 0.10 * dropped) + 0.30 * dropped * max(lip - near, 0.0), missing = dropped * max(0.85 * lip - near, 0.0);
   vec3 inside = mix(colour * shadow, crease, 0.9 * sealed);

@@ -2,7 +2,7 @@
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
 const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 16, UNFOLD_STEP = 0.2, LEAST_WEIGHT = 0.002, CLOSING = 0.6, OWN_STRETCH = 0.02;
-const CLING = 0.045, CLING_WITHIN = 0.35, CLING_UPPER = 0.4, CLINGING = [0.04, 0.1, 0.22], TURNED_AWAY = [0.6, 0.9];
+const CLING = 0.12, CLING_WITHIN = 0.42, CLING_UPPER = 0.4, CLINGING = [0.04, 0.1, 0.22], TURNED_AWAY = [0.6, 0.9];
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
 class Rig {
