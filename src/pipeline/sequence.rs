@@ -170,7 +170,10 @@ impl SequenceSource {
             hasher.update(bytes);
         };
         part(MADE_BY.as_bytes());
-        let options = serde_json::to_vec(&(TRACK_SCHEMA, &bench.options.fit, &bench.options.track, &bench.wireframe_blake3));
+        let options = &bench.options;
+        // By the pose that is taken out a head that is turned in the neutral frame is fitted, too.
+        let depends = (TRACK_SCHEMA, &options.fit, &options.track, options.normalize.pose, &bench.wireframe_blake3);
+        let options = serde_json::to_vec(&depends);
         part(&options.unwrap_or_default());
         part(self.id.to_string().as_bytes());
         for mark in &self.marks {
