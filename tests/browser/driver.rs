@@ -28,6 +28,25 @@ pub const RIGHT: char = '\u{e014}';
 pub const DOWN: char = '\u{e015}';
 pub const DELETE: char = '\u{e017}';
 
+/// Chromedriver and its port; `None` where it ends without naming one.
+fn start_driver(install: &str) -> Option<(Child, u16)> {
+    let mut driver = Command::new("chromedriver")
+        .arg("--port=0")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap_or_else(|error| panic!("chromedriver does not start ({error}); {install}"));
+    let lines = BufReader::new(driver.stdout.take()?).lines();
+    let port = lines.map_while(Result::ok).find_map(|line| {
+        let (_, port) = line.split_once("started successfully on port ")?;
+        port.trim_end_matches('.').parse::<u16>().ok()
+    });
+    if port.is_none() {
+        let _ = driver.wait();
+    }
+    Some((driver, port?))
+}
+
 /// A browser session; chromedriver and the browser end with it.
 pub struct Browser {
     driver: Child,
@@ -39,18 +58,9 @@ impl Browser {
     pub fn start() -> Self {
         const INSTALL: &str =
             "this test needs Chromium and chromedriver: `apt-get install chromium chromium-driver` (Debian), or run scripts/test";
-        let mut driver = Command::new("chromedriver")
-            .arg("--port=0")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap_or_else(|error| panic!("chromedriver does not start ({error}); {INSTALL}"));
-        let lines = BufReader::new(driver.stdout.take().unwrap()).lines();
-        let port = lines.map_while(Result::ok).find_map(|line| {
-            let (_, port) = line.split_once("started successfully on port ")?;
-            port.trim_end_matches('.').parse::<u16>().ok()
-        });
-        let port = port.unwrap_or_else(|| panic!("chromedriver named no port; {INSTALL}"));
+        // It takes a port that is free for IPv4 and ends where another has it for IPv6, or took it meanwhile: once more, then.
+        let started = (0..5).find_map(|_| start_driver(INSTALL));
+        let (driver, port) = started.unwrap_or_else(|| panic!("chromedriver named no port, five times; {INSTALL}"));
         let folder = tempfile::tempdir().unwrap();
         let profile = format!("--user-data-dir={}", folder.path().join("profile").display());
         let arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"];
