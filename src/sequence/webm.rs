@@ -12,13 +12,21 @@ use std::{
 };
 
 /// Elements by their number in the Matroska specification (RFC 9559).
-mod element {
+pub(super) mod element {
     pub const SEGMENT: u32 = 0x1853_8067;
     pub const INFO: u32 = 0x1549_A966;
+    pub const TIMESTAMP_SCALE: u32 = 0x002A_D7B1;
     pub const SEGMENT_UID: u32 = 0x73A4;
     pub const TRACKS: u32 = 0x1654_AE6B;
     pub const TRACK_ENTRY: u32 = 0xAE;
+    pub const TRACK_NUMBER: u32 = 0xD7;
+    pub const TRACK_TYPE: u32 = 0x83;
     pub const TRACK_UID: u32 = 0x73C5;
+    pub const CLUSTER: u32 = 0x1F43_B675;
+    pub const TIMESTAMP: u32 = 0xE7;
+    pub const SIMPLE_BLOCK: u32 = 0xA3;
+    pub const BLOCK_GROUP: u32 = 0xA0;
+    pub const BLOCK: u32 = 0xA1;
     pub const TAGS: u32 = 0x1254_C367;
     pub const TAG: u32 = 0x7373;
     pub const TARGETS: u32 = 0x63C0;

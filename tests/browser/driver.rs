@@ -36,15 +36,16 @@ fn start_driver(install: &str) -> Option<(Child, u16)> {
         .stderr(Stdio::null())
         .spawn()
         .unwrap_or_else(|error| panic!("chromedriver does not start ({error}); {install}"));
-    let lines = BufReader::new(driver.stdout.take()?).lines();
-    let port = lines.map_while(Result::ok).find_map(|line| {
+    let lines = driver.stdout.take().map(|out| BufReader::new(out).lines());
+    let port = lines.into_iter().flatten().map_while(Result::ok).find_map(|line| {
         let (_, port) = line.split_once("started successfully on port ")?;
         port.trim_end_matches('.').parse::<u16>().ok()
     });
-    if port.is_none() {
+    let Some(port) = port else {
         let _ = driver.wait();
-    }
-    Some((driver, port?))
+        return None;
+    };
+    Some((driver, port))
 }
 
 /// A browser session; chromedriver and the browser end with it.

@@ -7,23 +7,17 @@ use std::{
 };
 
 use super::{
-    super::webm::{element_at, element_in},
+    super::webm::{
+        element::{
+            BLOCK, BLOCK_GROUP, CLUSTER, INFO, SEGMENT, SIMPLE_BLOCK, TIMESTAMP, TIMESTAMP_SCALE, TRACK_ENTRY, TRACK_NUMBER,
+            TRACK_TYPE, TRACKS,
+        },
+        element_at, element_in,
+    },
     MOST_PACKETS, Packets,
 };
 
 /// Elements by their number (RFC 9559): those that others lie in, those that are read.
-const SEGMENT: u32 = 0x1853_8067;
-const CLUSTER: u32 = 0x1F43_B675;
-const BLOCK_GROUP: u32 = 0xA0;
-const INFO: u32 = 0x1549_A966;
-const TRACKS: u32 = 0x1654_AE6B;
-const TIMESTAMP_SCALE: u32 = 0x002A_D7B1;
-const TRACK_ENTRY: u32 = 0xAE;
-const TRACK_NUMBER: u32 = 0xD7;
-const TRACK_TYPE: u32 = 0x83;
-const TIMESTAMP: u32 = 0xE7;
-const SIMPLE_BLOCK: u32 = 0xA3;
-const BLOCK: u32 = 0xA1;
 const KNOWN: [u32; 7] = [SEGMENT, CLUSTER, BLOCK_GROUP, INFO, TRACKS, TIMESTAMP, SIMPLE_BLOCK];
 /// Others that stand beside them: the head, index, tags, chapters, attachments, what clusters and blocks say of themselves, checksums and voids.
 const OTHERS: [u32; 20] = [
