@@ -36,9 +36,13 @@ pub const OPENINGS: [OpeningNodes; 3] = [
 ];
 
 /// Nodes that do not drive the skin: the irises, and the lid creases, which lie so near the lid margins that their small errors
-/// would fold the lid. The nine nodes in no triangle drive nothing either.
+/// would fold the lid. The nine nodes in no triangle drive nothing either. Nor do some of the forehead ([`FOREHEAD`]).
 const PASSIVE: [u16; 29] =
     [67, 68, 69, 70, 71, 72, 73, 74, 95, 96, 101, 102, 103, 104, 109, 110, 19, 24, 52, 57, 4, 35, 36, 37, 38, 39, 41, 42, 43];
+/// Nodes of the forehead between brows and the top of the head. No feature marks them, and a fit has them down to the height of the brows: they
+/// would hold the skin there, and brows that rise would press it into a rim along their hair. Without them it slides up, the less the higher. That
+/// between the brows (3) goes with them, and stays.
+const FOREHEAD: [u16; 5] = [1, 2, 13, 34, 46];
 
 /// Nodes above and below the lips that give way when the mouth of the reference opens, and how far.
 const ABOVE: [(u16, f64); 8] = [(7, 1.0), (33, 1.0), (66, 1.0), (79, 0.7), (80, 0.7), (81, 0.7), (82, 0.7), (87, 1.0)];
@@ -137,7 +141,7 @@ impl Frame {
 
 /// Whether a node drives the skin.
 pub fn drives(node: NodeId) -> bool {
-    node.index() < NODE_COUNT && !PASSIVE.contains(&node.0)
+    node.index() < NODE_COUNT && !PASSIVE.contains(&node.0) && !FOREHEAD.contains(&node.0)
 }
 
 /// The neutral nodes as the texture sees them, and whether the mouth is closed: lips that are as good as closed lie exactly on each

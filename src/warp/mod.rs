@@ -532,6 +532,33 @@ mod tests {
     }
 
     #[test]
+    fn skin_above_brows_that_rise_slides_up_over_all_of_the_forehead() {
+        const RISE: f64 = 6.0;
+        // As fits have it: the forehead's nodes hardly above the brows.
+        let mut nodes = face();
+        for n in [1, 2, 13, 34, 46] {
+            nodes[n].y = nodes[16].y - 5.0;
+        }
+        let warp = Warp::new(&nodes).unwrap();
+        let mut raised = nodes.clone();
+        layout::BROWS.iter().flatten().for_each(|&n| raised[usize::from(n)].y -= RISE);
+        let frame = warp.deform(&raised).unwrap();
+        assert_eq!(frame.unfolding_rounds(), 0);
+        for brow in [16, 49] {
+            let rise = |above: f64| {
+                let point = nodes[brow] - Vector2::new(0.0, above);
+                (point - warp.map(&frame, &point).unwrap()).y
+            };
+            assert!(rise(5.0) > 0.8 * RISE, "{}", rise(5.0));
+            // No 3 px become less than half of them.
+            for k in 0..10 {
+                let above = 3.0 * f64::from(k);
+                assert!(rise(above) - rise(above + 3.0) < 1.5, "{above}: {} {}", rise(above), rise(above + 3.0));
+            }
+        }
+    }
+
+    #[test]
     fn nothing_of_the_photograph_is_left_between_lips_that_open() {
         let nodes = face();
         let line = nodes[87].y;
