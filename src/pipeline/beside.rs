@@ -242,7 +242,7 @@ impl Held {
     /// That both brows are marked nearer to the eyes than they are.
     fn brows_low(&self) -> Option<String> {
         let low = self.low()?;
-        (low > BROWS_LOW * self.doubt).then(|| {
+        (self.brows_share()? > 1.0).then(|| {
             let far = self.far(low);
             format!("the brows are marked {far} nearer to the eyes than the picture shows them: do the marks lie on the lids?")
         })
@@ -250,10 +250,9 @@ impl Held {
 
     /// That both mouth corners are marked further out, or further in, than they are.
     fn corners_out(&self) -> Option<String> {
-        let [left, right, limit] = self.out()?;
+        let [left, right, _] = self.out()?;
         let out = f64::midpoint(left, right);
-        let both = [left, right].iter().all(|one| one * out.signum() > 0.5 * limit);
-        (both && out.abs() > limit).then(|| {
+        (self.corners_share()? > 1.0).then(|| {
             let (far, way) = (self.far(out.abs()), if out > 0.0 { "out" } else { "in" });
             format!("the mouth corners are marked {far} further {way} than the picture shows them, each; look at them")
         })

@@ -159,6 +159,17 @@ mod tests {
         Workbench::new(None, options).unwrap()
     }
 
+    /// A composite portrait in grey, and its marks.
+    fn photograph(bench: &Workbench) -> (GrayImage, Vec<Correspondence>) {
+        let (picture, places) = portrait(bench).unwrap();
+        (image::imageops::grayscale(&picture), places)
+    }
+
+    /// Those of the marks that are at these nodes.
+    fn at(nodes: &[u16], places: &[Correspondence]) -> Vec<Correspondence> {
+        places.iter().filter(|m| nodes.contains(&m.node.0)).copied().collect()
+    }
+
     /// Mean distance of the nodes that `marks` leave out from their places, px.
     fn off(fitted: &FittedWireframe, places: &[Correspondence]) -> f64 {
         let left: Vec<_> = places.iter().filter(|m| !ELEVEN.contains(&m.node.0)).collect();
@@ -168,9 +179,8 @@ mod tests {
     #[test]
     fn of_a_photograph_what_is_read_is_nearer_than_what_faces_are_like() {
         let bench = bench(PipelineOptions::default());
-        let (picture, places) = portrait(&bench).unwrap();
-        let grey = image::imageops::grayscale(&picture);
-        let marks: Vec<_> = places.iter().filter(|m| ELEVEN.contains(&m.node.0)).copied().collect();
+        let (grey, places) = photograph(&bench);
+        let marks = at(&ELEVEN, &places);
         let alone = bench.fit(&marks).unwrap();
         let with_read = bench.fit_in(&grey, &marks).unwrap();
         assert_eq!(with_read.beside, Vec::<String>::new());
@@ -188,9 +198,8 @@ mod tests {
     #[test]
     fn nothing_is_read_where_marks_are_not_set_by_hand_or_nobody_wants_it() {
         let plain = bench(PipelineOptions::default());
-        let (picture, places) = portrait(&plain).unwrap();
-        let grey = image::imageops::grayscale(&picture);
-        let marks: Vec<_> = places.iter().filter(|m| ELEVEN.contains(&m.node.0)).copied().collect();
+        let (grey, places) = photograph(&plain);
+        let marks = at(&ELEVEN, &places);
         let fit = FitOptions { read_unmarked: false, ..FitOptions::default() };
         let alone = bench(PipelineOptions { fit, ..PipelineOptions::default() });
         assert_eq!(alone.fit_in(&grey, &marks).unwrap().fitted, plain.fit(&marks).unwrap());
@@ -217,13 +226,11 @@ mod tests {
     #[test]
     fn what_is_read_fades_where_a_mark_leaves_its_feature() {
         let bench = bench(PipelineOptions::default());
-        let (picture, places) = portrait(&bench).unwrap();
-        let grey = image::imageops::grayscale(&picture);
+        let (grey, places) = photograph(&bench);
         let marks = |down: f64| -> Vec<_> {
-            let of_eleven = places.iter().filter(|m| ELEVEN.contains(&m.node.0));
             let down =
                 |m: &Correspondence| if m.node.0 == 31 { nalgebra::Vector2::new(0.0, down) } else { nalgebra::Vector2::zeros() };
-            of_eleven.map(|m| Correspondence { position: m.position + down(m), ..*m }).collect()
+            at(&ELEVEN, &places).iter().map(|m| Correspondence { position: m.position + down(m), ..*m }).collect()
         };
         // A mouth corner that is dragged off, px by px: no node jumps when what was read does not count any more.
         let fits: Vec<_> = (0..28).map(|k| bench.fit_in(&grey, &marks(f64::from(k))).unwrap().fitted).collect();
@@ -238,12 +245,10 @@ mod tests {
     #[test]
     fn few_marks_and_twins_of_marked_lips_are_left_to_the_marks() {
         let bench = bench(PipelineOptions::default());
-        let (picture, places) = portrait(&bench).unwrap();
-        let grey = image::imageops::grayscale(&picture);
-        let of = |nodes: &[u16]| -> Vec<_> { places.iter().filter(|m| nodes.contains(&m.node.0)).copied().collect() };
-        let six = of(&[20, 23, 53, 56, 31, 64]);
+        let (grey, places) = photograph(&bench);
+        let six = at(&[20, 23, 53, 56, 31, 64], &places);
         assert_eq!((six.len(), bench.reads_beside(&six)), (6, 0.0));
-        let twins = of(&[20, 23, 53, 56, 31, 64, 10, 15, 17, 48, 50, 87]);
+        let twins = at(&[20, 23, 53, 56, 31, 64, 10, 15, 17, 48, 50, 87], &places);
         assert!(twins.iter().any(|m| m.node.0 == 87), "the portrait has the upper inner lip");
         let read = bench.fit_in(&grey, &twins).unwrap().fitted.read;
         assert!(!read.is_empty() && read.iter().all(|r| r.node.0 != 40));
