@@ -267,6 +267,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "lids": target.lid_gaps().map(|gap| gap * scale),
         "lip": rig.lip,
         "enamel": rig.enamel,
+        "flesh": rig.flesh,
         "teethSize": rig.teeth_size,
         "inside": rig.inside,
         "onSkin": pack::single(places_on_skin(target)?.iter().flat_map(|p| [p.x, p.y])),

@@ -35,8 +35,8 @@ const ROLLED_LIT: [f64; 2] = [0.5, 0.4];
 /// Share of their widest distance by which lips have to be apart at a place to turn inwards there as they do in the middle: towards the corners they
 /// lie on each other, unless the mouth gapes.
 const ROLLS_APART: f64 = 0.6;
-/// How much less it is on the lower lip of a mouth that gapes, before the tongue.
-const ROLLED_LESS: f64 = 0.35;
+/// How much less it is on the upper and the lower lip of a mouth that gapes, where it would be a rim.
+const ROLLED_LESS: [f64; 2] = [0.25, 0.6];
 /// Half the width of the line of lashes, over the eye distance.
 const LASHES: f64 = 0.024;
 
@@ -167,7 +167,7 @@ fn roll_lips(lips: &[Vec<Point2<f64>>; 2], face: &Frame, seam: &Seam, tone: &Ton
     let width = ROLL * unit;
     let mut shares = ROLLED_LIT.map(|share| 1.0 - (1.0 - share) * seam.lit);
     let gaping = gapes(seam.gap / unit, seam.lit);
-    shares[1] -= ROLLED_LESS * gaping;
+    shares.iter_mut().zip(ROLLED_LESS).for_each(|(share, less)| *share -= less * gaping);
     let lines = lips.each_ref().map(|lip| face.line(lip.iter().map(|p| p.coords)));
     let all: Vec<Point2<f64>> = lips.concat();
     for (x, y) in pixels_around(&all, width, frame.dimensions()) {

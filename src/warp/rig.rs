@@ -39,6 +39,8 @@ pub struct Rig {
     pub lip: [f32; 3],
     /// Colour of teeth in the light of the photograph, levels.
     pub enamel: [f32; 3],
+    /// Colour of flesh in it, over its brightness.
+    pub flesh: [f32; 3],
     /// Size of the teeth over that of the picture's.
     pub teeth_size: f64,
     /// How far the upper incisors reach below the closed lips, over the eye distance, and the height of the tongue over the gap of the lips.
@@ -102,6 +104,7 @@ impl Warp {
             lid: self.lids.get(k).cloned().flatten(),
         });
         let (tone, proportions) = (Tone::of(texture, &self.nodes), mouth::Proportions::of(self));
+        let light = mouth::Light::of(self, texture);
         Rig {
             given: self.given.clone(),
             nodes: self.nodes.clone(),
@@ -118,7 +121,8 @@ impl Warp {
             eye_distance: self.frame.eye_distance,
             down: self.frame.down.into_inner(),
             lip: mouth::lip_colour(self, texture),
-            enamel: mouth::enamel(self, texture),
+            enamel: light.enamel,
+            flesh: light.flesh,
             teeth_size: mouth::teeth_size(self),
             inside: [proportions.incisors, proportions.tongue],
             tone: (tone.lines, tone.share),

@@ -19,13 +19,15 @@ use crate::interpolation::smooth_step;
 const PARTED: (f64, f64) = (0.008, 0.06);
 /// How much of it then is gone on the upper lip, which is in its own shadow, and on the lower one.
 const GONE: [f64; 2] = [0.55, 0.85];
-/// How much of it is gone on a lower lip that has dropped, over that of one in the light, in a mouth that gapes: before a tongue, which is as
-/// light as the lip, the line would part the two.
-const GONE_DROPPED: f64 = 0.55;
+/// How much of it is gone on the upper and on the lower lip of a mouth that gapes, over that of lips in the light: it would be a rim around the
+/// opening.
+const GONE_DROPPED: [f64; 2] = [0.6, 0.8];
 /// Half its width, over the eye distance: beyond, it is the lip.
 const WIDTH: f64 = 0.032;
 /// How far from the ends of the opening it begins to go, and goes wholly, over the width of the mouth.
 const WITHIN: (f64, f64) = (0.06, 0.34);
+/// The same in a mouth that gapes, whose corners are no slit.
+const WITHIN_GAPING: (f64, f64) = (0.01, 0.14);
 /// How much darker than its surroundings, as a share, a place is that belongs to the line for certain.
 const DARKER: f64 = 0.10;
 
@@ -47,6 +49,8 @@ pub struct Seam {
     down: Vector2<f64>,
     /// How much of it is gone on the upper and on the lower lip; nothing of a mouth that is open on its photograph.
     gone: [f64; 2],
+    /// How far from the ends of the opening the line begins to go, and goes wholly, over the width of the mouth.
+    within: (f64, f64),
     /// How far lips have parted that are closed on the photograph, 0 to 1.
     parted: f64,
     /// How surely teeth show at each place of the line; none if they show nowhere.
@@ -65,11 +69,13 @@ impl Seam {
         let gap = openings::gap(warp, mouth, &deformation.vertices);
         let lit = lit(warp, deformation);
         let parted = if warp.closed { smooth_step(PARTED.0, PARTED.1, gap / unit) } else { 0.0 };
-        let dropped = GONE_DROPPED * gapes(gap / unit, lit);
-        let gone = [GONE[0] * lit * parted, GONE[1] * (lit + dropped) * parted];
+        let gaping = gapes(gap / unit, lit);
+        let gone = [0, 1].map(|lip| GONE[lip] * (lit + GONE_DROPPED[lip] * gaping) * parted);
+        let wider = |from: f64, to: f64| from + (to - from) * gaping;
+        let within = (wider(WITHIN.0, WITHIN_GAPING.0), wider(WITHIN.1, WITHIN_GAPING.1));
         let line = warp.frame.line(mouth.upper.iter().map(|&v| warp.source[v as usize].coords));
         let (across, down) = (warp.frame.across(), warp.frame.down.into_inner());
-        let mut seam = Self { line, across, down, gone, parted, teeth: Vec::new(), unit, gap, lit };
+        let mut seam = Self { line, across, down, gone, within, parted, teeth: Vec::new(), unit, gap, lit };
         if parted > 0.0 {
             seam.teeth = seam.teeth_along(texture);
         }
@@ -131,7 +137,7 @@ impl Seam {
     fn within_ends(&self, at: &Point2<f64>) -> f64 {
         let x = at.coords.dot(&self.across);
         let [(first, _), .., (last, _)] = self.line[..] else { return 0.0 };
-        smooth_step(WITHIN.0, WITHIN.1, (x - first).min(last - x) / (last - first).max(1e-9))
+        smooth_step(self.within.0, self.within.1, (x - first).min(last - x) / (last - first).max(1e-9))
     }
 
     fn on_lip(&self, at: Point2<f64>, below: f64, lip: usize, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
@@ -229,6 +235,28 @@ mod tests {
         };
         let (raised, dropped) = (below_edge(&raised), below_edge(&dropped));
         assert!(raised > 130 && dropped < raised - 30, "{raised} {dropped}");
+    }
+
+    #[test]
+    fn no_line_is_left_at_the_corners_of_a_mouth_that_gapes() {
+        let nodes = nodes();
+        let warp = warp();
+        let dropped = |share: f64| {
+            let mut open = nodes.clone();
+            [40, 83, 84, 8, 10, 85, 86].iter().for_each(|&n: &usize| open[n].y += share * warp.frame.eye_distance);
+            warp.deform(&open).unwrap()
+        };
+        let plain = Texture::new(&RgbImage::from_pixel(300, 380, Rgb([200, 140, 130])));
+        let [parted, gaping] = [0.08, 0.30].map(|share| Seam::new(&warp, &dropped(share), &plain));
+        // A tenth of the width from the end of the opening, on the line, which is 140 levels darker there.
+        let at = nodes[89] + (nodes[88] - nodes[89]) * 0.1;
+        let at = at - gaping.down * gaping.below(&at).unwrap();
+        let picture = Texture::new(&RgbImage::from_fn(300, 380, |x, y| {
+            let on_line = gaping.below(&Point2::new(f64::from(x), f64::from(y))).is_some_and(|below| below.abs() <= 2.0);
+            if on_line { Rgb([60, 30, 30]) } else { Rgb([200, 140, 130]) }
+        }));
+        let red = |seam: &Seam| seam.colour(at + gaping.down * 0.5, [60.0, 30.0, 30.0], &picture)[0];
+        assert!(red(&parted) < 65.0 && red(&gaping) > 100.0, "{} {}", red(&parted), red(&gaping));
     }
 
     #[test]

@@ -29,13 +29,13 @@ void main() {
 const MOUTH_FRAGMENT = `
 precision highp float;
 varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
-uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform vec3 enamel; uniform vec2 ends; uniform vec2 teethSize;
+uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform vec3 enamel; uniform vec3 flesh; uniform vec2 ends; uniform vec2 teethSize;
 uniform vec2 teethOrigin; uniform float teethScale; uniform float white; uniform float gap; uniform float jaw; uniform float floorY;
 uniform float shown; uniform float lit; uniform float scale; uniform float incisors; uniform float tongue; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
 vec3 tinted(vec3 warm, float light) {
   vec3 grey = vec3(0.3, 0.59, 0.11);
   float luma = max(dot(lip, grey), min(60.0 / 255.0, 0.5 * dot(enamel, grey)));
-  return (0.4 * lip + 0.6 * vec3(1.45, 0.86, 0.84) * luma) * warm * light;
+  return (0.4 * lip + 0.6 * flesh * luma) * warm * light;
 }
 vec3 row(vec2 d, float brightness, vec3 tint, float side, float fromCorner, vec3 under) {
   vec2 at = (teethOrigin + d * teethScale + 0.5) / teethSize;
@@ -55,18 +55,18 @@ void main() {
   float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.13 * (1.0 - side) * open;
   // A jaw that drops opens it so far that light falls in, and goes out softly towards the depth.
   vec2 off = vec2((x - 0.5 * (ends.x + ends.y)) / max(0.5 * (ends.y - ends.x), 1e-6), (depth - 0.40) / 0.55);
-  light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.19 + 0.06 * smoothstep(0.2, 1.3, dot(off, off)), gapes);
+  light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.23 + 0.08 * smoothstep(0.2, 1.3, dot(off, off)), gapes);
   vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side) * (1.0 - gapes)) - vec3(0.08, 0.06, 0.08) * gapes, light0);
-  float across = x / max(mix(0.38, 0.44, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
+  float across = x / max(mix(0.38, 0.46, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
-    float height = (tongue + 0.16 * gapes) * gap * pow(within, mix(0.5, 0.6, gapes)), top = floorY - height;
-    float cover = smoothstep(-0.015 - 0.06 * gap * gapes, 0.05 + 0.12 * gap * gapes, y - top) * max(sqrt(open), gapes) * smoothstep(0.0, 0.25, within);
+    float height = (tongue + 0.17 * gapes) * gap * pow(within, mix(0.5, 0.6, gapes)), top = floorY - height;
+    float cover = smoothstep(-0.015 - 0.07 * gap * gapes, 0.05 + 0.14 * gap * gapes, y - top) * max(sqrt(open), gapes) * smoothstep(0.0, 0.25, within);
     float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - mix(0.20, 0.17, gapes) * exp(-(x / 0.026) * (x / 0.026)) * (0.3 + 0.7 * tip);
     float band = within * smoothstep(0.25, 0.60, tip) * (1.0 - smoothstep(0.70, 1.05, tip));
-    float wide = 0.28 + 0.52 * smoothstep(0.0, 0.70, tip) - 0.14 * smoothstep(0.75, 1.0, tip);
-    float light = mix((0.40 + 0.72 * tip) * (0.66 + 0.34 * open) * (0.42 + 0.58 * within), wide * (0.32 + 0.68 * within), gapes) * groove;
-    vec3 flesh = tinted(vec3(1.0, 0.95, 0.96) + vec3(-0.03, 0.0, 0.03) * gapes, light + 0.08 * open * band);
-    colour = mix(colour, flesh + enamel * 0.055 * gapes * band, cover);
+    float wide = 0.29 + 0.46 * smoothstep(0.0, 0.70, tip) - 0.13 * smoothstep(0.75, 1.0, tip);
+    float light = mix((0.40 + 0.72 * tip) * (0.66 + 0.34 * open) * (0.42 + 0.58 * within), wide * (0.38 + 0.62 * within), gapes) * groove;
+    vec3 meat = tinted(vec3(1.0, 0.95, 0.96) + vec3(-0.03, 0.0, 0.03) * gapes, light + 0.08 * open * band);
+    colour = mix(colour, meat + enamel * 0.055 * gapes * band, cover);
   }
   if (shown > 0.5) {
     float turned = (0.25 + 0.75 * smoothstep(0.0, mix(0.14, 0.10, lit), fromCorner)) * (1.0 - mix(0.40, 0.10, lit) * smoothstep(0.10, 0.30, abs(x) / scale));
@@ -77,10 +77,10 @@ void main() {
       float light = (0.69 - 0.18 * smoothstep(0.0, 0.30, gap)) * (0.7 + 0.3 * smoothstep(0.0, 0.02, aboveLower));
       colour = mix(colour, row(vec2(x / 0.70, -lowerY / 0.75), light, vec3(1.0, 0.94, 0.84), turned, fromCorner, colour), part);
     }
-    float upperY = y - incisors - (mix(0.12, 0.22, lit) + 0.60 * gaping + 0.25 * (1.0 - lit) * (1.0 - gaping)) * x * x;
+    float upperY = y - incisors - (mix(0.12, 0.22, lit) + 0.38 * gaping + 0.25 * (1.0 - lit) * (1.0 - gaping)) * x * x;
     float gum = smoothstep(0.133, 0.163, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * turned), gum);
-    float light = mix(mix(0.56, 0.80, lit), 1.0, smoothstep(0.0, 0.05, belowUpper));
+    float light = mix(mix(0.56, 0.80, lit), 1.0, smoothstep(0.0, 0.05, belowUpper)) * (1.0 - 0.08 * dropped * gaping);
     // Crowns as long as a raised lip shows them, and what is seen between them.
     float edge = -0.60 * x * x / scale, crown = max(0.122 - 0.35 * (x / scale) * (x / scale), 0.05);
     float above = (edge - upperY) / clamp(((edge - upperY + belowUpper) / scale + 0.01) / crown, 1.0, 0.165 / crown);
@@ -103,7 +103,7 @@ void main() {
   vec3 crease = near * (0.52 + 0.10 * dropped) + 0.30 * dropped * max(lip - near, 0.0), missing = dropped * max(0.85 * lip - near, 0.0);
   vec3 inside = mix(colour * shadow, crease, 0.9 * sealed);
   vec3 dark = vec3(0.74, 0.60, 0.60);
-  vec3 seen = mix(inside, (near + 0.60 * missing) * mix(dark, vec3(0.90, 0.76, 0.76), lit), 0.85 * round.y);
+  vec3 seen = mix(inside, (near + 0.60 * missing) * mix(dark, vec3(0.90, 0.76, 0.76), max(lit, 0.8 * gapes)), 0.85 * round.y);
   seen = mix(seen, (near + 0.35 * missing) * mix(dark, vec3(0.83, 0.76, 0.76), lit), 0.85 * round.x);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
 }`;
@@ -375,6 +375,7 @@ class GlStage {
     const level = (colour) => colour.map((c) => c / 255);
     this.uniform(mouth, "lip", ...level(rig.lip));
     this.uniform(mouth, "enamel", ...level(rig.enamel));
+    this.uniform(mouth, "flesh", ...rig.flesh);
     this.uniform(mouth, "toneFrom", ...rig.tone.lines.map(([from]) => from / 255));
     this.uniform(mouth, "toneRise", ...rig.tone.lines.map(([, rise]) => rise));
     this.uniform(mouth, "ends", ...m.ends);

@@ -4,7 +4,7 @@ use image::Rgba32FImage;
 use nalgebra::{Point2, Vector2};
 
 use super::{
-    line_at, luma,
+    Light, line_at, luma,
     proportions::Proportions,
     teeth::{TEETH_WHITE, sampled},
 };
@@ -17,7 +17,7 @@ use crate::{
 /// has dropped, and where the upper one is raised.
 const FLATTER: (f64, f64) = (0.12, 0.22);
 /// The same of a mouth that gapes, on top: the row is seen from below, and runs back to the molars.
-const FLATTER_GAPING: f64 = 0.60;
+const FLATTER_GAPING: f64 = 0.38;
 /// The same of lips that a dropped jaw parts a little: the row goes on to the sides in the shadow of the lip, and is no patch in the middle.
 const FLATTER_PARTED: f64 = 0.25;
 /// How far the lower incisors reach below the closed lips, over the eye distance: they bite behind the upper ones.
@@ -47,6 +47,8 @@ const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)
 /// where it is raised. On smiles of 32 people nothing below it is darker than the lip itself.
 const BEHIND_LIP: (f64, f64) = (0.58, 0.85);
 const TOPS: (f64, f64) = (0.56, 0.80);
+/// How much less light falls on the upper teeth of a mouth that gapes, which stand back behind the lip.
+const DIMMER: f64 = 0.08;
 /// How much darker the side teeth are, which turn away, and how far from the corners their dark begins, likewise. The picture has what the same
 /// 32 smiles lose to the sides: a raised lip takes hardly more.
 const TURNED: (f64, f64) = (0.40, 0.10);
@@ -71,9 +73,11 @@ const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
 const CHEEKS: f64 = 0.13;
 /// The light in the depth of a mouth that gapes, and how much more of it there is around; how far from the middle of the depth, in halves of the
 /// width and shares of the gap, it begins to grow, and ends to; and how much less of red, green and blue there is than behind lips that part a little.
-const DEPTH: (f64, f64, (f64, f64)) = (0.19, 0.06, (0.2, 1.3));
+const DEPTH: (f64, f64, (f64, f64)) = (0.23, 0.08, (0.2, 1.3));
 const DEPTH_AT: (f64, f64) = (0.40, 0.55);
 const DEPTH_TINT: [f32; 3] = [0.08, 0.06, 0.08];
+/// How unevenly the light falls there.
+const UNEVEN: f64 = 0.18;
 /// How much lighter it is behind lips that a dropped jaw parts a little.
 const PARTED_LIGHT: f64 = 0.08;
 /// How much less red it is than the throat.
@@ -88,7 +92,7 @@ const TONGUE: (f64, f64, f64, [f32; 3]) = (0.38, 0.40, 0.72, [1.0, 0.95, 0.96]);
 /// to the sides; over how much of the gap its back runs into the dark, above and below its outline; brightness at the back, how much more of it there is on the tongue's
 /// blade, and how much less at the tip, which turns down; what is left at its sides.
 const GAPING_TONGUE: GapingTongue =
-    GapingTongue { half: 0.44, higher: 0.16, slope: 0.6, runs: (0.06, 0.12), light: (0.28, 0.52, 0.14), sides: 0.32 };
+    GapingTongue { half: 0.46, higher: 0.17, slope: 0.6, runs: (0.07, 0.14), light: (0.29, 0.46, 0.13), sides: 0.38 };
 /// What light the wet tongue reflects there as a mirror, over that of enamel.
 const SHEEN: f64 = 0.11;
 struct GapingTongue {
@@ -109,6 +113,8 @@ const LIGHTER_ABOVE_LIP: f64 = 0.10;
 const WET_LEAST: f32 = 0.85;
 const WET_SHARES: [f64; 2] = [0.35, 0.60];
 const WET_MORE: (f64, (f64, f64)) = (0.18, (0.08, 0.03));
+/// How far the wet edge of the lower lip of a mouth that gapes is in the light: it turns outwards.
+const WET_GAPING: f64 = 0.8;
 /// The colour between lips that lie on each other, of that of their edges, and how much more of it there is below a dropped jaw; and how much it gets there of what
 /// their edges are darker than the lips.
 const CREASE: (f64, f64, f32) = (0.52, 0.10, 0.30);
@@ -132,7 +138,7 @@ pub struct Interior<'a> {
     /// How far their edges are in the light.
     pub lit: f64,
     pub lip: [f32; 3],
-    pub enamel: [f32; 3],
+    pub light: Light,
     pub tone: Tone,
     /// Size of the teeth over that of the picture's.
     pub size: f64,
@@ -160,7 +166,8 @@ impl Interior<'_> {
         let (dropped, gapes) = (1.0 - self.lit, gapes(self.gap, self.lit));
         let half = (0.5 * (corners.1 - corners.0)).max(1e-6);
         let off = ((x - f64::midpoint(corners.0, corners.1)) / half).powi(2) + ((depth - DEPTH_AT.0) / DEPTH_AT.1).powi(2);
-        let deep = DEPTH.0 + DEPTH.1 * smooth_step(DEPTH.2.0, DEPTH.2.1, off);
+        let uneven = 1.0 + UNEVEN * grain((x + self.own()) / 0.07, y / 0.05);
+        let deep = (DEPTH.0 + DEPTH.1 * smooth_step(DEPTH.2.0, DEPTH.2.1, off)) * uneven;
         let light = light + PARTED_LIGHT * dropped * (1.0 - open);
         let light = light + (deep - light) * gapes;
         let pale = PALE * ((1.0 - side) * (1.0 - gapes)) as f32;
@@ -189,12 +196,18 @@ impl Interior<'_> {
             let crease = (CREASE.0 + CREASE.1 * dropped) as f32 * lip[c] + CREASE.2 * missing(c, 1.0);
             let inside = inside + (crease - inside) * (0.9 * sealed) as f32;
             let wet = |k: usize, inside: f32| {
-                let colour = WET.2[c] + (WET_LIT[k].2[c] - WET.2[c]) * self.lit as f32;
+                let lit = self.lit.max([0.0, WET_GAPING][k] * gapes) as f32;
+                let colour = WET.2[c] + (WET_LIT[k].2[c] - WET.2[c]) * lit;
                 let edge = lip[c] + missing(c, WET_LEAST) * WET_SHARES[k] as f32;
                 inside + (edge * colour - inside) * (0.85 * rounds[k]) as f32
             };
             wet(0, wet(1, inside))
         })
+    }
+
+    /// Where a face has its own piece of what is irregular, in eye distances: glints that are alike on everybody look drawn.
+    fn own(&self) -> f64 {
+        7.0 * (40.0 * self.proportions.incisors + 10.0 * self.proportions.tongue)
     }
 
     /// A number between that of lips in shadow and that of lips in the light.
@@ -205,8 +218,8 @@ impl Interior<'_> {
     /// The colour of the lips, made redder by `warm`, at a brightness.
     fn tinted(&self, warm: [f32; 3], light: f64) -> [f32; 3] {
         // Flesh in the light that falls on the lips: half as they are, half as the inside of every mouth is.
-        let luma = luma(self.lip).max((0.5 * luma(self.enamel)).min(60.0));
-        let flesh = [1.45, 0.86, 0.84].map(|c| c * luma);
+        let luma = luma(self.lip).max((0.5 * luma(self.light.enamel)).min(60.0));
+        let flesh = self.light.flesh.map(|c| c * luma);
         std::array::from_fn(|c| (0.4 * self.lip[c] + 0.6 * flesh[c]) * warm[c] * light as f32)
     }
 
@@ -235,15 +248,16 @@ impl Interior<'_> {
         let light = by_gape((parted, wide * (shape.sides + (1.0 - shape.sides) * within))) * groove;
         // Its grain, the light that is broken on what is wet, and a broad sheen before the tip.
         let grain = 1.0 + 0.045 * grain(x / 0.011, y / 0.011);
+        let own = x + self.own();
         let wet =
-            by_gape((0.34, 0.24)) * smooth_step(0.30, 0.8, grain_of_light(x, y)) * (towards_tip * (1.0 - towards_tip) * 4.0);
+            by_gape((0.34, 0.24)) * smooth_step(0.30, 0.8, grain_of_light(own, y)) * (towards_tip * (1.0 - towards_tip) * 4.0);
         let band = smooth_step(0.25, 0.60, towards_tip) * smooth_step(1.05, 0.70, towards_tip);
-        let sheen = 0.13 * band * (0.6 + 0.4 * grain_of_light(0.4 * x, 0.6 * y + 3.0));
+        let sheen = 0.13 * band * (0.6 + 0.4 * grain_of_light(0.4 * own, 0.6 * y + 3.0));
         let wet = (wet + sheen) * open * within;
         let cooler = 0.03 * gapes as f32;
         let tongue = self.tinted([TONGUE.3[0] - cooler, TONGUE.3[1], TONGUE.3[2] + cooler], light * grain + wet);
-        let mirrored = SHEEN * gapes * band * within * (0.5 + 0.5 * grain_of_light(0.3 * x + 5.0, 0.5 * y));
-        let tongue: [f32; 3] = std::array::from_fn(|c| tongue[c] + self.enamel[c] * mirrored as f32);
+        let mirrored = SHEEN * gapes * band * within * (0.5 + 0.5 * grain_of_light(0.3 * own + 5.0, 0.5 * y));
+        let tongue: [f32; 3] = std::array::from_fn(|c| tongue[c] + self.light.enamel[c] * mirrored as f32);
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
 
@@ -252,7 +266,7 @@ impl Interior<'_> {
         let along = smooth_step(0.44, 0.38, x.abs() / self.size) * smooth_step(0.0, 0.035, from_corner);
         let cover = BETWEEN.2 * smooth_step(-0.006, 0.006, above_edge) * smooth_step(0.125, 0.095, above_edge) * along;
         (0..3).for_each(|c| {
-            let seen = self.enamel[c] * BETWEEN.1[c] * (BETWEEN.0 * light) as f32;
+            let seen = self.light.enamel[c] * BETWEEN.1[c] * (BETWEEN.0 * light) as f32;
             colour[c] += (seen - colour[c]) * cover as f32;
         });
     }
@@ -269,7 +283,7 @@ impl Interior<'_> {
             // Enamel lets light through at its edge.
             let edge = 1.0 - 0.16 * smooth_step(-0.024, 0.0, dy);
             for c in 0..3 {
-                let lit = tooth[c] / TEETH_WHITE * self.enamel[c] * tint[c] * (brightness * side * edge) as f32;
+                let lit = tooth[c] / TEETH_WHITE * self.light.enamel[c] * tint[c] * (brightness * side * edge) as f32;
                 colour[c] += (lit - colour[c]) * cover;
             }
         };
@@ -305,7 +319,8 @@ impl Interior<'_> {
         let wet: f64 = WET_LIGHTS.iter().map(|&(at, size)| size * (-((x.abs() - at) / 0.016).powi(2)).exp()).sum();
         let wet = wet * (-((upper_y + 0.045) / 0.014).powi(2)).exp();
         let tops = self.by_light(TOPS);
-        let light = tops + (1.0 - tops) * smooth_step(0.0, 0.05, below_upper) + wet;
+        let light =
+            (tops + (1.0 - tops) * smooth_step(0.0, 0.05, below_upper) + wet) * (1.0 - DIMMER * (1.0 - self.lit) * gaping);
         let edge = -ROW_EDGE * x * x / self.size;
         let above_edge = (edge - upper_y) / crowns_longer(x / self.size, (edge - upper_y + below_upper) / self.size);
         self.lay_between(x, above_edge, light * side, from_corner, colour);
@@ -367,10 +382,10 @@ mod tests {
 
     #[test]
     fn a_row_of_teeth_is_flatter_the_less_it_is_of_a_smile() {
-        // Raised lips 0.22, dropped ones 0.12 and 0.25 as long as they part a little, and 0.60 when they gape.
+        // Raised lips 0.22, dropped ones 0.12 and 0.25 as long as they part a little, and 0.38 when they gape.
         assert!((flatter(1.0, 0.0) - 0.22).abs() < 1e-12);
         assert!((flatter(0.0, 0.0) - 0.37).abs() < 1e-12);
-        assert!((flatter(0.0, 1.0) - 0.72).abs() < 1e-12);
+        assert!((flatter(0.0, 1.0) - 0.50).abs() < 1e-12);
     }
 
     /// A mouth of grey lips around the origin, 0.8 eye distances wide, whose jaw has dropped by `gap` where the lips part as an arch, 100 px to the eye distance.
@@ -388,7 +403,7 @@ mod tests {
             gap,
             lit: 0.0,
             lip: [160.0, 110.0, 110.0],
-            enamel: [200.0; 3],
+            light: Light { enamel: [200.0; 3], flesh: [1.45, 0.86, 0.84] },
             tone: Tone { lines: [[0.0, 1.0]; 3], share: 0.0 },
             size: 1.0,
             proportions: Proportions { incisors: 0.02, tongue: 0.55 },

@@ -8,6 +8,7 @@
 //! it after these numbers (`player/assets/gl.js`): who changes one changes the other.
 
 mod interior;
+mod light;
 mod proportions;
 mod teeth;
 
@@ -17,6 +18,7 @@ use self::interior::Interior;
 use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, seam::Seam, tone::Tone};
 use crate::interpolation::smooth_step;
 
+pub use light::Light;
 pub use proportions::{Proportions, teeth_size};
 pub use teeth::{TEETH, TEETH_ORIGIN, TEETH_SCALE, TEETH_WHITE};
 
@@ -84,7 +86,7 @@ impl<'a> Interior<'a> {
             gap: seam.gap / unit,
             lit: seam.lit,
             lip: lip_colour(warp, texture),
-            enamel: enamel(warp, texture),
+            light: Light::of(warp, texture),
             tone: Tone::of(texture, &warp.nodes),
             size: teeth_size(warp),
             proportions: Proportions::of(warp),
@@ -118,26 +120,6 @@ pub fn lip_colour(warp: &Warp, texture: &Texture) -> [f32; 3] {
     let inwards = warp.nodes[40] - warp.nodes[8];
     let lips = [8_usize, 85, 86].map(|n| texture.sample(warp.nodes[n] + inwards * 0.4));
     std::array::from_fn(|c| (lips[0][c] + lips[1][c] + lips[2][c]) / 3.0)
-}
-
-/// Colour of teeth in the light of the photograph: as bright as the white of its eyes (the second brightest of four places, which a
-/// highlight does not reach), but not darker than the skin of the cheeks lets expect, and half of that white's own tint.
-pub fn enamel(warp: &Warp, texture: &Texture) -> [f32; 3] {
-    // Between the iris and the corners of the eye.
-    let mut whites = [(67, 20, 68), (71, 23, 72), (69, 53, 70), (73, 56, 74)].map(|(a, corner, b): (usize, usize, usize)| {
-        let iris = nalgebra::center(&warp.nodes[a], &warp.nodes[b]);
-        texture.sample(nalgebra::center(&iris, &warp.nodes[corner]))
-    });
-    whites.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
-    let skin = [27_usize, 60, 90, 91].map(|n| luma(texture.sample(warp.nodes[n]))).iter().sum::<f32>() / 4.0;
-    // In a dark photograph the whites of the eyes are dark, too, whatever the skin.
-    let brightest = 1.15 * luma(whites[3]).max(1.25 * skin);
-    let light = (skin * 0.95 + 45.0).max(luma(whites[2])).min(brightest).min(222.0);
-    let white = luma(whites[2]).max(1.0);
-    std::array::from_fn(|c| {
-        let tint = (whites[2][c] / white).clamp(0.92, 1.05);
-        (0.65 * [1.0, 0.99, 0.975][c] + 0.35 * tint) * light
-    })
 }
 
 /// How far below its place on the photograph the inside of a mouth is stretched after a lower lip that drops, over the eye distance: further
