@@ -85,7 +85,7 @@ void main() {
     float edge = -0.60 * x * x / scale, crown = max(0.122 - 0.35 * (x / scale) * (x / scale), 0.05);
     float above = (edge - upperY) / clamp(((edge - upperY + belowUpper) / scale + 0.01) / crown, 1.0, 0.165 / crown);
     float between = (1.0 - smoothstep(0.38, 0.44, abs(x) / scale)) * smoothstep(0.0, 0.035, fromCorner);
-    between *= 0.85 * smoothstep(-0.006, 0.006, above) * (1.0 - smoothstep(0.095, 0.125, above));
+    between *= 0.85 * smoothstep(0.010, 0.024, above) * (1.0 - smoothstep(0.095, 0.125, above));
     colour = mix(colour, enamel * vec3(0.92, 0.86, 0.80) * 0.55 * light * turned, between);
     colour = mix(colour, row(vec2(x, edge - above), light, vec3(1.0), turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }

@@ -63,6 +63,8 @@ const CROWN: f64 = 0.165;
 const TUCKED: f64 = 0.01;
 /// What is seen between two crowns, of the row's light, its tint, and how much of it covers what lies behind.
 const BETWEEN: (f64, [f32; 3], f64) = (0.55, [0.92, 0.86, 0.80], 0.85);
+/// How far above the row's edge that begins and is wholly there, over the eye distance: the notches between the edges of crowns are dark.
+const ABOVE_NOTCHES: (f64, f64) = (0.010, 0.024);
 /// How far from the corners the lips of a mouth that is hardly open lie on each other, over the eye distance.
 const SEALED: f64 = 0.16;
 /// Distances of lips that a dropped jaw parts, over the eye distance, at a place up to which they lie on each other there, and from which on they do not.
@@ -264,7 +266,8 @@ impl Interior<'_> {
     /// What is seen between the upper crowns: not the dark of the mouth, but teeth in their own shadow.
     fn lay_between(&self, x: f64, above_edge: f64, light: f64, from_corner: f64, colour: &mut [f32; 3]) {
         let along = smooth_step(0.44, 0.38, x.abs() / self.size) * smooth_step(0.0, 0.035, from_corner);
-        let cover = BETWEEN.2 * smooth_step(-0.006, 0.006, above_edge) * smooth_step(0.125, 0.095, above_edge) * along;
+        let cover =
+            BETWEEN.2 * smooth_step(ABOVE_NOTCHES.0, ABOVE_NOTCHES.1, above_edge) * smooth_step(0.125, 0.095, above_edge) * along;
         (0..3).for_each(|c| {
             let seen = self.light.enamel[c] * BETWEEN.1[c] * (BETWEEN.0 * light) as f32;
             colour[c] += (seen - colour[c]) * cover as f32;
