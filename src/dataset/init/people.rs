@@ -39,7 +39,11 @@ pub struct PicturesOfPeople {
 
 impl fmt::Display for PicturesOfPeople {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let folders: Vec<String> = self.folders.iter().map(|folder| format!("`{folder}`")).collect();
+        let folders: Vec<String> = self
+            .folders
+            .iter()
+            .map(|folder| if folder == "." { "this folder".to_owned() } else { format!("`{folder}`") })
+            .collect();
         let whose = if self.people.len() == 1 { "single pictures of" } else { "single pictures of several people:" };
         write!(f, "{}: {whose} {}; ", listed(&folders, MOST_NAMED), listed(&self.people, MOST_NAMED))?;
         write!(
