@@ -144,7 +144,7 @@ fn spelling_hint(missing: &[String], found: &[String]) -> String {
 
 fn separator_hint(found: &[String]) -> &'static str {
     match found {
-        [only] if only.contains([';', '\t']) => " (columns are separated by commas)",
+        [only] if only.contains([';', '\t']) => " (columns are separated by commas; save it as CSV UTF-8, separated by commas)",
         _ => "",
     }
 }
@@ -505,7 +505,10 @@ mod tests {
     fn columns_are_asked_for_by_name() {
         let file = file(b"node;x;y\n").unwrap();
         let error = file.require(["node", "x"]).unwrap_err().to_string();
-        assert_eq!(error, "a.csv, line 1: has no column `node`, `x`; found `node;x;y` (columns are separated by commas)");
+        assert_eq!(
+            error,
+            "a.csv, line 1: has no column `node`, `x`; found `node;x;y` (columns are separated by commas; save it as CSV UTF-8, separated by commas)"
+        );
         assert!(super::tests::file(b"a,b,a\n").unwrap_err().to_string().contains("column `a` twice"));
         assert!(super::tests::file(b"\n \n").unwrap_err().to_string().contains("is empty"));
         assert!(super::tests::file(b"a,b,,\n").is_ok(), "columns without a name do not collide");

@@ -109,8 +109,9 @@ pub mod pipeline {
     pub use crate::modules::pipeline::{
         AnalyzedModel, Event, FapOptions, FoundMarksError, Method, NONE_LEVEL, PipelineOptions, Recording, RecordingError,
         RunError, RunSummary, SegmentedRecording, SequenceFailure, SequenceSource, Workbench, WorkbenchError, analyze, by_hand,
-        face_of_marks, fit_beside, fit_landmarks, found_marks, found_marks_and_remark, held, id_of, load_tracks, normalize_track,
-        read_model, run, segment_recording, showcase_target, track_files, track_one, track_pictures, write_analysis, write_model,
+        face_of_marks, fit_beside, fit_landmarks, found_marks, found_marks_and_remark, held, id_of, left_out_said, load_tracks,
+        normalize_track, read_model, run, segment_recording, showcase_target, track_files, track_one, track_pictures,
+        write_analysis, write_model,
     };
 }
 pub mod plausible {
@@ -152,7 +153,7 @@ pub mod statistics {
         pub use crate::modules::statistics::distance::{DisplacementFields, vector_distance};
     }
     pub mod recognize {
-        pub use crate::modules::statistics::recognize::{RecognizeError, Recognized, Recognizer};
+        pub use crate::modules::statistics::recognize::{RecognizeError, Recognized, Recognizer, shown_by_several};
     }
     pub mod scale {
         pub use crate::modules::statistics::scale::{

@@ -155,7 +155,7 @@ fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str, mut w
     record.close()?;
     if !args.general.quiet {
         println!("{what}");
-        print_results(&analysis.counts(), &analysis.warnings, &args.output.display());
+        print_results(&analysis.counts(), &analysis.warnings, &args.output);
     }
     Ok(())
 }

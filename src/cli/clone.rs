@@ -12,10 +12,10 @@ use std::{
 use grimace::{
     clone::{
         CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, Film, Rescale,
-        SKIN_SUFFIX, Sheet, Skin, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
+        Sheet, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
     dataset::{PUBLISH_COLUMN, may_publish},
-    output::{MADE_BY, count, per_second, write_atomic},
+    output::{MADE_BY, count, per_second, write_bytes},
     pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
     track::read_track_info,
@@ -26,9 +26,11 @@ use indicatif::ProgressBar;
 use super::{
     Outcome,
     apart::{check_apart, check_outside, maybe},
+    clone_again::{holds_a_batch, inputs_hash, made_before},
+    clone_skin::{SkinChoice, SourceSkin, skin_of},
     portrait,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, file_name, positive, stop_flag, words},
+    shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, are, file_name, positive, stop_flag, words},
     source_frames::source_pictures,
 };
 
@@ -43,7 +45,7 @@ Examples:
 OUT gets frames/ (PNG), track/ (the target's own dynamic model, for `analyze`), clone.fap, overlay.png (the wireframe on the apex frame), \
 sheet.png (side by side) and clone.json (what it was made from). Several sources or targets give a folder TARGET_SOURCE each, \
 with the source's extension where two sources have one name (TARGET_sadness-csv, TARGET_sadness-fap); one that fails costs only \
-itself.")]
+itself. Interrupted or run again, it goes on where it stopped: clones of the same files and options are kept.")]
 pub struct Args {
     /// What moves: a track, a representative or normalized model (.csv), or a FAP file (.fap); several for a batch
     #[arg(short, long, required = true, num_args = 1.., value_name = "S")]
@@ -130,69 +132,6 @@ struct LookArgs {
     film: Vec<Film>,
 }
 
-/// Whose skin a clone gets.
-#[derive(Clone, Debug)]
-enum SkinChoice {
-    Auto,
-    Form,
-    None,
-    Of(PathBuf),
-}
-
-impl std::str::FromStr for SkinChoice {
-    type Err = std::convert::Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(match text {
-            "auto" => Self::Auto,
-            "form" => Self::Form,
-            "none" => Self::None,
-            path => Self::Of(PathBuf::from(path)),
-        })
-    }
-}
-
-/// The skin of a class, with its representative, or of a motion's form.
-struct SourceSkin {
-    /// The file of a class's skin.
-    path: Option<PathBuf>,
-    skin: Skin,
-    representative: SourceMotion,
-}
-
-/// The skin that goes with a source, if there is one.
-fn skin_of(choice: &SkinChoice, path: &Path, motion: &SourceMotion, bench: &Workbench) -> anyhow::Result<Option<SourceSkin>> {
-    let of_form = || {
-        let skin = Skin::of_form(motion)?;
-        Ok(Some(SourceSkin { path: None, skin, representative: motion.clone() }))
-    };
-    let (path, representative) = match choice {
-        SkinChoice::None => return Ok(None),
-        SkinChoice::Form => return of_form(),
-        SkinChoice::Auto => {
-            let (skin, path) = Skin::going_with(path, motion)?;
-            return Ok(Some(SourceSkin { path, skin, representative: motion.clone() }));
-        }
-        SkinChoice::Of(csv) => {
-            let representative = SourceMotion::read(csv, bench)?;
-            anyhow::ensure!(
-                representative.kind == SourceKind::Model,
-                "--skin {}: is no representative; give the .csv that `run` wrote, with its {SKIN_SUFFIX} beside it",
-                csv.display()
-            );
-            let picture = Skin::path_beside(csv, representative.kind).ok_or_else(|| {
-                anyhow::anyhow!(
-                    "{}: has no {SKIN_SUFFIX} beside it; `run` writes it where at least {} people of a class have pictures that show folds",
-                    csv.display(),
-                    grimace::clone::LEAST_SKIN_PEOPLE
-                )
-            })?;
-            (picture, representative)
-        }
-    };
-    Ok(Some(SourceSkin { skin: Skin::read(&path)?, path: Some(path), representative }))
-}
-
 fn film(text: &str) -> Result<Film, String> {
     match text.to_lowercase().as_str() {
         "gif" => Ok(Film::Gif),
@@ -256,13 +195,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let stop = stop_flag()?;
     let pairs = args.source.len() * args.target.len();
     let sheet_path = args.output.join("sheet.png");
-    if args.sheet && pairs > 1 {
+    let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
+    // The sheet of a batch that is run once more is the same.
+    if args.sheet && pairs > 1 && !holds_a_batch(&args.output) {
         args.general.check_free(&sheet_path)?;
     }
-    let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
     let bar = frame_bar(args.general.quiet, None);
     let mut sheet = Sheet::new(480);
-    let mut done = 0;
+    let (mut done, mut unchanged) = (0, 0);
     let mut folders = BTreeSet::new();
     for (k, target_path) in args.target.iter().enumerate() {
         let marks_path = args.correspondences.get(k).map(PathBuf::as_path);
@@ -283,9 +223,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 args.output.join(clone_folder(&target.name, source, &sources, &mut folders))
             };
             match job.clone(&target, source, &folder) {
-                Ok(apex) => {
+                Ok((apex, written)) => {
                     row.push(Labelled { picture: apex, label: source.motion.name.clone() });
                     done += 1;
+                    unchanged += usize::from(!written);
                 }
                 Err(error) if pairs == 1 || stop.load(Ordering::Relaxed) => return Err(error),
                 Err(error) => failed.push(super::chain(&error)),
@@ -295,13 +236,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     bar.finish_and_clear();
     if args.sheet && pairs > 1 && done > 0 {
-        write_atomic(&sheet_path, |writer| encode_png(&sheet.draw(), writer))?;
+        let mut drawn = Vec::new();
+        encode_png(&sheet.draw(), &mut drawn)?;
+        if std::fs::read(&sheet_path).is_ok_and(|there| there != drawn) {
+            args.general.check_free(&sheet_path)?;
+        }
+        write_bytes(&sheet_path, &drawn)?;
     }
     for failure in &failed {
         eprintln!("failed: {failure}");
     }
     if !args.general.quiet && pairs > 1 {
-        println!("{done} of {pairs} clones written to {}", args.output.display());
+        let as_before = if unchanged > 0 { format!("; {unchanged} unchanged since the last time") } else { String::new() };
+        println!("{} of {pairs} clones written to {}{as_before}", done - unchanged, args.output.display());
     }
     Ok(match (done, failed.is_empty()) {
         (_, true) => Outcome::Done,
@@ -358,8 +305,9 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 if !source.motion.not_shown.is_empty() {
                     let faps = source.motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                     eprintln!(
-                        "warning: {}: FAP {faps} cannot be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and is left out",
-                        path.display()
+                        "warning: {}: FAP {faps} cannot be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and {} left out",
+                        path.display(),
+                        are(source.motion.not_shown.len())
                     );
                 }
                 if args.motion.head && source.motion.kind != SourceKind::Track {
@@ -411,21 +359,61 @@ impl Job<'_> {
         ["frames", "track"].iter().try_for_each(|name| check_outside("--output", &folder.join(name), &inputs))
     }
 
-    fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<RgbImage> {
+    /// BLAKE3 of all that a clone is made from.
+    fn inputs_blake3(&self, source: &Source, options: &CloneOptions) -> String {
+        let pictures = source.pictures.as_ref().map(|pictures| {
+            let mut hasher = blake3::Hasher::new();
+            for picture in pictures.iter() {
+                hasher.update(picture.as_raw());
+            }
+            hasher.finalize().to_hex().to_string()
+        });
+        let Args { look, motion, marks, general, .. } = self.args;
+        inputs_hash(&serde_json::json!({
+            "source": [file_name(source.path), file_blake3(source.path).unwrap_or_default()],
+            "target": [file_name(self.target_path), file_blake3(self.target_path).unwrap_or_default()],
+            "correspondences": self.marks_path.and_then(file_blake3),
+            "marks": format!("{:?}", marks.marks),
+            "wireframe": general.wireframe_blake3(),
+            "fit": self.bench.options.fit,
+            "options": options,
+            "profile": motion.profile.profile,
+            "skin_choice": format!("{:?}", look.skin),
+            "skin": source.skin.as_ref().map(|s| s.path.as_deref().and_then(file_blake3)),
+            "source_frames": pictures,
+            "films": format!("{:?}", look.film),
+        }))
+    }
+
+    /// The apex frame of a clone, and whether it was written now.
+    fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<(RgbImage, bool)> {
         self.check_inputs(source, folder)?;
+        let options = self.args.options(&source.motion);
+        let inputs_blake3 = self.inputs_blake3(source, &options);
+        let before = if self.args.general.force { None } else { made_before(folder, &target.name, &inputs_blake3) };
+        if let Some(apex) = before {
+            if !self.args.general.quiet && self.args.source.len() * self.args.target.len() == 1 {
+                println!("{} holds this clone already, of the same files and options: nothing written", folder.display());
+            }
+            return Ok((apex, false));
+        }
         self.args.general.check_free(&folder.join("clone.json"))?;
         // A folder of a clone that was interrupted has a record of it.
         let used = folder.read_dir().is_ok_and(|mut entries| entries.next().is_some()) && !folder.join(FRAMES_RECORD).exists();
         anyhow::ensure!(
             self.args.general.force || !used,
-            "{} is not empty and no clone wrote into it; choose a new folder, or --force to write into it",
-            folder.display()
+            "{} {}; choose a new folder, or --force to write into it",
+            folder.display(),
+            if holds_a_batch(folder) {
+                "holds the clones of several sources or targets, a folder each"
+            } else {
+                "is not empty and no clone wrote into it"
+            }
         );
         let details = match &source.pictures {
             Some(pictures) => Some(Details::new(target, &source.motion, Arc::clone(pictures))?),
             None => None,
         };
-        let options = self.args.options(&source.motion);
         let skin = source.skin.as_ref().map(|s| ClonedSkin::new(target, &s.skin, &s.representative)).transpose()?;
         let mut clone = clone_expression(&source.motion, target, details.as_ref(), &options, self.bench)?;
         if let Some(skin) = &skin {
@@ -444,9 +432,11 @@ impl Job<'_> {
             target: file_name(self.target_path),
             target_blake3: file_blake3(self.target_path),
             correspondences_blake3: self.marks_path.and_then(file_blake3),
+            inputs_blake3,
             options,
             fps: clone.fps,
             frames: 0,
+            apex_frame: 0,
             faps_not_shown: Vec::new(),
             frames_unfolded: 0,
             faps_limited: 0,
@@ -490,6 +480,6 @@ impl Job<'_> {
                 );
             });
         }
-        Ok(written.apex)
+        Ok((written.apex, true))
     }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use grimace::{
-    dataset::{DatasetError, Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest},
+    dataset::{DatasetError, IMAGE_EXTENSIONS, Kept, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, manifest_path, propose_manifest},
     output::count,
 };
 
@@ -22,7 +22,10 @@ Example:
 Every folder of two images or more and every video, at any depth, becomes a row of recordings/manifest.csv: the first folder that is no \
 emotion is the subject (but for one such as `videos` that holds everything), the others are the sequence, and the emotion is what a folder or file name says (happy, S001_anger.mp4), else \
 `?`, to be filled in. A folder in the layout of Cohn-Kanade gets its labels and landmarks. people.csv has a column `subject`; its other \
-columns, such as gender, go to every sequence of that subject, to group by with --by.")]
+columns, such as gender, go to every sequence of that subject, to group by with --by.
+
+Emotions may be named in German, too (Freude, Trauer, Wut). Single pictures of several people in one folder (neutral/anna.jpg and \
+smiling/anna.jpg, or anna_neutral.jpg and anna_smiling.jpg) are no sequence: they are named, with how they become one.")]
 pub struct Args {
     /// Folder with the sequences
     folder: PathBuf,
@@ -71,11 +74,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         if !manifest.left_out.is_empty() {
             println!("note: left out, with fewer than two pictures: {}", shortened(&manifest.left_out));
         }
+        for pictures in &manifest.pictures_of_people {
+            println!("note: not taken: {pictures}; then run `init` again");
+        }
         if let Some(folder) = &manifest.holds_all {
             println!("note: `{folder}` holds everything: it is taken for no person");
         }
         if !manifest.unread.is_empty() {
-            println!("note: not read, convert to MP4 or PNG: {}", shortened(&manifest.unread));
+            let formats = [IMAGE_EXTENSIONS.as_slice(), VIDEO_EXTENSIONS.as_slice()].map(|list| list.join(" "));
+            println!(
+                "note: not read, convert to MP4 or PNG (formats that are read: {}): {}",
+                formats.join(" "),
+                shortened(&manifest.unread)
+            );
         }
         if !manifest.results.is_empty() {
             println!("note: results of runs, not looked into: {}", shortened(&manifest.results));

@@ -15,6 +15,8 @@ mod annotate;
 pub mod apart;
 pub mod bank;
 mod clone;
+mod clone_again;
+mod clone_skin;
 mod fap;
 mod features;
 mod figures;
@@ -40,6 +42,7 @@ mod source_frames;
 mod synthesize;
 mod synthesize_report;
 mod track;
+mod unfinished;
 mod version;
 
 use std::process::ExitCode;

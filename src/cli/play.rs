@@ -15,7 +15,7 @@ use super::{
     Outcome,
     apart::{all, check_apart, maybe},
     bank, portrait,
-    shared::{FitArgs, GeneralArgs, about},
+    shared::{FitArgs, GeneralArgs, about, are},
 };
 
 /// Heights of the picture of a face in the page, px.
@@ -75,7 +75,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for (path, motion) in args.motions.iter().zip(&motions) {
         if !motion.not_shown.is_empty() {
             let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-            eprintln!("warning: {}: FAP {faps} cannot be shown on a photograph from the front and is left out", path.display());
+            eprintln!(
+                "warning: {}: FAP {faps} cannot be shown on a photograph from the front and {} left out",
+                path.display(),
+                are(motion.not_shown.len())
+            );
         }
     }
     let labels = labels(&args.motions, &motions);

@@ -26,8 +26,8 @@ Example:
   grimace recognize --with results new-people/tracks/*.csv -o recognition.csv
 
 Columns: subject, sequence, emotion (where the track's .json names one), recognized, probability, p_LABEL for every label, distance \
-(squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label), id. A sequence \
-that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.")]
+(squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label; beyond all of them, by how their distances scatter), id. A \
+sequence that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.")]
 pub struct Args {
     /// Tracks to label: files, or folders of them
     #[arg(required = true, value_name = "TRACK")]
@@ -92,6 +92,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let recognizer = Recognizer::new(&labelled, bench.wireframe.live_nodes(), || {})
         .with_context(|| format!("cannot learn from {}", args.with.display()))?;
+    if recognizer.is_beyond_counting(args.none) {
+        let (few, level) = (recognizer.left_out.len(), args.none);
+        let enough = (1.0 / level).floor();
+        eprintln!(
+            "note: {few} known sequences are too few to count a share of {level}, which takes {enough:.0}: `none of these` is what is farther \
+             off than all of them, and by how their distances scatter would be in less than {level} of all"
+        );
+    }
     let subjects: std::collections::BTreeSet<&str> = known.iter().map(|m| m.model.id.subject.as_str()).collect();
     let seen = unseen.iter().filter(|m| subjects.contains(m.model.id.subject.as_str())).count();
     if seen > 0 {

@@ -1,6 +1,6 @@
 //! `grimace run`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use grimace::{
     output::count,
@@ -128,32 +128,32 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(if summary.failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }
 
-fn print_summary(summary: &RunSummary, out: &std::path::Path) {
-    let out = out.display();
+fn print_summary(summary: &RunSummary, out: &Path) {
     let RunSummary { sequences, tracked, reused, failures, skipped, .. } = summary;
     if summary.unchanged {
         for failure in failures {
             eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
         }
         println!("nothing changed since the last run: {}, nothing written", count(*sequences, "sequence", "sequences"));
-        println!("report: {out}/report.html");
+        println!("report: {}", out.join("report.html").display());
         return;
     }
     println!("{}: {tracked} tracked, {reused} unchanged, {} failed", count(*sequences, "sequence", "sequences"), failures.len());
     if !skipped.is_empty() {
         println!("{} left out: {}", count(skipped.len(), "sequence", "sequences"), skipped[0].1);
     }
-    print_results(&summary.representatives, &summary.warnings, &out);
+    print_results(&summary.representatives, &summary.warnings, out);
 }
 
 /// Prints what was written: the representatives with how many sequences each has, notes, and where the report is.
-pub fn print_results(representatives: &[(String, usize)], warnings: &[String], out: &impl std::fmt::Display) {
+pub fn print_results(representatives: &[(String, usize)], warnings: &[String], out: &Path) {
     let width = representatives.iter().map(|(stem, _)| stem.len()).max().unwrap_or(0);
     for (stem, members) in representatives {
-        println!("  {stem:<width$}  {:>15}  {out}/fap/{stem}.fap", count(*members, "sequence", "sequences"));
+        let file = out.join("fap").join(format!("{stem}.fap"));
+        println!("  {stem:<width$}  {:>15}  {}", count(*members, "sequence", "sequences"), file.display());
     }
     for warning in warnings {
         println!("note: {warning}");
     }
-    println!("report: {out}/report.html");
+    println!("report: {}", out.join("report.html").display());
 }

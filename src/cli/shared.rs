@@ -17,7 +17,8 @@ use grimace::{
     normalize::{IrisdMode, NormalizeOptions, Resample, SizeMode},
     output::target_of,
     pipeline::{
-        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, found_marks_and_remark, showcase_remarks,
+        FapOptions, LandmarkOptions, Method, PipelineOptions, ReportFace, Workbench, file_blake3, found_marks_and_remark,
+        showcase_remarks,
     },
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
     statistics::{
@@ -32,6 +33,11 @@ use serde::de::DeserializeOwned;
 pub use super::numbers::{
     alpha, count, gain, gain_or_none, memory, not_negative, positive, power, share, share_up_to_one, thread_count, whole,
 };
+
+/// The verb of one thing or several.
+pub fn are(things: usize) -> &'static str {
+    if things == 1 { "is" } else { "are" }
+}
 
 /// One of some words, turned into the library's enum of the same words.
 pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
@@ -416,6 +422,11 @@ impl GeneralArgs {
             }
         }
         Ok(bench)
+    }
+
+    /// BLAKE3 of the file of the wireframe, where one is given.
+    pub fn wireframe_blake3(&self) -> Option<String> {
+        file_blake3(self.wireframe.as_deref()?)
     }
 
     /// Refuses to write over a file unless `--force` is given.

@@ -12,8 +12,9 @@ use super::{
     numbers::{self, within},
     portrait,
     progress::frame_bar,
-    shared::{about, gain, positive, set_threads, thread_count},
+    shared::{about, are, gain, positive, set_threads, thread_count},
     synthesize_report::Report,
+    unfinished::Unfinished,
 };
 use anyhow::Context;
 use clap::ValueEnum;
@@ -295,7 +296,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let options = args.search.options(args.time.smooth)?;
     let out = &args.output;
     let occupied = out.is_file() || std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
-    anyhow::ensure!(args.force || !occupied, "{} is not empty; choose a new folder, or --force to write into it", out.display());
+    let unfinished = Unfinished::in_folder(out);
+    anyhow::ensure!(
+        args.force || !occupied || unfinished.is_there(),
+        "{} is not empty; choose a new folder, or --force to write into it",
+        out.display()
+    );
     let several = args.motion.len() > 1;
     args.check_inputs(several)?;
     anyhow::ensure!(args.truth.is_none() || !several, "--truth is of one motion, and there are {}", args.motion.len());
@@ -310,6 +316,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let texture = args.portrait.as_deref().map(|path| worn(path, args.correspondences.as_deref(), &bank)).transpose()?;
     let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer, texture.as_ref())).collect();
+    if !occupied {
+        unfinished.begin()?;
+    } else if unfinished.is_there() {
+        let motions: Vec<&str> = played.iter().filter(|_| several).map(|one| one.name.as_str()).collect();
+        unfinished.clear(&motions, &[NAMES.as_slice(), &["animation.glb", "turntable.gif", "synthesis.json"]].concat())?;
+    }
     if args.format.contains(&Format::Glb) {
         let weights = |one: &Played<'_>| one.answers.iter().flat_map(|a| a.weights.iter().flatten()).any(|w| *w != 0.0);
         if synthesizer.options().solver != Solver::Rbf && !played.iter().any(weights) {
@@ -331,6 +343,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             say_what_viewers_clamp(args, animation);
         }
     }
+    unfinished.end()?;
     Ok(Outcome::Done)
 }
 
@@ -361,8 +374,9 @@ impl<'a> Played<'a> {
             let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
             eprintln!(
                 "warning: {}: FAP {faps} cannot be shown by this bank (turns of head and eyes, depth, tongue, ears, visemes, expressions, feature \
-                 points that it lacks) and is left out",
-                path.display()
+                 points that it lacks) and {} left out",
+                path.display(),
+                are(motion.not_shown.len())
             );
         }
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());

@@ -1,6 +1,6 @@
 //! The files of a clone.
 
-use std::{collections::BTreeMap, io, path::Path};
+use std::{collections::BTreeMap, fs, io, path::Path};
 
 use image::{
     ImageEncoder, RgbImage,
@@ -16,7 +16,7 @@ use crate::{
     interpolation::FPS,
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, SizeMode},
-    output::{FolderRecord, MADE_BY, write_atomic, write_bytes, write_json},
+    output::{FolderRecord, MADE_BY, OutputError, write_atomic, write_bytes, write_json},
     overlay::draw_overlay,
     sequence::{Frame, ImageSize, check_video, write_video},
     track::{NodeState, TRACK_SCHEMA, TrackInfo, TrackOptions, TrackedFrame, TrackedNode, summarize, track_units, write_track},
@@ -72,12 +72,16 @@ pub struct CloneInfo {
     pub target_blake3: Option<String>,
     /// BLAKE3 of the correspondences' file.
     pub correspondences_blake3: Option<String>,
+    /// BLAKE3 of all that it was made from, options too: a later clone of the same is not made again.
+    pub inputs_blake3: String,
     /// Options.
     pub options: CloneOptions,
     /// Frames per second.
     pub fps: f64,
     /// Frames.
     pub frames: usize,
+    /// Number of the apex frame, from 1.
+    pub apex_frame: usize,
     /// FAPs with values that do not show on a frontal face.
     pub faps_not_shown: Vec<u8>,
     /// Frames whose motion was smoothed so that no skin folds.
@@ -181,6 +185,12 @@ pub fn write_clone(
     }
     let record = FolderRecord::open(folder, FRAMES_RECORD, files.force)?;
     films.iter().try_for_each(|film| record.check_free(film.file_name()))?;
+    // It is written last: a folder without it holds no finished clone.
+    let info_path = folder.join("clone.json");
+    match fs::remove_file(&info_path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(OutputError::at(&info_path)(error).into()),
+        _ => {}
+    }
     for k in 0..clone.frames.len() {
         let picture = clone.picture(k);
         record.write(&name(k), |writer| encode_png(&picture, writer))?;
@@ -228,10 +238,10 @@ pub fn write_clone(
     write_fap_as(&folder.join("clone.fap"), &faps, profile, ValueFormat::Integer)?;
     info.fps = clone.fps;
     info.frames = clone.frames.len();
+    info.apex_frame = apex + 1;
     info.frames_unfolded = clone.frames.iter().filter(|f| f.deformation.unfolding_rounds() > 0).count();
     info.faps_limited = clamped.len();
     info.faps_not_shown = source.not_shown.iter().map(|f| f.get()).collect();
-    write_json(&folder.join("clone.json"), &info)?;
     let grey = image::imageops::grayscale(&apex_picture);
     let at_apex = &frames[apex + usize::from(clone.rest_before().is_some())].nodes;
     let overlay = draw_overlay(&Frame::new(1, grey), &face.wireframe, at_apex, &[]);
@@ -243,6 +253,7 @@ pub fn write_clone(
     }
     sheet.push_row(shown.into_values().collect());
     write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(), writer))?;
+    write_json(&info_path, &info)?;
     Ok(WrittenClone { apex: apex_picture, kept, faps_cut: info.faps_cut })
 }
 

@@ -2,8 +2,16 @@
 
 use std::{io, path::PathBuf};
 
-use super::{FramesError, LandmarksError, MarksFileError};
-use crate::{input::InputError, text::excerpt, units::SequenceId};
+use super::{
+    FramesError, LandmarksError, MarksFileError,
+    frames::{IMAGE_EXTENSIONS, VIDEO_EXTENSIONS},
+};
+use crate::{
+    input::InputError,
+    output::{count, listed},
+    text::excerpt,
+    units::SequenceId,
+};
 
 /// What is wrong with a dataset or one of its sequences.
 ///
@@ -51,6 +59,25 @@ pub enum DatasetError {
     NothingFound {
         /// The folder.
         root: PathBuf,
+    },
+    /// Pictures of several people lie together, and nothing else is there.
+    #[error("{}: no sequences found: {}", root.display(), found.join("; "))]
+    PicturesOfPeople {
+        /// The folder.
+        root: PathBuf,
+        /// What lies together.
+        found: Vec<String>,
+    },
+    /// Everything there is of a format that is not read.
+    #[error(
+        "{}: no sequences found, and {} of formats that are not read: {}; convert them to a format that is (pictures: {}; videos: {})",
+        root.display(), count(files.len(), "file", "files"), listed(files, 6), IMAGE_EXTENSIONS.join(" "), VIDEO_EXTENSIONS.join(" ")
+    )]
+    NothingReadable {
+        /// The folder.
+        root: PathBuf,
+        /// The files, relative to it.
+        files: Vec<String>,
     },
     /// Images in Cohn-Kanade's layout without the folder of labels.
     #[error("{}: there is no folder Emotion beside it; put CK+'s emotion labels there, or let `grimace init` write manifest.csv and fill in the emotions", images.display())]

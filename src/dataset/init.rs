@@ -2,6 +2,7 @@
 
 mod emotions;
 mod kept;
+mod people;
 mod search;
 
 use std::{
@@ -9,11 +10,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-pub use self::kept::Kept;
 use self::{
     emotions::{emotion_of, has_other_words},
+    people::take_pictures_of_people,
     search::Found,
 };
+pub use self::{kept::Kept, people::PicturesOfPeople};
 use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, error::name_key};
 use crate::{
     input::CsvFile,
@@ -61,6 +63,8 @@ pub struct ProposedManifest {
     pub skipped: Vec<String>,
     /// Folders that hold no sequence, relative to the manifest: empty ones, and those with a single picture.
     pub left_out: Vec<String>,
+    /// Pictures of several people that lie together: they are in no row.
+    pub pictures_of_people: Vec<PicturesOfPeople>,
     /// Videos and pictures of formats that are not read, relative to the manifest.
     pub unread: Vec<String>,
     /// Folders with results of a run, relative to the manifest; they were not looked into.
@@ -88,7 +92,14 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
         None => of_folders(root)?,
     };
     if manifest.rows.is_empty() {
-        return Err(DatasetError::NothingFound { root: root.to_owned() });
+        let root = root.to_owned();
+        return Err(match manifest {
+            ProposedManifest { pictures_of_people: found, .. } if !found.is_empty() => {
+                DatasetError::PicturesOfPeople { root, found: found.iter().map(ToString::to_string).collect() }
+            }
+            ProposedManifest { unread: files, .. } if !files.is_empty() => DatasetError::NothingReadable { root, files },
+            _ => DatasetError::NothingFound { root },
+        });
     }
     Ok(manifest)
 }
@@ -188,7 +199,8 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
 }
 
 fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
-    let found = Found::in_folder(root)?;
+    let mut found = Found::in_folder(root)?;
+    let pictures_of_people = take_pictures_of_people(root, &mut found.sequences);
     let relative_all = |paths: &[PathBuf]| paths.iter().map(|path| relative(root, path)).collect();
     let names: Vec<Vec<String>> = found.sequences.iter().map(|path| names(root, path)).collect();
     let holds_all = names.first().and_then(|n| n.first()).filter(|first| holds_all(first, &names)).cloned();
@@ -213,7 +225,7 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let mut rows: Vec<ProposedRow> = found.sequences.iter().zip(&names).map(row).collect();
     rows.sort_by(|a, b| (&a.subject, &a.sequence).cmp(&(&b.subject, &b.sequence)));
     let (left_out, unread, results) = (relative_all(&found.left_out), relative_all(&found.unread), relative_all(&found.results));
-    Ok(ProposedManifest { rows, left_out, unread, results, holds_all, ..ProposedManifest::default() })
+    Ok(ProposedManifest { rows, left_out, pictures_of_people, unread, results, holds_all, ..ProposedManifest::default() })
 }
 
 /// Whether the first folder of all sequences, such as `videos`, says nothing: it is neither an emotion nor called as people are, and a name

@@ -323,9 +323,11 @@ impl Parser {
         let version_read = match *version {
             VERSION => true,
             "2.0" | "2.2" => {
-                let message = || {
-                    let note = if *version == "2.0" { " (one reader divides the values of version 2.0 by 20)" } else { "" };
-                    format!("version {version}; expected {VERSION}{note}")
+                let message = || match *version {
+                    "2.0" => format!("version 2.0; expected {VERSION} (one reader divides the values of version 2.0 by 20)"),
+                    _ => format!(
+                        "version {version}, as the visage encoder wants it (--profile visage); other readers expect {VERSION}"
+                    ),
                 };
                 self.findings.warning(line, "version", Rule::Version, message);
                 true

@@ -120,6 +120,11 @@ impl FolderRecord {
         self.earlier.get(name).is_some_and(|hashes| hash().is_some_and(|hash| hashes.contains(&hash)))
     }
 
+    /// Whether earlier commands wrote something, and nobody changed or removed any of it since.
+    pub fn is_whole(&self) -> bool {
+        !self.earlier.is_empty() && self.earlier.keys().all(|name| self.is_unchanged(name))
+    }
+
     /// Removes what earlier commands wrote and this one has not, where it still has the bytes they wrote. The names of files that were
     /// changed since: they are kept, and stay in the record.
     ///
@@ -189,7 +194,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         assert!(write(folder.path(), &["f/1.png", "f/2.png", "f/3.png"], false).unwrap().is_empty());
+        let is_whole = || FolderRecord::open(folder.path(), NAME, false).unwrap().is_whole();
+        assert!(is_whole());
         fs::write(at("f/2.png"), "edited").unwrap();
+        assert!(!is_whole());
         fs::write(at("f/mine.png"), "mine").unwrap();
         let record = fs::read_to_string(at(NAME)).unwrap();
         fs::write(at(NAME), format!("{record}{}  ../outside\ncut off", blake3::hash(b"x").to_hex())).unwrap();

@@ -19,7 +19,8 @@ use crate::{
     fap::{Clamped, ConvertError, FapSequence, FapWriteError},
     features::Course,
     model::ModelError,
-    output::{OutputError, listed},
+    normalize::{FRAMES_PER_MODEL, Resample},
+    output::{OutputError, count, listed},
     statistics::{
         ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError,
         bootstrap::DispersionInterval,
@@ -187,6 +188,7 @@ pub(super) fn analyze_with(
     }
     let mut warnings: Vec<String> =
         marks_beside(&tracks).into_iter().chain(look_again(&tracks)).chain(warnings(&classes, &options.statistics)).collect();
+    warnings.extend(too_short(&tracks, options.normalize.resample));
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
     warnings.extend(spelled);
@@ -253,6 +255,19 @@ fn look_again(tracks: &[TrackQuality]) -> Option<String> {
     let (count, all) = (ids.len(), tracks.len());
     (count > 0)
         .then(|| format!("{count} of {all} sequences should be looked at again, the reasons are in verdicts.csv: {named}{more}"))
+}
+
+/// What a person should know of sequences of fewer frames than a model has, where the nearest frame is taken.
+pub(super) fn too_short(tracks: &[TrackQuality], resample: Resample) -> Option<String> {
+    let is_short = |t: &&TrackQuality| t.summary.frames < FRAMES_PER_MODEL;
+    let ids: Vec<String> = tracks.iter().filter(is_short).map(|t| t.id.to_string()).collect();
+    let (short, named) = (count(ids.len(), "sequence has", "sequences have"), listed(&ids, NAMED_SEQUENCES));
+    (resample == Resample::Nearest && !ids.is_empty()).then(|| {
+        format!(
+            "{short} fewer than {FRAMES_PER_MODEL} frames, so that the {FRAMES_PER_MODEL} frames of the model stand still and jump (the \
+             nearest frame is taken for each); --resample linear puts frames between them: {named}"
+        )
+    })
 }
 
 /// Models as the groups want them.

@@ -118,7 +118,8 @@ pub(super) fn player(classes: &[AnalyzedClass], bench: &Workbench) -> Result<Opt
     let target = showcase_target(bench)?;
     let label = |r: &Representative| {
         let group: Vec<String> = r.label.group.iter().map(|(column, value)| format!("{column} {value}")).collect();
-        [vec![r.label.emotion.clone()], group].concat().join(", ")
+        // As in the tables of the report.
+        [vec![r.label.emotion.clone()], group].concat().join(", ").replace('_', " ")
     };
     let labels: Vec<String> = classes.iter().map(|c| label(&c.representative)).collect();
     let motion = |c: &AnalyzedClass| SourceMotion::from_model(&c.representative.label.emotion, &c.representative.model, bench);

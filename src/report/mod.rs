@@ -86,6 +86,8 @@ pub struct ReportData<'a> {
     pub courses: &'a BTreeMap<SequenceId, Course>,
     /// What failed.
     pub failures: &'a [Failure],
+    /// What is to be known of sequences of fewer frames than a model has, where there are any.
+    pub too_short: Option<String>,
     /// Topology and canonical neutral.
     pub wireframe: &'a Wireframe,
     /// Regions and feature points.

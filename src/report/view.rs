@@ -49,6 +49,7 @@ pub(super) struct View<'a> {
     failure_count: String,
     look_again: Vec<LookAgain<'a>>,
     look_again_count: String,
+    too_short: Option<&'a str>,
     table: DispersionTable<'a>,
     cards: Vec<Card>,
     /// Drawn length over length of arrows, and the length of the measure.
@@ -224,6 +225,7 @@ impl<'a> View<'a> {
             failure_count: failures,
             look_again,
             look_again_count,
+            too_short: data.too_short.as_deref(),
             table: DispersionTable::new(data.representatives),
             cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data, &fields)).collect(),
             arrows: [fields.scale.gain.to_string(), fields.scale.measure.to_string()],

@@ -33,7 +33,7 @@ use crate::{
 use dispersion::Dispersions;
 use median::SearchEnding;
 
-pub(crate) use amplitude::t_quantile;
+pub(crate) use amplitude::{t_above, t_quantile};
 pub use groups::{
     EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, check_groups, group_models, group_models_unchecked,
     is_missing, missing_words_said,

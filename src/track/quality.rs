@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{LossReason, NodeState, TrackedFrame, eye_distance_px};
+use super::{LossReason, NodeState, TrackedFrame, TrackedNode, eye_distance_px};
 use crate::{
     geometry::Similarity,
     robust::median,
@@ -288,12 +288,20 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     };
     let by_frame: Vec<((usize, usize), u32)> = frames.iter().skip(1).map(|f| (lost(f), f.number)).collect();
     let (all_lost, all) = by_frame.iter().fold((0, 0), |(lost, of), &((l, o), _)| (lost + l, of + o));
+    let before = reasons.len();
     if all_lost as f64 > LOST_LIMIT * all as f64 {
         reasons.push(format!("{:.0} % of the nodes were lost, over all frames", 100.0 * all_lost as f64 / all as f64));
     }
     let worst_frame = by_frame.into_iter().max_by_key(|&((count, _), number)| (count, std::cmp::Reverse(number)));
     if let Some(((count, of), number)) = worst_frame.filter(|&((count, of), _)| count as f64 > FRAME_LOST_LIMIT * of as f64) {
         reasons.push(format!("{count} of {of} nodes were lost in frame {number}"));
+    }
+    if let ([apex], true) = (later, reasons.len() > before && by_images(later)) {
+        reasons.push(format!(
+            "there are two pictures alone, {} and {}, and they lie far apart for a tracker, which looks for small steps: landmarks in both, \
+             or a video of what is between, track better",
+            neutral.number, apex.number
+        ));
     }
     if let Some(apex) = later.last().filter(|apex| !moves(neutral, apex, live, unit)) {
         reasons.push(format!(
@@ -312,6 +320,16 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     }
     summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
     summary.reasons = reasons;
+}
+
+/// Whether nodes were looked for in pictures: such have a residual, or a reason that landmarks do not give.
+fn by_images(later: &[TrackedFrame]) -> bool {
+    let looked_for = |node: &TrackedNode| match node.state {
+        NodeState::Tracked => node.residual.is_some(),
+        NodeState::Recovered(reason) => matches!(reason, LossReason::Klt | LossReason::ForwardBackward | LossReason::Outside),
+        _ => false,
+    };
+    later.iter().flat_map(|frame| &frame.nodes).any(looked_for)
 }
 
 /// The longest part that is missing, by frame number, where it matters (see [`GAP_STEPS`]).
@@ -339,8 +357,6 @@ fn moves(neutral: &TrackedFrame, apex: &TrackedFrame, live: &[NodeId], eye_dista
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::track::{LossReason, TrackedNode};
-
     #[test]
     fn shares_and_worst_nodes_are_counted() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
@@ -404,6 +420,31 @@ mod tests {
         assert_eq!(still.reasons, [said]);
         assert_eq!(summarize(&[frame(1, 0), frame(2, 4)], &w, &t).reasons, [said]);
         assert_eq!(summarize(&[frame(1, 0), frame(2, 6)], &w, &t).verdict, Verdict::Good);
+    }
+
+    #[test]
+    fn two_pictures_that_lie_far_apart_are_said_where_nodes_were_lost() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let frame = |number: u32, lost: usize, reason| TrackedFrame {
+            number,
+            nodes: (0..113)
+                .map(|k| {
+                    let is_lost = number > 1 && w.live_nodes().iter().take(lost).any(|id| id.index() == k);
+                    let state = if is_lost { NodeState::Recovered(reason) } else { NodeState::Tracked };
+                    TrackedNode::new(place(&w, number, k), if number == 1 { NodeState::Fitted } else { state }, None)
+                })
+                .collect(),
+        };
+        let said = |frames: &[TrackedFrame]| {
+            let reasons = summarize(frames, &w, &t).reasons;
+            reasons.iter().any(|r| r.starts_with("there are two pictures alone, 1 and 2, and they lie far apart"))
+        };
+        let of = |lost, reason| [frame(1, 0, reason), frame(2, lost, reason)];
+        // 104 live nodes: 11 are more than a tenth.
+        assert!(said(&of(11, LossReason::Klt)) && !said(&of(10, LossReason::Klt)));
+        assert!(!said(&of(11, LossReason::LostFrame)), "landmarks were there");
+        let [neutral, apex] = of(11, LossReason::Klt);
+        assert!(!said(&[neutral, frame(3, 11, LossReason::Klt), apex]), "three pictures");
     }
 
     #[test]

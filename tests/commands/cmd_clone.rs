@@ -70,7 +70,8 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     clone(&work, "--source S001_005.csv -o a").exit(0);
     clone(&work, "--source S001_005.csv -o b").exit(0);
     crate::common::assert_same_files(&work.files("a"), &work.files("b"));
-    clone(&work, "--source S001_005.csv -o a").exit(1).says(&["clone.json is there already; --force writes over it"]);
+    clone(&work, "--source S001_005.csv -o a").exit(0).prints(&["a holds this clone already", "nothing written"]);
+    clone(&work, "--source S001_005.csv -o a --fps 50").exit(1).says(&["clone.json is there already; --force writes over it"]);
     clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(0);
     assert_eq!(work.files("a/frames").len(), 11);
     clone(&work, "--source S001_005.csv -o a --force").exit(0);
@@ -280,6 +281,26 @@ fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
     assert!(files.contains_key("sheet.png") && files.contains_key("target_S001_005/clone.fap"));
     // A still face is the photograph.
     assert_eq!(picture(&work, "batch/target_still/frames/target_00000002.png"), picture(&work, "target.png"));
+}
+
+#[test]
+fn an_interrupted_batch_goes_on_where_it_stopped() {
+    let work = work();
+    work.write("still.fap", fap_file(&[3], "0"));
+    let batch = || clone(&work, "--source S001_005.csv still.fap -o batch --sheet");
+    batch().exit(0).prints(&["2 of 2 clones written to batch"]);
+    let files = work.files("batch");
+    // As an interruption leaves it: frames and their record, and no sheet of all.
+    std::fs::remove_file(work.path("batch/target_still/clone.json")).unwrap();
+    std::fs::remove_file(work.path("batch/sheet.png")).unwrap();
+    clone(&work, "--source S001_005.csv -o batch").exit(1).says(&["holds the clones of several sources or targets"]);
+    batch().exit(0).prints(&["1 of 2 clones written to batch; 1 unchanged since the last time"]);
+    crate::common::assert_same_files(&files, &work.files("batch"));
+    batch().exit(0).prints(&["0 of 2 clones written to batch; 2 unchanged"]);
+    // What differs is not written over: another option, and a frame that somebody changed.
+    clone(&work, "--source S001_005.csv still.fap -o batch --emphasis 0.5").exit(1).says(&["clone.json is there already"]);
+    work.write("batch/target_still/frames/target_00000001.png", "mine");
+    batch().exit(3).says(&["target_still/clone.json is there already; --force writes over it"]);
 }
 
 #[test]

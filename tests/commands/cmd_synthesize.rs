@@ -50,7 +50,12 @@ fn a_representative_drives_the_embedded_bank() {
     assert_eq!(work.read("out/weights.csv").lines().count(), 26);
     // Candide's units have no ARKit names.
     assert!(!work.path("out/arkit.csv").exists());
+    assert!(!work.path("out/unfinished.txt").exists());
     work.grimace("synthesize -b candide -m happiness.csv -o out").exit(1).says(&["out is not empty", "--force"]);
+    // What an interrupted one left is its own.
+    work.write("cut/unfinished.txt", "").write("cut/surface.npy", "cut off");
+    work.grimace("synthesize -b candide -m happiness.csv -o cut").exit(0);
+    assert!(!work.path("cut/unfinished.txt").exists());
 }
 
 #[test]

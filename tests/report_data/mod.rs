@@ -100,6 +100,7 @@ impl Fixture {
             face: String::new(),
             stems: Vec::new(),
             tracked_here: true,
+            too_short: None,
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
             variations: Vec::new(),
             groups: None,

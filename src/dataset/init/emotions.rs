@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 use super::UNKNOWN_EMOTION;
 
 /// Words that say no to an emotion, as words of their own or as beginnings.
-const NEGATIONS: [&str; 6] = ["not", "non", "no", "un", "never", "without"];
+const NEGATIONS: [&str; 9] = ["not", "non", "no", "un", "never", "without", "nicht", "kein", "ohne"];
 
 /// Words that say an emotion, whatever follows: nobody is called so.
-const EMOTION_STEMS: [(&str, &str); 16] = [
+const EMOTION_STEMS: [(&str, &str); 29] = [
     ("angr", "anger"),
     ("disg", "disgust"),
     ("fearful", "fear"),
@@ -25,10 +25,25 @@ const EMOTION_STEMS: [(&str, &str); 16] = [
     ("amaze", "surprise"),
     ("contempt", "contempt"),
     ("neutral", "neutral"),
+    // German.
+    ("wütend", "anger"),
+    ("wuetend", "anger"),
+    ("ärger", "anger"),
+    ("aerger", "anger"),
+    ("ängstlich", "fear"),
+    ("aengstlich", "fear"),
+    ("lächel", "happiness"),
+    ("laechel", "happiness"),
+    ("traurig", "sadness"),
+    ("überrasch", "surprise"),
+    ("ueberrasch", "surprise"),
+    ("verachtung", "contempt"),
+    ("verächtlich", "contempt"),
 ];
 
-/// Words that say an emotion alone or before another one (`sadhappy`): names begin with them (`Angela`, `Joyce`, `Sadie`, `Neumann`).
-const EMOTION_WORDS: [(&str, &str); 10] = [
+/// Words that say an emotion alone or before another one (`sadhappy`): names begin with them (`Angela`, `Joyce`, `Sadie`, `Neumann`,
+/// `Freudenberg`).
+const EMOTION_WORDS: [(&str, &str); 16] = [
     ("anger", "anger"),
     ("ang", "anger"),
     ("fears", "fear"),
@@ -39,6 +54,12 @@ const EMOTION_WORDS: [(&str, &str); 10] = [
     ("sad", "sadness"),
     ("sur", "surprise"),
     ("neu", "neutral"),
+    ("wut", "anger"),
+    ("ekel", "disgust"),
+    ("angst", "fear"),
+    ("freude", "happiness"),
+    ("glücklich", "happiness"),
+    ("trauer", "sadness"),
 ];
 
 fn words(name: &str) -> Vec<String> {
@@ -107,6 +128,21 @@ mod tests {
             ("sadface", Some("sadness")),
             ("sad2", Some("sadness")),
             ("NEU", Some("neutral")),
+            ("Freude", Some("happiness")),
+            ("01_Trauer", Some("sadness")),
+            ("Wut", Some("anger")),
+            ("Ärger", Some("anger")),
+            ("Aerger_2", Some("anger")),
+            ("Angst", Some("fear")),
+            ("Ekel", Some("disgust")),
+            ("Überraschung", Some("surprise")),
+            ("Ueberraschung", Some("surprise")),
+            ("neutrales Gesicht", Some("neutral")),
+            ("nicht traurig", Some("?")),
+            ("unglücklich", Some("?")),
+            ("Freudenberg", None),
+            ("Trauernicht", None),
+            ("Wutzke", None),
             ("Joyce", None),
             ("Sadie", None),
             ("Neumann", None),

@@ -24,7 +24,7 @@ use crate::{
 };
 
 pub use compare::{AmplitudeComparison, AmplitudeOptions, Permutations, PersonValue, adjust_amplitudes, compare_amplitudes};
-pub(crate) use normal::t_quantile;
+pub(crate) use normal::{t_above, t_quantile};
 
 /// Mean length of the median motion under which a region has no amplitude, face units: such motion is the landmarks' own error.
 pub const LEAST_MOTION: f64 = 1.0;

@@ -8,7 +8,7 @@ pub(crate) fn t_quantile(share: f64, freedom: f64) -> Option<f64> {
 }
 
 /// The chance of a larger t.
-pub(super) fn t_above(t: f64, freedom: f64) -> Option<f64> {
+pub(crate) fn t_above(t: f64, freedom: f64) -> Option<f64> {
     StudentsT::new(0.0, 1.0, freedom).ok().map(|distribution| distribution.sf(t)).filter(|p| p.is_finite())
 }
 

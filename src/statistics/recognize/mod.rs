@@ -4,7 +4,10 @@
 //! to the labels; their probabilities are calibrated by two numbers that make the labels of left-out people likeliest: the
 //! temperature t of `exp(-distance / (2 t))`, and the share of lapses, sequences that show anything. Without the second, one
 //! outlier among few people would make every probability that of a guess. A sequence is typical to the degree to which left-out
-//! sequences were as far from the nearest label as it is; below a level it is none of the labels.
+//! sequences were as far from the nearest label as it is; below a level it is none of the labels. Of n left-out sequences the smallest share
+//! that can be counted is 1 / (n + 1). How typical a sequence is that is farther off than all of them follows from how the logarithms of
+//! their distances scatter: the chance that one more is as far off, by Student's t. Sequences of one person are no chances of their own, so
+//! its degrees of freedom are counted in people.
 
 mod lda;
 
@@ -13,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{EMOTIONS, SequenceModel, distance::DisplacementFields};
+use super::{EMOTIONS, SequenceModel, distance::DisplacementFields, t_above};
 use crate::units::NodeId;
 
 pub use lda::DiscriminantError;
@@ -64,7 +67,8 @@ pub struct Recognized {
     pub probabilities: Vec<f64>,
     /// Squared distance to the most probable label's mean, in within-label standard deviations.
     pub distance: f64,
-    /// Share of left-out sequences that are as far from their nearest label, or farther.
+    /// Share of left-out sequences that are as far from their nearest label, or farther; beyond all of them, the chance that one is, by the
+    /// scatter of their distances.
     pub typicality: f64,
 }
 
@@ -186,8 +190,7 @@ pub struct Recognizer {
     discriminants: Discriminants,
     size: usize,
     calibration: Calibration,
-    /// Distances of left-out sequences to their nearest label, ascending.
-    nearest: Vec<f64>,
+    nearest: Nearest,
     /// What the sequences are recognized as when their people are left out, in the order given.
     pub left_out: Vec<Recognized>,
 }
@@ -265,11 +268,11 @@ impl Recognizer {
         all.sort_by_key(|(i, _)| *i);
         let all: Vec<LeftOut> = all.into_iter().map(|(_, left_out)| left_out).collect();
         // Nobody's own sequences serve for the calibration and the typical distances that they are judged by.
-        let of_fold: Vec<(Calibration, Vec<f64>)> = (0..folds)
+        let of_fold: Vec<(Calibration, Nearest)> = (0..folds)
             .into_par_iter()
             .map(|f| {
                 let others: Vec<&LeftOut> = all.iter().filter(|l| fold_of[l.subject] != f).collect();
-                (Calibration::new(&others), sorted_nearest(&others))
+                (Calibration::new(&others), Nearest::new(&others))
             })
             .collect();
         let left_out = all.iter().map(|l| {
@@ -282,12 +285,18 @@ impl Recognizer {
         Ok(Self {
             discriminants: Discriminants::new(&rows(&data, &chosen), &label_of, labels.len())?,
             calibration: Calibration::new(&everybody),
-            nearest: sorted_nearest(&everybody),
+            nearest: Nearest::new(&everybody),
             labels,
             live: live.to_vec(),
             size,
             left_out,
         })
+    }
+
+    /// Whether so few sequences are known that none of their shares is less than `level`: what is less typical than that is told by the
+    /// scatter of their distances alone.
+    pub fn is_beyond_counting(&self, level: f64) -> bool {
+        level > 0.0 && level * (1 + self.nearest.distances.len()) as f64 <= 1.0
     }
 
     /// What a sequence of somebody else shows.
@@ -328,10 +337,44 @@ fn folds_of_people(subject_of: &[usize], label_of: &[usize], labels: usize, fold
     fold_of
 }
 
-fn sorted_nearest(of: &[&LeftOut]) -> Vec<f64> {
-    let mut nearest: Vec<f64> = of.iter().map(|l| l.nearest()).collect();
-    nearest.sort_by(f64::total_cmp);
-    nearest
+/// How far left-out sequences are from their nearest label.
+#[derive(Clone, Debug)]
+struct Nearest {
+    /// Squared distances, ascending.
+    distances: Vec<f64>,
+    /// People whose sequences these are.
+    people: usize,
+}
+
+impl Nearest {
+    fn new(of: &[&LeftOut]) -> Self {
+        let mut distances: Vec<f64> = of.iter().map(|l| l.nearest()).collect();
+        distances.sort_by(f64::total_cmp);
+        Self { distances, people: of.iter().map(|l| l.subject).collect::<BTreeSet<_>>().len() }
+    }
+
+    /// How typical a distance is.
+    fn typicality(&self, distance: f64) -> f64 {
+        let farther = self.distances.len() - self.distances.partition_point(|&d| d < distance);
+        let share = (1 + farther) as f64 / (1 + self.distances.len()) as f64;
+        let beyond = if farther == 0 { self.chance_as_far(distance) } else { None };
+        beyond.map_or(share, |chance| chance.min(share))
+    }
+
+    /// The chance that a sequence of one more person is as far off, where the logarithms of distances are normally distributed; `None` where
+    /// these do not scatter or are of one person.
+    fn chance_as_far(&self, distance: f64) -> Option<f64> {
+        let logarithms: Vec<f64> = self.distances.iter().filter(|&&d| d > 0.0).map(|d| d.ln()).collect();
+        let (n, people) = (logarithms.len() as f64, self.people as f64);
+        if n < 2.0 || people < 2.0 {
+            return None;
+        }
+        let mean = logarithms.iter().sum::<f64>() / n;
+        let variance = logarithms.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        // Both the next one and the mean are uncertain.
+        let t = (distance.ln() - mean) / (variance * (1.0 + 1.0 / people)).sqrt();
+        t_above(t, people - 1.0)
+    }
 }
 
 /// How distances become probabilities.
@@ -390,7 +433,7 @@ impl Calibration {
     }
 }
 
-fn recognized(labels: &[String], distances: &[Option<f64>], calibration: Calibration, nearest: &[f64]) -> Recognized {
+fn recognized(labels: &[String], distances: &[Option<f64>], calibration: Calibration, nearest: &Nearest) -> Recognized {
     let probabilities = calibration.probabilities(distances);
     // Of two equally near ones the first.
     let at = (0..distances.len())
@@ -398,124 +441,14 @@ fn recognized(labels: &[String], distances: &[Option<f64>], calibration: Calibra
         .min_by(|&a, &b| distances[a].unwrap_or(f64::INFINITY).total_cmp(&distances[b].unwrap_or(f64::INFINITY)));
     let at = at.unwrap_or(0);
     let distance = distances[at].unwrap_or(0.0);
-    let farther = nearest.len() - nearest.partition_point(|&d| d < distance);
     Recognized {
         label: labels[at].clone(),
         probability: probabilities[at],
         distance,
-        typicality: (1 + farther) as f64 / (1 + nearest.len()) as f64,
+        typicality: nearest.typicality(distance),
         probabilities,
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use nalgebra::{Point2, Vector2};
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
-
-    use super::*;
-    use crate::{
-        model::{DynamicExpressionModel, FrameExpressionModel},
-        units::SequenceId,
-    };
-
-    const NODES: u16 = 6;
-
-    /// People with a sequence per label, whose nodes move along the label's direction and by chance.
-    fn people(count: usize, noise: f64, seed: u64) -> Vec<(SequenceModel, &'static str)> {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut gauss = || -> f64 { StandardNormal.sample(&mut random) };
-        let mut all = Vec::new();
-        for person in 0..count {
-            for (label, direction) in [("fear", Vector2::new(1.0, 0.0)), ("anger", Vector2::new(0.0, 1.0))] {
-                let still = vec![Point2::origin(); usize::from(NODES)];
-                let moved = (0..NODES).map(|_| Point2::origin() + direction + Vector2::new(gauss(), gauss()) * noise).collect();
-                let model = DynamicExpressionModel::new(vec![FrameExpressionModel::new(still), FrameExpressionModel::new(moved)]);
-                let id = SequenceId { subject: format!("p{person:02}"), sequence: label.to_owned() };
-                all.push((SequenceModel { id, model: model.unwrap() }, label));
-            }
-        }
-        all
-    }
-
-    fn recognizer(people: &[(SequenceModel, &'static str)]) -> Result<Recognizer, RecognizeError> {
-        let live: Vec<NodeId> = (0..NODES).map(NodeId).collect();
-        Recognizer::new(&people.iter().map(|(m, label)| (m, *label)).collect::<Vec<_>>(), &live, || {})
-    }
-
-    #[test]
-    fn strangers_are_recognized_and_probabilities_hold() {
-        let recognizer = recognizer(&people(60, 1.6, 1)).unwrap();
-        assert_eq!(recognizer.labels, ["anger", "fear"]);
-        let strangers = people(200, 1.6, 2);
-        let found: Vec<Recognized> = strangers.iter().map(|(m, _)| recognizer.recognize(m).unwrap()).collect();
-        let right = found.iter().zip(&strangers).filter(|(f, (_, label))| f.label == *label).count() as f64 / 400.0;
-        let claimed = found.iter().map(|f| f.probability).sum::<f64>() / 400.0;
-        // Means differ by sqrt(12) / 1.6 = 2.2 standard deviations: 86 % are right at best. 0.06 is three standard errors.
-        assert!(right > 0.78 && (claimed - right).abs() < 0.06, "{right} {claimed}");
-        assert!(found.iter().all(|f| (f.probabilities.iter().sum::<f64>() - 1.0).abs() < 1e-12));
-    }
-
-    #[test]
-    fn one_outlier_makes_no_guess_of_all_others() {
-        let mut all = people(12, 0.2, 8);
-        // Person 0 shows each under the other's name.
-        all[0].1 = "anger";
-        all[1].1 = "fear";
-        let recognizer = recognizer(&all).unwrap();
-        let others = &recognizer.left_out[2..];
-        assert!(others.iter().zip(&all[2..]).all(|(r, (_, label))| r.label == *label && r.probability > 0.85), "{others:?}");
-        assert!(others.iter().all(|r| r.probability < 0.999));
-    }
-
-    #[test]
-    fn what_nobody_showed_is_none_of_the_labels() {
-        let recognizer = recognizer(&people(60, 0.5, 3)).unwrap();
-        let mut odd = people(1, 0.0, 4).remove(0).0;
-        let still = odd.model.neutral().clone();
-        let moved = (0..NODES).map(|k| Point2::new(if k % 2 == 0 { 8.0 } else { -8.0 }, -8.0)).collect();
-        odd.model = DynamicExpressionModel::new(vec![still, FrameExpressionModel::new(moved)]).unwrap();
-        assert!(recognizer.recognize(&odd).unwrap().is_none(0.02));
-        let usual = people(20, 0.5, 5);
-        let none = usual.iter().filter(|(m, _)| recognizer.recognize(m).unwrap().is_none(0.02)).count();
-        assert!(none <= 4, "{none}");
-    }
-
-    #[test]
-    fn labels_of_one_person_are_left_out_where_two_others_remain() {
-        let mut all = people(4, 1.0, 1);
-        let (mut odd, _) = all[0].clone();
-        odd.id.sequence = "odd".to_owned();
-        all.push((odd, "awe"));
-        let (kept, alone) = shown_by_several(all.clone(), |(model, label)| (model, label));
-        assert_eq!((kept.len(), alone), (8, vec!["awe".to_owned()]));
-        assert!(recognizer(&kept).is_ok() && recognizer(&all).is_err());
-        let few: Vec<_> = all.into_iter().filter(|(_, label)| *label != "fear").collect();
-        assert_eq!(shown_by_several(few, |(model, label)| (model, label)).1, [""; 0], "one label would remain");
-    }
-
-    #[test]
-    fn too_few_labels_or_people_say_so() {
-        let two = recognizer(&people(2, 1.0, 1)).unwrap_err();
-        assert!(two.to_string().starts_with("2 people; people are left out in turn"), "{two}");
-        let one: Vec<_> = people(4, 1.0, 1).into_iter().filter(|(_, label)| *label == "fear").collect();
-        assert!(recognizer(&one).unwrap_err().to_string().starts_with("1 label; recognition"));
-        let alone: Vec<_> =
-            people(4, 1.0, 1).into_iter().enumerate().filter(|(k, (_, label))| *label == "fear" || *k < 2).collect();
-        let alone: Vec<_> = alone.into_iter().map(|(_, model)| model).collect();
-        assert!(recognizer(&alone).unwrap_err().to_string().starts_with("`anger` is shown by one person"));
-    }
-
-    #[test]
-    fn no_label_is_left_out_with_all_who_show_it() {
-        // 60 people in 50 folds: persons 0 and 50 share one, and show label 1 alone.
-        let subjects: Vec<usize> = (0..60).chain([0, 50]).collect();
-        let labels: Vec<usize> = vec![0; 60].into_iter().chain([1, 1]).collect();
-        let fold_of = folds_of_people(&subjects, &labels, 2, 50);
-        assert_ne!(fold_of[0], fold_of[50]);
-        assert!((0..60).filter(|&k| k != 50).all(|k| fold_of[k] == k % 50), "nobody else is moved");
-        assert!(fold_of.iter().all(|&f| f < 50));
-    }
-}
+mod tests;

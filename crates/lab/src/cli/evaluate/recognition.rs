@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use grimace::internal::{
     dataset::Dataset,
     output::write_bytes,
-    pipeline::{NONE_LEVEL, PipelineOptions, Workbench, load_tracks, track_files},
+    pipeline::{NONE_LEVEL, PipelineOptions, Workbench, left_out_said, load_tracks, track_files},
+    statistics::recognize::shown_by_several,
 };
 use grimace_lab::evaluate::{LabelledSequence, evaluate_discriminants, evaluate_recognition};
 use serde_json::json;
@@ -96,7 +97,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             100.0 * summary.guessing
         );
     }
-    let discriminants = match evaluate_discriminants(&labelled, &bench.wireframe, NONE_LEVEL, || {}) {
+    let (learned, alone) = shown_by_several(labelled, |s| (&s.model, &s.label));
+    if let Some(said) = left_out_said(&alone) {
+        eprintln!("note: discriminants: {said}");
+    }
+    let discriminants = match evaluate_discriminants(&learned, &bench.wireframe, NONE_LEVEL, || {}) {
         Ok(calibration) => {
             let summary = calibration.recognition.summary(args.common.seed);
             let confusion = calibration.recognition.confusion_table();

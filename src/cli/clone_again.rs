@@ -1,0 +1,36 @@
+//! `grimace clone` once more: what an earlier one made of the very same files and options stays.
+
+use std::{fs, path::Path};
+
+use grimace::{
+    clone::FRAMES_RECORD,
+    output::{FolderRecord, MADE_BY},
+};
+use image::RgbImage;
+use serde_json::Value;
+
+/// Files of a clone beside those of its record.
+const BESIDE: [&str; 3] = ["clone.fap", "overlay.png", "sheet.png"];
+
+/// BLAKE3 of all that a clone would be made from: this program, hashes of files, options.
+pub fn inputs_hash(inputs: &Value) -> String {
+    blake3::hash(format!("{MADE_BY}\n{inputs}").as_bytes()).to_hex().to_string()
+}
+
+/// The apex frame of the clone that is in a folder, if it is finished, was made of these inputs, and nobody changed it since.
+pub fn made_before(folder: &Path, target: &str, inputs_blake3: &str) -> Option<RgbImage> {
+    let info: Value = serde_json::from_slice(&fs::read(folder.join("clone.json")).ok()?).ok()?;
+    let is_same = info["inputs_blake3"].as_str() == Some(inputs_blake3);
+    let is_whole = || FolderRecord::open(folder, FRAMES_RECORD, false).is_ok_and(|record| record.is_whole());
+    if !is_same || !is_whole() || !BESIDE.iter().all(|name| folder.join(name).is_file()) {
+        return None;
+    }
+    let apex = info["apex_frame"].as_u64()?;
+    Some(image::open(folder.join(format!("frames/{target}_{apex:08}.png"))).ok()?.into_rgb8())
+}
+
+/// Whether a folder holds folders of clones, as a batch makes them.
+pub fn holds_a_batch(folder: &Path) -> bool {
+    let is_clone = |entry: fs::DirEntry| entry.path().join(FRAMES_RECORD).is_file();
+    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(is_clone))
+}
