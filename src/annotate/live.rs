@@ -50,7 +50,7 @@ impl Desk {
             Err(error) => {
                 let node = match &error {
                     FitError::Outlier { node, .. } => Some(*node),
-                    FitError::Exchanged { pairs } => pairs.first().map(|pair| pair.0),
+                    FitError::Exchanged { pairs } | FitError::Mirrored { pairs, .. } => pairs.first().map(|pair| pair.0),
                     _ => None,
                 };
                 Fit::Problem { problem: error.to_string(), node }

@@ -70,6 +70,9 @@ pub struct Opened {
     frames: Vec<FrameNodes>,
     version: String,
     file: String,
+    /// Where the points of its neutral frame came from, as the track's file has it.
+    #[serde(rename = "marksFrom")]
+    marks_from: String,
 }
 
 /// Corrections of one frame: all that it is to have.
@@ -424,6 +427,7 @@ fn open_item(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Opened
         frames: read_frames(item, bench, springs)?.iter().map(frame_nodes).collect(),
         version: version(&item.csv),
         file: item.csv.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        marks_from: info.marks_from,
     })
 }
 

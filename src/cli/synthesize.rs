@@ -24,9 +24,9 @@ use grimace::{
     output::{count, listed, write_json},
     pipeline::{PipelineOptions, Workbench},
     synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, FrameAnswer, GENERATIONS, GaOptions, HeadTexture, Motion, OVERLAP,
-        RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit, compare_with_truth,
-        read_motion, write_gltf,
+        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, EmbeddedBank, FrameAnswer, GENERATIONS, GaOptions, HeadTexture,
+        Motion, OVERLAP, RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit,
+        compare_with_truth, read_motion, write_gltf,
     },
 };
 
@@ -305,6 +305,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let several = args.motion.len() > 1;
     args.check_inputs(several)?;
     anyhow::ensure!(args.truth.is_none() || !several, "--truth is of one motion, and there are {}", args.motion.len());
+    anyhow::ensure!(
+        args.portrait.is_none() || EmbeddedBank::of_path(&args.bank) != Some(EmbeddedBank::Candide),
+        "--portrait {}: the lids of the bank `candide` are too coarse to wear the eyes of a photograph; choose the bank `head`",
+        args.portrait.as_deref().unwrap_or(Path::new("")).display()
+    );
     let bank = bank::open(&args.bank)?;
     let synthesizer = Synthesizer::new(&bank, options)?;
     let mut played: Vec<Played> = Vec::new();

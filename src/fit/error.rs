@@ -50,9 +50,17 @@ pub enum FitError {
     },
     /// Left and right were exchanged.
     #[error(
-        "the marks fit the mirrored face: left and right are the subject's own, so the subject's left is on the right of the image; exchange them (or were x and y exchanged?)"
+        "the marks fit the mirrored face: left and right are exchanged, which are the subject's own (the subject's left is on the right of the \
+         image; or were x and y exchanged?){}{}",
+        mirrored(pairs),
+        and_then(then)
     )]
-    Mirrored,
+    Mirrored {
+        /// Nodes of both sides that are marked, in pairs.
+        pairs: Vec<(NodeId, NodeId)>,
+        /// Nodes that are exchanged beside that, in pairs.
+        then: Vec<(NodeId, NodeId)>,
+    },
     /// Rows were counted from the bottom of the image.
     #[error(
         "the marks fit the face in a mirror below it: y is counted from the top of the image, downwards; where it was counted from the bottom, \
@@ -99,8 +107,19 @@ pub enum FitError {
 }
 
 fn exchanged(pairs: &[(NodeId, NodeId)]) -> String {
-    let names: Vec<String> = pairs.iter().map(|(a, b)| format!("{a} and {b}")).collect();
-    format!("the marks of nodes {} are", names.join(", "))
+    format!("the marks of nodes {} are", in_pairs(pairs))
+}
+
+fn in_pairs(pairs: &[(NodeId, NodeId)]) -> String {
+    pairs.iter().map(|(a, b)| format!("{a} and {b}")).collect::<Vec<_>>().join(", ")
+}
+
+fn mirrored(pairs: &[(NodeId, NodeId)]) -> String {
+    if pairs.is_empty() { String::new() } else { format!("; exchange the marks of nodes {}", in_pairs(pairs)) }
+}
+
+fn and_then(pairs: &[(NodeId, NodeId)]) -> String {
+    if pairs.is_empty() { String::new() } else { format!("; after that, exchange {} too", in_pairs(pairs)) }
 }
 
 fn and_others(nodes: &[NodeId]) -> String {

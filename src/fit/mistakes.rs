@@ -11,11 +11,15 @@
 //!
 //! q measures how far the marks are from all such faces at any place, roll and size. The other marks expect mark i at a distance of
 //! P_ii^-1 (P r)_i, with the covariance P_ii^-1: that is the mark left out, without fitting again. Exchanging two marks changes r in two
-//! places only, so that every pair is tried.
+//! places only, so that every pair is tried. Exchanges that hide each other are tried as wholes (`exchanges.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Point2, Vector2};
 
-use super::{Correspondence, FitError, MEDIAN_OVER_DEVIATION, ShapePrior};
+use super::{
+    Correspondence, FitError, MEDIAN_OVER_DEVIATION, ShapePrior,
+    exchanges::{self, Exchange},
+    mirror_nodes,
+};
 use crate::{
     units::NodeId,
     wireframe::{Wireframe, mark_deviation},
@@ -52,8 +56,8 @@ const DOUBTFUL: (f64, f64) = (2.0, 0.15);
 const EXPLAINED: f64 = 0.5;
 /// Share that one of several exchanges may leave.
 const STEP: f64 = 0.9;
-/// Share that the mirrored face leaves when it is the right one, and least q by degree of freedom at which that is asked.
-const MIRRORED: (f64, f64) = (0.12, 0.7);
+/// How much greater q may be of marks that are upside down as they are named, and mirrored stand upright.
+const AS_WELL: f64 = 12.0;
 /// Roll at which a face stands upside down, radians.
 const UPSIDE_DOWN: f64 = std::f64::consts::FRAC_PI_2;
 /// Distance of two nodes under which they say nothing about size and roll, model units.
@@ -75,7 +79,7 @@ pub(super) struct Stray {
 }
 
 impl Stray {
-    fn is_wrong(&self) -> bool {
+    pub(super) fn is_wrong(&self) -> bool {
         WRONG.iter().any(|&(deviations, distance)| self.deviations > deviations && self.distance > distance)
     }
 
@@ -92,6 +96,8 @@ pub(super) struct PlausibleFaces {
     modes: Vec<Vec<Vector2<f64>>>,
     /// Standard deviation of each node in x and in y that no mode holds.
     residuals: Vec<f64>,
+    /// The mirror image of every node; empty for a wireframe that has none.
+    mirror: Vec<usize>,
     /// Distance of the pupils, model units.
     eye_distance: f64,
 }
@@ -133,7 +139,8 @@ impl PlausibleFaces {
             beside_modes.hypot(OWN_ERROR * feature(k) * eye_distance)
         };
         let residuals = (0..count).map(residual).collect();
-        Self { mean, modes, residuals, eye_distance }
+        let mirror = mirror_nodes(wireframe).unwrap_or_default();
+        Self { mean, modes, residuals, mirror, eye_distance }
     }
 
     /// Refuses marks that no face has, and gives those that should be looked at. `seen` are the marks' places, y up.
@@ -144,27 +151,22 @@ impl PlausibleFaces {
         let nodes: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
         let errors: Vec<f64> = marks.iter().map(|m| m.expected_error.unwrap_or(0.0) / MEDIAN_OVER_DEVIATION).collect();
         // Marks that place nothing are the similarity's to refuse.
-        let Some(view) = View::of(self, &nodes, &errors, seen) else { return Ok(Vec::new()) };
+        let Some(measure) = Measure::of(self, &nodes, &errors, seen) else { return Ok(Vec::new()) };
+        let Some(view) = measure.view(seen) else { return Ok(Vec::new()) };
         let strays = view.strays();
-        let freedom = (2 * nodes.len()).saturating_sub(4) as f64;
         let wrong = strays.iter().any(Stray::is_wrong);
-        let mirrored = || seen.iter().map(|p| Point2::new(-p.x, p.y)).collect::<Vec<_>>();
-        if (wrong || view.misfit() > MIRRORED.1 * freedom)
-            && let Some(in_mirror) = View::of(self, &nodes, &errors, &mirrored())
-        {
-            // A mirror whose face stands on its head is one that lies below the face.
-            let stands = in_mirror.upside_down().is_none();
-            if !stands && in_mirror.misfit() < EXPLAINED * view.misfit() && in_mirror.strays().iter().all(|s| !s.is_wrong()) {
-                return Err(FitError::YUpwards);
-            }
-            if view.misfit() > MIRRORED.1 * freedom && in_mirror.misfit() < MIRRORED.0 * view.misfit() {
-                return Err(if stands { FitError::Mirrored } else { FitError::YUpwards });
-            }
+        if let Some(exchange) = exchanges::find(&measure, &view, &nodes, &self.mirror, seen) {
+            return Err(self.named(exchange, &nodes));
         }
-        if wrong && let Some(pairs) = self.exchanges(&nodes, &errors, seen, &view) {
-            return Err(FitError::Exchanged { pairs: pairs.iter().map(|&(i, j)| (nodes[i], nodes[j])).collect() });
+        if wrong && let Some(pairs) = exchanges_by_steps(&measure, seen, &view) {
+            return Err(self.named(Exchange { mirrored: false, below: false, pairs }, &nodes));
         }
         if let Some(roll) = view.upside_down() {
+            // Marks on a line, as corners of the eyes, are as well upside down as exchanged; pictures are seldom upside down.
+            let upright = exchanges::best(&measure, &nodes, &self.mirror, seen);
+            if let Some((_, exchange)) = upright.filter(|(misfit, e)| !e.below && *misfit < view.misfit() + AS_WELL) {
+                return Err(self.named(exchange, &nodes));
+            }
             return Err(FitError::UpsideDown { degrees: roll.to_degrees() });
         }
         if wrong {
@@ -173,26 +175,19 @@ impl PlausibleFaces {
         Ok(strays.into_iter().filter(Stray::is_doubtful).collect())
     }
 
-    /// The exchanges after which no mark is wrong, the most telling first.
-    fn exchanges(&self, nodes: &[NodeId], errors: &[f64], seen: &[Point2<f64>], view: &View) -> Option<Vec<(usize, usize)>> {
-        let mut places = seen.to_vec();
-        let mut pairs = Vec::new();
-        let mut misfit = view.misfit();
-        let mut pair = view.best_exchange();
-        while let Some((i, j)) = pair {
-            places.swap(i, j);
-            let now = View::of(self, nodes, errors, &places)?;
-            if now.misfit() > STEP * misfit || pairs.len() == MOST_EXCHANGES {
-                return None;
+    fn named(&self, exchange: Exchange, nodes: &[NodeId]) -> FitError {
+        let names =
+            |pairs: Vec<(usize, usize)>| -> Vec<_> { pairs.into_iter().map(|(i, j)| in_order(nodes[i], nodes[j])).collect() };
+        match exchange {
+            Exchange { below: true, .. } => FitError::YUpwards,
+            Exchange { mirrored: true, pairs, .. } => {
+                // Once left and right are exchanged, what is wrong beside that is wrong on the other side.
+                let other = |node: NodeId| NodeId(self.mirror.get(node.index()).map_or(node.0, |&k| k as u16));
+                let then = names(pairs).into_iter().map(|(a, b)| in_order(other(a), other(b))).collect();
+                FitError::Mirrored { pairs: names(exchanges::sides(nodes, &self.mirror)), then }
             }
-            pairs.push((i.min(j), i.max(j)));
-            if now.misfit() < EXPLAINED * view.misfit() && now.strays().iter().all(|s| !s.is_wrong()) {
-                return Some(pairs);
-            }
-            misfit = now.misfit();
-            pair = now.best_exchange();
+            Exchange { pairs, .. } => FitError::Exchanged { pairs: names(pairs) },
         }
-        None
     }
 
     /// The marks without which the others are those of a face, the worst first; the worst alone where there are no such.
@@ -208,7 +203,9 @@ impl PlausibleFaces {
             let pick = |k: &usize| seen[*k];
             let nodes: Vec<_> = kept.iter().map(|&k| marks[k].node).collect();
             let own: Vec<_> = kept.iter().map(|&k| errors[k]).collect();
-            let Some(view) = View::of(self, &nodes, &own, &kept.iter().map(pick).collect::<Vec<_>>()) else { break };
+            let places: Vec<_> = kept.iter().map(pick).collect();
+            let Some(measure) = Measure::of(self, &nodes, &own, &places) else { break };
+            let Some(view) = measure.view(&places) else { break };
             strays = view.strays();
         }
         let Some(worst) = found.first() else { return FitError::TooFewMarks { found: marks.len() } };
@@ -225,50 +222,25 @@ impl PlausibleFaces {
     }
 }
 
-/// Marks against all plausible faces.
-struct View {
-    /// Places of the marks in face space, roughly.
-    places: Vec<Point2<f64>>,
-    /// Residuals from the mean, x and y of each mark in turn.
-    residual: DVector<f64>,
+/// How far places of the same marks are from all plausible faces: what does not depend on which mark lies where.
+pub(super) struct Measure {
+    /// The marked nodes of the mean face.
+    mean: Vec<Point2<f64>>,
     /// P.
     weight: DMatrix<f64>,
-    /// P r.
-    pull: DVector<f64>,
-    /// Roll of the face and its standard deviation, radians.
-    roll: (f64, f64),
-    /// Px per model unit.
-    scale: f64,
-    rotation: nalgebra::Rotation2<f64>,
+    /// (D^T C^-1 D)^-1 D^T C^-1: what similarity residuals ask for.
+    similarity: DMatrix<f64>,
+    /// Standard deviation of the roll of a face of the mean's size, radians.
+    roll_deviation: f64,
     eye_distance: f64,
-    seen: Vec<Point2<f64>>,
 }
 
-impl View {
+impl Measure {
     /// `None` when the marks place nothing.
     fn of(faces: &PlausibleFaces, nodes: &[NodeId], errors: &[f64], seen: &[Point2<f64>]) -> Option<Self> {
         let mean: Vec<Point2<f64>> = nodes.iter().map(|n| faces.mean[n.index()]).collect();
-        let (scale, angle) = size_and_roll(&mean, seen)?;
-        // Twice: the roll that the first view finds is taken out of the second, whose modes then lie as they should.
-        let first = Self::at(faces, nodes, errors, &mean, seen, scale, angle)?;
-        let turned = first.roll.0;
-        Self::at(faces, nodes, errors, &mean, seen, scale, turned)
-    }
-
-    fn at(
-        faces: &PlausibleFaces,
-        nodes: &[NodeId],
-        errors: &[f64],
-        mean: &[Point2<f64>],
-        seen: &[Point2<f64>],
-        scale: f64,
-        angle: f64,
-    ) -> Option<Self> {
+        let (scale, _) = size_and_roll(&mean, seen)?;
         let rows = 2 * nodes.len();
-        let rotation = nalgebra::Rotation2::new(-angle);
-        let centre = |points: &[Point2<f64>]| points.iter().map(|p| p.coords).sum::<Vector2<f64>>() / points.len() as f64;
-        let (from, to) = (centre(seen), centre(mean));
-        let places: Vec<Point2<f64>> = seen.iter().map(|p| Point2::from(rotation * (p.coords - from) / scale + to)).collect();
         let modes = DMatrix::from_fn(rows, faces.modes.len(), |r, c| faces.modes[c][nodes[r / 2].index()][r % 2]);
         let mut covariance = &modes * modes.transpose();
         for (i, node) in nodes.iter().enumerate() {
@@ -278,7 +250,7 @@ impl View {
             covariance[(2 * i + 1, 2 * i + 1)] += noise;
         }
         let inverse = covariance.cholesky()?.inverse();
-        let about = centre(mean);
+        let about = centre(&mean);
         let design = DMatrix::from_fn(rows, 4, |r, c| {
             let p = mean[r / 2] - about;
             [[p.x, -p.y, 1.0, 0.0], [p.y, p.x, 0.0, 1.0]][r % 2][c]
@@ -287,23 +259,84 @@ impl View {
         let normal = Matrix4::from_iterator((design.transpose() * &weighted).iter().copied());
         let free = normal.cholesky()?.inverse();
         let free = DMatrix::from_iterator(4, 4, free.iter().copied());
-        let weight = &inverse - &weighted * &free * weighted.transpose();
-        let residual = DVector::from_fn(rows, |r, _| places[r / 2][r % 2] - mean[r / 2][r % 2]);
-        let moved = &free * weighted.transpose() * &residual;
-        let size = (1.0 + moved[0]).hypot(moved[1]).max(f64::MIN_POSITIVE);
-        let roll = (wrapped(angle + moved[1].atan2(1.0 + moved[0])), free[(1, 1)].max(0.0).sqrt() / size);
-        let pull = &weight * &residual;
-        let eye_distance = faces.eye_distance;
-        Some(Self { places, residual, weight, pull, roll, scale, rotation, eye_distance, seen: seen.to_vec() })
+        let similarity = &free * weighted.transpose();
+        let weight = &inverse - &weighted * &similarity;
+        let roll_deviation = free[(1, 1)].max(0.0).sqrt();
+        Some(Self { mean, weight, similarity, roll_deviation, eye_distance: faces.eye_distance })
     }
 
+    /// The marks at such places, y up; `None` when they coincide.
+    pub(super) fn view(&self, seen: &[Point2<f64>]) -> Option<View<'_>> {
+        let (scale, angle) = size_and_roll(&self.mean, seen)?;
+        // Twice: the roll that the first view finds is taken out of the second, whose modes then lie as they should.
+        let turned = self.turned(seen, scale, angle).roll.0;
+        Some(self.turned(seen, scale, turned))
+    }
+
+    fn turned(&self, seen: &[Point2<f64>], scale: f64, angle: f64) -> View<'_> {
+        let rotation = nalgebra::Rotation2::new(-angle);
+        let (from, to) = (centre(seen), centre(&self.mean));
+        let places: Vec<Point2<f64>> = seen.iter().map(|p| Point2::from(rotation * (p.coords - from) / scale + to)).collect();
+        let residual = DVector::from_fn(2 * places.len(), |r, _| places[r / 2][r % 2] - self.mean[r / 2][r % 2]);
+        let moved = &self.similarity * &residual;
+        let size = (1.0 + moved[0]).hypot(moved[1]).max(f64::MIN_POSITIVE);
+        let roll = (wrapped(angle + moved[1].atan2(1.0 + moved[0])), self.roll_deviation / size);
+        let pull = &self.weight * &residual;
+        View { measure: self, places, residual, pull, roll, scale, rotation, seen: seen.to_vec() }
+    }
+}
+
+fn centre(points: &[Point2<f64>]) -> Vector2<f64> {
+    points.iter().map(|p| p.coords).sum::<Vector2<f64>>() / points.len() as f64
+}
+
+/// The exchanges after which no mark is wrong, the most telling first.
+fn exchanges_by_steps(measure: &Measure, seen: &[Point2<f64>], view: &View) -> Option<Vec<(usize, usize)>> {
+    let mut places = seen.to_vec();
+    let mut pairs = Vec::new();
+    let mut misfit = view.misfit();
+    let mut pair = view.best_exchange();
+    while let Some((i, j)) = pair {
+        places.swap(i, j);
+        let now = measure.view(&places)?;
+        if now.misfit() > STEP * misfit || pairs.len() == MOST_EXCHANGES {
+            return None;
+        }
+        pairs.push((i.min(j), i.max(j)));
+        if now.misfit() < EXPLAINED * view.misfit() && now.strays().iter().all(|s| !s.is_wrong()) {
+            return now.upside_down().is_none().then_some(pairs);
+        }
+        misfit = now.misfit();
+        pair = now.best_exchange();
+    }
+    None
+}
+
+/// Marks at their places against all plausible faces.
+pub(super) struct View<'a> {
+    measure: &'a Measure,
+    /// Places of the marks in face space, roughly.
+    places: Vec<Point2<f64>>,
+    /// Residuals from the mean, x and y of each mark in turn.
+    residual: DVector<f64>,
+    /// P r.
+    pull: DVector<f64>,
+    /// Roll of the face and its standard deviation, radians.
+    roll: (f64, f64),
+    /// Px per model unit.
+    scale: f64,
+    rotation: nalgebra::Rotation2<f64>,
+    seen: Vec<Point2<f64>>,
+}
+
+impl View<'_> {
     /// q: how far the marks are from every plausible face.
-    fn misfit(&self) -> f64 {
+    pub(super) fn misfit(&self) -> f64 {
         self.residual.dot(&self.pull)
     }
 
     fn block(&self, i: usize, j: usize) -> Matrix2<f64> {
-        self.weight.fixed_view::<2, 2>(2 * i, 2 * j).into_owned()
+        self.measure.weight.fixed_view::<2, 2>(2 * i, 2 * j).into_owned()
     }
 
     fn pull_of(&self, i: usize) -> Vector2<f64> {
@@ -311,7 +344,7 @@ impl View {
     }
 
     /// How far every mark is from where the others expect it.
-    fn strays(&self) -> Vec<Stray> {
+    pub(super) fn strays(&self) -> Vec<Stray> {
         let stray = |index: usize| {
             let pull = self.pull_of(index);
             // Three marks and a similarity leave hardly anything over: such a mark could be anywhere.
@@ -319,7 +352,7 @@ impl View {
             let offset = inverse * pull;
             let deviations = pull.dot(&offset).max(0.0).sqrt();
             let expected = self.seen[index] - self.rotation.inverse() * offset * self.scale;
-            let stray = Stray { index, expected, deviations, distance: offset.norm() / self.eye_distance };
+            let stray = Stray { index, expected, deviations, distance: offset.norm() / self.measure.eye_distance };
             (deviations.is_finite() && stray.distance.is_finite()).then_some(stray)
         };
         (0..self.places.len()).filter_map(stray).collect()
@@ -344,7 +377,7 @@ impl View {
     }
 
     /// The roll of a face that surely stands upside down.
-    fn upside_down(&self) -> Option<f64> {
+    pub(super) fn upside_down(&self) -> Option<f64> {
         let (roll, deviation) = self.roll;
         (roll.abs() - 2.0 * deviation > UPSIDE_DOWN).then_some(roll)
     }
@@ -369,6 +402,10 @@ fn size_and_roll(mean: &[Point2<f64>], seen: &[Point2<f64>]) -> Option<(f64, f64
     ratios.sort_by(f64::total_cmp);
     let scale = *ratios.get(ratios.len() / 2)?;
     (scale.is_finite() && scale > 0.0).then(|| (scale, across.atan2(along)))
+}
+
+fn in_order(a: NodeId, b: NodeId) -> (NodeId, NodeId) {
+    (a.min(b), a.max(b))
 }
 
 /// An angle in (-pi, pi].

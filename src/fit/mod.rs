@@ -8,6 +8,7 @@
 
 mod clicks;
 mod error;
+mod exchanges;
 mod mistakes;
 mod options;
 pub mod placement;

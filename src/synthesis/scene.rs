@@ -236,7 +236,11 @@ impl<'b> FaceScene<'b> {
             if is_hair && self.hides_hair {
                 continue;
             }
-            canvas.triangle(triangle.map(|v| corners[v as usize]), shade);
+            // An eyeball is coloured by where it is in the model, whatever the skin is painted with.
+            let is_eye = matches!(shade, Shade::Eye { .. });
+            let corner =
+                |v: u32| Vertex { model: if is_eye { mesh.positions() } else { models }[v as usize], ..corners[v as usize] };
+            canvas.triangle(triangle.map(corner), shade);
         }
         for eye in &self.eyes {
             let corners: Vec<Vertex> = eye.positions.iter().zip(&eye.normals).map(|(&p, &n)| camera.vertex(p, n, p)).collect();

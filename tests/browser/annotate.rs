@@ -432,9 +432,22 @@ fn frames_are_stepped_through_and_chosen() {
 fn tracks_are_stepped_corrected_and_tracked_again() {
     let work = Work::with_sequences(&["S001_005"]);
     work.grimace("run faces -o results -q").exit(0);
+    let marks_from = |from: &str| {
+        let info = work.read("results/tracks/S001_005.json");
+        let (before, behind) = info.split_once("\"marks_from\": \"").unwrap();
+        work.write(
+            "results/tracks/S001_005.json",
+            format!("{before}\"marks_from\": \"{from}{}", &behind[behind.find('"').unwrap()..]),
+        );
+    };
     let server = Server::start(&work, "--tracks results");
     let browser = Browser::start();
-    open(&browser, &server, (1280, 720));
+    // What the points of the neutral frame are that nobody marked is said.
+    for (from, said) in [("found", "found"), ("landmarks", "from landmarks"), ("file", "marked")] {
+        marks_from(from);
+        open(&browser, &server, (1280, 720));
+        wait(&browser, &format!("document.querySelector('#legend dt').textContent === '{said}'"));
+    }
     assert_eq!(text(&browser, "track-title"), "Neutral frame");
     // The whole image: the nodes at the top of the skull may lie outside the face that is shown at first.
     browser.press("0..");
@@ -495,7 +508,7 @@ fn names_are_shown_as_they_are_and_run_nothing() {
 }
 
 #[test]
-fn it_fits_desks_and_tablets_in_light_and_dark() {
+fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
     let work = unmarked(&["S001_005", "S002_007"]);
     let server = Server::start(&work, "faces");
     let browser = Browser::start();
@@ -511,7 +524,9 @@ fn it_fits_desks_and_tablets_in_light_and_dark() {
         let rgb: Vec<f64> = browser.run(&script).as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
         0.21 * rgb[0] + 0.72 * rgb[1] + 0.07 * rgb[2]
     };
-    for (name, width, height) in [("desk", 1280, 720), ("landscape", 1024, 768), ("upright", 768, 1024)] {
+    for (name, width, height) in
+        [("desk", 1280, 720), ("landscape", 1024, 768), ("upright", 768, 1024), ("window", 520, 900), ("phone", 360, 780)]
+    {
         browser.size(width, height);
         wait(&browser, &format!("innerWidth === {width}"));
         for scheme in ["light", "dark"] {
@@ -534,7 +549,14 @@ fn it_fits_desks_and_tablets_in_light_and_dark() {
             const at = document.elementFromPoint(r.x + r.width / 2, r.y + r.height / 2);
             return !at || !(at.id === id || at.closest('#' + id)); })";
         assert_eq!(browser.run(covered), json!([]), "{name}");
+        let sizes = "return ['diagram', 'strip-box', 'stage'].map((id) => document.getElementById(id).getBoundingClientRect()).flatMap((r) => [r.width, r.height])";
+        let sizes: Vec<f64> = browser.run(sizes).as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        let least = [100.0, 100.0, 200.0, 40.0, 340.0, 250.0];
+        assert!(sizes.iter().zip(least).all(|(size, least)| *size >= least), "{name}: {sizes:?}");
+        let outside = "return [...document.querySelectorAll('#panel *, #bar *, #scrubber *')].filter((e) => e.checkVisibility() && e.getBoundingClientRect().right > innerWidth + 0.5).map((e) => e.id || e.tagName)";
+        assert_eq!(browser.run(outside), json!([]), "{name}");
     }
+    browser.size(768, 1024);
     // Every control has a name, and focus is seen.
     let nameless = "return [...document.querySelectorAll('button, select, input, [role=button], progress')].filter((e) =>
         e.getBoundingClientRect().width && !(e.getAttribute('aria-label') || e.textContent.trim() || e.closest('label') || e.title)).map((e) => e.outerHTML)";

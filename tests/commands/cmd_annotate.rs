@@ -716,6 +716,7 @@ fn tracks_are_corrected_and_tracked_again() {
     // The dataset is found beside the results by its name.
     let server = Server::start(&work, "--tracks results");
     let track = open(&server, "S001_005");
+    assert_eq!(track["marksFrom"], "file");
     let frames = track["frames"].as_array().unwrap();
     assert_eq!((frames.len(), &frames[0]["number"]), (6, &json!(1)));
     let before = work.files("results/tracks");

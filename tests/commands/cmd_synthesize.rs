@@ -88,6 +88,9 @@ fn a_head_wears_a_portrait_in_gltf_and_pictures() {
         .exit(1)
         .says(&[&format!("has {vertices} vertices")]);
     work.grimace(&format!("{command} -o x --correspondences marks.csv")).exit(2).says(&["--portrait"]);
+    work.grimace("synthesize --bank candide --motion happiness.csv -o x --portrait anna.jpg")
+        .exit(1)
+        .says(&["`candide`", "`head`"]);
     work.grimace(&format!("{command} -o x --portrait gone.jpg")).exit(1).says(&["gone.jpg"]);
     work.write("empty.png", "");
     work.grimace(&format!("{command} -o x --portrait empty.png")).exit(1).says(&["empty.png"]);

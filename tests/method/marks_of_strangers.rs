@@ -181,11 +181,16 @@ fn shift(marks: &mut [Correspondence], node: u16, by: Vector2<f64>) {
 }
 
 /// What people do wrong, each with the node that must be named (none: no node).
-const MISTAKES: [(Option<u16>, Mistake); 15] = [
+const MISTAKES: [(Option<u16>, Mistake); 20] = [
     (Some(20), ("left eye: outer and inner corner exchanged", |m, _| exchange(m, &[(20, 23)]))),
     (Some(53), ("right eye: outer and inner corner exchanged", |m, _| exchange(m, &[(53, 56)]))),
     (Some(31), ("corners of the mouth exchanged", |m, _| exchange(m, &[(31, 64)]))),
     (Some(20), ("outer corners of the eyes exchanged", |m, _| exchange(m, &[(20, 53)]))),
+    (Some(23), ("outer and inner corners of both eyes exchanged", |m, _| exchange(m, &[(20, 23), (53, 56)]))),
+    (Some(56), ("inner corners of the eyes exchanged", |m, _| exchange(m, &[(23, 56)]))),
+    (Some(17), ("ends of both brows exchanged", |m, _| exchange(m, &[(15, 17), (48, 50)]))),
+    (Some(50), ("brows exchanged", |m, _| exchange(m, &[(15, 48), (16, 49), (17, 50)]))),
+    (Some(8), ("lips exchanged", |m, _| exchange(m, &[(7, 8)]))),
     (None, ("eyes exchanged", |m, _| exchange(m, &[(20, 53), (23, 56)]))),
     (Some(10), ("chin on the mouth", |m, _| exchange(m, &[(10, 31)]))),
     (Some(10), ("chin at the nose", |m, es| shift(m, 10, Vector2::new(0.0, -es)))),

@@ -21,6 +21,8 @@ export class Scrubber {
   /** The frames of a sequence, in order. */
   open(id, frames) {
     this.frames = frames;
+    // There is nothing to choose in a single picture.
+    document.getElementById('scrubber').hidden = frames.length < 2;
     this.range.max = frames.length - 1;
     const every = Math.ceil(frames.length / MAX_PICTURES);
     this.pictures = new Map();

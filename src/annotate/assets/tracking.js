@@ -6,7 +6,7 @@ import { sentence } from './marking.js';
 const NODE_REACH = 12;
 
 export const WORDS = {
-  marked: 'marked by hand',
+  marked: 'marked',
   fitted: 'placed by the fit',
   corrected: 'corrected by hand',
   tracked: 'tracked',
@@ -15,6 +15,8 @@ export const WORDS = {
   recovered_extreme: 'lost: moved unlike its neighbours',
   recovered_outside: 'lost: outside the image',
 };
+/** What the points of the neutral frame are that nobody marked, by where the track has them from. */
+const NOT_MARKED = { found: 'found', landmarks: 'from landmarks' };
 
 export class Tracking {
   constructor(page) {
@@ -234,7 +236,7 @@ export class Tracking {
     stage.drawDots(states.filter((s) => s !== 'corrected').map((state) => ({ key: state, colour: this.colours.get(state), points: of(state).map((n) => frame.nodes[n]) })));
     const name = (n) => setup.nodes[n].name;
     const corrected = of('corrected').map((n) => ({ node: n, kind: 'hard', point: frame.nodes[n], label: name(n), selected: n === this.selected }));
-    const pointed = this.selected !== null && frame.states[this.selected] !== 'corrected' ? [{ node: this.selected, kind: 'pointed', point: frame.nodes[this.selected], label: `${name(this.selected)}: ${WORDS[frame.states[this.selected]] ?? ''}`, selected: true }] : [];
+    const pointed = this.selected !== null && frame.states[this.selected] !== 'corrected' ? [{ node: this.selected, kind: 'pointed', point: frame.nodes[this.selected], label: `${name(this.selected)}: ${this.word(frame.states[this.selected])}`, selected: true }] : [];
     stage.drawMarks([...pointed, ...corrected]);
     page.diagram.update((n) => [frame.states[n].startsWith('recovered') && 'lost', frame.states[n] === 'corrected' && 'marked hard', n === this.selected && 'selected'].filter(Boolean).join(' '), null);
 
@@ -268,6 +270,11 @@ export class Tracking {
     return lost ? 'Lost nodes were placed by the springs. Drag one that lies off to its place.' : 'Drag a node that lies off to its place.';
   }
 
+  /** A node's state in words. */
+  word(state) {
+    return (state === 'marked' && NOT_MARKED[this.track.marksFrom]) || (WORDS[state] ?? state);
+  }
+
   legend(frame) {
     const rows = this.setup.states
       .map(({ name, colour }) => [name, colour, this.live.filter((n) => frame.states[n] === name).length])
@@ -277,7 +284,7 @@ export class Tracking {
         const term = document.createElement('dt');
         const swatch = document.createElement('i');
         swatch.style.background = colour;
-        term.append(swatch, WORDS[name] ?? name);
+        term.append(swatch, this.word(name));
         const value = document.createElement('dd');
         value.textContent = count;
         return [term, value];
