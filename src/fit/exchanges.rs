@@ -76,7 +76,7 @@ pub(super) fn best(measure: &Measure, nodes: &[NodeId], mirror: &[usize], seen: 
             let Some(exchanged) = measure.view(&exchange.places(seen)) else { continue };
             let stands = exchanged.upside_down().is_none();
             // Names alone turn no face upside down; rows that were counted from below do.
-            if !stands && !(mirrored && pairs.is_empty()) {
+            if !(stands || mirrored && pairs.is_empty()) {
                 continue;
             }
             let misfit = exchanged.misfit();
@@ -134,6 +134,7 @@ mod tests {
     use crate::{units::NodeId, wireframe::Wireframe};
 
     type Pairs = Vec<(u16, u16)>;
+    type Exchanged = &'static [(u16, u16)];
 
     /// What is said of Candide's own face when the names of some marks are exchanged, one pair after the other.
     fn said(nodes: &[u16], exchanged: &[(u16, u16)]) -> Result<(), FitError> {
@@ -194,7 +195,7 @@ mod tests {
 
     #[test]
     fn neighbours_are_said_by_pairs_on_one_side_and_on_both() {
-        let exchanges: [(&[u16], &[(u16, u16)]); 9] = [
+        let exchanges: [(&[u16], Exchanged); 9] = [
             (&SEVEN, &[(20, 23)]),
             (&EYES, &[(20, 23), (53, 56)]),
             (&SIX, &[(20, 23), (53, 56)]),
