@@ -170,7 +170,7 @@ fn exchanged_corners_of_an_eye_are_refused_by_name() {
     let swapped = marks.replace("\n20,", "\n@,").replace("\n23,", "\n20,").replace("\n@,", "\n23,");
     assert_ne!(swapped, marks);
     work.write("bad.csv", swapped);
-    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks of nodes 23 and 20 are exchanged"]);
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks of nodes 20 and 23 are exchanged"]);
     assert!(!work.path("fit.csv").exists());
 }
 
