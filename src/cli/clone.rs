@@ -238,10 +238,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.sheet && pairs > 1 && done > 0 {
         let mut drawn = Vec::new();
         encode_png(&sheet.draw(), &mut drawn)?;
-        if std::fs::read(&sheet_path).is_ok_and(|there| there != drawn) {
-            args.general.check_free(&sheet_path)?;
+        let differs = std::fs::read(&sheet_path).is_ok_and(|there| there != drawn);
+        match if differs { args.general.check_free(&sheet_path) } else { Ok(()) } {
+            Ok(()) => write_bytes(&sheet_path, &drawn)?,
+            Err(error) => failed.push(super::chain(&error)),
         }
-        write_bytes(&sheet_path, &drawn)?;
     }
     for failure in &failed {
         eprintln!("failed: {failure}");
