@@ -16,8 +16,9 @@ const FLESH: [f32; 3] = [1.45, 0.86, 0.84];
 /// of 0 what is left is a root mean square of 17 levels, with 0.5 of 19, with 1 of 26, on people left out; but these people stood in one
 /// light, and darker pictures have darker teeth.
 const TEETH: (f32, f32, f32) = (200.0, 145.0, 0.5);
-/// Teeth are no brighter than this, levels, and than this of the brightest white of the eye; and no darker than that of the skin.
-const BRIGHTEST: (f32, f32) = (214.0, 1.9);
+/// Teeth are no brighter than this, levels, and than this of the brightest white of the eye, which is taken for no darker than that of the skin, for
+/// eyes may lie in shadow; and no darker than that of the skin.
+const BRIGHTEST: (f32, f32, f32) = (214.0, 1.9, 0.6);
 const DARKEST: f32 = 0.95;
 /// How far the white of people's eyes and their skin lie from these means in one light, as logarithms (three standard deviations of the same 90
 /// people, of skin; the white's are half of that, for some have no more than lashes there): what lies further is a cast of the light.
@@ -62,7 +63,8 @@ impl Light {
                 .exp()
         });
         let bright = TEETH.0 * (luma(white) / TEETH.1).powf(TEETH.2);
-        let bright = bright.max(DARKEST * luma(skin)).min(BRIGHTEST.1 * luma(whites[1])).min(BRIGHTEST.0);
+        let brightest = (BRIGHTEST.1 * luma(whites[1]).max(BRIGHTEST.2 * luma(skin))).min(BRIGHTEST.0);
+        let bright = bright.max(DARKEST * luma(skin)).min(brightest);
         Self { enamel: lit(TOOTH, cast, bright), flesh: lit(FLESH, cast, luma(FLESH)) }
     }
 }
@@ -100,6 +102,10 @@ mod tests {
         let dark = WHITE.map(|c| c * 36.25 / luma(WHITE));
         let light = Light::by([dark; 2], SKIN.map(|c| c * 30.0));
         assert!((luma(light.enamel) - 1.9 * 36.25).abs() < 1e-3, "{light:?}");
+        // Eyes in deep shadow, in a face that is not: teeth are no darker than the skin.
+        let (shadow, skin) = (WHITE.map(|c| c * 40.0 / luma(WHITE)), SKIN.map(|c| c * 150.0 / luma(SKIN)));
+        let light = Light::by([shadow; 2], skin);
+        assert!((luma(light.enamel) - 0.95 * 150.0).abs() < 1e-3, "{light:?}");
         // Half of the blue is missing in all that is seen: in teeth and flesh, too, but for what people differ by, exp((0.06 + 0.16) / 2).
         let orange = |colour: [f32; 3]| [colour[0], colour[1], 0.5 * colour[2]];
         let light = Light::by([orange(WHITE.map(|c| c * 140.0)); 2], orange(SKIN.map(|c| c * 120.0)));
