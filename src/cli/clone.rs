@@ -26,7 +26,7 @@ use indicatif::ProgressBar;
 use super::{
     Outcome,
     apart::{check_apart, check_outside, maybe},
-    clone_again::{holds_a_batch, inputs_hash, made_before},
+    clone_again::{holds_a_batch, inputs_hash, made_before, pictures_hash},
     clone_skin::{SkinChoice, SourceSkin, skin_of},
     portrait,
     progress::frame_bar,
@@ -167,6 +167,8 @@ struct Source<'a> {
     path: &'a Path,
     motion: SourceMotion,
     pictures: Option<Arc<[RgbImage]>>,
+    /// BLAKE3 of their pixels, found once for all targets.
+    pictures_blake3: Option<String>,
     skin: Option<SourceSkin>,
 }
 
@@ -238,10 +240,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.sheet && pairs > 1 && done > 0 {
         let mut drawn = Vec::new();
         encode_png(&sheet.draw(), &mut drawn)?;
-        let differs = std::fs::read(&sheet_path).is_ok_and(|there| there != drawn);
-        match if differs { args.general.check_free(&sheet_path) } else { Ok(()) } {
-            Ok(()) => write_bytes(&sheet_path, &drawn)?,
-            Err(error) => failed.push(super::chain(&error)),
+        if !std::fs::read(&sheet_path).is_ok_and(|there| there == drawn) {
+            match args.general.check_free(&sheet_path) {
+                Ok(()) => write_bytes(&sheet_path, &drawn)?,
+                Err(error) => failed.push(super::chain(&error)),
+            }
         }
     }
     for failure in &failed {
@@ -297,9 +300,10 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
             }
             let pictures =
                 args.look.source_frames.as_ref().map(|folder| source_pictures(folder, &motion, info.as_ref())).transpose()?;
-            let pictures = pictures.map(Arc::from);
+            let pictures: Option<Arc<[RgbImage]>> = pictures.map(Arc::from);
+            let pictures_blake3 = pictures.as_deref().map(pictures_hash);
             let skin = skin_of(&args.look.skin, path, &motion, bench)?;
-            Ok(Source { path, motion, pictures, skin })
+            Ok(Source { path, motion, pictures, pictures_blake3, skin })
         };
         match read() {
             Ok(source) => {
@@ -362,13 +366,6 @@ impl Job<'_> {
 
     /// BLAKE3 of all that a clone is made from.
     fn inputs_blake3(&self, source: &Source, options: &CloneOptions) -> String {
-        let pictures = source.pictures.as_ref().map(|pictures| {
-            let mut hasher = blake3::Hasher::new();
-            for picture in pictures.iter() {
-                hasher.update(picture.as_raw());
-            }
-            hasher.finalize().to_hex().to_string()
-        });
         let Args { look, motion, marks, general, .. } = self.args;
         inputs_hash(&serde_json::json!({
             "source": [file_name(source.path), file_blake3(source.path).unwrap_or_default()],
@@ -381,7 +378,7 @@ impl Job<'_> {
             "profile": motion.profile.profile,
             "skin_choice": format!("{:?}", look.skin),
             "skin": source.skin.as_ref().map(|s| s.path.as_deref().and_then(file_blake3)),
-            "source_frames": pictures,
+            "source_frames": source.pictures_blake3,
             "films": format!("{:?}", look.film),
         }))
     }

@@ -17,6 +17,15 @@ pub fn inputs_hash(inputs: &Value) -> String {
     blake3::hash(format!("{MADE_BY}\n{inputs}").as_bytes()).to_hex().to_string()
 }
 
+/// BLAKE3 of the pixels of pictures.
+pub fn pictures_hash(pictures: &[RgbImage]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for picture in pictures {
+        hasher.update(picture.as_raw());
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
 /// The apex frame of the clone that is in a folder, if it is finished, was made of these inputs, and nobody changed it since.
 pub fn made_before(folder: &Path, target: &str, inputs_blake3: &str) -> Option<RgbImage> {
     let info: Value = serde_json::from_slice(&fs::read(folder.join("clone.json")).ok()?).ok()?;

@@ -8,7 +8,6 @@ use crate::warp::{Texture, Warp};
 /// the teeth has by itself.
 const WHITE: [f32; 3] = [1.113, 1.0, 0.979];
 const SKIN: [f32; 3] = [1.256, 1.0, 0.887];
-const TOOTH: [f32; 3] = [1.0; 3];
 /// Flesh inside of a mouth in white light, of the brightness of the lips.
 const FLESH: [f32; 3] = [1.45, 0.86, 0.84];
 /// Level of the front teeth where the white of the eye has the second one, and the power of it by which they follow: teeth are as bright in
@@ -65,7 +64,8 @@ impl Light {
         let bright = TEETH.0 * (luma(white) / TEETH.1).powf(TEETH.2);
         let brightest = (BRIGHTEST.1 * luma(whites[1]).max(BRIGHTEST.2 * luma(skin))).min(BRIGHTEST.0);
         let bright = bright.max(DARKEST * luma(skin)).min(brightest);
-        Self { enamel: lit(TOOTH, cast, bright), flesh: lit(FLESH, cast, luma(FLESH)) }
+        // In white light the picture of the teeth has their colour by itself.
+        Self { enamel: lit([1.0; 3], cast, bright), flesh: lit(FLESH, cast, luma(FLESH)) }
     }
 }
 
