@@ -47,6 +47,7 @@ export class Marking {
     this.page.scrubber.clear();
     this.page.showList([], '');
     document.getElementById('proposal-bar').hidden = true;
+    delete document.getElementById('proposal-bar').dataset.answered;
     for (const id of ['undo', 'redo', 'remove', 'set-neutral', 'set-apex']) document.getElementById(id).disabled = true;
     for (const id of ['step', 'target']) document.getElementById(id).textContent = '';
     document.getElementById('hint').textContent = 'This sequence does not open. › goes on to the next one.';
@@ -278,6 +279,7 @@ export class Marking {
     const id = this.id;
     this.proposalNote = '';
     this.waiting = false;
+    delete document.getElementById('proposal-bar').dataset.answered;
     try {
       const answer = await ask(sequencePath(id, '/proposals'));
       if (id !== this.id) return;
