@@ -56,6 +56,9 @@ const SHRINK: f32 = 1.5;
 const DEPTH_REACH: f64 = 4.2;
 const DEPTH_NOISE: f32 = 0.012;
 const DEEPEST: f32 = 2.0;
+/// By how much what is darker in a mean is darker than that: a mean has the shading of people, but not in one line. Beside the mouths of 90 people
+/// who smile the darkest fiftieth has a logarithm of -0.20 on the median (quartiles -0.28 and -0.13), and of their mean -0.12.
+const DARKER: f32 = 1.7;
 /// Weight under which a person's pixel does not count.
 const LEAST_WEIGHT: f32 = 0.25;
 /// Room around the brows that is not skin, over the eye distance.
@@ -246,6 +249,9 @@ impl Skin {
             weight += f64::from(share);
         }
         deepen(&mut logs, samples);
+        for log in logs.iter_mut().filter(|log| **log < 0.0) {
+            *log = (*log * DARKER).max(-SKIN_LOG_LIMIT);
+        }
         let shading = (square / weight.max(1e-9)).sqrt();
         if !(shading >= LEAST_SHADING) {
             return Err(NoSkin::NoShading { shading });

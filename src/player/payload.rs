@@ -1,6 +1,12 @@
 //! What a page with a player holds: motions, faces, FAPs.
 
-use image::{RgbImage, codecs::jpeg::JpegEncoder};
+use image::{
+    RgbImage, RgbaImage,
+    codecs::{
+        jpeg::JpegEncoder,
+        png::{CompressionType, FilterType, PngEncoder},
+    },
+};
 use nalgebra::Point2;
 use serde_json::{Value, json};
 
@@ -19,9 +25,8 @@ use crate::{
     normalize::{NormalizeOptions, Normalizer},
     units::{FaceUnit, NodeId},
     warp::{
-        Opening, RigOpening,
+        Opening, RigOpening, TEETH_PICTURES,
         lid_skin::{self, LidSkin},
-        teeth_picture,
     },
     wireframe::{Face as Wire, Fapu, Fapus},
 };
@@ -87,7 +92,7 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
         .map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
     let canonical = normalizer.canonical();
     let motions = motions.iter().map(|m| motion(m, &canonical.neutral, &canonical.fapus, wire)).collect::<Result<Vec<_>, _>>()?;
-    let (teeth, scale, origin, white) = teeth_picture();
+    let (scale, origin, white) = TEETH_PICTURES;
     Ok(json!({
         "motions": motions,
         "faces": faces.iter().map(face).collect::<Result<Vec<_>, _>>()?,
@@ -112,7 +117,7 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "grain": lid_skin::GRAIN,
             "clear": lid_skin::CLEAR,
         },
-        "teeth": { "picture": pack::data_url("image/png", teeth), "scale": scale, "origin": [origin.0, origin.1], "white": white },
+        "teeth": { "scale": scale, "origin": [origin.0, origin.1], "white": white },
     }))
 }
 
@@ -268,6 +273,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "lip": rig.lip,
         "enamel": rig.enamel,
         "flesh": rig.flesh,
+        "teeth": pack::data_url("image/png", &png(face.label, &rig.teeth)?),
         "teethSize": rig.teeth_size,
         "inside": rig.inside,
         "onSkin": pack::single(places_on_skin(target)?.iter().flat_map(|p| [p.x, p.y])),
@@ -309,6 +315,14 @@ fn jpeg(name: &str, picture: &RgbImage) -> Result<Vec<u8>, PlayerError> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, QUALITY)
         .encode_image(picture)
+        .map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
+    Ok(bytes)
+}
+
+fn png(name: &str, picture: &RgbaImage) -> Result<Vec<u8>, PlayerError> {
+    let mut bytes = Vec::new();
+    picture
+        .write_with_encoder(PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive))
         .map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
     Ok(bytes)
 }

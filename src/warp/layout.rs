@@ -65,33 +65,32 @@ pub const BROWS: [[u16; 4]; 2] = [[17, 16, 18, 15], [50, 49, 51, 48]];
 /// Least and most thickness of a brow over its neutral one: hair moves, it does not stretch.
 const BROW_THICKNESS: (f64, f64) = (0.88, 1.12);
 
-/// A place between brow and lid.
+/// The skin between a brow and an upper lid.
 #[derive(Clone, Copy, Debug)]
 pub struct LidSkin {
-    /// Node of the lid margin below.
-    pub lid: u16,
+    /// Nodes of the lid margin below, from the inner to the outer one.
+    pub lid: [u16; 3],
     /// Corners of the eye.
     pub corners: [u16; 2],
     /// Inner and outer node of the lower edge of the brow.
     pub brow: [u16; 2],
-    /// Where above the lid node the brow is met, from the inner to the outer node.
-    pub share: f64,
+    /// Where above the lid's nodes the brow is met, from the inner to the outer node.
+    pub shares: [f64; 3],
 }
 
-/// Places between brow and lid, both eyes.
-pub const LID_SKIN: [LidSkin; 6] = [
-    LidSkin { lid: 105, corners: [20, 23], brow: [17, 18], share: 0.40 },
-    LidSkin { lid: 21, corners: [20, 23], brow: [17, 18], share: 0.60 },
-    LidSkin { lid: 97, corners: [20, 23], brow: [17, 18], share: 0.80 },
-    LidSkin { lid: 106, corners: [53, 56], brow: [50, 51], share: 0.40 },
-    LidSkin { lid: 54, corners: [53, 56], brow: [50, 51], share: 0.60 },
-    LidSkin { lid: 98, corners: [53, 56], brow: [50, 51], share: 0.80 },
+/// Both eyes.
+pub const LID_SKIN: [LidSkin; 2] = [
+    LidSkin { lid: [105, 21, 97], corners: [20, 23], brow: [17, 18], shares: [0.40, 0.60, 0.80] },
+    LidSkin { lid: [106, 54, 98], corners: [53, 56], brow: [50, 51], shares: [0.40, 0.60, 0.80] },
 ];
 /// How high vertices lie there, as shares of the way from the lid to the brow, and how much each takes of the lid's motion and of the
 /// brow's; of that of the eye's corners it takes the rest. The brow slides over the skin right below it, which stretches and folds; lashes
 /// and crease, further down, keep their shape. Shares that grow evenly are nearer to what shapes of a head model do (0.003 of SSIM on animated
 /// photographs), and draw lashes and the shadow of the lid up when brows rise.
-pub const LID_SKIN_HEIGHTS: [(f64, f64, f64); 3] = [(0.30, 0.28, 0.10), (0.50, 0.12, 0.32), (0.78, 0.0, 0.73)];
+pub const LID_SKIN_HEIGHTS: [(f64, f64, f64); 3] = [(0.30, 0.28, 0.07), (0.52, 0.12, 0.25), (0.78, 0.0, 0.75)];
+/// How high lashes reach above the lid, over the eye distance, and the share of the way to a low brow up to which they do at most: so far up at least
+/// lies the second of these vertices.
+pub const LASHES_REACH: (f64, f64) = (0.12, 0.66);
 
 /// Nodes that a face needs at least: Candide-3's.
 pub const NODE_COUNT: usize = 113;

@@ -84,7 +84,7 @@ impl LidSkin {
             Some(pair[0].1 + (pair[1].1 - pair[0].1) * share)
         };
         lid.edge = (0..PLACES).map(|k| on_edge(along(k))).collect::<Option<_>>()?;
-        let brow = LID_SKIN.iter().find(|skin| skin.lid == nodes.upper[2])?.brow.map(|n| warp.nodes[usize::from(n)]);
+        let brow = LID_SKIN.iter().find(|skin| skin.lid[1] == nodes.upper[2])?.brow.map(|n| warp.nodes[usize::from(n)]);
         let room = lid.place(&nalgebra::center(&brow[0], &brow[1])).1 - lid.place(&warp.nodes[usize::from(nodes.upper[2])]).1;
         let height = (BROW_SHARE * room / unit).min(HEIGHTS.1);
         if height < HEIGHTS.0 {

@@ -56,6 +56,9 @@ mod sample;
 mod seam;
 mod tone;
 
+use std::sync::OnceLock;
+
+use image::Rgba32FImage;
 use nalgebra::{Point2, Vector2};
 
 use self::{eyeball::Eyeball, field::Weights, layout::Frame, lid_skin::LidSkin, mesh::Mesh};
@@ -66,7 +69,7 @@ pub use layout::{NODE_COUNT, Opening};
 pub use mesh::convex_hull;
 pub(crate) use raster::fill as fill_triangle;
 pub use render::MouthInside;
-pub use rig::{RigOpening, teeth_picture};
+pub use rig::{RigOpening, TEETH_PICTURES};
 pub use sample::Texture;
 pub(crate) use sample::byte;
 pub(crate) use tone::one_tone;
@@ -136,6 +139,8 @@ pub struct Warp {
     eyes: Vec<Option<Eyeball>>,
     /// The skin of their upper lids without lashes.
     lids: Vec<Option<LidSkin>>,
+    /// The teeth that it shows where its mouth is made; none before they are seen.
+    dentition: OnceLock<Option<Rgba32FImage>>,
 }
 
 /// Where everything is in one frame.
@@ -234,6 +239,7 @@ impl Warp {
             bows: Default::default(),
             eyes: Vec::new(),
             lids: Vec::new(),
+            dentition: OnceLock::new(),
         };
         let identity = Similarity::identity();
         warp.source = warp.solve(&warp.mesh.vertices, &warp.reference_nodes, &warp.nodes, &identity);
@@ -310,6 +316,11 @@ impl Warp {
     /// The nodes as the photograph has them: lips closed that are as good as closed, edges where they are seen.
     pub fn texture_nodes(&self) -> &[Point2<f64>] {
         &self.nodes
+    }
+
+    /// The upper teeth of a face whose mouth is made.
+    fn teeth(&self) -> Option<&Rgba32FImage> {
+        self.dentition.get_or_init(|| mouth::dentition(&mouth::Proportions::of(self))).as_ref()
     }
 
     /// Distance between the middles of the eyes, px.

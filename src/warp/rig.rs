@@ -1,5 +1,6 @@
 //! A prepared face as plain numbers, for a renderer elsewhere: the page of [`crate::player`].
 
+use image::{Rgba32FImage, RgbaImage};
 use nalgebra::{Point2, Vector2};
 
 use super::{Opening, Texture, Warp, folds, layout, lid_skin::LidSkin, mouth, openings, tone::Tone};
@@ -41,6 +42,8 @@ pub struct Rig {
     pub enamel: [f32; 3],
     /// Colour of flesh in it, over its brightness.
     pub flesh: [f32; 3],
+    /// Picture of the upper teeth (see [`TEETH_PICTURES`]), with how much each pixel covers as its fourth channel.
+    pub teeth: RgbaImage,
     /// Size of the teeth over that of the picture's.
     pub teeth_size: f64,
     /// How far the upper incisors reach below the closed lips, over the eye distance, and the height of the tongue over the gap of the lips.
@@ -123,6 +126,7 @@ impl Warp {
             lip: mouth::lip_colour(self, texture),
             enamel: light.enamel,
             flesh: light.flesh,
+            teeth: self.teeth().map_or_else(|| RgbaImage::new(1, 1), levels),
             teeth_size: mouth::teeth_size(self),
             inside: [proportions.incisors, proportions.tongue],
             tone: (tone.lines, tone.share),
@@ -130,8 +134,11 @@ impl Warp {
     }
 }
 
-/// The mean picture of the upper teeth, a PNG with transparency, and where it belongs: pixels for each eye distance, the place of the
-/// midline at the edge of the incisors (px), and its level of a tooth as bright as the brightest.
-pub fn teeth_picture() -> (&'static [u8], f64, (f64, f64), f32) {
-    (mouth::TEETH, mouth::TEETH_SCALE, mouth::TEETH_ORIGIN, mouth::TEETH_WHITE)
+/// Where pictures of the upper teeth belong: pixels for each eye distance, the place of the midline at the edge of the incisors (px), and their
+/// level of a tooth as bright as the brightest.
+pub const TEETH_PICTURES: (f64, (f64, f64), f32) = (mouth::TEETH_SCALE, mouth::TEETH_ORIGIN, mouth::TEETH_WHITE);
+
+/// A picture of whole levels.
+fn levels(picture: &Rgba32FImage) -> RgbaImage {
+    RgbaImage::from_fn(picture.width(), picture.height(), |x, y| image::Rgba(picture.get_pixel(x, y).0.map(super::sample::byte)))
 }

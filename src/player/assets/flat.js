@@ -148,7 +148,7 @@ class FlatStage {
       // The axes of the mouth: across, then down.
       context.transform(dy * size, -dx * size, dx * size, dy * size, origin[0] + m.incisors * rig.unit * dx, origin[1] + m.incisors * rig.unit * dy);
       context.filter = `brightness(${((rig.enamel[1] / teeth.white) * 0.86).toFixed(2)}) grayscale(${rig.tone.share.toFixed(2)})`;
-      context.drawImage(teeth.image, -teeth.origin[0], -teeth.origin[1]);
+      context.drawImage(rig.teethImage, -teeth.origin[0], -teeth.origin[1]);
     }
     context.restore();
     if (!rig.closed) loose(triangles, rig.ownMouth(m.skull));

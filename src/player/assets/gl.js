@@ -55,16 +55,16 @@ void main() {
   float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.13 * (1.0 - side) * open;
   // A jaw that drops opens it so far that light falls in, and goes out softly towards the depth.
   vec2 off = vec2((x - 0.5 * (ends.x + ends.y)) / max(0.5 * (ends.y - ends.x), 1e-6), (depth - 0.40) / 0.55);
-  light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.23 + 0.08 * smoothstep(0.2, 1.3, dot(off, off)), gapes);
+  light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.22 + 0.15 * smoothstep(0.25, 1.25, dot(off, off)), gapes);
   vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side) * (1.0 - gapes)) - vec3(0.08, 0.06, 0.08) * gapes, light0);
-  float across = x / max(mix(0.38, 0.46, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
+  float across = x / max(mix(0.38, 0.50, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
-    float height = (tongue + 0.17 * gapes) * gap * pow(within, mix(0.5, 0.6, gapes)), top = floorY - height;
-    float cover = smoothstep(-0.015 - 0.07 * gap * gapes, 0.05 + 0.14 * gap * gapes, y - top) * max(sqrt(open), gapes) * smoothstep(0.0, 0.25, within);
+    float height = (tongue + 0.19 * gapes) * gap * pow(within, mix(0.5, 0.7, gapes)), top = floorY - height;
+    float cover = smoothstep(-0.015 - 0.10 * gap * gapes, 0.05 + 0.20 * gap * gapes, y - top) * max(sqrt(open), gapes) * smoothstep(0.0, 0.25, within);
     float tip = clamp((y - top) / max(height, 1e-6), 0.0, 1.0), groove = 1.0 - mix(0.20, 0.17, gapes) * exp(-(x / 0.026) * (x / 0.026)) * (0.3 + 0.7 * tip);
     float band = within * smoothstep(0.25, 0.60, tip) * (1.0 - smoothstep(0.70, 1.05, tip));
-    float wide = 0.29 + 0.46 * smoothstep(0.0, 0.70, tip) - 0.13 * smoothstep(0.75, 1.0, tip);
-    float light = mix((0.40 + 0.72 * tip) * (0.66 + 0.34 * open) * (0.42 + 0.58 * within), wide * (0.38 + 0.62 * within), gapes) * groove;
+    float wide = 0.27 + 0.50 * smoothstep(0.0, 0.70, tip) - 0.14 * smoothstep(0.75, 1.0, tip);
+    float light = mix((0.40 + 0.72 * tip) * (0.66 + 0.34 * open) * (0.42 + 0.58 * within), wide * (0.34 + 0.66 * within), gapes) * groove;
     vec3 meat = tinted(vec3(1.0, 0.95, 0.96) + vec3(-0.03, 0.0, 0.03) * gapes, light + 0.08 * open * band);
     colour = mix(colour, meat + enamel * 0.055 * gapes * band, cover);
   }
@@ -153,7 +153,7 @@ class GlStage {
     this.foldPictures = new Map();
     this.around = null;
     this.buffers = new Map();
-    this.teethTexture = this.texture(this.teeth.image);
+    this.teethPictures = new Map();
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
   program(vertex, fragment) {
@@ -379,11 +379,12 @@ class GlStage {
     this.uniform(mouth, "toneFrom", ...rig.tone.lines.map(([from]) => from / 255));
     this.uniform(mouth, "toneRise", ...rig.tone.lines.map(([, rise]) => rise));
     this.uniform(mouth, "ends", ...m.ends);
-    this.uniform(mouth, "teethSize", this.teeth.image.naturalWidth, this.teeth.image.naturalHeight);
+    this.uniform(mouth, "teethSize", rig.teethImage.naturalWidth, rig.teethImage.naturalHeight);
     this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
     for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0], ["scale", rig.teethSize], ["incisors", m.incisors], ["tongue", rig.inside[1]]]) this.uniform(mouth, name, value);
     gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D, this.teethTexture);
+    if (!this.teethPictures.has(rig)) this.teethPictures.set(rig, this.texture(rig.teethImage));
+    gl.bindTexture(gl.TEXTURE_2D, this.teethPictures.get(rig));
     gl.uniform1i(mouth.at("teeth")[1], 1);
     gl.uniform1i(mouth.at("picture")[1], 0);
     gl.drawArrays(gl.TRIANGLES, 0, rows.length);

@@ -30,9 +30,12 @@ class Shelf {
   }
   /** Decodes the pictures. */
   async ready() {
-    this.teeth = { ...this.data.teeth, image: await loaded(this.data.teeth.picture) };
+    this.teeth = this.data.teeth;
     for (const { folds } of this.motions) folds.image = await loaded(folds.picture);
-    for (const rig of this.rigs) if (rig.picture) rig.image = await loaded(rig.picture);
+    for (const rig of this.rigs) {
+      if (rig.picture) rig.image = await loaded(rig.picture);
+      if (rig.teeth) rig.teethImage = await loaded(rig.teeth);
+    }
     return this;
   }
   /** A stage on a canvas: WebGL, or a plain canvas where there is none. */

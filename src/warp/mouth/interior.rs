@@ -4,7 +4,9 @@ use image::Rgba32FImage;
 use nalgebra::{Point2, Vector2};
 
 use super::{
-    Light, line_at, luma,
+    Light,
+    grain::{grain, grain_of_light},
+    line_at, luma,
     proportions::Proportions,
     teeth::{TEETH_WHITE, sampled},
 };
@@ -41,8 +43,6 @@ struct Wet(f64, f64, [f32; 3]);
 /// Of lips in shadow, and of the upper and the lower one in the light.
 const WET: Wet = Wet(0.024, 0.28, [0.74, 0.60, 0.60]);
 const WET_LIT: [Wet; 2] = [Wet(0.020, 0.34, [0.83, 0.76, 0.76]), Wet(0.022, 0.26, [0.90, 0.76, 0.76])];
-/// Where the light is wet on the upper teeth, over the eye distance from the midline, and how bright.
-const WET_LIGHTS: [(f64, f64); 3] = [(0.028, 0.10), (0.088, 0.07), (0.135, 0.04)];
 /// Light on what lies behind the upper lip, and on the tops of the teeth, of all that falls on it further down: in the shadow of a lip, and
 /// where it is raised. On smiles of 32 people nothing below it is darker than the lip itself.
 const BEHIND_LIP: (f64, f64) = (0.58, 0.85);
@@ -75,7 +75,7 @@ const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
 const CHEEKS: f64 = 0.13;
 /// The light in the depth of a mouth that gapes, and how much more of it there is around; how far from the middle of the depth, in halves of the
 /// width and shares of the gap, it begins to grow, and ends to; and how much less of red, green and blue there is than behind lips that part a little.
-const DEPTH: (f64, f64, (f64, f64)) = (0.23, 0.08, (0.2, 1.3));
+const DEPTH: (f64, f64, (f64, f64)) = (0.22, 0.15, (0.25, 1.25));
 const DEPTH_AT: (f64, f64) = (0.40, 0.55);
 const DEPTH_TINT: [f32; 3] = [0.08, 0.06, 0.08];
 /// How unevenly the light falls there.
@@ -94,7 +94,7 @@ const TONGUE: (f64, f64, f64, [f32; 3]) = (0.38, 0.40, 0.72, [1.0, 0.95, 0.96]);
 /// to the sides; over how much of the gap its back runs into the dark, above and below its outline; brightness at the back, how much more of it there is on the tongue's
 /// blade, and how much less at the tip, which turns down; what is left at its sides.
 const GAPING_TONGUE: GapingTongue =
-    GapingTongue { half: 0.46, higher: 0.17, slope: 0.6, runs: (0.07, 0.14), light: (0.29, 0.46, 0.13), sides: 0.38 };
+    GapingTongue { half: 0.50, higher: 0.19, slope: 0.7, runs: (0.10, 0.20), light: (0.27, 0.50, 0.14), sides: 0.34 };
 /// What light the wet tongue reflects there as a mirror, over that of enamel.
 const SHEEN: f64 = 0.11;
 struct GapingTongue {
@@ -168,7 +168,7 @@ impl Interior<'_> {
         let (dropped, gapes) = (1.0 - self.lit, gapes(self.gap, self.lit));
         let half = (0.5 * (corners.1 - corners.0)).max(1e-6);
         let off = ((x - f64::midpoint(corners.0, corners.1)) / half).powi(2) + ((depth - DEPTH_AT.0) / DEPTH_AT.1).powi(2);
-        let uneven = 1.0 + UNEVEN * grain((x + self.own()) / 0.07, y / 0.05);
+        let uneven = 1.0 + UNEVEN * grain((x + self.proportions.own()) / 0.07, y / 0.05);
         let deep = (DEPTH.0 + DEPTH.1 * smooth_step(DEPTH.2.0, DEPTH.2.1, off)) * uneven;
         let light = light + PARTED_LIGHT * dropped * (1.0 - open);
         let light = light + (deep - light) * gapes;
@@ -205,11 +205,6 @@ impl Interior<'_> {
             };
             wet(0, wet(1, inside))
         })
-    }
-
-    /// Where a face has its own piece of what is irregular, in eye distances: glints that are alike on everybody look drawn.
-    fn own(&self) -> f64 {
-        7.0 * (40.0 * self.proportions.incisors + 10.0 * self.proportions.tongue)
     }
 
     /// A number between that of lips in shadow and that of lips in the light.
@@ -250,7 +245,7 @@ impl Interior<'_> {
         let light = by_gape((parted, wide * (shape.sides + (1.0 - shape.sides) * within))) * groove;
         // Its grain, the light that is broken on what is wet, and a broad sheen before the tip.
         let grain = 1.0 + 0.045 * grain(x / 0.011, y / 0.011);
-        let own = x + self.own();
+        let own = x + self.proportions.own();
         let wet =
             by_gape((0.34, 0.24)) * smooth_step(0.30, 0.8, grain_of_light(own, y)) * (towards_tip * (1.0 - towards_tip) * 4.0);
         let band = smooth_step(0.25, 0.60, towards_tip) * smooth_step(1.05, 0.70, towards_tip);
@@ -318,12 +313,9 @@ impl Interior<'_> {
             let pink = self.tinted([1.0, 0.80, 0.80], 0.62 * side);
             (0..3).for_each(|c| colour[c] += (pink[c] - colour[c]) * gum as f32);
         }
-        // The lip's shadow on their tops, and a wet light on the front ones.
-        let wet: f64 = WET_LIGHTS.iter().map(|&(at, size)| size * (-((x.abs() - at) / 0.016).powi(2)).exp()).sum();
-        let wet = wet * (-((upper_y + 0.045) / 0.014).powi(2)).exp();
+        // The lip's shadow on their tops.
         let tops = self.by_light(TOPS);
-        let light =
-            (tops + (1.0 - tops) * smooth_step(0.0, 0.05, below_upper) + wet) * (1.0 - DIMMER * (1.0 - self.lit) * gaping);
+        let light = (tops + (1.0 - tops) * smooth_step(0.0, 0.05, below_upper)) * (1.0 - DIMMER * (1.0 - self.lit) * gaping);
         let edge = -ROW_EDGE * x * x / self.size;
         let above_edge = (edge - upper_y) / crowns_longer(x / self.size, (edge - upper_y + below_upper) / self.size);
         self.lay_between(x, above_edge, light * side, from_corner, colour);
@@ -345,25 +337,6 @@ fn flatter(lit: f64, gaping: f64) -> f64 {
 fn crowns_longer(x: f64, lip_above: f64) -> f64 {
     let shown = (CROWNS_SHOWN.0 - CROWNS_SHOWN.1 * x * x).max(CROWNS_SHOWN.2);
     ((lip_above + TUCKED) / shown).clamp(1.0, CROWN / shown)
-}
-
-/// Values from -1 to 1 that change smoothly from one whole number to the next, the same on every machine: a lattice of hashed values.
-fn grain(x: f64, y: f64) -> f64 {
-    let corner = |i: i64, j: i64| {
-        let mut h = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (j as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
-        h = (h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        ((h >> 40) as f64) / f64::from(1_u32 << 23) - 1.0
-    };
-    let (i, j) = (x.floor(), y.floor());
-    let (s, t) = (smooth_step(0.0, 1.0, x - i), smooth_step(0.0, 1.0, y - j));
-    let (i, j) = (i as i64, j as i64);
-    let row = |j: i64| corner(i, j) + (corner(i + 1, j) - corner(i, j)) * s;
-    row(j) + (row(j + 1) - row(j)) * t
-}
-
-/// The pattern in which light is broken on the tongue.
-fn grain_of_light(x: f64, y: f64) -> f64 {
-    0.6 * grain(x / 0.035 + 17.0, y / 0.016) + 0.4 * grain(x / 0.017, y / 0.009 + 31.0)
 }
 
 #[cfg(test)]

@@ -3,10 +3,13 @@
 //! The made one has, from back to front: a cavity that is lit the more the further the lips part, a tongue that lies behind the lower
 //! teeth, the lower arch, which goes with the jaw, and the upper arch, which hangs from the skull (a raised lip bares it, a
 //! dropped jaw does not). The teeth are a picture: the mean of what 24 people's smiles show, aligned tooth by tooth and mirrored,
-//! so that they are nobody's own (`candide/teeth.png`; `candide/README.md` says from whom and how). Near a lip everything is in
+//! so that they are nobody's own (`candide/teeth.png`; `candide/README.md` says from whom and how), made as uneven as theirs, on every face
+//! otherwise (see `dentition`). Near a lip everything is in
 //! its shadow, and the lip's own colour runs a little way in, because a lip is round and wet and not cut out of paper. The page of `play` draws
 //! it after these numbers (`player/assets/gl.js`): who changes one changes the other.
 
+mod dentition;
+mod grain;
 mod interior;
 mod light;
 mod proportions;
@@ -18,9 +21,10 @@ use self::interior::Interior;
 use super::{Deformation, Texture, Warp, layer::Layer, mesh::OpeningMesh, seam::Seam, tone::Tone};
 use crate::interpolation::smooth_step;
 
+pub use dentition::dentition;
 pub use light::Light;
 pub use proportions::{Proportions, teeth_size};
-pub use teeth::{TEETH, TEETH_ORIGIN, TEETH_SCALE, TEETH_WHITE};
+pub use teeth::{TEETH_ORIGIN, TEETH_SCALE, TEETH_WHITE};
 
 /// Whether the inside of the mouth shows teeth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +61,7 @@ pub fn made(
 
 impl<'a> Interior<'a> {
     fn new(
-        warp: &Warp,
+        warp: &'a Warp,
         opening: &OpeningMesh,
         texture: &Texture,
         deformation: &Deformation,
@@ -91,7 +95,7 @@ impl<'a> Interior<'a> {
             size: teeth_size(warp),
             proportions: Proportions::of(warp),
             teeth: match arches {
-                Arches::Shown => teeth::picture(),
+                Arches::Shown => warp.teeth(),
                 Arches::Hidden => None,
             },
         }

@@ -31,6 +31,11 @@ impl Proportions {
         Self::by(length(6, 87) / warp.frame.eye_distance, length(40, 10) / warp.frame.eye_distance)
     }
 
+    /// Where a face has its own piece of what is irregular: glints and teeth that are alike on everybody look drawn.
+    pub fn own(&self) -> f64 {
+        7.0 * (40.0 * self.incisors + 10.0 * self.tongue)
+    }
+
     /// Those of a face whose upper lip and jaw have these lengths, over the eye distance.
     fn by(lip: f64, jaw: f64) -> Self {
         let less = |(mean, share, [more, less]): (f64, f64, [f64; 2]), length: f64| (share * (length - mean)).clamp(-more, less);

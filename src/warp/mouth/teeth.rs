@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use image::{Rgba32FImage, RgbaImage};
 
 /// The mean picture of the upper teeth.
-pub const TEETH: &[u8] = include_bytes!("../../../candide/teeth.png");
+const TEETH: &[u8] = include_bytes!("../../../candide/teeth.png");
 /// Its scale: pixels for each eye distance.
 pub const TEETH_SCALE: f64 = 220.0;
 /// Where in it the midline meets the edge of the incisors, px.
