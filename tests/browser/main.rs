@@ -8,7 +8,7 @@ mod common;
 #[path = "../report_data/mod.rs"]
 mod report_data;
 
-mod annotate;
+mod annotate_page;
 mod driver;
-mod player;
-mod report;
+mod player_page;
+mod report_page;
