@@ -25,7 +25,7 @@ use crate::{
     normalize::{NormalizeOptions, Normalizer},
     units::{FaceUnit, NodeId},
     warp::{
-        Opening, RigOpening, TEETH_PICTURES,
+        Opening, RigOpening, TEETH_PICTURES, lashes,
         lid_skin::{self, LidSkin},
     },
     wireframe::{Face as Wire, Fapu, Fapus},
@@ -116,6 +116,11 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "strips": lid_skin::STRIPS,
             "grain": lid_skin::GRAIN,
             "clear": lid_skin::CLEAR,
+            // And lashes below a brow that rises.
+            "drawnOut": lashes::DRAWN_OUT,
+            "darkest": lashes::DARKEST,
+            "floor": lashes::FLOOR,
+            "beyond": lashes::BEYOND,
         },
         "teeth": { "scale": scale, "origin": [origin.0, origin.1], "white": white },
     }))
@@ -307,6 +312,7 @@ fn opening(opening: &RigOpening, place: impl Fn(&Point2<f64>) -> [f64; 2], scale
         "lowerNodes": opening.lower_nodes,
         "iris": opening.iris,
         "lashes": opening.lashes,
+        "brow": opening.brow,
         "lid": opening.lid.as_ref().map(|lid| lid_skin(lid, place(&lid.from), scale)),
     })
 }

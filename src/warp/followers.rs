@@ -4,7 +4,7 @@
 use nalgebra::Point2;
 
 use super::{
-    layout::{BROWS, LASHES_REACH, LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, Opening},
+    layout::{BROWS, LID_SKIN, LID_SKIN_HEIGHTS, LidSkin, Opening},
     mesh::{Gathered, OpeningMesh},
 };
 use crate::{interpolation::hermite, units::NodeId};
@@ -85,9 +85,8 @@ pub fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: 
     for Column { lid, corners, brow, share } in LID_SKIN.iter().flat_map(columns) {
         let foot = at(lid[0]).lerp(&at(lid[1]), 0.5);
         let above = at(brow[0]).lerp(&at(brow[1]), share);
-        let room = (above - foot).norm() / gathered.eye_distance;
         for (height, lid_share, brow_share) in LID_SKIN_HEIGHTS {
-            let point = Point2::from(foot.lerp(&above, above_lashes(height, room)));
+            let point = Point2::from(foot.lerp(&above, height));
             let rest = (1.0 - brow_share - lid_share) / 2.0;
             let shares = [
                 (brow[0], brow_share * (1.0 - share)),
@@ -124,13 +123,6 @@ fn columns(skin: &LidSkin) -> Vec<Column> {
     let over = lid.iter().zip(shares).map(|(&node, share)| column([node; 2], share));
     let between = lid.windows(2).zip(shares.windows(2)).map(|(pair, at)| column([pair[0], pair[1]], f64::midpoint(at[0], at[1])));
     over.chain(between).collect()
-}
-
-/// A height between lid and brow, as a share of the way, where there is so much room between them, over the eye distance.
-fn above_lashes(height: f64, room: f64) -> f64 {
-    let lashes = LID_SKIN_HEIGHTS[1].0;
-    let reach = (LASHES_REACH.0 / room.max(1e-9)).clamp(lashes, LASHES_REACH.1);
-    if height <= lashes { height * reach / lashes } else { 1.0 - (1.0 - height) * (1.0 - reach) / (1.0 - lashes) }
 }
 
 /// Vertices on the brows. The smoothest field swings beyond nodes that lie at uneven distances, as a brow's do, and lets the end of the hair,
@@ -189,17 +181,6 @@ fn brow_shares([first, second]: [f64; 2], along: f64) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn lashes_keep_their_shape_below_a_low_brow_too() {
-        let heights = |room: f64| LID_SKIN_HEIGHTS.map(|(height, ..)| above_lashes(height, room));
-        // Where there is room enough, they lie as the table has them.
-        assert_eq!(heights(0.30), LID_SKIN_HEIGHTS.map(|row| row.0));
-        // Of 0.20 they take 0.12 / 0.20, and of less no more than their most.
-        let low = heights(0.20);
-        assert!((low[1] - 0.6).abs() < 1e-12 && low[0] > 0.30 && low[2] > 0.80 && low[2] < 1.0, "{low:?}");
-        assert!((heights(0.05)[1] - LASHES_REACH.1).abs() < 1e-12 && heights(0.0).iter().all(|h| (0.0..1.0).contains(h)));
-    }
 
     #[test]
     fn an_edge_follows_an_arch_through_its_nodes() {

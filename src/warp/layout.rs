@@ -83,14 +83,20 @@ pub const LID_SKIN: [LidSkin; 2] = [
     LidSkin { lid: [105, 21, 97], corners: [20, 23], brow: [17, 18], shares: [0.40, 0.60, 0.80] },
     LidSkin { lid: [106, 54, 98], corners: [53, 56], brow: [50, 51], shares: [0.40, 0.60, 0.80] },
 ];
+/// The skin above an eye; `None` of the mouth.
+pub fn lid_skin_of(opening: Opening) -> Option<&'static LidSkin> {
+    match opening {
+        Opening::Mouth => None,
+        Opening::LeftEye => LID_SKIN.first(),
+        Opening::RightEye => LID_SKIN.last(),
+    }
+}
+
 /// How high vertices lie there, as shares of the way from the lid to the brow, and how much each takes of the lid's motion and of the
 /// brow's; of that of the eye's corners it takes the rest. The brow slides over the skin right below it, which stretches and folds; lashes
 /// and crease, further down, keep their shape. Shares that grow evenly are nearer to what shapes of a head model do (0.003 of SSIM on animated
 /// photographs), and draw lashes and the shadow of the lid up when brows rise.
-pub const LID_SKIN_HEIGHTS: [(f64, f64, f64); 3] = [(0.30, 0.28, 0.07), (0.52, 0.12, 0.25), (0.78, 0.0, 0.75)];
-/// How high lashes reach above the lid, over the eye distance, and the share of the way to a low brow up to which they do at most: so far up at least
-/// lies the second of these vertices.
-pub const LASHES_REACH: (f64, f64) = (0.12, 0.66);
+pub const LID_SKIN_HEIGHTS: [(f64, f64, f64); 3] = [(0.30, 0.28, 0.10), (0.50, 0.12, 0.32), (0.78, 0.0, 0.73)];
 
 /// Nodes that a face needs at least: Candide-3's.
 pub const NODE_COUNT: usize = 113;

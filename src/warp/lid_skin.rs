@@ -9,7 +9,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     Texture, Warp,
-    layout::{LID_SKIN, OPENINGS},
+    layout::{OPENINGS, lid_skin_of},
     mesh::OpeningMesh,
     mouth::luma,
     sample::Bounds,
@@ -84,7 +84,7 @@ impl LidSkin {
             Some(pair[0].1 + (pair[1].1 - pair[0].1) * share)
         };
         lid.edge = (0..PLACES).map(|k| on_edge(along(k))).collect::<Option<_>>()?;
-        let brow = LID_SKIN.iter().find(|skin| skin.lid[1] == nodes.upper[2])?.brow.map(|n| warp.nodes[usize::from(n)]);
+        let brow = lid_skin_of(opening.opening)?.brow.map(|n| warp.nodes[usize::from(n)]);
         let room = lid.place(&nalgebra::center(&brow[0], &brow[1])).1 - lid.place(&warp.nodes[usize::from(nodes.upper[2])]).1;
         let height = (BROW_SHARE * room / unit).min(HEIGHTS.1);
         if height < HEIGHTS.0 {
@@ -128,6 +128,11 @@ impl LidSkin {
         // Along the line between the corners, but straight up from it: the face's own vertical.
         let determinant = self.across.perp(&self.down);
         (off.perp(&self.down) / determinant, -self.across.perp(&off) / determinant)
+    }
+
+    /// How high above the lid it takes the place of the photograph's at most, px.
+    pub fn reach(&self) -> f64 {
+        self.band.iter().copied().fold(0.0, f64::max) + FADE * self.eye_distance
     }
 
     /// How far it takes the place of the photograph's where `shut` of the opening is gone, 0 to 1.
@@ -196,42 +201,16 @@ fn smoothed<T: Copy>(values: &[T], of: impl Fn(&[T]) -> T) -> Vec<T> {
 
 #[cfg(test)]
 mod tests {
-    use image::{Rgb, RgbImage};
-
     use super::*;
-    use crate::{
-        geometry::polygon::distance_to_line,
-        warp::{
-            MouthInside,
-            test_face::{nodes, warp},
-        },
+    use crate::warp::{
+        MouthInside,
+        test_face::{lashed, nodes, warp},
     };
-
-    /// Skin; around the irises' centres dark circles in white; dark lashes that stand up to `reach` px over the upper lids.
-    fn drawn(nodes: &[Point2<f64>], reach: f64) -> RgbImage {
-        let lids: Vec<Vec<Point2<f64>>> =
-            OPENINGS[1..].iter().map(|eye| eye.upper.map(|n| nodes[usize::from(n)]).to_vec()).collect();
-        let eyes = OPENINGS[1..]
-            .iter()
-            .map(|eye| nodes[usize::from(eye.upper[0])].coords.lerp(&nodes[usize::from(eye.upper[4])].coords, 0.5).into());
-        let eyes: Vec<Point2<f64>> = eyes.collect();
-        RgbImage::from_fn(300, 380, |x, y| {
-            let at = Point2::new(f64::from(x), f64::from(y));
-            let lash = lids.iter().any(|lid| distance_to_line(lid, &at) < reach && at.y < lid[2].y + 3.0);
-            let apart = eyes.iter().map(|eye| (at - eye).norm()).fold(f64::INFINITY, f64::min);
-            match (lash, apart) {
-                (true, _) => Rgb([40, 30, 30]),
-                (_, a) if a < 6.0 => Rgb([60, 40, 20]),
-                (_, a) if a < 11.0 => Rgb([230, 228, 226]),
-                _ => Rgb([205, 160, 140]),
-            }
-        })
-    }
 
     #[test]
     fn eyes_that_shut_have_lids_of_skin_and_one_line_of_lashes() {
         let nodes = nodes();
-        let picture = drawn(&nodes, 4.0);
+        let picture = lashed(&nodes, 4.0);
         let texture = Texture::new(&picture);
         let warp = warp().with_eyes(&texture);
         let mut shut = nodes.clone();

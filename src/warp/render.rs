@@ -4,7 +4,9 @@ use image::RgbImage;
 
 use super::{
     Deformation, Placement, Texture, Warp,
+    lashes::{self, Lashes},
     lid_skin::LidSkin,
+    mesh::OpeningMesh,
     openings, raster,
     sample::{self, Bounds, Pixels},
     seam::Seam,
@@ -48,7 +50,8 @@ impl Warp {
             let back = deformation.background.inverse();
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
-        let lids = self.shutting_lids(deformation);
+        let lashes = lashes::standing(self, deformation);
+        let lids = self.bare_lids(deformation, &lashes);
         let seam = Seam::new(self, deformation, texture);
         let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(lids.iter().filter_map(|(lid, _)| lid.bounds())).collect();
         let change = |at, photograph| {
@@ -65,19 +68,30 @@ impl Warp {
             raster::fill_rows(to, from, size, |span| pixels.add(span, |pixels| pixels.draw(frame, &bounds, change)));
         }
         pixels.draw(frame, &bounds, change);
+        for lashes in &lashes {
+            lashes.draw(self, texture, deformation, frame);
+        }
         for opening in &self.mesh.openings {
             openings::draw(self, opening, texture, deformation, inside, &seam, frame);
         }
     }
 
-    /// The lids that shut in a frame, and how far their skin takes the place of the photograph's.
-    fn shutting_lids(&self, deformation: &Deformation) -> Vec<(&LidSkin, f64)> {
+    /// The lids whose skin is without lashes in a frame, since they shut or since their lashes stand by themselves, and how far it takes the place of
+    /// the photograph's.
+    fn bare_lids<'a>(&'a self, deformation: &Deformation, standing: &[Lashes<'a>]) -> Vec<(&'a LidSkin, f64)> {
         let pairs = self.mesh.openings.iter().zip(&self.lids);
-        let shutting = pairs.filter_map(|(opening, lid)| {
-            let gap = |vertices| openings::gap(self, opening, vertices);
-            Some((lid.as_ref()?, LidSkin::share(1.0 - gap(&deformation.vertices) / gap(&self.source).max(1e-9))))
+        let bare = pairs.filter_map(|(opening, lid)| {
+            let lid = lid.as_ref()?;
+            let stands = standing.iter().find(|lashes| std::ptr::eq(lashes.lid, lid)).map_or(0.0, |lashes| lashes.share);
+            Some((lid, self.shut(opening, deformation).max(stands)))
         });
-        shutting.filter(|(_, gone)| *gone > 0.0).collect()
+        bare.filter(|(_, gone)| *gone > 0.0).collect()
+    }
+
+    /// How far an opening has shut for its lid's skin to take the place of the photograph's.
+    pub(super) fn shut(&self, opening: &OpeningMesh, deformation: &Deformation) -> f64 {
+        let gap = |vertices| openings::gap(self, opening, vertices);
+        LidSkin::share(1.0 - gap(&deformation.vertices) / gap(&self.source).max(1e-9))
     }
 
     /// Carries another picture into the geometry of the photograph: what lies at a point of the mesh there is drawn at the same

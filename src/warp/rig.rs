@@ -73,6 +73,8 @@ pub struct RigOpening {
     pub lower_nodes: [u16; 5],
     /// Nodes of the iris; none in a mouth.
     pub iris: &'static [u16],
+    /// Inner and outer node of the lower edge of the brow above it; none above a mouth.
+    pub brow: Option<[u16; 2]>,
     /// Colour of the lashes, levels.
     pub lashes: [f32; 3],
     /// The skin of its upper lid without lashes.
@@ -103,6 +105,7 @@ impl Warp {
             upper_nodes: nodes.upper,
             lower_nodes: nodes.lower,
             iris: nodes.iris,
+            brow: layout::lid_skin_of(mesh.opening).map(|skin| skin.brow),
             lashes: openings::lash_colour(self, mesh, texture),
             lid: self.lids.get(k).cloned().flatten(),
         });

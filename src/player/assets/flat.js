@@ -80,7 +80,7 @@ class FlatStage {
     if (!shutting.length) return rig.image;
     if (!this.lids.has(rig)) {
       const skin = node("canvas", { width, height });
-      skin.getContext("2d").putImageData(rig.lidPicture(), 0, 0);
+      skin.getContext("2d").putImageData(rig.lidPictures().skin, 0, 0);
       this.lids.set(rig, { skin, mixed: node("canvas", { width, height }) });
     }
     const { skin, mixed } = this.lids.get(rig), context = mixed.getContext("2d");

@@ -6,6 +6,10 @@ void main() { c = cover; uv = (from + 0.5) / size; vec2 p = (at + 0.5) / size * 
 const SKIN_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
 void main() { vec4 t = texture2D(picture, uv); gl_FragColor = vec4(t.rgb, c * t.a); }`;
+// What lies over a picture as a factor, as far as it covers.
+const FACTOR_FRAGMENT = `
+precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
+void main() { gl_FragColor = vec4(mix(vec3(1.0), texture2D(picture, uv).rgb, c), 1.0); }`;
 // The skin of a face while folds grow on it: `fold` is where a vertex lies on the picture of their levels.
 const FOLD_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute vec2 fold; uniform vec2 size; varying vec2 uv; varying vec2 f;
@@ -144,6 +148,7 @@ class GlStage {
   setUp() {
     const { gl } = this;
     this.skin = this.program(SKIN_VERTEX, SKIN_FRAGMENT);
+    this.factor = this.program(SKIN_VERTEX, FACTOR_FRAGMENT);
     this.folded = this.program(FOLD_VERTEX, FOLD_FRAGMENT);
     this.mouth = this.program(MOUTH_VERTEX, MOUTH_FRAGMENT);
     this.lash = this.program(LASH_VERTEX, LASH_FRAGMENT);
@@ -209,17 +214,17 @@ class GlStage {
     if (program === this.skin) gl.vertexAttrib1f(program.at("cover")[0], 1);
   }
   /** Textured triangles given corner by corner: `corners` is a list of [x, y, from x, from y], with `cover` [..., cover]. */
-  loose(rig, corners, cover = false) {
+  loose(rig, corners, cover = false, program = this.skin) {
     const { gl } = this;
-    this.use(this.skin, rig);
+    this.use(program, rig);
     if (cover) {
       this.buffer("loose cover", () => Float32Array.from(corners, (c) => c[4]));
-      this.attribute(this.skin, "cover", 1);
+      this.attribute(program, "cover", 1);
     }
     this.buffer("loose at", () => Float32Array.from(corners.flatMap((c) => [c[0], c[1]])));
-    this.attribute(this.skin, "at");
+    this.attribute(program, "at");
     this.buffer("loose from", () => Float32Array.from(corners.flatMap((c) => [c[2], c[3]])));
-    this.attribute(this.skin, "from");
+    this.attribute(program, "from");
     gl.drawArrays(gl.TRIANGLES, 0, corners.length);
   }
   draw(rig) {
@@ -257,7 +262,8 @@ class GlStage {
     gl.drawElements(gl.TRIANGLES, rig.skin.length, gl.UNSIGNED_SHORT, 0);
     gl.enable(gl.BLEND);
     const shutting = rig.shuttingLids();
-    this.drawLids(rig, shutting);
+    this.drawLids(rig, rig.bareLids());
+    this.drawStandingLashes(rig);
     // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
       if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
@@ -292,11 +298,11 @@ class GlStage {
     gl.uniform1i(folded.at("picture")[1], 0);
     gl.activeTexture(gl.TEXTURE0);
   }
-  /** Over the skin that has just been drawn, and by its buffers: that of lids that shut. */
-  drawLids(rig, shutting) {
+  /** Over the skin that has just been drawn, and by its buffers: that of lids without lashes. */
+  drawLids(rig, bare) {
     const { gl } = this;
-    if (shutting.length) this.skinBy(this.skin, rig);
-    for (const { opening, lid, gone } of shutting) {
+    if (bare.length) this.skinBy(this.skin, rig);
+    for (const { opening, lid, gone } of bare) {
       this.byLidPicture(rig, () => {
         gl.vertexAttrib1f(this.skin.at("cover")[0], gone);
         this.buffer(`lid ${rig.index} ${opening.kind}`, () => lid.triangles, gl.ELEMENT_ARRAY_BUFFER, true);
@@ -304,11 +310,23 @@ class GlStage {
       });
     }
   }
-  /** Draws with the skin of lids for the picture. */
-  byLidPicture(rig, draw) {
+  /** Lashes below brows that rise, over the skin without them. */
+  drawStandingLashes(rig) {
+    const { gl } = this;
+    const standing = rig.standingLashes();
+    if (!standing.length) return;
+    gl.blendFunc(gl.DST_COLOR, gl.ZERO);
+    this.byLidPicture(rig, () => standing.forEach((entry) => this.loose(rig, rig.lashStrips(entry), true, this.factor)), "lashes");
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+  }
+  /** Draws with the skin of lids, or with their lashes, for the picture. */
+  byLidPicture(rig, draw, part = "skin") {
     const { gl, pictures, lidPictures } = this;
-    if (!lidPictures.has(rig)) lidPictures.set(rig, this.texture(rig.lidPicture()));
-    gl.bindTexture(gl.TEXTURE_2D, lidPictures.get(rig));
+    if (!lidPictures.has(rig)) {
+      const { skin, lashes } = rig.lidPictures();
+      lidPictures.set(rig, { skin: this.texture(skin), lashes: this.texture(lashes) });
+    }
+    gl.bindTexture(gl.TEXTURE_2D, lidPictures.get(rig)[part]);
     draw();
     gl.bindTexture(gl.TEXTURE_2D, pictures.get(rig));
   }

@@ -1,5 +1,6 @@
-// The skin of upper lids as it is without lashes, for eyes that shut. The same steps as the library's `warp/lid_skin.rs`; see there for the
-// reasons. What it takes the place of depends on a place of the picture only, so it is a picture of its own that is laid over the other.
+// The skin of upper lids as it is without lashes, for eyes that shut and for brows that rise, and the lashes by themselves. The same steps as the
+// library's `warp/lid_skin.rs` and `warp/lashes.rs`; see there for the reasons. What they take the place of depends on a place of the picture only,
+// so both are pictures of their own that are laid over the other.
 
 const luma = (r, g, b) => 0.3 * r + 0.59 * g + 0.11 * b;
 
@@ -11,6 +12,7 @@ class LidSkin {
     this.strips = this.look.strips.map((off) => (off * this.unit) / Math.hypot(...across));
     // Bilinear reading goes a pixel beyond the edge.
     this.below = Math.max(0.5 * this.look.leastBand * this.unit, 1);
+    this.above = Math.max(...this.band) + this.look.fade * this.unit;
     this.reach(rig);
   }
   /** Share of the way from the outer to the inner corner, and height above the line between them, px. */
@@ -60,9 +62,9 @@ class LidSkin {
   }
 }
 
-/** The skin of a face's lids as a picture to be laid over its own. */
-function lidPicture(rig) {
-  const { width, height } = rig;
+/** The skin of a face's lids as a picture to be laid over its own, and its lashes as one that the skin is multiplied by. */
+function lidPictures(rig) {
+  const { width, height } = rig, { darkest, floor } = rig.shared.lidSkin;
   const context = node("canvas", { width, height }).getContext("2d", { willReadFrequently: true });
   context.drawImage(rig.image, 0, 0);
   const { data } = context.getImageData(0, 0, width, height);
@@ -73,7 +75,8 @@ function lidPicture(rig) {
     const row = (k) => data[k] + (data[k + right] - data[k]) * fx;
     return [0, 1, 2].map((c) => row(a + c) + (row(a + under + c) - row(a + c)) * fy);
   };
-  const picture = new ImageData(width, height);
+  const skin = new ImageData(width, height), lashes = new ImageData(width, height);
+  lashes.data.fill(255);
   for (const lid of rig.lidSkins) {
     if (!lid) continue;
     const [left, top, w, h] = lid.box;
@@ -81,9 +84,15 @@ function lidPicture(rig) {
       for (let x = left; x < left + w; x++) {
         const at = 4 * (y * width + x);
         // Where there is none of it, too, it has a colour, which the pixels beside are mixed with; the other lid's own stays.
-        if (!picture.data[at + 3]) picture.data.set(lid.colour(x, y, sample), at);
+        if (skin.data[at + 3]) continue;
+        const colour = lid.colour(x, y, sample);
+        skin.data.set(colour, at);
+        for (let c = 0; c < 3; c++) {
+          const own = data[at + c], bare = own + ((colour[c] - own) * colour[3]) / 255;
+          lashes.data[at + c] = 255 * clamp((own + floor) / (bare + floor), darkest, 1);
+        }
       }
     }
   }
-  return picture;
+  return { skin, lashes };
 }

@@ -363,15 +363,54 @@ class Rig {
     }
     return at;
   }
-  /** The lids that shut, and how far their skin takes the place of the picture's, 0 to 1. */
-  shuttingLids() {
-    const { lidSkins, openings, moved, vertices, shared } = this;
-    const gone = (k) => smoothStep(...shared.lidSkin.shut, 1 - this.gap(openings[k], moved) / Math.max(this.gap(openings[k], vertices), 1e-9));
-    return lidSkins.map((lid, k) => ({ opening: openings[k], lid, gone: lid ? gone(k) : 0 })).filter((entry) => entry.gone > 0);
+  /** How far an opening has shut for its lid's skin to take the place of the picture's, 0 to 1. */
+  shut(opening) {
+    const { moved, vertices, shared } = this;
+    return smoothStep(...shared.lidSkin.shut, 1 - this.gap(opening, moved) / Math.max(this.gap(opening, vertices), 1e-9));
   }
-  /** The skin of both lids over the picture, made when a lid first shuts. */
-  lidPicture() {
-    this.lidPixels ??= lidPicture(this);
+  /** The lids that shut, and how far their skin takes the place of the picture's. */
+  shuttingLids() {
+    const { lidSkins, openings } = this;
+    return lidSkins.map((lid, k) => ({ opening: openings[k], lid, gone: lid ? this.shut(openings[k]) : 0 })).filter((entry) => entry.gone > 0);
+  }
+  /** The eyes below brows that rise, whose lashes stand by themselves, and how far, 0 to 1. */
+  standingLashes() {
+    const { lidSkins, openings, nodes, wanted, shared } = this;
+    const middle = (p, [a, b]) => [0, 1].map((axis) => (p[2 * a + axis] + p[2 * b + axis]) / 2);
+    const way = (p, pair, to) => Math.hypot(...[0, 1].map((axis) => middle(p, pair)[axis] - middle(p, to)[axis]));
+    const stands = (opening) => {
+      const { upperNodes: [outer, , lid, , inner], brow } = opening, corners = [outer, inner];
+      const rise = way(wanted, brow, corners) - way(nodes, brow, corners);
+      return smoothStep(...shared.lidSkin.drawnOut, 1 + rise / Math.max(way(nodes, brow, [lid, lid]), 1e-9)) * (1 - this.shut(opening));
+    };
+    return lidSkins.map((lid, k) => ({ opening: openings[k], lid, share: lid ? stands(openings[k]) : 0 })).filter((entry) => entry.share > 0);
+  }
+  /** The lids whose skin is without lashes, since they shut or their lashes stand by themselves, and how far. */
+  bareLids() {
+    const bare = this.shuttingLids();
+    for (const { opening, lid, share } of this.standingLashes()) {
+      const known = bare.find((entry) => entry.lid === lid);
+      if (known) known.gone = Math.max(known.gone, share);
+      else bare.push({ opening, lid, gone: share });
+    }
+    return bare;
+  }
+  /** Lashes that stand by themselves as triangles: corners from strip to strip, each [x, y, from x, from y, share]. */
+  lashStrips({ opening: { upper }, lid, share }) {
+    const { vertices, moved, down, shared } = this, { beyond } = shared.lidSkin;
+    const margin = (p) => {
+      const line = upper.map((v) => [p[2 * v], p[2 * v + 1]]), [first, last] = [line[0], line[line.length - 1]];
+      const off = [0, 1].map((axis) => beyond * (last[axis] - first[axis]));
+      return [[first[0] - off[0], first[1] - off[1]], ...line, [last[0] + off[0], last[1] + off[1]]];
+    };
+    const [from, to] = [margin(vertices), margin(moved)], corners = [];
+    const corner = (k, up) => [to[k], from[k]].flatMap(([x, y]) => [x - up * lid.above * down[0], y - up * lid.above * down[1]]).concat(share);
+    for (let k = 1; k < from.length; k++) corners.push(corner(k - 1, 0), corner(k, 0), corner(k, 1), corner(k - 1, 0), corner(k, 1), corner(k - 1, 1));
+    return corners;
+  }
+  /** The skin of both lids over the picture, and their lashes, made when they are first seen. */
+  lidPictures() {
+    this.lidPixels ??= lidPictures(this);
     return this.lidPixels;
   }
   /** The line of the lashes of an eye whose lids come near each other: points, how shut (0 to 1), half its width. */
