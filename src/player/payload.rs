@@ -110,7 +110,6 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
         "lidSkin": {
             "shut": lid_skin::SHUT,
             "leastBand": lid_skin::LEAST_BAND,
-            "fade": lid_skin::FADE,
             "ends": lid_skin::ENDS,
             "folded": lid_skin::FOLDED,
             "strips": lid_skin::STRIPS,
@@ -295,6 +294,7 @@ fn lid_skin(lid: &LidSkin, from: [f64; 2], scale: f64) -> Value {
         "across": [lid.across.x * scale, lid.across.y * scale],
         "edge": lengths(&lid.edge),
         "band": lengths(&lid.band),
+        "fade": lid.fade * scale,
         "skin": pack::single(lid.skin.iter().flatten().map(|&level| f64::from(level))),
     })
 }

@@ -183,6 +183,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn skin_above_a_lid_is_held_over_its_nodes_and_half_way_between_them() {
+        for skin in &LID_SKIN {
+            let mut columns = columns(skin);
+            columns.sort_by(|a, b| a.share.total_cmp(&b.share));
+            let [a, b, c] = skin.lid;
+            assert_eq!(columns.iter().map(|column| column.lid).collect::<Vec<_>>(), [[a, a], [a, b], [b, b], [b, c], [c, c]]);
+            assert!(columns.windows(2).all(|pair| (pair[1].share - pair[0].share - 0.1).abs() < 1e-12));
+        }
+    }
+
+    #[test]
     fn an_edge_follows_an_arch_through_its_nodes() {
         let places = [0.0, 0.25, 0.5, 0.75, 1.0];
         let value =

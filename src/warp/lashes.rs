@@ -2,14 +2,14 @@
 //!
 //! A brow that rises draws out the skin below it, and with it what stands over that skin: lashes become threads, and the shade under them a smear.
 //! Lashes stand on the margin of the lid and keep their shape. So the skin that is drawn out is what it is without them (see `lid_skin`), and what
-//! the photograph has of them, its ratio to that skin, is laid over it as high above the margin as it was. The page of `play` does the same
-//! (`player/assets/lids.js`): who changes one changes the other.
+//! the photograph has of them, its ratio to that skin, is laid over it as high above the margin as it was. The page of `play` does the same where
+//! it has WebGL (`player/assets/rig.js`, `lids.js` and `gl.js`): who changes one changes the other.
 
 use image::RgbImage;
 use nalgebra::Point2;
 
-use super::{Deformation, Texture, Warp, layout, lid_skin::LidSkin, mesh::OpeningMesh, raster, sample};
-use crate::interpolation::smooth_step;
+use super::{Deformation, Texture, Warp, layout, lid_skin::LidSkin, mesh::OpeningMesh, openings, raster, sample};
+use crate::{geometry::Similarity, interpolation::smooth_step};
 
 /// By how much the way from the lid to the brow is longer than on the photograph where lashes begin to stand by themselves, and do wholly.
 pub const DRAWN_OUT: (f64, f64) = (1.04, 1.22);
@@ -26,15 +26,18 @@ pub struct Lashes<'a> {
     opening: &'a OpeningMesh,
     /// How far they stand by themselves, 0 to 1.
     pub share: f64,
+    /// How the head has moved.
+    head: Similarity,
 }
 
 /// Those of the eyes whose brows rise, as far as their lids do not shut: there they are a line.
 pub fn standing<'a>(warp: &'a Warp, deformation: &Deformation) -> Vec<Lashes<'a>> {
+    let head = openings::head(warp, deformation);
     let pairs = warp.mesh.openings.iter().zip(&warp.lids);
     let found = pairs.filter_map(|(opening, lid)| {
         let lid = lid.as_ref()?;
-        let share = share(drawn_out(warp, opening, deformation)?) * (1.0 - warp.shut(opening, deformation));
-        (share > 0.0).then_some(Lashes { lid, opening, share })
+        let share = share(drawn_out(warp, opening, deformation, &head)?) * (1.0 - warp.shut(opening, deformation, &head));
+        (share > 0.0).then_some(Lashes { lid, opening, share, head })
     });
     found.collect()
 }
@@ -45,7 +48,7 @@ fn share(drawn_out: f64) -> f64 {
 }
 
 /// How many times as long as on the photograph a brow that rises makes the way from the lid to itself; `None` for the mouth.
-fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Option<f64> {
+fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation, head: &Similarity) -> Option<f64> {
     let skin = layout::lid_skin_of(opening.opening)?;
     let middle = |nodes: &[Point2<f64>], pair: [u16; 2]| {
         let [a, b] = pair.map(|n| nodes[usize::from(n)]);
@@ -53,7 +56,7 @@ fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> O
     };
     let above_corners = |nodes: &[Point2<f64>]| (middle(nodes, skin.brow) - middle(nodes, skin.corners)).norm();
     let room = (middle(&warp.nodes, skin.brow) - warp.nodes[usize::from(skin.lid[1])]).norm();
-    let rise = above_corners(&deformation.nodes) / deformation.background.scale - above_corners(&warp.nodes);
+    let rise = above_corners(&deformation.nodes) / head.scale.max(1e-9) - above_corners(&warp.nodes);
     Some(1.0 + rise / room.max(1e-9))
 }
 
@@ -62,7 +65,7 @@ impl Lashes<'_> {
     pub fn draw(&self, warp: &Warp, texture: &Texture, deformation: &Deformation, frame: &mut RgbImage) {
         let size = frame.dimensions();
         let up = -warp.frame.down.into_inner() * self.lid.reach();
-        let moved = deformation.background.apply(&Point2::from(up)) - deformation.background.apply(&Point2::origin());
+        let moved = self.head.apply_vector(&up);
         let (source, goes) = (self.margin(&warp.source), self.margin(&deformation.vertices));
         for k in 1..source.len() {
             let from = [source[k - 1], source[k], source[k] + up, source[k - 1] + up];
@@ -72,7 +75,7 @@ impl Lashes<'_> {
                     let ratio = self.lid.lashes(at, texture);
                     let pixel = frame.get_pixel_mut(x, y);
                     for (level, ratio) in pixel.0.iter_mut().zip(ratio) {
-                        *level = sample::byte(f32::from(*level) * (1.0 + (ratio - 1.0) * self.share as f32));
+                        *level = sample::byte(f32::from(*level) * missing(ratio, self.share as f32));
                     }
                 });
             }
@@ -88,12 +91,18 @@ impl Lashes<'_> {
     }
 }
 
+/// The factor by which skin is to be darkened that has so much of its lashes left, as a share of `ratio`, for it to have all of them: `ratio`
+/// where it is bare (1), and 1 where it is as it is on the photograph (0).
+fn missing(ratio: f32, bare: f32) -> f32 {
+    ratio / (ratio + (1.0 - ratio) * bare)
+}
+
 impl LidSkin {
     /// What lashes leave of the skin's red, green and blue at a place of the photograph, as factors.
     fn lashes(&self, at: Point2<f64>, texture: &Texture) -> [f32; 3] {
         let photograph = texture.sample(at);
         let skin = self.colour(at, 1.0, photograph, texture);
-        std::array::from_fn(|c| ((photograph[c] + FLOOR) / (skin[c] + FLOOR)).clamp(DARKEST, 1.0))
+        std::array::from_fn(|c| ((photograph[c].max(0.0) + FLOOR) / (skin[c].max(0.0) + FLOOR)).clamp(DARKEST, 1.0))
     }
 }
 
@@ -139,11 +148,39 @@ mod tests {
             let mut raised = nodes();
             BROWS.iter().flatten().for_each(|&n| raised[usize::from(n)].y -= by * EYES);
             let deformation = warp.deform(&raised).unwrap();
-            warp.mesh.openings.iter().map(|opening| drawn_out(&warp, opening, &deformation)).collect::<Vec<_>>()
+            warp.mesh
+                .openings
+                .iter()
+                .map(|opening| drawn_out(&warp, opening, &deformation, &openings::head(&warp, &deformation)))
+                .collect::<Vec<_>>()
         };
         assert!(out(0.0)[0].is_none() && out(0.0)[1..].iter().flatten().all(|out| (out - 1.0).abs() < 1e-9), "{:?}", out(0.0));
         assert!(out(0.1).iter().flatten().all(|out| *out > 1.2), "{:?}", out(0.1));
         assert!(out(-0.05).iter().flatten().all(|out| *out < 1.0));
         assert!(share(1.04) == 0.0 && (share(1.13) - 0.5).abs() < 1e-9 && share(1.22) == 1.0);
+    }
+
+    #[test]
+    fn a_head_that_comes_nearer_or_turns_raises_no_brow() {
+        let warp = warp();
+        for (scale, angle) in [(1.15, 0.0), (0.9, 0.0), (1.0, 0.3)] {
+            let head = Similarity { scale, angle, translation: nalgebra::Vector2::new(10.0, -5.0) };
+            let nodes: Vec<Point2<f64>> = nodes().iter().map(|p| head.apply(p)).collect();
+            let deformation = warp.deform(&nodes).unwrap();
+            let found = openings::head(&warp, &deformation);
+            let out = warp.mesh.openings.iter().filter_map(|opening| drawn_out(&warp, opening, &deformation, &found));
+            assert!(
+                out.clone().count() == 2 && out.clone().all(|out| share(out) < 1e-3),
+                "{scale} {angle}: {:?}",
+                out.collect::<Vec<_>>()
+            );
+        }
+    }
+
+    #[test]
+    fn skin_that_is_half_bare_gets_half_of_its_lashes_back() {
+        // Of lashes that leave a fifth of the light: all of it, none, and as much as is missing at the half, where 0.6 of the light is left.
+        assert_eq!((missing(0.2, 1.0), missing(0.2, 0.0), missing(1.0, 0.5)), (0.2, 1.0, 1.0));
+        assert!((0.6 * missing(0.2, 0.5) - 0.2).abs() < 1e-6);
     }
 }

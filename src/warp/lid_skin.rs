@@ -1,4 +1,4 @@
-//! The skin of upper lids as it is without lashes, for eyes that shut.
+//! The skin of upper lids as it is without lashes, for eyes that shut and for brows that rise (see `lashes`).
 //!
 //! A lid that shuts draws the skin above it down, and lashes that stand over that skin on the photograph would be drawn out to stripes. So
 //! the skin is guessed as it would be without them: at every place along the lid the brighter colours of what lies between lid and brow,
@@ -30,9 +30,12 @@ const SKIN: (f64, f64) = (0.75, 0.95);
 const LASHLESS: f64 = 0.93;
 /// How fast the lid's height falls along it, over the way.
 const FALL: f64 = 0.6;
-/// Least height of the band of lashes, and that over which it fades, over the eye distance.
+/// Least height of the band of lashes, and that over which it fades, over the eye distance; it fades before the brow, so much of the way there, if
+/// only over that.
 pub const LEAST_BAND: f64 = 0.03;
-pub const FADE: f64 = 0.055;
+const FADE: f64 = 0.055;
+const BEFORE_BROW: f64 = 0.85;
+const LEAST_FADE: f64 = 0.015;
 /// Skin from above the lashes is laid over the guess, that much of it, and from so much less of a height than it is laid on; not where it is
 /// darker than this over the guess, and wholly where it is as bright as that.
 pub const GRAIN: f32 = 0.55;
@@ -58,6 +61,8 @@ pub struct LidSkin {
     /// The skin there, levels, and how high lashes reach, px.
     pub skin: Vec<[f32; 3]>,
     pub band: Vec<f64>,
+    /// Over how much more it fades, px.
+    pub fade: f64,
 }
 
 impl LidSkin {
@@ -76,7 +81,8 @@ impl LidSkin {
         if across.norm_squared() < 1e-9 {
             return None;
         }
-        let mut lid = Self { from, across, down, eye_distance: unit, edge: Vec::new(), skin: Vec::new(), band: Vec::new() };
+        let (edge, skin, band) = (Vec::new(), Vec::new(), Vec::new());
+        let mut lid = Self { from, across, down, eye_distance: unit, edge, skin, band, fade: FADE * unit };
         let spots: Vec<(f64, f64)> = upper.iter().map(|p| lid.place(p)).collect();
         let on_edge = |along: f64| {
             let pair = spots.windows(2).find(|pair| along <= pair[1].0).or(spots.windows(2).last())?;
@@ -119,6 +125,8 @@ impl LidSkin {
             lid.band = smoothed(&lid.band, |list| list.iter().sum::<f64>() / list.len() as f64);
             lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
         }
+        let highest = lid.band.iter().copied().fold(0.0, f64::max);
+        lid.fade = (BEFORE_BROW * room - highest).clamp(LEAST_FADE * unit, FADE * unit);
         Some(lid)
     }
 
@@ -132,7 +140,7 @@ impl LidSkin {
 
     /// How high above the lid it takes the place of the photograph's at most, px.
     pub fn reach(&self) -> f64 {
-        self.band.iter().copied().fold(0.0, f64::max) + FADE * self.eye_distance
+        self.band.iter().copied().fold(0.0, f64::max) + self.fade
     }
 
     /// How far it takes the place of the photograph's where `shut` of the opening is gone, 0 to 1.
@@ -145,7 +153,7 @@ impl LidSkin {
         let unit = self.eye_distance;
         let most = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let lowest = self.edge.iter().copied().fold(f64::INFINITY, f64::min) - 0.5 * LEAST_BAND * unit;
-        let highest = most(&self.edge) + most(&self.band) + FADE * unit;
+        let highest = most(&self.edge) + most(&self.band) + self.fade;
         let corners = [-0.5, PLACES as f64 + 0.5].map(|k| k / PLACES as f64);
         let corner = |along: f64| [lowest, highest].map(|height| self.from + self.across * along - self.down * height);
         Bounds::around(corners.into_iter().flat_map(corner))
@@ -165,13 +173,13 @@ impl LidSkin {
         let band = between(self.band[k], self.band[k + 1]);
         // Beside the corners, too, it is the photograph's again.
         let inside = smooth_step(ENDS[0].0, ENDS[0].1, along) * (1.0 - smooth_step(ENDS[1].0, ENDS[1].1, along));
-        let share = gone * inside * (1.0 - smooth_step(band, band + FADE * self.eye_distance, above));
+        let share = gone * inside * (1.0 - smooth_step(band, band + self.fade, above));
         if share <= 0.0 || above < -0.5 * LEAST_BAND * self.eye_distance {
             return photograph;
         }
         let guess: [f32; 3] = std::array::from_fn(|c| self.skin[k][c] + (self.skin[k + 1][c] - self.skin[k][c]) * t as f32);
         let missing = (band - above).max(0.0);
-        let rise = FOLDED * missing + missing + 0.5 * FADE * self.eye_distance;
+        let rise = FOLDED * missing + missing + 0.5 * self.fade;
         let unit = self.across * (self.eye_distance / self.across.norm());
         let strips = STRIPS.map(|off| texture.sample(at - self.down * rise + unit * off));
         let beyond: [f32; 3] = std::array::from_fn(|c| strips.iter().map(|colour| colour[c]).sum::<f32>() / STRIPS.len() as f32);

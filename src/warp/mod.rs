@@ -321,7 +321,7 @@ impl Warp {
 
     /// The upper teeth of a face whose mouth is made.
     fn teeth(&self) -> Option<&Rgba32FImage> {
-        self.dentition.get_or_init(|| mouth::dentition(&mouth::Proportions::of(self))).as_ref()
+        self.dentition.get_or_init(|| mouth::dentition(&mouth::Proportions::of(self), mouth::teeth_size(self))).as_ref()
     }
 
     /// Distance between the middles of the eyes, px.

@@ -117,16 +117,23 @@ fn eyeball<'a>(warp: &'a Warp, opening: &OpeningMesh) -> Option<&'a Eyeball> {
     warp.eyes.get(place)?.as_ref()
 }
 
+/// Between the corners of an eye.
+fn middle_of_eye(points: &[Point2<f64>], eye: &OpeningNodes) -> Point2<f64> {
+    nalgebra::center(&points[usize::from(eye.upper[0])], &points[usize::from(eye.upper[4])])
+}
+
+/// Where, how large and how much turned the head is in a frame, by the line between the eyes.
+pub(super) fn head(warp: &Warp, deformation: &Deformation) -> Similarity {
+    let eyes = |points: &[Point2<f64>]| [1, 2].map(|k: usize| middle_of_eye(points, &OPENINGS[k]));
+    Similarity::fit(&eyes(&warp.nodes), &eyes(&deformation.nodes), None).unwrap_or_else(|_| Similarity::identity())
+}
+
 /// Where an eyeball is in a frame. It is as large and as much turned as the head is, by the line between the eyes; the corners of its own
 /// eye, which a squint moves, only say where it is.
 fn turned(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Turned {
     let nodes = nodes_of(opening);
-    let middle = |points: &[Point2<f64>], eye: &OpeningNodes| {
-        nalgebra::center(&points[usize::from(eye.upper[0])], &points[usize::from(eye.upper[4])])
-    };
-    let eyes = |points: &[Point2<f64>]| [middle(points, &OPENINGS[1]), middle(points, &OPENINGS[2])];
-    let head = Similarity::fit(&eyes(&warp.nodes), &eyes(&deformation.nodes), None).unwrap_or_else(|_| Similarity::identity());
-    let off = middle(&deformation.nodes, nodes) - head.apply(&middle(&warp.nodes, nodes));
+    let head = head(warp, deformation);
+    let off = middle_of_eye(&deformation.nodes, nodes) - head.apply(&middle_of_eye(&warp.nodes, nodes));
     let head = Similarity { translation: head.translation + off, ..head };
     let iris = |points: &[Point2<f64>]| {
         Point2::from(

@@ -79,19 +79,20 @@ impl Warp {
     /// The lids whose skin is without lashes in a frame, since they shut or since their lashes stand by themselves, and how far it takes the place of
     /// the photograph's.
     fn bare_lids<'a>(&'a self, deformation: &Deformation, standing: &[Lashes<'a>]) -> Vec<(&'a LidSkin, f64)> {
+        let head = openings::head(self, deformation);
         let pairs = self.mesh.openings.iter().zip(&self.lids);
         let bare = pairs.filter_map(|(opening, lid)| {
             let lid = lid.as_ref()?;
             let stands = standing.iter().find(|lashes| std::ptr::eq(lashes.lid, lid)).map_or(0.0, |lashes| lashes.share);
-            Some((lid, self.shut(opening, deformation).max(stands)))
+            Some((lid, self.shut(opening, deformation, &head).max(stands)))
         });
         bare.filter(|(_, gone)| *gone > 0.0).collect()
     }
 
-    /// How far an opening has shut for its lid's skin to take the place of the photograph's.
-    pub(super) fn shut(&self, opening: &OpeningMesh, deformation: &Deformation) -> f64 {
+    /// How far an opening has shut for its lid's skin to take the place of the photograph's, on a head that has moved so.
+    pub(super) fn shut(&self, opening: &OpeningMesh, deformation: &Deformation, head: &Similarity) -> f64 {
         let gap = |vertices| openings::gap(self, opening, vertices);
-        LidSkin::share(1.0 - gap(&deformation.vertices) / gap(&self.source).max(1e-9))
+        LidSkin::share(1.0 - gap(&deformation.vertices) / (head.scale * gap(&self.source)).max(1e-9))
     }
 
     /// Carries another picture into the geometry of the photograph: what lies at a point of the mesh there is drawn at the same

@@ -139,9 +139,14 @@ impl Warp {
 
 /// Where pictures of the upper teeth belong: pixels for each eye distance, the place of the midline at the edge of the incisors (px), and their
 /// level of a tooth as bright as the brightest.
-pub const TEETH_PICTURES: (f64, (f64, f64), f32) = (mouth::TEETH_SCALE, mouth::TEETH_ORIGIN, mouth::TEETH_WHITE);
+pub const TEETH_PICTURES: (f64, (f64, f64), f32) = (mouth::TEETH_SCALE, mouth::TEETH_ORIGIN, DIMMED * mouth::TEETH_WHITE);
+/// How much darker they are than ours, so that wet lights are not cut off.
+const DIMMED: f32 = 0.75;
 
-/// A picture of whole levels.
+/// A picture of whole levels, dimmed.
 fn levels(picture: &Rgba32FImage) -> RgbaImage {
-    RgbaImage::from_fn(picture.width(), picture.height(), |x, y| image::Rgba(picture.get_pixel(x, y).0.map(super::sample::byte)))
+    RgbaImage::from_fn(picture.width(), picture.height(), |x, y| {
+        let [r, g, b, cover] = picture.get_pixel(x, y).0;
+        image::Rgba([DIMMED * r, DIMMED * g, DIMMED * b, cover].map(super::sample::byte))
+    })
 }

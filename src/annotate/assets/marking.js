@@ -290,6 +290,7 @@ export class Marking {
       this.refit();
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
+      if (id !== this.id) return;
       this.proposalNote = error.message;
     }
     this.waiting = false;

@@ -1,4 +1,5 @@
-// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, that of lids that shut, the lashes.
+// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, that of lids without lashes, lashes below brows
+// that rise, the edges of lids and lips, the lashes of lids that shut.
 
 const SKIN_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute float cover; uniform vec2 size; varying vec2 uv; varying float c;
@@ -6,10 +7,10 @@ void main() { c = cover; uv = (from + 0.5) / size; vec2 p = (at + 0.5) / size * 
 const SKIN_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
 void main() { vec4 t = texture2D(picture, uv); gl_FragColor = vec4(t.rgb, c * t.a); }`;
-// What lies over a picture as a factor, as far as it covers.
+// What lies over a picture as a factor, as far as the picture has none of it.
 const FACTOR_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
-void main() { gl_FragColor = vec4(mix(vec3(1.0), texture2D(picture, uv).rgb, c), 1.0); }`;
+void main() { vec3 left = texture2D(picture, uv).rgb; gl_FragColor = vec4(left / mix(left, vec3(1.0), c), 1.0); }`;
 // The skin of a face while folds grow on it: `fold` is where a vertex lies on the picture of their levels.
 const FOLD_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute vec2 fold; uniform vec2 size; varying vec2 uv; varying vec2 f;
@@ -262,8 +263,9 @@ class GlStage {
     gl.drawElements(gl.TRIANGLES, rig.skin.length, gl.UNSIGNED_SHORT, 0);
     gl.enable(gl.BLEND);
     const shutting = rig.shuttingLids();
-    this.drawLids(rig, rig.bareLids());
-    this.drawStandingLashes(rig);
+    const standing = rig.standingLashes();
+    this.drawLids(rig, rig.bareLids(shutting, standing));
+    this.drawStandingLashes(rig, standing);
     // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
       if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
@@ -311,9 +313,8 @@ class GlStage {
     }
   }
   /** Lashes below brows that rise, over the skin without them. */
-  drawStandingLashes(rig) {
+  drawStandingLashes(rig, standing) {
     const { gl } = this;
-    const standing = rig.standingLashes();
     if (!standing.length) return;
     gl.blendFunc(gl.DST_COLOR, gl.ZERO);
     this.byLidPicture(rig, () => standing.forEach((entry) => this.loose(rig, rig.lashStrips(entry), true, this.factor)), "lashes");

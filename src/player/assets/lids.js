@@ -5,14 +5,14 @@
 const luma = (r, g, b) => 0.3 * r + 0.59 * g + 0.11 * b;
 
 class LidSkin {
-  constructor({ from, across, edge, band, skin }, rig) {
-    Object.assign(this, { from, across, down: rig.down, unit: rig.unit, look: rig.shared.lidSkin });
+  constructor({ from, across, edge, band, fade, skin }, rig) {
+    Object.assign(this, { from, across, fade, down: rig.down, unit: rig.unit, look: rig.shared.lidSkin });
     Object.assign(this, { edge: singles(edge), band: singles(band), skin: singles(skin) });
     this.places = this.edge.length;
     this.strips = this.look.strips.map((off) => (off * this.unit) / Math.hypot(...across));
     // Bilinear reading goes a pixel beyond the edge.
     this.below = Math.max(0.5 * this.look.leastBand * this.unit, 1);
-    this.above = Math.max(...this.band) + this.look.fade * this.unit;
+    this.above = Math.max(...this.band) + fade;
     this.reach(rig);
   }
   /** Share of the way from the outer to the inner corner, and height above the line between them, px. */
@@ -23,9 +23,9 @@ class LidSkin {
   }
   /** The part of the picture that it reaches, and the triangles of the skin that show any of that. */
   reach({ skin, vertices, width, height }) {
-    const { from, across, down, places, edge, band, unit, look, below } = this;
+    const { from, across, down, places, edge, band, fade, below } = this;
     const ends = [-0.5 / places, 1 + 0.5 / places];
-    const low = Math.min(...edge) - below, high = Math.max(...edge.map((v, k) => v + band[k])) + look.fade * unit;
+    const low = Math.min(...edge) - below, high = Math.max(...edge.map((v, k) => v + band[k])) + fade;
     const corners = ends.flatMap((along) => [low, high].map((up) => [0, 1].map((axis) => from[axis] + across[axis] * along - down[axis] * up)));
     const bounds = (axis, size) => {
       const list = corners.map((p) => p[axis]);
@@ -45,11 +45,11 @@ class LidSkin {
   }
   /** Red, green and blue (levels) at a place of the picture, and how far they take the place of its own over a lid that has shut. */
   colour(x, y, sample) {
-    const { edge, band: bands, skin, places, unit, down, look } = this;
+    const { edge, band: bands, fade, skin, places, down, look } = this;
     const [along, height] = this.place(x, y);
     const place = along * places - 0.5, k = clamp(Math.floor(place), 0, places - 2), t = clamp(place - k, 0, 1);
     const between = (list, step = 1, c = 0) => list[step * k + c] + (list[step * (k + 1) + c] - list[step * k + c]) * t;
-    const above = height - between(edge), band = between(bands), fade = look.fade * unit;
+    const above = height - between(edge), band = between(bands);
     const inside = smoothStep(...look.ends[0], along) * (1 - smoothStep(...look.ends[1], along));
     const isOut = place < -1 || place > places || above < -this.below;
     const share = isOut ? 0 : inside * (1 - smoothStep(band, band + fade, above));

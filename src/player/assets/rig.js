@@ -386,9 +386,9 @@ class Rig {
     return lidSkins.map((lid, k) => ({ opening: openings[k], lid, share: lid ? stands(openings[k]) : 0 })).filter((entry) => entry.share > 0);
   }
   /** The lids whose skin is without lashes, since they shut or their lashes stand by themselves, and how far. */
-  bareLids() {
-    const bare = this.shuttingLids();
-    for (const { opening, lid, share } of this.standingLashes()) {
+  bareLids(shutting, standing) {
+    const bare = shutting.map((entry) => ({ ...entry }));
+    for (const { opening, lid, share } of standing) {
       const known = bare.find((entry) => entry.lid === lid);
       if (known) known.gone = Math.max(known.gone, share);
       else bare.push({ opening, lid, gone: share });

@@ -2,7 +2,7 @@
 //!
 //! A mean has crowns of one brightness in a row that is even on both sides, and the same on everybody: it looks like the keys of a piano. No two
 //! crowns of a person are alike. So every face has a row of its own: the crowns of the mean picture, each with its own length, turn, brightness
-//! and colour, as much as crowns of people differ from it, drawn by what its face is, and with the wet light that each of them reflects.
+//! and colour, nearly as much as crowns of people differ from it, drawn by what its face is, and with the wet light that each of them reflects.
 
 use image::Rgba32FImage;
 
@@ -14,11 +14,15 @@ use super::{
 use crate::interpolation::smooth_step;
 
 /// Where crowns end, from the midline outwards, over the eye distance: two incisors, the canine, two premolars.
-const CROWNS: [f64; 5] = [0.130, 0.217, 0.295, 0.368, 0.45];
+const CROWNS: [f64; 5] = [0.130, 0.217, 0.295, 0.368, 0.43];
+/// Where their edges are on the mean picture, over the eye distance, y down.
+const EDGES: [f64; 5] = [0.002, -0.025, -0.048, -0.066, -0.093];
+/// How far apart faces lie in what is drawn: by their lips and jaws, and by their mouths' width. Twice an error of a fit is no other mouth.
+const APART: (f64, f64) = (0.4, 12.0);
 /// Standard deviations of what crowns of one mouth differ by from the mean picture's, from the midline outwards, as far as both of a pair do, and each by
-/// itself: logarithm of brightness, place of the edge over the eye distance, logarithm of red over blue. The 24 smiles that the picture is of have
-/// a half more of brightness, a quarter more of edges and more than twice of the colour; some of that is the light in them, the gums beside what
-/// is measured and its errors, and teeth that differ by all of it look patched.
+/// itself, at whole numbers of the lattice (a seventh less between them): logarithm of brightness, place of the edge over the eye distance, logarithm
+/// of red over blue. The 24 smiles that the picture is of have a half more of brightness, a quarter more of edges and more than twice of the
+/// colour; some of that is the light in them, the gums beside what is measured and its errors, and teeth that differ by all of it look patched.
 const BRIGHT: [(f64, f64); 5] = [(0.024, 0.015), (0.009, 0.035), (0.017, 0.045), (0.017, 0.045), (0.017, 0.045)];
 const EDGE: [(f64, f64); 5] = [(0.006, 0.004), (0.0, 0.0055), (0.0055, 0.006), (0.0055, 0.005), (0.0055, 0.005)];
 const RED: [(f64, f64); 5] = [(0.010, 0.004), (0.006, 0.008), (0.015, 0.008), (0.015, 0.008), (0.015, 0.008)];
@@ -37,19 +41,21 @@ struct WetLight {
     strength: [f64; 5],
     varies: f64,
     beside: f64,
-    height: (f64, f64),
+    height: [f64; 5],
+    rises: f64,
     extent: (f64, f64),
 }
 const WET_LIGHT: WetLight = WetLight {
     strength: [0.12, 0.14, 0.12, 0.08, 0.05],
     varies: 0.6,
     beside: 0.22,
-    height: (0.050, 0.014),
+    height: [0.050, 0.050, 0.045, 0.040, 0.032],
+    rises: 0.012,
     extent: (0.011, 0.020),
 };
 
 /// What one crown has of its own.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Crown {
     /// Its middle from the midline, over the eye distance, to the right on the picture.
     middle: f64,
@@ -57,19 +63,20 @@ struct Crown {
     edge: f64,
     red: f64,
     turn: f64,
+    /// The height around which it is turned.
+    axis: f64,
     /// Strength of the wet light, and its place.
     wet: f64,
     wet_at: (f64, f64),
 }
 
 /// The crowns of a face on one side of the midline (0: left on the picture), from the midline outwards.
-fn crowns(own: f64, side: usize) -> [Crown; 5] {
+fn crowns(face: (f64, f64), side: usize) -> [Crown; 5] {
     std::array::from_fn(|k| {
-        // Every number of every crown has its own row of the lattice, along which faces lie.
-        let drawn = |what: usize| grain(own + 100.0 * k as f64, (10 * side + what) as f64);
-        let of_pair = |(pair, one): (f64, f64), what: usize| {
-            SPREAD * (pair * grain(own + 100.0 * k as f64, (20 + what) as f64) + one * drawn(what))
-        };
+        // Every number of every crown has its own piece of the lattice, in which faces lie.
+        let at = |what: usize| grain(APART.0 * face.0 + 100.0 * k as f64, APART.1 * face.1 + 50.0 * what as f64);
+        let drawn = |what: usize| at(10 * side + what);
+        let of_pair = |(pair, one): (f64, f64), what: usize| SPREAD * (pair * at(20 + what) + one * drawn(what));
         let sign = if side == 0 { -1.0 } else { 1.0 };
         let from = k.checked_sub(1).map_or(0.0, |k| CROWNS[k]);
         let (width, middle) = (CROWNS[k] - from, sign * f64::midpoint(from, CROWNS[k]));
@@ -81,28 +88,28 @@ fn crowns(own: f64, side: usize) -> [Crown; 5] {
             red: of_pair(RED[k], 2),
             turn: SPREAD * TURN * drawn(3),
             wet,
-            wet_at: (middle + width * WET_LIGHT.beside * drawn(5), -WET_LIGHT.height.0 + WET_LIGHT.height.1 * drawn(6)),
+            wet_at: (middle + width * WET_LIGHT.beside * drawn(5), EDGES[k] - WET_LIGHT.height[k] + WET_LIGHT.rises * drawn(6)),
+            axis: EDGES[k] - AXIS,
         }
     })
 }
 
-/// The teeth of a face, in the place and the levels of the mean picture; `None` if that could not be decoded.
-pub fn dentition(proportions: &Proportions) -> Option<Rgba32FImage> {
+/// The teeth of a face whose teeth have a size over the picture's, in the place and the levels of the mean picture; `None` if that could not be
+/// decoded.
+pub fn dentition(proportions: &Proportions, size: f64) -> Option<Rgba32FImage> {
     let mean = picture()?;
-    let sides = [0, 1].map(|side| crowns(proportions.own(), side));
+    let sides = [0, 1].map(|side| crowns((proportions.own(), size), side));
     let row: Vec<Crown> = sides[0].iter().rev().chain(&sides[1]).copied().collect();
     let ends: Vec<f64> = CROWNS.iter().rev().skip(1).map(|end| -end).chain([0.0]).chain(CROWNS.iter().copied().take(4)).collect();
     Some(Rgba32FImage::from_fn(mean.width(), mean.height(), |column, line| {
         let (x, y) = ((f64::from(column) - TEETH_ORIGIN.0) / TEETH_SCALE, (f64::from(line) - TEETH_ORIGIN.1) / TEETH_SCALE);
-        // The crown here, and the next one across the nearest end.
-        let k = ends.partition_point(|end| *end < x);
-        let nearest = if k > 0 && (k == ends.len() || x - ends[k - 1] < ends[k] - x) { k.saturating_sub(1) } else { k };
-        let nearest = nearest.min(ends.len() - 1);
+        // The crowns on both sides of the nearest end.
+        let nearest = (0..ends.len()).min_by(|&a, &b| (x - ends[a]).abs().total_cmp(&(x - ends[b]).abs())).unwrap_or(0);
         let share = smooth_step(-BETWEEN, BETWEEN, x - ends[nearest]);
         let (left, right) = (row[nearest], row[nearest + 1]);
         let between = |of: &dyn Fn(&Crown) -> f64| of(&left) + (of(&right) - of(&left)) * share;
         let edge = between(&|crown| crown.edge + crown.turn * (x - crown.middle));
-        let from = (x + between(&|crown| crown.turn) * (y + AXIS), y - edge);
+        let from = (x + between(&|crown| crown.turn * (y - crown.axis)), y - edge);
         let Some((colour, cover)) = sampled(mean, from.0, from.1) else {
             return image::Rgba([0.0; 4]);
         };
@@ -129,27 +136,27 @@ mod tests {
     }
 
     #[test]
-    fn crowns_differ_as_much_as_those_of_people_and_from_face_to_face() {
-        let rows: Vec<[Crown; 5]> = (0..400).map(|k| crowns(20.0 + 0.37 * f64::from(k), 0)).collect();
+    fn crowns_differ_as_much_as_they_are_said_to_and_from_face_to_face() {
+        let rows: Vec<[Crown; 5]> = (0..900).map(|k| crowns((50.0 + 0.9 * f64::from(k), 1.0), 0)).collect();
         for k in 0..CROWNS.len() {
             let deviation =
                 |of: fn(&Crown) -> f64| (rows.iter().map(|row| of(&row[k]).powi(2)).sum::<f64>() / rows.len() as f64).sqrt();
-            // Between the values of a lattice lie means of two: a fifth less on the mean.
             for (drawn, (pair, one)) in [(deviation(|c| c.bright), BRIGHT[k]), (deviation(|c| c.edge), EDGE[k])] {
                 let given = pair.hypot(one);
-                assert!((0.65..1.1).contains(&(drawn / given)), "{k}: {drawn} of {given}");
+                assert!((0.7..1.1).contains(&(drawn / given)), "{k}: {drawn} of {given}");
             }
         }
-        // A face that was measured a hair's breadth larger has the same teeth.
-        let (one, same, other) = (face(0.058), face(0.058 + 1e-6), face(0.050));
-        let bright = |face: &Proportions| crowns(face.own(), 1).map(|crown| crown.bright);
-        assert!(bright(&one).iter().zip(bright(&same)).all(|(a, b)| (a - b).abs() < 1e-3));
-        assert!(bright(&one).iter().zip(bright(&other)).any(|(a, b)| (a - b).abs() > 0.02));
+        // A face that was measured a hair's breadth larger has the same teeth; one with another lip has others, and one with another width.
+        let bright = |incisors: f64, size: f64| crowns((face(incisors).own(), size), 1).map(|crown| crown.bright);
+        let apart = |a: [f64; 5], b: [f64; 5]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let one = bright(0.058, 1.0);
+        assert!(apart(one, bright(0.058 + 1e-6, 1.0 + 1e-6)) < 1e-3);
+        assert!(apart(one, bright(0.048, 1.0)) > 0.02 && apart(one, bright(0.058, 0.9)) > 0.02);
     }
 
     #[test]
     fn a_row_of_ones_own_is_not_the_same_on_both_sides_but_lies_where_the_mean_lies() {
-        let (mean, own) = (picture().unwrap(), dentition(&face(0.055)).unwrap());
+        let (mean, own) = (picture().unwrap(), dentition(&face(0.055), 1.0).unwrap());
         assert_eq!(own.dimensions(), mean.dimensions());
         let (mut apart, mut cover) = (0.0_f32, [0.0_f32; 2]);
         for (a, b) in mean.pixels().zip(own.pixels()) {
@@ -161,5 +168,16 @@ mod tests {
             apart = apart.max((left.0[1] - right.0[1]).abs());
         }
         assert!((cover[1] / cover[0] - 1.0).abs() < 0.08 && apart > 4.0, "{cover:?} {apart}");
+    }
+
+    #[test]
+    fn the_wet_light_is_on_the_crowns() {
+        let mean = picture().unwrap();
+        for side in [0, 1] {
+            for crown in (0..40).flat_map(|k| crowns((50.0 + 1.3 * f64::from(k), 1.0), side)) {
+                let (_, cover) = sampled(mean, crown.wet_at.0, crown.wet_at.1).unwrap();
+                assert!(cover > 0.5, "{crown:?} {cover}");
+            }
+        }
     }
 }
