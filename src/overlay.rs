@@ -1,6 +1,6 @@
 //! Pictures of a wireframe on its frame: what a person looks at to judge a fit or a track.
 
-use image::{RgbImage, imageops::FilterType};
+use image::{ImageBuffer, PixelWithColorType, RgbImage, imageops::FilterType};
 use nalgebra::{Point2, Point3};
 use tiny_skia::{Color, FillRule, LineCap, Paint, Path as SkiaPath, PathBuilder, Pixmap, Stroke, Transform};
 
@@ -231,7 +231,10 @@ fn dot(canvas: &mut Pixmap, x: f32, y: f32, radius: f32, [r, g, b]: [u8; 3]) {
 ///
 /// # Errors
 /// When the encoder fails, which it does only without memory.
-pub fn png_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
+pub fn png_bytes<P>(picture: &ImageBuffer<P, Vec<u8>>) -> Result<Vec<u8>, image::ImageError>
+where
+    P: PixelWithColorType<Subpixel = u8>,
+{
     let mut bytes = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut bytes, image::ImageFormat::Png)?;
     Ok(bytes.into_inner())

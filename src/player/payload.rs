@@ -1,12 +1,6 @@
 //! What a page with a player holds: motions, faces, FAPs.
 
-use image::{
-    RgbImage, RgbaImage,
-    codecs::{
-        jpeg::JpegEncoder,
-        png::{CompressionType, FilterType, PngEncoder},
-    },
-};
+use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use nalgebra::Point2;
 use serde_json::{Value, json};
 
@@ -23,6 +17,7 @@ use crate::{
     fap::{FapCatalog, FapFrame, FapMotion, FapNumber, FapRow, FapSequence},
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{NormalizeOptions, Normalizer},
+    overlay::png_bytes,
     units::{FaceUnit, NodeId},
     warp::{
         Opening, RigOpening, TEETH_PICTURES, lashes,
@@ -251,6 +246,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
     };
     let places = |points: &[Point2<f64>]| pack::single(points.iter().flat_map(place));
     let rig = target.warp().rig(target.texture());
+    let teeth = png_bytes(&rig.teeth).map_err(|e| PlayerError::Picture { name: face.label.to_owned(), reason: e.to_string() })?;
     let least = rig.least_areas.iter().map(|a| if a.is_finite() { a * scale * scale } else { -1e30 });
     Ok(json!({
         "label": face.label,
@@ -277,7 +273,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "lip": rig.lip,
         "enamel": rig.enamel,
         "flesh": rig.flesh,
-        "teeth": pack::data_url("image/png", &png(face.label, &rig.teeth)?),
+        "teeth": pack::data_url("image/png", &teeth),
         "teethSize": rig.teeth_size,
         "inside": rig.inside,
         "onSkin": pack::single(places_on_skin(target)?.iter().flat_map(|p| [p.x, p.y])),
@@ -321,14 +317,6 @@ fn jpeg(name: &str, picture: &RgbImage) -> Result<Vec<u8>, PlayerError> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, QUALITY)
         .encode_image(picture)
-        .map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
-    Ok(bytes)
-}
-
-fn png(name: &str, picture: &RgbaImage) -> Result<Vec<u8>, PlayerError> {
-    let mut bytes = Vec::new();
-    picture
-        .write_with_encoder(PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive))
         .map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
     Ok(bytes)
 }

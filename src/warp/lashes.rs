@@ -20,26 +20,30 @@ pub const FLOOR: f32 = 4.0;
 /// How far beyond the corners of the eye they stand, over its width.
 pub const BEYOND: f64 = 0.08;
 
-/// The lashes of one eye in a frame.
-pub struct Lashes<'a> {
-    pub lid: &'a LidSkin,
+/// An upper lid whose skin is without lashes in a frame.
+pub struct BareLid<'a> {
+    pub skin: &'a LidSkin,
     opening: &'a OpeningMesh,
-    /// How far they stand by themselves, 0 to 1.
-    pub share: f64,
+    /// How far it is, since its eye shuts, and since its lashes stand by themselves below a brow that rises, 0 to 1; on an eye that shuts they are a
+    /// line, and do not.
+    shut: f64,
+    stands: f64,
     /// How the head has moved.
     head: Similarity,
 }
 
-/// Those of the eyes whose brows rise, as far as their lids do not shut: there they are a line.
-pub fn standing<'a>(warp: &'a Warp, deformation: &Deformation) -> Vec<Lashes<'a>> {
+/// The lids without lashes in a frame.
+pub fn bare_lids<'a>(warp: &'a Warp, deformation: &Deformation) -> Vec<BareLid<'a>> {
     let head = openings::head(warp, deformation);
     let pairs = warp.mesh.openings.iter().zip(&warp.lids);
-    let found = pairs.filter_map(|(opening, lid)| {
-        let lid = lid.as_ref()?;
-        let share = share(drawn_out(warp, opening, deformation, &head)?) * (1.0 - warp.shut(opening, deformation, &head));
-        (share > 0.0).then_some(Lashes { lid, opening, share, head })
+    let lids = pairs.filter_map(|(opening, skin)| {
+        let skin = skin.as_ref()?;
+        let gap = |vertices| openings::gap(warp, opening, vertices);
+        let shut = LidSkin::share(1.0 - gap(&deformation.vertices) / (head.scale * gap(&warp.source)).max(1e-9));
+        let stands = share(drawn_out(warp, opening, deformation, &head)?) * (1.0 - shut);
+        Some(BareLid { skin, opening, shut, stands, head })
     });
-    found.collect()
+    lids.filter(|lid| lid.gone() > 0.0).collect()
 }
 
 /// How far lashes stand by themselves where the way from lid to brow is so many times as long as on the photograph.
@@ -60,11 +64,19 @@ fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation, head
     Some(1.0 + rise / room.max(1e-9))
 }
 
-impl Lashes<'_> {
-    /// Lays them over the skin.
-    pub fn draw(&self, warp: &Warp, texture: &Texture, deformation: &Deformation, frame: &mut RgbImage) {
+impl BareLid<'_> {
+    /// How far its skin takes the place of the photograph's, 0 to 1.
+    pub fn gone(&self) -> f64 {
+        self.shut.max(self.stands)
+    }
+
+    /// Lays the lashes that stand by themselves over the skin.
+    pub fn draw_lashes(&self, warp: &Warp, texture: &Texture, deformation: &Deformation, frame: &mut RgbImage) {
+        if self.stands <= 0.0 {
+            return;
+        }
         let size = frame.dimensions();
-        let up = -warp.frame.down.into_inner() * self.lid.reach();
+        let up = -warp.frame.down.into_inner() * self.skin.reach();
         let moved = self.head.apply_vector(&up);
         let (source, goes) = (self.margin(&warp.source), self.margin(&deformation.vertices));
         for k in 1..source.len() {
@@ -72,10 +84,10 @@ impl Lashes<'_> {
             let to = [goes[k - 1], goes[k], goes[k] + moved, goes[k - 1] + moved];
             for corners in [[0, 1, 2], [0, 2, 3]] {
                 raster::fill(corners.map(|c| to[c]), corners.map(|c| from[c]), size, |x, y, at| {
-                    let ratio = self.lid.lashes(at, texture);
+                    let ratio = self.skin.lashes(at, texture);
                     let pixel = frame.get_pixel_mut(x, y);
                     for (level, ratio) in pixel.0.iter_mut().zip(ratio) {
-                        *level = sample::byte(f32::from(*level) * missing(ratio, self.share as f32));
+                        *level = sample::byte(f32::from(*level) * missing(ratio, self.stands as f32));
                     }
                 });
             }
@@ -125,8 +137,8 @@ mod tests {
         let mut raised = nodes.clone();
         BROWS.iter().flatten().for_each(|&n| raised[usize::from(n)].y -= 0.16 * EYES);
         let deformation = warp.deform(&raised).unwrap();
-        let standing = standing(&warp, &deformation);
-        assert!(standing.len() == 2 && standing.iter().all(|lashes| lashes.share == 1.0));
+        let lids = bare_lids(&warp, &deformation);
+        assert!(lids.len() == 2 && lids.iter().all(|lid| lid.stands == 1.0));
         let frame = warp.render(&texture, &deformation, &MouthInside::Dark);
         // How high it is dark above the middle of a lid, in tenths of a pixel.
         let height = |picture: &RgbImage, lid: Point2<f64>| {

@@ -125,8 +125,7 @@ impl LidSkin {
             lid.band = smoothed(&lid.band, |list| list.iter().sum::<f64>() / list.len() as f64);
             lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
         }
-        let highest = lid.band.iter().copied().fold(0.0, f64::max);
-        lid.fade = (BEFORE_BROW * room - highest).clamp(LEAST_FADE * unit, FADE * unit);
+        lid.fade = (BEFORE_BROW * room - lid.highest_band()).clamp(LEAST_FADE * unit, FADE * unit);
         Some(lid)
     }
 
@@ -138,9 +137,13 @@ impl LidSkin {
         (off.perp(&self.down) / determinant, -self.across.perp(&off) / determinant)
     }
 
+    fn highest_band(&self) -> f64 {
+        self.band.iter().copied().fold(0.0, f64::max)
+    }
+
     /// How high above the lid it takes the place of the photograph's at most, px.
     pub fn reach(&self) -> f64 {
-        self.band.iter().copied().fold(0.0, f64::max) + self.fade
+        self.highest_band() + self.fade
     }
 
     /// How far it takes the place of the photograph's where `shut` of the opening is gone, 0 to 1.
@@ -151,9 +154,8 @@ impl LidSkin {
     /// The box outside of which [`LidSkin::colour`] is the photograph.
     pub(super) fn bounds(&self) -> Option<Bounds> {
         let unit = self.eye_distance;
-        let most = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let lowest = self.edge.iter().copied().fold(f64::INFINITY, f64::min) - 0.5 * LEAST_BAND * unit;
-        let highest = most(&self.edge) + most(&self.band) + self.fade;
+        let highest = self.edge.iter().copied().fold(f64::NEG_INFINITY, f64::max) + self.reach();
         let corners = [-0.5, PLACES as f64 + 0.5].map(|k| k / PLACES as f64);
         let corner = |along: f64| [lowest, highest].map(|height| self.from + self.across * along - self.down * height);
         Bounds::around(corners.into_iter().flat_map(corner))

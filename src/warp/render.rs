@@ -4,9 +4,7 @@ use image::RgbImage;
 
 use super::{
     Deformation, Placement, Texture, Warp,
-    lashes::{self, Lashes},
-    lid_skin::LidSkin,
-    mesh::OpeningMesh,
+    lashes::bare_lids,
     openings, raster,
     sample::{self, Bounds, Pixels},
     seam::Seam,
@@ -50,13 +48,12 @@ impl Warp {
             let back = deformation.background.inverse();
             *frame = sample::resample(texture, size, |p| Some(back.apply(&p)));
         }
-        let lashes = lashes::standing(self, deformation);
-        let lids = self.bare_lids(deformation, &lashes);
+        let lids = bare_lids(self, deformation);
         let seam = Seam::new(self, deformation, texture);
-        let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(lids.iter().filter_map(|(lid, _)| lid.bounds())).collect();
+        let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(lids.iter().filter_map(|lid| lid.skin.bounds())).collect();
         let change = |at, photograph| {
             let without_line = seam.colour(at, photograph, texture);
-            lids.iter().fold(without_line, |colour, (lid, gone)| lid.colour(at, *gone, colour, texture))
+            lids.iter().fold(without_line, |colour, lid| lid.skin.colour(at, lid.gone(), colour, texture))
         };
         let mut pixels = Pixels::new(texture, size.0);
         for triangle in &self.mesh.skin {
@@ -68,31 +65,12 @@ impl Warp {
             raster::fill_rows(to, from, size, |span| pixels.add(span, |pixels| pixels.draw(frame, &bounds, change)));
         }
         pixels.draw(frame, &bounds, change);
-        for lashes in &lashes {
-            lashes.draw(self, texture, deformation, frame);
+        for lid in &lids {
+            lid.draw_lashes(self, texture, deformation, frame);
         }
         for opening in &self.mesh.openings {
             openings::draw(self, opening, texture, deformation, inside, &seam, frame);
         }
-    }
-
-    /// The lids whose skin is without lashes in a frame, since they shut or since their lashes stand by themselves, and how far it takes the place of
-    /// the photograph's.
-    fn bare_lids<'a>(&'a self, deformation: &Deformation, standing: &[Lashes<'a>]) -> Vec<(&'a LidSkin, f64)> {
-        let head = openings::head(self, deformation);
-        let pairs = self.mesh.openings.iter().zip(&self.lids);
-        let bare = pairs.filter_map(|(opening, lid)| {
-            let lid = lid.as_ref()?;
-            let stands = standing.iter().find(|lashes| std::ptr::eq(lashes.lid, lid)).map_or(0.0, |lashes| lashes.share);
-            Some((lid, self.shut(opening, deformation, &head).max(stands)))
-        });
-        bare.filter(|(_, gone)| *gone > 0.0).collect()
-    }
-
-    /// How far an opening has shut for its lid's skin to take the place of the photograph's, on a head that has moved so.
-    pub(super) fn shut(&self, opening: &OpeningMesh, deformation: &Deformation, head: &Similarity) -> f64 {
-        let gap = |vertices| openings::gap(self, opening, vertices);
-        LidSkin::share(1.0 - gap(&deformation.vertices) / (head.scale * gap(&self.source)).max(1e-9))
     }
 
     /// Carries another picture into the geometry of the photograph: what lies at a point of the mesh there is drawn at the same

@@ -105,6 +105,14 @@ fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
     }
 }
 
+/// Runs grimace in a folder, once for every list of arguments.
+fn make(folder: &Path, commands: &[&[&str]]) {
+    for args in commands {
+        let run = Command::new(grimace()).current_dir(folder).args(*args).output().unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    }
+}
+
 /// Mean difference of two pictures between two corners, levels.
 fn apart(one: &RgbImage, other: &RgbImage, (left, top): (u32, u32), (right, bottom): (u32, u32)) -> f64 {
     let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y)));
@@ -135,13 +143,13 @@ fn eyes_look_as_clone_draws_them(name: &str, faps: &[usize], values: &[i32; 3], 
     let (motion, page) = (format!("{name}.fap"), format!("{name}.html"));
     let fixture = |name: &str| format!("{}/fixtures/portraits/{name}", env!("CARGO_MANIFEST_DIR"));
     let (picture, marks) = (fixture("P01.jpg"), fixture("P01_correspondences.csv"));
-    for args in [
-        ["play", &motion, "--portrait", &picture, "-c", &marks, "-o", &page].as_slice(),
-        ["clone", "-s", &motion, "-t", &picture, "-c", &marks, "-o", "clone"].as_slice(),
-    ] {
-        let run = Command::new(grimace()).current_dir(folder).args(args).output().unwrap();
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    }
+    make(
+        folder,
+        &[
+            &["play", &motion, "--portrait", &picture, "-c", &marks, "-o", &page],
+            &["clone", "-s", &motion, "-t", &picture, "-c", &marks, "-o", "clone"],
+        ],
+    );
     let track = std::fs::read_to_string(folder.join(format!("clone/track/P01_{name}.csv"))).unwrap();
     let first: Vec<f64> = track.lines().nth(1).unwrap().split(',').skip(2).take(2).map(|v| v.parse().unwrap()).collect();
     for &(end, most) in limits {
@@ -182,30 +190,29 @@ fn a_mouth_that_gapes_looks_as_clone_draws_it() {
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
     let (picture, marks) = (fixture("portraits/P01.jpg"), fixture("portraits/P01_correspondences.csv"));
     let surprise = fixture("golden/representatives/surprise.csv");
-    for args in [
-        ["play", &surprise, "--portrait", &picture, "-c", &marks, "-o", "gape.html"].as_slice(),
-        [
-            "clone",
-            "-s",
-            &surprise,
-            "-t",
-            &picture,
-            "-c",
-            &marks,
-            "-o",
-            "clone",
-            "--skin",
-            "none",
-            "--fps",
-            "1",
-            "--duration",
-            "1",
-        ]
-        .as_slice(),
-    ] {
-        let run = Command::new(grimace()).current_dir(folder).args(args).output().unwrap();
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    }
+    make(
+        folder,
+        &[
+            &["play", &surprise, "--portrait", &picture, "-c", &marks, "-o", "gape.html"],
+            &[
+                "clone",
+                "-s",
+                &surprise,
+                "-t",
+                &picture,
+                "-c",
+                &marks,
+                "-o",
+                "clone",
+                "--skin",
+                "none",
+                "--fps",
+                "1",
+                "--duration",
+                "1",
+            ],
+        ],
+    );
     let track = std::fs::read_to_string(folder.join("clone/track/P01_surprise.csv")).unwrap();
     let first: Vec<f64> = track.lines().nth(1).unwrap().split(',').skip(2).take(2).map(|v| v.parse().unwrap()).collect();
     ready(&browser, &format!("file://{}", folder.join("gape.html").display()));
@@ -234,13 +241,13 @@ fn folds_grow_with_a_motion_as_clone_draws_them() {
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
     let motion = fixture("golden/representatives/happiness.csv");
     let (picture, marks) = (fixture("portraits/P01.jpg"), fixture("portraits/P01_correspondences.csv"));
-    for args in [
-        ["play", &motion, "--portrait", &picture, "-c", &marks, "-o", "smile.html"].as_slice(),
-        ["clone", "-s", &motion, "-t", &picture, "-c", &marks, "-o", "clone"].as_slice(),
-    ] {
-        let run = Command::new(grimace()).current_dir(folder).args(args).output().unwrap();
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    }
+    make(
+        folder,
+        &[
+            &["play", &motion, "--portrait", &picture, "-c", &marks, "-o", "smile.html"],
+            &["clone", "-s", &motion, "-t", &picture, "-c", &marks, "-o", "clone"],
+        ],
+    );
     let track = std::fs::read_to_string(folder.join("clone/track/P01_happiness.csv")).unwrap();
     let first: Vec<f64> = track.lines().nth(1).unwrap().split(',').skip(2).take(2).map(|v| v.parse().unwrap()).collect();
     let mut frames: Vec<_> = std::fs::read_dir(folder.join("clone/frames")).unwrap().map(|entry| entry.unwrap().path()).collect();

@@ -76,7 +76,7 @@ class FlatStage {
   }
   /** The picture, with the skin of lids that shut over it. */
   withLids(rig) {
-    const shutting = rig.shuttingLids(), { width, height } = rig;
+    const shutting = rig.bareLids().filter(({ shut }) => shut > 0), { width, height } = rig;
     if (!shutting.length) return rig.image;
     if (!this.lids.has(rig)) {
       const skin = node("canvas", { width, height });
@@ -86,8 +86,8 @@ class FlatStage {
     const { skin, mixed } = this.lids.get(rig), context = mixed.getContext("2d");
     context.globalAlpha = 1;
     context.drawImage(rig.image, 0, 0);
-    for (const { lid: { box: [x, y, w, h] }, gone } of shutting) {
-      context.globalAlpha = gone;
+    for (const { lid: { box: [x, y, w, h] }, shut } of shutting) {
+      context.globalAlpha = shut;
       context.drawImage(skin, x, y, w, h, x, y, w, h);
     }
     return mixed;

@@ -262,17 +262,16 @@ class GlStage {
     this.buffer(`skin ${rig.index}`, () => rig.skin, gl.ELEMENT_ARRAY_BUFFER, true);
     gl.drawElements(gl.TRIANGLES, rig.skin.length, gl.UNSIGNED_SHORT, 0);
     gl.enable(gl.BLEND);
-    const shutting = rig.shuttingLids();
-    const standing = rig.standingLashes();
-    this.drawLids(rig, rig.bareLids(shutting, standing));
-    this.drawStandingLashes(rig, standing);
+    const bare = rig.bareLids();
+    this.drawLids(rig, bare);
+    this.drawStandingLashes(rig, bare.filter(({ stands }) => stands > 0));
     // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
       if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
       const strips = edgeStrips(rig, opening, 1.2);
       this.loose(rig, strips, true);
-      const { gone } = shutting.find((entry) => entry.opening === opening) ?? { gone: 0 };
-      if (gone > 0) this.byLidPicture(rig, () => this.loose(rig, strips.map((c) => [...c.slice(0, 4), c[4] * gone]), true));
+      const { shut } = bare.find((entry) => entry.opening === opening) ?? { shut: 0 };
+      if (shut > 0) this.byLidPicture(rig, () => this.loose(rig, strips.map((c) => [...c.slice(0, 4), c[4] * shut]), true));
     }
     for (const opening of rig.openings.slice(1)) this.drawLashes(rig, opening);
     gl.disable(gl.BLEND);

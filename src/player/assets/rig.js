@@ -363,40 +363,23 @@ class Rig {
     }
     return at;
   }
-  /** How far an opening has shut for its lid's skin to take the place of the picture's, 0 to 1. */
-  shut(opening) {
-    const { moved, vertices, shared } = this;
-    return smoothStep(...shared.lidSkin.shut, 1 - this.gap(opening, moved) / Math.max(this.gap(opening, vertices), 1e-9));
-  }
-  /** The lids that shut, and how far their skin takes the place of the picture's. */
-  shuttingLids() {
-    const { lidSkins, openings } = this;
-    return lidSkins.map((lid, k) => ({ opening: openings[k], lid, gone: lid ? this.shut(openings[k]) : 0 })).filter((entry) => entry.gone > 0);
-  }
-  /** The eyes below brows that rise, whose lashes stand by themselves, and how far, 0 to 1. */
-  standingLashes() {
-    const { lidSkins, openings, nodes, wanted, shared } = this;
+  /** The lids whose skin is without lashes, how far since they shut, and since lashes stand by themselves below brows that rise: 0 to 1, `gone` the more. */
+  bareLids() {
+    const { lidSkins, openings, nodes, wanted, moved, vertices, shared: { lidSkin } } = this;
     const middle = (p, [a, b]) => [0, 1].map((axis) => (p[2 * a + axis] + p[2 * b + axis]) / 2);
     const way = (p, pair, to) => Math.hypot(...[0, 1].map((axis) => middle(p, pair)[axis] - middle(p, to)[axis]));
-    const stands = (opening) => {
-      const { upperNodes: [outer, , lid, , inner], brow } = opening, corners = [outer, inner];
+    const bare = lidSkins.map((lid, k) => {
+      if (!lid) return { gone: 0 };
+      const opening = openings[k], { upperNodes: [outer, , node, , inner], brow } = opening, corners = [outer, inner];
+      const shut = smoothStep(...lidSkin.shut, 1 - this.gap(opening, moved) / Math.max(this.gap(opening, vertices), 1e-9));
       const rise = way(wanted, brow, corners) - way(nodes, brow, corners);
-      return smoothStep(...shared.lidSkin.drawnOut, 1 + rise / Math.max(way(nodes, brow, [lid, lid]), 1e-9)) * (1 - this.shut(opening));
-    };
-    return lidSkins.map((lid, k) => ({ opening: openings[k], lid, share: lid ? stands(openings[k]) : 0 })).filter((entry) => entry.share > 0);
+      const stands = smoothStep(...lidSkin.drawnOut, 1 + rise / Math.max(way(nodes, brow, [node, node]), 1e-9)) * (1 - shut);
+      return { opening, lid, shut, stands, gone: Math.max(shut, stands) };
+    });
+    return bare.filter(({ gone }) => gone > 0);
   }
-  /** The lids whose skin is without lashes, since they shut or their lashes stand by themselves, and how far. */
-  bareLids(shutting, standing) {
-    const bare = shutting.map((entry) => ({ ...entry }));
-    for (const { opening, lid, share } of standing) {
-      const known = bare.find((entry) => entry.lid === lid);
-      if (known) known.gone = Math.max(known.gone, share);
-      else bare.push({ opening, lid, gone: share });
-    }
-    return bare;
-  }
-  /** Lashes that stand by themselves as triangles: corners from strip to strip, each [x, y, from x, from y, share]. */
-  lashStrips({ opening: { upper }, lid, share }) {
+  /** Lashes that stand by themselves as triangles: corners from strip to strip, each [x, y, from x, from y, how far]. */
+  lashStrips({ opening: { upper }, lid, stands }) {
     const { vertices, moved, down, shared } = this, { beyond } = shared.lidSkin;
     const margin = (p) => {
       const line = upper.map((v) => [p[2 * v], p[2 * v + 1]]), [first, last] = [line[0], line[line.length - 1]];
@@ -404,7 +387,7 @@ class Rig {
       return [[first[0] - off[0], first[1] - off[1]], ...line, [last[0] + off[0], last[1] + off[1]]];
     };
     const [from, to] = [margin(vertices), margin(moved)], corners = [];
-    const corner = (k, up) => [to[k], from[k]].flatMap(([x, y]) => [x - up * lid.above * down[0], y - up * lid.above * down[1]]).concat(share);
+    const corner = (k, up) => [to[k], from[k]].flatMap(([x, y]) => [x - up * lid.above * down[0], y - up * lid.above * down[1]]).concat(stands);
     for (let k = 1; k < from.length; k++) corners.push(corner(k - 1, 0), corner(k, 0), corner(k, 1), corner(k - 1, 0), corner(k, 1), corner(k - 1, 1));
     return corners;
   }
