@@ -15,7 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{CloneError, SourceMotion, Target};
 use crate::{
-    geometry::polygon::{self, inside_depth_within},
+    geometry::{
+        blur::gaussian,
+        polygon::{self, inside_depth_within},
+    },
     interpolation::smooth_step,
     warp::{MouthInside, Placement, Texture, byte},
 };
@@ -311,29 +314,7 @@ const EYES: [[usize; 8]; 2] = [[20, 97, 21, 105, 23, 107, 22, 99], [53, 98, 54, 
 
 /// Gaussian smoothing, separable, the border's values going on beyond it.
 pub(super) fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> Vec<f32> {
-    let radius = (3.0 * sigma_px).ceil().max(1.0) as i64;
-    let kernel: Vec<f32> = (-radius..=radius).map(|d| (-(d as f64).powi(2) / (2.0 * sigma_px * sigma_px)).exp() as f32).collect();
-    let sum: f32 = kernel.iter().sum();
-    let (w, h) = (i64::from(width), i64::from(height));
-    let mut across = vec![0.0; values.len()];
-    for y in 0..h {
-        let row = &values[(y * w) as usize..((y + 1) * w) as usize];
-        for x in 0..w {
-            let at = |d: i64| row[(x + d).clamp(0, w - 1) as usize];
-            across[(y * w + x) as usize] = kernel.iter().zip(-radius..).map(|(k, d)| k * at(d)).sum::<f32>() / sum;
-        }
-    }
-    let mut down = vec![0.0; values.len()];
-    for (k, d) in kernel.iter().zip(-radius..) {
-        for y in 0..h {
-            let from = ((y + d).clamp(0, h - 1) * w) as usize;
-            let to = (y * w) as usize;
-            for x in 0..w as usize {
-                down[to + x] += k / sum * across[from + x];
-            }
-        }
-    }
-    down
+    gaussian(values, width as usize, height as usize, (sigma_px, sigma_px))
 }
 
 #[cfg(test)]
@@ -354,16 +335,5 @@ mod tests {
         let frames: Arc<[RgbImage]> = vec![picture.clone(), picture].into();
         let details = Details::new(&target, &source, Arc::clone(&frames)).unwrap();
         assert!(Arc::ptr_eq(&details.frames, &frames));
-    }
-
-    #[test]
-    fn smoothing_keeps_what_is_even_and_the_sum_of_what_is_not() {
-        assert!(smooth(&[7.0; 35], 7, 5, 1.3).iter().all(|v| (v - 7.0).abs() < 1e-4));
-        let mut spot = vec![0.0; 21 * 21];
-        spot[10 * 21 + 10] = 100.0;
-        let smoothed = smooth(&spot, 21, 21, 1.5);
-        assert!((smoothed.iter().sum::<f32>() - 100.0).abs() < 1e-2);
-        // The peak of a Gaussian of sigma 1.5 is 100 / (2 pi 2.25) = 7.07.
-        assert!((smoothed[10 * 21 + 10] - 7.07).abs() < 0.1);
     }
 }

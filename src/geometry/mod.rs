@@ -1,5 +1,6 @@
-//! Pure functions on points.
+//! Pure functions on points and grids.
 
+pub mod blur;
 pub mod polygon;
 mod similarity;
 mod warp;

@@ -20,7 +20,10 @@ use crate::{
     overlay::png_bytes,
     units::{FaceUnit, NodeId},
     warp::{
-        Opening, RigOpening, TEETH_PICTURES, lashes,
+        Opening, RigOpening, TEETH_PICTURES,
+        furrows::{self, Furrows},
+        hollow::{self, Hollow},
+        lashes,
         lid_skin::{self, LidSkin},
     },
     wireframe::{Face as Wire, Fapu, Fapus},
@@ -116,6 +119,16 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "floor": lashes::FLOOR,
             "beyond": lashes::BEYOND,
         },
+        // What shade leaves when brows rise, and what furrows deepen by.
+        "hollow": {
+            "columns": hollow::COLUMNS,
+            "rows": hollow::ROWS,
+            "along": hollow::ALONG,
+            "darkest": hollow::DARKEST,
+            "lighter": hollow::LIGHTER,
+            "most": hollow::MOST,
+        },
+        "furrows": { "parts": furrows::PARTS, "deepen": furrows::DEEPEN, "most": furrows::MOST, "limit": furrows::LIMIT },
         "teeth": { "scale": scale, "origin": [origin.0, origin.1], "white": white },
     }))
 }
@@ -264,6 +277,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "partners": rig.partners,
         "openings": rig.openings.iter().map(|o| opening(o, place, scale)).collect::<Vec<_>>(),
         "bows": rig.bows.each_ref().map(|edge| edge.iter().map(|(v, bow)| json!([v, (bow * scale) as f32])).collect::<Vec<_>>()),
+        "furrows": rig.furrows.as_ref().map(|f| furrows_of(face.label, f, place(&f.from), scale)).transpose()?,
         "closed": rig.closed,
         "unit": rig.eye_distance * scale,
         "down": [rig.down.x, rig.down.y],
@@ -295,6 +309,25 @@ fn lid_skin(lid: &LidSkin, from: [f64; 2], scale: f64) -> Value {
     })
 }
 
+/// The shade between a brow and a lid; lengths in pixels of the face's picture.
+fn hollow_of(hollow: &Hollow, scale: f64) -> Value {
+    json!({
+        "brow": pack::single(hollow.brow.iter().map(|v| v * scale)),
+        "logs": pack::single(hollow.logs.iter().flatten().map(|&log| f64::from(log))),
+    })
+}
+
+/// The furrows of a forehead, whose picture begins at a place of the face's.
+fn furrows_of(name: &str, furrows: &Furrows, from: [f64; 2], scale: f64) -> Result<Value, PlayerError> {
+    let bytes = png_bytes(&furrows.picture).map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
+    Ok(json!({
+        "picture": pack::data_url("image/png", &bytes),
+        "from": from,
+        "across": [furrows.across.x * scale, furrows.across.y * scale],
+        "up": [furrows.up.x * scale, furrows.up.y * scale],
+    }))
+}
+
 /// An opening, of an eye with the skin of its upper lid; `place` and `scale` lead to the face's picture.
 fn opening(opening: &RigOpening, place: impl Fn(&Point2<f64>) -> [f64; 2], scale: f64) -> Value {
     json!({
@@ -310,6 +343,7 @@ fn opening(opening: &RigOpening, place: impl Fn(&Point2<f64>) -> [f64; 2], scale
         "lashes": opening.lashes,
         "brow": opening.brow,
         "lid": opening.lid.as_ref().map(|lid| lid_skin(lid, place(&lid.from), scale)),
+        "hollow": opening.hollow.as_ref().map(|hollow| hollow_of(hollow, scale)),
     })
 }
 

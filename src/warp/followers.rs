@@ -118,7 +118,7 @@ struct Column {
 /// The columns above an eye: over the nodes of its upper lid, and half-way between them, so that a crease that is held at the one does not sag at
 /// the other.
 fn columns(skin: &LidSkin) -> Vec<Column> {
-    let LidSkin { lid, corners, brow, shares } = *skin;
+    let LidSkin { lid, corners, brow, shares, .. } = *skin;
     let column = |lid: [u16; 2], share: f64| Column { lid, corners, brow, share };
     let over = lid.iter().zip(shares).map(|(&node, share)| column([node; 2], share));
     let between = lid.windows(2).zip(shares.windows(2)).map(|(pair, at)| column([pair[0], pair[1]], f64::midpoint(at[0], at[1])));

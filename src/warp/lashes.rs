@@ -52,7 +52,7 @@ fn share(drawn_out: f64) -> f64 {
 }
 
 /// How many times as long as on the photograph a brow that rises makes the way from the lid to itself; `None` for the mouth.
-fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation, head: &Similarity) -> Option<f64> {
+pub(super) fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation, head: &Similarity) -> Option<f64> {
     let skin = layout::lid_skin_of(opening.opening)?;
     let middle = |nodes: &[Point2<f64>], pair: [u16; 2]| {
         let [a, b] = pair.map(|n| nodes[usize::from(n)]);

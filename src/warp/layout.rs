@@ -74,14 +74,16 @@ pub struct LidSkin {
     pub corners: [u16; 2],
     /// Inner and outer node of the lower edge of the brow.
     pub brow: [u16; 2],
+    /// The brow's outer end.
+    pub tail: u16,
     /// Where above the lid's nodes the brow is met, from the inner to the outer node.
     pub shares: [f64; 3],
 }
 
 /// Both eyes.
 pub const LID_SKIN: [LidSkin; 2] = [
-    LidSkin { lid: [105, 21, 97], corners: [20, 23], brow: [17, 18], shares: [0.40, 0.60, 0.80] },
-    LidSkin { lid: [106, 54, 98], corners: [53, 56], brow: [50, 51], shares: [0.40, 0.60, 0.80] },
+    LidSkin { lid: [105, 21, 97], corners: [20, 23], brow: [17, 18], tail: 15, shares: [0.40, 0.60, 0.80] },
+    LidSkin { lid: [106, 54, 98], corners: [53, 56], brow: [50, 51], tail: 48, shares: [0.40, 0.60, 0.80] },
 ];
 /// The skin above an eye; `None` of the mouth.
 pub fn lid_skin_of(opening: Opening) -> Option<&'static LidSkin> {

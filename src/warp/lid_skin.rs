@@ -130,11 +130,23 @@ impl LidSkin {
     }
 
     /// Share of the way from the outer to the inner corner, and height above the line between them, px.
-    fn place(&self, p: &Point2<f64>) -> (f64, f64) {
+    pub(super) fn place(&self, p: &Point2<f64>) -> (f64, f64) {
         let off = p - self.from;
         // Along the line between the corners, but straight up from it: the face's own vertical.
         let determinant = self.across.perp(&self.down);
         (off.perp(&self.down) / determinant, -self.across.perp(&off) / determinant)
+    }
+
+    /// The place that is so far along the lid and so high.
+    pub(super) fn at(&self, along: f64, height: f64) -> Point2<f64> {
+        self.from + self.across * along - self.down * height
+    }
+
+    /// The lid's height there, px; beyond its ends as high as there.
+    pub(super) fn edge_at(&self, along: f64) -> f64 {
+        let place = (along * PLACES as f64 - 0.5).clamp(0.0, (PLACES - 1) as f64);
+        let k = (place as usize).min(PLACES - 2);
+        self.edge[k] + (self.edge[k + 1] - self.edge[k]) * (place - k as f64)
     }
 
     fn highest_band(&self) -> f64 {
@@ -199,7 +211,7 @@ fn along(k: usize) -> f64 {
     (k as f64 + 0.5) / PLACES as f64
 }
 
-fn mean(colours: &[[f32; 3]]) -> Option<[f32; 3]> {
+pub(super) fn mean(colours: &[[f32; 3]]) -> Option<[f32; 3]> {
     let count = colours.len() as f32;
     (!colours.is_empty()).then(|| std::array::from_fn(|c| colours.iter().map(|colour| colour[c]).sum::<f32>() / count))
 }

@@ -39,6 +39,8 @@ mod eyeball;
 mod field;
 mod folds;
 mod followers;
+pub(crate) mod furrows;
+pub(crate) mod hollow;
 mod iris;
 pub(crate) mod lashes;
 mod layer;
@@ -62,7 +64,7 @@ use std::sync::OnceLock;
 use image::Rgba32FImage;
 use nalgebra::{Point2, Vector2};
 
-use self::{eyeball::Eyeball, field::Weights, layout::Frame, lid_skin::LidSkin, mesh::Mesh};
+use self::{eyeball::Eyeball, field::Weights, furrows::Furrows, hollow::Hollow, layout::Frame, lid_skin::LidSkin, mesh::Mesh};
 use crate::geometry::Similarity;
 
 pub(crate) use layout::OPENINGS;
@@ -140,6 +142,10 @@ pub struct Warp {
     eyes: Vec<Option<Eyeball>>,
     /// The skin of their upper lids without lashes.
     lids: Vec<Option<LidSkin>>,
+    /// The hollows above them.
+    hollows: Vec<Option<Hollow>>,
+    /// The furrows of its forehead.
+    furrows: Option<Furrows>,
     /// The teeth that it shows where its mouth is made; none before they are seen.
     dentition: OnceLock<Option<Rgba32FImage>>,
 }
@@ -240,6 +246,8 @@ impl Warp {
             bows: Default::default(),
             eyes: Vec::new(),
             lids: Vec::new(),
+            hollows: Vec::new(),
+            furrows: None,
             dentition: OnceLock::new(),
         };
         let identity = Similarity::identity();
@@ -291,6 +299,8 @@ impl Warp {
         self.eyes = vec![None, left, right];
         let [left, right] = LidSkin::find(&self, photograph);
         self.lids = vec![None, left, right];
+        self.hollows = Hollow::find(&self, photograph);
+        self.furrows = Furrows::find(&self, photograph);
         self
     }
 

@@ -4,6 +4,8 @@ use image::RgbImage;
 
 use super::{
     Deformation, Placement, Texture, Warp,
+    furrows::{self, Deepened},
+    hollow::{DrawnOut, drawn_out_hollows},
     lashes::bare_lids,
     openings, raster,
     sample::{self, Bounds, Pixels},
@@ -50,10 +52,16 @@ impl Warp {
         }
         let lids = bare_lids(self, deformation);
         let seam = Seam::new(self, deformation, texture);
-        let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(lids.iter().filter_map(|lid| lid.skin.bounds())).collect();
+        let hollows = drawn_out_hollows(self, deformation);
+        let furrows = furrows::deepened(self, deformation);
+        let of_lids = lids.iter().filter_map(|lid| lid.skin.bounds()).chain(hollows.iter().filter_map(DrawnOut::bounds));
+        let of_lids = of_lids.chain(furrows.iter().filter_map(Deepened::bounds));
+        let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(of_lids).collect();
         let change = |at, photograph| {
             let without_line = seam.colour(at, photograph, texture);
-            lids.iter().fold(without_line, |colour, lid| lid.skin.colour(at, lid.gone(), colour, texture))
+            let bare = lids.iter().fold(without_line, |colour, lid| lid.skin.colour(at, lid.gone(), colour, texture));
+            let drawn_out = hollows.iter().fold(bare, |colour, hollow| hollow.colour(at, colour));
+            furrows.iter().fold(drawn_out, |colour, furrows| furrows.colour(at, colour))
         };
         let mut pixels = Pixels::new(texture, size.0);
         for triangle in &self.mesh.skin {

@@ -3,7 +3,9 @@
 use image::{Rgba32FImage, RgbaImage};
 use nalgebra::{Point2, Vector2};
 
-use super::{Opening, Texture, Warp, folds, layout, lid_skin::LidSkin, mouth, openings, tone::Tone};
+use super::{
+    Opening, Texture, Warp, folds, furrows::Furrows, hollow::Hollow, layout, lid_skin::LidSkin, mouth, openings, tone::Tone,
+};
 
 /// What it takes to move a face: the mesh on its photograph, how each vertex follows the nodes, and what lies behind lips and lids.
 #[derive(Clone, Debug)]
@@ -30,6 +32,8 @@ pub struct Rig {
     pub openings: Vec<RigOpening>,
     /// Vertices of the upper and the lower lip's edge, and how far below the arches through their nodes they lie, px.
     pub bows: [Vec<(usize, f64)>; 2],
+    /// The furrows of its forehead.
+    pub furrows: Option<Furrows>,
     /// Whether the photograph shows a closed mouth.
     pub closed: bool,
     /// Distance between the middles of the eyes, px.
@@ -79,6 +83,8 @@ pub struct RigOpening {
     pub lashes: [f32; 3],
     /// The skin of its upper lid without lashes.
     pub lid: Option<LidSkin>,
+    /// The hollow above it.
+    pub hollow: Option<Hollow>,
 }
 
 impl Warp {
@@ -108,6 +114,7 @@ impl Warp {
             brow: layout::lid_skin_of(mesh.opening).map(|skin| skin.brow),
             lashes: openings::lash_colour(self, mesh, texture),
             lid: self.lids.get(k).cloned().flatten(),
+            hollow: self.hollows.get(k).cloned().flatten(),
         });
         let (tone, proportions) = (Tone::of(texture, &self.nodes), mouth::Proportions::of(self));
         let light = mouth::Light::of(self, texture);
@@ -123,6 +130,7 @@ impl Warp {
             partners: self.partners.clone(),
             openings: openings.collect(),
             bows: self.bows.clone(),
+            furrows: self.furrows.clone(),
             closed: self.closed,
             eye_distance: self.frame.eye_distance,
             down: self.frame.down.into_inner(),

@@ -1,5 +1,5 @@
-// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, that of lids without lashes, lashes below brows
-// that rise, the edges of lids and lips, the lashes of lids that shut.
+// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, that of lids without lashes, the light in hollows
+// and the furrows that brows make, lashes below brows that rise, the edges of lids and lips, the lashes of lids that shut.
 
 const SKIN_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute float cover; uniform vec2 size; varying vec2 uv; varying float c;
@@ -11,6 +11,25 @@ void main() { vec4 t = texture2D(picture, uv); gl_FragColor = vec4(t.rgb, c * t.
 const FACTOR_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
 void main() { vec3 left = texture2D(picture, uv).rgb; gl_FragColor = vec4(left / mix(left, vec3(1.0), c), 1.0); }`;
+// Half of a factor on what is there: of shade that goes, and of furrows that deepen above the parts of brows at `places`.
+const SHADE_FRAGMENT = `
+precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture; uniform float darkest;
+void main() { gl_FragColor = vec4(0.5 * exp(-darkest * c * texture2D(picture, uv).rgb), 1.0); }`;
+const FURROW_VERTEX = `
+attribute vec2 at; attribute vec2 from; uniform vec2 size; uniform vec2 first; uniform vec2 across; uniform vec2 up; varying vec2 cell;
+void main() {
+  vec2 off = from - first; cell = vec2(dot(off, across) / dot(across, across), dot(off, up) / dot(up, up));
+  vec2 p = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, 0.0, 1.0);
+}`;
+const FURROW_FRAGMENT = `
+precision highp float; varying vec2 cell; uniform sampler2D picture; uniform vec2 cells; uniform vec4 places; uniform vec4 depths; uniform float limit;
+void main() {
+  float x = cell.x, log = (texture2D(picture, (cell + 0.5) / cells).r * 255.0 - 128.0) / 127.0 * limit;
+  vec3 shares = clamp((x - places.xyz) / max(places.yzw - places.xyz, 1e-6), 0.0, 1.0);
+  float depth = depths.x + dot(depths.yzw - depths.xyz, shares);
+  vec2 inside = step(vec2(0.0), cell) * step(cell, cells - 1.0);
+  gl_FragColor = vec4(vec3(0.5 * exp(log * depth * inside.x * inside.y)), 1.0);
+}`;
 // The skin of a face while folds grow on it: `fold` is where a vertex lies on the picture of their levels.
 const FOLD_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute vec2 fold; uniform vec2 size; varying vec2 uv; varying vec2 f;
@@ -150,6 +169,8 @@ class GlStage {
     const { gl } = this;
     this.skin = this.program(SKIN_VERTEX, SKIN_FRAGMENT);
     this.factor = this.program(SKIN_VERTEX, FACTOR_FRAGMENT);
+    this.shade = this.program(SKIN_VERTEX, SHADE_FRAGMENT);
+    this.furrowed = this.program(FURROW_VERTEX, FURROW_FRAGMENT);
     this.folded = this.program(FOLD_VERTEX, FOLD_FRAGMENT);
     this.mouth = this.program(MOUTH_VERTEX, MOUTH_FRAGMENT);
     this.lash = this.program(LASH_VERTEX, LASH_FRAGMENT);
@@ -157,6 +178,8 @@ class GlStage {
     this.pictures = new Map();
     this.lidPictures = new Map();
     this.foldPictures = new Map();
+    this.shadePictures = new Map();
+    this.furrowPictures = new Map();
     this.around = null;
     this.buffers = new Map();
     this.teethPictures = new Map();
@@ -264,6 +287,7 @@ class GlStage {
     gl.enable(gl.BLEND);
     const bare = rig.bareLids();
     this.drawLids(rig, bare);
+    this.drawBrows(rig);
     this.drawStandingLashes(rig, bare.filter(({ stands }) => stands > 0));
     // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
@@ -310,6 +334,31 @@ class GlStage {
         gl.drawElements(gl.TRIANGLES, lid.triangles.length, gl.UNSIGNED_SHORT, 0);
       });
     }
+  }
+  /** What brows that rise do to the skin: the light in hollows, and furrows. */
+  drawBrows(rig) {
+    const { gl, shade, furrowed, shadePictures, furrowPictures, pictures } = this, { furrows, shared } = rig;
+    const hollows = rig.drawnOutHollows(), depths = furrows ? furrows.depths() : [];
+    const over = (name, made, make, { triangles }) => {
+      if (!made.has(rig)) made.set(rig, this.texture(make()));
+      gl.bindTexture(gl.TEXTURE_2D, made.get(rig));
+      this.buffer(`${name} ${rig.index}`, () => triangles, gl.ELEMENT_ARRAY_BUFFER, true);
+      gl.drawElements(gl.TRIANGLES, triangles.length, gl.UNSIGNED_SHORT, 0);
+    };
+    gl.blendFunc(gl.DST_COLOR, gl.SRC_COLOR);
+    if (hollows.length) this.skinBy(shade, rig);
+    hollows.forEach(({ hollow, gone }) => {
+      gl.vertexAttrib1f(shade.at("cover")[0], gone);
+      this.uniform(shade, "darkest", shared.hollow.darkest);
+      over(`hollow ${rig.hollows.indexOf(hollow)}`, shadePictures, () => shadePicture(rig), hollow);
+    });
+    if (depths.some(([, depth]) => depth > 0)) {
+      this.skinBy(furrowed, rig);
+      for (const [name, values] of [["first", furrows.from], ["across", furrows.across], ["up", furrows.up], ["cells", furrows.size], ["places", depths.map((d) => d[0])], ["depths", depths.map((d) => d[1])], ["limit", [shared.furrows.limit]]]) this.uniform(furrowed, name, ...values);
+      over("furrows", furrowPictures, () => furrows.image, furrows);
+    }
+    gl.bindTexture(gl.TEXTURE_2D, pictures.get(rig));
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
   /** Lashes below brows that rise, over the skin without them. */
   drawStandingLashes(rig, standing) {

@@ -21,6 +21,11 @@ class LidSkin {
     const [ox, oy] = [x - from[0], y - from[1]], size = across[0] * down[1] - across[1] * down[0];
     return [(ox * down[1] - oy * down[0]) / size, (across[1] * ox - across[0] * oy) / size];
   }
+  /** The lid's height at a place along it, px; beyond its ends as there. */
+  edgeAt(along) {
+    const { edge, places } = this, place = clamp(along * places - 0.5, 0, places - 1), k = Math.min(Math.floor(place), places - 2);
+    return edge[k] + (edge[k + 1] - edge[k]) * (place - k);
+  }
   /** The part of the picture that it reaches, and the triangles of the skin that show any of that. */
   reach({ skin, vertices, width, height }) {
     const { from, across, down, places, edge, band, fade, below } = this;

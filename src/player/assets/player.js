@@ -35,6 +35,7 @@ class Shelf {
     for (const rig of this.rigs) {
       if (rig.picture) rig.image = await loaded(rig.picture);
       if (rig.teeth) rig.teethImage = await loaded(rig.teeth);
+      if (rig.furrows) rig.furrows = new Furrows({ ...rig.furrows, image: await loaded(rig.furrows.picture) }, rig);
     }
     return this;
   }

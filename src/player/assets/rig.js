@@ -20,6 +20,7 @@ class Rig {
     this.scales = new Map();
     this.folds = { growth: 0, source: null };
     this.lidSkins = entry.openings.map(({ lid }) => lid && new LidSkin(lid, this));
+    this.hollows = entry.openings.map(({ hollow }, k) => hollow && new Hollow(hollow, this.lidSkins[k], this));
   }
   level(p, k) {
     return p[2 * k] * this.down[0] + p[2 * k + 1] * this.down[1];
@@ -363,17 +364,26 @@ class Rig {
     }
     return at;
   }
-  /** The lids whose skin is without lashes, how far since they shut, and since lashes stand by themselves below brows that rise: 0 to 1, `gone` the more. */
-  bareLids() {
-    const { lidSkins, openings, nodes, wanted, moved, vertices, shared: { lidSkin } } = this;
+  /** How many times as long as on the picture a brow that rises makes the way from the lid to itself. */
+  drawnOut({ upperNodes: [outer, , node, , inner], brow }) {
+    const { nodes, wanted } = this, corners = [outer, inner];
     const middle = (p, [a, b]) => [0, 1].map((axis) => (p[2 * a + axis] + p[2 * b + axis]) / 2);
     const way = (p, pair, to) => Math.hypot(...[0, 1].map((axis) => middle(p, pair)[axis] - middle(p, to)[axis]));
+    return 1 + (way(wanted, brow, corners) - way(nodes, brow, corners)) / Math.max(way(nodes, brow, [node, node]), 1e-9);
+  }
+  /** The hollows that brows draw out, and how much of their shade is gone. */
+  drawnOutHollows() {
+    const drawn = this.hollows.map((hollow, k) => hollow && { hollow, gone: hollow.gone(this.drawnOut(this.openings[k])) });
+    return drawn.filter((entry) => entry?.gone > 0);
+  }
+  /** The lids whose skin is without lashes, how far since they shut, and since lashes stand by themselves below brows that rise: 0 to 1, `gone` the more. */
+  bareLids() {
+    const { lidSkins, openings, moved, vertices, shared: { lidSkin } } = this;
     const bare = lidSkins.map((lid, k) => {
       if (!lid) return { gone: 0 };
-      const opening = openings[k], { upperNodes: [outer, , node, , inner], brow } = opening, corners = [outer, inner];
+      const opening = openings[k];
       const shut = smoothStep(...lidSkin.shut, 1 - this.gap(opening, moved) / Math.max(this.gap(opening, vertices), 1e-9));
-      const rise = way(wanted, brow, corners) - way(nodes, brow, corners);
-      const stands = smoothStep(...lidSkin.drawnOut, 1 + rise / Math.max(way(nodes, brow, [node, node]), 1e-9)) * (1 - shut);
+      const stands = smoothStep(...lidSkin.drawnOut, this.drawnOut(opening)) * (1 - shut);
       return { opening, lid, shut, stands, gone: Math.max(shut, stands) };
     });
     return bare.filter(({ gone }) => gone > 0);

@@ -1,0 +1,53 @@
+//! Smoothing of grids.
+
+/// Smooths a grid of values, row by row, with a Gaussian of so many cells across and down (standard deviations); beyond the border the border's
+/// values go on.
+pub fn gaussian(values: &[f32], width: usize, height: usize, sigma: (f64, f64)) -> Vec<f32> {
+    let kernel = |sigma: f64| -> (i64, Vec<f32>, f32) {
+        let radius = (3.0 * sigma).ceil().max(1.0) as i64;
+        let kernel: Vec<f32> = (-radius..=radius).map(|d| (-(d as f64).powi(2) / (2.0 * sigma * sigma)).exp() as f32).collect();
+        let sum = kernel.iter().sum();
+        (radius, kernel, sum)
+    };
+    let (w, h) = (width as i64, height as i64);
+    let (radius, weights, sum) = kernel(sigma.0);
+    let mut across = vec![0.0; values.len()];
+    for y in 0..h {
+        let row = &values[(y * w) as usize..((y + 1) * w) as usize];
+        for x in 0..w {
+            let at = |d: i64| row[(x + d).clamp(0, w - 1) as usize];
+            across[(y * w + x) as usize] = weights.iter().zip(-radius..).map(|(k, d)| k * at(d)).sum::<f32>() / sum;
+        }
+    }
+    let (radius, weights, sum) = kernel(sigma.1);
+    let mut down = vec![0.0; values.len()];
+    for (k, d) in weights.iter().zip(-radius..) {
+        for y in 0..h {
+            let from = ((y + d).clamp(0, h - 1) * w) as usize;
+            let to = (y * w) as usize;
+            for x in 0..width {
+                down[to + x] += k / sum * across[from + x];
+            }
+        }
+    }
+    down
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn smoothing_keeps_what_is_even_and_the_sum_of_what_is_not() {
+        assert!(gaussian(&[7.0; 35], 7, 5, (1.3, 1.3)).iter().all(|v| (v - 7.0).abs() < 1e-4));
+        let mut spot = vec![0.0; 21 * 21];
+        spot[10 * 21 + 10] = 100.0;
+        let smoothed = gaussian(&spot, 21, 21, (1.5, 1.5));
+        assert!((smoothed.iter().sum::<f32>() - 100.0).abs() < 1e-2);
+        // The peak of a Gaussian of sigma 1.5 is 100 / (2 pi 2.25) = 7.07.
+        assert!((smoothed[10 * 21 + 10] - 7.07).abs() < 0.1);
+        // Of one that is twice as wide across as down, 100 / (2 pi 1.5 3) = 3.54; 3 cells to the side 0.607 of it.
+        let wide = gaussian(&spot, 21, 21, (3.0, 1.5));
+        assert!((wide[10 * 21 + 10] - 3.54).abs() < 0.05 && (wide[10 * 21 + 13] / wide[10 * 21 + 10] - 0.607).abs() < 0.005);
+    }
+}

@@ -1,0 +1,92 @@
+// What brows that rise do to the skin around them: the hollow below them is drawn out, and loses its shade; the furrows of the forehead deepen. The
+// same steps as the library's `warp/hollow.rs` and `warp/furrows.rs`; see there for the reasons.
+
+/** The height of a line through pairs [x, height] in ascending order; beyond its ends as there. */
+const onLine = (pairs, x) => pairs.slice(1).reduce((height, [to, up], k) => {
+  const [from, below] = pairs[k];
+  return height + (up - below) * clamp((x - from) / Math.max(to - from, 1e-9), 0, 1);
+}, pairs[0]?.[1] ?? 0);
+
+/** Triangles of the skin that show any of a box of the picture: [left, top, right, bottom]. */
+function trianglesIn({ skin, vertices }, [left, top, right, bottom]) {
+  const found = [];
+  for (let k = 0; k < skin.length; k += 3) {
+    const three = [skin[k], skin[k + 1], skin[k + 2]], x = three.map((v) => vertices[2 * v]), y = three.map((v) => vertices[2 * v + 1]);
+    const meets = (list, from, to) => Math.max(...list) > from && Math.min(...list) < to;
+    if (meets(x, left, right) && meets(y, top, bottom)) found.push(...three);
+  }
+  return Uint16Array.from(found);
+}
+
+/** The box around points, and a little more. */
+const boxOf = (points, more = 2) => [0, 1].map((axis) => Math.min(...points.map((p) => p[axis])) - more).concat([0, 1].map((axis) => Math.max(...points.map((p) => p[axis])) + more));
+
+/** The shade between a brow and an upper lid, in the places of the lid's skin. */
+class Hollow {
+  constructor({ brow, logs }, lid, rig) {
+    Object.assign(this, { brow: singles(brow), logs: singles(logs), lid, look: rig.shared.hollow });
+    const { along: [first, last], columns } = this.look, { from, across, down } = lid;
+    const at = (along, height) => [0, 1].map((axis) => from[axis] + across[axis] * along - down[axis] * height);
+    const points = Array.from(this.brow, (brow, k) => first + ((last - first) * k) / (columns - 1)).flatMap((along, k) => [at(along, lid.edgeAt(along)), at(along, this.brow[k])]);
+    this.box = boxOf(points);
+    this.triangles = trianglesIn(rig, this.box);
+  }
+  /** How much darker a place of the picture is than bright skin: three logarithms, 0 and less. */
+  log(x, y) {
+    const { brow, logs, lid, look: { along: [first, last], columns, rows } } = this;
+    const [along, height] = lid.place(x, y), column = ((along - first) / (last - first)) * (columns - 1);
+    if (!(column >= 0 && column <= columns - 1)) return [0, 0, 0];
+    const cell = (place, count) => [clamp(Math.floor(place), 0, count - 2), place - clamp(Math.floor(place), 0, count - 2)];
+    const [k, t] = cell(column, columns), edge = lid.edgeAt(along);
+    const row = ((height - edge) / Math.max(brow[k] + (brow[k + 1] - brow[k]) * t - edge, 1e-6)) * (rows - 1);
+    if (!(row >= 0 && row <= rows - 1)) return [0, 0, 0];
+    const [m, u] = cell(row, rows), at = (row, column, c) => logs[3 * (row * columns + column) + c];
+    const beside = (row, c) => at(row, k, c) + (at(row, k + 1, c) - at(row, k, c)) * t;
+    return [0, 1, 2].map((c) => beside(m, c) + (beside(m + 1, c) - beside(m, c)) * u);
+  }
+  /** How much of it is gone where the way from lid to brow is so many times as long as on the picture. */
+  gone(drawnOut) {
+    return Math.min(this.look.lighter * (1 - 1 / Math.max(drawnOut, 1)), this.look.most);
+  }
+}
+
+/** The shade of both hollows as a picture: 255 is as dark as it gets. */
+function shadePicture({ hollows, width, height, shared }) {
+  const shade = new ImageData(width, height);
+  for (let k = 3; k < shade.data.length; k += 4) shade.data[k] = 255;
+  for (const hollow of hollows) {
+    if (!hollow) continue;
+    const [left, top, right, bottom] = hollow.box.map((v, k) => clamp(Math.round(v), 0, k % 2 ? height : width));
+    for (let y = top; y < bottom; y++) {
+      for (let x = left; x < right; x++) {
+        const at = 4 * (y * width + x);
+        hollow.log(x, y).forEach((log, c) => (shade.data[at + c] = Math.max(shade.data[at + c], (255 * log) / shared.hollow.darkest)));
+      }
+    }
+  }
+  return shade;
+}
+
+/** The furrows of a forehead: a picture of their own on a grid, whose first cell is at `from`. */
+class Furrows {
+  constructor({ from, across, up, image }, rig) {
+    Object.assign(this, { from, across, up, image, rig });
+    this.size = [image.naturalWidth, image.naturalHeight];
+    const [w, h] = this.size, corner = (x, y) => [0, 1].map((axis) => from[axis] + across[axis] * x + up[axis] * y);
+    this.triangles = trianglesIn(rig, boxOf([corner(0, 0), corner(w, 0), corner(0, h), corner(w, h)], 0));
+  }
+  /** The cell of a place. */
+  cell(x, y) {
+    const off = [x - this.from[0], y - this.from[1]];
+    return [this.across, this.up].map((step) => (off[0] * step[0] + off[1] * step[1]) / (step[0] * step[0] + step[1] * step[1]));
+  }
+  /** How much deeper they are, for each part of the brows: [cell across, depth]. */
+  depths() {
+    const { nodes, wanted, down, unit, shared: { furrows: { parts, deepen, most } } } = this.rig;
+    const mean = (list) => list.reduce((sum, v) => sum + v, 0) / list.length;
+    return parts.map((part) => {
+      const rise = mean(part.map((n) => -(wanted[2 * n] - nodes[2 * n]) * down[0] - (wanted[2 * n + 1] - nodes[2 * n + 1]) * down[1])) / unit;
+      return [this.cell(...[0, 1].map((axis) => mean(part.map((n) => nodes[2 * n + axis]))))[0], clamp(deepen * rise, 0, most)];
+    });
+  }
+}
