@@ -280,6 +280,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "furrows": rig.furrows.as_ref().map(|f| furrows_of(face.label, f, place(&f.from), scale)).transpose()?,
         "closed": rig.closed,
         "unit": rig.eye_distance * scale,
+        "softness": rig.softness * scale,
         "down": [rig.down.x, rig.down.y],
         "roll": target.roll,
         "fapus": lengths(&target.fapus.scaled(scale)),

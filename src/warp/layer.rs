@@ -4,7 +4,11 @@ use image::RgbImage;
 use nalgebra::{Point2, Vector2};
 use tiny_skia::{FillRule, Mask, PathBuilder, Transform};
 
-use super::{raster, sample};
+use super::{mouth::luma, raster, sample};
+use crate::geometry::blur::gaussian;
+
+/// How much further colours run into each other than brightness does, px (sigma).
+const COLOURS: f64 = 1.2;
 
 /// Pixels that are laid over a frame within an outline.
 pub struct Layer {
@@ -21,17 +25,18 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// A layer over the bounding box of an outline, clipped to the frame; `None` when nothing of it is in the frame.
-    pub fn new(outline: &[Point2<f64>], size: (u32, u32)) -> Option<Self> {
-        const MARGIN: f64 = 2.0;
+    /// A layer over the bounding box of an outline, clipped to the frame, which can be softened by so much (px); `None` when nothing of it is in the
+    /// frame.
+    pub fn new(outline: &[Point2<f64>], size: (u32, u32), softness: f64) -> Option<Self> {
+        let margin = 2.0 + 3.0 * softness;
         let (mut low, mut high) = (outline.first().copied()?, outline.first().copied()?);
         for p in outline {
             low = low.inf(p);
             high = high.sup(p);
         }
         let clip = |value: f64, size: u32| value.clamp(0.0, f64::from(size)) as u32;
-        let (left, top) = (clip(low.x - MARGIN, size.0), clip(low.y - MARGIN, size.1));
-        let (right, bottom) = (clip(high.x + MARGIN + 1.0, size.0), clip(high.y + MARGIN + 1.0, size.1));
+        let (left, top) = (clip(low.x - margin, size.0), clip(low.y - margin, size.1));
+        let (right, bottom) = (clip(high.x + margin + 1.0, size.0), clip(high.y + margin + 1.0, size.1));
         let (width, height) = (right.checked_sub(left)?, bottom.checked_sub(top)?);
         let mut coverage = Mask::new(width, height)?;
         let mut path = PathBuilder::new();
@@ -96,6 +101,34 @@ impl Layer {
             if std::mem::take(is_set) {
                 let (x, y) = (k as u32 % self.width, k as u32 / self.width);
                 frame.put_pixel(self.left + x, self.top + y, image::Rgb(colour.map(sample::byte)));
+            }
+        }
+    }
+
+    /// Softens its border, and what it shows if that was made, with a Gaussian (sigma, px), as the photograph is soft that it is laid on. Its colours
+    /// run a little further into each other and into those around it than its brightness does, as in all pictures that were stored with half as
+    /// many of colours.
+    pub fn soften(&mut self, sigma: f64, made: bool, frame: &RgbImage) {
+        if sigma <= 0.0 {
+            return;
+        }
+        let (width, height) = (self.width as usize, self.height as usize);
+        let smooth = |values: Vec<f32>, sigma: f64| gaussian(&values, width, height, (sigma, sigma));
+        let coverage = smooth(self.coverage.data().iter().map(|&level| f32::from(level)).collect(), sigma);
+        self.coverage.data_mut().iter_mut().zip(&coverage).for_each(|(level, soft)| *level = sample::byte(*soft));
+        let weight = smooth(self.pixels.iter().map(|pixel| f32::from(u8::from(pixel.1))).collect(), sigma);
+        let bright = smooth(self.pixels.iter().map(|pixel| if pixel.1 { luma(pixel.0) } else { 0.0 }).collect(), sigma);
+        let around = |k: usize| {
+            let (x, y) = (self.left + k as u32 % self.width, self.top + k as u32 / self.width);
+            if self.pixels[k].1 { self.pixels[k].0 } else { frame.get_pixel(x, y).0.map(f32::from) }
+        };
+        let colours: Vec<[f32; 3]> = (0..self.pixels.len()).map(around).collect();
+        let plane = |c: usize| smooth(colours.iter().map(|&colour| colour[c] - luma(colour)).collect(), sigma.hypot(COLOURS));
+        let planes = [plane(0), plane(1), plane(2)];
+        for (k, (colour, is_set)) in self.pixels.iter_mut().enumerate() {
+            // Beyond its border it goes on as it is there.
+            if weight[k] > 1e-3 && (made || !*is_set) {
+                (*colour, *is_set) = (std::array::from_fn(|c| bright[k] / weight[k] + planes[c][k]), true);
             }
         }
     }

@@ -57,6 +57,7 @@ mod render;
 mod rig;
 mod sample;
 mod seam;
+mod softness;
 mod tone;
 
 use std::sync::OnceLock;
@@ -144,6 +145,8 @@ pub struct Warp {
     lids: Vec<Option<LidSkin>>,
     /// The hollows above them.
     hollows: Vec<Option<Hollow>>,
+    /// How soft the photograph is, px; 0 before it is known.
+    softness: f64,
     /// The furrows of its forehead.
     furrows: Option<Furrows>,
     /// The teeth that it shows where its mouth is made; none before they are seen.
@@ -248,6 +251,7 @@ impl Warp {
             lids: Vec::new(),
             hollows: Vec::new(),
             furrows: None,
+            softness: 0.0,
             dentition: OnceLock::new(),
         };
         let identity = Similarity::identity();
@@ -301,6 +305,7 @@ impl Warp {
         self.lids = vec![None, left, right];
         self.hollows = Hollow::find(&self, photograph);
         self.furrows = Furrows::find(&self, photograph);
+        self.softness = softness::softness(&self, photograph);
         self
     }
 
@@ -331,7 +336,11 @@ impl Warp {
 
     /// The upper teeth of a face whose mouth is made.
     fn teeth(&self) -> Option<&Rgba32FImage> {
-        self.dentition.get_or_init(|| mouth::dentition(&mouth::Proportions::of(self), mouth::teeth_size(self))).as_ref()
+        let made = || {
+            let (proportions, size) = (mouth::Proportions::of(self), mouth::teeth_size(self));
+            Some(mouth::seen_at(&mouth::dentition(&proportions, size)?, size * self.frame.eye_distance))
+        };
+        self.dentition.get_or_init(made).as_ref()
     }
 
     /// Distance between the middles of the eyes, px.

@@ -61,7 +61,7 @@ pub fn draw(
     if all.clone().all(|&v| vertices[v as usize] == warp.source[v as usize]) && behind_is_still(warp, opening, deformation) {
         return;
     }
-    let Some(mut layer) = Layer::new(&outline, frame.dimensions()) else { return };
+    let Some(mut layer) = Layer::new(&outline, frame.dimensions(), warp.softness) else { return };
     extend_edges(warp, opening, texture, deformation, seam, &mut layer);
     layer.lay_under(frame);
     match (opening.opening, inside) {
@@ -100,11 +100,13 @@ pub fn draw(
         }
     }
     layer.spread();
-    if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
+    let is_made = opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. });
+    if is_made {
         let at = |edge: &[u32]| edge.iter().map(|&v| vertices[v as usize]).collect::<Vec<_>>();
         let lips = [at(&opening.upper), at(&opening.lower)];
         roll_lips(&lips, &warp.frame, seam, &Tone::of(texture, &warp.nodes), frame);
     }
+    layer.soften(warp.softness, is_made, frame);
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
         lashes(warp, opening, texture, vertices, gap(warp, opening, vertices), frame);

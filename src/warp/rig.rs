@@ -38,6 +38,8 @@ pub struct Rig {
     pub closed: bool,
     /// Distance between the middles of the eyes, px.
     pub eye_distance: f64,
+    /// How soft the photograph is: sigma of the Gaussian that softens its edges, px.
+    pub softness: f64,
     /// Direction from forehead to chin, of length 1.
     pub down: Vector2<f64>,
     /// Colour of the lips, levels.
@@ -133,6 +135,7 @@ impl Warp {
             furrows: self.furrows.clone(),
             closed: self.closed,
             eye_distance: self.frame.eye_distance,
+            softness: self.softness,
             down: self.frame.down.into_inner(),
             lip: mouth::lip_colour(self, texture),
             enamel: light.enamel,

@@ -131,6 +131,8 @@ void main() {
   seen = mix(seen, (near + 0.35 * missing) * mix(dark, vec3(0.83, 0.76, 0.76), lit), 0.85 * round.x);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
 }`;
+// Width of the soft edge of an opening, over the photograph's softness: a ramp as long as a Gaussian's from one end to the other.
+const EDGE = 2.5;
 const LASH_VERTEX = `
 attribute vec2 at; attribute vec2 place; uniform vec2 size; varying vec2 p;
 void main() { p = place; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
@@ -292,7 +294,7 @@ class GlStage {
     // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
       if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
-      const strips = edgeStrips(rig, opening, 1.2);
+      const strips = edgeStrips(rig, opening, Math.max(1.2, EDGE * rig.softness));
       this.loose(rig, strips, true);
       const { shut } = bare.find((entry) => entry.opening === opening) ?? { shut: 0 };
       if (shut > 0) this.byLidPicture(rig, () => this.loose(rig, strips.map((c) => [...c.slice(0, 4), c[4] * shut]), true));

@@ -24,7 +24,7 @@ use crate::interpolation::smooth_step;
 pub use dentition::dentition;
 pub use light::Light;
 pub use proportions::{Proportions, teeth_size};
-pub use teeth::{TEETH_ORIGIN, TEETH_SCALE, TEETH_WHITE};
+pub use teeth::{TEETH_ORIGIN, TEETH_SCALE, TEETH_WHITE, seen_at};
 
 /// Whether the inside of the mouth shows teeth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,6 +4,8 @@ use std::sync::OnceLock;
 
 use image::{Rgba32FImage, RgbaImage};
 
+use crate::geometry::blur::gaussian;
+
 /// The mean picture of the upper teeth.
 const TEETH: &[u8] = include_bytes!("../../../candide/teeth.png");
 /// Its scale: pixels for each eye distance.
@@ -43,6 +45,33 @@ pub fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)
         (0..4).for_each(|c| sum[c] += share * pixel[c]);
     }
     Some(([sum[0], sum[1], sum[2]], sum[3] / 255.0))
+}
+
+/// Half the pixel that a sample of a picture stands for, as a sigma.
+const PIXEL: f64 = 0.5;
+
+/// A picture as it is seen on one where an eye distance has so many pixels: without what is finer than these, which a sample of it would hit or miss.
+pub fn seen_at(picture: &Rgba32FImage, eye_distance: f64) -> Rgba32FImage {
+    let step = TEETH_SCALE / eye_distance.max(1e-6);
+    if step <= 1.0 {
+        return picture.clone();
+    }
+    let (sigma, width, height) = (PIXEL * (step * step - 1.0).sqrt(), picture.width() as usize, picture.height() as usize);
+    let smooth = |of: &dyn Fn([f32; 4]) -> f32| {
+        let values: Vec<f32> = picture.pixels().map(|pixel| of(pixel.0)).collect();
+        gaussian(&values, width, height, (sigma, sigma))
+    };
+    // Colours count as much as they cover.
+    let cover = smooth(&|pixel| pixel[3]);
+    let planes = [0, 1, 2].map(|c| smooth(&|pixel| pixel[c] * pixel[3]));
+    let mut seen = picture.clone();
+    for (k, pixel) in seen.pixels_mut().enumerate() {
+        pixel.0[3] = cover[k];
+        if cover[k] > 1e-3 {
+            (0..3).for_each(|c| pixel.0[c] = planes[c][k] / cover[k]);
+        }
+    }
+    seen
 }
 
 #[cfg(test)]
