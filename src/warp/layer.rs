@@ -7,6 +7,8 @@ use tiny_skia::{FillRule, Mask, PathBuilder, Transform};
 use super::{mouth::luma, raster, sample};
 use crate::geometry::blur::gaussian;
 
+/// How soft what is drawn is by itself, px (sigma): its pixels are samples between those of a picture, and shares of an outline.
+const DRAWN: f64 = 0.4;
 /// How much further colours run into each other than brightness does, px (sigma).
 const COLOURS: f64 = 1.2;
 
@@ -109,6 +111,8 @@ impl Layer {
     /// run a little further into each other and into those around it than its brightness does, as in all pictures that were stored with half as
     /// many of colours.
     pub fn soften(&mut self, sigma: f64, made: bool, frame: &RgbImage) {
+        // As soft as what is drawn is by itself.
+        let sigma = (sigma * sigma - DRAWN * DRAWN).max(0.0).sqrt();
         if sigma <= 0.0 {
             return;
         }

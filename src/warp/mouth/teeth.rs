@@ -47,8 +47,8 @@ pub fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)
     Some(([sum[0], sum[1], sum[2]], sum[3] / 255.0))
 }
 
-/// Half the pixel that a sample of a picture stands for, as a sigma.
-const PIXEL: f64 = 0.5;
+/// The pixel that a sample of a picture stands for, as a sigma: nearly that of a box as wide.
+const PIXEL: f64 = 0.35;
 
 /// A picture as it is seen on one where an eye distance has so many pixels: without what is finer than these, which a sample of it would hit or miss.
 pub fn seen_at(picture: &Rgba32FImage, eye_distance: f64) -> Rgba32FImage {
