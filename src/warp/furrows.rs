@@ -100,7 +100,17 @@ impl Furrows {
             let log = (line[k] - around[k]).clamp(DEEPEST, LIGHTEST) * share[k];
             Luma([(128.0 + (log / LIMIT * 127.0).round()).clamp(1.0, 255.0) as u8])
         };
-        Some(Self { from, across, up, picture: GrayImage::from_fn(width as u32, height as u32, level) })
+        let whole = GrayImage::from_fn(width as u32, height as u32, level);
+        // No more of it than there is.
+        let (mut low, mut high) = ((width as u32, height as u32), (0, 0));
+        for (x, y, _) in whole.enumerate_pixels().filter(|(_, _, level)| level.0[0] != 128) {
+            (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)));
+        }
+        // With a cell around it that is nothing.
+        let (low, high) = ((low.0.saturating_sub(1), low.1.saturating_sub(1)), (high.0 + 2, high.1 + 2));
+        let size = (high.0.min(width as u32).checked_sub(low.0)?, high.1.min(height as u32).checked_sub(low.1)?);
+        let picture = image::imageops::crop_imm(&whole, low.0, low.1, size.0, size.1).to_image();
+        Some(Self { from: from + across * f64::from(low.0) + up * f64::from(low.1), across, up, picture })
     }
 
     /// The logarithm at a place of the photograph, and its distance from the subject's right end of the grid, in cells.

@@ -6,7 +6,7 @@ use super::{
     Deformation, Placement, Texture, Warp,
     furrows::{self, Deepened},
     hollow::{DrawnOut, drawn_out_hollows},
-    lashes::bare_lids,
+    lashes::{BareLid, bare_lids},
     openings, raster,
     sample::{self, Bounds, Pixels},
     seam::Seam,
@@ -27,6 +27,14 @@ pub enum MouthInside<'a> {
         /// The mesh there, see [`Warp::place`].
         placement: &'a Placement,
     },
+}
+
+/// What changes the colours of skin.
+enum Change<'a> {
+    Seam(&'a Seam),
+    Lid(&'a BareLid<'a>),
+    Hollow(&'a DrawnOut<'a>),
+    Furrows(&'a Deepened<'a>),
 }
 
 impl Warp {
@@ -54,14 +62,20 @@ impl Warp {
         let seam = Seam::new(self, deformation, texture);
         let hollows = drawn_out_hollows(self, deformation);
         let furrows = furrows::deepened(self, deformation);
-        let of_lids = lids.iter().filter_map(|lid| lid.skin.bounds()).chain(hollows.iter().filter_map(DrawnOut::bounds));
-        let of_lids = of_lids.chain(furrows.iter().filter_map(Deepened::bounds));
-        let bounds: Vec<Bounds> = seam.bounds().into_iter().chain(of_lids).collect();
+        // From the photograph outwards.
+        let seams = seam.bounds().map(|bounds| (bounds, Change::Seam(&seam)));
+        let bare = lids.iter().filter_map(|lid| Some((lid.skin.bounds()?, Change::Lid(lid))));
+        let drawn_out = hollows.iter().filter_map(|hollow| Some((hollow.bounds()?, Change::Hollow(hollow))));
+        let deepened = furrows.iter().filter_map(|furrows| Some((furrows.bounds()?, Change::Furrows(furrows))));
+        let changes: Vec<(Bounds, Change)> = seams.into_iter().chain(bare).chain(drawn_out).chain(deepened).collect();
+        let bounds: Vec<Bounds> = changes.iter().map(|change| change.0).collect();
         let change = |at, photograph| {
-            let without_line = seam.colour(at, photograph, texture);
-            let bare = lids.iter().fold(without_line, |colour, lid| lid.skin.colour(at, lid.gone(), colour, texture));
-            let drawn_out = hollows.iter().fold(bare, |colour, hollow| hollow.colour(at, colour));
-            furrows.iter().fold(drawn_out, |colour, furrows| furrows.colour(at, colour))
+            changes.iter().filter(|(bounds, _)| bounds.holds(&at)).fold(photograph, |colour, (_, change)| match change {
+                Change::Seam(seam) => seam.colour(at, colour, texture),
+                Change::Lid(lid) => lid.skin.colour(at, lid.gone(), colour, texture),
+                Change::Hollow(hollow) => hollow.colour(at, colour),
+                Change::Furrows(furrows) => furrows.colour(at, colour),
+            })
         };
         let mut pixels = Pixels::new(texture, size.0);
         for triangle in &self.mesh.skin {

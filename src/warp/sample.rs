@@ -280,7 +280,7 @@ impl Bounds {
     }
 
     #[inline(always)]
-    fn holds(&self, p: &Point2<f64>) -> bool {
+    pub(super) fn holds(&self, p: &Point2<f64>) -> bool {
         let [low, high] = &self.0;
         p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y
     }
