@@ -1,6 +1,6 @@
 //! `grimace analyze`: what a user types, and what comes out.
 
-use crate::common::{Work, assert_same_files};
+use crate::common::{SEQUENCES, Work, assert_same_files};
 
 #[test]
 fn models_and_representatives_given_as_tracks_are_called_what_they_are() {
@@ -33,8 +33,7 @@ fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
 
 #[test]
 fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     let ran = work.grimace("analyze out/tracks -o again").exit(0);
     ran.prints(&["6 tracks, 0 failed", "3 sequences  again/fap/happiness.fap", "report: again/report.html"]);
     assert_same_files(&work.files("out/models"), &work.files("again/models"));
@@ -62,18 +61,16 @@ fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
 
 #[test]
 fn bytes_do_not_depend_on_threads_or_on_the_order_of_the_files() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     work.grimace("analyze out/tracks -o a/results --threads 1").exit(0);
-    let backwards: Vec<String> = crate::common::SEQUENCES.iter().rev().map(|id| format!("out/tracks/{id}.csv")).collect();
+    let backwards: Vec<String> = SEQUENCES.iter().rev().map(|id| format!("out/tracks/{id}.csv")).collect();
     work.grimace(&format!("analyze {} -o b/results --threads 2", backwards.join(" "))).exit(0);
     assert_same_files(&work.files("a"), &work.files("b"));
 }
 
 #[test]
 fn groups_may_come_from_columns_written_after_tracking() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     let manifest = work.read("faces/manifest.csv");
     let classes = ["class", "low", "low", "high", "high", "high", "high"];
     let later: Vec<String> = manifest.lines().zip(classes).map(|(line, class)| format!("{line},{class}")).collect();
@@ -91,8 +88,7 @@ fn groups_may_come_from_columns_written_after_tracking() {
 
 #[test]
 fn options_of_the_statistics_take_effect() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     work.grimace("analyze out/tracks -o trimmed --alpha 0.4 --median exact --between 2 --fps 30").exit(0);
     // floor(0.4 * 3) = 1 of 3 models is dropped in each of the 4 fields of the 2 emotions.
     let dropped = work.rows("trimmed/trimming.csv").iter().filter(|r| r["dropped"] == "true").count();
@@ -105,8 +101,7 @@ fn options_of_the_statistics_take_effect() {
 
 #[test]
 fn what_an_earlier_analysis_made_goes_and_nothing_else() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     work.grimace("analyze out/tracks -o again --by cohort --alpha 0.4").exit(0);
     let stale = ["comparisons.csv", "representatives/happiness_cohort-B.json", "fap/happiness_cohort-B.fap"];
     assert!(stale.iter().all(|name| work.path(&format!("again/{name}")).exists()));
@@ -132,8 +127,7 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
 
 #[test]
 fn a_bad_track_costs_that_track() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     let track = work.read("out/tracks/S001_005.csv");
     let lines: Vec<&str> = track.lines().collect();
     work.write("out/tracks/S001_005.csv", lines[..lines.len() - 7].join("\n"));
@@ -165,8 +159,7 @@ fn a_bad_track_costs_that_track() {
 
 #[test]
 fn a_track_read_twice_counts_once() {
-    let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
     work.grimace("analyze out/tracks out/tracks/S001_005.csv -o again").exit(0).prints(&["2 tracks, 0 failed"]);
     for extension in ["csv", "json"] {
         work.write(&format!("copy/S009_005.{extension}"), work.read(&format!("out/tracks/S001_005.{extension}")));
@@ -177,8 +170,7 @@ fn a_track_read_twice_counts_once() {
 
 #[test]
 fn what_is_not_there_or_in_the_way_is_named() {
-    let work = Work::with_sequences(&["S001_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005"], "out");
     work.grimace("analyze nowhere -o again").exit(1).says(&["nowhere", "No such file"]);
     work.write("none/a.txt", "x").grimace("analyze none -o again").exit(1).says(&["no .csv file in none"]);
     work.write("full/a.txt", "x").grimace("analyze out/tracks -o full").exit(1).says(&["full is not empty", "--force"]);

@@ -711,8 +711,7 @@ fn names_are_only_names() {
 
 #[test]
 fn tracks_are_corrected_and_tracked_again() {
-    let work = Work::with_sequences(&["S001_005", "S002_007"]);
-    work.grimace("run faces -o results -q").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_007"], "results");
     // The dataset is found beside the results by its name.
     let server = Server::start(&work, "--tracks results");
     let track = open(&server, "S001_005");
@@ -764,8 +763,7 @@ fn tracks_are_corrected_and_tracked_again() {
 
 #[test]
 fn tracks_that_do_not_belong_are_named_and_left_out() {
-    let work = Work::with_sequences(&["S001_005", "S002_007"]);
-    work.grimace("run faces -o results -q").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_007"], "results");
     // A track of fewer nodes than the wireframe has.
     let short: String = work
         .read("results/tracks/S001_005.csv")
@@ -787,8 +785,7 @@ fn tracks_that_do_not_belong_are_named_and_left_out() {
 
 #[test]
 fn a_released_correction_leaves_no_trace() {
-    let work = Work::with_sequences(&["S001_005"]);
-    work.grimace("run faces -o results -q").exit(0);
+    let work = Work::after_run(&["S001_005"], "results");
     let server = Server::start(&work, "faces --tracks results");
     let track = open(&server, "S001_005");
     let correct = |version: &Value, corrections: Value| {
@@ -826,8 +823,7 @@ fn what_can_not_be_annotated_is_said() {
     work.grimace("annotate faces --tracks empty --no-open").exit(1).says(&["no tracks found"]);
     work.write("bad/manifest.csv", "subject,sequence,emotion\n../x,1,joy\n");
     work.grimace("annotate bad --no-open").exit(1).says(&["no sequence can be annotated", "path separator"]);
-    let marked = Work::with_sequences(&["S001_005"]);
-    marked.grimace("run faces -o results -q").exit(0);
+    let marked = Work::after_run(&["S001_005"], "results");
     fs::rename(marked.path("faces"), marked.path("elsewhere")).unwrap();
     marked
         .grimace("annotate --tracks results --no-open")
@@ -844,8 +840,7 @@ fn kills() -> u64 {
 
 #[test]
 fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
-    let work = Work::with_sequences(&["S001_005"]);
-    work.grimace("run faces -o results").exit(0);
+    let work = Work::after_run(&["S001_005"], "results");
     let mut saved: std::collections::BTreeMap<(u32, u16), f64> = std::collections::BTreeMap::new();
     let (mut acknowledged, mut lost, mut process) = (0, Vec::new(), 0);
     for kill in 0..kills() {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{Work, assert_same_files};
+use crate::common::{SEQUENCES, Work, assert_same_files};
 use grimace::internal::{
     columnar::{ColumnarModels, ColumnarRow, ColumnarWriter},
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -463,8 +463,7 @@ fn a_run_in_parts_gives_the_bytes_of_a_plain_run() {
 
 #[test]
 fn recognition_leaves_one_subject_out() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     let ran = work.grimace("evaluate recognition out/tracks -o recognition").exit(0);
     ran.prints(&["6 of 6 sequences of 3 subjects judged", "guessing, mean over labels 50.0 %"]);
     let confusion = work.rows("recognition/confusion.csv");

@@ -3,10 +3,11 @@
 use std::{
     collections::BTreeSet,
     fs,
+    sync::OnceLock,
     time::{Duration, SystemTime},
 };
 
-use crate::common::{FACES, SEQUENCES, Work, assert_same_files, files_in, leftovers};
+use crate::common::{FACES, Files, SEQUENCES, Work, assert_same_files, files_in, leftovers};
 
 /// Nodes of Candide-3.
 const NODES: usize = 113;
@@ -155,8 +156,7 @@ fn a_second_run_over_the_same_dataset_writes_nothing() {
 
 #[test]
 fn a_changed_correspondence_file_redoes_that_sequence_only() {
-    let work = Work::with_faces();
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&SEQUENCES, "out");
     date_back(&work, "out");
     let marks = work.read("faces/S002/005/correspondences.csv");
     let moved: Vec<String> =
@@ -171,8 +171,7 @@ fn a_changed_correspondence_file_redoes_that_sequence_only() {
 
 #[test]
 fn a_track_that_was_damaged_or_removed_is_made_again() {
-    let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out");
     work.replace("out/tracks/S001_005.csv", "tracked", "fitted");
     fs::remove_file(work.path("out/models/S002_005.csv")).unwrap();
@@ -189,8 +188,7 @@ fn a_track_that_was_damaged_or_removed_is_made_again() {
 
 #[test]
 fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
-    let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out/tracks");
     work.write("out/corrections/S001_005.csv", "frame,node,x,y\n3,abc,1,2\n");
     let bad = "S001_005.csv, line 2: node is `abc`";
@@ -209,8 +207,7 @@ fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
 
 #[test]
 fn a_sequence_taken_out_of_the_dataset_leaves_the_results() {
-    let work = Work::with_sequences(&["S001_005", "S002_005", "S001_007"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005", "S001_007"], "out");
     let manifest = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S001,007")).collect::<Vec<_>>().join("\n"));
     work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 0 tracked, 2 unchanged"]);
@@ -220,8 +217,7 @@ fn a_sequence_taken_out_of_the_dataset_leaves_the_results() {
 
 #[test]
 fn a_new_label_or_column_is_a_change() {
-    let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
     work.replace("faces/manifest.csv", "S002,005,happiness", "S002,005,joy");
     // Nothing is tracked again for it.
     work.grimace("run faces -o out").exit(0).prints(&["0 tracked, 2 unchanged"]);
@@ -259,8 +255,7 @@ fn another_dataset_of_the_same_name_does_not_replace_results() {
 
 #[test]
 fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
-    let work = Work::with_sequences(&["S001_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005"], "out");
     // As if an interrupted run had tracked a sequence that has left the dataset since; and files that no run made.
     let track = work.bytes("out/tracks/S001_005.csv");
     let ours = ["tracks/S009_001.csv", "models/S009_001.csv"];
@@ -292,8 +287,7 @@ fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
 
 #[test]
 fn a_result_that_was_changed_is_kept_when_it_is_stale_and_said() {
-    let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
     work.write("out/models/S002_005.csv", "mine");
     let manifest = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S002")).collect::<Vec<_>>().join("\n"));
@@ -304,8 +298,7 @@ fn a_result_that_was_changed_is_kept_when_it_is_stale_and_said() {
 
 #[test]
 fn a_result_that_was_changed_is_not_replaced_without_force() {
-    let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let table = work.bytes("out/statistics.csv");
     work.write("out/statistics.csv", "my notes");
     work.grimace("run faces -o out").exit(1).says(&["statistics.csv: not written by a run into this folder, or changed since"]);
@@ -336,8 +329,7 @@ fn what_no_run_made_is_not_replaced_without_force() {
 
 #[test]
 fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
-    let work = Work::with_sequences(&["S001_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005"], "out");
     let state = || {
         let rows = work.rows("out/tracks/S001_005.csv");
         let row = rows.iter().find(|r| r["frame"] == "3" && r["node"] == "31").unwrap().clone();
@@ -384,8 +376,7 @@ fn a_column_that_is_not_there_is_found_before_anything_is_tracked() {
 
 #[test]
 fn other_options_are_refused_without_force_and_the_difference_is_named() {
-    let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    work.grimace("run faces -o out").exit(0);
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out");
     work.grimace("run faces -o out --alpha 0.2").exit(1).says(&["statistics", "0.1", "0.2", "--force"]);
     work.grimace("run faces -o out --by sex").exit(1).says(&["by: none there", "sex now", "--force"]);
@@ -541,15 +532,23 @@ fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::comm
     child.wait_with_output().unwrap().into()
 }
 
-/// A dataset of which one run takes a while: 24 sequences that share their frames.
+/// A dataset of which one run takes a while, 24 sequences that share their frames, and in `whole` the results of a run that nothing disturbed.
 #[cfg(unix)]
 fn long_dataset() -> Work {
+    static WHOLE: OnceLock<Files> = OnceLock::new();
     let work = Work::with_sequences(&["S001_005"]);
     let mut manifest = "subject,sequence,emotion,frames,correspondences\n".to_owned();
     for k in 1..=24 {
         manifest += &format!("P{k:02},1,happiness,S001/005,S001/005/correspondences.csv\n");
     }
     work.write("faces/manifest.csv", manifest);
+    let whole = WHOLE.get_or_init(|| {
+        work.grimace("run faces -o whole").exit(0);
+        work.files("whole")
+    });
+    for (name, bytes) in whole {
+        work.write(&format!("whole/{name}"), bytes);
+    }
     work
 }
 
@@ -557,7 +556,6 @@ fn long_dataset() -> Work {
 #[test]
 fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
     let work = long_dataset();
-    work.grimace("run faces -o whole").exit(0);
     for signal in ["-INT", "-TERM"] {
         let out = format!("out{signal}");
         let ran = interrupt(&work, &out, signal, 5).exit(1);
@@ -583,7 +581,6 @@ fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
 #[test]
 fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
     let work = long_dataset();
-    work.grimace("run faces -o whole").exit(0);
     let ran = interrupt(&work, "out", "-KILL", 5);
     assert_eq!(ran.status, None);
     let whole = work.files("whole");
@@ -592,7 +589,7 @@ fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
         assert!(files[name] == whole[name], "{name} differs from that of a whole run");
     }
     work.grimace("run faces -o out").exit(0);
-    let named = |files: crate::common::Files| files.into_iter().filter(|(name, _)| !name.ends_with(".tmp")).collect();
+    let named = |files: Files| files.into_iter().filter(|(name, _)| !name.ends_with(".tmp")).collect();
     assert_same_files(&whole, &named(work.files("out")));
 }
 
@@ -609,7 +606,7 @@ fn an_output_that_can_not_be_written_is_named() {
 #[cfg(unix)]
 #[test]
 fn a_full_disk_ends_the_run_with_a_clear_error_and_no_half_file() {
-    let work = Work::with_faces();
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
     for (blocks, file) in [(0, "run.json"), (16, "out16/tracks/S00"), (120, "report.html")] {
         let out = format!("out{blocks}");
         let ran = work.shell(&format!(

@@ -10,7 +10,7 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::Output,
-    sync::LazyLock,
+    sync::{Arc, LazyLock, Mutex, OnceLock},
 };
 
 use tempfile::TempDir;
@@ -171,6 +171,23 @@ impl Work {
         let mut lines: Vec<&str> = manifest.lines().take(1).collect();
         lines.extend(manifest.lines().skip(1).filter(listed));
         work.write("faces/manifest.csv", lines.join("\n") + "\n");
+        work
+    }
+
+    /// A folder with some sequences of [`FACES`] in `faces`, and in the folder `out` what `grimace run faces -o out` makes of them. It is run
+    /// once for all who ask for the same sequences; the name of its results is nowhere in them.
+    pub fn after_run(ids: &[&str], out: &str) -> Self {
+        static RUNS: Mutex<BTreeMap<String, Arc<OnceLock<Files>>>> = Mutex::new(BTreeMap::new());
+        let work = Self::with_sequences(ids);
+        let run = RUNS.lock().unwrap().entry(ids.join(" ")).or_default().clone();
+        let made = run.get_or_init(|| {
+            let work = Self::with_sequences(ids);
+            work.grimace("run faces -o out").exit(0);
+            work.files("out")
+        });
+        for (name, bytes) in made {
+            work.write(&format!("{out}/{name}"), bytes);
+        }
         work
     }
 
