@@ -196,7 +196,8 @@ fn fill(samples: &mut Samples, texture: &Texture, [a, b, c]: [Corner; 3]) {
         for sample in &mut samples.data[y * samples.width + from..y * samples.width + to.max(from)] {
             let [r, g, b, alpha] = texture.sample(pu as f32, pv as f32);
             let s = ps as f32;
-            *sample = [r * s, g * s, b * s, alpha].map(|c| (c.min(255.0) + 0.5) as u8);
+            let byte = |c: f32| (c.min(255.0) + 0.5) as u8;
+            *sample = [byte(r * s), byte(g * s), byte(b * s), byte(alpha)];
             pu += du;
             pv += dv;
             ps += ds;
@@ -241,13 +242,15 @@ impl Film {
     /// Adds a sub-frame.
     pub fn expose(&mut self, samples: &Samples) {
         self.subframes += 1;
-        for (k, sum) in self.sums.iter_mut().enumerate() {
-            let (x, y) = (k % self.width, k / self.width);
+        for (y, sums) in self.sums.chunks_exact_mut(self.width).enumerate() {
             for row in 0..SAMPLES {
-                let start = (y * SAMPLES + row) * samples.width + x * SAMPLES;
-                for sample in &samples.data[start..start + SAMPLES] {
-                    for (total, &channel) in sum.iter_mut().zip(sample) {
-                        *total += u32::from(channel);
+                let line = &samples.data[(y * SAMPLES + row) * samples.width..][..samples.width];
+                for (x, sum) in sums.iter_mut().enumerate() {
+                    for sample in &line[x * SAMPLES..][..SAMPLES] {
+                        sum[0] += u32::from(sample[0]);
+                        sum[1] += u32::from(sample[1]);
+                        sum[2] += u32::from(sample[2]);
+                        sum[3] += u32::from(sample[3]);
                     }
                 }
             }

@@ -56,11 +56,13 @@ impl Texture {
         let (u, v) = (fx - i as f32, fy - j as f32);
         let k = j * width + i;
         let (a, b, c, d) = (self.texels[k], self.texels[k + 1], self.texels[k + width], self.texels[k + width + 1]);
-        std::array::from_fn(|n| {
+        // Said one by one: development builds call a function for every value of an array that is made by one.
+        let channel = |n: usize| {
             let upper = f32::from(a[n]) + (f32::from(b[n]) - f32::from(a[n])) * u;
             let lower = f32::from(c[n]) + (f32::from(d[n]) - f32::from(c[n])) * u;
             upper + (lower - upper) * v
-        })
+        };
+        [channel(0), channel(1), channel(2), channel(3)]
     }
 
     /// The same plane with the colour of every texel given by a function of its place, opaque.
