@@ -260,7 +260,8 @@ mod tests {
         BROWS[0].iter().for_each(|&n| raised[usize::from(n)].y -= by * EYES);
         let frame = warp.render(&texture, &warp.deform(&raised).unwrap(), &MouthInside::Dark);
         BROWS.map(|brow| {
-            let x = (nodes()[usize::from(brow[0])].x + nodes()[usize::from(brow[1])].x) / 2.0;
+            let [inner, above] = [brow[0], brow[1]].map(|n| nodes()[usize::from(n)].x);
+            let x = f64::midpoint(inner, above);
             let rows = rows();
             let up = if brow == BROWS[0] { (by * EYES / 2.0) as u32 } else { 0 };
             let (low, high) = levels(&frame, x.round() as u32, rows.start - up..rows.end - up);

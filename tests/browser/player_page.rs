@@ -161,11 +161,15 @@ fn portrait() -> RgbImage {
     image::open(fixture("P01.jpg")).unwrap().to_rgb8()
 }
 
+/// Where a node is, px.
+type Node<'a> = &'a dyn Fn(usize) -> (f64, f64);
 /// A part of the picture that is compared, from its left upper to its right lower corner.
 type Part = [(f64, f64); 2];
+/// The parts that are, by the nodes.
+type Parts = fn(Node) -> Vec<Part>;
 
 /// Both eyes from corner to corner, from above the upper lid to the lower one, by the nodes.
-fn eyes(node: &dyn Fn(usize) -> (f64, f64)) -> Vec<Part> {
+fn eyes(node: Node) -> Vec<Part> {
     let eyes = [[23, 20, 21, 22], [53, 56, 54, 55]].map(|eye| eye.map(node));
     eyes.map(|[from, to, upper, lower]| {
         let height = lower.1 - upper.1;
@@ -175,7 +179,7 @@ fn eyes(node: &dyn Fn(usize) -> (f64, f64)) -> Vec<Part> {
 }
 
 /// The skin that raised brows draw out, and the forehead that they push together.
-fn below_brows_and_forehead(node: &dyn Fn(usize) -> (f64, f64)) -> Vec<Part> {
+fn below_brows_and_forehead(node: Node) -> Vec<Part> {
     let below =
         [[17, 18], [51, 50]].map(|[from, to]| [(node(from).0, node(from).1.min(node(to).1)), (node(to).0, node(21).1 - 4.0)]);
     let (right, left) = (node(49), node(16));
@@ -192,12 +196,7 @@ struct Motion {
 
 impl Motion {
     /// Plays it on a portrait, and clones it; in every part the pictures may be so many levels apart, on pages whose address ends so.
-    fn looks_as_clone_draws_it(
-        &self,
-        picture: RgbImage,
-        parts: fn(&dyn Fn(usize) -> (f64, f64)) -> Vec<Part>,
-        limits: &[(&str, f64)],
-    ) {
+    fn looks_as_clone_draws_it(&self, picture: RgbImage, parts: Parts, limits: &[(&str, f64)]) {
         let browser = Browser::start();
         let folder = browser.folder.path();
         let Self { name, faps, values } = *self;
