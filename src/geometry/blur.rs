@@ -12,11 +12,11 @@ pub fn gaussian(values: &[f32], width: usize, height: usize, sigma: (f64, f64)) 
     let (w, h) = (width as i64, height as i64);
     let (radius, weights, sum) = kernel(sigma.0);
     let mut across = vec![0.0; values.len()];
-    for y in 0..h {
-        let row = &values[(y * w) as usize..((y + 1) * w) as usize];
-        for x in 0..w {
-            let at = |d: i64| row[(x + d).clamp(0, w - 1) as usize];
-            across[(y * w + x) as usize] = weights.iter().zip(-radius..).map(|(k, d)| k * at(d)).sum::<f32>() / sum;
+    let mut padded = vec![0.0_f32; width + 2 * radius as usize];
+    for (row, to) in values.chunks_exact(width.max(1)).zip(across.chunks_exact_mut(width.max(1))) {
+        padded.iter_mut().zip(-radius..).for_each(|(value, x)| *value = row[x.clamp(0, w - 1) as usize]);
+        for (to, around) in to.iter_mut().zip(padded.windows(weights.len())) {
+            *to = weights.iter().zip(around).map(|(k, value)| k * value).sum::<f32>() / sum;
         }
     }
     let (radius, weights, sum) = kernel(sigma.1);

@@ -31,8 +31,8 @@ const GRAINS: usize = 3;
 const BRIGHT: (f64, f64) = (0.70, 0.90);
 /// Levels that count as noise in the dark.
 const FLOOR: f32 = 4.0;
-/// The darkest, as the logarithm of a ratio.
-pub const DARKEST: f32 = -0.9;
+/// The darkest, as the logarithm of a ratio; the page can make nothing more than twice as light.
+pub const DARKEST: f32 = -0.85;
 /// How much lighter it grows than by the length of the skin alone, and the most of its shade that goes.
 pub const LIGHTER: f64 = 1.6;
 pub const MOST: f64 = 0.8;

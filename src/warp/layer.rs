@@ -107,34 +107,50 @@ impl Layer {
         }
     }
 
-    /// Softens its border, and what it shows if that was made, with a Gaussian (sigma, px), as the photograph is soft that it is laid on. Its colours
-    /// run a little further into each other and into those around it than its brightness does, as in all pictures that were stored with half as
-    /// many of colours.
-    pub fn soften(&mut self, sigma: f64, made: bool, frame: &RgbImage) {
-        // As soft as what is drawn is by itself.
-        let sigma = (sigma * sigma - DRAWN * DRAWN).max(0.0).sqrt();
+    /// Softens its border with a Gaussian, so that it is as soft as the photograph that it is laid on (sigma, px). Beyond the border it goes on as it is
+    /// there.
+    pub fn soften_border(&mut self, sigma: f64) {
+        let sigma = missing(sigma);
         if sigma <= 0.0 {
             return;
         }
-        let (width, height) = (self.width as usize, self.height as usize);
-        let smooth = |values: Vec<f32>, sigma: f64| gaussian(&values, width, height, (sigma, sigma));
-        let coverage = smooth(self.coverage.data().iter().map(|&level| f32::from(level)).collect(), sigma);
-        self.coverage.data_mut().iter_mut().zip(&coverage).for_each(|(level, soft)| *level = sample::byte(*soft));
-        let weight = smooth(self.pixels.iter().map(|pixel| f32::from(u8::from(pixel.1))).collect(), sigma);
-        let bright = smooth(self.pixels.iter().map(|pixel| if pixel.1 { luma(pixel.0) } else { 0.0 }).collect(), sigma);
+        self.soften_coverage(sigma);
+        for _ in 0..(3.0 * sigma).ceil() as usize {
+            self.spread();
+        }
+    }
+
+    /// Softens its border and what it shows. Its colours run a little further into each other and into those around it than its brightness does, as in
+    /// all pictures that were stored with half as many of colours.
+    pub fn soften(&mut self, sigma: f64, frame: &RgbImage) {
+        let sigma = missing(sigma);
+        if sigma <= 0.0 {
+            return;
+        }
+        self.soften_coverage(sigma);
+        let weight = self.smooth(self.pixels.iter().map(|pixel| f32::from(u8::from(pixel.1))), sigma);
+        let bright = self.smooth(self.pixels.iter().map(|pixel| if pixel.1 { luma(pixel.0) } else { 0.0 }), sigma);
         let around = |k: usize| {
             let (x, y) = (self.left + k as u32 % self.width, self.top + k as u32 / self.width);
             if self.pixels[k].1 { self.pixels[k].0 } else { frame.get_pixel(x, y).0.map(f32::from) }
         };
         let colours: Vec<[f32; 3]> = (0..self.pixels.len()).map(around).collect();
-        let plane = |c: usize| smooth(colours.iter().map(|&colour| colour[c] - luma(colour)).collect(), sigma.hypot(COLOURS));
+        let plane = |c: usize| self.smooth(colours.iter().map(|&colour| colour[c] - luma(colour)), sigma.hypot(COLOURS));
         let planes = [plane(0), plane(1), plane(2)];
         for (k, (colour, is_set)) in self.pixels.iter_mut().enumerate() {
-            // Beyond its border it goes on as it is there.
-            if weight[k] > 1e-3 && (made || !*is_set) {
+            if weight[k] > 1e-3 {
                 (*colour, *is_set) = (std::array::from_fn(|c| bright[k] / weight[k] + planes[c][k]), true);
             }
         }
+    }
+
+    fn smooth(&self, values: impl Iterator<Item = f32>, sigma: f64) -> Vec<f32> {
+        gaussian(&values.collect::<Vec<f32>>(), self.width as usize, self.height as usize, (sigma, sigma))
+    }
+
+    fn soften_coverage(&mut self, sigma: f64) {
+        let coverage = self.smooth(self.coverage.data().iter().map(|&level| f32::from(level)), sigma);
+        self.coverage.data_mut().iter_mut().zip(&coverage).for_each(|(level, soft)| *level = sample::byte(*soft));
     }
 
     /// Lays it on the frame as far as the outline covers each pixel.
@@ -154,4 +170,9 @@ impl Layer {
             }
         }
     }
+}
+
+/// The Gaussian that makes what is drawn as soft as another one would make a point (sigma, px).
+fn missing(sigma: f64) -> f64 {
+    (sigma * sigma - DRAWN * DRAWN).max(0.0).sqrt()
 }

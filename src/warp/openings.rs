@@ -106,7 +106,13 @@ pub fn draw(
         let lips = [at(&opening.upper), at(&opening.lower)];
         roll_lips(&lips, &warp.frame, seam, &Tone::of(texture, &warp.nodes), frame);
     }
-    layer.soften(warp.softness, is_made, frame);
+    if is_made {
+        layer.soften(warp.softness, frame);
+    } else {
+        // What hardly moves is nearly the photograph.
+        let moved = all.map(|&v| (vertices[v as usize] - warp.source[v as usize]).norm()).fold(0.0, f64::max);
+        layer.soften_border(warp.softness * moved.min(1.0));
+    }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
         lashes(warp, opening, texture, vertices, gap(warp, opening, vertices), frame);

@@ -23,6 +23,8 @@ const LEAST_SLOPE: f32 = 1.0;
 const AROUND: f64 = 0.06;
 /// The least and the most, px: no camera shows a pixel as a point, and what is softer has no edge to measure.
 const LIMITS: (f64, f64) = (0.65, 2.5);
+/// Most pixels of a box across and down: the eyes of a larger face tell as much by a part of them.
+const MOST: f64 = 800.0;
 /// Pixels beyond the box that are blurred, too.
 const BORDER: usize = 4;
 
@@ -36,7 +38,7 @@ pub fn softness(warp: &Warp, texture: &Texture) -> f64 {
             |(low, high), p| (low.inf(&p), high.sup(&p)),
         );
         let room = AROUND * warp.frame.eye_distance;
-        let side = |low: f64, high: f64| ((high - low + 2.0 * room).clamp(1.0, 1e4) as usize) + 2 * BORDER;
+        let side = |low: f64, high: f64| ((high - low + 2.0 * room).clamp(1.0, MOST) as usize) + 2 * BORDER;
         let (width, height) = (side(low.x, high.x), side(low.y, high.y));
         let from = low.map(|v| (v - room).floor() - BORDER as f64);
         let level = |k: usize| luma(texture.sample(Point2::new(from.x + (k % width) as f64, from.y + (k / width) as f64)));

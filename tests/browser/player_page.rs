@@ -150,7 +150,13 @@ fn hollows_and_furrows_around_brows_that_rise_look_as_clone_draws_them() {
         let lids = [165.0, 275.0].map(|lid| shade(((x - lid) / 30.0).hypot((y - 236.0) / 8.0)));
         pixel.0 = pixel.0.map(|level| (f64::from(level) * line * lids[0] * lids[1]).round() as u8);
     }
-    RAISED.looks_as_clone_draws_it(picture, below_brows_and_forehead, &[("", 2.5)]);
+    RAISED.looks_as_clone_draws_it(picture.clone(), below_brows_and_forehead, &[("", 2.5)]);
+    // The left brow alone.
+    Motion { name: "one", faps: &[31, 33, 35], values: &[0, 100, 200] }.looks_as_clone_draws_it(
+        picture,
+        below_brows_and_forehead,
+        &[("", 2.5)],
+    );
 }
 
 fn fixture(name: &str) -> String {

@@ -50,18 +50,14 @@ class Hollow {
   }
 }
 
-/** The shade of both hollows as a picture: 255 is as dark as it gets. */
-function shadePicture({ hollows, width, height, shared }) {
+/** The shade of a hollow as a picture: 255 is as dark as it gets. */
+function shadePicture(hollow, { width, height, shared }) {
   const shade = new ImageData(width, height);
   for (let k = 3; k < shade.data.length; k += 4) shade.data[k] = 255;
-  for (const hollow of hollows) {
-    if (!hollow) continue;
-    const [left, top, right, bottom] = hollow.box.map((v, k) => clamp(Math.round(v), 0, k % 2 ? height : width));
-    for (let y = top; y < bottom; y++) {
-      for (let x = left; x < right; x++) {
-        const at = 4 * (y * width + x);
-        hollow.log(x, y).forEach((log, c) => (shade.data[at + c] = Math.max(shade.data[at + c], (255 * log) / shared.hollow.darkest)));
-      }
+  const [left, top, right, bottom] = hollow.box.map((v, k) => clamp(Math.round(v), 0, k % 2 ? height : width));
+  for (let y = top; y < bottom; y++) {
+    for (let x = left; x < right; x++) {
+      hollow.log(x, y).forEach((log, c) => (shade.data[4 * (y * width + x) + c] = (255 * log) / shared.hollow.darkest));
     }
   }
   return shade;
@@ -83,9 +79,11 @@ class Furrows {
   /** How much deeper they are, for each part of the brows: [cell across, depth]. */
   depths() {
     const { nodes, wanted, down, unit, shared: { furrows: { parts, deepen, most } } } = this.rig;
+    const { scale, turn, at } = this.rig.head(), up = turn(-down[0], -down[1]);
     const mean = (list) => list.reduce((sum, v) => sum + v, 0) / list.length;
     return parts.map((part) => {
-      const rise = mean(part.map((n) => -(wanted[2 * n] - nodes[2 * n]) * down[0] - (wanted[2 * n + 1] - nodes[2 * n + 1]) * down[1])) / unit;
+      const rises = part.map((n) => at(nodes[2 * n], nodes[2 * n + 1]).map((stays, axis) => (wanted[2 * n + axis] - stays) * up[axis]));
+      const rise = mean(rises.map(([x, y]) => x + y)) / Math.max(scale * scale, 1e-9) / unit;
       return [this.cell(...[0, 1].map((axis) => mean(part.map((n) => nodes[2 * n + axis]))))[0], clamp(deepen * rise, 0, most)];
     });
   }

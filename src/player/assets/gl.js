@@ -341,18 +341,18 @@ class GlStage {
   drawBrows(rig) {
     const { gl, shade, furrowed, shadePictures, furrowPictures, pictures } = this, { furrows, shared } = rig;
     const hollows = rig.drawnOutHollows(), depths = furrows ? furrows.depths() : [];
-    const over = (name, made, make, { triangles }) => {
-      if (!made.has(rig)) made.set(rig, this.texture(make()));
-      gl.bindTexture(gl.TEXTURE_2D, made.get(rig));
-      this.buffer(`${name} ${rig.index}`, () => triangles, gl.ELEMENT_ARRAY_BUFFER, true);
-      gl.drawElements(gl.TRIANGLES, triangles.length, gl.UNSIGNED_SHORT, 0);
+    const over = (name, made, make, part) => {
+      if (!made.has(part)) made.set(part, this.texture(make()));
+      gl.bindTexture(gl.TEXTURE_2D, made.get(part));
+      this.buffer(`${name} ${rig.index}`, () => part.triangles, gl.ELEMENT_ARRAY_BUFFER, true);
+      gl.drawElements(gl.TRIANGLES, part.triangles.length, gl.UNSIGNED_SHORT, 0);
     };
     gl.blendFunc(gl.DST_COLOR, gl.SRC_COLOR);
     if (hollows.length) this.skinBy(shade, rig);
     hollows.forEach(({ hollow, gone }) => {
       gl.vertexAttrib1f(shade.at("cover")[0], gone);
       this.uniform(shade, "darkest", shared.hollow.darkest);
-      over(`hollow ${rig.hollows.indexOf(hollow)}`, shadePictures, () => shadePicture(rig), hollow);
+      over(`hollow ${rig.hollows.indexOf(hollow)}`, shadePictures, () => shadePicture(hollow, rig), hollow);
     });
     if (depths.some(([, depth]) => depth > 0)) {
       this.skinBy(furrowed, rig);

@@ -364,12 +364,21 @@ class Rig {
     }
     return at;
   }
+  /** Where the head is, by the line between the eyes: the place of a place of the picture, and its scale and turn as a complex number. */
+  head() {
+    const eyes = (p) => this.openings.slice(1).map(({ upperNodes: [a, , , , b] }) => [0, 1].map((axis) => (p[2 * a + axis] + p[2 * b + axis]) / 2));
+    const [[was, beside], [is, then]] = [eyes(this.nodes), eyes(this.wanted)];
+    const [x, y, u, v] = [beside[0] - was[0], beside[1] - was[1], then[0] - is[0], then[1] - is[1]], square = Math.max(x * x + y * y, 1e-9);
+    const [re, im] = [(u * x + v * y) / square, (v * x - u * y) / square];
+    const turn = (a, b) => [re * a - im * b, im * a + re * b];
+    return { scale: Math.hypot(re, im), turn, at: (a, b) => turn(a - was[0], b - was[1]).map((value, axis) => value + is[axis]) };
+  }
   /** How many times as long as on the picture a brow that rises makes the way from the lid to itself. */
   drawnOut({ upperNodes: [outer, , node, , inner], brow }) {
     const { nodes, wanted } = this, corners = [outer, inner];
     const middle = (p, [a, b]) => [0, 1].map((axis) => (p[2 * a + axis] + p[2 * b + axis]) / 2);
     const way = (p, pair, to) => Math.hypot(...[0, 1].map((axis) => middle(p, pair)[axis] - middle(p, to)[axis]));
-    return 1 + (way(wanted, brow, corners) - way(nodes, brow, corners)) / Math.max(way(nodes, brow, [node, node]), 1e-9);
+    return 1 + (way(wanted, brow, corners) / Math.max(this.head().scale, 1e-9) - way(nodes, brow, corners)) / Math.max(way(nodes, brow, [node, node]), 1e-9);
   }
   /** The hollows that brows draw out, and how much of their shade is gone. */
   drawnOutHollows() {

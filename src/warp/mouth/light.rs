@@ -16,7 +16,7 @@ const FLESH: [f32; 3] = [1.45, 0.86, 0.84];
 /// light, and darker pictures have darker teeth.
 const TEETH: (f32, f32, f32) = (200.0, 145.0, 0.5);
 /// Teeth are no brighter than this, levels, and than this of the brightest white of the eye, which is taken for no darker than that of the skin, for
-/// eyes may lie in shadow; and no darker than that of the skin.
+/// eyes may lie in shadow; and no darker than this of the skin.
 const BRIGHTEST: (f32, f32, f32) = (214.0, 1.9, 0.6);
 const DARKEST: f32 = 0.85;
 /// Whites of eyes in the studio light of those people are so bright over their skin on the mean. Where light falls from above, eyes and mouths lie in
@@ -119,7 +119,7 @@ mod tests {
         let dark = WHITE.map(|c| c * 36.25 / luma(WHITE));
         let light = Light::by([dark; 2], SKIN.map(|c| c * 30.0));
         assert!((luma(light.enamel) - 1.9 * 36.25).abs() < 1e-3, "{light:?}");
-        // Eyes in deep shadow, in a face that is not: teeth are no darker than the skin.
+        // Eyes in deep shadow, in a face that is not: teeth are no darker than 0.85 of the skin.
         let (shadow, skin) = (WHITE.map(|c| c * 40.0 / luma(WHITE)), SKIN.map(|c| c * 150.0 / luma(SKIN)));
         let light = Light::by([shadow; 2], skin);
         assert!((luma(light.enamel) - DARKEST * 150.0).abs() < 1e-3, "{light:?}");
