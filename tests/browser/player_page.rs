@@ -140,7 +140,7 @@ fn eyes_below_brows_that_rise_look_as_clone_draws_them() {
 
 #[test]
 fn hollows_and_furrows_around_brows_that_rise_look_as_clone_draws_them() {
-    // A forehead with lines, and dark lids.
+    // A forehead with lines, and dark lids. Forgotten, they are 11 levels off below brows that rise so far, and 5 above them.
     let mut picture = portrait();
     let shade = |off: f64| 1.0 - 0.35 * (-off * off).exp();
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
