@@ -3,7 +3,7 @@
 //! A brow that rises pushes the skin of the forehead together, and it folds where that person's forehead folds: most adults have the lines of it on
 //! their calm faces, too, if shallow. So these are found on the photograph, as what is darker or lighter along the brows than right above and
 //! below, and deepen the more the brow below them rises; who has none gets none. The page of `play` does the same where it has WebGL
-//! (`player/assets/gl.js`): who changes one changes the other.
+//! (`player/assets/brows.js` and `gl.js`): who changes one changes the other.
 
 use image::{GrayImage, Luma};
 use nalgebra::{Point2, Vector2};

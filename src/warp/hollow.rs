@@ -3,7 +3,7 @@
 //! Below the bone of the brow the skin lies in a hollow, and in its shade. A brow that rises draws that skin out of it: what was dark grows light,
 //! the more the further. Drawn out with the skin the shade would be a dark patch instead. So how much darker the skin is there than where it is
 //! bright, channel by channel, without lashes (see `lid_skin`) and without anything fine, is found on the photograph once, and goes with the depth
-//! of the hollow. The page of `play` does the same where it has WebGL (`player/assets/lids.js` and `gl.js`): who changes one changes the other.
+//! of the hollow. The page of `play` does the same where it has WebGL (`player/assets/brows.js` and `gl.js`): who changes one changes the other.
 
 use nalgebra::Point2;
 

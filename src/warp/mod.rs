@@ -79,10 +79,11 @@ pub(crate) use sample::byte;
 pub(crate) use tone::one_tone;
 
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
-/// Distance from a corner of an eye, over the eye distance, within which skin may fold.
-const BESIDE_CORNER: f64 = 0.07;
 /// pixel, and where lips close a sliver may turn.
 const MOST_FOLDED: f64 = 0.04;
+/// Distance from a corner of an eye, over the eye distance, within which skin may fold.
+const BESIDE_CORNER: f64 = 0.07;
+
 /// Why a face cannot be warped.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WarpError {

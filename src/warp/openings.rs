@@ -100,16 +100,13 @@ pub fn draw(
         }
     }
     layer.spread();
-    let is_made = opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. });
-    if is_made {
+    if opening.opening == Opening::Mouth && warp.closed && !matches!(inside, MouthInside::Picture { .. }) {
         let at = |edge: &[u32]| edge.iter().map(|&v| vertices[v as usize]).collect::<Vec<_>>();
         let lips = [at(&opening.upper), at(&opening.lower)];
         roll_lips(&lips, &warp.frame, seam, &Tone::of(texture, &warp.nodes), frame);
-    }
-    if is_made {
         layer.soften(warp.softness, frame);
     } else {
-        // What hardly moves is nearly the photograph.
+        // What it shows is as soft as it is, and what hardly moves is nearly the photograph.
         let moved = all.map(|&v| (vertices[v as usize] - warp.source[v as usize]).norm()).fold(0.0, f64::max);
         layer.soften_border(warp.softness * moved.min(1.0));
     }
