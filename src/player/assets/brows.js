@@ -1,12 +1,6 @@
 // What brows that rise do to the skin around them: the hollow below them is drawn out, and loses its shade; the furrows of the forehead deepen. The
 // same steps as the library's `warp/hollow.rs` and `warp/furrows.rs`; see there for the reasons.
 
-/** The height of a line through pairs [x, height] in ascending order; beyond its ends as there. */
-const onLine = (pairs, x) => pairs.slice(1).reduce((height, [to, up], k) => {
-  const [from, below] = pairs[k];
-  return height + (up - below) * clamp((x - from) / Math.max(to - from, 1e-9), 0, 1);
-}, pairs[0]?.[1] ?? 0);
-
 /** Triangles of the skin that show any of a box of the picture: [left, top, right, bottom]. */
 function trianglesIn({ skin, vertices }, [left, top, right, bottom]) {
   const found = [];
