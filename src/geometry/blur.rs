@@ -15,9 +15,10 @@ pub fn gaussian(values: &[f32], width: usize, height: usize, sigma: (f64, f64)) 
     let mut padded = vec![0.0_f32; width + 2 * radius as usize];
     for (row, to) in values.chunks_exact(width.max(1)).zip(across.chunks_exact_mut(width.max(1))) {
         padded.iter_mut().zip(-radius..).for_each(|(value, x)| *value = row[x.clamp(0, w - 1) as usize]);
-        for (to, around) in to.iter_mut().zip(padded.windows(weights.len())) {
-            *to = weights.iter().zip(around).map(|(k, value)| k * value).sum::<f32>() / sum;
+        for (k, weight) in weights.iter().enumerate() {
+            to.iter_mut().zip(&padded[k..]).for_each(|(to, value)| *to += weight * value);
         }
+        to.iter_mut().for_each(|to| *to /= sum);
     }
     let (radius, weights, sum) = kernel(sigma.1);
     let mut down = vec![0.0; values.len()];

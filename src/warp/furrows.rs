@@ -10,9 +10,9 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     Deformation, Texture, Warp,
-    hollow::on_line,
+    lashes::FLOOR,
     layout::{BROWS, Frame},
-    mouth::luma,
+    mouth::{luma, on_line},
     openings,
     sample::Bounds,
 };
@@ -50,8 +50,6 @@ const FOREHEAD: f64 = 0.60;
 /// How much deeper they are where the brow has risen by the eye distance, and at most.
 pub const DEEPEN: f64 = 20.0;
 pub const MOST: f64 = 4.0;
-/// Levels that count as noise in the dark.
-const FLOOR: f32 = 4.0;
 /// Nodes of the brows by which it is known how far they rise, from the subject's right to the left: the middles of both edges, and the inner ends.
 pub const PARTS: [&[u16]; 4] = [&[BROWS[1][1], BROWS[1][2]], &[BROWS[1][0]], &[BROWS[0][0]], &[BROWS[0][1], BROWS[0][2]]];
 /// Logarithm of a ratio that the picture's 255 stands for; 128 is none.

@@ -8,9 +8,11 @@
 use nalgebra::Point2;
 
 use super::{
-    Deformation, Texture, Warp, lashes, layout,
+    Deformation, Texture, Warp,
+    lashes::{self, FLOOR},
+    layout,
     lid_skin::{self, LidSkin},
-    mouth::luma,
+    mouth::{luma, on_line},
     openings,
     sample::Bounds,
 };
@@ -29,8 +31,6 @@ const BELOW_BROW: f64 = 0.25;
 const GRAINS: usize = 3;
 /// Of the skin between the corners, by its brightness, that which is not in the hollow.
 const BRIGHT: (f64, f64) = (0.70, 0.90);
-/// Levels that count as noise in the dark.
-const FLOOR: f32 = 4.0;
 /// The darkest, as the logarithm of a ratio; the page can make nothing more than twice as light.
 pub const DARKEST: f32 = -0.85;
 /// How much lighter it grows than by the length of the skin alone, and the most of its shade that goes.
@@ -180,15 +180,6 @@ fn share_at(column: usize, row: usize) -> f32 {
     (across * smooth_step(0.0, ABOVE_LID, up) * (1.0 - smooth_step(1.0 - BELOW_BROW, 1.0, up))) as f32
 }
 
-/// The second value at a first one, on the line through pairs in ascending order; beyond its ends as there.
-pub(super) fn on_line(points: &[(f64, f64)], along: f64) -> f64 {
-    let first = points.first().map_or(0.0, |p| p.1);
-    points.windows(2).fold(first, |height, pair| {
-        let share = ((along - pair[0].0) / (pair[1].0 - pair[0].0).max(1e-9)).clamp(0.0, 1.0);
-        height + (pair[1].1 - pair[0].1) * share
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use image::{Rgb, RgbImage};
@@ -253,11 +244,5 @@ mod tests {
         assert_eq!((gone(1.0), gone(0.7)), (0.0, 0.0));
         // Half as long again: a third of its length is new. Four times as long: the most there is.
         assert!((gone(1.5) - LIGHTER / 3.0).abs() < 1e-9 && gone(4.0) == MOST);
-    }
-
-    #[test]
-    fn a_line_through_points_is_level_beyond_its_ends() {
-        let line = [(0.0, 2.0), (1.0, 4.0), (3.0, 0.0)];
-        assert_eq!([-1.0, 0.5, 2.0, 9.0].map(|x| on_line(&line, x)), [2.0, 3.0, 2.0, 0.0]);
     }
 }

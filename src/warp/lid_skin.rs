@@ -11,7 +11,7 @@ use super::{
     Texture, Warp,
     layout::{OPENINGS, lid_skin_of},
     mesh::OpeningMesh,
-    mouth::luma,
+    mouth::{luma, on_line},
     sample::Bounds,
 };
 use crate::interpolation::smooth_step;
@@ -84,12 +84,7 @@ impl LidSkin {
         let (edge, skin, band) = (Vec::new(), Vec::new(), Vec::new());
         let mut lid = Self { from, across, down, eye_distance: unit, edge, skin, band, fade: FADE * unit };
         let spots: Vec<(f64, f64)> = upper.iter().map(|p| lid.place(p)).collect();
-        let on_edge = |along: f64| {
-            let pair = spots.windows(2).find(|pair| along <= pair[1].0).or(spots.windows(2).last())?;
-            let share = ((along - pair[0].0) / (pair[1].0 - pair[0].0).max(1e-9)).clamp(0.0, 1.0);
-            Some(pair[0].1 + (pair[1].1 - pair[0].1) * share)
-        };
-        lid.edge = (0..PLACES).map(|k| on_edge(along(k))).collect::<Option<_>>()?;
+        lid.edge = (0..PLACES).map(|k| on_line(&spots, along(k))).collect();
         let brow = lid_skin_of(opening.opening)?.brow.map(|n| warp.nodes[usize::from(n)]);
         let room = lid.place(&nalgebra::center(&brow[0], &brow[1])).1 - lid.place(&warp.nodes[usize::from(nodes.upper[2])]).1;
         let height = (BROW_SHARE * room / unit).min(HEIGHTS.1);
@@ -169,7 +164,7 @@ impl LidSkin {
         let lowest = self.edge.iter().copied().fold(f64::INFINITY, f64::min) - 0.5 * LEAST_BAND * unit;
         let highest = self.edge.iter().copied().fold(f64::NEG_INFINITY, f64::max) + self.reach();
         let corners = [-0.5, PLACES as f64 + 0.5].map(|k| k / PLACES as f64);
-        let corner = |along: f64| [lowest, highest].map(|height| self.from + self.across * along - self.down * height);
+        let corner = |along: f64| [lowest, highest].map(|height| self.at(along, height));
         Bounds::around(corners.into_iter().flat_map(corner))
     }
 
@@ -183,7 +178,7 @@ impl LidSkin {
         let k = (place.max(0.0) as usize).min(PLACES - 2);
         let t = (place - k as f64).clamp(0.0, 1.0);
         let between = |a: f64, b: f64| a + (b - a) * t;
-        let above = height - between(self.edge[k], self.edge[k + 1]);
+        let above = height - self.edge_at(along);
         let band = between(self.band[k], self.band[k + 1]);
         // Beside the corners, too, it is the photograph's again.
         let inside = smooth_step(ENDS[0].0, ENDS[0].1, along) * (1.0 - smooth_step(ENDS[1].0, ENDS[1].1, along));

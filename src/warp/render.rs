@@ -67,15 +67,13 @@ impl Warp {
         let bare = lids.iter().filter_map(|lid| Some((lid.skin.bounds()?, Change::Lid(lid))));
         let drawn_out = hollows.iter().filter_map(|hollow| Some((hollow.bounds()?, Change::Hollow(hollow))));
         let deepened = furrows.iter().filter_map(|furrows| Some((furrows.bounds()?, Change::Furrows(furrows))));
-        let changes: Vec<(Bounds, Change)> = seams.into_iter().chain(bare).chain(drawn_out).chain(deepened).collect();
-        let bounds: Vec<Bounds> = changes.iter().map(|change| change.0).collect();
-        let change = |at, photograph| {
-            changes.iter().filter(|(bounds, _)| bounds.holds(&at)).fold(photograph, |colour, (_, change)| match change {
-                Change::Seam(seam) => seam.colour(at, colour, texture),
-                Change::Lid(lid) => lid.skin.colour(at, lid.gone(), colour, texture),
-                Change::Hollow(hollow) => hollow.colour(at, colour),
-                Change::Furrows(furrows) => furrows.colour(at, colour),
-            })
+        let (bounds, changes): (Vec<Bounds>, Vec<Change>) =
+            seams.into_iter().chain(bare).chain(drawn_out).chain(deepened).unzip();
+        let change = |number: usize, at, colour| match changes[number] {
+            Change::Seam(seam) => seam.colour(at, colour, texture),
+            Change::Lid(lid) => lid.skin.colour(at, lid.gone(), colour, texture),
+            Change::Hollow(hollow) => hollow.colour(at, colour),
+            Change::Furrows(furrows) => furrows.colour(at, colour),
         };
         let mut pixels = Pixels::new(texture, size.0);
         for triangle in &self.mesh.skin {
@@ -103,8 +101,8 @@ impl Warp {
         for triangle in &self.mesh.skin {
             let to = triangle.map(|v| self.source[v as usize]);
             let from = triangle.map(|v| placement.0[v as usize]);
-            raster::fill_rows(to, from, size, |span| pixels.add(span, |pixels| pixels.draw(into, &[], |_, colour| colour)));
+            raster::fill_rows(to, from, size, |span| pixels.add(span, |pixels| pixels.draw(into, &[], |_, _, colour| colour)));
         }
-        pixels.draw(into, &[], |_, colour| colour);
+        pixels.draw(into, &[], |_, _, colour| colour);
     }
 }

@@ -235,8 +235,8 @@ impl<'a> Pixels<'a> {
         }
     }
 
-    /// Draws them in the order in which they came; `change` is given the places and colours of those within a box.
-    pub fn draw(&mut self, image: &mut RgbImage, boxes: &[Bounds], change: impl Fn(Point2<f64>, [f32; 3]) -> [f32; 3]) {
+    /// Draws them in the order in which they came; `change` is given the places and colours of those within a box, box by box, with its number.
+    pub fn draw(&mut self, image: &mut RgbImage, boxes: &[Bounds], change: impl Fn(usize, Point2<f64>, [f32; 3]) -> [f32; 3]) {
         let count = std::mem::take(&mut self.count);
         let (x, y) = (&self.x[..count], &self.y[..count]);
         let (colours, bytes) = (&mut self.colours[..count], &mut self.bytes[..count]);
@@ -244,9 +244,9 @@ impl<'a> Pixels<'a> {
         if !boxes.is_empty() {
             for ((x, y), colour) in x.iter().zip(y).zip(&mut *colours) {
                 let at = Point2::new(*x, *y);
-                if boxes.iter().any(|b| b.holds(&at)) {
+                for (number, _) in boxes.iter().enumerate().filter(|(_, b)| b.holds(&at)) {
                     let [red, green, blue, _] = *colour;
-                    colour[..3].copy_from_slice(&change(at, [red, green, blue]));
+                    colour[..3].copy_from_slice(&change(number, at, [red, green, blue]));
                 }
             }
         }
@@ -280,7 +280,7 @@ impl Bounds {
     }
 
     #[inline(always)]
-    pub(super) fn holds(&self, p: &Point2<f64>) -> bool {
+    fn holds(&self, p: &Point2<f64>) -> bool {
         let [low, high] = &self.0;
         p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y
     }
@@ -321,7 +321,7 @@ pub fn byte(value: f32) -> u8 {
 pub fn resample(texture: &Texture, size: (u32, u32), source: impl Fn(Point2<f64>) -> Option<Point2<f64>>) -> RgbImage {
     let mut image = RgbImage::new(size.0, size.1);
     let mut pixels = Pixels::new(texture, size.0);
-    let same = |_, colour| colour;
+    let same = |_, _, colour| colour;
     for y in 0..size.1 {
         for x in 0..size.0 {
             if let Some(start) = source(Point2::new(f64::from(x), f64::from(y))) {

@@ -1,19 +1,11 @@
 // What brows that rise do to the skin around them: the hollow below them is drawn out, and loses its shade; the furrows of the forehead deepen. The
 // same steps as the library's `warp/hollow.rs` and `warp/furrows.rs`; see there for the reasons.
 
-/** Triangles of the skin that show any of a box of the picture: [left, top, right, bottom]. */
-function trianglesIn({ skin, vertices }, [left, top, right, bottom]) {
-  const found = [];
-  for (let k = 0; k < skin.length; k += 3) {
-    const three = [skin[k], skin[k + 1], skin[k + 2]], x = three.map((v) => vertices[2 * v]), y = three.map((v) => vertices[2 * v + 1]);
-    const meets = (list, from, to) => Math.max(...list) > from && Math.min(...list) < to;
-    if (meets(x, left, right) && meets(y, top, bottom)) found.push(...three);
-  }
-  return Uint16Array.from(found);
-}
-
 /** The box around points, and a little more. */
 const boxOf = (points, more = 2) => [0, 1].map((axis) => Math.min(...points.map((p) => p[axis])) - more).concat([0, 1].map((axis) => Math.max(...points.map((p) => p[axis])) + more));
+
+/** Triangles of the skin that show any of a box of the picture. */
+const trianglesInBox = (rig, [left, top, right, bottom]) => trianglesIn(rig, (p) => p, [left, right], [top, bottom]);
 
 /** The shade between a brow and an upper lid, in the places of the lid's skin. */
 class Hollow {
@@ -23,7 +15,7 @@ class Hollow {
     const at = (along, height) => [0, 1].map((axis) => from[axis] + across[axis] * along - down[axis] * height);
     const points = Array.from(this.brow, (brow, k) => first + ((last - first) * k) / (columns - 1)).flatMap((along, k) => [at(along, lid.edgeAt(along)), at(along, this.brow[k])]);
     this.box = boxOf(points);
-    this.triangles = trianglesIn(rig, this.box);
+    this.triangles = trianglesInBox(rig, this.box);
   }
   /** How much darker a place of the picture is than bright skin: three logarithms, 0 and less. */
   log(x, y) {
@@ -63,7 +55,7 @@ class Furrows {
     Object.assign(this, { from, across, up, image, rig });
     this.size = [image.naturalWidth, image.naturalHeight];
     const [w, h] = this.size, corner = (x, y) => [0, 1].map((axis) => from[axis] + across[axis] * x + up[axis] * y);
-    this.triangles = trianglesIn(rig, boxOf([corner(0, 0), corner(w, 0), corner(0, h), corner(w, h)], 0));
+    this.triangles = trianglesInBox(rig, boxOf([corner(0, 0), corner(w, 0), corner(0, h), corner(w, h)], 0));
   }
   /** The cell of a place. */
   cell(x, y) {

@@ -4,6 +4,16 @@
 
 const luma = (r, g, b) => 0.3 * r + 0.59 * g + 0.11 * b;
 
+/** Triangles of the skin that show any of a box: what `place` makes of their corners has two coordinates, of which each has a range. */
+function trianglesIn({ skin, vertices }, place, ...ranges) {
+  const found = [];
+  for (let k = 0; k < skin.length; k += 3) {
+    const three = [skin[k], skin[k + 1], skin[k + 2]], at = three.map((v) => place([vertices[2 * v], vertices[2 * v + 1]]));
+    if (ranges.every(([least, most], axis) => at.some((p) => p[axis] > least) && at.some((p) => p[axis] < most))) found.push(...three);
+  }
+  return Uint16Array.from(found);
+}
+
 class LidSkin {
   constructor({ from, across, edge, band, fade, skin }, rig) {
     Object.assign(this, { from, across, fade, down: rig.down, unit: rig.unit, look: rig.shared.lidSkin });
@@ -39,22 +49,15 @@ class LidSkin {
     };
     const [[x, w], [y, h]] = [bounds(0, width), bounds(1, height)];
     this.box = [x, y, w, h];
-    const found = [];
-    for (let k = 0; k < skin.length; k += 3) {
-      const three = [skin[k], skin[k + 1], skin[k + 2]];
-      const at = three.map((v) => this.place(vertices[2 * v], vertices[2 * v + 1]));
-      const meets = (axis, [least, most]) => at.some((p) => p[axis] > least) && at.some((p) => p[axis] < most);
-      if (meets(0, ends) && meets(1, [low, high])) found.push(...three);
-    }
-    this.triangles = Uint16Array.from(found);
+    this.triangles = trianglesIn({ skin, vertices }, (p) => this.place(...p), ends, [low, high]);
   }
   /** Red, green and blue (levels) at a place of the picture, and how far they take the place of its own over a lid that has shut. */
   colour(x, y, sample) {
-    const { edge, band: bands, fade, skin, places, down, look } = this;
+    const { band: bands, fade, skin, places, down, look } = this;
     const [along, height] = this.place(x, y);
     const place = along * places - 0.5, k = clamp(Math.floor(place), 0, places - 2), t = clamp(place - k, 0, 1);
     const between = (list, step = 1, c = 0) => list[step * k + c] + (list[step * (k + 1) + c] - list[step * k + c]) * t;
-    const above = height - between(edge), band = between(bands);
+    const above = height - this.edgeAt(along), band = between(bands);
     const inside = smoothStep(...look.ends[0], along) * (1 - smoothStep(...look.ends[1], along));
     const isOut = place < -1 || place > places || above < -this.below;
     const share = isOut ? 0 : inside * (1 - smoothStep(band, band + fade, above));

@@ -109,6 +109,15 @@ pub(super) fn line_at(line: &[(f64, f64)], x: f64) -> Option<f64> {
     Some(a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0).max(1e-9))
 }
 
+/// Height of a line at `x`; beyond its ends as high as there, and 0 of no line.
+pub(super) fn on_line(line: &[(f64, f64)], x: f64) -> f64 {
+    let Some(pair) = line.windows(2).find(|pair| x <= pair[1].0).or(line.windows(2).last()) else {
+        return line.first().map_or(0.0, |only| only.1);
+    };
+    let share = ((x - pair[0].0) / (pair[1].0 - pair[0].0).max(1e-9)).clamp(0.0, 1.0);
+    pair[0].1 + (pair[1].1 - pair[0].1) * share
+}
+
 /// Brightness of a colour.
 pub fn luma([r, g, b]: [f32; 3]) -> f32 {
     0.3 * r + 0.59 * g + 0.11 * b
@@ -176,5 +185,10 @@ mod tests {
         assert_eq!(line_at(&line, 3.0), Some(3.0));
         assert_eq!(line_at(&line, 4.5), None);
         assert_eq!(line_at(&line, -0.5), None);
+        // 2 px are half of the way from 1 to 3, and its ends go on.
+        assert_eq!([-1.0, 0.0, 1.0, 4.0, 9.0].map(|x| on_line(&line, x)), [1.0, 1.0, 2.0, 3.0, 3.0]);
+        let line = [(0.0, 2.0), (1.0, 4.0), (3.0, 0.0)];
+        assert_eq!([-1.0, 0.5, 2.0, 9.0].map(|x| on_line(&line, x)), [2.0, 3.0, 2.0, 0.0]);
+        assert_eq!(on_line(&[], 1.0), 0.0);
     }
 }
