@@ -123,9 +123,9 @@ struct LookArgs {
     /// representative (NAME.csv) those beside it, whatever the motion is
     #[arg(long, default_value = "auto", value_name = "auto|form|none|NAME.csv")]
     skin: SkinChoice,
-    /// What shows in an open mouth: `auto` takes the source's where its frames are given and draws upper teeth otherwise, `drawn`
-    /// always draws them, `dark` is always dark
-    #[arg(long, default_value = "auto", value_parser = words::<Teeth>(&["auto", "drawn", "dark"]))]
+    /// What shows in an open mouth: `auto` draws teeth and tongue, and takes the source's only on the source's own neutral frame;
+    /// `source` takes them on every face (from --source-frames), `drawn` always draws them, `dark` is always dark
+    #[arg(long, default_value = "auto", value_parser = words::<Teeth>(&["auto", "source", "drawn", "dark"]))]
     teeth: Teeth,
     /// Films in one file beside the frames: gif, apng, mp4, webm, several separated by commas
     #[arg(long, value_delimiter = ',', value_parser = film, value_name = "FORMAT")]
@@ -188,6 +188,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         args.look.wrinkles.is_none() || args.look.source_frames.is_some(),
         "--wrinkles needs the pictures of the source: give --source-frames"
+    );
+    anyhow::ensure!(
+        args.look.teeth != Teeth::Source || args.look.source_frames.is_some(),
+        "--teeth source needs the pictures of the source: give --source-frames"
     );
     anyhow::ensure!(
         args.look.wrinkles.is_none() || matches!(args.look.skin, SkinChoice::Auto | SkinChoice::None),

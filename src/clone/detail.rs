@@ -35,9 +35,13 @@ use crate::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Teeth {
-    /// The inside of the source's mouth where its frames are given, else teeth that are drawn.
+    /// Teeth that are drawn; on the neutral frame of the source itself, whose frames are given, the inside of the source's mouth. Teeth are
+    /// part of who somebody is, and on another face they lie in another light, as sharp as another camera saw them, between lips that part
+    /// otherwise.
     #[default]
     Auto,
+    /// The inside of the source's mouth on every face, where the source's frames are given.
+    Source,
     /// Always a dark mouth.
     Dark,
     /// Always teeth that are drawn.
@@ -102,6 +106,8 @@ pub struct Details {
     placements: Vec<Placement>,
     /// Whether the lips of each frame are open.
     open: Vec<bool>,
+    /// Whether the target is the source's own neutral frame.
+    same_face: bool,
     /// Share of the ratio that is applied, per pixel of the target.
     mask: Vec<f32>,
     /// Brightness of the target over that of the source.
@@ -133,6 +139,7 @@ impl Details {
         let mut details = Self {
             neutral: Vec::new(),
             open: source.frames.iter().map(|(_, nodes)| is_open(nodes)).collect(),
+            same_face: frames.first().is_some_and(|neutral| *neutral == target.picture),
             mask: mask(target),
             placements,
             frames,
@@ -196,6 +203,11 @@ impl Details {
             }
         }
         Texture::new(&picture)
+    }
+
+    /// Whether a clone shows the inside of the source's mouth.
+    pub(super) fn show_mouth(&self, teeth: Teeth) -> bool {
+        teeth == Teeth::Source || (teeth == Teeth::Auto && self.same_face)
     }
 
     /// What a frame of the source shows between its lips, in the light of the target; `None` while they are closed.
@@ -322,7 +334,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_of_the_source_are_held_once() {
+    fn pictures_of_the_source_are_held_once_and_its_mouth_is_shown_on_its_own_face() {
         let face = crate::wireframe::Face::candide3();
         let marks =
             crate::correspondence::read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113);
@@ -332,8 +344,17 @@ mod tests {
         let nodes = target.fitted.model.nodes().to_vec();
         let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
         let source = SourceMotion { frames: vec![(1, nodes.clone()), (2, nodes)], ..source };
-        let frames: Arc<[RgbImage]> = vec![picture.clone(), picture].into();
+        let frames: Arc<[RgbImage]> = vec![picture.clone(), picture.clone()].into();
         let details = Details::new(&target, &source, Arc::clone(&frames)).unwrap();
         assert!(Arc::ptr_eq(&details.frames, &frames));
+        // Its own mouth on its own face; on another picture only where it is asked for.
+        let shown =
+            |details: &Details| [Teeth::Auto, Teeth::Source, Teeth::Drawn, Teeth::Dark].map(|teeth| details.show_mouth(teeth));
+        assert_eq!(shown(&details), [true, true, false, false]);
+        let brighter = RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
+            image::Rgb(picture.get_pixel(x, y).0.map(|level| level.saturating_add(9)))
+        });
+        let other = Details::new(&target, &source, vec![brighter.clone(), brighter]).unwrap();
+        assert_eq!(shown(&other), [false, true, false, false]);
     }
 }

@@ -234,9 +234,10 @@ impl ClonedExpression<'_> {
         let (warp, plain) = (self.target.warp(), grown.as_ref().unwrap_or(self.target.texture()));
         let teeth = self.options.teeth;
         let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(None, teeth)) };
-        let mouth = if teeth == Teeth::Auto { details.mouth(*nearest) } else { None };
+        let of_source = details.show_mouth(teeth);
+        let mouth = if of_source { details.mouth(*nearest) } else { None };
         // While the source's lips are closed the mouth is dark: drawn teeth would turn into others when they open.
-        let teeth = if teeth == Teeth::Auto { Teeth::Dark } else { teeth };
+        let teeth = if of_source { Teeth::Dark } else { teeth };
         let inside = detail::inside(mouth.as_ref(), teeth);
         if self.options.wrinkles > 0.0 {
             let strength = self.options.wrinkles * self.options.emphasis;

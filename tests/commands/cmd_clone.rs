@@ -254,6 +254,20 @@ fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
 }
 
 #[test]
+fn another_face_has_teeth_of_its_own_unless_the_sources_are_asked_for() {
+    let work = work();
+    for teeth in ["auto", "drawn", "source"] {
+        let clone_with = format!("--source S001_005.csv --source-frames faces/S001/005 -o {teeth} --teeth {teeth}");
+        clone(&work, &clone_with).exit(0);
+    }
+    let apex = |teeth: &str| picture(&work, &format!("{teeth}/frames/target_00000006.png"));
+    assert_eq!(apex("auto"), apex("drawn"));
+    assert_ne!(apex("auto"), apex("source"), "the lips of the smile are apart");
+    let none = "--source S001_005.csv -o none --teeth source";
+    clone(&work, none).exit(1).says(&["--teeth source needs the pictures of the source: give --source-frames"]);
+}
+
+#[test]
 fn the_head_of_a_track_is_carried_over_when_it_is_asked_for() {
     let work = work();
     clone(&work, "--source S001_005.csv -o still").exit(0);
