@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, fs, io, path::Path, sync::atomic::AtomicBool};
 
 use super::{
     AnalysisError, Event, MADE_BY, RunError, RunJson, SCHEMA_VERSION, Workbench,
+    differing::{differing_options, differing_wireframes},
     files::run_units,
     ledger::JOURNAL,
     recording::{SEGMENTS_FOLDER, expand},
@@ -113,9 +114,9 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
     let what = if earlier.dataset != dataset {
         Some(format!("another dataset, `{}`", earlier.dataset))
     } else if earlier.options != bench.options {
-        Some(format!("other options ({})", differing_options(&earlier, bench)))
-    } else if earlier.wireframe_blake3 != bench.wireframe_blake3 {
-        Some("another wireframe".to_owned())
+        Some(format!("other options ({})", differing_options(&earlier.options, &bench.options).join("; ")))
+    } else if let Some(what) = differing_wireframes(earlier.wireframe_blake3.as_deref(), bench.wireframe_blake3.as_deref()) {
+        Some(what.to_owned())
     } else if earlier.made_by != MADE_BY {
         Some(format!("another version, {}", earlier.made_by))
     } else {
@@ -125,64 +126,5 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         Some(what) if !force => Err(RunError::OtherRun { path: out.to_owned(), what }),
         Some(_) => Ok(Some(RunJson { complete: false, ..earlier })),
         None => Ok(Some(earlier)),
-    }
-}
-
-/// The options in which two runs differ, each by its name and both values.
-fn differing_options(earlier: &RunJson, bench: &Workbench) -> String {
-    let value = |options| serde_json::to_value(options).unwrap_or_default();
-    let mut differing = Vec::new();
-    differences("", &value(&earlier.options), &value(&bench.options), &mut differing);
-    differing.join("; ")
-}
-
-/// Enters what differs between two values, name by name.
-fn differences(name: &str, there: &serde_json::Value, now: &serde_json::Value, found: &mut Vec<String>) {
-    use serde_json::Value;
-    if there == now {
-        return;
-    }
-    if let (Value::Object(there), Value::Object(now)) = (there, now) {
-        let keys: std::collections::BTreeSet<&String> = there.keys().chain(now.keys()).collect();
-        for key in keys {
-            let name = if name.is_empty() { key.replace('_', " ") } else { format!("{name} {}", key.replace('_', " ")) };
-            let of = |object: &serde_json::Map<String, Value>| object.get(key).cloned().unwrap_or(Value::Null);
-            differences(&name, &of(there), &of(now), found);
-        }
-        return;
-    }
-    found.push(format!("{name}: {} there, {} now", in_words(there), in_words(now)));
-}
-
-/// A value as a person writes it.
-fn in_words(value: &serde_json::Value) -> String {
-    use serde_json::Value;
-    match value {
-        Value::Null => "none".to_owned(),
-        Value::Bool(yes) => if *yes { "on" } else { "off" }.to_owned(),
-        Value::String(text) => text.clone(),
-        Value::Array(list) if list.is_empty() => "none".to_owned(),
-        Value::Array(list) => list.iter().map(in_words).collect::<Vec<_>>().join(", "),
-        Value::Object(map) => map.iter().map(|(key, value)| format!("{key} {}", in_words(value))).collect::<Vec<_>>().join(", "),
-        Value::Number(number) => number.to_string(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use serde_json::json;
-
-    use super::*;
-
-    #[test]
-    fn differing_options_are_told_in_words() {
-        let mut found = Vec::new();
-        let there = json!({ "statistics": { "alpha": 0.1, "trim": "frame" }, "by": [], "no_faces": false });
-        let now = json!({ "statistics": { "alpha": 0.2, "trim": "frame" }, "by": ["sex", "age"], "no_faces": true });
-        differences("", &there, &now, &mut found);
-        assert_eq!(
-            found,
-            ["by: none there, sex, age now", "no faces: off there, on now", "statistics alpha: 0.1 there, 0.2 now"]
-        );
     }
 }

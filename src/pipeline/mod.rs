@@ -7,6 +7,7 @@ mod classes;
 #[cfg(feature = "columnar")]
 mod columnar;
 mod corrected;
+mod differing;
 mod divide;
 mod figures;
 mod files;

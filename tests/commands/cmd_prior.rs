@@ -200,7 +200,7 @@ fn a_run_remembers_the_content_of_its_prior_file() {
     run("copy.json").success();
     assert_eq!(json(&folder.path().join("out/run.json")), record);
     grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "2", "--force"]).success();
-    run("p.json").failure().stderr(contains("other options"));
+    run("p.json").failure().stderr(contains("other options (fit prior: a file there, a file with another content now);"));
     grimace(&folder, &["run", "data", "-o", "out", "--prior", "p.json", "--force"]).success();
     assert_ne!(json(&folder.path().join("out/run.json"))["sequences"][0]["inputs_blake3"], inputs);
 }

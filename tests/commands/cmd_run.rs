@@ -381,6 +381,10 @@ fn other_options_are_refused_without_force_and_the_difference_is_named() {
     work.grimace("run faces -o out --alpha 0.2").exit(1).says(&["statistics", "0.1", "0.2", "--force"]);
     work.grimace("run faces -o out --by sex").exit(1).says(&["by: none there", "sex now", "--force"]);
     work.grimace("run faces -o out --window 0.2").exit(1).says(&["window", "0.2", "--force"]);
+    // Of files it is said which, not their hashes.
+    let (picture, marks) = ("faces/S001/005/S001_005_00000001.png", "faces/S001/005/correspondences.csv");
+    let portrait = format!("other options (portrait: the shipped one there, {picture} now); choose another folder");
+    work.grimace(&format!("run faces -o out --portrait {picture} -c {marks}")).exit(1).says(&[&portrait]);
     assert_same_files(&before, &work.files("out"));
     // With --force tracks that do not depend on the option are kept.
     work.grimace("run faces -o out --alpha 0.2 --force").exit(0).prints(&["0 tracked, 2 unchanged"]);

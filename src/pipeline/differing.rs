@@ -1,0 +1,161 @@
+//! In what two runs differ, in words: hashes tell a program whether a file is the same, and a person nothing.
+
+use std::{collections::BTreeSet, path::Path};
+
+use serde_json::{Map, Value};
+
+use super::{PipelineOptions, ReportFace};
+use crate::fit::{FitOptions, PriorKind};
+
+/// The options in which an earlier run and this one differ, each by its name and both values. Files are told by their paths, and where
+/// these are the same, by their having been changed.
+pub(super) fn differing_options(there: &PipelineOptions, now: &PipelineOptions) -> Vec<String> {
+    // What is known by a hash is told apart.
+    let value = |options: &PipelineOptions| {
+        let fit = FitOptions { prior: PriorKind::default(), ..options.fit.clone() };
+        let plain = PipelineOptions { fit, report_face: ReportFace::default(), ..options.clone() };
+        serde_json::to_value(plain).unwrap_or_default()
+    };
+    let mut found = Vec::new();
+    differences("", &value(there), &value(now), &mut found);
+    found.extend(differing_prior(&there.fit.prior, &now.fit.prior));
+    found.extend(differing_faces(&there.report_face, &now.report_face));
+    found
+}
+
+/// What differs between two wireframes that are known by their hashes, of which Candide-3 has none.
+pub(super) fn differing_wireframes(there: Option<&str>, now: Option<&str>) -> Option<&'static str> {
+    match (there, now) {
+        (None, Some(_)) => Some("another wireframe (Candide-3 there, that of a file now)"),
+        (Some(_), None) => Some("another wireframe (that of a file there, Candide-3 now)"),
+        _ => (there != now).then_some("another wireframe (that of a file there, another file now)"),
+    }
+}
+
+fn differing_prior(there: &PriorKind, now: &PriorKind) -> Option<String> {
+    // Only the content of a prior's file is recorded: it may have another name now, or may have been changed.
+    let word = |kind: &PriorKind| match kind {
+        PriorKind::File(_) => "a file".to_owned(),
+        _ => in_words(&serde_json::to_value(kind).unwrap_or_default()),
+    };
+    let both_files = matches!((there, now), (PriorKind::File(_), PriorKind::File(_)));
+    let now_word = if both_files { "a file with another content".to_owned() } else { word(now) };
+    (there != now).then(|| format!("fit prior: {} there, {now_word} now", word(there)))
+}
+
+/// A file and its hash, if it was there.
+type File<'a> = (&'a Path, Option<&'a str>);
+
+/// What differs between the faces that the report shows the representatives on.
+fn differing_faces(there: &ReportFace, now: &ReportFace) -> Vec<String> {
+    /// The photograph and the marks of a face.
+    fn files(face: &ReportFace) -> [Option<File<'_>>; 2] {
+        let ReportFace::Photograph { image, correspondences, blake3: [picture, marks] } = face else { return [None, None] };
+        [Some((image, picture.as_deref())), correspondences.as_deref().map(|path| (path, marks.as_deref()))]
+    }
+    let ([picture_there, marks_there], [picture_now, marks_now]) = (files(there), files(now));
+    let picture = differing_files("portrait", "the shipped one", picture_there, picture_now);
+    // The shipped one has no marks that could be others.
+    let marks = picture_there.and(picture_now).and_then(|_| {
+        let none = "found in the portrait";
+        differing_files("marks of the portrait", none, marks_there, marks_now)
+    });
+    picture.into_iter().chain(marks).collect()
+}
+
+/// What differs between two files that may not be given.
+fn differing_files(name: &str, none: &str, there: Option<File<'_>>, now: Option<File<'_>>) -> Option<String> {
+    let word = |file: Option<File<'_>>| file.map_or_else(|| none.to_owned(), |(path, _)| path.display().to_string());
+    if there.map(|(path, _)| path) != now.map(|(path, _)| path) {
+        return Some(format!("{name}: {} there, {} now", word(there), word(now)));
+    }
+    (there != now).then(|| format!("{name}: {} was changed since", word(now)))
+}
+
+/// Enters what differs between two values, name by name.
+fn differences(name: &str, there: &Value, now: &Value, found: &mut Vec<String>) {
+    if there == now {
+        return;
+    }
+    if let (Value::Object(there), Value::Object(now)) = (there, now) {
+        let keys: BTreeSet<&String> = there.keys().chain(now.keys()).collect();
+        for key in keys {
+            let name = if name.is_empty() { key.replace('_', " ") } else { format!("{name} {}", key.replace('_', " ")) };
+            let of = |object: &Map<String, Value>| object.get(key).cloned().unwrap_or(Value::Null);
+            differences(&name, &of(there), &of(now), found);
+        }
+        return;
+    }
+    found.push(format!("{name}: {} there, {} now", in_words(there), in_words(now)));
+}
+
+/// A value as a person writes it.
+fn in_words(value: &Value) -> String {
+    match value {
+        Value::Null => "none".to_owned(),
+        Value::Bool(yes) => if *yes { "on" } else { "off" }.to_owned(),
+        Value::String(text) => text.clone(),
+        Value::Array(list) if list.is_empty() => "none".to_owned(),
+        Value::Array(list) => list.iter().map(in_words).collect::<Vec<_>>().join(", "),
+        Value::Object(map) => map.iter().map(|(key, value)| format!("{key} {}", in_words(value))).collect::<Vec<_>>().join(", "),
+        Value::Number(number) => number.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::LoadedPrior;
+
+    #[test]
+    fn plain_options_are_told_by_name_and_value() {
+        let there = PipelineOptions::default();
+        let mut now = there.clone();
+        now.by = vec!["sex".to_owned(), "age".to_owned()];
+        now.no_faces = true;
+        now.statistics.alpha = 0.25;
+        let alpha = format!("statistics alpha: {} there, 0.25 now", there.statistics.alpha);
+        assert_eq!(differing_options(&there, &now), ["by: none there, sex, age now", "no faces: off there, on now", &alpha]);
+        assert!(differing_options(&now, &now).is_empty());
+    }
+
+    #[test]
+    fn a_portrait_and_its_marks_are_told_by_their_files() {
+        let face = |image: &str, picture: &str, marks: Option<(&str, &str)>| ReportFace::Photograph {
+            image: image.into(),
+            correspondences: marks.map(|(path, _)| path.into()),
+            blake3: [Some(picture.to_owned()), marks.map(|(_, hash)| hash.to_owned())],
+        };
+        let options = |report_face| PipelineOptions { report_face, ..PipelineOptions::default() };
+        let differing = |there: &ReportFace, now: &ReportFace| differing_options(&options(there.clone()), &options(now.clone()));
+        let anna = face("anna.jpg", "0a1b", None);
+        assert_eq!(differing(&ReportFace::Composite, &anna), ["portrait: the shipped one there, anna.jpg now"]);
+        let marked = face("anna.jpg", "0a1b", Some(("anna.csv", "2c3d")));
+        assert_eq!(differing(&marked, &ReportFace::Composite), ["portrait: anna.jpg there, the shipped one now"]);
+        assert_eq!(differing(&anna, &marked), ["marks of the portrait: found in the portrait there, anna.csv now"]);
+        let ben = face("ben.jpg", "4e5f", Some(("ben.csv", "6a7b")));
+        let both = ["portrait: anna.jpg there, ben.jpg now", "marks of the portrait: anna.csv there, ben.csv now"];
+        assert_eq!(differing(&marked, &ben), both);
+        // The same names, and other files behind them.
+        let changed = face("anna.jpg", "8c9d", Some(("anna.csv", "0e1f")));
+        let both = ["portrait: anna.jpg was changed since", "marks of the portrait: anna.csv was changed since"];
+        assert_eq!(differing(&marked, &changed), both);
+    }
+
+    #[test]
+    fn priors_and_wireframes_are_told_without_their_hashes() {
+        let options = |prior| {
+            let fit = FitOptions { prior, ..FitOptions::default() };
+            PipelineOptions { fit, ..PipelineOptions::default() }
+        };
+        let file = |hash: &str| options(PriorKind::File(LoadedPrior { blake3: hash.to_owned(), prior: None }));
+        let differing = differing_options(&options(PriorKind::Auto), &file("0a1b"));
+        assert_eq!(differing, ["fit prior: auto there, a file now"]);
+        let differing = differing_options(&file("0a1b"), &file("2c3d"));
+        assert_eq!(differing, ["fit prior: a file there, a file with another content now"]);
+        assert_eq!(differing_wireframes(Some("0a1b"), Some("0a1b")), None);
+        let said = differing_wireframes(None, Some("0a1b")).unwrap();
+        assert_eq!(said, "another wireframe (Candide-3 there, that of a file now)");
+        assert!(differing_wireframes(Some("0a1b"), Some("2c3d")).is_some());
+    }
+}
