@@ -3,12 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use grimace::{
-    clone::{Skin, SourceMotion, Target},
+    clone::{Skin, SourceKind, SourceMotion, Target},
     dataset::LandmarkSelection,
     output,
-    pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, showcase_target},
+    pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, id_of, showcase_target},
     player::{PlayerFace, PlayerHead, Shown, page},
     synthesis::read_motion,
+    track::{TrackFileError, read_track_info},
+    units::SequenceId,
 };
 
 use super::{
@@ -82,7 +84,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             );
         }
     }
-    let labels = labels(&args.motions, &motions);
+    let labels = labels(&args.motions, &motions)?;
     let targets = targets(args, &bench)?;
     let faces: Vec<PlayerFace> =
         targets.iter().map(|(label, target)| PlayerFace { label: label.as_str(), target, height: HEIGHT }).collect();
@@ -118,13 +120,31 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What the motions are called: their names, those that are there twice with the extension, and with a number if need be.
-fn labels(paths: &[PathBuf], motions: &[SourceMotion]) -> Vec<String> {
-    let mut labels: Vec<String> = Vec::with_capacity(motions.len());
-    for (path, motion) in paths.iter().zip(motions) {
-        let twins = motions.iter().filter(|other| other.name == motion.name).count();
+/// What the motions are called: tracks by whom and what they show, all others and twins of these by their files; those of one name with the
+/// extension, and with a number if need be.
+fn labels(paths: &[PathBuf], motions: &[SourceMotion]) -> Result<Vec<String>, TrackFileError> {
+    let ids = paths.iter().zip(motions).map(|(path, motion)| shown_of(path, motion)).collect::<Result<Vec<_>, _>>()?;
+    let is_alone = |id: &&SequenceId| ids.iter().flatten().filter(|other| other == id).count() == 1;
+    let name = |(id, motion): (&Option<SequenceId>, &SourceMotion)| match id.as_ref().filter(is_alone) {
+        Some(SequenceId { subject, sequence }) => format!("{subject} {sequence}"),
+        None => motion.name.replace('_', " "),
+    };
+    Ok(distinct(&ids.iter().zip(motions).map(name).collect::<Vec<_>>(), paths))
+}
+
+/// Whom and what a track shows, where the file beside it says more than its name.
+fn shown_of(path: &Path, motion: &SourceMotion) -> Result<Option<SequenceId>, TrackFileError> {
+    let info = if motion.kind == SourceKind::Track { read_track_info(path)? } else { None };
+    Ok(info.map(|info| info.id).filter(|id| *id != id_of(path)))
+}
+
+/// Names, those that are there twice with the extension of their files, and with a number if need be.
+fn distinct(names: &[String], paths: &[PathBuf]) -> Vec<String> {
+    let mut labels: Vec<String> = Vec::with_capacity(names.len());
+    for (name, path) in names.iter().zip(paths) {
+        let twins = names.iter().filter(|other| *other == name).count();
         let extension = path.extension().filter(|_| twins > 1).map(|e| format!(".{}", e.to_string_lossy()));
-        let name = format!("{}{}", motion.name.replace('_', " "), extension.unwrap_or_default());
+        let name = format!("{name}{}", extension.unwrap_or_default());
         let label = (2..).map(|k| format!("{name} ({k})")).find(|l| !labels.contains(l)).filter(|_| labels.contains(&name));
         labels.push(label.unwrap_or(name));
     }
@@ -154,4 +174,16 @@ fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target
         }
     }
     Ok(targets)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_are_there_twice_get_extensions_and_numbers() {
+        let paths = ["a/joy.csv", "joy.fap", "b/joy.csv", "fear.csv"].map(PathBuf::from);
+        let names = ["joy", "joy", "joy", "fear"].map(str::to_owned);
+        assert_eq!(distinct(&names, &paths), ["joy.csv", "joy.fap", "joy.csv (2)", "fear"]);
+    }
 }

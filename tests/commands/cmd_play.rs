@@ -27,6 +27,19 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     let motion = |k: usize| page["motions"][k].clone();
     assert_eq!((motion(0)["label"].as_str(), motion(0)["kind"].as_str()), (Some("S001 005"), Some("track")));
     assert_eq!((motion(1)["frames"].as_u64(), motion(1)["kind"].as_str()), (Some(3), Some("fap")));
+    // A track is called by whom and what it shows, whatever its file is called; two of one sequence by their files.
+    assert!(html.contains("<title>S001 005 to jaw"), "{}", &html[..html.find("</title>").unwrap()]);
+    for (name, extension) in ["smile", "grin"].iter().flat_map(|name| [(name, "csv"), (name, "json")]) {
+        work.write(&format!("{name}.{extension}"), work.read(&format!("S001_005.{extension}")));
+    }
+    work.grimace("play smile.csv -o smile.html").exit(0);
+    let smile = work.read("smile.html");
+    assert!(smile.contains("<title>S001 005"), "{}", &smile[..smile.find("</title>").unwrap()]);
+    assert_eq!(data(&smile)["motions"][0]["label"], "S001 005");
+    work.grimace("play smile.csv grin.csv jaw.fap -o twins.html").exit(0);
+    let twins = data(&work.read("twins.html"));
+    let labels: Vec<_> = (0..3).map(|k| twins["motions"][k]["label"].clone()).collect();
+    assert_eq!(labels, ["smile", "grin", "jaw"]);
     // 2 steps at 25 frames a second.
     assert_eq!(motion(1)["seconds"].as_f64(), Some(0.08));
     // Lips and cheeks go along with the jaw, and are no FAPs of the file.
