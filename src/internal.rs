@@ -9,6 +9,9 @@ pub mod cli {
     pub mod bank {
         pub use crate::modules::cli::bank::open;
     }
+    pub mod failures {
+        pub use crate::modules::cli::failures::say_failures;
+    }
     pub mod numbers {
         pub use crate::modules::cli::numbers::parse;
     }

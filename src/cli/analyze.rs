@@ -11,14 +11,16 @@ use grimace::{
     dataset::Dataset,
     output::{FolderRecord, count},
     pipeline::{
-        Analysis, PipelineOptions, Workbench, analyze, analyze_columnar, load_columnar, load_tracks, track_files, write_analysis,
-        write_columnar, write_model,
+        Analysis, AnalyzedModel, PipelineOptions, Workbench, analyze, analyze_columnar, load_columnar, load_tracks, track_files,
+        write_analysis, write_columnar, write_model,
     },
+    report::Failure,
 };
 
 use super::{
     Outcome,
     apart::check_outside,
+    failures::say_failures,
     run::print_results,
     shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, thread_count},
 };
@@ -94,26 +96,33 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
     let (models, failures) = load_tracks(&files, dataset.as_ref(), &bench);
-    let failed = failures.len();
-    for failure in &failures {
-        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
+    if models.is_empty() {
+        say_failures(&failures, None);
+        anyhow::bail!("none of the {} tracks can be used", files.len());
     }
-    anyhow::ensure!(!models.is_empty(), "none of the {} tracks can be used", files.len());
+    let results = of_tracks(args, models, failures.clone(), &bench);
+    // The table that has them all is one of the results.
+    say_failures(&failures, results.is_ok().then(|| args.output.join("failures.csv")).as_deref());
+    print(args, &results?, &format!("{}, {} failed", count(files.len(), "track", "tracks"), failures.len()));
+    Ok(if failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
+}
+
+/// Statistics of tracks, with their models beside them.
+fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> anyhow::Result<Analysis> {
     let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
     let mut written = Written::new();
     let mut wrote = |name: String, hash: blake3::Hash| written.insert(name, hash.to_hex().to_string());
     if bench.options.columnar {
         wrote("models.parquet".to_owned(), write_columnar(&args.output.join("models.parquet"), &models)?);
     }
-    let analysis = analyze(models, failures, &bench)?;
+    let analysis = analyze(models, failures, bench)?;
     for model in &normalized {
         let name = format!("models/{}.csv", model.id);
         let hash = write_model(&args.output.join(&name), &model.model)?;
         wrote(name, hash);
     }
-    let what = format!("{}, {failed} failed", count(files.len(), "track", "tracks"));
-    finish(args, &analysis, &bench, &what, written)?;
-    Ok(if failed == 0 { Outcome::Done } else { Outcome::SomeFailed })
+    write(args, &analysis, bench, written)?;
+    Ok(analysis)
 }
 
 /// Statistics of a columnar file.
@@ -137,12 +146,13 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
     } else {
         analyze_columnar(&file, bench, args.memory)?
     };
-    finish(args, &analysis, bench, &format!("{} models", file.row_count()), Written::new())?;
+    write(args, &analysis, bench, Written::new())?;
+    print(args, &analysis, &format!("{} models", file.row_count()));
     Ok(Outcome::Done)
 }
 
-/// Writes and prints the results, and removes those of an earlier analysis that this one did not make.
-fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str, mut written: Written) -> anyhow::Result<()> {
+/// Writes the results, and removes those of an earlier analysis that this one did not make.
+fn write(args: &Args, analysis: &Analysis, bench: &Workbench, mut written: Written) -> anyhow::Result<()> {
     let title = args.output.file_name().map_or_else(|| "tracks".to_owned(), |n| n.to_string_lossy().into_owned());
     let record = FolderRecord::open(&args.output, RECORD_NAME, true)?;
     written.extend(write_analysis(analysis, &args.output, &title, bench).context("writing the results")?);
@@ -152,10 +162,12 @@ fn finish(args: &Args, analysis: &Analysis, bench: &Workbench, what: &str, mut w
     for name in record.remove_stale()? {
         eprintln!("note: {name} is of an earlier analysis and was changed since; it is kept");
     }
-    record.close()?;
+    Ok(record.close()?)
+}
+
+fn print(args: &Args, analysis: &Analysis, what: &str) {
     if !args.general.quiet {
         println!("{what}");
         print_results(&analysis.counts(), &analysis.warnings, &args.output);
     }
-    Ok(())
 }

@@ -17,6 +17,7 @@ pub mod bank;
 mod clone;
 mod clone_again;
 mod clone_skin;
+pub mod failures;
 mod fap;
 mod features;
 mod figures;

@@ -1,15 +1,14 @@
 //! Progress bars on a terminal, on standard error.
 
-use std::{
-    collections::{BTreeMap, btree_map::Entry},
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicU64, Ordering},
-    },
+use std::sync::{
+    Mutex, PoisonError,
+    atomic::{AtomicU64, Ordering},
 };
 
-use grimace::{output::listed, pipeline::Event};
+use grimace::pipeline::Event;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::failures::Repeated;
 
 /// Bar over sequences with a count of frames and the time left. Hidden when standard error is no terminal.
 #[derive(Debug)]
@@ -18,59 +17,6 @@ pub struct SequenceBar {
     frames: AtomicU64,
     repeated: Mutex<Repeated>,
 }
-
-/// Failures by what they have in common: names of files and numbers aside. The first of each is printed as it happens; further ones, as they
-/// were to be printed, wait for the end.
-#[derive(Debug, Default)]
-struct Repeated(BTreeMap<String, Kind>);
-
-/// Failures of one kind.
-#[derive(Debug)]
-struct Kind {
-    /// The sequence whose failure was printed.
-    first: String,
-    /// Other sequences, each with its line.
-    others: Vec<(String, String)>,
-}
-
-impl Repeated {
-    /// Whether a failure is the first of its kind; others are kept.
-    fn is_first(&mut self, id: &str, reason: &str, line: &str) -> bool {
-        let plain =
-            |word: &&str| !word.contains(id) && !word.contains(['/', '\\', '`']) && !word.contains(|c: char| c.is_ascii_digit());
-        let kind = reason.split_whitespace().filter(plain).collect::<Vec<_>>().join(" ");
-        match self.0.entry(kind) {
-            Entry::Vacant(place) => {
-                place.insert(Kind { first: id.to_owned(), others: Vec::new() });
-                true
-            }
-            Entry::Occupied(mut kind) => {
-                kind.get_mut().others.push((id.to_owned(), line.to_owned()));
-                false
-            }
-        }
-    }
-
-    /// What is left to say: one more as it is, several as their number.
-    fn rest(&self) -> Vec<String> {
-        let said = |Kind { first, others }: &Kind| match others.as_slice() {
-            [] => None,
-            [(_, line)] => Some(line.clone()),
-            _ => {
-                let mut ids: Vec<String> = others.iter().map(|(id, _)| id.clone()).collect();
-                ids.sort();
-                let (count, named) = (ids.len(), listed(&ids, NAMED));
-                Some(format!(
-                    "{count} more sequences failed in the same way as {first}: {named}; their reasons are in failures.csv"
-                ))
-            }
-        };
-        self.0.values().filter_map(said).collect()
-    }
-}
-
-/// Sequences that are named of those that failed in the same way.
-const NAMED: usize = 6;
 
 impl SequenceBar {
     pub fn new(quiet: bool) -> Self {
@@ -109,7 +55,8 @@ impl SequenceBar {
 
     pub fn finish(&self) {
         self.bar.finish_and_clear();
-        self.repeated.lock().unwrap_or_else(PoisonError::into_inner).rest().iter().for_each(|line| eprintln!("{line}"));
+        let repeated = self.repeated.lock().unwrap_or_else(PoisonError::into_inner);
+        repeated.rest(Some("failures.csv")).iter().for_each(|line| eprintln!("{line}"));
     }
 }
 
@@ -126,25 +73,4 @@ pub fn counted_bar(quiet: bool, length: Option<u64>, things: &str) -> ProgressBa
         bar.set_style(style);
     }
     bar
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_fails_in_the_same_way_is_said_once_with_a_count() {
-        let mut repeated = Repeated::default();
-        let first: Vec<bool> = (1..=4)
-            .map(|k| {
-                let (id, reason) = (format!("S00{k}_001"), format!("data/S00{k}/001: no face was found in frame {k}"));
-                repeated.is_first(&id, &reason, &format!("{id}: {reason}"))
-            })
-            .collect();
-        assert_eq!(first, [true, false, false, false]);
-        assert!(repeated.is_first("S005_001", "the file is empty", "S005_001: the file is empty"));
-        assert!(!repeated.is_first("S006_001", "the file is empty", "S006_001: the file is empty"));
-        let more = "3 more sequences failed in the same way as S001_001: S002_001; S003_001; S004_001; their reasons are in failures.csv";
-        assert_eq!(repeated.rest(), [more, "S006_001: the file is empty"]);
-    }
 }

@@ -7,6 +7,7 @@ use anyhow::Context;
 use super::{
     Outcome,
     apart::{all, check_apart},
+    failures::say_failures,
     shared::{GeneralArgs, not_negative, set_threads},
 };
 use crate::{
@@ -82,9 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         check_apart(&[("--output", output)], &inputs)?;
     }
     let (unseen, failures) = crate::pipeline::load_unlabelled_tracks(&files, &bench);
-    for failure in known_failures.iter().chain(&failures) {
-        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
-    }
+    say_failures(known_failures.iter().chain(&failures), None);
     let labelled: Vec<_> = known.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
     let (labelled, left_out) = shown_by_several(labelled, |(model, label)| (model, label));
     if let Some(said) = left_out_said(&left_out) {

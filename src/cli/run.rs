@@ -9,6 +9,7 @@ use grimace::{
 
 use super::{
     Outcome,
+    failures::say_failures,
     progress::SequenceBar,
     shared::{
         AnalysisArgs, CheckArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, TrackArgs, set_threads, stop_flag, thread_count,
@@ -131,9 +132,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 fn print_summary(summary: &RunSummary, out: &Path) {
     let RunSummary { sequences, tracked, reused, failures, skipped, .. } = summary;
     if summary.unchanged {
-        for failure in failures {
-            eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
-        }
+        say_failures(failures, Some(&out.join("failures.csv")));
         println!("nothing changed since the last run: {}, nothing written", count(*sequences, "sequence", "sequences"));
         println!("report: {}", out.join("report.html").display());
         return;

@@ -158,6 +158,25 @@ fn a_bad_track_costs_that_track() {
 }
 
 #[test]
+fn many_bad_tracks_are_summed_up_and_all_stand_in_a_table() {
+    let work = Work::after_run(&["S001_005", "S002_005"], "out");
+    for k in 0..20 {
+        work.write(&format!("out/tracks/S1{k:02}_005.csv"), "frame,node,x\n1,0,3\n");
+    }
+    let named = "S101_005; S102_005; S103_005; S104_005; S105_005; S106_005; and 13 more";
+    let more = format!("19 more sequences failed in the same way as S100_005: {named}");
+    let ran = work.grimace("analyze out/tracks -o again").exit(3).prints(&["22 tracks, 20 failed"]);
+    let ran = ran.says(&["S100_005.csv, line 1: has no column `y`", &format!("{more}; their reasons are in again/failures.csv")]);
+    assert_eq!(ran.stderr.lines().count(), 2, "{}", ran.stderr);
+    assert_eq!(work.rows("again/failures.csv").len(), 20);
+    // Where nothing is written there is no table.
+    let ran = work.grimace("analyze out/tracks -o none --by shoesize").exit(1).says(&[&more]);
+    assert!(!ran.stderr.contains("failures.csv") && !work.path("none/failures.csv").exists(), "{}", ran.stderr);
+    let ran = work.grimace("recognize --with out out/tracks/S001_005.csv -o r.csv").exit(1).says(&[&more]);
+    assert!(!ran.stderr.contains("S119_005"), "{}", ran.stderr);
+}
+
+#[test]
 fn a_track_read_twice_counts_once() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     work.grimace("analyze out/tracks out/tracks/S001_005.csv -o again").exit(0).prints(&["2 tracks, 0 failed"]);

@@ -11,7 +11,7 @@ use grimace::internal::{
 use grimace_lab::evaluate::{LabelledSequence, evaluate_discriminants, evaluate_recognition};
 use serde_json::json;
 
-use grimace::internal::cli::{Outcome, shared::ModelArgs};
+use grimace::internal::cli::{Outcome, failures::say_failures, shared::ModelArgs};
 
 use super::{CommonArgs, bar};
 
@@ -52,9 +52,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
     let (models, failures) = load_tracks(&files, dataset.as_ref(), &bench);
-    for failure in &failures {
-        eprintln!("failed: {}_{} at {}: {}", failure.subject, failure.sequence, failure.stage, failure.reason);
-    }
+    say_failures(&failures, None);
     let known = models.iter().flat_map(|m| m.metadata.keys()).any(|column| *column == args.label);
     anyhow::ensure!(args.label == "emotion" || known, "no sequence has a column `{}`", args.label);
     let label = |m: &grimace::internal::pipeline::AnalyzedModel| match args.label.as_str() {

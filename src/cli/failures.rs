@@ -1,0 +1,143 @@
+//! What failed, said so that a terminal holds it: the first of every kind as it is, further ones as their number. All of them, each with its
+//! reason, are in a table where there is one.
+
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    path::Path,
+};
+
+use grimace::{output::listed, report::Failure};
+
+/// Sequences that are named of those that failed in the same way.
+const NAMED: usize = 6;
+
+/// Most kinds of failures that are told apart.
+const KINDS: usize = 12;
+
+/// Failures by what they have in common: names of files and numbers aside. The first of each is to be printed as it happens; further ones, as
+/// they were to be printed, wait for the end.
+#[derive(Debug, Default)]
+pub struct Repeated {
+    kinds: BTreeMap<String, Kind>,
+    /// Sequences that failed in yet other ways.
+    beyond: Vec<String>,
+}
+
+/// Failures of one kind.
+#[derive(Debug)]
+struct Kind {
+    /// The sequence whose failure was printed.
+    first: String,
+    /// Other sequences, each with its line.
+    others: Vec<(String, String)>,
+}
+
+impl Repeated {
+    /// Whether a failure is the first of its kind; others are kept.
+    pub fn is_first(&mut self, id: &str, reason: &str, line: &str) -> bool {
+        let is_name =
+            |word: &str| word.contains(id) || word.contains(['/', '\\', '`']) || word.trim_end_matches('.').contains('.');
+        let plain = |word: &&str| !is_name(word) && !word.contains(|c: char| c.is_ascii_digit());
+        let kind = reason.split_whitespace().filter(plain).collect::<Vec<_>>().join(" ");
+        let is_full = self.kinds.len() == KINDS;
+        match self.kinds.entry(kind) {
+            Entry::Vacant(_) if is_full => {
+                self.beyond.push(id.to_owned());
+                false
+            }
+            Entry::Vacant(place) => {
+                place.insert(Kind { first: id.to_owned(), others: Vec::new() });
+                true
+            }
+            Entry::Occupied(mut kind) => {
+                kind.get_mut().others.push((id.to_owned(), line.to_owned()));
+                false
+            }
+        }
+    }
+
+    /// What is left to say: one more as it is, several as their number, with the table that has the reasons of all.
+    pub fn rest(&self, table: Option<&str>) -> Vec<String> {
+        let summed = |ids: &mut Vec<String>, how: &str| {
+            ids.sort();
+            let (count, named) = (ids.len(), listed(ids, NAMED));
+            let reasons = table.map(|table| format!("; their reasons are in {table}")).unwrap_or_default();
+            format!("{count} more {} failed{how}: {named}{reasons}", if count == 1 { "sequence" } else { "sequences" })
+        };
+        let said = |Kind { first, others }: &Kind| match others.as_slice() {
+            [] => None,
+            [(_, line)] => Some(line.clone()),
+            _ => {
+                let mut ids = others.iter().map(|(id, _)| id.clone()).collect();
+                Some(summed(&mut ids, &format!(" in the same way as {first}")))
+            }
+        };
+        let mut lines: Vec<String> = self.kinds.values().filter_map(said).collect();
+        if !self.beyond.is_empty() {
+            lines.push(summed(&mut self.beyond.clone(), " in other ways"));
+        }
+        lines
+    }
+}
+
+/// Says of sequences that failed why, with the table that has all reasons, if it was written.
+pub fn say_failures<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) {
+    lines_of(failures, table).iter().for_each(|line| eprintln!("{line}"));
+}
+
+fn lines_of<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) -> Vec<String> {
+    let (mut repeated, mut lines) = (Repeated::default(), Vec::new());
+    for Failure { subject, sequence, stage, reason } in failures {
+        let id = format!("{subject}_{sequence}");
+        let line = format!("failed: {id} at {stage}: {reason}");
+        if repeated.is_first(&id, reason, &line) {
+            lines.push(line);
+        }
+    }
+    lines.extend(repeated.rest(table.map(|path| path.display().to_string()).as_deref()));
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use grimace::report::Stage;
+
+    use super::*;
+
+    #[test]
+    fn what_fails_in_the_same_way_is_said_once_with_a_count() {
+        let mut repeated = Repeated::default();
+        let first: Vec<bool> = (1..=4)
+            .map(|k| {
+                let (id, reason) = (format!("S00{k}_001"), format!("data/S00{k}/001: no face was found in frame {k}"));
+                repeated.is_first(&id, &reason, &format!("{id}: {reason}"))
+            })
+            .collect();
+        assert_eq!(first, [true, false, false, false]);
+        assert!(repeated.is_first("S005_001", "the file is empty", "S005_001: the file is empty"));
+        assert!(!repeated.is_first("S006_001", "the file is empty", "S006_001: the file is empty"));
+        let more = "3 more sequences failed in the same way as S001_001: S002_001; S003_001; S004_001; their reasons are in failures.csv";
+        assert_eq!(repeated.rest(Some("failures.csv")), [more, "S006_001: the file is empty"]);
+    }
+
+    #[test]
+    fn any_number_of_failures_of_any_kinds_takes_a_few_lines() {
+        let failure = |k: usize, reason: String| {
+            let (subject, sequence) = (format!("S{k:03}"), "5".to_owned());
+            Failure { subject, sequence, stage: Stage::Dataset, reason }
+        };
+        // A file in the folder that one is in has no `/` in its name.
+        let alike: Vec<Failure> = (0..40).map(|k| failure(k, format!("{}.csv: is empty", ["joy", "fear"][k % 2]))).collect();
+        let said = lines_of(&alike, Some(Path::new("out/failures.csv")));
+        let named = "S001_5; S002_5; S003_5; S004_5; S005_5; S006_5; and 33 more";
+        let more = format!("39 more sequences failed in the same way as S000_5: {named}; their reasons are in out/failures.csv");
+        assert_eq!(said, ["failed: S000_5 at dataset: joy.csv: is empty".to_owned(), more]);
+        let letters = |k: usize| "x".repeat(k + 1);
+        let others: Vec<Failure> = (0..40).map(|k| failure(k, letters(k))).collect();
+        let said = lines_of(&others, None);
+        assert_eq!(said.len(), KINDS + 1);
+        assert!(
+            said[KINDS].starts_with("28 more sequences failed in other ways: S012_5; ") && said[KINDS].ends_with("and 22 more")
+        );
+    }
+}
