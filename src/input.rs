@@ -4,102 +4,22 @@
 //! with as many fields as the header, so that a quote left open costs its own row and not all the rows behind it. Blank lines and rows of
 //! empty fields are passed over.
 
+mod error;
+mod fields;
 mod open;
 
-use crate::{formula::without_apostrophe, text::excerpt};
 use std::{
     borrow::Cow,
-    fmt, io,
     ops::Range,
     path::{Path, PathBuf},
 };
 
+use fields::{Ends, Lines, end_of_fields, is_blank, split_fields};
+
+use crate::{formula::without_apostrophe, text::excerpt};
+
+pub use error::{InputError, InputErrorKind};
 pub use open::{MAX_BYTES, file_blake3, is_stdin, open_file, open_or_stdin, read, read_or_stdin};
-
-/// What is wrong in a CSV file.
-#[derive(Debug, thiserror::Error)]
-pub enum InputErrorKind {
-    /// The file cannot be read.
-    #[error("cannot be read: {0}")]
-    Io(#[from] io::Error),
-    /// No header line.
-    #[error("is empty; a header line was expected")]
-    Empty,
-    /// A file of another kind.
-    #[error("is a {what}; a table in CSV was expected")]
-    NotText {
-        /// What it is by its first bytes.
-        what: &'static str,
-    },
-    /// Bytes that are not UTF-8.
-    #[error("byte {byte} of the line is not UTF-8; save the file as UTF-8 text")]
-    NotUtf8 {
-        /// Place in the line, from 1.
-        byte: usize,
-    },
-    /// A quoted field without its closing quotation mark.
-    #[error("a quotation mark is not closed")]
-    UnclosedQuote,
-    /// Columns that must be there.
-    #[error(
-        "has no column {}; found {}{}{}",
-        quoted(missing),
-        quoted(found),
-        separator_hint(found),
-        spelling_hint(missing, found)
-    )]
-    MissingColumns {
-        /// Names not found.
-        missing: Vec<String>,
-        /// Names in the header.
-        found: Vec<String>,
-    },
-    /// A column name that stands twice in the header.
-    #[error("has the column `{name}` twice")]
-    DuplicateColumn {
-        /// The name.
-        name: String,
-    },
-    /// A row of another length than the header.
-    #[error("the row has {found} fields where the header has {expected}")]
-    FieldCount {
-        /// Columns of the header.
-        expected: usize,
-        /// Fields of the row.
-        found: usize,
-    },
-    /// A field that should be a number.
-    #[error("{column} is `{found}`; {expected} was expected")]
-    Field {
-        /// Column name.
-        column: String,
-        /// The field, shortened and printable.
-        found: String,
-        /// What should be there.
-        expected: &'static str,
-    },
-}
-
-/// A CSV file, or one of its rows, that does not read.
-#[derive(Debug, thiserror::Error)]
-#[error("{}{}: {kind}", path.display(), LineSuffix(*line))]
-pub struct InputError {
-    /// The file.
-    pub path: PathBuf,
-    /// Line, from 1; `None` when the file as a whole is meant.
-    pub line: Option<usize>,
-    /// What is wrong.
-    #[source]
-    pub kind: InputErrorKind,
-}
-
-struct LineSuffix(Option<usize>);
-
-impl fmt::Display for LineSuffix {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.map_or(Ok(()), |line| write!(f, ", line {line}"))
-    }
-}
 
 /// First bytes of files that are taken for tables, and what they are.
 const KINDS: [(&[u8], &str); 9] = [
@@ -116,38 +36,6 @@ const KINDS: [(&[u8], &str); 9] = [
 
 /// Most lines of a row.
 const MOST_LINES: usize = 100;
-
-/// Most columns that a message names.
-const MOST_NAMES: usize = 20;
-
-fn quoted(names: &[String]) -> String {
-    if names.is_empty() {
-        return "none".to_owned();
-    }
-    let shown = names.iter().take(MOST_NAMES).map(|n| format!("`{}`", excerpt(n))).collect::<Vec<_>>().join(", ");
-    if names.len() > MOST_NAMES { format!("{shown} and {} more", names.len() - MOST_NAMES) } else { shown }
-}
-
-/// Letters by which a column's name may differ from the one that is missing and still be meant for it.
-const MISSPELT: usize = 2;
-
-/// Says which column is likely meant for one that is missing.
-fn spelling_hint(missing: &[String], found: &[String]) -> String {
-    let near = |wanted: &String| {
-        let distance = |name: &&String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());
-        let long = wanted.chars().count() > 2 * MISSPELT;
-        let best = found.iter().filter(|name| long && !missing.contains(name)).min_by_key(distance);
-        best.filter(|name| distance(name) <= MISSPELT).map(|name| format!("; is `{}` meant for `{wanted}`?", excerpt(name)))
-    };
-    missing.iter().find_map(near).unwrap_or_default()
-}
-
-fn separator_hint(found: &[String]) -> &'static str {
-    match found {
-        [only] if only.contains([';', '\t']) => " (columns are separated by commas; save it as CSV UTF-8, separated by commas)",
-        _ => "",
-    }
-}
 
 /// A CSV file in memory with its header read.
 #[derive(Clone, Debug)]
@@ -359,95 +247,6 @@ impl CsvRow<'_> {
         let name = self.header.get(column).map(|name| excerpt(name)).unwrap_or_default();
         let kind = InputErrorKind::Field { column: name, found: excerpt(self.get(column)), expected };
         InputError { path: self.path.to_owned(), line: Some(self.line), kind }
-    }
-}
-
-/// How the last field of some text ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Ends {
-    /// Outside of quotation marks.
-    Closed,
-    /// Within them.
-    Open,
-    /// Something stands behind a closing quotation mark.
-    Strange,
-}
-
-/// How fields end, as RFC 4180 has it.
-fn end_of_fields(text: &[u8]) -> Ends {
-    let (mut inside, mut starts, mut closed) = (false, true, false);
-    for &byte in text {
-        match byte {
-            b'"' if inside => (inside, closed) = (false, true),
-            b'"' if starts || closed => (inside, starts, closed) = (true, false, false),
-            _ if inside => {}
-            b',' => (starts, closed) = (true, false),
-            _ if closed => return Ends::Strange,
-            _ => starts = false,
-        }
-    }
-    if inside { Ends::Open } else { Ends::Closed }
-}
-
-/// Lines of a byte text with their numbers; LF, CRLF and CR end a line.
-#[derive(Clone)]
-struct Lines<'a> {
-    bytes: &'a [u8],
-    offset: usize,
-    line: usize,
-}
-
-impl<'a> Iterator for Lines<'a> {
-    type Item = (usize, &'a [u8]);
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let rest = self.bytes.get(self.offset..).filter(|rest| !rest.is_empty())?;
-        let length = rest.iter().position(|b| matches!(b, b'\n' | b'\r')).unwrap_or(rest.len());
-        let end = if rest[length..].starts_with(b"\r\n") { 2 } else { usize::from(length < rest.len()) };
-        self.offset += length + end;
-        self.line += 1;
-        Some((self.line - 1, &rest[..length]))
-    }
-}
-
-fn is_blank(text: &[u8]) -> bool {
-    text.iter().all(u8::is_ascii_whitespace)
-}
-
-/// Fields of one line, as RFC 4180 has it; a quotation mark within an unquoted field is text.
-fn split_fields(text: &[u8]) -> Result<Vec<Cow<'_, str>>, InputErrorKind> {
-    let text = std::str::from_utf8(text).map_err(|e| InputErrorKind::NotUtf8 { byte: e.valid_up_to() + 1 })?;
-    if !text.contains('"') {
-        return Ok(text.split(',').map(Cow::Borrowed).collect());
-    }
-    let mut fields = Vec::new();
-    let mut rest = Some(text);
-    while let Some(text) = rest {
-        let (quoted, after) = match text.strip_prefix('"') {
-            Some(inside) => take_quoted(inside)?,
-            None => (String::new(), text),
-        };
-        let (plain, next) = after.split_once(',').map_or((after, None), |(plain, next)| (plain, Some(next)));
-        fields.push(if quoted.is_empty() { Cow::Borrowed(plain) } else { Cow::Owned(quoted + plain) });
-        rest = next;
-    }
-    Ok(fields)
-}
-
-/// The content of a quoted field, doubled quotes made single, and what follows its closing quote.
-fn take_quoted(inside: &str) -> Result<(String, &str), InputErrorKind> {
-    let mut content = String::new();
-    let mut rest = inside;
-    loop {
-        let (part, after) = rest.split_once('"').ok_or(InputErrorKind::UnclosedQuote)?;
-        content.push_str(part);
-        match after.strip_prefix('"') {
-            Some(next) => {
-                content.push('"');
-                rest = next;
-            }
-            None => return Ok((content, after)),
-        }
     }
 }
 

@@ -1,0 +1,122 @@
+//! What is wrong in a CSV file, in words.
+
+use std::{fmt, io, path::PathBuf};
+
+use crate::text::excerpt;
+
+/// What is wrong in a CSV file.
+#[derive(Debug, thiserror::Error)]
+pub enum InputErrorKind {
+    /// The file cannot be read.
+    #[error("cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// No header line.
+    #[error("is empty; a header line was expected")]
+    Empty,
+    /// A file of another kind.
+    #[error("is a {what}; a table in CSV was expected")]
+    NotText {
+        /// What it is by its first bytes.
+        what: &'static str,
+    },
+    /// Bytes that are not UTF-8.
+    #[error("byte {byte} of the line is not UTF-8; save the file as UTF-8 text")]
+    NotUtf8 {
+        /// Place in the line, from 1.
+        byte: usize,
+    },
+    /// A quoted field without its closing quotation mark.
+    #[error("a quotation mark is not closed")]
+    UnclosedQuote,
+    /// Columns that must be there.
+    #[error(
+        "has no column {}; found {}{}{}",
+        quoted(missing),
+        quoted(found),
+        separator_hint(found),
+        spelling_hint(missing, found)
+    )]
+    MissingColumns {
+        /// Names not found.
+        missing: Vec<String>,
+        /// Names in the header.
+        found: Vec<String>,
+    },
+    /// A column name that stands twice in the header.
+    #[error("has the column `{name}` twice")]
+    DuplicateColumn {
+        /// The name.
+        name: String,
+    },
+    /// A row of another length than the header.
+    #[error("the row has {found} fields where the header has {expected}")]
+    FieldCount {
+        /// Columns of the header.
+        expected: usize,
+        /// Fields of the row.
+        found: usize,
+    },
+    /// A field that should be a number.
+    #[error("{column} is `{found}`; {expected} was expected")]
+    Field {
+        /// Column name.
+        column: String,
+        /// The field, shortened and printable.
+        found: String,
+        /// What should be there.
+        expected: &'static str,
+    },
+}
+
+/// A CSV file, or one of its rows, that does not read.
+#[derive(Debug, thiserror::Error)]
+#[error("{}{}: {kind}", path.display(), LineSuffix(*line))]
+pub struct InputError {
+    /// The file.
+    pub path: PathBuf,
+    /// Line, from 1; `None` when the file as a whole is meant.
+    pub line: Option<usize>,
+    /// What is wrong.
+    #[source]
+    pub kind: InputErrorKind,
+}
+
+struct LineSuffix(Option<usize>);
+
+impl fmt::Display for LineSuffix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |line| write!(f, ", line {line}"))
+    }
+}
+
+/// Most columns that a message names.
+const MOST_NAMES: usize = 20;
+
+fn quoted(names: &[String]) -> String {
+    if names.is_empty() {
+        return "none".to_owned();
+    }
+    let shown = names.iter().take(MOST_NAMES).map(|n| format!("`{}`", excerpt(n))).collect::<Vec<_>>().join(", ");
+    if names.len() > MOST_NAMES { format!("{shown} and {} more", names.len() - MOST_NAMES) } else { shown }
+}
+
+/// Letters by which a column's name may differ from the one that is missing and still be meant for it.
+const MISSPELT: usize = 2;
+
+/// Says which column is likely meant for one that is missing.
+fn spelling_hint(missing: &[String], found: &[String]) -> String {
+    let near = |wanted: &String| {
+        let distance = |name: &&String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());
+        let long = wanted.chars().count() > 2 * MISSPELT;
+        let best = found.iter().filter(|name| long && !missing.contains(name)).min_by_key(distance);
+        best.filter(|name| distance(name) <= MISSPELT).map(|name| format!("; is `{}` meant for `{wanted}`?", excerpt(name)))
+    };
+    missing.iter().find_map(near).unwrap_or_default()
+}
+
+fn separator_hint(found: &[String]) -> &'static str {
+    match found {
+        [only] if only.contains([';', '\t']) => " (columns are separated by commas; save it as CSV UTF-8, separated by commas)",
+        _ => "",
+    }
+}
