@@ -202,8 +202,11 @@ pub enum MarksError {
     },
 }
 
+/// Columns that must be there.
+const COLUMNS: [&str; 3] = ["node", "x", "y"];
+
 /// Reads a correspondence file: `node,x,y`, optionally `kind` (`mark`, the default, or `hard`) and `expected_error` (px, > 0, or empty);
-/// further columns are ignored.
+/// further columns are ignored. Columns may be separated by semicolons, and decimals have commas then.
 ///
 /// A node is a node number or an MPEG-4 feature point that is a single node. Order is kept.
 /// How many there are and where they lie is checked by [`validate_correspondences`].
@@ -221,7 +224,7 @@ pub enum MarksError {
 /// # Errors
 /// [`CorrespondenceError`] for a missing column, a text that is no finite number, a node that is not there or stands twice.
 pub fn read_correspondences(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Correspondence>, CorrespondenceError> {
-    correspondences_of(&CsvFile::open(path)?, tables, node_count)
+    correspondences_of(&CsvFile::open(path)?.or_semicolons(&COLUMNS)?, tables, node_count)
 }
 
 /// [`read_correspondences`] of a file that is open.
@@ -233,7 +236,7 @@ pub(crate) fn correspondences_of(
     tables: &Tables,
     node_count: usize,
 ) -> Result<Vec<Correspondence>, CorrespondenceError> {
-    let [node_column, x_column, y_column] = csv.require(["node", "x", "y"])?;
+    let [node_column, x_column, y_column] = csv.require(COLUMNS)?;
     let kind_column = csv.column("kind");
     let error_column = csv.column("expected_error");
     let file = || csv.path().display().to_string();

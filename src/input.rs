@@ -3,6 +3,9 @@
 //! One line is one row, and a quoted field may hold commas, doubled quotes and line breaks. Lines belong to one row only where they make one
 //! with as many fields as the header, so that a quote left open costs its own row and not all the rows behind it. Blank lines and rows of
 //! empty fields are passed over.
+//!
+//! Fields are separated by commas. What people fill in themselves may be separated by semicolons, as spreadsheets write it where decimals
+//! have commas: see [`CsvFile::or_semicolons`].
 
 mod error;
 mod fields;
@@ -42,6 +45,8 @@ const MOST_LINES: usize = 100;
 pub struct CsvFile {
     path: PathBuf,
     bytes: Vec<u8>,
+    /// What stands between two fields: a comma or a semicolon.
+    separator: u8,
     header: Vec<String>,
     /// Line of the header, from 1.
     header_line: usize,
@@ -52,8 +57,7 @@ pub struct CsvFile {
 /// One row of a [`CsvFile`], as many fields as the header has columns.
 #[derive(Clone, Debug)]
 pub struct CsvRow<'a> {
-    path: &'a Path,
-    header: &'a [String],
+    file: &'a CsvFile,
     line: usize,
     fields: Vec<Cow<'a, str>>,
 }
@@ -77,25 +81,52 @@ impl CsvFile {
         if let Some((_, what)) = KINDS.iter().find(|(start, _)| bytes.starts_with(start)) {
             return Err(error(None, InputErrorKind::NotText { what }));
         }
-        let mark: &[u8] = b"\xEF\xBB\xBF";
-        let start = if bytes.starts_with(mark) { mark.len() } else { 0 };
-        let mut lines = Lines { bytes: &bytes, offset: start, line: 1 };
+        let mut lines = lines_of(&bytes);
         let (line, text) = lines.by_ref().find(|(_, text)| !is_blank(text)).ok_or_else(|| error(None, InputErrorKind::Empty))?;
-        let fields = split_fields(text).map_err(|kind| error(Some(line), kind))?;
-        let header: Vec<String> = fields.iter().map(|f| without_apostrophe(f.trim()).to_owned()).collect();
-        for (k, name) in header.iter().enumerate() {
-            if !name.is_empty() && header[..k].contains(name) {
-                return Err(error(Some(line), InputErrorKind::DuplicateColumn { name: excerpt(name) }));
-            }
-        }
+        let header = names(text, b',').map_err(|kind| error(Some(line), kind))?;
         let body = (lines.offset, lines.line);
-        Ok(Self { path: path.to_owned(), bytes, header, header_line: line, body })
+        let file = Self { path: path.to_owned(), bytes, separator: b',', header, header_line: line, body };
+        file.check_names()?;
+        Ok(file)
+    }
+
+    /// The same file with its fields separated by semicolons and, if it likes, commas in its decimals, where its header has more of these
+    /// columns so.
+    ///
+    /// # Errors
+    /// [`InputError`] for a header that names a column twice.
+    pub fn or_semicolons(self, columns: &[&str]) -> Result<Self, InputError> {
+        let known = |header: &[String]| columns.iter().filter(|name| header.iter().any(|found| found == *name)).count();
+        let text = lines_of(&self.bytes).find(|(_, text)| !is_blank(text)).map(|(_, text)| text).unwrap_or_default();
+        match names(text, b';') {
+            Ok(header) if known(&header) > known(&self.header) => {
+                let file = Self { separator: b';', header, ..self };
+                file.check_names()?;
+                Ok(file)
+            }
+            _ => Ok(self),
+        }
+    }
+
+    /// Checks that no column has a name twice.
+    fn check_names(&self) -> Result<(), InputError> {
+        let mut named = self.header.iter().enumerate().filter(|(_, name)| !name.is_empty());
+        named.find(|(k, name)| self.header[..*k].contains(name)).map_or(Ok(()), |(_, name)| {
+            let kind = InputErrorKind::DuplicateColumn { name: excerpt(name) };
+            Err(InputError { path: self.path.clone(), line: Some(self.header_line), kind })
+        })
     }
 
     /// The file's path.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What stands between two fields: a comma or a semicolon, in ASCII.
+    #[must_use]
+    pub fn separator(&self) -> u8 {
+        self.separator
     }
 
     /// Column names in order, trimmed. Columns without a name are empty texts.
@@ -141,7 +172,7 @@ impl CsvFile {
     /// As [`CsvFile::rows`], with the fields of a bad row as far as they read.
     pub fn rows_or_fields(&self) -> impl Iterator<Item = Result<CsvRow<'_>, (InputError, Vec<String>)>> {
         let fields = |text: &[u8]| -> Vec<String> {
-            let fields = split_fields(text).unwrap_or_default();
+            let fields = split_fields(text, self.separator).unwrap_or_default();
             fields.iter().map(|field| without_apostrophe(field.trim()).to_owned()).collect()
         };
         self.records()
@@ -171,7 +202,7 @@ impl CsvFile {
 
     /// A line, and those behind it to the end of a field that it leaves open, where all together make a row.
     fn joined<'a>(&'a self, lines: &mut Lines<'a>, (start, line): (usize, usize), text: &'a [u8]) -> &'a [u8] {
-        if !text.contains(&b'"') || end_of_fields(text) != Ends::Open {
+        if !text.contains(&b'"') || end_of_fields(text, self.separator) != Ends::Open {
             return text;
         }
         let mut ahead = lines.clone();
@@ -179,7 +210,7 @@ impl CsvFile {
             let from = ahead.offset;
             let Some((_, next)) = ahead.next() else { break };
             let all = self.bytes.get(start..from + next.len()).unwrap_or(text);
-            match end_of_fields(all) {
+            match end_of_fields(all, self.separator) {
                 Ends::Open => {}
                 Ends::Closed if self.row(line, all).is_ok_and(|row| row.is_some()) => {
                     *lines = ahead;
@@ -194,7 +225,7 @@ impl CsvFile {
     /// A row; `None` when all its fields are empty.
     fn row<'a>(&'a self, line: usize, text: &'a [u8]) -> Result<Option<CsvRow<'a>>, InputError> {
         let error = |kind| InputError { path: self.path.clone(), line: Some(line), kind };
-        let mut fields = split_fields(text).map_err(error)?;
+        let mut fields = split_fields(text, self.separator).map_err(error)?;
         if fields.iter().all(|f| f.trim().is_empty()) {
             return Ok(None);
         }
@@ -206,7 +237,7 @@ impl CsvFile {
         if fields.len() != expected {
             return Err(error(InputErrorKind::FieldCount { expected, found: fields.len() }));
         }
-        Ok(Some(CsvRow { path: &self.path, header: &self.header, line, fields }))
+        Ok(Some(CsvRow { file: self, line, fields }))
     }
 }
 
@@ -229,7 +260,10 @@ impl CsvRow<'_> {
     /// # Errors
     /// [`InputErrorKind::Field`] for a text that is no number, NaN or infinite.
     pub fn number(&self, column: usize) -> Result<f64, InputError> {
-        let number = self.get(column).parse::<f64>().ok().filter(|v| v.is_finite());
+        let text = self.get(column);
+        // One comma is a decimal one where it separates no fields; with a point beside it, the text is no number.
+        let text = if self.file.separator == b';' { Cow::Owned(text.replacen(',', ".", 1)) } else { Cow::Borrowed(text) };
+        let number = text.parse::<f64>().ok().filter(|v| v.is_finite());
         number.ok_or_else(|| self.field_error(column, "a finite number"))
     }
 
@@ -244,10 +278,21 @@ impl CsvRow<'_> {
     /// An error that names this row's line, the column, and what is there.
     #[must_use]
     pub fn field_error(&self, column: usize, expected: &'static str) -> InputError {
-        let name = self.header.get(column).map(|name| excerpt(name)).unwrap_or_default();
+        let name = self.file.header.get(column).map(|name| excerpt(name)).unwrap_or_default();
         let kind = InputErrorKind::Field { column: name, found: excerpt(self.get(column)), expected };
-        InputError { path: self.path.to_owned(), line: Some(self.line), kind }
+        InputError { path: self.file.path.clone(), line: Some(self.line), kind }
     }
+}
+
+/// Lines behind the byte order mark.
+fn lines_of(bytes: &[u8]) -> Lines<'_> {
+    let mark: &[u8] = b"\xEF\xBB\xBF";
+    Lines { bytes, offset: if bytes.starts_with(mark) { mark.len() } else { 0 }, line: 1 }
+}
+
+/// The names in the line of a header.
+fn names(text: &[u8], separator: u8) -> Result<Vec<String>, InputErrorKind> {
+    Ok(split_fields(text, separator)?.iter().map(|f| without_apostrophe(f.trim()).to_owned()).collect())
 }
 
 #[cfg(test)]
@@ -317,6 +362,46 @@ mod tests {
         );
     }
 
+    const MARKS: [&str; 3] = ["node", "x", "y"];
+
+    #[test]
+    fn semicolons_separate_where_the_header_says_so() {
+        let text = b"\xEF\xBB\xBFnode;x;\"y\";note\r\n10;1,5;-2,25;\"a; b, \"\"c\"\"\"\r\n;;;\r\n20;3.5;1e3;\"d\n\ne\";;\r\n";
+        let semicolons = file(text).unwrap().or_semicolons(&MARKS).unwrap();
+        assert_eq!(
+            (semicolons.separator(), semicolons.header()),
+            (b';', ["node", "x", "y", "note"].map(str::to_owned).as_slice())
+        );
+        let rows: Vec<CsvRow> = semicolons.rows().map(Result::unwrap).collect();
+        assert_eq!(rows.iter().map(CsvRow::line).collect::<Vec<_>>(), [2, 4]);
+        assert_eq!((rows[0].number(1).unwrap(), rows[0].number(2).unwrap(), rows[0].get(3)), (1.5, -2.25, "a; b, \"c\""));
+        assert_eq!((rows[1].number(1).unwrap(), rows[1].number(2).unwrap(), rows[1].get(3)), (3.5, 1000.0, "d\n\ne"));
+        // What has its columns by commas is separated by commas, whatever else stands there.
+        let commas = file(b"node,x,y,a;node;x;y\n1,2,3,4;5\n").unwrap().or_semicolons(&MARKS).unwrap();
+        assert_eq!((commas.separator(), commas.rows().next().unwrap().unwrap().get(3)), (b',', "4;5"));
+        assert_eq!(file(b"a;b\n1;2\n").unwrap().or_semicolons(&MARKS).unwrap().separator(), b',');
+    }
+
+    #[test]
+    fn what_is_wrong_between_semicolons_is_named() {
+        let open = |text: &[u8]| file(text).unwrap().or_semicolons(&MARKS);
+        let row = |text: &str| {
+            let file = open(format!("node;x;y\n{text}\n").as_bytes()).unwrap();
+            let row = file.rows().next().unwrap();
+            row.and_then(|row| row.number(1)).unwrap_err().to_string()
+        };
+        assert_eq!(row("1;1.234,5;2"), "a.csv, line 2: x is `1.234,5`; a finite number was expected");
+        assert_eq!(row("1;1,2,3;2"), "a.csv, line 2: x is `1,2,3`; a finite number was expected");
+        assert_eq!(row("1;,;2"), "a.csv, line 2: x is `,`; a finite number was expected");
+        assert_eq!(row("1;2"), "a.csv, line 2: the row has 2 fields where the header has 3");
+        assert_eq!(row("1;\"2;3"), "a.csv, line 2: a quotation mark is not closed");
+        let lacking = open(b"node;x;Y\n").unwrap().require(MARKS).unwrap_err().to_string();
+        assert_eq!(lacking, "a.csv, line 1: has no column `y`; found `node`, `x`, `Y`");
+        assert!(open(b"node;x;y;x\n").unwrap_err().to_string().contains("line 1: has the column `x` twice"));
+        // Commas are no decimals between commas.
+        assert!(file(b"x\n\"1,5\"\n").unwrap().rows().next().unwrap().unwrap().number(0).is_err());
+    }
+
     #[test]
     fn numbers_are_finite() {
         let file = file(b"a\n1.5\nNaN\ninf\n-3\n4\n").unwrap();
@@ -338,16 +423,18 @@ mod tests {
         fn a_line_splits_as_the_csv_crate_splits_it(line in "[a, \"]{0,12}") {
             let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
             let record = reader.records().next().map_or_else(|| csv::StringRecord::from(vec![""]), Result::unwrap);
-            if let Ok(fields) = split_fields(line.as_bytes()) {
+            if let Ok(fields) = split_fields(line.as_bytes(), b',') {
                 prop_assert_eq!(fields, record.iter().collect::<Vec<_>>());
             }
         }
 
         #[test]
         fn any_bytes_read_or_fail_without_a_panic(bytes in proptest::collection::vec(
-            prop_oneof![Just(b','), Just(b'"'), Just(b'\n'), Just(b'\r'), any::<u8>()], 0..200,
+            prop_oneof![Just(b','), Just(b';'), Just(b'a'), Just(b'"'), Just(b'\n'), Just(b'\r'), any::<u8>()], 0..200,
         )) {
-            if let Ok(file) = file(&bytes) {
+            let commas = file(&bytes).ok();
+            let semicolons = commas.clone().and_then(|file| file.or_semicolons(&["a"]).ok());
+            for file in [commas, semicolons].into_iter().flatten() {
                 for row in file.rows().flatten() {
                     prop_assert!(row.line() >= 2);
                     prop_assert_eq!(row.fields.len(), file.header().len());

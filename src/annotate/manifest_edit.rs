@@ -10,7 +10,7 @@ use std::{
 };
 
 use crate::{
-    dataset::SequenceEntry,
+    dataset::{MANIFEST_COLUMNS, SequenceEntry},
     input::{CsvFile, InputError},
     output::{OutputError, write_durable},
     text::composed,
@@ -63,7 +63,8 @@ pub fn set_fields(path: &Path, id: &SequenceId, fields: &[(&str, String)]) -> Re
 }
 
 fn set_field(path: &Path, bytes: Vec<u8>, id: &SequenceId, column: &str, value: &str) -> Result<Vec<u8>, ManifestEditError> {
-    let csv = CsvFile::from_bytes(path, bytes.clone())?;
+    let csv = CsvFile::from_bytes(path, bytes.clone())?.or_semicolons(&MANIFEST_COLUMNS)?;
+    let separator = csv.separator();
     let [subject, sequence] = csv.require(["subject", "sequence"])?;
     let is_row =
         |row: &crate::input::CsvRow<'_>| composed(row.get(subject)) == id.subject && composed(row.get(sequence)) == id.sequence;
@@ -82,20 +83,21 @@ fn set_field(path: &Path, bytes: Vec<u8>, id: &SequenceId, column: &str, value: 
         let end = content.iter().rposition(|b| !matches!(b, b'\n' | b'\r')).map_or(0, |k| k + 1);
         let terminator = content.split_off(end);
         let shown = content.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&content);
-        let blank = shown.iter().all(|b| b.is_ascii_whitespace() || *b == b',');
+        let blank = shown.iter().all(|b| b.is_ascii_whitespace() || *b == separator);
         if !blank && place.is_none() {
-            let count = fields_of(&content).len();
+            let count = fields_of(&content, separator).len();
             if !header_seen {
-                content.extend_from_slice(format!(",{column}").as_bytes());
+                content.push(separator);
+                content.extend_from_slice(column.as_bytes());
             } else if count <= columns {
-                content.push(b',');
+                content.push(separator);
             }
         }
         header_seen |= !blank;
         if number == line {
             let place = place.unwrap_or(columns);
-            if let Some(field) = fields_of(&content).get(place) {
-                content.splice(field.clone(), quoted(value).into_bytes());
+            if let Some(field) = fields_of(&content, separator).get(place) {
+                content.splice(field.clone(), quoted(value, separator).into_bytes());
             }
         }
         out.extend(content);
@@ -120,7 +122,7 @@ pub fn manifest_text(root: &Path, entries: &[SequenceEntry]) -> String {
             file.unwrap_or_default(),
             entry.landmarks_paths.iter().find(|p| p.exists()).map(|p| relative(root, p)).unwrap_or_default(),
         ];
-        text += &(fields.map(|f| quoted(&f)).join(",") + "\n");
+        text += &(fields.map(|f| quoted(&f, b',')).join(",") + "\n");
     }
     text
 }
@@ -144,8 +146,12 @@ pub fn relative(root: &Path, path: &Path) -> String {
     joined(&up.chain(path.components().skip(common)).collect::<Vec<_>>())
 }
 
-fn quoted(value: &str) -> String {
-    if value.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", value.replace('"', "\"\"")) } else { value.to_owned() }
+fn quoted(value: &str, separator: u8) -> String {
+    if value.contains(['"', char::from(separator), '\n', '\r']) {
+        format!("\"{}\"", value.replace('"', "\"\""))
+    } else {
+        value.to_owned()
+    }
 }
 
 /// Lines with their ends: LF, CRLF or CR, as the reader has them.
@@ -177,7 +183,7 @@ fn rows(bytes: &[u8], long: impl Iterator<Item = Range<usize>>) -> Vec<(usize, R
 }
 
 /// Places of the fields of a line, quotes included. A quotation mark opens a quoted field only at its start, as in the reader.
-fn fields_of(content: &[u8]) -> Vec<Range<usize>> {
+fn fields_of(content: &[u8], separator: u8) -> Vec<Range<usize>> {
     let mut fields = Vec::new();
     let (mut start, mut k) = (0, 0);
     let mut inside = content.first() == Some(&b'"');
@@ -188,7 +194,7 @@ fn fields_of(content: &[u8]) -> Vec<Range<usize>> {
         match content[k] {
             b'"' if inside && content.get(k + 1) == Some(&b'"') => k += 1,
             b'"' if inside => inside = false,
-            b',' if !inside => {
+            byte if byte == separator && !inside => {
                 fields.push(start..k);
                 start = k + 1;
                 if content.get(start) == Some(&b'"') {
@@ -259,6 +265,14 @@ mod tests {
     }
 
     #[test]
+    fn semicolons_stay_between_the_fields() {
+        let text = "\u{feff}subject;sequence;emotion;note\r\nS1;1;joy;a, b\r\nS1;2;joy;\"c; d\"\r\n;;;\r\n";
+        let expected = "\u{feff}subject;sequence;emotion;note;fps\r\nS1;1;joy;a, b;\r\nS1;2;joy;\"c; d\";25\r\n;;;\r\n";
+        assert_eq!(set(text, &[("fps", "25")]).unwrap(), expected);
+        assert_eq!(set(text, &[("note", "e, f;")]).unwrap(), text.replace("\"c; d\"", "\"e, f;\""));
+    }
+
+    #[test]
     fn a_row_that_is_gone_is_said() {
         let error = set("subject,sequence,emotion\nS1,1,joy\n", &[("last_frame", "9")]).unwrap_err();
         assert!(error.contains("sequence S1_2 is not listed any more"), "{error}");
@@ -287,7 +301,7 @@ mod tests {
             let (value, other) = (value.trim(), other.trim());
             // An apostrophe in front is what keeps a spreadsheet from taking a text for a formula; reading takes it off.
             prop_assume!(!value.starts_with('\'') && !other.starts_with('\''));
-            let text = format!("subject,sequence,emotion,a,b\nS1,2,joy,{},{}\n", quoted("old"), quoted(other));
+            let text = format!("subject,sequence,emotion,a,b\nS1,2,joy,{},{}\n", quoted("old", b','), quoted(other, b','));
             let new = set(&text, &[("a", value)]).unwrap();
             let csv = CsvFile::from_bytes(Path::new("m"), new.into_bytes()).unwrap();
             let row = csv.rows().next().unwrap().unwrap();

@@ -110,7 +110,7 @@ impl ProposedManifest {
     /// # Errors
     /// [`DatasetError`] when the file does not read, has no such column, or names nobody of the dataset.
     pub fn join_people(&mut self, path: &Path) -> Result<(), DatasetError> {
-        let csv = CsvFile::open(path)?;
+        let csv = CsvFile::open(path)?.or_semicolons(&["subject", "person"])?;
         let by = match csv.column("subject").or_else(|| csv.column("person")) {
             Some(column) => column,
             None => csv.require(["subject"])?[0],

@@ -4,6 +4,7 @@
 //! default `SUBJECT/SEQUENCE`), `first_frame` and `last_frame` (numbers as in the file names), `correspondences` (relative path,
 //! by default `SUBJECT/SEQUENCE/correspondences.csv` where that is there), `landmarks` (name in the frames' folder, or else
 //! relative to the manifest), `fps`. All other columns are metadata. Empty fields count as not given.
+//! Columns may be separated by semicolons, and decimals have commas then.
 
 use std::{
     collections::BTreeMap,
@@ -26,6 +27,9 @@ use crate::{
 /// Name of a correspondence file in the default place.
 pub(super) const CORRESPONDENCES_NAME: &str = "correspondences.csv";
 
+/// Columns that must be there.
+pub const MANIFEST_COLUMNS: [&str; 3] = ["subject", "sequence", "emotion"];
+
 /// Places of the columns.
 struct Columns {
     subject: usize,
@@ -45,7 +49,7 @@ struct Columns {
 /// # Errors
 /// [`DatasetError`] when the file does not read, lacks a required column, or has no row. Bad rows are failures of the dataset.
 pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
-    let csv = CsvFile::open(path)?;
+    let csv = CsvFile::open(path)?.or_semicolons(&MANIFEST_COLUMNS)?;
     let columns = columns(&csv)?;
     let root = path.parent().map_or_else(PathBuf::new, Path::to_owned);
     // Line of each file stem `SUBJECT_SEQUENCE`, as a file system may take it, with its id; two ids may share a stem (`a_b`, `c`
@@ -112,7 +116,7 @@ fn is_misspelt(found: &str, meant: &str) -> bool {
 }
 
 fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
-    let [subject, sequence, emotion] = csv.require(["subject", "sequence", "emotion"])?;
+    let [subject, sequence, emotion] = csv.require(MANIFEST_COLUMNS)?;
     let [frames, first_frame, last_frame, correspondences, landmarks, fps] = OPTIONAL.map(|name| csv.column(name));
     for meant in OPTIONAL.into_iter().chain(FURTHER).filter(|name| csv.column(name).is_none()) {
         let is_near = |name: &&String| !is_publish_column(name) && is_misspelt(name, meant);

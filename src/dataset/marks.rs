@@ -9,7 +9,7 @@ use super::{
     landmarks::{is_frame_file, read_points},
 };
 use crate::{
-    correspondence::{Correspondence, CorrespondenceError, read_correspondences},
+    correspondence::{Correspondence, CorrespondenceError, correspondences_of},
     input::{CsvFile, InputError},
     wireframe::Tables,
 };
@@ -50,9 +50,9 @@ pub fn read_marks(
     if is_frame_file(path) {
         return Ok(correspondences_from_landmarks(&read_points(path)?, tables, selection)?);
     }
-    let file = CsvFile::open(path)?;
+    let file = CsvFile::open(path)?.or_semicolons(&["node", "point", "x", "y"])?;
     if file.column("node").is_some() || file.column("point").is_none() {
-        return Ok(read_correspondences(path, tables, node_count)?);
+        return Ok(correspondences_of(&file, tables, node_count)?);
     }
     let [point, x, y] = file.require(["point", "x", "y"])?;
     let mut points = vec![None; LANDMARK_COUNT];
@@ -76,6 +76,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::correspondence::MarkKind;
 
     #[test]
     fn marks_read_alike_in_every_form() {
@@ -99,6 +100,13 @@ mod tests {
         assert_eq!((chin.position.x, chin.position.y), (80.0, 64.0));
         let nodes = read("nodes.csv", "node,x,y\n10,80,64\n".to_owned()).unwrap();
         assert_eq!((nodes[0].node, nodes[0].position), (chin.node, chin.position));
+        // As a spreadsheet writes it where decimals have commas.
+        let semicolons: String = (0..68).map(|k| format!("{k};{},0;{}\r\n", 10 * k, k * k)).collect();
+        assert_eq!(of_table, read("semicolons.csv", format!("\u{feff}point;x;y\r\n{semicolons}")).unwrap());
+        let halves = read("halves.csv", "y;x;node;kind\n64,5;80,25;10;hard\n".to_owned()).unwrap();
+        assert_eq!((halves[0].position.x, halves[0].position.y, halves[0].kind), (80.25, 64.5, MarkKind::Hard));
+        let half = read("half.csv", "node;x;y\n10;80,2,5;64\n".to_owned()).unwrap_err();
+        assert!(half.ends_with("half.csv, line 2: x is `80,2,5`; a finite number was expected"), "{half}");
         assert!(read("few.csv", "point,x,y\n0,1,2\n".to_owned()).unwrap_err().contains("1 landmarks; the points 0 to 67"));
         let twice = read("twice.csv", format!("point,x,y\n{points}8,1,2\n")).unwrap_err();
         assert!(twice.contains("line 70") && twice.contains("that no line before it has"), "{twice}");

@@ -51,6 +51,24 @@ fn landmark_csv(frames: &[u32]) -> String {
 }
 
 #[test]
+fn a_manifest_of_semicolons_reads() {
+    let (_folder, dataset) = manifest(
+        "\u{FEFF}subject;sequence;emotion;fps;age;note\r\nS1;1;joy;12,5;23,5;\"mild; closed\"\r\nS1;2;joy;1.000,5;;\r\n;;;;;\r\nS1;3\r\n",
+    );
+    let joy = &dataset.sequences[0];
+    assert_eq!((ids(&dataset), joy.fps), (vec!["S1_1".to_owned()], Some(12.5)));
+    // What is no number for us stays as it was written.
+    assert_eq!((joy.metadata["age"].as_str(), joy.metadata["note"].as_str()), ("23,5", "mild; closed"));
+    let failures = failures(&dataset);
+    assert_eq!((failures.len(), failures[0].1, failures[1].1), (2, "2", "3"));
+    assert!(failures[0].2.ends_with("line 3: fps is `1.000,5`; a positive number was expected"), "{failures:?}");
+    assert!(failures[1].2.ends_with("line 5: the row has 2 fields where the header has 6"), "{failures:?}");
+    let folder = tempfile::tempdir().unwrap();
+    write(&folder, MANIFEST_NAME, "subject;sequence;emotoin\nS1;1;joy\n");
+    assert!(open_error(&folder).ends_with("found `subject`, `sequence`, `emotoin`; is `emotoin` meant for `emotion`?"));
+}
+
+#[test]
 fn a_manifest_with_every_column_reads() {
     let (folder, dataset) = manifest(
         "\u{FEFF}nation,subject,sequence,emotion,frames,first_frame,last_frame,correspondences,landmarks,fps,note\r\n\
@@ -126,7 +144,7 @@ fn manifests_that_do_not_read_as_a_whole_are_errors() {
         open_error(&folder)
     };
     assert!(error(b"subject,emotion\nS1,fear\n").ends_with("has no column `sequence`; found `subject`, `emotion`"));
-    assert!(error(b"subject;sequence;emotion\n").contains("separated by commas"));
+    assert!(error(b"subject;sequence;emotion\n").ends_with("the manifest lists no sequence"));
     assert!(error(b"subject,sequence,emotion\n,,\n").ends_with("the manifest lists no sequence"));
     assert!(error(b"").contains("is empty"));
     assert!(error(b"\xFF\xFEs\0u\0").contains("not UTF-8"));

@@ -16,14 +16,14 @@ pub(super) enum Ends {
 }
 
 /// How fields end, as RFC 4180 has it.
-pub(super) fn end_of_fields(text: &[u8]) -> Ends {
+pub(super) fn end_of_fields(text: &[u8], separator: u8) -> Ends {
     let (mut inside, mut starts, mut closed) = (false, true, false);
     for &byte in text {
         match byte {
             b'"' if inside => (inside, closed) = (false, true),
             b'"' if starts || closed => (inside, starts, closed) = (true, false, false),
             _ if inside => {}
-            b',' => (starts, closed) = (true, false),
+            _ if byte == separator => (starts, closed) = (true, false),
             _ if closed => return Ends::Strange,
             _ => starts = false,
         }
@@ -57,11 +57,11 @@ pub(super) fn is_blank(text: &[u8]) -> bool {
     text.iter().all(u8::is_ascii_whitespace)
 }
 
-/// Fields of one line, as RFC 4180 has it; a quotation mark within an unquoted field is text.
-pub(super) fn split_fields(text: &[u8]) -> Result<Vec<Cow<'_, str>>, InputErrorKind> {
+/// Fields of one line, as RFC 4180 has it but for the separator, which is ASCII; a quotation mark within an unquoted field is text.
+pub(super) fn split_fields(text: &[u8], separator: u8) -> Result<Vec<Cow<'_, str>>, InputErrorKind> {
     let text = std::str::from_utf8(text).map_err(|e| InputErrorKind::NotUtf8 { byte: e.valid_up_to() + 1 })?;
     if !text.contains('"') {
-        return Ok(text.split(',').map(Cow::Borrowed).collect());
+        return Ok(text.split(char::from(separator)).map(Cow::Borrowed).collect());
     }
     let mut fields = Vec::new();
     let mut rest = Some(text);
@@ -70,7 +70,7 @@ pub(super) fn split_fields(text: &[u8]) -> Result<Vec<Cow<'_, str>>, InputErrorK
             Some(inside) => take_quoted(inside)?,
             None => (String::new(), text),
         };
-        let (plain, next) = after.split_once(',').map_or((after, None), |(plain, next)| (plain, Some(next)));
+        let (plain, next) = after.split_once(char::from(separator)).map_or((after, None), |(plain, next)| (plain, Some(next)));
         fields.push(if quoted.is_empty() { Cow::Borrowed(plain) } else { Cow::Owned(quoted + plain) });
         rest = next;
     }

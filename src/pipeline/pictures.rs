@@ -6,7 +6,9 @@ use std::{
 };
 
 use crate::{
-    dataset::{Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_NAME, is_picture, may_publish, visible},
+    dataset::{
+        Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_COLUMNS, MANIFEST_NAME, is_picture, may_publish, visible,
+    },
     input::CsvFile,
     sequence::{Frame, SequenceError, read_first_frame, read_frame},
 };
@@ -99,8 +101,8 @@ pub fn pictures_of(path: &Path) -> Result<(Vec<PictureSource>, Vec<String>), Bat
 /// Whether the manifest of a folder, if it has one, is meant to be one of ours: others keep lists of that name, too.
 fn is_dataset(folder: &Path) -> bool {
     let path = folder.join(MANIFEST_NAME);
-    path.exists()
-        && CsvFile::open(&path).is_ok_and(|csv| ["subject", "sequence", "emotion"].iter().any(|name| csv.column(name).is_some()))
+    let csv = path.exists().then(|| CsvFile::open(&path)?.or_semicolons(&MANIFEST_COLUMNS));
+    csv.is_some_and(|csv| csv.is_ok_and(|csv| MANIFEST_COLUMNS.iter().any(|name| csv.column(name).is_some())))
 }
 
 fn file(path: &Path) -> PictureSource {

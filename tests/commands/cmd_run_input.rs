@@ -19,7 +19,8 @@ fn a_manifest_is_read_as_spreadsheets_write_it() {
     plain.grimace("run faces -o out").exit(0);
     let crlf = format!("\u{feff}{}\r\n,,\r\n", PLAIN.replace('\n', "\r\n"));
     let quoted = "\"sequence\",\"subject\",\"emotion\"\n\"005\",\"S001\",\" Happiness \"\n005,S002,HAPPINESS\n\n";
-    for manifest in [crlf.as_str(), quoted] {
+    let semicolons = crlf.replace(',', ";");
+    for manifest in [crlf.as_str(), quoted, &semicolons] {
         let work = with_manifest(manifest);
         work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 2 tracked"]);
         assert_same_files(&plain.files("out"), &work.files("out"));
@@ -134,7 +135,8 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
     refused(b"subject,sequence,emotion,FPS\nS001,005,happiness,50\n", &["the column `FPS`", "if it is `fps`, name it so"]);
     refused(b"subject,sequence,emotion,Segment\nS001,005,happiness,auto\n", &["if it is `segment`, name it so"]);
     refused(b"sequence\n005\n", &["has no column `subject`, `emotion`"]);
-    refused(b"subject;sequence;emotion\nS001;005;happiness\n", &["columns are separated by commas"]);
+    refused(b"subject;sequence;emoton\nS001;005;happiness\n", &["found `subject`, `sequence`, `emoton`"]);
+    refused(b"subject\tsequence\temotion\nS001\t005\thappiness\n", &["columns are separated by commas"]);
     refused(b"", &["is empty; a header line was expected"]);
     refused(b"subject,sequence,emotion\n", &["the manifest lists no sequence"]);
     refused(b"subject,sequence,emotion,emotion\n", &["has the column `emotion` twice"]);

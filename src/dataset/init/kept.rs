@@ -3,7 +3,11 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{ProposedManifest, UNKNOWN_EMOTION};
-use crate::{dataset::DatasetError, input::CsvFile, text::composed};
+use crate::{
+    dataset::{DatasetError, MANIFEST_COLUMNS},
+    input::CsvFile,
+    text::composed,
+};
 
 /// What became of an earlier manifest.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -23,7 +27,7 @@ impl ProposedManifest {
     /// # Errors
     /// [`DatasetError`] when it does not read.
     pub fn keep(&mut self, path: &Path) -> Result<Kept, DatasetError> {
-        let csv = CsvFile::open(path)?;
+        let csv = CsvFile::open(path)?.or_semicolons(&MANIFEST_COLUMNS)?;
         let mut kept = Kept::default();
         let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
         let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
@@ -31,9 +35,15 @@ impl ProposedManifest {
         // All rows, before anything is changed.
         let mut earlier: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
         let field = |row: &[String], name: &str| csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default();
+        // The proposal is written with commas between its columns, and so with a point in its one number that is not whole.
+        let fps = csv.column("fps").filter(|_| csv.separator() == b';');
         for row in csv.rows() {
             let row = row?;
-            let fields: Vec<String> = (0..csv.header().len()).map(|k| row.get(k).to_owned()).collect();
+            let field_of = |k: usize| match row.number(k) {
+                Ok(number) if fps == Some(k) => number.to_string(),
+                _ => row.get(k).to_owned(),
+            };
+            let fields: Vec<String> = (0..csv.header().len()).map(field_of).collect();
             let named = composed(&field(&fields, "frames"));
             let default = composed(&format!("{}/{}", field(&fields, "subject"), field(&fields, "sequence")));
             let place = if named.is_empty() { default } else { named.trim_start_matches("./").trim_end_matches('/').to_owned() };
@@ -122,6 +132,15 @@ mod tests {
         manifest.keep(&path).unwrap();
         manifest.write(&path).unwrap();
         let expected = "subject,sequence,emotion,frames,publish\nA,1,joy,A/a.mp4,no\nA,2,fear,A/a.mp4,yes\nB,b,?,B/b.mp4,\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        // Tables of semicolons, with a decimal comma, become one of commas.
+        fs::write(&path, "subject;sequence;emotion;frames;fps\nA;a;joy;A/a.mp4;12,5\n").unwrap();
+        fs::write(&people, "subject;weight\nA;61,5\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.join_people(&people).unwrap();
+        manifest.keep(&path).unwrap();
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,weight,fps\nA,a,joy,A/a.mp4,\"61,5\",12.5\nB,b,?,B/b.mp4,,\n";
         assert_eq!(fs::read_to_string(&path).unwrap(), expected);
         fs::write(&path, "subject,sequence,emotion,frames\nA,a,joy,A/a.mp4,x,y,z\n").unwrap();
         let mut manifest = propose_manifest(folder.path()).unwrap();

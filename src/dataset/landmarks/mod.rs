@@ -8,7 +8,7 @@
 //! | `MediaPipe` | CSV as own, with 468 or 478 points; where they are shares of the picture, with `width` and `height`; so may the others | column `frame` | px from 0, or shares |
 //! | CK+ | a text file per frame, 68 lines `x y` | in the name, as of images | px, as they are |
 //!
-//! The form is recognized by content, columns by name. Inside the program the centre of the top-left pixel is (0, 0), y down.
+//! The form is recognized by content, columns by name; they may be separated by semicolons, and decimals of tables have commas then. Inside the program the centre of the top-left pixel is (0, 0), y down.
 //! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in
 //! their order. A frame is *lost* when its row says so (`success` 0, a confidence under the least one, or a coordinate missing: empty,
 //! NaN, NA or null).
@@ -149,7 +149,7 @@ pub enum LandmarksError {
         found: String,
     },
     /// A row with more fields than columns, as decimal commas make them.
-    #[error("{}, line {line}: {found} fields where the header has {expected}; are there decimal commas? write decimals with a point", path.display())]
+    #[error("{}, line {line}: {found} fields where the header has {expected}; are there decimal commas? write decimals with a point, or separate columns by semicolons", path.display())]
     ExtraFields {
         /// The file.
         path: PathBuf,

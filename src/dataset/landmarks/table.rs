@@ -13,9 +13,14 @@ use crate::{
     text::{excerpt, is_missing_word},
 };
 
+/// Opens a table, separated by commas or by semicolons.
+fn open(path: &Path) -> Result<CsvFile, InputError> {
+    CsvFile::open(path)?.or_semicolons(&["frame", "x0", "y0", "x_0", "y_0"])
+}
+
 /// Whether a file is a table of landmarks: it has a column `frame` and the first point's.
 pub(super) fn is_landmarks(path: &Path) -> bool {
-    form_of(path) == Form::Table && CsvFile::open(path).is_ok_and(|csv| !points(&csv).is_empty())
+    form_of(path) == Form::Table && open(path).is_ok_and(|csv| !points(&csv).is_empty())
 }
 
 /// Columns of x and y of the points 0, 1, ... as far as they go: `x0,y0` or, as `OpenFace` names them, `x_0,y_0`.
@@ -52,7 +57,7 @@ struct Row {
 
 /// Reads a table into `track`: of several faces the one asked for, else the one that is found in most frames, of equals the largest.
 pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
-    let csv = CsvFile::open(path)?;
+    let csv = open(path)?;
     let [frame] = csv.require(["frame"])?;
     let points = points(&csv);
     if points.len() != LANDMARK_COUNT && !mediapipe::COUNTS.contains(&points.len()) {
@@ -65,7 +70,9 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
     let columns = Columns { points, confidence, success, face: face_id, timestamp, size };
     let mut rows = Vec::new();
     for row in csv.rows() {
-        let row = row.map_err(|error| explained(error, ""))?;
+        // Between semicolons commas make no fields.
+        let as_it_is = csv.separator() == b';';
+        let row = row.map_err(|error| if as_it_is { error.into() } else { explained(error, "") })?;
         rows.push(read_row(&row, frame, &columns, track.least_confidence, path)?);
     }
     let mut faces: BTreeMap<String, Vec<Row>> = BTreeMap::new();

@@ -253,10 +253,24 @@ fn decimal_commas_are_named() {
     assert!(csv(&quoted).unwrap_err().ends_with("line 2: found `0,5`; write decimals with a point and columns with commas"));
     let bare = (header(68) + &row(1, 68)).replace("1,0,1000,", "1,0,5,1000,");
     assert!(csv(&bare).unwrap_err().contains("138 fields where the header has 137; are there decimal commas?"));
-    let semicolons = (header(68) + &row(1, 68)).replace(',', ";");
-    assert!(csv(&semicolons).unwrap_err().contains("columns are separated by commas"));
     let text = read_landmarks(text_folder(&[("a_1_landmarks.txt", "1,5 2,5\n".to_owned())]).path()).unwrap_err();
     assert!(text.to_string().contains("line 1: found `1,5 2,5`; write decimals with a point"));
+}
+
+#[test]
+fn tables_of_semicolons_may_have_decimal_commas() {
+    let commas = header(68) + &row(1, 68) + &row(2, 68).replace("2,0,2000,", "2,0.5,2000,");
+    let semicolons = format!("\u{feff}{}", commas.replace(',', ";").replace('.', ",").replace('\n', "\r\n"));
+    assert!(semicolons.contains("\r\n2;0,5;2000;"));
+    let track = csv(&semicolons).unwrap();
+    assert_eq!((track.frame(2).unwrap()[0], track.frames), (Point2::new(0.5, 2000.0), csv(&commas).unwrap().frames));
+    // Such a table is found in a folder, too.
+    let folder = text_folder(&[("a.csv", semicolons.clone()), ("marks.csv", "node;x;y\n1;2;3\n".to_owned())]);
+    assert_eq!(read_landmarks(folder.path()).unwrap().frames.len(), 2);
+    assert!(csv(&semicolons.replace("0,5", "")).unwrap().lost == [2]);
+    let error = |found: &str| csv(&semicolons.replace("0,5", found)).unwrap_err();
+    assert!(error("1.000,5").ends_with("line 3: x0 is `1.000,5`; a finite number was expected"), "{}", error("1.000,5"));
+    assert!(error("0;5").ends_with("line 3: the row has 138 fields where the header has 137"), "{}", error("0;5"));
 }
 
 #[test]
