@@ -7,7 +7,7 @@ use std::{
 
 use image::RgbImage;
 
-use super::webm::set_random_numbers;
+use super::packets::set_random_numbers;
 use crate::{
     companion::{
         Answer, Companion, CompanionError,

@@ -15,7 +15,6 @@ mod packets;
 mod still;
 mod stream;
 mod video;
-mod webm;
 
 use std::path::{Path, PathBuf};
 

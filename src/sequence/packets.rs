@@ -6,10 +6,11 @@
 mod avi;
 mod matroska;
 mod mp4;
+mod webm;
 
 use std::{io::Read, path::Path};
 
-pub(super) use self::avi::Walk;
+pub(super) use self::{avi::Walk, webm::set_random_numbers};
 
 /// How far a frame's time may be from that of its packet, s: containers and OpenCV round to milliseconds.
 const ROUNDED: f64 = 2e-3;

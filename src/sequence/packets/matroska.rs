@@ -7,14 +7,14 @@ use std::{
 };
 
 use super::{
-    super::webm::{
+    MOST_PACKETS, Packets,
+    webm::{
         element::{
             BLOCK, BLOCK_GROUP, CLUSTER, INFO, SEGMENT, SIMPLE_BLOCK, TIMESTAMP, TIMESTAMP_SCALE, TRACK_ENTRY, TRACK_NUMBER,
             TRACK_TYPE, TRACKS,
         },
         element_at, element_in,
     },
-    MOST_PACKETS, Packets,
 };
 
 /// Elements by their number (RFC 9559): those that others lie in, those that are read.

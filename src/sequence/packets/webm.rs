@@ -1,4 +1,4 @@
-//! Numbers drawn by chance in a `WebM` file, set to fixed ones.
+//! The elements of `WebM` and Matroska, and numbers drawn by chance among them, set to fixed ones.
 //!
 //! `FFmpeg` gives every track a random number (`TrackUID`) and repeats it where tags speak of the track; a Matroska file may have
 //! one for the segment too. They only have to differ within the file, so the first is 1, the second 2, and the same frames are
@@ -40,7 +40,7 @@ const MOST_DESCRIPTION: u64 = 1 << 20;
 ///
 /// # Errors
 /// When the file cannot be read or written.
-pub(super) fn set_random_numbers(path: &Path) -> io::Result<()> {
+pub(in super::super) fn set_random_numbers(path: &Path) -> io::Result<()> {
     let mut file = OpenOptions::new().read(true).write(true).open(path)?;
     let length = file.metadata()?.len();
     let mut known = BTreeMap::new();
