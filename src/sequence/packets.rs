@@ -32,10 +32,10 @@ pub(super) struct Packets {
 }
 
 impl Packets {
-    /// Reads the container; nothing where it is of another kind, or does not say.
-    pub(super) fn of(path: &Path) -> Option<Self> {
+    /// Reads the container; nothing where it is of another kind, or does not say. Of AVI its walk knows, which goes on from where it is.
+    pub(super) fn of(path: &Path, walk: Option<&mut Walk>) -> Option<Self> {
         let mut packets = match Container::of(path)? {
-            Container::Avi => Walk::of(path).and_then(Walk::packets).ok().flatten()?,
+            Container::Avi => walk?.packets().ok().flatten()?,
             Container::Matroska => matroska::read(path).ok()?,
             Container::Mp4 => mp4::read(path).ok().flatten()?,
         };

@@ -208,8 +208,8 @@ impl Losses {
         lost.then(|| self.count - 1)
     }
 
-    fn lose(&self, from: f64, to: f64, usual: f64) -> bool {
-        let packets = self.packets.get_or_init(|| Packets::of(&self.path));
+    fn lose(&mut self, from: f64, to: f64, usual: f64) -> bool {
+        let packets = self.packets.get_or_init(|| Packets::of(&self.path, self.walk.as_mut()));
         packets.as_ref().is_some_and(|packets| packets.lose(from, to, usual))
     }
 }

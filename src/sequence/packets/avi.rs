@@ -39,8 +39,8 @@ impl Walk {
         Ok(Self { file, length, at: 0, streams: 0, video, places, place: 0, has_ended: false, is_broken: false })
     }
 
-    /// The times of all pictures.
-    pub(super) fn packets(mut self) -> io::Result<Option<Packets>> {
+    /// The times of all pictures; those that were passed are not looked for again.
+    pub(super) fn packets(&mut self) -> io::Result<Option<Packets>> {
         while !self.has_ended {
             self.step()?;
         }
@@ -146,6 +146,14 @@ mod tests {
         file[junk..junk + 4].fill(0);
         std::fs::write(&path, &file).unwrap();
         assert_eq!((whole(2), whole(3)), (None, Some(2)));
+        // One walk tells the times at a gap and goes on to count, without the file's beginning.
+        let mut walk = Walk::of(&path).unwrap();
+        assert_eq!(walk.whole_before(1), None);
+        let passed = walk.at;
+        assert!(passed > 0 && walk.packets().unwrap().unwrap().times == [0.0, 0.08] && walk.at > passed);
+        let ended = walk.at;
+        assert_eq!((walk.whole_before(2), walk.whole_before(3), walk.at), (None, Some(2), ended));
+        assert_eq!(walk.packets().unwrap().unwrap().times, [0.0, 0.08]);
         // Cut within a picture: nothing follows that could be counted wrong.
         std::fs::write(&path, &file[..junk - 1]).unwrap();
         assert_eq!((whole(2), whole(3)), (None, None));

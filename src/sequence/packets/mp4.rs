@@ -148,7 +148,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mp4");
         std::fs::write(&path, file.concat()).unwrap();
-        let packets = Packets::of(&path).unwrap();
+        let packets = Packets::of(&path, None).unwrap();
         assert_eq!(packets.times, [0.08, 0.12, 0.16, 0.2]);
         assert_eq!(packets.origins, [0.08, 0.08, 0.08]);
         // Nothing is made of what promises more than there is.
