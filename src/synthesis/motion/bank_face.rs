@@ -1,0 +1,148 @@
+//! Candide-3's face beside a bank's.
+//!
+//! Everything but feature points in a CSV file is seen from the front: two-dimensional, in units of Candide-3's face. It is brought to the bank's face as
+//! the main job makes faces equal: each offset by the ratio of the FAPUs of its facial region, along x and along y. FAPUs of bank and
+//! Candide-3 are measured on the same feature points.
+
+use std::path::Path;
+
+use nalgebra::Vector2;
+
+use super::{Motion, MotionKind};
+use crate::{
+    model::DynamicExpressionModel,
+    normalize::Canonical,
+    plausible::{FaceSize, Implausible},
+    synthesis::{Bank, FpMotion, SynthesisError},
+    units::{FaceUnit, FeaturePoint, NodeId},
+    wireframe::{Face, Fapu, LidUnits},
+};
+
+/// An error of the file that a motion no face can make was read from.
+pub(super) fn implausible(path: &Path) -> impl Fn(Implausible) -> SynthesisError {
+    move |source| SynthesisError::Implausible { path: path.to_owned(), source }
+}
+
+/// The size of a bank's face: its eye separation; where it has no eyes, as much as its mesh measures from corner to corner.
+pub(super) fn face_size(bank: &Bank) -> FaceSize {
+    let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
+    let eye_separation = length(Fapu::Es, &at).filter(|es| *es > 0.0).unwrap_or_else(|| bank.mesh().diagonal());
+    FaceSize { eye_separation, unit: "of the bank's units" }
+}
+
+/// Candide-3's face beside the bank's.
+pub(super) struct BankFace<'b> {
+    bank: &'b Bank,
+    pub candide: Face,
+    pub canonical: Canonical,
+    /// Bank units per face unit, by FAPU.
+    pub scale: [f64; 5],
+}
+
+impl<'b> BankFace<'b> {
+    pub fn new(bank: &'b Bank, scale: Option<f64>) -> Result<Self, SynthesisError> {
+        let candide = Face::candide3();
+        let canonical = Canonical::new(&candide.wireframe, &candide.tables)?;
+        let scale = match scale {
+            Some(scale) if scale > 0.0 && scale.is_finite() => [scale; 5],
+            Some(scale) => {
+                let found = scale.to_string();
+                return Err(SynthesisError::Option { what: "the scale", found, expected: "a number greater than 0" });
+            }
+            None => {
+                let of_bank =
+                    |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
+                let of_candide = |fp: FeaturePoint| {
+                    let node = candide.tables.feature_point_nodes(fp)?.first()?;
+                    canonical.neutral.node(*node).map(|p| p.coords)
+                };
+                scale_of(&of_bank, &of_candide)?
+            }
+        };
+        Ok(Self { bank, candide, canonical, scale })
+    }
+
+    pub fn motion(
+        &self,
+        kind: MotionKind,
+        (model, lids): (&DynamicExpressionModel<FaceUnit>, LidUnits),
+        fps: Option<f64>,
+        path: &Path,
+    ) -> Result<Motion, SynthesisError> {
+        let (found, expected) = (model.node_count(), self.candide.wireframe.node_count());
+        if found != expected {
+            let reason = format!("{found} nodes; Candide-3 has {expected}");
+            return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+        }
+        FaceSize::CANONICAL.check_model(model).map_err(implausible(path))?;
+        let frames = (0..model.frame_count())
+            .map(|m| {
+                let offsets = model.neutral_offsets(m);
+                self.frame(|node| offsets.get(node.index()).map(|o| Vector2::new(o.x, o.y * lids.of_node(node))))
+            })
+            .collect();
+        Ok(Motion { kind, frames, fps, ignored: Vec::new(), not_shown: Vec::new(), scale: Some(self.scale) })
+    }
+
+    /// Whether a feature point of the bank goes with a node.
+    pub fn has(&self, node: NodeId) -> bool {
+        let mut nodes = self.bank.feature_points().iter().filter_map(|p| self.candide.tables.feature_point_nodes(p.fp));
+        nodes.any(|nodes| nodes.contains(&node))
+    }
+
+    /// The motion of the bank's feature points from node offsets, face units.
+    pub fn frame(&self, offset: impl Fn(NodeId) -> Option<Vector2<f64>>) -> FpMotion {
+        let ratio = |fapu: Fapu| Fapu::LENGTHS.iter().position(|&u| u == fapu).map_or(self.scale[1], |k| self.scale[k]);
+        let of_point = |fp: FeaturePoint| {
+            let nodes = self.candide.tables.feature_point_nodes(fp)?;
+            let known: Vec<Vector2<f64>> = nodes
+                .iter()
+                .filter_map(|&node| {
+                    let (x, y) = self.candide.tables.node_fapus(node);
+                    offset(node).map(|o| Vector2::new(o.x * ratio(x), o.y * ratio(y)))
+                })
+                .collect();
+            let sum: Vector2<f64> = known.iter().sum();
+            (!known.is_empty()).then(|| (sum / known.len() as f64).push(0.0))
+        };
+        FpMotion { offsets: self.bank.feature_points().iter().map(|p| of_point(p.fp)).collect(), planar: true }
+    }
+}
+
+/// Lengths of the bank over those of the canonical Candide-3 for the five FAPUs. A length that one of them lacks takes the ratio of the
+/// eye separation.
+fn scale_of(
+    bank: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>,
+    candide: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>,
+) -> Result<[f64; 5], SynthesisError> {
+    let ratio = |fapu: Fapu| {
+        let (bank, candide) = (length(fapu, bank)?, length(fapu, candide)?);
+        (bank > 0.0 && candide > 0.0).then(|| bank / candide)
+    };
+    let es = ratio(Fapu::Es).ok_or_else(|| SynthesisError::Scale {
+        reason: "the eye separation needs the corners of both eyes, feature points 3.7, 3.8, 3.11 and 3.12, left of each other"
+            .to_owned(),
+    })?;
+    Ok(Fapu::LENGTHS.map(|fapu| ratio(fapu).unwrap_or(es)))
+}
+
+/// A FAPU length of a bank's face, in its unit; `None` where its feature points are not there.
+pub fn fapu_length(bank: &Bank, fapu: Fapu) -> Option<f64> {
+    let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
+    length(fapu, &at).filter(|length| *length > 0.0)
+}
+
+/// A FAPU length by feature points of the skin; the pupils stand halfway between the corners of their eye.
+fn length(fapu: Fapu, at: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>) -> Option<f64> {
+    let at = |group: u8, point: u8| at(FeaturePoint { group, point });
+    let pupil = |outer: u8, inner: u8| Some((at(3, outer)? + at(3, inner)?) / 2.0);
+    let eyes = || Some((pupil(7, 11)?, pupil(12, 8)?));
+    match fapu {
+        Fapu::Irisd => Some(f64::midpoint(at(3, 1)?.y - at(3, 3)?.y, at(3, 2)?.y - at(3, 4)?.y)),
+        Fapu::Es => eyes().map(|(left, right)| left.x - right.x),
+        Fapu::Ens => eyes().and_then(|(left, right)| Some(f64::midpoint(left.y, right.y) - at(9, 15)?.y)),
+        Fapu::Mns => Some(at(9, 15)?.y - at(2, 2)?.y),
+        Fapu::Mw => Some(at(8, 3)?.x - at(8, 4)?.x),
+        Fapu::Au => None,
+    }
+}

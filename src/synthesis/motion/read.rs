@@ -1,0 +1,199 @@
+//! Motions from what other stages write: representatives, normalized models, tracks, FAP files, or a CSV file.
+
+use std::{collections::BTreeMap, path::Path};
+
+use nalgebra::{Vector2, Vector3};
+
+use super::{
+    Motion, MotionKind,
+    bank_face::{BankFace, face_size, implausible},
+};
+use crate::{
+    fap::{FapCatalog, FapMask, FapNumber, offsets_from_frame, read_fap},
+    input::CsvFile,
+    normalize::{NormalizeOptions, Normalizer},
+    plausible::FaceSize,
+    pose::without_turns,
+    positions::PositionTable,
+    synthesis::{Bank, FpMotion, SynthesisError},
+    text::excerpt,
+    track::{TrackInfo, read_track, read_track_info, track_model},
+    units::FeaturePoint,
+    wireframe::LidUnits,
+};
+
+/// Reads a motion for a bank. `scale` is in bank units per face unit and stands for the bank's FAPUs where these cannot be measured.
+///
+/// The kind is known by the name (`.fap`) or the header: a column `fp` for feature points, `state` for a track, else a model.
+///
+/// ```
+/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
+/// # let names = ["right", "up"].map(str::to_owned).to_vec();
+/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
+/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
+/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
+/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
+/// use grimace::synthesis::{MotionKind, read_motion};
+///
+/// // The two members of `bank` move all vertices by 1: to the right, and up.
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("motion.csv");
+/// std::fs::write(&path, "frame,fp,dx,dy,dz\n0,8.3,0,0,0\n1,8.3,0.25,0,0\n")?;
+/// let motion = read_motion(&path, &bank, None)?;
+/// assert_eq!((motion.kind, motion.frames.len()), (MotionKind::FeaturePoints, 2));
+/// assert_eq!(motion.frames[1].total_length(), 0.25);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// [`SynthesisError`] for files that do not read, for a bank without the feature points that its size is measured on, and for motions
+/// that have no feature point in common with the bank.
+pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motion, SynthesisError> {
+    let motion = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("fap")) {
+        read_fap_motion(path, &BankFace::new(bank, scale)?)?
+    } else {
+        let file = CsvFile::open(path)?;
+        if file.column("fp").is_some() {
+            read_points(&file, bank)?
+        } else if file.column("state").is_some() {
+            read_track_motion(path, &BankFace::new(bank, scale)?)?
+        } else if file.column("node").is_some() {
+            read_model(file, &BankFace::new(bank, scale)?)?
+        } else {
+            let found = excerpt(&file.header().join(","));
+            let reason = format!(
+                "the header is `{found}`; expected were frame,fp,dx,dy,dz (feature points), frame,node,x,y (a representative or a \
+                 normalized model) or frame,node,x,y,state,residual (a track)"
+            );
+            return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+        }
+    };
+    if motion.frames.iter().all(|f| f.offsets.iter().all(Option::is_none)) {
+        let found = bank.feature_points().iter().map(|p| p.fp.to_string()).collect();
+        return Err(SynthesisError::NothingInCommon { found });
+    }
+    Ok(motion)
+}
+
+fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
+    let size = face_size(bank);
+    let [frame, fp, dx, dy] = file.require(["frame", "fp", "dx", "dy"])?;
+    let dz = file.column("dz");
+    let mut frames: BTreeMap<u32, FpMotion> = BTreeMap::new();
+    let mut ignored = Vec::new();
+    let count = bank.feature_points().len();
+    let mut planar = dz.is_none();
+    for row in file.rows() {
+        let row = row?;
+        let point: FeaturePoint = row.get(fp).parse().map_err(|_| row.field_error(fp, "an MPEG-4 feature point such as 8.3"))?;
+        let depth = dz.filter(|&dz| !row.get(dz).is_empty());
+        planar |= depth.is_none();
+        let z = depth.map_or(Ok(0.0), |dz| row.number(dz))?;
+        let offset = Vector3::new(row.number(dx)?, row.number(dy)?, z);
+        let number = row.whole_number(frame)?;
+        for offset in [offset.xy(), offset.yz()] {
+            let named = || format!("feature point {point}");
+            size.check(number, named, offset, "its place in the neutral mesh").map_err(implausible(file.path()))?;
+        }
+        let motion = frames.entry(number).or_insert_with(|| FpMotion { offsets: vec![None; count], planar: false });
+        match bank.feature_point_index(point) {
+            None if !ignored.contains(&point) => ignored.push(point),
+            None => {}
+            Some(place) if motion.offsets[place].is_some() => {
+                return Err(row.field_error(fp, "one row for every feature point of a frame").into());
+            }
+            Some(place) => motion.offsets[place] = Some(offset),
+        }
+    }
+    frames.values_mut().for_each(|f| f.planar = planar);
+    let of = |frames| Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, not_shown: Vec::new(), scale: None };
+    filled(frames, of).map_err(|reason| SynthesisError::Motion { path: file.path().to_owned(), reason })
+}
+
+/// Key frames by their numbers with those between that are not there: on the curve of FAP files where they are evenly apart, else on a line.
+fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Motion) -> Result<Motion, String> {
+    /// Most frames in all.
+    const MOST: u32 = 100_000;
+    let (numbers, keys): (Vec<u32>, Vec<FpMotion>) = frames.into_iter().unzip();
+    let (Some(first), Some(last)) = (numbers.first(), numbers.last()) else { return Err("the table has no rows".to_owned()) };
+    if last - first > MOST {
+        return Err(format!("{} frames, numbered from {first} to {last}: number frames one after the other", numbers.len()));
+    }
+    let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    if let Some(&step) = steps.first().filter(|step| steps.iter().all(|other| other == *step)) {
+        return Ok(of(keys).with_frames_between(step as usize - 1));
+    }
+    let mut all = Vec::new();
+    for (pair, step) in keys.windows(2).zip(steps) {
+        let between = |k: u32| {
+            let share = f64::from(k) / f64::from(step);
+            let offset = |(a, b): (&Option<Vector3<f64>>, &Option<Vector3<f64>>)| Some((*a)?.lerp(&(*b)?, share));
+            FpMotion { offsets: pair[0].offsets.iter().zip(&pair[1].offsets).map(offset).collect(), planar: pair[0].planar }
+        };
+        all.push(pair[0].clone());
+        all.extend((1..step).map(between));
+    }
+    all.extend(keys.last().cloned());
+    Ok(of(all))
+}
+
+fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
+    let table = PositionTable::new(file)?;
+    let model = table.model()?;
+    face.motion(MotionKind::Model, (&model, LidUnits::CANONICAL), None, table.path())
+}
+
+fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
+    let (frames, info) = (read_track(path)?, read_track_info(path)?);
+    let (found, expected) = (frames.first().map_or(0, |f| f.nodes.len()), face.candide.wireframe.node_count());
+    if found != expected {
+        let reason = format!("{found} nodes; Candide-3 has {expected}");
+        return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+    }
+    let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
+    let fps = info.and_then(|info| info.fps);
+    // A head that turns would be taken for an expression.
+    let track = match without_turns(&face.candide, &frames, &marks) {
+        Some(track) => track,
+        None => track_model(&frames)?,
+    };
+    let normalizer = Normalizer::new(&face.candide.wireframe, &face.candide.tables, NormalizeOptions::default())?;
+    let model =
+        normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
+    // As in the FAP file of the same track.
+    let lids = normalizer.lid_units(track.neutral().nodes());
+    face.motion(MotionKind::Track, (&model, lids), fps, path)
+}
+
+/// A FAP file's motion. FAPs that no frame sets rest: FAPs are offsets from neutral, and a mixture in which feature points were free
+/// that the file does not speak of would close the eyes or open the mouth for the sake of a brow. So a file that sets few FAPs moves as
+/// the same file with the others at 0, as \[ZL\] have it, whose input is the motion of all 56 feature points, zero or not. A FAP that only
+/// some frames set is 0 in the others: files leave out what rests. What is unknown are points that no frontal FAP drives.
+fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
+    let mut sequence = read_fap(path)?.sequence;
+    let set = sequence.set_faps();
+    let catalog = FapCatalog::mpeg4();
+    let is_shown = |fap: FapNumber| {
+        let row = catalog.row(fap);
+        row.shows_from_front() && row.nodes.iter().any(|&node| face.has(node))
+    };
+    sequence.apply_mask(&FapMask::Set);
+    let not_shown = sequence.moving_faps().into_iter().filter(|&fap| !is_shown(fap)).collect();
+    for fap in FapNumber::low_level().filter(|fap| !set.contains(fap)) {
+        sequence.frames.iter_mut().for_each(|frame| frame.set_value(fap, Some(0.0)));
+    }
+    let mut frames = Vec::with_capacity(sequence.frames.len());
+    for (number, frame) in (0..).zip(&sequence.frames) {
+        let offsets = offsets_from_frame(frame, &face.canonical.fapus, catalog)?;
+        let (size, from) = (FaceSize::CANONICAL, "where the neutral face has it");
+        for (node, offset) in &offsets {
+            let offset = Vector2::new(offset.x.unwrap_or(0.0), offset.y.unwrap_or(0.0));
+            size.check(number, || format!("node {node}"), offset, from).map_err(implausible(path))?;
+        }
+        // An axis that no FAP drives rests with its point.
+        frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
+    }
+    let fps = Some(sequence.fps);
+    Ok(Motion { kind: MotionKind::Fap, frames, fps, ignored: Vec::new(), not_shown, scale: Some(face.scale) })
+}
