@@ -21,6 +21,7 @@ mod measured;
 mod method;
 mod model_file;
 mod neutral;
+mod overlays;
 mod parts;
 mod pictures;
 mod recognition;
@@ -75,6 +76,7 @@ pub use measured::normalize_track;
 pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use neutral::{NeutralFit, by_hand, fit_beside};
+pub use overlays::{OverlayFolder, overlay_pictures};
 pub use pictures::{PictureSource, pictures_of};
 pub use recognition::{
     NONE_LEVEL, RecognitionResults, RecognizedRow, left_out_said, recognition_header, recognition_record, write_recognition,
@@ -84,7 +86,7 @@ pub use recording::{
     segment_recording, segments_folder, write_recording, write_recording_film, write_segments,
 };
 pub use run::{Event, RunError, RunSummary, run};
-pub use sequence::{OverlayFolder, SequenceFailure, SequenceSource, overlay_pictures, track_one, track_pictures};
+pub use sequence::{SequenceFailure, SequenceSource, track_one, track_pictures};
 pub use showcase::{PORTRAIT_NAME, ReportFace, showcase_remarks, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, track_files, tracks_folder};
 pub use write::write_analysis;

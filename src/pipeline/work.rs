@@ -18,8 +18,8 @@ use super::{
     ledger::Ledger,
     measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
-    overlay_pictures,
-    sequence::{Labels, MACHINE, OverlayFolder, RunTrack, track_or_reuse, track_recorded},
+    overlays::{OverlayFolder, overlay_pictures},
+    sequence::{Labels, MACHINE, RunTrack, track_or_reuse, track_recorded},
     showcase::thumbnails,
 };
 use crate::{
