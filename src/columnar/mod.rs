@@ -15,6 +15,7 @@
 mod lengths;
 mod number;
 mod read;
+mod shared_file;
 mod write;
 
 use std::path::PathBuf;

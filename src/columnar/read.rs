@@ -2,10 +2,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs::File,
-    io::{self, Read, Seek, SeekFrom},
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
 };
 
 use nalgebra::{Point2, Vector2};
@@ -14,13 +11,14 @@ use parquet::{
     column::reader::{ColumnReader, get_typed_column_reader},
     data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type, Int64Type},
     errors::ParquetError,
-    file::reader::{ChunkReader, FileReader, Length, SerializedFileReader},
+    file::reader::{FileReader, SerializedFileReader},
 };
 
 use super::{
     ColumnarError, ID, NAMES, coordinate,
     lengths::{PageLengths, check_footer},
     number::Number,
+    shared_file::SharedFile,
 };
 use crate::{
     foreign::caught,
@@ -33,76 +31,6 @@ use crate::{
     text::message,
     units::{FaceUnit, NodeId, SequenceId},
 };
-
-/// A file that is read at places, by one thread at a time.
-#[derive(Clone)]
-struct SharedFile {
-    file: Arc<Mutex<File>>,
-    length: u64,
-}
-
-impl SharedFile {
-    fn read_at(&self, start: u64, buffer: &mut [u8]) -> io::Result<()> {
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.seek(SeekFrom::Start(start))?;
-        file.read_exact(buffer)
-    }
-}
-
-/// A part of a [`SharedFile`] as a stream.
-struct Stream {
-    file: SharedFile,
-    at: u64,
-}
-
-impl Read for Stream {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let left = usize::try_from(self.file.length.saturating_sub(self.at)).unwrap_or(usize::MAX);
-        let count = buffer.len().min(left);
-        self.file.read_at(self.at, &mut buffer[..count])?;
-        self.at += count as u64;
-        Ok(count)
-    }
-}
-
-impl Length for SharedFile {
-    fn len(&self) -> u64 {
-        self.length
-    }
-}
-
-impl ChunkReader for SharedFile {
-    type T = io::BufReader<Stream>;
-
-    fn get_read(&self, start: u64) -> Result<Self::T, ParquetError> {
-        Ok(io::BufReader::new(Stream { file: self.clone(), at: start }))
-    }
-
-    fn get_bytes(&self, start: u64, length: usize) -> Result<bytes::Bytes, ParquetError> {
-        if start.checked_add(length as u64).is_none_or(|end| end > self.length) {
-            return Err(ParquetError::EOF(format!("{length} bytes at {start} of a file of {}", self.length)));
-        }
-        let mut buffer = vec![0; length];
-        self.read_at(start, &mut buffer)?;
-        Ok(buffer.into())
-    }
-}
-
-impl SharedFile {
-    /// The metadata at the end of the file, without its length and the mark behind it; `None` where these are not.
-    fn footer(&self) -> io::Result<Option<Vec<u8>>> {
-        const TAIL: u64 = 8;
-        let Some(tail_at) = self.length.checked_sub(TAIL) else { return Ok(None) };
-        let mut tail = [0; TAIL as usize];
-        self.read_at(tail_at, &mut tail)?;
-        let [a, b, c, d, mark @ ..] = tail;
-        let length = u64::from(u32::from_le_bytes([a, b, c, d]));
-        let Some(start) = tail_at.checked_sub(length).filter(|_| &mark == b"PAR1") else { return Ok(None) };
-        let mut footer = vec![0; length as usize];
-        self.read_at(start, &mut footer)?;
-        Ok(Some(footer))
-    }
-}
 
 /// Most bytes of text in a column over the bytes of the file.
 const MOST_TEXT: u64 = 64;
@@ -165,7 +93,7 @@ impl ColumnarModels {
         let io_error = |reason| ColumnarError::Io { path: path.to_owned(), reason };
         let file = crate::input::open_or_stdin(path).map_err(io_error)?;
         let length = file.metadata().map_err(io_error)?.len();
-        let shared = SharedFile { file: Arc::new(Mutex::new(file)), length };
+        let shared = SharedFile::new(file, length);
         let damaged = |reason: String| ColumnarError::Parquet { path: path.to_owned(), reason };
         let footer = shared.footer().map_err(io_error)?.ok_or_else(|| damaged("no Parquet footer at its end".to_owned()))?;
         check_footer(&footer).map_err(damaged)?;
