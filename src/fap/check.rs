@@ -3,7 +3,7 @@
 use super::{
     catalog::{Directionality, FapCatalog, FapNumber},
     finding::{Finding, Findings, Rule, Severity},
-    reader::{ParsedFap, parse_fap},
+    parser::{ParsedFap, parse_fap},
     sequence::FapFrame,
 };
 

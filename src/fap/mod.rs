@@ -13,6 +13,7 @@ mod convert;
 mod finding;
 mod interpolate;
 mod mask;
+mod parser;
 mod profile;
 mod reader;
 mod sequence;

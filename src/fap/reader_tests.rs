@@ -1,6 +1,6 @@
 //! Tests of the tolerant reader: what known tools write, and what none of them does.
 
-use super::*;
+use super::{super::finding::Rule, *};
 
 /// A mask line with the given FAPs set.
 fn mask(faps: &[usize]) -> String {

@@ -240,7 +240,7 @@ pub fn fap_text(sequence: &FapSequence, profile: Profile, values: ValueFormat) -
 mod tests {
     use proptest::prelude::*;
 
-    use super::{super::reader::parse_fap, *};
+    use super::{super::parser::parse_fap, *};
     use crate::fap::{FapFrame, Finding, Severity};
 
     fn fap(number: u8) -> FapNumber {
