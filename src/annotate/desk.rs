@@ -18,7 +18,8 @@ use nalgebra::Point2;
 use super::{
     AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, RequestError,
     found::propose_from_face,
-    frames::{FrameList, FrameShelf, Picture, picture_frames},
+    frames::{FrameList, FrameShelf, Picture},
+    item::{Item, confidence, cut, find, frames_of, manifest_blake3, no_sequence, picture_entry, version},
     live::LiveFrame,
     manifest_edit::{manifest_text, relative, set_fields},
     messages::{List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved},
@@ -32,19 +33,6 @@ use crate::{
     sequence::{ImageSize, read_first_frame},
     units::SequenceId,
 };
-
-/// How sure it is that a sequence which `segment` proposed is one.
-fn confidence(entry: &SequenceEntry) -> Option<f64> {
-    entry.metadata.get("confidence")?.trim().parse().ok().filter(|c| (0.0..=1.0).contains(c))
-}
-
-struct Item {
-    entry: SequenceEntry,
-    /// The manifest has it, as far as is known.
-    listed: bool,
-    marks: usize,
-    frames: Option<FrameList>,
-}
 
 /// A dataset on the desk.
 pub struct Desk {
@@ -447,74 +435,4 @@ impl Desk {
         }
         Ok(())
     }
-}
-
-/// One picture as a sequence of one frame, its marks beside it as a `.csv` of its name.
-fn picture_entry(path: &Path) -> SequenceEntry {
-    let name = path.file_stem().unwrap_or_default().to_string_lossy().replace('_', "-");
-    SequenceEntry {
-        id: SequenceId { subject: name, sequence: "picture".to_owned() },
-        emotion: String::new(),
-        frames_path: path.to_owned(),
-        first_frame: None,
-        last_frame: None,
-        correspondences_path: None,
-        default_correspondences_path: path.with_extension("csv"),
-        landmarks_paths: Vec::new(),
-        fps: None,
-        metadata: BTreeMap::new(),
-    }
-}
-
-fn frames_of(entry: &SequenceEntry) -> Result<FrameSource, RequestError> {
-    if is_picture(&entry.frames_path) {
-        return Ok(picture_frames(&entry.frames_path));
-    }
-    entry.frames().map_err(RequestError::refused)
-}
-
-fn no_sequence(id: &str) -> RequestError {
-    RequestError::NotFound(format!("there is no sequence {id}"))
-}
-
-fn find<'a>(items: &'a mut [Item], id: &str) -> Result<&'a mut Item, RequestError> {
-    items.iter_mut().find(|item| item.entry.id.to_string() == id).ok_or_else(|| no_sequence(id))
-}
-
-/// Neutral and apex frame of a sequence: those that the manifest names, else the first and the last; and what is to be said where it names
-/// one that is not there, before anything is marked on another.
-fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32, Option<String>), RequestError> {
-    let none = || RequestError::Refused("the sequence has no frames".to_owned());
-    let (first, last) = (*frames.numbers.first().ok_or_else(none)?, *frames.numbers.last().ok_or_else(none)?);
-    let is_there = |n: &u32| frames.numbers.binary_search(n).is_ok();
-    let named = [
-        ("first_frame", entry.first_frame, "F makes another one the neutral one"),
-        ("last_frame", entry.last_frame, "L makes another one the apex"),
-    ];
-    let missing = named.iter().find_map(|(column, named, key)| Some((column, named.filter(|n| !is_there(n))?, key)));
-    let problem = missing.map(|(column, number, key)| {
-        format!("{column} is {number} in the manifest, and there are frames {first} to {last} only: {key}; until then nothing is saved")
-    });
-    let (neutral, apex) = (entry.first_frame.filter(is_there), entry.last_frame.filter(is_there));
-    Ok((neutral.unwrap_or(first), apex.unwrap_or(last), problem))
-}
-
-fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
-    crate::input::read(path).ok().map(|bytes| blake3::hash(&bytes))
-}
-
-/// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.
-fn version(entry: &SequenceEntry) -> String {
-    let mut hasher = blake3::Hasher::new();
-    match crate::input::read(entry.marks_path()) {
-        Ok(bytes) => hasher.update(&[1]).update(&bytes),
-        Err(_) => hasher.update(&[0]),
-    };
-    let SequenceEntry { frames_path, first_frame, last_frame, landmarks_paths, .. } = entry;
-    // The path of the marks, not who names it: the first save enters the default path into the manifest.
-    for path in [entry.marks_path(), frames_path].into_iter().chain(landmarks_paths.iter().map(PathBuf::as_path)) {
-        hasher.update(path.as_os_str().as_encoded_bytes()).update(&[0]);
-    }
-    hasher.update(format!("{first_frame:?} {last_frame:?}").as_bytes());
-    hasher.finalize().to_hex()[..16].to_owned()
 }

@@ -11,6 +11,7 @@
 mod desk;
 mod found;
 mod frames;
+mod item;
 mod live;
 mod manifest_edit;
 mod messages;
