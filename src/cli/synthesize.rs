@@ -8,11 +8,10 @@ use std::{
 use super::{
     Outcome,
     apart::{all, check_apart, maybe},
-    bank,
-    numbers::{self, within},
-    portrait,
+    bank, portrait,
     progress::frame_bar,
-    shared::{about, are, gain, positive, set_threads, thread_count},
+    shared::{about, are, set_threads, thread_count},
+    synthesize_options::{FRAME_RATES, SearchArgs, TimeArgs},
     synthesize_report::Report,
     unfinished::Unfinished,
 };
@@ -24,9 +23,8 @@ use grimace::{
     output::{count, listed, write_json},
     pipeline::{PipelineOptions, Workbench},
     synthesis::{
-        Animation, BLX_ALPHA, BOUND_STARTS, Bank, Crossover, EmbeddedBank, FrameAnswer, GENERATIONS, GaOptions, HeadTexture,
-        Motion, OVERLAP, RegionScheme, SMOOTHING_FRAMES, Signs, Solver, SynthesisOptions, Synthesizer, TOURNAMENT_SIZE, arkit,
-        compare_with_truth, read_motion, write_gltf,
+        Animation, Bank, EmbeddedBank, FrameAnswer, HeadTexture, Motion, Solver, Synthesizer, arkit, compare_with_truth,
+        read_motion, write_gltf,
     },
 };
 
@@ -102,164 +100,8 @@ enum Format {
     Pictures,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum SolverWord {
-    /// The fittest member alone
-    Best,
-    /// Radial basis functions, without the bank
-    Rbf,
-    /// Non-negative least squares
-    Nnls,
-    /// The genetic algorithm as published
-    Ga,
-    /// The genetic algorithm, then a climb from its answer
-    Refined,
-    /// The best of climbs from many starts
-    Cosine,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum CrossoverWord {
-    Midpoint,
-    Line,
-    Blx,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum SignsWord {
-    /// Any for motion in space, nonnegative for motion in the plane
-    Auto,
-    /// Members may be subtracted
-    Any,
-    /// Mixtures only
-    Nonnegative,
-}
-
-/// Options of the search.
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Search")]
-struct SearchArgs {
-    /// How weights are found
-    #[arg(long, value_enum, default_value = "refined")]
-    solver: SolverWord,
-    /// Regions of the face that are searched each by itself: 1, 2 (right, left) or 4 (these, upper and lower)
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = regions)]
-    regions: usize,
-    /// Width of the overlap of two regions over the width of the face
-    #[arg(long, default_value_t = OVERLAP, value_name = "SHARE", value_parser = positive)]
-    overlap: f64,
-    /// Emphasis level c: a factor on the motion
-    #[arg(short = 'c', long, default_value_t = 1.0, value_name = "C", value_parser = positive)]
-    emphasis: f64,
-    /// Crossover of the genetic algorithm
-    #[arg(long, value_enum, default_value = "line")]
-    crossover: CrossoverWord,
-    /// Alpha of the BLX crossover
-    #[arg(long, default_value_t = BLX_ALPHA)]
-    alpha: f64,
-    /// Generations
-    #[arg(long, default_value_t = GENERATIONS, value_name = "N", value_parser = numbers::count(0, 1_000_000))]
-    generations: usize,
-    /// Individuals; by default as many as the bank has members
-    #[arg(long, value_name = "N", value_parser = numbers::count(1, 100_000))]
-    population: Option<usize>,
-    /// Individuals drawn per generation
-    #[arg(long, default_value_t = TOURNAMENT_SIZE, value_name = "N", value_parser = numbers::count(1, 100_000))]
-    tournament: usize,
-    /// Independent runs, of which the best counts
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = numbers::count(1, 10_000))]
-    runs: usize,
-    /// Seed of every draw
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Which weights refinement and bound allow
-    #[arg(long, value_enum, default_value = "auto")]
-    weights: SignsWord,
-    /// Starts of the search for the bound of the fitness; 0 for no bound
-    #[arg(long, default_value_t = BOUND_STARTS, value_name = "N", value_parser = numbers::count(0, 100_000))]
-    bound_starts: usize,
-}
-
-/// Time and scale.
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Time and scale")]
-struct TimeArgs {
-    /// Width of the smoothing in time, frames; 0 for none
-    #[arg(long, default_value_t = SMOOTHING_FRAMES, value_name = "FRAMES")]
-    smooth: f64,
-    /// Frames put between every two of the motion; by default 5 for representatives and models, 0 for others. A motion with a frame rate
-    /// of its own (a track, a FAP file) takes as long as before
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
-    between: Option<u16>,
-    /// Frames per second; by default what the motion says, or 25
-    #[arg(long, value_parser = frame_rate)]
-    fps: Option<f64>,
-    /// Feature points that never move this share of the farthest moving one count as at rest; by default 0.05 for measured motion, 0 for
-    /// a CSV file of feature points
-    #[arg(long, value_name = "SHARE")]
-    noise: Option<f64>,
-    /// Hold the last frame for half a second and go back to the first: it plays round and round without a jump
-    #[arg(long = "loop")]
-    there_and_back: bool,
-    /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units
-    #[arg(long, value_parser = gain, value_name = "FACTOR")]
-    scale: Option<f64>,
-}
-
 /// Most frames that are synthesized.
 const MOST_FRAMES: f64 = 360_000.0;
-
-/// Frames per second that times in single precision tell apart.
-const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.001..=10_000.0;
-
-fn frame_rate(text: &str) -> Result<f64, String> {
-    within(text, FRAME_RATES, "0.001 to 10000")
-}
-
-fn regions(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|regions| [1, 2, 4].contains(regions)).ok_or_else(|| "expected 1, 2 or 4".to_owned())
-}
-
-impl SearchArgs {
-    fn options(&self, smoothing_frames: f64) -> anyhow::Result<SynthesisOptions> {
-        let crossover = match self.crossover {
-            CrossoverWord::Midpoint => Crossover::Midpoint,
-            CrossoverWord::Line => Crossover::Line,
-            CrossoverWord::Blx => Crossover::Blx { alpha: self.alpha },
-        };
-        let ga = GaOptions {
-            population: self.population,
-            tournament: self.tournament,
-            generations: self.generations,
-            crossover,
-            runs: self.runs,
-            seed: self.seed,
-        };
-        let options = SynthesisOptions {
-            solver: match self.solver {
-                SolverWord::Best => Solver::Best,
-                SolverWord::Rbf => Solver::Rbf,
-                SolverWord::Nnls => Solver::Nnls,
-                SolverWord::Ga => Solver::Ga,
-                SolverWord::Refined => Solver::Refined,
-                SolverWord::Cosine => Solver::Cosine,
-            },
-            ga,
-            regions: RegionScheme::of_count(self.regions)?,
-            overlap: self.overlap,
-            emphasis: self.emphasis,
-            smoothing_frames,
-            bound_starts: self.bound_starts,
-            signs: match self.weights {
-                SignsWord::Auto => Signs::Auto,
-                SignsWord::Any => Signs::Any,
-                SignsWord::Nonnegative => Signs::Nonnegative,
-            },
-        };
-        options.check()?;
-        Ok(options)
-    }
-}
 
 /// Files that a motion and a truth may be called, or a portrait.
 const NAMES: [&str; 8] = [
