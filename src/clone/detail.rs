@@ -5,7 +5,8 @@
 //! the same factor. Both pictures are carried into the geometry of the target's photograph by the mesh; the ratio of their grey
 //! levels counts less where it cannot be trusted: slow changes (light, exposure) are taken out, strong edges of the source's two
 //! frames (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
-//! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target.
+//! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target, where these are
+//! the target's own or asked for.
 
 use std::sync::Arc;
 
