@@ -121,8 +121,9 @@ struct Window {
     dy: Values,
     /// 1 in the window, 0 beyond it.
     inside: Values,
-    /// The pixels of the second frame.
+    /// The pixels of the second frame, and from where on they were read.
     pixels: Values,
+    read_at: Option<(i32, i32)>,
     scharr: Scharr,
 }
 
@@ -402,8 +403,9 @@ impl Window {
     /// Takes grey values and derivatives of the first frame at a place.
     #[inline(always)]
     fn fill(&mut self, level: &Level, corner: &Corner) {
-        let Self { side, grey, dx, dy, pixels, scharr, .. } = self;
+        let Self { side, grey, dx, dy, pixels, read_at, scharr, .. } = self;
         let row = *side + 1;
+        *read_at = None;
         level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
         lanes_mut(grey).iter_mut().zip(corner.between(pixels, row)).for_each(|(out, grey)| *out = grey);
         // One more in a row and one row more, to be read between; two pixels more around these.
@@ -423,12 +425,24 @@ impl Window {
         }
     }
 
+    /// Reads the second frame's pixels at a place, unless they are there: most steps of a search go less than a pixel. [`Window::fill`] begins
+    /// with another level.
+    #[inline(always)]
+    fn read(&mut self, level: &Level, corner: &Corner) {
+        let at = Some((corner.x, corner.y));
+        if self.read_at != at {
+            let row = self.side + 1;
+            level.read(corner.x, corner.y, row, self.grey.len() + row + 1, &mut self.pixels);
+            self.read_at = at;
+        }
+    }
+
     /// Sums of the products of either derivative with the second frame's grey values at a place less those of the first.
     #[inline(always)]
     fn mismatch(&mut self, level: &Level, corner: &Corner) -> (f32, f32) {
+        self.read(level, corner);
         let Self { side, grey, dx, dy, pixels, .. } = self;
         let row = *side + 1;
-        level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
         let (mut along_x, mut along_y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
         let first = lanes(grey).iter().zip(lanes(dx).iter().zip(lanes(dy)));
         for ((grey, (dx, dy)), now) in first.zip(corner.between(pixels, row)) {
@@ -444,9 +458,9 @@ impl Window {
     /// Mean difference of the second frame's grey values at a place to those of the first, grey levels.
     #[inline(always)]
     fn difference(&mut self, level: &Level, corner: &Corner) -> f64 {
+        self.read(level, corner);
         let Self { side, grey, inside, pixels, .. } = self;
         let row = *side + 1;
-        level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
         let mut sum = 0.0;
         for ((grey, inside), now) in lanes(grey).iter().zip(lanes(inside)).zip(corner.between(pixels, row)) {
             let mut sums = [0.0_f32; LANES];
