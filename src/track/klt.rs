@@ -184,19 +184,18 @@ impl PointTracker for Klt {
     fn gradients(&self, slot: Slot, window_px: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
         let image = self.image(slot)?;
         let half = (window_px / 2).min(self.max_window as u32 / 2) as i32;
-        let side = 2 * half as usize + 1;
         let mut scharr = Scharr::default();
-        let matrix = |point: &Point2<f64>| {
-            let centre = |at: f64, size: i32| at.round().clamp(-1.0 - f64::from(half), f64::from(size + half)) as i32;
-            let (x, y) = (centre(point.x, image.width), centre(point.y, image.height));
-            // Outside the image derivatives are zero and do not count.
-            scharr.fill(image, (x - half, y - half), side);
-            let inside = |at: i32, size: i32| f64::from(((at + half + 1).min(size) - (at - half).max(0)).max(0));
-            let count = inside(x, image.width) * inside(y, image.height);
-            let sums = scharr.products(side).map(|sum| sum * (SCHARR * SCHARR));
-            Matrix2::new(sums[0], sums[1], sums[1], sums[2]) / count.max(1.0)
-        };
-        Ok(points.iter().map(matrix).collect())
+        Ok(widest(
+            #[inline(always)]
+            || {
+                // No `map`: what the standard library calls is compiled for four.
+                let mut matrices = Vec::with_capacity(points.len());
+                for point in points {
+                    matrices.push(scharr.mean_products(image, point, half));
+                }
+                matrices
+            },
+        ))
     }
 
     fn patch(&self, slot: Slot, points: &[Point2<f64>], margin: f64, smoothing: f64) -> Result<Option<Patch>, TrackError> {
@@ -368,19 +367,43 @@ impl Scharr {
         }
     }
 
+    /// Mean products of derivatives, squared grey levels per px, in the window of 2 `half` + 1 px around a point.
+    #[inline(always)]
+    fn mean_products(&mut self, image: &Level, point: &Point2<f64>, half: i32) -> Matrix2<f64> {
+        let side = 2 * half as usize + 1;
+        let centre = |at: f64, size: i32| at.round().clamp(-1.0 - f64::from(half), f64::from(size + half)) as i32;
+        let (x, y) = (centre(point.x, image.width), centre(point.y, image.height));
+        // Outside the image derivatives are zero and do not count.
+        self.fill(image, (x - half, y - half), side);
+        let inside = |at: i32, size: i32| f64::from(((at + half + 1).min(size) - (at - half).max(0)).max(0));
+        let count = inside(x, image.width) * inside(y, image.height);
+        let sums = self.products(side).map(|sum| sum * (SCHARR * SCHARR));
+        Matrix2::new(sums[0], sums[1], sums[1], sums[2]) / count.max(1.0)
+    }
+
     /// Sums of products of the derivatives: x with x, x with y, y with y. They are whole numbers, so the sums are exact in any order.
     #[inline(always)]
     fn products(&self, side: usize) -> [f64; 3] {
-        let mut sums = [0.0; 3];
+        const HALF: usize = LANES / 2;
+        let mut sums = [[0.0; HALF]; 3];
         for (dx, dy) in self.dx.chunks_exact(side + 2).zip(self.dy.chunks_exact(side + 2)).take(side) {
-            for (dx, dy) in dx[..side].iter().zip(&dy[..side]) {
+            let ((dx, dx_rest), (dy, dy_rest)) = (dx[..side].as_chunks::<HALF>(), dy[..side].as_chunks::<HALF>());
+            for (dx, dy) in dx.iter().zip(dy) {
+                let (dx, dy) = (dx.map(f64::from), dy.map(f64::from));
+                for k in 0..HALF {
+                    sums[0][k] += dx[k] * dx[k];
+                    sums[1][k] += dx[k] * dy[k];
+                    sums[2][k] += dy[k] * dy[k];
+                }
+            }
+            for (dx, dy) in dx_rest.iter().zip(dy_rest) {
                 let (dx, dy) = (f64::from(*dx), f64::from(*dy));
-                sums[0] += dx * dx;
-                sums[1] += dx * dy;
-                sums[2] += dy * dy;
+                sums[0][0] += dx * dx;
+                sums[1][0] += dx * dy;
+                sums[2][0] += dy * dy;
             }
         }
-        sums
+        sums.map(|lanes| lanes.iter().sum())
     }
 }
 
