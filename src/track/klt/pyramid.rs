@@ -45,13 +45,13 @@ impl Level {
     /// Fills the border from the image.
     fn mirror(&mut self) {
         let (width, height, border) = (self.width, self.height, self.border);
-        for y in 0..height {
-            let at = self.offset(0, y);
-            for k in 1..=border {
-                let (left, right) = (mirrored(-k, width) as usize, mirrored(width - 1 + k, width) as usize);
-                self.pixels[at - k as usize] = self.pixels[at + left];
-                self.pixels[at + (width - 1 + k) as usize] = self.pixels[at + right];
-            }
+        // The same in every row: what stands left of the image, and right of it.
+        let sources = |from: i32| (from..from + border).map(|x| (mirrored(x, width) + border) as usize).collect::<Vec<_>>();
+        let (left, right) = (sources(-border), sources(width));
+        let begin = self.offset(-border, 0);
+        for row in self.pixels[begin..].chunks_exact_mut(self.stride.max(1)).take(height as usize) {
+            left.iter().enumerate().for_each(|(k, from)| row[k] = row[*from]);
+            right.iter().enumerate().for_each(|(k, from)| row[(border + width) as usize + k] = row[*from]);
         }
         for y in (-border..0).chain(height..height + border) {
             let (from, to) = (self.offset(-border, mirrored(y, height)), self.offset(-border, y));
