@@ -12,6 +12,7 @@ use super::{
     ImageSize,
     still::{Wanted, decode},
 };
+use crate::simd::widest;
 
 /// Why bytes are not an image.
 ///
@@ -166,15 +167,37 @@ pub(super) fn other_pixels(image: &DynamicImage) -> DecodeError {
 
 /// The grey of colours, as it is defined for every file but JPEG, whose luma channel is taken as it is.
 pub fn grey_of(image: &RgbImage) -> GrayImage {
-    let values = image.as_raw().as_chunks().0.iter().map(|p| grey8(*p)).collect();
+    let values = widest(
+        #[inline(always)]
+        || greys(image.as_raw()),
+    );
     GrayImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
 }
 
-#[inline]
+/// Colours that become grey at once.
+const LANES: usize = 16;
+
+#[inline(always)]
+fn greys(colours: &[u8]) -> Vec<u8> {
+    let mut values = Vec::with_capacity(colours.len() / 3);
+    let (blocks, rest) = colours.as_chunks::<{ 3 * LANES }>();
+    for block in blocks {
+        let mut greys = [0; LANES];
+        for k in 0..LANES {
+            greys[k] = grey8([block[3 * k], block[3 * k + 1], block[3 * k + 2]]);
+        }
+        values.extend_from_slice(&greys);
+    }
+    values.extend(rest.as_chunks().0.iter().map(|colour| grey8(*colour)));
+    values
+}
+
+#[inline(always)]
 fn weighted([r, g, b]: [u32; 3]) -> u32 {
     (9798 * r + 19235 * g + 3735 * b + 16384) >> 15
 }
 
+#[inline(always)]
 fn grey8(rgb: [u8; 3]) -> u8 {
     weighted(rgb.map(u32::from)) as u8
 }
