@@ -157,10 +157,12 @@ impl Eye {
         if !enough || !opening.is_finite() {
             return None;
         }
+        // The lids' heights are the same in every row of every picture.
+        let heights = columns().map(|u| [&chain_above, &chain_below].map(|chain| height_at(chain, u))).collect::<Vec<_>>();
         let picture = |k: usize| {
             let [down, up] = [DOWN.at((k % DOWN.count) as f64), UP.at((k / DOWN.count) as f64)];
-            let levels = samples(|u, v| {
-                let (lid, lower) = (height_at(&chain_above, u), height_at(&chain_below, u));
+            let levels = samples(|column, u, v| {
+                let [lid, lower] = heights[column];
                 let opening = (lower - lid).max(0.0);
                 let (gone, raised) = (opening * down.min(1.0 - up), opening * up);
                 let above = lid + gone - v;
@@ -244,16 +246,26 @@ impl Eye {
 
     /// Correlations of the eye, taken to be off by a little, with its pictures.
     fn correlations(&self, image: &GrayImage, place: &Place, [off_u, off_v]: [f64; 2]) -> Option<Vec<f64>> {
-        let seen = normalized(samples(|u, v| level(image, place.at(u + off_u, v + off_v))))?;
+        let seen = normalized(samples(|_, u, v| level(image, place.at(u + off_u, v + off_v))))?;
         Some(self.pictures.iter().map(|picture| f64::from(dot(picture, &seen))).collect())
     }
 }
 
-/// What a function of the places compared has there, row by row.
-fn samples(value: impl Fn(f64, f64) -> f32) -> Vec<f32> {
-    let spread = |(from, to): (f64, f64), k: usize, count: usize| from + (to - from) * k as f64 / (count - 1) as f64;
-    let rows = (0..ROWS).map(|row| spread(BELOW, row, ROWS));
-    rows.flat_map(|v| (0..COLUMNS).map(move |column| (spread(ALONG, column, COLUMNS), v))).map(|(u, v)| value(u, v)).collect()
+/// The place of one of `count`, evenly spread.
+fn spread((from, to): (f64, f64), k: usize, count: usize) -> f64 {
+    from + (to - from) * k as f64 / (count - 1) as f64
+}
+
+/// The columns of places that are compared, shares of the eye's width.
+fn columns() -> impl Iterator<Item = f64> {
+    (0..COLUMNS).map(|column| spread(ALONG, column, COLUMNS))
+}
+
+/// What a function of the places compared, and of their column's number, has there, row by row.
+fn samples(value: impl Fn(usize, f64, f64) -> f32) -> Vec<f32> {
+    let value = &value;
+    let row = |row: usize| columns().enumerate().map(move |(column, u)| value(column, u, spread(BELOW, row, ROWS)));
+    (0..ROWS).flat_map(row).collect()
 }
 
 /// Height of a lid, whose nodes ascend along the eye, at a place along it.
@@ -296,9 +308,13 @@ fn normalized(mut levels: Vec<f32>) -> Option<Vec<f32>> {
 /// Sum of products, in lanes that always add up alike.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0_f32; 8];
-    for (a, b) in a.chunks(8).zip(b.chunks(8)) {
-        lanes.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..8 {
+            lanes[k] += a[k] * b[k];
+        }
     }
+    lanes.iter_mut().zip(a_rest.iter().zip(b_rest)).for_each(|(sum, (a, b))| *sum += a * b);
     lanes.iter().sum()
 }
 
