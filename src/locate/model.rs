@@ -137,9 +137,11 @@ impl Matrices {
             let (part, rest) = bytes.split_at(size);
             bytes = rest;
             let (scales, numbers) = part.split_at(count.div_ceil(row) * 4);
-            let scales: Vec<f32> = scales.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-            let numbers = numbers.chunks_exact(2).map(|b| f32::from(i16::from_le_bytes([b[0], b[1]])));
-            let values: Vec<f32> = numbers.enumerate().map(|(k, n)| n * scales[k / row]).collect();
+            let scales = scales.as_chunks().0.iter().map(|scale| f32::from_le_bytes(*scale));
+            let mut values = Vec::with_capacity(*count);
+            for (line, scale) in numbers.chunks(row.saturating_mul(2)).zip(scales) {
+                values.extend(line.as_chunks().0.iter().map(|number| f32::from(i16::from_le_bytes(*number)) * scale));
+            }
             if !values.iter().all(|v| v.is_finite()) {
                 return Err(format!("{name}: numbers that are not finite"));
             }
