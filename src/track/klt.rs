@@ -407,6 +407,29 @@ impl Scharr {
     }
 }
 
+/// Values between two rows, rounded: of each and of the one to its right, by `weights` of the upper two and the lower two.
+#[inline(always)]
+fn mix_rows(upper: &[f32], lower: &[f32], weights: [f32; 4], out: &mut [f32]) {
+    let [w00, w01, w10, w11] = weights;
+    // The last whole block reaches back into the one before it, so that nothing is left over that is not a block.
+    let blocks = if out.len() < LANES { 0 } else { out.len().div_ceil(LANES) };
+    for block in 0..blocks {
+        let begin = (block * LANES).min(out.len() - LANES);
+        let (upper, lower) = (&upper[begin..=begin + LANES], &lower[begin..=begin + LANES]);
+        let out = &mut out[begin..begin + LANES];
+        for k in 0..LANES {
+            let sum = upper[k] * w00 + upper[k + 1] * w01 + lower[k] * w10 + lower[k + 1] * w11;
+            out[k] = (sum + ROUND) - ROUND;
+        }
+    }
+    if blocks == 0 {
+        for (k, out) in out.iter_mut().enumerate() {
+            let sum = upper[k] * w00 + upper[k + 1] * w01 + lower[k] * w10 + lower[k + 1] * w11;
+            *out = (sum + ROUND) - ROUND;
+        }
+    }
+}
+
 impl Window {
     fn resize(&mut self, side: usize) {
         if side == self.side {
@@ -438,12 +461,7 @@ impl Window {
         for (raw, out) in [(&scharr.dx, dx), (&scharr.dy, dy)] {
             let rows = raw.chunks_exact(wide).zip(raw[wide..].chunks_exact(wide));
             for (out, (upper, lower)) in out.chunks_exact_mut(row).zip(rows).take(*side) {
-                let above = upper.iter().zip(&upper[1..]);
-                let below = lower.iter().zip(&lower[1..]);
-                for (out, ((a, b), (c, d))) in out.iter_mut().zip(above.zip(below)).take(*side) {
-                    let sum = a * w00 + b * w01 + c * w10 + d * w11;
-                    *out = (sum + ROUND) - ROUND;
-                }
+                mix_rows(upper, lower, [w00, w01, w10, w11], &mut out[..*side]);
             }
         }
     }
