@@ -227,22 +227,27 @@ impl Skyline {
         let layout = Arc::clone(&self.layout);
         // One over the diagonal so far: a division in every entry would wait for the one before it.
         let mut inverses = Vec::with_capacity(layout.first.len());
-        for row in 0..layout.first.len() {
+        // Both rows of a node begin at the same column, and are made side by side.
+        for row in (0..layout.first.len()).step_by(2) {
             let first = layout.first[row];
             let (above, own) = self.values.split_at_mut(layout.at(row, first));
+            let (upper, lower) = own.split_at_mut(row - first + 1);
             for (column, inverse) in (first..row).zip(&inverses[first..row]) {
                 let from = first.max(layout.first[column]);
                 let other = &above[layout.at(column, from)..layout.at(column, column)];
-                let sum = own[column - first] - dot(&own[from - first..column - first], other);
-                own[column - first] = sum * inverse;
+                let (begin, end) = (from - first, column - first);
+                let sums = dots([&upper[begin..end], &lower[begin..end]], other);
+                upper[end] = (upper[end] - sums[0]) * inverse;
+                lower[end] = (lower[end] - sums[1]) * inverse;
             }
-            let (before, diagonal) = own[..=row - first].split_at_mut(row - first);
-            let rest = diagonal[0] - dot(before, before);
-            if !(rest > 0.0 && rest.is_finite()) {
-                return false;
-            }
-            diagonal[0] = rest.sqrt();
-            inverses.push(1.0 / diagonal[0]);
+            let (before, diagonal) = upper.split_at_mut(row - first);
+            let Some(inverse) = finish(before, &mut diagonal[0]) else { return false };
+            inverses.push(inverse);
+            let (before_both, last) = lower.split_at_mut(row - first);
+            last[0] = (last[0] - dot(before_both, before)) * inverse;
+            let (before, diagonal) = lower.split_at_mut(row - first + 1);
+            let Some(inverse) = finish(before, &mut diagonal[0]) else { return false };
+            inverses.push(inverse);
         }
         true
     }
@@ -273,19 +278,49 @@ impl Skyline {
     }
 }
 
+/// Makes the last entry of a factor's row, the others being there, and says what one over it is; `None` where the matrix is not positive definite.
+#[inline(always)]
+fn finish(before: &[f64], diagonal: &mut f64) -> Option<f64> {
+    let rest = *diagonal - dot(before, before);
+    (rest > 0.0 && rest.is_finite()).then(|| {
+        *diagonal = rest.sqrt();
+        1.0 / *diagonal
+    })
+}
+
 /// The sum of products of two lists, in eight lanes: the same on every machine.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
-    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a.zip(b) {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    for (a, b) in a.iter().zip(b) {
         for k in 0..8 {
             lanes[k] += a[k] * b[k];
         }
     }
+    total(lanes, a_rest, b_rest)
+}
+
+/// [`dot`] of two lists with a third one.
+#[inline(always)]
+fn dots([a, b]: [&[f64]; 2], with: &[f64]) -> [f64; 2] {
+    let mut lanes = [[0.0; 8]; 2];
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    let (with, rest) = with.as_chunks::<8>();
+    for ((a, b), with) in a.iter().zip(b).zip(with) {
+        for k in 0..8 {
+            lanes[0][k] += a[k] * with[k];
+            lanes[1][k] += b[k] * with[k];
+        }
+    }
+    [total(lanes[0], a_rest, rest), total(lanes[1], b_rest, rest)]
+}
+
+/// The sum of lanes and of the products that are left over.
+#[inline(always)]
+fn total([p, q, r, s, t, u, v, w]: [f64; 8], a: &[f64], b: &[f64]) -> f64 {
+    let rest: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
     // Halves, so that vectors of any width are added as they are.
-    let [p, q, r, s, t, u, v, w] = lanes;
     ((p + t) + (r + v)) + ((q + u) + (s + w)) + rest
 }
 

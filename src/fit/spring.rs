@@ -18,7 +18,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::skyline::{Layout, Skyline};
-use crate::{units::NodeId, wireframe::Wireframe};
+use crate::{simd::widest, units::NodeId, wireframe::Wireframe};
 
 /// How a node is driven.
 ///
@@ -227,7 +227,11 @@ impl Springs {
             displacement[i] -= force;
             displacement[j] += force;
         }
-        if !system.factor() {
+        let is_definite = widest(
+            #[inline(always)]
+            || system.factor(),
+        );
+        if !is_definite {
             return Err(SpringError::Singular);
         }
         system.solve(&mut displacement);
