@@ -13,6 +13,9 @@ const SMALLEST_SIDE: usize = 24;
 /// Places that are read at once.
 const LANES: usize = 8;
 
+/// Added to a whole number below 2^23, the last bits of the sum are that number.
+const ROUND: f32 = 8_388_608.0;
+
 /// Between the corners of a pixel's square, the upper ones first: shares of the way to the right and down.
 #[inline(always)]
 fn between(corners: [f32; 4], [right, down]: [f32; 2]) -> f32 {
@@ -54,26 +57,26 @@ impl Level {
     /// What [`Level::sample`] reads at `count` places from `start` on, `step` apart; several at a time, by the same sums in the same order.
     #[inline(always)]
     fn sample_row(&self, start: Point, step: Point, count: usize, out: &mut Vec<f32>) {
-        let place = |column: usize, axis: usize| start[axis] + step[axis] * column as f32;
+        // By way of 32 bits, of which vectors are made.
+        let place = |column: usize, axis: usize| start[axis] + step[axis] * column as i32 as f32;
         let whole = if self.width < 2 || self.height < 2 { 0 } else { count - count % LANES };
         let last = [(self.width - 1) as f32, (self.height - 1) as f32];
-        let before_last = [self.width as i32 - 2, self.height as i32 - 2];
         for base in (0..whole).step_by(LANES) {
-            let (mut at, mut shares) = ([[0_i32; LANES]; 2], [[0.0_f32; LANES]; 2]);
+            let (mut at, mut shares) = ([[0_u32; LANES]; 2], [[0.0_f32; LANES]; 2]);
             for axis in 0..2 {
                 for k in 0..LANES {
                     let value = place(base + k, axis).clamp(0.0, last[axis]);
-                    at[axis][k] = (value as i32).min(before_last[axis]);
-                    shares[axis][k] = value - at[axis][k] as f32;
+                    let pixel = value.floor().min(last[axis] - 1.0);
+                    at[axis][k] = (pixel + ROUND).to_bits() & 0x7F_FFFF;
+                    shares[axis][k] = value - pixel;
                 }
             }
             let mut corners = [[0.0_f32; LANES]; 4];
             for k in 0..LANES {
                 let upper = at[1][k] as usize * self.width + at[0][k] as usize;
-                let lower = upper + self.width;
-                if let (Some(u), Some(l)) = (self.pixels.get(upper..upper + 2), self.pixels.get(lower..lower + 2)) {
-                    (corners[0][k], corners[1][k], corners[2][k], corners[3][k]) = (u[0], u[1], l[0], l[1]);
-                }
+                let Some(square) = self.pixels.get(upper..).and_then(|rest| rest.get(..self.width + 2)) else { continue };
+                let (Some(u), Some(l)) = (square.first_chunk::<2>(), square.last_chunk::<2>()) else { continue };
+                (corners[0][k], corners[1][k], corners[2][k], corners[3][k]) = (u[0], u[1], l[0], l[1]);
             }
             let mut values = [0.0_f32; LANES];
             for k in 0..LANES {
