@@ -34,9 +34,9 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use self::{
-    normal::{Compared, MIN_SAMPLES, NormalEquations, Sums, mean_difference, places},
+    normal::{Compared, MIN_SAMPLES, Mean, NormalEquations, Sums, places},
     patch::{LANES, Texture},
-    sampler::{Group, Sample, Sampler},
+    sampler::{Group, Sampler},
     surface::{Quadratic, Shares, border, doubled_area, openings, quadratics},
 };
 use crate::{
@@ -150,8 +150,9 @@ struct Face {
     shares: Vec<Shares>,
     /// Where the blocks of its nodes lie in the system.
     places: Vec<BlockPlaces>,
-    samples: Vec<Sample>,
+    /// Its samples, and how many there are.
     groups: Vec<Group>,
+    count: usize,
 }
 
 /// The skin of the neutral frame.
@@ -176,9 +177,9 @@ struct Room {
     ties: Skyline,
     system: Skyline,
     pull: Vec<Vector2<f64>>,
-    /// Samples compared, and how many of each triangle.
+    /// Samples compared, group by group, and what those of each triangle have in common.
     compared: Vec<Compared>,
-    counts: Vec<usize>,
+    means: Vec<Mean>,
     sizes: Vec<f64>,
     sums: Sums,
     levels: Vec<[[f64; 4]; 2]>,
@@ -222,18 +223,18 @@ impl Template {
             let points = corners.map(|i| neutral[i]);
             let places = places(&motion, ties.springs.layout());
             let samples = sampler.samples(points);
-            let groups = samples.chunks(LANES).map(Group::new).collect();
+            let (groups, count) = (samples.chunks(LANES).map(Group::new).collect(), samples.len());
             let shares = motion.shares();
-            Face { corners, doubled_area: doubled_area(points), motion, shares, places, samples, groups }
+            Face { corners, doubled_area: doubled_area(points), motion, shares, places, groups, count }
         };
-        let faces = triangles.into_iter().zip(motions).map(face).filter(|f| f.samples.len() >= MIN_SAMPLES).collect();
+        let faces: Vec<Face> = triangles.into_iter().zip(motions).map(face).filter(|f| f.count >= MIN_SAMPLES).collect();
         let room = Room {
             texture,
             ties: ties.springs.clone(),
             system: ties.springs.clone(),
             pull: vec![Vector2::zeros(); live.len()],
-            compared: Vec::new(),
-            counts: Vec::new(),
+            compared: vec![Compared::default(); faces.iter().map(|face| face.groups.len()).sum()],
+            means: Vec::new(),
             sizes: Vec::new(),
             sums: Sums::default(),
             levels: Vec::new(),
@@ -324,26 +325,27 @@ impl Template {
     /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked.
     #[inline(always)]
     fn add_skin(&mut self, places: &[Point2<f64>], gain: f64, with_matrix: bool) {
-        let Room { texture, system, pull, compared, counts, sizes, sums, levels, .. } = &mut self.room;
-        compared.clear();
-        counts.clear();
+        let Room { texture, system, pull, compared, means, sizes, sums, levels, .. } = &mut self.room;
+        means.clear();
         sizes.clear();
+        let mut rest = compared.as_mut_slice();
         for face in &self.faces {
-            let before = compared.len();
-            face.compare(texture, places, &self.neutral, compared);
-            let list = &compared[before..];
-            let (mean, _) = mean_difference(list);
-            let compared = list.iter().step_by(SCALE_STRIDE).filter(|[.., inside]| *inside > 0.0);
-            sizes.extend(compared.map(|[difference, ..]| (f64::from(*difference) - mean).abs()));
-            counts.push(list.len());
+            let (list, behind) = rest.split_at_mut(face.groups.len());
+            rest = behind;
+            let mean = face.compare(texture, places, &self.neutral, list);
+            if mean.count > 0 {
+                let counted = list.as_flattened().iter().step_by(SCALE_STRIDE).filter(|[.., inside]| *inside > 0.0);
+                sizes.extend(counted.map(|[difference, ..]| (f64::from(*difference) - mean.difference).abs()));
+            }
+            means.push(mean);
         }
         let scale = (median(sizes).unwrap_or(0.0) * MAD_TO_SIGMA).max(SCALE_FLOOR) * CAUCHY_SCALE;
         let mut rest = compared.as_slice();
-        for (face, count) in self.faces.iter().zip(counts) {
-            let (list, behind) = rest.split_at(*count);
+        for (face, mean) in self.faces.iter().zip(&*means) {
+            let (list, behind) = rest.split_at(face.groups.len());
             rest = behind;
-            let Some(normal) = NormalEquations::new(&face.samples, list, scale, with_matrix, sums) else { continue };
-            let density = face.doubled_area.abs() / 2.0 / face.samples.len() as f64;
+            let Some(normal) = NormalEquations::new(&face.groups, (list, mean), scale, with_matrix, sums) else { continue };
+            let density = face.doubled_area.abs() / 2.0 / face.count as f64;
             let gain = gain * density / (self.unit_area * normal.variance);
             normal.add_right(&face.motion, gain, pull);
             normal.add_matrix(&face.motion, &face.shares, &face.places, gain, levels, system);
@@ -354,23 +356,24 @@ impl Template {
 impl Face {
     /// Reads the current frame at the samples, with the live nodes at `places`; nothing for a folded triangle.
     #[inline(always)]
-    fn compare(&self, texture: &Texture, places: &[Point2<f64>], neutral: &[Point2<f64>], out: &mut Vec<Compared>) {
+    fn compare(&self, texture: &Texture, places: &[Point2<f64>], neutral: &[Point2<f64>], out: &mut [Compared]) -> Mean {
         if doubled_area(self.corners.map(|i| places[i])) / self.doubled_area <= MIN_AREA_SHARE {
-            return;
+            return Mean::default();
         }
         let control = self.motion.values(|node| places[node] - neutral[node]).map(|d| [d.x as f32, d.y as f32]);
-        let start = out.len();
-        out.resize(start + self.samples.len(), Compared::default());
-        let parts = out[start..].chunks_mut(LANES).zip(self.samples.chunks(LANES));
-        for (group, (out, samples)) in self.groups.iter().zip(parts) {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (group, out) in self.groups.iter().zip(out) {
             let readings = texture.read(&group.moved(&control));
-            for ((out, sample), reading) in out.iter_mut().zip(samples).zip(readings) {
-                let grey = sample.grey * reading[3];
-                for k in 0..4 {
-                    out[k] = reading[k] - FIRST[k] * grey;
+            for k in 0..LANES {
+                let grey = group.grey[k] * readings[k][3];
+                for part in 0..4 {
+                    out[k][part] = readings[k][part] - FIRST[part] * grey;
                 }
+                sum += f64::from(out[k][0]);
+                count += readings[k][3];
             }
         }
+        Mean { difference: sum / f64::from(count.max(1.0)), count: count as usize }
     }
 }
 

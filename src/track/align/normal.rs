@@ -3,7 +3,8 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::{
-    sampler::{QUARTICS, Sample, quartic},
+    patch::{LANES, Lanes},
+    sampler::{Group, QUARTICS, quartic},
     surface::{Quadratic, Shares},
 };
 use crate::fit::{BlockPlaces, Layout, Skyline};
@@ -23,19 +24,28 @@ const BRIGHTNESS_SIGMA: f64 = 20.0;
 /// Place of the first control value that is no corner.
 const EDGES: usize = 3;
 
-/// A sample's grey difference to the neutral frame, the current frame's gradient there along x and y, and 1; all 0 where the current frame says
-/// nothing.
-pub type Compared = [f32; 4];
+/// Of each sample of a group, its grey difference to the neutral frame, the current frame's gradient there along x and y, and 1; all 0 where the
+/// current frame says nothing.
+pub type Compared = [[f32; 4]; LANES];
 
 /// The mean grey difference of a triangle's samples, and how many of them there are.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mean {
+    pub difference: f64,
+    pub count: usize,
+}
+
+/// The differences of a group's samples from a level, and what they weigh by their size times `inverse`.
 #[inline(always)]
-pub fn mean_difference(list: &[Compared]) -> (f64, usize) {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for [difference, .., inside] in list {
-        sum += f64::from(*difference);
-        count += inside;
+fn weighed(group: &Group, list: &Compared, level: f32, inverse: f32) -> [Lanes; 2] {
+    let (mut rests, mut weights) = ([0.0; LANES], [0.0; LANES]);
+    for k in 0..LANES {
+        let [difference, .., inside] = list[k];
+        let rest = difference - level;
+        rests[k] = rest;
+        weights[k] = group.nearness[k] * inside / (1.0 + (rest * inverse) * (rest * inverse));
     }
-    (sum / f64::from(count.max(1.0)), count as usize)
+    [rests, weights]
 }
 
 /// Room for the sums over the samples of a triangle.
@@ -46,7 +56,7 @@ pub fn mean_difference(list: &[Compared]) -> (f64, usize) {
 #[derive(Clone, Debug, Default)]
 pub struct Sums {
     /// Of each sample, its weight times the products of its gradient, and nothing.
-    factors: Vec<[f32; 4]>,
+    factors: Vec<[[f32; 4]; LANES]>,
     /// Sums of Jacobians along x and y, and of these times the differences. They stand here as a whole: as variables of which some are not
     /// used they would be computed one by one.
     rows: [[f32; 8]; 4],
@@ -67,32 +77,40 @@ pub struct NormalEquations {
 
 impl NormalEquations {
     #[inline(always)]
-    pub fn new(samples: &[Sample], list: &[Compared], scale: f64, with_matrix: bool, room: &mut Sums) -> Option<Self> {
-        let (mean, count) = mean_difference(list);
-        if count < MIN_SAMPLES {
+    pub fn new(
+        groups: &[Group],
+        (list, mean): (&[Compared], &Mean),
+        scale: f64,
+        with_matrix: bool,
+        room: &mut Sums,
+    ) -> Option<Self> {
+        if mean.count < MIN_SAMPLES {
             return None;
         }
+        let mean = mean.difference;
         let (level, inverse) = (mean as f32, 1.0 / scale as f32);
         // Sums of weights w, differences r from their mean, Jacobian J, and their products.
         let (mut sum, mut sum_r, mut sum_rr) = (0.0f64, 0.0f64, 0.0f64);
         let mut rows = [[0.0f32; 8]; 4];
-        room.factors.resize(list.len(), [0.0; 4]);
-        for ((sample, [difference, gx, gy, inside]), factors) in samples.iter().zip(list).zip(&mut room.factors) {
-            let r = difference - level;
-            let w = sample.nearness * inside / (1.0 + (r * inverse) * (r * inverse));
-            let wr = w * r;
-            sum += f64::from(w);
-            sum_r += f64::from(wr);
-            sum_rr += f64::from(wr * r);
-            let [x, y, xr, yr] = [w * gx, w * gy, wr * gx, wr * gy];
-            #[allow(clippy::needless_range_loop)]
-            for k in 0..8 {
-                rows[0][k] += x * sample.weights[k];
-                rows[1][k] += y * sample.weights[k];
-                rows[2][k] += xr * sample.weights[k];
-                rows[3][k] += yr * sample.weights[k];
+        room.factors.resize(list.len(), [[0.0; 4]; LANES]);
+        for ((group, list), factors) in groups.iter().zip(list).zip(&mut room.factors) {
+            let [rests, weights] = weighed(group, list, level, inverse);
+            for n in 0..LANES {
+                let ([_, gx, gy, _], r, w) = (list[n], rests[n], weights[n]);
+                let wr = w * r;
+                sum += f64::from(w);
+                sum_r += f64::from(wr);
+                sum_rr += f64::from(wr * r);
+                let [x, y, xr, yr] = [w * gx, w * gy, wr * gx, wr * gy];
+                let control = &group.controls[n].weights;
+                for k in 0..8 {
+                    rows[0][k] += x * control[k];
+                    rows[1][k] += y * control[k];
+                    rows[2][k] += xr * control[k];
+                    rows[3][k] += yr * control[k];
+                }
+                factors[n] = [x * gx, x * gy, y * gy, 0.0];
             }
-            *factors = [x * gx, x * gy, y * gy, 0.0];
         }
         room.rows = rows;
         if sum < MIN_WEIGHT {
@@ -112,7 +130,7 @@ impl NormalEquations {
             })
         });
         let level = sum_j.map(|row| row.map(|value| value / divisor.sqrt()));
-        let products = if with_matrix { Some(room.products(samples)) } else { None };
+        let products = if with_matrix { Some(room.products(groups)) } else { None };
         Some(Self { products, level, right, variance })
     }
 
@@ -192,14 +210,16 @@ impl NormalEquations {
 impl Sums {
     /// Sums of products of the control weights, by the samples' factors.
     #[inline(always)]
-    fn products(&mut self, samples: &[Sample]) -> [[[f64; 6]; 6]; 3] {
+    fn products(&mut self, groups: &[Group]) -> [[[f64; 6]; 6]; 3] {
         let mut sums = [[0.0f32; QUARTICS]; 3];
-        for (factors, sample) in self.factors.iter().zip(samples) {
-            #[allow(clippy::needless_range_loop)]
-            for k in 0..QUARTICS {
-                sums[0][k] += factors[0] * sample.quartics[k];
-                sums[1][k] += factors[1] * sample.quartics[k];
-                sums[2][k] += factors[2] * sample.quartics[k];
+        for (factors, group) in self.factors.iter().zip(groups) {
+            for n in 0..LANES {
+                let (factors, quartics) = (factors[n], &group.controls[n].quartics);
+                for k in 0..QUARTICS {
+                    sums[0][k] += factors[0] * quartics[k];
+                    sums[1][k] += factors[1] * quartics[k];
+                    sums[2][k] += factors[2] * quartics[k];
+                }
             }
         }
         self.products = sums;

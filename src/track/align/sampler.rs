@@ -74,23 +74,33 @@ fn quartics(barycentric: [f64; 3]) -> [f32; QUARTICS] {
     out
 }
 
-/// A place on the skin of the neutral frame.
+/// A place on the skin of the neutral frame, and its grey value there.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    pub at: [f32; 2],
-    pub grey: f32,
-    pub nearness: f32,
-    /// Weights of the triangle's six control values, and two zeros.
+    at: [f32; 2],
+    grey: f32,
+    nearness: f32,
+    control: Control,
+}
+
+/// What the control values of a triangle have to do with a sample.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Control {
+    /// Weights of the six control values, and two zeros.
     pub weights: [f32; 8],
     /// The quartics that their products are made of.
     pub quartics: [f32; QUARTICS],
 }
 
-/// Where up to [`LANES`] samples of a triangle are: places, and the weights of the control values.
+/// Up to [`LANES`] samples of a triangle: places, weights of the control values, grey values, nearness; zeros where they are fewer. What is
+/// read at once stands side by side, so that little memory is gone through for each.
 #[derive(Clone, Debug)]
 pub struct Group {
     at: [Lanes; 2],
     weights: [Lanes; 6],
+    pub grey: Lanes,
+    pub nearness: Lanes,
+    pub controls: [Control; LANES],
 }
 
 impl Group {
@@ -98,7 +108,10 @@ impl Group {
         let each = |value: &dyn Fn(&Sample) -> f32| std::array::from_fn(|k| samples.get(k).map_or(0.0, value));
         Self {
             at: std::array::from_fn(|axis| each(&|sample| sample.at[axis])),
-            weights: std::array::from_fn(|control| each(&|sample| sample.weights[control])),
+            weights: std::array::from_fn(|control| each(&|sample| sample.control.weights[control])),
+            grey: each(&|sample| sample.grey),
+            nearness: each(&|sample| sample.nearness),
+            controls: std::array::from_fn(|k| samples.get(k).map_or_else(Control::default, |sample| sample.control)),
         }
     }
 
@@ -155,7 +168,8 @@ impl Sampler<'_> {
             if let Some([grey, ..]) = self.texture.read_one(at) {
                 let mut weights = [0.0; 8];
                 weights[..6].copy_from_slice(&Quadratic::weights(inner));
-                out.push(Sample { at, grey, nearness: nearness as f32, weights, quartics: quartics(inner) });
+                let control = Control { weights, quartics: quartics(inner) };
+                out.push(Sample { at, grey, nearness: nearness as f32, control });
             }
         }
         out
