@@ -2,6 +2,8 @@
 
 use nalgebra::DMatrix;
 
+use crate::simd::widest;
+
 /// Numbers of a row that are multiplied at once.
 const LANES: usize = 4;
 
@@ -31,9 +33,20 @@ impl Rows {
         &mut self.cells[first..].as_flattened_mut()[..self.size]
     }
 
-    /// The blocks of one place, row by row.
-    fn column(&self, place: usize) -> impl Iterator<Item = &[f64; LANES]> {
-        self.cells.get(place..).unwrap_or_default().iter().step_by(self.blocks.max(1))
+    /// Sums of the products of block `i` of every row with block `j` of as many others.
+    #[inline(always)]
+    fn products(&self, i: usize, others: &Self, j: usize) -> [[f64; LANES]; LANES] {
+        let mut sums = [[0.0; LANES]; LANES];
+        let rows = self.cells.chunks_exact(self.blocks.max(1)).zip(others.cells.chunks_exact(self.blocks.max(1)));
+        for (a, b) in rows {
+            let (a, b) = (&a[i], &b[j]);
+            for p in 0..LANES {
+                for q in 0..LANES {
+                    sums[p][q] += a[p] * b[q];
+                }
+            }
+        }
+        sums
     }
 
     /// Adds a row that is a mixture of others.
@@ -44,14 +57,10 @@ impl Rows {
     /// Adds `A'B` to the lower triangle of a matrix of their length; A are these rows, B as many others of the same length.
     pub fn add_products(&self, others: &Self, to: &mut DMatrix<f64>) {
         for (i, j) in (0..self.blocks).flat_map(|i| (0..=i).map(move |j| (i, j))) {
-            let mut sums = [[0.0; LANES]; LANES];
-            for (a, b) in self.column(i).zip(others.column(j)) {
-                for p in 0..LANES {
-                    for q in 0..LANES {
-                        sums[p][q] += a[p] * b[q];
-                    }
-                }
-            }
+            let sums = widest(
+                #[inline(always)]
+                || self.products(i, others, j),
+            );
             for (p, q) in (0..LANES).flat_map(|p| (0..LANES).map(move |q| (p, q))) {
                 let at = (LANES * i + p, LANES * j + q);
                 if at.1 <= at.0 && at.0 < self.size {

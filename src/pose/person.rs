@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel, HeadPose,
     observe::Own,
-    solve::{Directions, Seen, dot, robust, shape_with},
+    solve::{Directions, Seen, dots, robust, shape_with},
 };
 use crate::least_squares::{Rows, add_mixture};
 
@@ -97,7 +97,7 @@ impl Head {
         let Some(step) = normal.cholesky().map(|factor| factor.solve(&right)) else { return };
         for (k, e) in evidence.iter().enumerate() {
             let precision = own[k].precision;
-            let moved = Vector3::from(identity.of(k).map(|axis| dot(axis, step.as_slice())));
+            let moved = Vector3::from(dots(identity.of(k), step.as_slice()));
             if let Some(inverse) = (e.normal + precision).try_inverse() {
                 let change = inverse * (e.right - e.normal * moved - precision * self.own[k]);
                 self.own[k] += change;

@@ -88,8 +88,15 @@ impl Directions {
     }
 }
 
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+/// The sums of products of three lists with a fourth one. Each adds up in order; side by side none waits for itself.
+pub(super) fn dots([x, y, z]: [&[f64]; 3], with: &[f64]) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    for (((x, y), z), with) in x.iter().zip(y).zip(z).zip(with) {
+        sums[0] += x * with;
+        sums[1] += y * with;
+        sums[2] += z * with;
+    }
+    sums
 }
 
 /// The least-squares problem of one step: a row for x and one for y of every node, and the normal equations.
@@ -181,7 +188,7 @@ pub(super) fn solve(
         let pose = solved.pose;
         for s in seen {
             let along = directions.of(s.node);
-            let moved = Vector3::from(along.map(|axis| dot(axis, solved.coefficients.as_slice())));
+            let moved = Vector3::from(dots(along, solved.coefficients.as_slice()));
             let turned = pose.turned(&(base[s.node] + moved));
             let residual: Vector2<f64> = s.at - pose.image_of(&turned);
             let deviation = s.deviation * pose.scale;
