@@ -174,6 +174,17 @@ pub enum RunError {
         /// Why.
         source: serde_json::Error,
     },
+    /// A folder for overlay pictures that holds frames.
+    #[error(
+        "{}: the overlay pictures would lie among the frames of {id}, and the next run would take them for frames; give another folder",
+        folder.display()
+    )]
+    OverlayAmongFrames {
+        /// The folder.
+        folder: PathBuf,
+        /// The sequence whose frames it holds.
+        id: SequenceId,
+    },
     /// Something that no run made stands where a result must go.
     #[error(
         "{}{more}: not written by a run into this folder, or changed since, and a result has that name; move it away, choose another folder, or \
@@ -272,6 +283,12 @@ pub fn run(
     let (opened, name, earlier) = open(dataset, out, bench, force, (stop, &event))?;
     let sequences = opened.sequences.len() + opened.failures.len();
     event(Event::Started { sequences });
+    if let Some(folder) = overlay
+        && let Ok(place) = folder.canonicalize()
+        && let Some(there) = opened.sequences.iter().find(|s| s.frames_path.canonicalize().is_ok_and(|frames| frames == place))
+    {
+        return Err(RunError::OverlayAmongFrames { folder: folder.to_owned(), id: there.id.clone() });
+    }
 
     let chosen: Vec<&SequenceEntry> = opened.sequences.iter().collect();
     let mut planned = plan_all(&chosen, out, earlier.as_ref(), bench, stop);

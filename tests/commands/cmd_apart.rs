@@ -47,3 +47,29 @@ fn force_does_not_write_over_what_a_command_reads() {
     work.grimace("features clone/track -o clone/track --force").exit(1).says(&[&over("the track")]);
     crate::common::assert_same_files(&before, &work.files("."));
 }
+
+#[test]
+fn a_track_goes_over_no_frame_and_no_pictures_among_frames() {
+    let work = Work::new();
+    let portrait = std::fs::read(root().join("fixtures/portraits/P01.jpg")).unwrap();
+    for number in 1..=3 {
+        work.write(&format!("faces/S1/001/S1_001_{number:08}.jpg"), portrait.clone());
+    }
+    work.write("faces/manifest.csv", "subject,sequence,emotion\nS1,001,happiness\n");
+    let before = work.files(".");
+    let frames = "faces/S1/001";
+    for frame in [1, 3] {
+        // One that is left out is a frame, too.
+        work.grimace(&format!("track {frames} --last-frame 2 -o {frames}/S1_001_0000000{frame}.jpg --force"))
+            .exit(1)
+            .says(&["--output would be written over a frame of the sequence"]);
+    }
+    work.grimace(&format!("track {frames} -o t.csv --overlay {frames}"))
+        .exit(1)
+        .says(&["among the frames of this folder", "give another folder"]);
+    crate::common::assert_same_files(&before, &work.files("."));
+    work.grimace(&format!("run faces -o results --overlay {frames}"))
+        .exit(1)
+        .says(&["among the frames of S1_001", "give another folder"]);
+    assert!(work.files(frames).len() == 3, "nothing is written among the frames");
+}
