@@ -213,7 +213,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                     );
                     files.notes.iter().for_each(|note| println!("  {note}"));
                 }
-                failed += usize::from(files.segments.is_empty());
+                if files.segments.is_empty() {
+                    failed += 1;
+                    if args.general.quiet {
+                        let [all, seen] = files.frames;
+                        eprintln!("failed: {}: no expression was found; a face in {seen} of {all} frames", path.display());
+                    }
+                }
                 let columns = ManifestColumns {
                     subject: args.subject.clone().unwrap_or_else(|| recording.stem.clone()),
                     emotion: args.emotion.trim().to_lowercase(),

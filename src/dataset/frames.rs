@@ -139,8 +139,8 @@ pub enum FramesError {
         /// The file.
         path: PathBuf,
     },
-    /// A frame number past 4294967295.
-    #[error("{}: `{digits}` is too large for a frame number", path.display())]
+    /// A frame number past 4294967295, which two files have.
+    #[error("{}: `{digits}` is too large for a frame number (at most {}), and another file has it, too; rename the files", path.display(), u32::MAX)]
     NumberTooLarge {
         /// The file.
         path: PathBuf,

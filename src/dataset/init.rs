@@ -452,6 +452,16 @@ mod tests {
         assert_eq!((manifest.rows.len(), manifest.rows[0].subject.as_str()), (1, "S1"));
         assert_eq!(manifest.unread, ["S2/b.wmv", "S2/c.HEIC"]);
         assert_eq!(manifest.results, ["out"]);
+        let folder = self::tests::folder(&[
+            "S1/a.mp4",
+            "smile/clone.json",
+            "smile/sheet.png",
+            "smile/overlay.png",
+            "smile/frames/a_1.png",
+            "smile/frames/a_2.png",
+        ]);
+        let manifest = propose_manifest(folder.path()).unwrap();
+        assert_eq!((manifest.rows.len(), manifest.results), (1, vec!["smile".to_owned()]), "a clone is no recording");
     }
 
     #[test]

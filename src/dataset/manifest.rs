@@ -92,6 +92,9 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
 /// Columns that need not be there.
 const OPTIONAL: [&str; 6] = ["frames", "first_frame", "last_frame", "correspondences", "landmarks", "fps"];
 
+/// Frame rates that a recording may have: what is beyond is another unit, such as seconds for each frame.
+const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
+
 /// Further columns that say something: whether people may be shown, whether a row is a whole recording, which of several faces is meant.
 const FURTHER: [&str; 3] = [PUBLISH_COLUMN, SEGMENT_COLUMN, FACE_COLUMN];
 
@@ -191,7 +194,10 @@ fn entry(
         return Err(RowError::FrameRange { first, last }.into());
     }
     let fps = match given(columns.fps) {
-        Some(k) => Some(row.number(k).ok().filter(|&fps| fps > 0.0).ok_or_else(|| row.field_error(k, "a positive number"))?),
+        Some(k) => {
+            let fps = row.number(k).ok().filter(|fps| FRAME_RATES.contains(fps));
+            Some(fps.ok_or_else(|| row.field_error(k, "a number of frames per second from 0.1 to 1000"))?)
+        }
         None => None,
     };
     let folder = place_of(root, &format!("{}/{}", id.subject, id.sequence));

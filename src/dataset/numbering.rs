@@ -91,8 +91,38 @@ fn align_decimals(names: &mut [Name]) -> bool {
 ///
 /// The number is the last in the name where no two files share it, and where it gives the order in which a person reads the names or
 /// is all that varies. Else it is the one number that varies. Where several do (dates with times, numbers below zero), and where it is a
-/// decimal, files are counted in the order of their names, numbers in them by their value.
+/// decimal, files are counted in the order of their names, numbers in them by their value; and where a number is too long for a frame's, as
+/// clocks of milliseconds write it, in the order of these.
 pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
+    match by_names(files) {
+        Numbering::Named(digits) if digits.iter().any(|digits| digits.parse::<u32>().is_err()) => counted(digits),
+        numbering => numbering,
+    }
+}
+
+/// Files in the order of their numbers, however long these are, counted; two of one number are left as they are.
+fn counted(digits: Vec<String>) -> Numbering {
+    let value = |k: usize| {
+        let plain = digits[k].trim_start_matches('0');
+        (plain.len(), plain)
+    };
+    let mut order: Vec<usize> = (0..digits.len()).collect();
+    order.sort_by(|&a, &b| value(a).cmp(&value(b)));
+    if order.windows(2).any(|pair| value(pair[0]) == value(pair[1])) {
+        return Numbering::Named(digits);
+    }
+    places(&order)
+}
+
+/// The place of each file, from 1, given their order.
+fn places(order: &[usize]) -> Numbering {
+    let mut places = vec![0; order.len()];
+    (1..).zip(order).for_each(|(number, &k)| places[k] = number);
+    Numbering::Counted(places)
+}
+
+/// Numbers as they stand in the names.
+fn by_names<P: AsRef<Path>>(files: &[P]) -> Numbering {
     let mut names: Vec<Name> = files.iter().map(|file| Name::new(file.as_ref())).collect();
     let has_decimals = align_decimals(&mut names);
     let last = || Numbering::Named(names.iter().map(|name| name.digits.last().cloned().unwrap_or_default()).collect());
@@ -117,11 +147,7 @@ pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
         [k] if !has_decimals && names.iter().all(|name| name.digits.len() == groups) && !is_mixed(k) => {
             Numbering::Named(names.iter().filter_map(|name| name.digits.get(k).cloned()).collect())
         }
-        _ => {
-            let mut places = vec![0; names.len()];
-            (1..).zip(&order).for_each(|(number, &k)| places[k] = number);
-            Numbering::Counted(places)
-        }
+        _ => places(&order),
     }
 }
 
@@ -149,6 +175,15 @@ mod tests {
         assert_eq!(numbers(&["f_-5.png", "f_-4.png"]), [5, 4], "a minus before all of them is a dash");
         assert_eq!(numbers(&["f1.png", "f01.jpg"]), [1, 1]);
         assert_eq!(numbers(&["left_1.png", "left_2.png", "right_1.png", "right_2.png"]), [1, 2, 1, 2], "two sets");
+    }
+
+    #[test]
+    fn numbers_of_clocks_that_are_too_long_are_counted_in_their_order() {
+        assert_eq!(numbers(&["IMG_20240501123100.png", "IMG_20240501123059.png", "IMG_20240501123102.png"]), [2, 1, 3]);
+        assert_eq!(numbers(&["1716900000123.png", "99.png"]), [2, 1], "by value, not by letters");
+        // Up to 4294967295 they stay as they are; what two files have stays, and is refused.
+        assert_eq!(numbers(&["4294967295.png", "4294967294.png"]), [u32::MAX, u32::MAX - 1]);
+        assert!(matches!(numbered(&["a4294967296.png", "a04294967296.png"]), Numbering::Named(_)));
     }
 
     #[test]

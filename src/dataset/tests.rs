@@ -61,7 +61,10 @@ fn a_manifest_of_semicolons_reads() {
     assert_eq!((joy.metadata["age"].as_str(), joy.metadata["note"].as_str()), ("23,5", "mild; closed"));
     let failures = failures(&dataset);
     assert_eq!((failures.len(), failures[0].1, failures[1].1), (2, "2", "3"));
-    assert!(failures[0].2.ends_with("line 3: fps is `1.000,5`; a positive number was expected"), "{failures:?}");
+    assert!(
+        failures[0].2.ends_with("line 3: fps is `1.000,5`; a number of frames per second from 0.1 to 1000 was expected"),
+        "{failures:?}"
+    );
     assert!(failures[1].2.ends_with("line 5: the row has 2 fields where the header has 6"), "{failures:?}");
     let folder = tempfile::tempdir().unwrap();
     write(&folder, MANIFEST_NAME, "subject;sequence;emotoin\nS1;1;joy\n");
@@ -126,7 +129,7 @@ fn a_bad_row_costs_that_sequence_only() {
         ("..", "005", "M, line 7: subject is `..`, which is a folder of its own; results are named after it"),
         ("S1", "006", "M, line 8: first_frame is 9 and last_frame is 9; neutral and apex frame must be two different ones"),
         ("S1", "007", "M, line 9: first_frame is `one`; a whole number of 0 or more was expected"),
-        ("S1", "008", "M, line 10: fps is `0`; a positive number was expected"),
+        ("S1", "008", "M, line 10: fps is `0`; a number of frames per second from 0.1 to 1000 was expected"),
         ("S1", "009", "M, line 11: the row has 2 fields where the header has 6"),
         ("", "", "M, line 12: byte 2 of the line is not UTF-8; save the file as UTF-8 text"),
         ("", "", "M, line 13: a quotation mark is not closed"),

@@ -176,7 +176,9 @@ fn values_of_optional_columns_are_checked() {
         ),
         ("one,,,", &["line 3", "first_frame is `one`; a whole number of 0 or more was expected"]),
         (",99,,", &["last_frame is 99, but the folder has 6 frames from 1 to 6"]),
-        (",,-25,", &["line 3", "fps is `-25`; a positive number was expected"]),
+        (",,-25,", &["line 3", "fps is `-25`; a number of frames per second from 0.1 to 1000 was expected"]),
+        (",,25000,", &["fps is `25000`"]),
+        (",,0.04,", &["fps is `0.04`; a number of frames per second from 0.1 to 1000 was expected"]),
         (",,NaN,", &["line 3", "fps is `NaN`"]),
         (",,,none.csv", &["S002_005: the correspondence file faces/none.csv is not there"]),
     ] {

@@ -123,6 +123,7 @@ fn corrected_marks_stay_and_pictures_come_and_go() {
     assert_eq!((work.read("segments/talk-01_edited.csv"), work.read("segments/talk-01.csv")), (corrected, marks));
     // What is not proposed any more leaves nothing behind.
     segment("--high 60").exit(1).prints(&["0 sequences proposed", "no expression was found"]);
+    segment("--high 60 -q").exit(1).says(&["failed: talk: no expression was found"]);
     assert!(!picture.exists() && !work.path("segments/talk-01.csv").exists());
 }
 

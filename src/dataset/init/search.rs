@@ -16,8 +16,8 @@ const UNREAD_EXTENSIONS: [&str; 24] = [
     "jxl", "exr", "dng", "cr2", "nef", "arw", "raw",
 ];
 
-/// Name of the record that a run leaves in the folder of its results.
-const RECORD: &str = "run.json";
+/// Names of the records that a run and a clone leave in the folder of their results.
+const RECORDS: [&str; 2] = ["run.json", "clone.json"];
 
 /// What a folder and those below it hold.
 #[derive(Debug, Default)]
@@ -28,7 +28,7 @@ pub(super) struct Found {
     pub left_out: Vec<PathBuf>,
     /// Files of formats that are not read.
     pub unread: Vec<PathBuf>,
-    /// Folders with the results of a run.
+    /// Folders with the results of a run or a clone.
     pub results: Vec<PathBuf>,
 }
 
@@ -53,7 +53,7 @@ impl Found {
         }
         let entries = visible(folder).map_err(failed)?;
         let paths: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).collect();
-        if !above.is_empty() && paths.iter().any(|path| path.is_file() && path.ends_with(RECORD)) {
+        if !above.is_empty() && paths.iter().any(|path| path.is_file() && RECORDS.iter().any(|record| path.ends_with(record))) {
             self.results.push(folder.to_owned());
             return Ok(());
         }
