@@ -25,6 +25,12 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
             bench.marked_target(&name, (picture, frame.image()), &points).with_context(in_files)?
         }
         None => {
+            anyhow::ensure!(
+                *selection == LandmarkSelection::Auto,
+                "{}: --marks says which landmarks of a file are taken, and none is given; name the file with --correspondences, or leave --marks out \
+                 to have marks found",
+                path.display()
+            );
             let points = marks_or_found(None, bench, path, || Ok(frame))?;
             let with_found = || format!("{} with marks that were found", path.display());
             (bench.target(&name, picture, &points).with_context(with_found)?, Vec::new())

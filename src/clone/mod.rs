@@ -194,6 +194,18 @@ pub enum CloneError {
         /// Most frames.
         most: usize,
     },
+    /// A FAP file that is longer than what is made of it.
+    #[error(
+        "{path}: {frames} frames; at most {most} are shown: give it fewer frames a second (`grimace fap convert --fps`), or take a part of it"
+    )]
+    SourceTooLong {
+        /// The file.
+        path: String,
+        /// Frames it has.
+        frames: usize,
+        /// Most frames.
+        most: usize,
+    },
     /// A length in which there is no second frame.
     #[error(
         "{seconds} s at {fps} frames per second are less than half a frame: the film would last longer than that; choose a longer \

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Point2, Vector2};
 
-use super::{CloneError, fap_motion};
+use super::{CloneError, fap_motion, timing::MAX_FRAMES};
 use crate::{
     fap::{FapNumber, FapSequence, read_fap},
     geometry::Similarity,
@@ -227,8 +227,11 @@ impl SourceMotion {
     /// The motion that FAPs ask for: they drive their nodes, the springs place the rest.
     ///
     /// # Errors
-    /// [`CloneError`] for a file without frames, or without a FAP that shows from the front.
+    /// [`CloneError`] for a file without frames, with more than 20,000 of them, or without a FAP that shows from the front.
     pub fn from_fap(name: &str, sequence: &FapSequence, face: &Face) -> Result<Self, CloneError> {
+        if sequence.frames.len() > MAX_FRAMES {
+            return Err(CloneError::SourceTooLong { path: name.to_owned(), frames: sequence.frames.len(), most: MAX_FRAMES });
+        }
         let (mut offsets, not_shown) = fap_motion::offsets(name, sequence, face)?;
         let normalizer = normalizer(face)?;
         let canonical = normalizer.canonical();

@@ -254,6 +254,27 @@ fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
 }
 
 #[test]
+fn a_fap_file_of_hours_is_refused_at_once() {
+    let work = work();
+    let flags = (1..=68).map(|k| if k == 3 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    let frames: String = (0..20_001).map(|k| format!("{flags}\n{k} 100\n")).collect();
+    work.write("long.fap", format!("2.1 long 25 20001\n{frames}"));
+    clone(&work, "--source long.fap -o out").exit(1).says(&[
+        "long",
+        "20001 frames; at most 20000 are shown",
+        "fap convert --fps",
+    ]);
+}
+
+#[test]
+fn marks_of_a_file_are_not_asked_for_without_one() {
+    let work = work();
+    work.grimace("clone --source S001_005.csv --target target.png --marks default -o out")
+        .exit(1)
+        .says(&["target.png: --marks says which landmarks of a file are taken", "--correspondences"]);
+}
+
+#[test]
 fn another_face_has_teeth_of_its_own_unless_the_sources_are_asked_for() {
     let work = work();
     for teeth in ["auto", "drawn", "source"] {
