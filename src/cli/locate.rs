@@ -1,6 +1,9 @@
 //! `grimace locate`.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use anyhow::Context;
 use grimace::{
@@ -101,7 +104,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         every_size: args.every_size,
     };
     let (mut pictures, mut failures) = (Vec::new(), Vec::new());
-    for path in &args.pictures {
+    // Patterns that overlap name a picture twice.
+    let mut named = BTreeSet::new();
+    for path in args.pictures.iter().filter(|path| named.insert(path.canonicalize().unwrap_or_else(|_| (*path).clone()))) {
         let (found, failed) = pictures_of(path)?;
         pictures.extend(found);
         failures.extend(failed);

@@ -185,6 +185,8 @@ pub fn write_clone(
     }
     let record = FolderRecord::open(folder, FRAMES_RECORD, files.force)?;
     films.iter().try_for_each(|film| record.check_free(film.file_name()))?;
+    (0..clone.frames.len()).try_for_each(|k| record.check_free(&name(k)))?;
+    record.begin()?;
     // It is written last: a folder without it holds no finished clone.
     let info_path = folder.join("clone.json");
     match fs::remove_file(&info_path) {

@@ -2,7 +2,7 @@
 //!
 //! The record is a text file that `b3sum --check` reads: a line `HASH  NAME` for each file, hash in hexadecimal (BLAKE3), name relative to
 //! the folder. A line is added as each file is written, so that a program that is killed leaves no file unrecorded; a finished one sorts
-//! the lines.
+//! the lines. Who writes holds a lock on it, where the file system has locks: two commands at once would mix their results.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -32,6 +32,30 @@ struct Now {
     written: BTreeMap<String, String>,
 }
 
+impl Now {
+    /// The record as a file to add lines to, locked.
+    fn journal(&mut self, path: &Path) -> io::Result<&mut fs::File> {
+        let journal = match self.journal.take() {
+            Some(file) => file,
+            None => {
+                if let Some(folder) = path.parent() {
+                    fs::create_dir_all(folder)?;
+                }
+                let file = fs::File::options().create(true).append(true).open(path)?;
+                match file.try_lock() {
+                    Err(fs::TryLockError::WouldBlock) => {
+                        let reason = "another command is writing into this folder; wait for it, or choose another folder";
+                        return Err(io::Error::new(io::ErrorKind::ResourceBusy, reason));
+                    }
+                    // A file system without locks.
+                    Err(fs::TryLockError::Error(_)) | Ok(()) => file,
+                }
+            }
+        };
+        Ok(self.journal.insert(journal))
+    }
+}
+
 impl FolderRecord {
     /// Opens the record `name` of a folder, or begins one. With `force`, files that are not of an earlier command are written over.
     ///
@@ -54,13 +78,23 @@ impl FolderRecord {
         Ok(Self { folder: folder.to_owned(), path, force, earlier, now: Mutex::default() })
     }
 
+    /// Begins to write into the folder: nobody else does until this record is closed.
+    ///
+    /// # Errors
+    /// [`OutputError`] when the record cannot be written; of the kind [`io::ErrorKind::ResourceBusy`] while another command writes into the folder.
+    pub fn begin(&self) -> Result<(), OutputError> {
+        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        now.journal(&self.path).map(|_| ()).map_err(OutputError::at(&self.path))
+    }
+
     /// Writes the file `name` of the folder as [`write_atomic`] does, and enters it.
     ///
     /// # Errors
     /// [`OutputError`] when it cannot be written; of the kind [`io::ErrorKind::AlreadyExists`] when a file stands there that no earlier
-    /// command wrote.
+    /// command wrote; as [`FolderRecord::begin`].
     pub fn write(&self, name: &str, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
         self.check_free(name)?;
+        self.begin()?;
         let path = self.folder.join(name);
         let hash = write_hashed(&path, fill)?.to_hex().to_string();
         self.wrote(name, hash)
@@ -105,11 +139,7 @@ impl FolderRecord {
 
     fn enter(&self, name: &str, hash: String) -> io::Result<()> {
         let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
-        let journal = match now.journal.take() {
-            Some(file) => file,
-            None => fs::File::options().create(true).append(true).open(&self.path)?,
-        };
-        now.journal.insert(journal).write_all(format!("{hash}  {name}\n").as_bytes())?;
+        now.journal(&self.path)?.write_all(format!("{hash}  {name}\n").as_bytes())?;
         now.written.insert(name.to_owned(), hash);
         Ok(())
     }
@@ -163,8 +193,10 @@ impl FolderRecord {
     /// # Errors
     /// [`OutputError`].
     pub fn close(self) -> Result<(), OutputError> {
-        let Now { written, .. } = self.now.into_inner().unwrap_or_else(PoisonError::into_inner);
-        write_atomic(&self.path, |out| written.iter().try_for_each(|(name, hash)| writeln!(out, "{hash}  {name}")))
+        let Now { written, journal } = self.now.into_inner().unwrap_or_else(PoisonError::into_inner);
+        write_atomic(&self.path, |out| written.iter().try_for_each(|(name, hash)| writeln!(out, "{hash}  {name}")))?;
+        drop(journal);
+        Ok(())
     }
 }
 
@@ -187,6 +219,20 @@ mod tests {
         let kept = record.remove_stale()?;
         record.close()?;
         Ok(kept)
+    }
+
+    #[test]
+    fn two_do_not_write_into_one_folder_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = || FolderRecord::open(folder.path(), NAME, true).unwrap();
+        let fill = |name: &'static str| move |out: &mut dyn Write| out.write_all(name.as_bytes());
+        let (first, second) = (open(), open());
+        first.write("a", fill("a")).unwrap();
+        let error = second.write("b", fill("b")).unwrap_err();
+        assert!(error.to_string().contains("another command is writing into this folder"), "{error}");
+        assert!(!folder.path().join("b").exists());
+        first.close().unwrap();
+        open().write("b", fill("b")).unwrap();
     }
 
     #[test]

@@ -254,6 +254,19 @@ fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
 }
 
 #[test]
+fn a_folder_that_another_command_writes_into_is_left_to_it() {
+    let work = work();
+    clone(&work, "--source S001_005.csv -o out").exit(0);
+    let before = work.files("out");
+    let record = std::fs::File::options().append(true).open(work.path("out/frames.b3")).unwrap();
+    record.lock().unwrap();
+    clone(&work, "--source S001_005.csv -o out --fps 50 --force").exit(1).says(&["another command is writing into this folder"]);
+    crate::common::assert_same_files(&before, &work.files("out"));
+    drop(record);
+    clone(&work, "--source S001_005.csv -o out --fps 50 --force").exit(0);
+}
+
+#[test]
 fn a_fap_file_of_hours_is_refused_at_once() {
     let work = work();
     let flags = (1..=68).map(|k| if k == 3 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");

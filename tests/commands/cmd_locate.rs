@@ -24,7 +24,8 @@ fn work() -> Work {
 #[test]
 fn faces_are_found_and_a_picture_without_one_is_named() {
     let work = work();
-    work.grimace("locate a.jpg b.jpg -o points.csv --overlay pictures").exit(0).prints(&["2 pictures, 2 faces"]);
+    // One that is named twice is looked at once.
+    work.grimace("locate a.jpg b.jpg ./a.jpg -o points.csv --overlay pictures").exit(0).prints(&["2 pictures, 2 faces"]);
     assert_eq!(work.header("points.csv"), "image,face,node,x,y,expected_error");
     let rows = work.rows("points.csv");
     let of = |image: &str, node: &str| -> (f64, f64) {

@@ -125,8 +125,10 @@ pub(super) fn begin(out: &Path, force: bool) -> Result<FolderRecord, SimulateErr
         if !record.is_unchanged(MANIFEST_NAME) {
             return Err(SimulateError::NotSimulated { path: manifest });
         }
+        record.begin()?;
         fs::remove_file(&manifest).map_err(OutputError::at(&manifest))?;
     }
+    record.begin()?;
     Ok(record)
 }
 
