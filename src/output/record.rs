@@ -35,24 +35,24 @@ struct Now {
 impl Now {
     /// The record as a file to add lines to, locked.
     fn journal(&mut self, path: &Path) -> io::Result<&mut fs::File> {
-        let journal = match self.journal.take() {
-            Some(file) => file,
-            None => {
-                if let Some(folder) = path.parent() {
-                    fs::create_dir_all(folder)?;
-                }
-                let file = fs::File::options().create(true).append(true).open(path)?;
-                match file.try_lock() {
-                    Err(fs::TryLockError::WouldBlock) => {
-                        let reason = "another command is writing into this folder; wait for it, or choose another folder";
-                        return Err(io::Error::new(io::ErrorKind::ResourceBusy, reason));
-                    }
-                    // A file system without locks.
-                    Err(fs::TryLockError::Error(_)) | Ok(()) => file,
-                }
-            }
-        };
+        let journal = if let Some(file) = self.journal.take() { file } else { locked(path)? };
         Ok(self.journal.insert(journal))
+    }
+}
+
+/// A file to add lines to that nobody else adds to meanwhile.
+fn locked(path: &Path) -> io::Result<fs::File> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder)?;
+    }
+    let file = fs::File::options().create(true).append(true).open(path)?;
+    match file.try_lock() {
+        Err(fs::TryLockError::WouldBlock) => {
+            let reason = "another command is writing into this folder; wait for it, or choose another folder";
+            Err(io::Error::new(io::ErrorKind::ResourceBusy, reason))
+        }
+        // A file system without locks.
+        Err(fs::TryLockError::Error(_)) | Ok(()) => Ok(file),
     }
 }
 
