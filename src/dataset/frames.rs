@@ -432,7 +432,12 @@ mod tests {
         );
         let twice = numbers(&folder(&["f1.png", "f01.jpg", "f2.png"]), None, None).unwrap_err();
         assert!(twice.contains("frame 1 is there twice, as f01.jpg and f1.png"), "{twice}");
-        assert!(numbers(&folder(&["f99999999999.png"]), None, None).unwrap_err().contains("`99999999999` is too large"));
+        let long = numbers(&folder(&["f99999999999.png", "f099999999999.jpg"]), None, None).unwrap_err();
+        assert!(
+            long.contains("99999999999` is too large for a frame number (at most 4294967295), and another file has it"),
+            "{long}"
+        );
+        assert_eq!(numbers(&folder(&["f99999999999.png", "f99999999998.png"]), None, None), Ok(vec![1, 2]));
     }
 
     #[test]
