@@ -124,7 +124,8 @@ fn marks_that_do_not_make_a_fit_are_refused() {
     );
     refused("node,x,y\n20,80,60\n53,NaN,60\n10,100,90\n", &["line 3", "x is `NaN`; a finite number was expected"]);
     refused("node,x,y\n20,80,60\n53,120,inf\n10,100,90\n", &["line 3", "y is `inf`"]);
-    refused("node;x;y\n20;80;60\n", &["has no column `node`", "separated by commas"]);
+    refused("node;x;y\n20;80,5;60\n", &["1 correspondences; at least 3"]);
+    refused("node;x;z\n20;80;60\n", &["has no column `y`; found `node`, `x`, `z`"]);
     refused("node,x,y\n20,80\n", &["line 2", "the row has 2 fields where the header has 3"]);
     refused("", &["is empty; a header line was expected"]);
     // The subject's left eye is at the right of the image: these are exchanged, and the chin is above.
