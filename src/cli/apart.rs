@@ -61,18 +61,6 @@ pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses a folder for pictures that holds the frames they are made from: they would be frames to the next command.
-pub fn check_not_among<'a>(option: &str, folder: &Path, frames: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
-    let place = resolved(folder);
-    let lies_there = |frame: &Path| frame.parent().is_some_and(|parent| resolved(parent) == place);
-    anyhow::ensure!(
-        !frames.into_iter().any(lies_there),
-        "{}: {option} would put pictures among the frames of this folder, and the next command would take them for frames; give another folder",
-        folder.display()
-    );
-    Ok(())
-}
-
 /// Refuses inputs in a folder that is made anew, or in one below it.
 pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyhow::Result<()> {
     for (input, path) in inputs {

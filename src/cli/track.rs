@@ -15,7 +15,7 @@ use grimace::{
 
 use super::{
     Outcome,
-    apart::{check_apart, check_not_among, maybe},
+    apart::{check_apart, maybe},
     progress::frame_bar,
     shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
 };
@@ -85,10 +85,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let all = list_frames(&args.sequence, None, None)?;
     let inputs: Vec<_> = all.files().into_iter().map(|file| ("a frame of the sequence", file)).collect();
     check_apart(&[("--output", &args.output), ("the .json beside --output", &json)], &inputs)?;
-    if let Some(folder) = &args.overlay
-        && matches!(all, FrameSource::Images(_))
-    {
-        check_not_among("--overlay", folder, all.files())?;
+    if let Some(folder) = &args.overlay {
+        OverlayFolder::check_apart(folder, [("this folder", args.sequence.as_path())])?;
     }
     let marks = marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok(read_first_frame(&frames)?))?;
     let source = SequenceSource {

@@ -37,8 +37,7 @@ impl Name {
 
     /// A number so that it compares by its value, however long it is.
     fn value(&self, k: usize) -> (usize, &str) {
-        let plain = self.digits.get(k).map_or("", |digits| digits.trim_start_matches('0'));
-        (plain.len(), plain)
+        self.digits.get(k).map_or((0, ""), |digits| value_of(digits))
     }
 
     fn last(&self) -> (usize, &str) {
@@ -65,6 +64,12 @@ impl Name {
         let places = 0..self.texts.len().max(other.texts.len());
         places.map(|k| text(self, k).cmp(&text(other, k)).then_with(|| number(k))).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
     }
+}
+
+/// What compares as the value of digits does, however many there are.
+fn value_of(digits: &str) -> (usize, &str) {
+    let plain = digits.trim_start_matches('0');
+    (plain.len(), plain)
 }
 
 /// Makes decimals of one length of what stands behind points, where these are decimals: as a program prints them that leaves out zeros at
@@ -102,10 +107,7 @@ pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
 
 /// Files in the order of their numbers, however long these are, counted; two of one number are left as they are.
 fn counted(digits: Vec<String>) -> Numbering {
-    let value = |k: usize| {
-        let plain = digits[k].trim_start_matches('0');
-        (plain.len(), plain)
-    };
+    let value = |k: usize| value_of(&digits[k]);
     let mut order: Vec<usize> = (0..digits.len()).collect();
     order.sort_by(|&a, &b| value(a).cmp(&value(b)));
     if order.windows(2).any(|pair| value(pair[0]) == value(pair[1])) {

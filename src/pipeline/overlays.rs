@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
 
@@ -54,7 +54,37 @@ pub struct OverlayFolder {
     taken: Mutex<BTreeSet<String>>,
 }
 
+/// Overlay pictures that would be frames to the next command.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{}: the overlay pictures would lie among the frames of {whose}, and the next command would take them for frames; give another folder",
+    folder.display()
+)]
+pub struct AmongFrames {
+    /// The folder for overlay pictures.
+    pub folder: PathBuf,
+    /// Whose frames it holds.
+    pub whose: String,
+}
+
 impl OverlayFolder {
+    /// Refuses a folder for overlay pictures in which frames are; `sequences` are folders of frames, or videos, by names.
+    ///
+    /// # Errors
+    /// [`AmongFrames`].
+    pub fn check_apart<'a>(
+        folder: &Path,
+        sequences: impl IntoIterator<Item = (impl ToString, &'a Path)>,
+    ) -> Result<(), AmongFrames> {
+        // What is not there yet holds no frames.
+        let Ok(place) = folder.canonicalize() else { return Ok(()) };
+        let holds = |frames: &Path| frames.canonicalize().is_ok_and(|frames| frames == place);
+        match sequences.into_iter().find(|(_, frames)| holds(frames)) {
+            Some((whose, _)) => Err(AmongFrames { folder: folder.to_owned(), whose: whose.to_string() }),
+            None => Ok(()),
+        }
+    }
+
     /// Opens the folder, or makes it. With `force` files of others are written over.
     ///
     /// # Errors

@@ -19,7 +19,7 @@ use super::{
     file_blake3 as hash_of,
     folder::{RUN_JSON, new_record, open},
     ledger::{Ledger, remove_journal},
-    overlays::{OverlayFolder, overlays_of},
+    overlays::{AmongFrames, OverlayFolder, overlays_of},
     parts::PARTS_FOLDER,
     skins::{collect_skins, picture_sources},
     variation::model_names,
@@ -175,16 +175,8 @@ pub enum RunError {
         source: serde_json::Error,
     },
     /// A folder for overlay pictures that holds frames.
-    #[error(
-        "{}: the overlay pictures would lie among the frames of {id}, and the next run would take them for frames; give another folder",
-        folder.display()
-    )]
-    OverlayAmongFrames {
-        /// The folder.
-        folder: PathBuf,
-        /// The sequence whose frames it holds.
-        id: SequenceId,
-    },
+    #[error(transparent)]
+    OverlayAmongFrames(#[from] AmongFrames),
     /// Something that no run made stands where a result must go.
     #[error(
         "{}{more}: not written by a run into this folder, or changed since, and a result has that name; move it away, choose another folder, or \
@@ -283,11 +275,8 @@ pub fn run(
     let (opened, name, earlier) = open(dataset, out, bench, force, (stop, &event))?;
     let sequences = opened.sequences.len() + opened.failures.len();
     event(Event::Started { sequences });
-    if let Some(folder) = overlay
-        && let Ok(place) = folder.canonicalize()
-        && let Some(there) = opened.sequences.iter().find(|s| s.frames_path.canonicalize().is_ok_and(|frames| frames == place))
-    {
-        return Err(RunError::OverlayAmongFrames { folder: folder.to_owned(), id: there.id.clone() });
+    if let Some(folder) = overlay {
+        OverlayFolder::check_apart(folder, opened.sequences.iter().map(|s| (&s.id, s.frames_path.as_path())))?;
     }
 
     let chosen: Vec<&SequenceEntry> = opened.sequences.iter().collect();

@@ -121,14 +121,14 @@ pub(super) fn begin(out: &Path, force: bool) -> Result<FolderRecord, SimulateErr
     let record = FolderRecord::open(out, RECORD_NAME, force)?;
     // What an earlier run left is not a dataset while frames are written over it. A manifest that somebody wrote is no leftover.
     let manifest = out.join(MANIFEST_NAME);
-    if fs::symlink_metadata(&manifest).is_ok() {
-        if !record.is_unchanged(MANIFEST_NAME) {
-            return Err(SimulateError::NotSimulated { path: manifest });
-        }
-        record.begin()?;
-        fs::remove_file(&manifest).map_err(OutputError::at(&manifest))?;
+    let has_manifest = fs::symlink_metadata(&manifest).is_ok();
+    if has_manifest && !record.is_unchanged(MANIFEST_NAME) {
+        return Err(SimulateError::NotSimulated { path: manifest });
     }
     record.begin()?;
+    if has_manifest {
+        fs::remove_file(&manifest).map_err(OutputError::at(&manifest))?;
+    }
     Ok(record)
 }
 
