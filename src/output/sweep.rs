@@ -40,10 +40,7 @@ pub(super) fn prefix() -> String {
 
 /// Marks a temporary file as being written. Where the file system has no locks, the writer's number alone protects it.
 pub(super) fn lock(file: &fs::File) {
-    #[cfg(unix)]
-    let _ = rustix::fs::flock(file, rustix::fs::FlockOperation::NonBlockingLockExclusive);
-    #[cfg(not(unix))]
-    let _ = file;
+    let _ = file.try_lock();
 }
 
 /// Sweeps a folder, the first time that this process asks.
@@ -109,17 +106,7 @@ fn is_running(process: u32) -> bool {
 
 /// Whether nobody holds the lock of a file; in doubt somebody does.
 fn is_unlocked(path: &Path) -> bool {
-    #[cfg(unix)]
-    {
-        use rustix::fs::{FlockOperation, flock};
-        let file = fs::File::options().write(true).open(path);
-        file.is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok())
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = path;
-        true
-    }
+    fs::File::options().write(true).open(path).is_ok_and(|file| file.try_lock().is_ok())
 }
 
 #[cfg(all(test, unix))]
