@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use grimace::{
-    dataset::{FrameSource, list_frames},
+    dataset::{FrameSource, list_frames_among},
     overlay::png_bytes,
     pipeline::{
         OverlayFolder, PipelineOptions, SequenceFailure, SequenceSource, correct_track, id_of, overlay_pictures, track_one,
@@ -80,10 +80,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;
-    let frames = list_frames(&args.sequence, args.first_frame, args.last_frame)?;
-    // Those that are left out, too.
-    let all = list_frames(&args.sequence, None, None)?;
-    let inputs: Vec<_> = all.files().into_iter().map(|file| ("a frame of the sequence", file)).collect();
+    // Frames that are left out are not written over, either.
+    let (frames, all) = list_frames_among(&args.sequence, args.first_frame, args.last_frame)?;
+    let inputs: Vec<_> = all.iter().map(|file| ("a frame of the sequence", file.as_path())).collect();
     check_apart(&[("--output", &args.output), ("the .json beside --output", &json)], &inputs)?;
     if let Some(folder) = &args.overlay {
         OverlayFolder::check_apart(folder, [("this folder", args.sequence.as_path())])?;

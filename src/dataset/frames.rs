@@ -206,14 +206,24 @@ pub enum FramesError {
 /// [`FramesError`] when there is no such folder or video, no image, an image without a number, a number that is there twice,
 /// a `first` or `last` that is not there, or fewer than two frames.
 pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
+    list_frames_among(path, first, last).map(|(frames, _)| frames)
+}
+
+/// [`list_frames`], and the files of all frames that are there, in no order: those before and behind, too.
+///
+/// # Errors
+/// As [`list_frames`].
+pub fn list_frames_among(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<(FrameSource, Vec<PathBuf>), FramesError> {
     if path.is_dir() {
-        let frames = cut(path, numbered_images(path)?, first, last)?;
+        let all = numbered_images(path)?;
+        let files = all.iter().map(|frame| frame.path.clone()).collect();
+        let frames = cut(path, all, first, last)?;
         return match frames.len() {
             found @ 0..MINIMUM_FRAMES => Err(FramesError::TooFew { folder: path.to_owned(), found }),
-            _ => Ok(FrameSource::Images(frames)),
+            _ => Ok((FrameSource::Images(frames), files)),
         };
     }
-    video(path, first, last)
+    Ok((video(path, first, last)?, vec![path.to_owned()]))
 }
 
 /// [`list_frames`] of a whole recording, which has no neutral and no apex frame: of a folder all images, be it a single one.

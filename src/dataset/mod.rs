@@ -26,7 +26,7 @@ pub use error::{DatasetError, RowError, check_file_name};
 pub(crate) use frames::visible;
 pub use frames::{
     FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, has_picture_name, is_picture, list_frames,
-    list_recording,
+    list_frames_among, list_recording,
 };
 pub use init::{Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
