@@ -10,7 +10,10 @@ use super::{
     sequence::{Labels, file_name},
 };
 use crate::{
-    dataset::{CorrespondenceSource, LandmarkSequence, LandmarkTrack, LandmarksError, SequenceEntry, read_face, read_marks},
+    dataset::{
+        CorrespondenceSource, FrameSource, LandmarkSequence, LandmarkTrack, LandmarksError, SequenceEntry, list_frames,
+        read_face, read_marks,
+    },
     fit::{Correspondence, FittedWireframe, MarkKind},
     sequence::{Clock, ImageSize},
     track::{TRACK_SCHEMA, TrackInfo, TrackedFrame, summarize, track_units},
@@ -28,6 +31,8 @@ pub(super) struct LandmarkSource {
     metadata: BTreeMap<String, String>,
     fps: Option<f64>,
     path: PathBuf,
+    /// Where images would be; they only tell which frames there are.
+    images: PathBuf,
     /// Which of several faces.
     face: Option<String>,
     /// Marks of the manifest's own; the landmarks of the neutral frame serve where there are none.
@@ -53,6 +58,7 @@ impl LandmarkSource {
             metadata: entry.metadata.clone(),
             fps: entry.fps,
             path,
+            images: entry.frames_path.clone(),
             face: entry.face_id().map(str::to_owned),
             marks_from: if marks.is_some() { "file" } else { "landmarks" },
             marks,
@@ -85,6 +91,7 @@ impl LandmarkSource {
         part(&serde_json::to_vec(&depends).unwrap_or_default());
         part(self.id.to_string().as_bytes());
         part(format!("{:?} {:?}", self.first_frame, self.last_frame).as_bytes());
+        self.image_numbers().iter().for_each(|number| part(&number.to_le_bytes()));
         self.face.iter().for_each(|face| part(face.as_bytes()));
         for mark in self.marks.iter().flatten() {
             part(&mark.node.0.to_le_bytes());
@@ -106,6 +113,14 @@ impl LandmarkSource {
     pub(super) fn own_clock(&self, inputs: &Inputs, bench: &Workbench) -> Result<Clock, SequenceFailure> {
         let (read, sequence) = self.read(bench)?;
         if self.inputs(bench)? == *inputs { Ok(clock(&read, &sequence)) } else { Err(SequenceFailure::changed(&self.path)) }
+    }
+
+    /// Numbers of the images from the neutral to the apex frame; none where there are no images, or a video.
+    fn image_numbers(&self) -> Vec<u32> {
+        match list_frames(&self.images, self.first_frame, self.last_frame) {
+            Ok(FrameSource::Images(files)) => files.iter().map(|file| file.number).collect(),
+            _ => Vec::new(),
+        }
     }
 
     /// [`LandmarkSource::track_read`] of files that nobody changes meanwhile; also the hash of what was read.
@@ -153,7 +168,7 @@ impl LandmarkSource {
             image_size: ImageSize { width: 0, height: 0 },
             fps: clock.fps,
             times: clock.times,
-            notes: Vec::new(),
+            notes: sequence.ends_early(&self.image_numbers()),
             marks_from: self.marks_from.to_owned(),
             marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
             read: Vec::new(),
@@ -191,4 +206,57 @@ pub fn fit_landmarks(
     let marks = given.unwrap_or_else(|| plan.marks(neutral, &bench.tables));
     let fitted = bench.fitter.fit(&bench.wireframe, &marks).map_err(SequenceFailure::at(Stage::Fit))?;
     Ok((marks, fitted))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, path::Path};
+
+    use super::*;
+    use crate::{
+        dataset::Dataset,
+        pipeline::{LandmarkOptions, PipelineOptions},
+        track::read_track,
+    };
+
+    #[test]
+    fn landmarks_that_end_before_the_images_are_said_in_the_track() {
+        let landmarks = LandmarkOptions { prefer: true, ..LandmarkOptions::default() };
+        let bench = Workbench::new(None, PipelineOptions { landmarks, ..PipelineOptions::default() }).unwrap();
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated");
+        let folder = tempfile::tempdir().unwrap();
+        let frames = folder.path().join("S001/005");
+        fs::create_dir_all(&frames).unwrap();
+        (1..=10).for_each(|k| fs::write(frames.join(format!("f_{k}.png")), "").unwrap());
+        // Landmarks of the first six of ten frames of a smile.
+        let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+        let place = |frame: &TrackedFrame, nodes: &[(crate::units::NodeId, f64)]| {
+            let sum =
+                |of: fn(Point2<f64>) -> f64| nodes.iter().map(|(n, w)| w * of(frame.nodes[n.index()].position)).sum::<f64>();
+            format!(",{},{}", sum(|p| p.x), sum(|p| p.y))
+        };
+        let smile = read_track(&root.join("truth/S001_005.csv")).unwrap();
+        let row = |frame: &TrackedFrame| {
+            let points: String = bench.tables.landmarks.iter().map(|row| place(frame, &row.nodes)).collect();
+            format!("{}{points}\n", frame.number)
+        };
+        let rows: String = smile[..6].iter().map(row).collect();
+        fs::write(frames.join("landmarks.csv"), format!("frame{header}\n{rows}")).unwrap();
+        let notes = |manifest: &str| {
+            fs::write(folder.path().join("manifest.csv"), manifest).unwrap();
+            let dataset = Dataset::open(folder.path()).unwrap();
+            let entry = &dataset.sequences[0];
+            let path = entry.driving_landmarks(true).unwrap().unwrap();
+            let (inputs, tracked) = LandmarkSource::new(entry, path, &bench).unwrap().track(&bench);
+            (inputs.unwrap(), tracked.unwrap().1.notes)
+        };
+        let header = "subject,sequence,emotion,first_frame,last_frame\nS001,005,happiness,";
+        let (inputs, said) = notes(&format!("{header},"));
+        assert!(said.len() == 1 && said[0].starts_with("frames 7 to 10 have an image and no landmarks: frame 6 became the apex"));
+        assert_eq!(notes(&format!("{header}1,6")).1, [""; 0], "it is meant");
+        // The note is a part of what is made: a track without it is not taken for the same.
+        (7..=10).for_each(|k| fs::remove_file(frames.join(format!("f_{k}.png"))).unwrap());
+        let (without, said) = notes(&format!("{header},"));
+        assert!(said.is_empty() && without != inputs);
+    }
 }

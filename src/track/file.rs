@@ -91,7 +91,7 @@ pub struct TrackInfo {
     /// Seconds from the first frame to every frame, by ascending number, where a video's frames are not even.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<Vec<f64>>,
-    /// What is to be said of the video.
+    /// What is to be said of the video, or of landmarks that end before the images do.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Where the marks came from: `file`, `landmarks` or `command line`.

@@ -43,6 +43,38 @@ pub struct LandmarkSequence {
     pub frames: Vec<LandmarkFrame>,
 }
 
+impl LandmarkSequence {
+    /// What a person should know where there are images before its first or behind its last frame: that frame became the neutral one or the
+    /// apex, though the recording goes on. `images` are the numbers of the images, in any order; nothing is said of as many as there are
+    /// landmarks, which are numbered otherwise then.
+    pub(crate) fn ends_early(&self, images: &[u32]) -> Vec<String> {
+        let (Some(neutral), Some(apex)) = (self.frames.first(), self.frames.last()) else { return Vec::new() };
+        if images.len() <= self.frames.len() {
+            return Vec::new();
+        }
+        let is_backward = neutral.number > apex.number;
+        let beyond = |end: u32, is_behind: bool| {
+            let mut numbers: Vec<u32> = images.iter().copied().filter(|&n| if is_behind { n > end } else { n < end }).collect();
+            numbers.sort_unstable();
+            numbers
+        };
+        let said = |(frame, what, column, is_behind): (&LandmarkFrame, &str, &str, bool)| {
+            let without = beyond(frame.number, is_behind);
+            let (first, last) = (without.first()?, without.last()?);
+            let named = if first == last { format!("frame {first} has") } else { format!("frames {first} to {last} have") };
+            Some(format!(
+                "{named} an image and no landmarks: frame {0} became the {what}; add their landmarks, write {0} into the column `{column}` if it \
+                 is meant, or leave --prefer-landmarks out to track the images",
+                frame.number
+            ))
+        };
+        [(neutral, "neutral frame", "first_frame", is_backward), (apex, "apex", "last_frame", !is_backward)]
+            .into_iter()
+            .filter_map(said)
+            .collect()
+    }
+}
+
 fn greatest_common_divisor(a: u64, b: u64) -> u64 {
     if b == 0 { a } else { greatest_common_divisor(b, a % b) }
 }
@@ -95,5 +127,35 @@ impl LandmarkTrack {
             frames.reverse();
         }
         Ok(LandmarkSequence { frames })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_beyond_the_landmarks_are_said() {
+        let said = |landmarks: &[u32], images: &[u32]| {
+            let frames = landmarks.iter().map(|&number| LandmarkFrame { number, points: None }).collect();
+            LandmarkSequence { frames }.ends_early(images)
+        };
+        let all: Vec<u32> = (1..=10).collect();
+        let behind = said(&[1, 2, 3, 4], &all);
+        assert_eq!(
+            behind,
+            [
+                "frames 5 to 10 have an image and no landmarks: frame 4 became the apex; add their landmarks, write 4 into the column `last_frame` \
+              if it is meant, or leave --prefer-landmarks out to track the images"
+            ]
+        );
+        // Back in time the apex is the lowest number.
+        let both = said(&[9, 8, 7, 6, 5, 4, 3], &all);
+        assert!(both[0].starts_with("frame 10 has an image and no landmarks: frame 9 became the neutral frame"), "{both:?}");
+        assert!(both[1].starts_with("frames 1 to 2 have an image and no landmarks: frame 3 became the apex"), "{both:?}");
+        assert_eq!(said(&all, &all), [""; 0]);
+        // Every second frame, and landmarks that are counted from 0.
+        assert_eq!(said(&[1, 3, 5], &[1, 2, 3, 4, 5]), [""; 0]);
+        assert_eq!(said(&[0, 1, 2, 3], &[1, 2, 3, 4]), [""; 0]);
     }
 }
