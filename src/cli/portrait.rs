@@ -7,7 +7,7 @@ use grimace::{
     clone::Target,
     dataset::{LandmarkSelection, read_marks},
     pipeline::Workbench,
-    sequence::{read_colour, read_frame},
+    sequence::{Frame, Portrait},
 };
 
 use super::shared::marks_or_found;
@@ -16,13 +16,14 @@ use super::shared::marks_or_found;
 /// face of the photograph, that is said.
 pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, bench: &Workbench) -> anyhow::Result<Target> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    let picture = read_colour(path)?;
-    let frame = read_frame(path)?;
+    let portrait = Portrait::read(path)?;
+    let remark = portrait.remark();
+    let Portrait { picture, grey, .. } = portrait;
     let (target, beside) = match marks {
         Some(marks) => {
             let points = read_marks(marks, selection, &bench.tables, bench.wireframe.node_count())?;
             let in_files = || format!("{} with {}", path.display(), marks.display());
-            bench.marked_target(&name, (picture, frame.image()), &points).with_context(in_files)?
+            bench.marked_target(&name, (picture, &grey), &points).with_context(in_files)?
         }
         None => {
             anyhow::ensure!(
@@ -31,11 +32,14 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
                  to have marks found",
                 path.display()
             );
-            let points = marks_or_found(None, bench, path, || Ok(frame))?;
+            let points = marks_or_found(None, bench, path, || Ok(Frame::new(0, grey)))?;
             let with_found = || format!("{} with marks that were found", path.display());
             (bench.target(&name, picture, &points).with_context(with_found)?, Vec::new())
         }
     };
+    if let Some(said) = remark {
+        eprintln!("note: {}: {said}", path.display());
+    }
     if let Some(apart) = target.lips_apart() {
         eprintln!(
             "note: {}: the lips are parted, by {:.0} % of the eye distance; what shows between them stays, with the upper jaw. Expressions look \

@@ -14,7 +14,7 @@ use crate::{
     overlay::thumbnail,
     player::{PlayerError, PlayerFace, Shown, payload},
     report::Stage,
-    sequence::{read_colour, read_colour_frames, read_frame},
+    sequence::{Frame, Portrait, read_colour_frames},
     statistics::Representative,
     track::TrackedFrame,
     warp::NODE_COUNT,
@@ -83,20 +83,24 @@ pub(super) fn portrait(bench: &Workbench) -> Result<(RgbImage, Vec<Correspondenc
     Ok((picture, marks))
 }
 
-/// A photograph, ready to be moved, and what is said of the marks that were given for it.
+/// A photograph, ready to be moved, and what is said of it and of the marks that were given for it.
 fn photograph(image: &Path, correspondences: Option<&Path>, bench: &Workbench) -> Result<(Target, Vec<String>), CloneError> {
-    let (picture, frame) = (read_colour(image)?, read_frame(image)?);
+    let portrait = Portrait::read(image)?;
+    let mut said: Vec<String> = portrait.remark().into_iter().collect();
+    let Portrait { picture, grey, .. } = portrait;
     let name = image.file_stem().unwrap_or_default().to_string_lossy();
     if let Some(marks) = correspondences {
         let marks = read_marks(marks, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?;
-        return bench.marked_target(&name, (picture, frame.image()), &marks);
+        let (target, beside) = bench.marked_target(&name, (picture, &grey), &marks)?;
+        said.extend(beside);
+        return Ok((target, said));
     }
-    let marks = found_marks(&frame, bench).map_err(|e| CloneError::Showcase(e.to_string()))?;
-    Ok((bench.target(&name, picture, &marks)?, Vec::new()))
+    let marks = found_marks(&Frame::new(0, grey), bench).map_err(|e| CloneError::Showcase(e.to_string()))?;
+    Ok((bench.target(&name, picture, &marks)?, said))
 }
 
-/// What a person should know of a photograph that the report shows the representatives on: where the marks that were given for it lie
-/// beside its face.
+/// What a person should know of a photograph that the report shows the representatives on: that it is transparent, and where the marks that
+/// were given for it lie beside its face.
 ///
 /// # Errors
 /// [`CloneError`] for a photograph or marks that do not serve.

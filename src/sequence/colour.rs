@@ -5,8 +5,8 @@ use std::path::Path;
 use image::{DynamicImage, GrayImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
 
 use super::{
-    DecodeError, SequenceError,
-    decode::{bits_of, other_pixels},
+    DecodeError, GrayDecoder, SequenceError,
+    decode::{bits_of, grey_of, other_pixels},
     still::{Wanted, decode},
     stream::{self, Next, Stream},
 };
@@ -25,6 +25,59 @@ pub const MAX_SIDE: u32 = 16_384;
 /// [`SequenceError::Decode`] when it is not a whole image.
 pub fn read_colour(path: &Path) -> Result<RgbImage, SequenceError> {
     read_with(path, &mut None)
+}
+
+/// A photograph to be moved, in colour and in the grey that its face is read in.
+#[derive(Clone, Debug)]
+pub struct Portrait {
+    /// The picture, as [`read_colour`] gives it.
+    pub picture: RgbImage,
+    /// The same in grey, as [`read_frame`] gives it; of a picture that is transparent in part, what is seen of it on white.
+    pub grey: GrayImage,
+    /// Share of its pixels that are transparent, wholly or in part; 0 to 1.
+    pub transparent: f64,
+}
+
+impl Portrait {
+    /// Reads an image file.
+    ///
+    /// # Errors
+    /// [`SequenceError::Decode`] when it is not a whole image.
+    pub fn read(path: &Path) -> Result<Self, SequenceError> {
+        let fail = |source| SequenceError::Decode { path: path.to_owned(), source };
+        let bytes = crate::input::read(path).map_err(DecodeError::from).map_err(fail)?;
+        let image = decode(&bytes, Wanted::Colour).map_err(fail)?;
+        let transparent = transparent_share(&image);
+        let picture = on_white_of(image, &mut None).map_err(fail)?;
+        // What lies under transparency is not seen, and may be anything.
+        let grey = if transparent > 0.0 { grey_of(&picture) } else { GrayDecoder::default().decode(&bytes).map_err(fail)? };
+        Ok(Self { picture, grey, transparent })
+    }
+
+    /// What a person should know of it.
+    pub fn remark(&self) -> Option<String> {
+        // A share that would be rounded to 0 is one of few pixels, and no background.
+        let percent = 100.0 * self.transparent;
+        (percent >= 0.5).then(|| {
+            format!(
+                "{percent:.0} % of the picture is transparent: it is laid on white, and so is what is made of it; for another background, save it \
+                 without transparency"
+            )
+        })
+    }
+}
+
+/// Share of the pixels of a picture that are not opaque.
+fn transparent_share(image: &DynamicImage) -> f64 {
+    let pixels = u64::from(image.width()) * u64::from(image.height());
+    let clear = match image {
+        DynamicImage::ImageLumaA8(image) => image.pixels().filter(|p| p.0[1] < u8::MAX).count(),
+        DynamicImage::ImageRgba8(image) => image.pixels().filter(|p| p.0[3] < u8::MAX).count(),
+        DynamicImage::ImageLumaA16(image) => image.pixels().filter(|p| p.0[1] < u16::MAX).count(),
+        DynamicImage::ImageRgba16(image) => image.pixels().filter(|p| p.0[3] < u16::MAX).count(),
+        _ => 0,
+    };
+    clear as f64 / pixels.max(1) as f64
 }
 
 /// [`read_colour`] of a picture whose 16-bit channels have `bits`; its own, which are then those of the others, where none are known yet.
@@ -132,7 +185,10 @@ pub fn colour_of(image: &GrayImage) -> RgbImage {
 }
 
 fn decode_colour(bytes: &[u8], bits: &mut Option<u32>) -> Result<RgbImage, DecodeError> {
-    let image = decode(bytes, Wanted::Colour)?;
+    on_white_of(decode(bytes, Wanted::Colour)?, bits)
+}
+
+fn on_white_of(image: DynamicImage, bits: &mut Option<u32>) -> Result<RgbImage, DecodeError> {
     match image {
         DynamicImage::ImageRgb8(image) => Ok(image),
         DynamicImage::ImageLuma8(image) => Ok(colour_of(&image)),
@@ -231,6 +287,25 @@ mod tests {
         image.put_pixel(1, 0, image::Rgba([100, 0, 0, 51]));
         let read = decode_colour(&png(image), &mut None).unwrap();
         assert_eq!((read.get_pixel(0, 0).0, read.get_pixel(1, 0).0), ([100, 0, 0], [224, 204, 204]));
+    }
+
+    #[test]
+    fn a_transparent_portrait_is_the_same_in_grey_as_it_is_seen() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cut out.png");
+        // A background that was taken out: black, and nothing of it is seen.
+        let mut image = RgbaImage::from_pixel(4, 1, image::Rgba([0, 0, 0, 0]));
+        image.put_pixel(0, 0, image::Rgba([100, 100, 100, 255]));
+        std::fs::write(&path, png(image)).unwrap();
+        let Portrait { picture, grey, transparent } = Portrait::read(&path).unwrap();
+        assert_eq!((picture.get_pixel(0, 0).0, picture.get_pixel(1, 0).0), ([100; 3], [255; 3]));
+        assert_eq!((grey.as_raw().as_slice(), transparent), ([100, 255, 255, 255].as_slice(), 0.75));
+        let said = Portrait::read(&path).unwrap().remark().unwrap();
+        assert!(said.starts_with("75 % of the picture is transparent: it is laid on white"), "{said}");
+        // An alpha channel that hides nothing is none.
+        std::fs::write(&path, png(RgbaImage::from_pixel(2, 1, image::Rgba([10, 20, 30, 255])))).unwrap();
+        let opaque = Portrait::read(&path).unwrap();
+        assert!(opaque.remark().is_none() && opaque.grey == *super::super::read_frame(&path).unwrap().image());
     }
 
     #[test]
