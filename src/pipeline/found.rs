@@ -36,6 +36,14 @@ pub enum FoundMarksError {
         /// Median expected error, percent of the eye distance.
         percent: f64,
     },
+    /// A face that stands on its head.
+    #[error(
+        "no marks are set, and the face that was found is upside down (turned by {degrees:.0} degrees): turn the picture upright"
+    )]
+    UpsideDown {
+        /// Angle between the face's down and the picture's, up to 180.
+        degrees: f64,
+    },
     /// The pixels.
     #[error(transparent)]
     Frame(#[from] SequenceError),
@@ -82,6 +90,17 @@ impl FoundFace {
                 middle.y
             )
         })
+    }
+
+    /// How far it is turned, degrees, where it stands on its head: its mouth above its eyes.
+    fn upside_down(&self) -> Option<f64> {
+        /// The fit takes faces that lie on their side.
+        const LEAST: f64 = 120.0;
+        let at = |node: u16| Some(self.marks.iter().find(|mark| mark.node.0 == node)?.position.coords);
+        // Outer corners of the eyes, and corners of the mouth.
+        let down = at(31)? + at(64)? - at(20)? - at(53)?;
+        let degrees = down.x.atan2(down.y).abs().to_degrees();
+        (degrees > LEAST).then_some(degrees)
     }
 
     /// The middle of its marks.
@@ -139,6 +158,9 @@ pub fn found_marks_and_remark(
     bench: &Workbench,
 ) -> Result<(Vec<Correspondence>, Option<String>), FoundMarksError> {
     let face = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
+    if let Some(degrees) = face.upside_down() {
+        return Err(FoundMarksError::UpsideDown { degrees });
+    }
     if !face.trusted {
         return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error });
     }
@@ -165,4 +187,38 @@ pub(super) fn fitting_marks(face: &FoundFace, size: ImageSize, bench: &Workbench
 fn marks_of(face: &LocatedFace, inside: impl Fn(&Point2<f64>) -> bool) -> Vec<Correspondence> {
     let points = face.points.iter().filter(|p| inside(&p.position));
     points.map(|p| Correspondence::found(p.node, p.position, p.expected_error)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_face_on_its_head_is_known() {
+        let face = |turn: f64| {
+            let at = |(node, x, y): (u16, f64, f64)| {
+                let (sin, cos) = turn.to_radians().sin_cos();
+                Correspondence::found(NodeId(node), Point2::new(100.0 + cos * x - sin * y, 100.0 + sin * x + cos * y), 1.0)
+            };
+            let marks = [(53, -40.0, 0.0), (20, 40.0, 0.0), (64, -20.0, 60.0), (31, 20.0, 60.0)].map(at).to_vec();
+            FoundFace { marks, expected_error: 0.01, eye_distance: 60.0, trusted: true, others: 0 }
+        };
+        assert_eq!([0.0, 25.0, -90.0, 110.0].map(|turn| face(turn).upside_down()), [None; 4]);
+        for turn in [180.0, 150.0, -170.0] {
+            let found = face(turn).upside_down().unwrap();
+            assert!((found - f64::abs(turn)).abs() < 1e-9, "{found}");
+        }
+    }
+
+    #[test]
+    fn a_portrait_on_its_head_is_said_to_be() {
+        let portrait = crate::sequence::read_frame("fixtures/portraits/P01.jpg".as_ref()).unwrap();
+        let bench = Workbench::new(None, crate::pipeline::PipelineOptions::default()).unwrap();
+        let turned = Frame::new(0, image::imageops::rotate180(portrait.image()));
+        let said = found_marks(&turned, &bench).unwrap_err().to_string();
+        assert!(
+            said.contains("the face that was found is upside down (turned by 1") && said.ends_with("turn the picture upright"),
+            "{said}"
+        );
+    }
 }
