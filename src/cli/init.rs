@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use grimace::{
     dataset::{DatasetError, IMAGE_EXTENSIONS, Kept, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, manifest_path, propose_manifest},
-    output::count,
+    output::{count, listed},
 };
 
 use super::{
@@ -93,6 +93,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if open > 0 {
             println!("note: the emotion of {} is not known; fill in what stands as `?`", count(open, "sequence", "sequences"));
+        }
+        if let (Some(people), false) = (&args.people, manifest.not_joined.is_empty()) {
+            println!("note: not taken from {}: {}", people.display(), listed(&manifest.not_joined, usize::MAX));
         }
         if !manifest.unknown_people.is_empty() {
             println!("note: not in the table of people: {}", shortened(&manifest.unknown_people));

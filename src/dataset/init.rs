@@ -57,6 +57,8 @@ pub struct ProposedManifest {
     pub person_columns: Vec<String>,
     /// Further columns: marks and frames that are known, and those of an earlier manifest.
     pub more_columns: Vec<String>,
+    /// Columns of the table of people that were not taken.
+    pub not_joined: Vec<String>,
     /// Subjects that the table of people lacks.
     pub unknown_people: Vec<String>,
     /// Sequences of a labelled dataset that are not taken, with the reason.
@@ -105,7 +107,8 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
 }
 
 impl ProposedManifest {
-    /// Joins a table of people: a CSV file with a column `subject` (or `person`), whose other columns go to every sequence of a subject.
+    /// Joins a table of people: a CSV file with a column `subject` (or `person`), whose other columns go to every sequence of a subject, but for
+    /// those that a manifest has of every sequence ([`ProposedManifest::not_joined`]).
     ///
     /// # Errors
     /// [`DatasetError`] when the file does not read, has no such column, or names nobody of the dataset.
@@ -116,13 +119,19 @@ impl ProposedManifest {
             None => csv.require(["subject"])?[0],
         };
         let taken = ["subject", "sequence", "emotion", "frames", "landmarks"];
-        let others: Vec<usize> = (0..csv.header().len())
-            .filter(|&k| k != by && !taken.contains(&csv.header()[k].as_str()) && !csv.header()[k].is_empty())
-            .collect();
+        let is_ours = |name: &String| {
+            taken.iter().any(|ours| ours.eq_ignore_ascii_case(name)) || self.more_columns.iter().any(|more| more == name)
+        };
+        let named = || (0..csv.header().len()).filter(|&k| k != by && !csv.header()[k].is_empty());
+        let (ours, others): (Vec<usize>, Vec<usize>) = named().partition(|&k| is_ours(&csv.header()[k]));
+        let unnamed: Vec<usize> = (0..csv.header().len()).filter(|&k| csv.header()[k].is_empty()).collect();
+        // Spreadsheets leave columns behind in which nothing stands.
+        let mut filled: BTreeSet<usize> = BTreeSet::new();
         let mut people: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for row in csv.rows() {
             let row = row?;
             let fields: Vec<String> = others.iter().map(|&k| row.get(k).to_owned()).collect();
+            filled.extend(unnamed.iter().filter(|&&k| !row.get(k).is_empty()));
             let earlier = people.insert(composed(row.get(by)), fields.clone());
             if earlier.is_some_and(|earlier| earlier != fields) {
                 let subject = row.get(by).to_owned();
@@ -133,6 +142,8 @@ impl ProposedManifest {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
             return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject });
         }
+        let of_sequences = ours.iter().map(|&k| format!("`{}`, which every sequence has of its own", csv.header()[k]));
+        self.not_joined = of_sequences.chain(filled.iter().map(|k| format!("column {}, which has no name", k + 1))).collect();
         self.person_columns = others.iter().map(|&k| csv.header()[k].clone()).collect();
         let mut unknown = BTreeSet::new();
         for row in &mut self.rows {
@@ -403,6 +414,7 @@ mod tests {
         let mut manifest = propose_manifest(folder.path()).unwrap();
         manifest.join_people(&people).unwrap();
         assert_eq!(manifest.unknown_people, ["S010"]);
+        assert!(manifest.not_joined.is_empty());
         let path = manifest_path(folder.path());
         manifest.write(&path).unwrap();
         let expected = "subject,sequence,emotion,frames,gender\n\
@@ -413,6 +425,23 @@ mod tests {
         fs::write(&people, "subject,gender\nX,f\n").unwrap();
         assert!(manifest.join_people(&people).unwrap_err().to_string().contains("none of its subjects"));
         assert!(propose_manifest(&folder.path().join("cohn-kanade/S005/001")).is_ok(), "a folder of images is one sequence");
+    }
+
+    #[test]
+    fn columns_of_people_that_are_not_taken_are_named() {
+        let folder = folder(&["S1/a.mp4"]);
+        let people = folder.path().join("people.csv");
+        let joined = |table: &str| {
+            fs::write(&people, table).unwrap();
+            let mut manifest = propose_manifest(folder.path()).unwrap();
+            manifest.join_people(&people).unwrap();
+            (manifest.person_columns, manifest.not_joined)
+        };
+        let (taken, left) = joined("subject,Emotion,gender,,frames,\nS1,joy,f,old,12,\n");
+        assert_eq!(taken, ["gender"]);
+        let own = |name: &str| format!("`{name}`, which every sequence has of its own");
+        assert_eq!(left, [own("Emotion"), own("frames"), "column 4, which has no name".to_owned()]);
+        assert_eq!(joined("person,gender\nS1,f\n"), (vec!["gender".to_owned()], Vec::new()));
     }
 
     #[test]

@@ -56,8 +56,9 @@ fn names_are_the_same_however_their_accents_are_written() {
     work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 2 tracked"]);
     assert!(work.path("out/tracks/Andr\u{e9}_f\u{ea}te.csv").exists());
     std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
-    work.write("people.csv", "subject,sex\nAndr\u{e9},m\nZo\u{eb},f\n");
+    work.write("people.csv", "subject,sex,emotion\nAndr\u{e9},m,\nZo\u{eb},f,\n");
     let ran = work.grimace("init faces --people people.csv").exit(0);
+    let ran = ran.prints(&["note: not taken from people.csv: `emotion`, which every sequence has of its own"]);
     assert!(!ran.stdout.contains("not in the table of people"), "{}", ran.stdout);
     let rows = work.rows("faces/manifest.csv");
     assert_eq!((rows[0]["subject"].as_str(), rows[0]["sequence"].as_str()), ("Andr\u{e9}", "f\u{ea}te"));
