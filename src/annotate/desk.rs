@@ -106,6 +106,11 @@ impl Desk {
         (self.worklist.len(), self.left(&self.lock()))
     }
 
+    /// Sequences of the dataset.
+    pub fn total(&self) -> usize {
+        self.lock().len()
+    }
+
     /// What in the dataset is no sequence.
     pub fn failures(&self) -> &[String] {
         &self.failures

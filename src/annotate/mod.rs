@@ -85,11 +85,11 @@ pub enum AnnotateError {
     #[error("nothing to annotate; give a dataset, or the output folder of a run with --tracks")]
     Nothing,
     /// A dataset without a sequence.
-    #[error("{}: no sequence can be annotated; the first problem: {reason}", path.display())]
+    #[error("{}: no sequence can be annotated{}", path.display(), first_problem(reason))]
     NoSequence {
         /// The dataset.
         path: PathBuf,
-        /// The first of its failures.
+        /// The first of its failures; empty where there is none.
         reason: String,
     },
     /// No track in the folder.
@@ -131,6 +131,10 @@ pub enum AnnotateError {
     /// The server broke off.
     #[error("the server ended: {0}")]
     Server(io::Error),
+}
+
+fn first_problem(reason: &str) -> String {
+    if reason.is_empty() { ": it has none".to_owned() } else { format!("; the first problem: {reason}") }
 }
 
 /// What every request works on.
@@ -182,6 +186,14 @@ impl Annotator {
         match &self.app.work {
             Work::Marks(desk) => desk.counts(),
             Work::Tracks(tracks) => (tracks.count(), tracks.count()),
+        }
+    }
+
+    /// Sequences of the dataset, those that are not on the page, too.
+    pub fn total(&self) -> usize {
+        match &self.app.work {
+            Work::Marks(desk) => desk.total(),
+            Work::Tracks(tracks) => tracks.count(),
         }
     }
 

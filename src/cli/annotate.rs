@@ -7,7 +7,7 @@ use std::{
 };
 
 use grimace::{
-    annotate::{AnnotateOptions, Annotator},
+    annotate::{AnnotateOptions, Annotator, ENOUGH_MARKS},
     dataset::is_picture,
     output::count,
     pipeline::{PipelineOptions, Workbench},
@@ -99,12 +99,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let (sequences, left) = annotator.sequences();
     if args.tracks.is_some() {
         println!("{}, the one that lost most first", count(sequences, "track", "tracks"));
-    } else {
+    } else if sequences == 0 {
         println!(
-            "{left} of {} left to mark{}",
-            count(sequences, "sequence", "sequences"),
-            if sequences == 0 { "; --all shows them all" } else { "" }
+            "nothing is left to mark: {} with {ENOUGH_MARKS} marks or more; --all shows them",
+            count(annotator.total(), "sequence", "sequences")
         );
+    } else {
+        println!("{left} of {} left to mark", count(sequences, "sequence", "sequences"));
     }
     let stop = stop_flag()?;
     let url = annotator.url();
