@@ -22,6 +22,7 @@ mod export;
 mod feature_points;
 mod file;
 mod fitness;
+mod folds;
 mod head;
 mod head_learn;
 mod head_mesh;
