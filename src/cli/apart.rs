@@ -83,6 +83,24 @@ pub fn maybe<'a>(name: &'a str, path: Option<&'a PathBuf>) -> impl Iterator<Item
     path.into_iter().map(move |path| (name, path.as_path()))
 }
 
+/// Endings of files that people name where a folder of results is asked for.
+const FILE_ENDINGS: [&str; 24] = [
+    "apng", "avi", "bvh", "csv", "fap", "fbx", "gif", "glb", "gltf", "html", "jpeg", "jpg", "json", "mkv", "mov", "mp4", "npy",
+    "obj", "pdf", "ply", "png", "txt", "webm", "zip",
+];
+
+/// Refuses a folder of results that is called as a file is; `choice` says how the files in it are chosen. One that is there is a folder,
+/// whatever it is called.
+pub fn check_folder_name(folder: &Path, choice: &str) -> anyhow::Result<()> {
+    let ending = folder.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    anyhow::ensure!(
+        folder.is_dir() || !FILE_ENDINGS.contains(&ending.as_str()),
+        "{}: --output is a folder for the results, and this name ends as a file's, in .{ending}; name a folder ({choice})",
+        folder.display()
+    );
+    Ok(())
+}
+
 /// Refuses a picture that is not called `.png`, which is what is written.
 pub fn check_png(option: &str, path: &Path, or_folder: &str) -> anyhow::Result<()> {
     anyhow::ensure!(
@@ -126,6 +144,12 @@ mod tests {
         let over = check_not_over(&at("marks.csv"), folder.path()).unwrap_err().to_string();
         assert!(over.contains("--output would be written over a file of"), "{over}");
         assert!(check_not_over(&a, folder.path()).is_ok() && check_not_over(&at("marks.csv"), &at("sub")).is_ok());
+        let called =
+            |name: &str| check_folder_name(&at(name), "see --format").map_or_else(|error| error.to_string(), |()| String::new());
+        assert!(called("notes.TXT").ends_with("and this name ends as a file's, in .txt; name a folder (see --format)"));
+        assert_eq!((called("v1.2"), called("anna.b"), called("smile")), (String::new(), String::new(), String::new()));
+        std::fs::create_dir(at("old.gif")).unwrap();
+        assert_eq!(called("old.gif"), "");
         let inside = |path: &str| check_outside("--output", &at("sub"), &[("--source", &at(path))]).is_err();
         assert!(inside("sub/a.fap") && inside("sub/deep/a.fap") && !inside("subject.fap"));
     }

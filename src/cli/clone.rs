@@ -25,12 +25,14 @@ use indicatif::ProgressBar;
 
 use super::{
     Outcome,
-    apart::{check_apart, check_outside, maybe},
+    apart::{check_apart, check_folder_name, check_outside, maybe},
     clone_again::{holds_a_batch, inputs_hash, made_before, pictures_hash},
     clone_skin::{SkinChoice, SourceSkin, skin_of},
     portrait,
     progress::frame_bar,
-    shared::{FitArgs, GeneralArgs, MarksArgs, ProfileArgs, are, file_name, positive, stop_flag, words},
+    shared::{
+        FitArgs, GeneralArgs, MarksArgs, ProfileArgs, are, file_name, named_folder, note_if_still, positive, stop_flag, words,
+    },
     source_frames::source_pictures,
 };
 
@@ -197,6 +199,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.look.wrinkles.is_none() || matches!(args.look.skin, SkinChoice::Auto | SkinChoice::None),
         "--wrinkles takes the folds of the source's own frames, --skin those of others; give one of them"
     );
+    check_folder_name(&args.output, "its films are chosen by --film: gif, apng, mp4, webm")?;
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let stop = stop_flag()?;
     let pairs = args.source.len() * args.target.len();
@@ -319,6 +322,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                         are(source.motion.not_shown.len())
                     );
                 }
+                note_if_still(path, &source.motion);
                 if args.motion.head && source.motion.kind != SourceKind::Track {
                     eprintln!("note: {}: --head has no effect: only tracks have a motion of the head", path.display());
                 }
@@ -405,7 +409,7 @@ impl Job<'_> {
         anyhow::ensure!(
             self.args.general.force || !used,
             "{} {}; choose a new folder, or --force to write into it",
-            folder.display(),
+            named_folder(folder),
             if holds_a_batch(folder) {
                 "holds the clones of several sources or targets, a folder each"
             } else {

@@ -17,7 +17,7 @@ use super::{
     Outcome,
     apart::{all, check_apart, maybe},
     bank, portrait,
-    shared::{FitArgs, GeneralArgs, about, are},
+    shared::{FitArgs, GeneralArgs, about, are, note_if_still},
 };
 
 /// Heights of the picture of a face in the page, px.
@@ -83,6 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 are(motion.not_shown.len())
             );
         }
+        note_if_still(path, motion);
     }
     let labels = labels(&args.motions, &motions)?;
     let targets = targets(args, &bench)?;
@@ -107,6 +108,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let html = page(&title, &shown, &faces, &heads, &bench)?;
     output::write_bytes(&args.output, html.as_bytes())?;
+    let frames: Vec<usize> = motions.iter().map(SourceMotion::frame_count).collect();
+    if let Some(said) = too_large(html.len(), &labels, &frames, faces.len() + heads.len()) {
+        eprintln!("note: {}: {said}", args.output.display());
+    }
     if !args.general.quiet {
         let count = output::count;
         println!(
@@ -118,6 +123,29 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     }
     Ok(Outcome::Done)
+}
+
+/// Size from which on a page is slow to open, bytes.
+const LARGE_BYTES: usize = 10_000_000;
+
+/// What a frame of a motion takes, bytes: offsets of 113 nodes and a few FAPs.
+const FRAME_BYTES: usize = 650;
+
+/// What a person should know of a page that is large: its faces make it so, the longest motion, or the number of all.
+fn too_large(bytes: usize, labels: &[String], frames: &[usize], faces: usize) -> Option<String> {
+    let (longest, most) = labels.iter().zip(frames).max_by_key(|(_, frames)| **frames)?;
+    let all: usize = frames.iter().sum();
+    let to_do = if 2 * FRAME_BYTES * all < bytes {
+        format!("most of it are its {}: take fewer of them, or make several pages", output::count(faces, "face", "faces"))
+    } else if 2 * most >= all {
+        format!(
+            "{longest} has {most} of its {all} frames: a FAP file takes less with fewer frames a second (`grimace fap convert --fps 12`), or take a \
+             part of the motion"
+        )
+    } else {
+        format!("it has {all} frames of {} motions: take fewer of them, or make several pages", frames.len())
+    };
+    (bytes > LARGE_BYTES).then(|| format!("the page has {:.0} MB, and is slow to open; {to_do}", bytes as f64 / 1e6))
 }
 
 /// What the motions are called: tracks by whom and what they show, all others and twins of these by their files; those of one name with the
@@ -179,6 +207,18 @@ fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_page_that_is_slow_to_open_says_what_makes_it_large() {
+        let labels = ["long", "short", "joy"].map(str::to_owned);
+        assert_eq!(too_large(10_000_000, &labels, &[20_000, 5, 5], 1), None);
+        let said = too_large(15_700_000, &labels, &[20_000, 5, 5], 1).unwrap();
+        assert!(said.starts_with("the page has 16 MB, and is slow to open; long has 20000 of its 20010 frames:"), "{said}");
+        let said = too_large(30_000_000, &labels, &[10_000, 10_000, 10_000], 1).unwrap();
+        assert!(said.ends_with("it has 30000 frames of 3 motions: take fewer of them, or make several pages"), "{said}");
+        let said = too_large(12_000_000, &labels, &[5, 5, 5], 12).unwrap();
+        assert!(said.ends_with("most of it are its 12 faces: take fewer of them, or make several pages"), "{said}");
+    }
 
     #[test]
     fn names_that_are_there_twice_get_extensions_and_numbers() {

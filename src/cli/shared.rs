@@ -9,6 +9,7 @@ use std::{
 
 use anyhow::Context;
 use grimace::{
+    clone::SourceMotion,
     dataset::{LandmarkSelection, read_marks},
     fit::Correspondence,
     output::target_of,
@@ -31,10 +32,21 @@ pub fn are(things: usize) -> &'static str {
 pub struct PictureArgs {
     /// Largest picture or video frame that is read, pixels, such as 200000000; a larger one is refused by its header
     #[arg(
-        long, global = true, default_value_t = DEFAULT_MAX_PIXELS, value_parser = clap::value_parser!(u64).range(1..),
+        long, global = true, default_value_t = DEFAULT_MAX_PIXELS, value_parser = pixels,
         value_name = "PIXELS", help_heading = "General"
     )]
     max_pixels: u64,
+}
+
+/// Side of a picture below which no face in it shows anything, px.
+const LEAST_SIDE: u64 = 32;
+
+fn pixels(text: &str) -> Result<u64, String> {
+    let least = LEAST_SIDE * LEAST_SIDE;
+    let pixels = text.parse().ok().filter(|pixels| *pixels >= least);
+    pixels.ok_or_else(|| {
+        format!("expected a whole number of at least {least}, those of a picture of {LEAST_SIDE}x{LEAST_SIDE}: no face is read in a smaller one")
+    })
 }
 
 impl PictureArgs {
@@ -109,6 +121,13 @@ pub fn marks_or_found(
     }
 }
 
+/// Says that a motion is none.
+pub fn note_if_still(path: &Path, motion: &SourceMotion) {
+    if motion.is_still() {
+        eprintln!("note: {}: nothing moves in the whole motion: it shows the neutral face", path.display());
+    }
+}
+
 /// A word as one writes it in a shell.
 pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "_-./:,+=@%".contains(c);
@@ -167,7 +186,36 @@ impl LearnedFileArgs {
     }
 }
 
+/// A folder at the beginning of a sentence: `.` is hardly seen there.
+pub fn named_folder(path: &Path) -> String {
+    match path.to_str() {
+        Some("." | "./") => "the current folder".to_owned(),
+        _ if path.file_name().is_none() => format!("the folder {}", path.display()),
+        _ => path.display().to_string(),
+    }
+}
+
 /// Name of a file or folder, without the folders above it: what is written into results names no folder of this machine.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_without_a_name_are_called_something() {
+        let named = [".", "./", "..", "out", "a/.."].map(|path| named_folder(Path::new(path)));
+        assert_eq!(named, ["the current folder", "the current folder", "the folder ..", "out", "the folder a/.."]);
+    }
+
+    #[test]
+    fn a_limit_below_every_picture_is_refused() {
+        assert_eq!((pixels("1024"), pixels("200000000")), (Ok(1024), Ok(200_000_000)));
+        let said = "expected a whole number of at least 1024, those of a picture of 32x32: no face is read in a smaller one";
+        for wrong in ["1000", "0", "-1", "many"] {
+            assert_eq!(pixels(wrong), Err(said.to_owned()), "{wrong}");
+        }
+    }
 }

@@ -7,10 +7,10 @@ use std::{
 
 use super::{
     Outcome,
-    apart::{all, check_apart, maybe},
+    apart::{all, check_apart, check_folder_name, maybe},
     bank, portrait,
     progress::frame_bar,
-    shared::{about, are, set_threads, thread_count},
+    shared::{about, are, named_folder, set_threads, thread_count},
     synthesize_options::{FRAME_RATES, SearchArgs, TimeArgs},
     synthesize_report::Report,
     unfinished::Unfinished,
@@ -142,8 +142,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         args.force || !occupied || unfinished.is_there(),
         "{} is not empty; choose a new folder, or --force to write into it",
-        out.display()
+        named_folder(out)
     );
+    check_folder_name(out, "its files are chosen by --format: glb, npy, obj, ply, pictures")?;
     let several = args.motion.len() > 1;
     args.check_inputs(several)?;
     anyhow::ensure!(args.truth.is_none() || !several, "--truth is of one motion, and there are {}", args.motion.len());
@@ -264,6 +265,18 @@ impl<'a> Played<'a> {
                 held.point,
                 held.moved,
                 held.asked,
+            );
+        }
+        if let Some(folded) = synthesizer.folded(&answers, &motion.frames) {
+            eprintln!(
+                "warning: {}: the surface folds from frame {} on, and in frame {} {} of its {} triangles are turned over: the motion goes \
+                 further than the bank can; choose a smaller --emphasis than {}",
+                path.display(),
+                folded.first,
+                folded.worst,
+                folded.turned,
+                folded.of,
+                synthesizer.options().emphasis
             );
         }
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();

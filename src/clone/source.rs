@@ -265,6 +265,13 @@ impl SourceMotion {
         lid_units(&self.fapus, &self.lid_gaps)
     }
 
+    /// Whether it shows the neutral face from the first to the last frame: no node goes further than a thousandth of the eye distance,
+    /// about one FAP unit, which nobody sees.
+    pub fn is_still(&self) -> bool {
+        const SEEN: f64 = 1e-3;
+        self.offsets.iter().flatten().all(|offset| offset.norm() <= SEEN * self.fapus.es)
+    }
+
     /// Number of frames, at least one.
     pub fn frame_count(&self) -> usize {
         self.offsets.len()
@@ -326,5 +333,29 @@ fn with_path(error: CloneError, path: &Path) -> CloneError {
         CloneError::NoFrames { .. } => CloneError::NoFrames { path },
         CloneError::NothingToShow { faps, .. } => CloneError::NothingToShow { path, faps },
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fap::FapFrame;
+
+    #[test]
+    fn a_motion_that_nobody_sees_stands_still() {
+        let face = Face::candide3();
+        let jaw = |values: &[f64]| {
+            let frame = |&value: &f64| {
+                let mut frame = FapFrame::default();
+                frame.set_value(FapNumber::try_from(3).unwrap(), Some(value));
+                frame
+            };
+            let frames = values.iter().map(frame).collect();
+            let sequence = FapSequence { version: "2.1".to_owned(), name: "jaw".to_owned(), fps: 25.0, frames };
+            SourceMotion::from_fap("jaw", &sequence, &face).unwrap().is_still()
+        };
+        assert!(jaw(&[0.0, 0.0]) && jaw(&[0.0]) && !jaw(&[0.0, 200.0, 0.0]));
+        // A unit of FAP 3 is MNS0/1024, less than a thousandth of the eye distance.
+        assert!(jaw(&[0.0, 1.0]) && !jaw(&[0.0, 20.0]));
     }
 }

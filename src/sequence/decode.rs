@@ -85,8 +85,10 @@ pub enum DecodeError {
     },
 }
 
+/// Millions of pixels in words, with so many decimals that small pictures have some.
 fn megapixels(pixels: u64) -> String {
-    format!("{}", (pixels as f64 / 1e6 * 10.0).round() / 10.0)
+    let steps = if pixels < 1_000_000 { 1000.0 } else { 10.0 };
+    format!("{}", (pixels as f64 / 1e6 * steps).round() / steps)
 }
 
 /// Decodes images of one sequence to 8-bit grey.
@@ -250,6 +252,12 @@ mod tests {
                 .unwrap()
                 .starts_with("1 picture has values of more than the 12 bits that the first one uses, white here")
         );
+    }
+
+    #[test]
+    fn small_limits_are_no_zeros() {
+        let said = [4096, 102_400, 1_260_000, 128_000_000].map(megapixels);
+        assert_eq!(said, ["0.004", "0.102", "1.3", "128"]);
     }
 
     #[test]

@@ -55,9 +55,11 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
 
     let portraits = "faces/S001/005/S001_005_00000001.png faces/S002/005/S002_005_00000001.png";
     let marks = "faces/S001/005/correspondences.csv faces/S002/005/correspondences.csv";
-    work.grimace(&format!("play jaw.fap --portrait {portraits} -c {marks} -o both.html"))
+    work.write("still.fap", jaw().replace(" 200", " 0").replace(" 400", " 0"));
+    work.grimace(&format!("play jaw.fap still.fap --portrait {portraits} -c {marks} -o both.html"))
         .exit(0)
-        .prints(&["1 motion on 2 faces"]);
+        .prints(&["2 motions on 2 faces"])
+        .says(&["note: still.fap: nothing moves in the whole motion"]);
     let both = data(&work.read("both.html"));
     assert_eq!(both["faces"][1]["label"], "S002_005_00000001");
     work.grimace(&format!("play jaw.fap --portrait {portraits} -c faces/S001/005/correspondences.csv -o c.html"))

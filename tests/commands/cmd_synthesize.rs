@@ -318,6 +318,8 @@ fn bad_input_is_named() {
     work.write("bad.fap", "nonsense");
     says("-b candide -m bad.fap", &["bad.fap"]);
     work.grimace("synthesize -b candide -m m.csv -o out -c 0").exit(2);
+    let file = "notes.txt: --output is a folder for the results, and this name ends as a file's, in .txt; name a folder (its files are chosen by --format";
+    work.grimace("synthesize -b candide -m m.csv -o notes.txt").exit(1).says(&[file]);
 }
 
 #[test]
