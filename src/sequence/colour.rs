@@ -32,7 +32,7 @@ pub fn read_colour(path: &Path) -> Result<RgbImage, SequenceError> {
 pub struct Portrait {
     /// The picture, as [`read_colour`] gives it.
     pub picture: RgbImage,
-    /// The same in grey, as [`read_frame`] gives it; of a picture that is transparent in part, what is seen of it on white.
+    /// The same in grey, as [`super::read_frame`] gives it; of a picture that is transparent in part, what is seen of it on white.
     pub grey: GrayImage,
     /// Share of its pixels that are transparent, wholly or in part; 0 to 1.
     pub transparent: f64,
