@@ -203,7 +203,7 @@ facade! {
 }
 facade! {
     /// Method: faces and their marks found in pictures.
-    locate: LocateOptions, LocatedFace, LocatedPoint, Locator
+    locate: FacePart, LocateOptions, LocatedFace, LocatedPoint, Locator
 }
 facade! {
     /// Method: the wireframe fitted to marked points \[KP, section 2\].

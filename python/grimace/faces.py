@@ -36,7 +36,9 @@ class Face:
     expected_error: float
     """Median expected error over the eye distance."""
     trusted: bool
-    """Whether the points may be used without a look."""
+    """Whether the points may be used without a look, but for those of covered parts."""
+    covered: Sequence[str] = ()
+    """Parts that something covers (`mouth`, `left eye`): their points are guesses from the rest of the face."""
 
 
 Marks = Union[

@@ -46,6 +46,7 @@ pub fn locate<'py>(
         row.set_item("score", face.score)?;
         row.set_item("expected_error", face.expected_error())?;
         row.set_item("trusted", face.trusted())?;
+        row.set_item("covered", face.covered.iter().map(|part| part.name()).collect::<Vec<_>>())?;
         out.append(row)?;
     }
     Ok(out)

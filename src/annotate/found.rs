@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::{ProposalSource, ProposedMarks, desk::Desk};
 use crate::{
     fit::Correspondence,
+    locate::FacePart,
     pipeline::{FoundFace, found_face},
     sequence::{Frame, read_first_frame},
     units::SequenceId,
@@ -15,16 +16,24 @@ use crate::{
 /// # Errors
 /// What is wrong with the locator's model.
 pub fn propose_from_face(frame: &Frame) -> Result<Option<(ProposedMarks, Option<String>)>, String> {
-    let Some(FoundFace { marks, expected_error, trusted, .. }) = found_face(frame).map_err(|e| e.to_string())? else {
-        return Ok(None);
-    };
+    let Some(face) = found_face(frame).map_err(|e| e.to_string())? else { return Ok(None) };
+    let covered = covered(&face);
+    let FoundFace { marks, expected_error, trusted, .. } = face;
     let note = (!trusted).then(|| {
         format!(
             "the face is hard to read: half of the points are expected to be more than {:.0} % of the eye distance off",
             100.0 * expected_error
         )
     });
+    let note = note.or(covered);
     Ok(Some((ProposedMarks { source: ProposalSource::Found, marks }, note)))
+}
+
+/// That parts of a face are covered, so that a person has to say where they are.
+fn covered(face: &FoundFace) -> Option<String> {
+    let parts = FacePart::listed(&face.covered);
+    (!face.covered.is_empty())
+        .then(|| format!("covered, as it looks: {parts}; what is proposed there is a guess from the rest of the face"))
 }
 
 /// What [`Annotator::accept`](super::Annotator::accept) did.
@@ -73,7 +82,7 @@ impl Desk {
         if !face.trusted || percent >= limit {
             return Err(format!("half of the points are expected to be more than {percent:.1} % of the eye distance off"));
         }
-        if let Some(remark) = face.of_several() {
+        if let Some(remark) = covered(&face).or_else(|| face.of_several()) {
             return Err(remark);
         }
         let most = 3.0 * limit / 100.0 * face.eye_distance;

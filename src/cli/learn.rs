@@ -6,7 +6,7 @@ use anyhow::Context;
 use clap::Subcommand;
 use grimace::{
     locate::{
-        ModelOrigin,
+        Model, ModelOrigin,
         learn::{LearnOptions, LearnSummary, learn_locator, read_faces},
     },
     output,
@@ -61,6 +61,9 @@ struct LocatorArgs {
     /// Pictures made of each photograph and of its mirror image
     #[arg(long, default_value_t = LearnOptions::default().pictures as u16, value_parser = clap::value_parser!(u16).range(2..=200))]
     pictures: u16,
+    /// A model that is kept as it is but for what is learned of covered parts
+    #[arg(long, value_name = "FILE")]
+    keep: Option<PathBuf>,
     /// Seed of all chance
     #[arg(long, default_value_t = LearnOptions::default().seed)]
     seed: u64,
@@ -88,9 +91,10 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
         pictures: usize::from(args.pictures),
         leave_out: args.leave_out.iter().cloned().collect::<BTreeSet<_>>(),
     };
+    let kept = args.keep.as_deref().map(Model::read).transpose()?;
     let faces = read_faces(&args.faces, &options.leave_out)?.with_smiles(&args.faces)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.jobs).build()?;
-    let bar = frame_bar(args.file.quiet, Some(8));
+    let bar = frame_bar(args.file.quiet, Some(9));
     bar.set_style(indicatif::ProgressStyle::with_template("{bar:32.cyan/blue} {msg}  {elapsed} elapsed")?);
     let learned = pool.install(|| {
         learn_locator(&faces, &options, &|part| {
@@ -107,7 +111,11 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
         left_out: options.leave_out.into_iter().collect(),
         credit: args.file.credit.clone(),
     };
-    let bytes = learned.model.to_bytes(&origin)?;
+    let model = match kept {
+        Some((kept, _)) => Model { covers: learned.model.covers, ..kept },
+        None => learned.model,
+    };
+    let bytes = model.to_bytes(&origin)?;
     output::write_bytes(&args.output, &bytes).context("the model was not written")?;
     args.file.summarize(|| print_summary(&learned.summary, bytes.len()), "faces these are");
     Ok(Outcome::Done)
@@ -132,6 +140,16 @@ fn print_summary(summary: &LearnSummary, size: usize) {
         100.0 * summary.accepted,
         100.0 * summary.false_alarms
     );
+    if let Some(covers) = &summary.covers {
+        let [covered, open] = covers.pictures;
+        println!(
+            "covered parts, on {covered} pictures with something over the face and {open} without; found, and said falsely:"
+        );
+        for (part, found, falsely) in &covers.parts {
+            println!("{:<14} {:>6.1} % {:>6.2} %", part.name(), 100.0 * found, 100.0 * falsely);
+        }
+        println!("hidden points: expected and real mean error {:.2} and {:.2}", covers.errors[0], covers.errors[1]);
+    }
     if let Some(lips) = summary.lips {
         println!(
             "parted lips: {:.2} % of {} pictures are said to be, {:.2} % of {} of closed ones; their edges off by {:.2} %, before {:.2} %",
@@ -148,8 +166,9 @@ fn print_summary(summary: &LearnSummary, size: usize) {
 /// The command without the folders of this machine.
 fn command(args: &LocatorArgs) -> String {
     let left_out = if args.leave_out.is_empty() { String::new() } else { format!(" --leave-out {}", args.leave_out.join(",")) };
+    let kept = args.keep.as_deref().map(|path| format!(" --keep {}", file_name(path))).unwrap_or_default();
     format!(
-        "grimace learn locator {} -o {} --pictures {} --seed {}{left_out}",
+        "grimace learn locator {} -o {} --pictures {} --seed {}{left_out}{kept}",
         file_name(&args.faces),
         file_name(&args.output),
         args.pictures,

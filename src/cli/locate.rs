@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::Context;
 use grimace::{
-    locate::{LocateOptions, LocatedFace, Locator, Model, TRUSTED},
+    locate::{FacePart, LocateOptions, LocatedFace, Locator, Model, TRUSTED},
     output::{self, nine_digits},
     overlay::{draw_points, png_bytes},
     pipeline::{PictureSource, pictures_of},
@@ -31,7 +31,8 @@ Example:
 
 POINTS.csv has the columns image,face,node,x,y,expected_error: faces count from 1, the largest first; nodes are Candide-3 vertices; x, y and \
 the expected error (half of such points are further off, half less) are in pixels. Of a dataset the neutral frames are taken. A face whose \
-median expected error is above the limit is named as not trusted: look at it before you use its points. Turned faces are looked for where \
+median expected error is above the limit is named as not trusted: look at it before you use its points. Parts of a face that something covers \
+(a mask, a hand, dark glasses) are named, too: their points are guesses from the rest of the face, and their expected errors say so. Turned faces are looked for where \
 no upright one is found.
 
 Exit status: 0 done, 3 where a picture has no face or does not read.")]
@@ -143,7 +144,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         )
     });
     output::write_records(&args.output, ["image", "face", "node", "x", "y", "expected_error"], rows)?;
-    let (mut empty, mut unreadable, mut doubtful, mut count) = (0, failures.len(), 0, 0);
+    let (mut empty, mut unreadable, mut doubtful, mut covered, mut count) = (0, failures.len(), 0, 0, 0);
     for failure in &failures {
         eprintln!("{failure}");
     }
@@ -177,14 +178,26 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                         100.0 * face.expected_error()
                     );
                 }
+                for (k, face) in faces.iter().enumerate().filter(|(_, f)| !f.covered.is_empty()) {
+                    covered += 1;
+                    eprintln!(
+                        "{}: face {}: {} {} covered: half of the points there are expected to be more than {:.1} % of the eye distance off",
+                        picture.name,
+                        k + 1,
+                        FacePart::listed(&face.covered),
+                        if let [_] = face.covered[..] { "looks" } else { "look" },
+                        100.0 * face.expected_error_of(&face.covered)
+                    );
+                }
             }
         }
     }
     if !args.quiet {
         println!(
-            "{}, {count} {}, {doubtful} not trusted, {empty} without a face{}",
+            "{}, {count} {}, {doubtful} not trusted, {empty} without a face{}{}",
             output::count(pictures.len(), "picture", "pictures"),
             if count == 1 { "face" } else { "faces" },
+            if covered > 0 { format!(", {covered} covered in part") } else { String::new() },
             if unreadable > 0 { format!(", {unreadable} not readable") } else { String::new() }
         );
     }

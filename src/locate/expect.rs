@@ -1,6 +1,9 @@
 //! What errors to expect of a reading, from how it went.
 
-use super::{model::ErrorModel, shape::Shape};
+use super::{
+    model::ErrorModel,
+    shape::{Shape, distance},
+};
 
 /// What one reading of a face gave.
 #[derive(Clone, Debug)]
@@ -13,6 +16,8 @@ pub struct Reading {
     pub last_step: Vec<f32>,
     /// How far each point by itself would have gone elsewhere in the last stage, eye distances.
     pub dissent: Vec<f32>,
+    /// What each point says of whether it is to be seen; empty where that was not learned.
+    pub seen: Vec<f32>,
 }
 
 /// Least length that signs tell apart, eye distances.
@@ -56,6 +61,13 @@ impl ErrorModel {
         // What hardly looks like a face is read with larger errors than any face here had.
         let strange = (self.low_score - signs[SIGNS - 1]).max(0.0);
         (self.calibrated(sum) + 1.5 * strange).exp().min(MOST)
+    }
+
+    /// The errors to expect of all points of two readings, over the eye distance, each looked at by itself; `eye_distance` in px.
+    pub fn expect_all(&self, readings: [&Reading; 2], eye_distance: f32) -> Vec<f32> {
+        let pairs = readings[0].shape.iter().zip(&readings[1].shape);
+        let apart: Vec<f32> = pairs.map(|(&p, &q)| distance(p, q) / eye_distance).collect();
+        (0..apart.len()).map(|k| self.expect(k, &signs(k, &apart, readings, eye_distance))).collect()
     }
 
     fn calibrated(&self, sum: f32) -> f32 {

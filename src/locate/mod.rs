@@ -9,10 +9,12 @@
 pub mod learn;
 
 mod cells;
+mod covers;
 mod expect;
 mod linear;
 mod lips;
 mod model;
+mod part;
 mod picture;
 mod points;
 mod shape;
@@ -25,10 +27,11 @@ use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 
 pub use model::{Model, ModelError, ModelOrigin};
+pub use part::FacePart;
 pub use points::{PUPILS, points};
 
 use crate::units::NodeId;
-use expect::{Reading, signs};
+use expect::Reading;
 pub(crate) use picture::Picture;
 use picture::View;
 use shape::{Placement, Shape, distance};
@@ -121,6 +124,8 @@ pub struct LocatedFace {
     pub eye_distance: f64,
     /// Score of the verifier; the higher the more like a face.
     pub score: f64,
+    /// Parts that something covers: their points are guessed from the rest of the face, and so are their expected errors.
+    pub covered: Vec<FacePart>,
 }
 
 impl LocatedFace {
@@ -131,7 +136,16 @@ impl LocatedFace {
         errors.get(errors.len() / 2).map_or(1.0, |e| e / self.eye_distance.max(f64::MIN_POSITIVE))
     }
 
-    /// Whether the points may be used without a look: the median expected error is at most 0.035 of the eye distance.
+    /// Median expected error of the points of parts, over the eye distance; 0 of none.
+    pub fn expected_error_of(&self, parts: &[FacePart]) -> f64 {
+        let named = points().iter().zip(&self.expected_errors);
+        let of_parts = named.filter(|(point, _)| FacePart::of(point).is_some_and(|part| parts.contains(&part)));
+        let mut errors: Vec<f64> = of_parts.map(|(_, &error)| error).collect();
+        errors.sort_by(f64::total_cmp);
+        errors.get(errors.len() / 2).map_or(0.0, |e| e / self.eye_distance.max(f64::MIN_POSITIVE))
+    }
+
+    /// Whether the points may be used without a look, but for those of the parts that are [`covered`](Self::covered): the median expected error is at most 0.035 of the eye distance.
     pub fn trusted(&self) -> bool {
         self.expected_error() <= TRUSTED
     }
@@ -338,10 +352,16 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
     let mut shape = mean_shape(plain, mirrored);
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
     let unit = eye_distance.max(1e-3);
-    let apart: Vec<f32> = plain.shape.iter().zip(&mirrored.shape).map(|(&p, &q)| distance(p, q) / unit).collect();
-    let mut expected: Vec<f64> =
-        (0..shape.len()).map(|k| f64::from(model.errors.expect(k, &signs(k, &apart, [plain, mirrored], unit)) * unit)).collect();
-    if let Some(lips) = &model.lips {
+    let mut expected = model.errors.expect_all([plain, mirrored], unit);
+    let mut covered = Vec::new();
+    if let Some(covers) = &model.covers {
+        let seen = covers.seen([&plain.seen, &mirrored.seen]);
+        covered = covers.covered(&seen);
+        expected.iter_mut().enumerate().for_each(|(k, error)| *error = covers.expect(k, &seen, *error));
+    }
+    let mut expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
+    // What lies over a mouth has no lips.
+    if let Some(lips) = model.lips.as_ref().filter(|_| !covered.contains(&FacePart::Mouth)) {
         for (k, point) in lips.parted(picture, &model.mean, &shape).into_iter().flatten() {
             shape[k] = point;
             expected[k] = expected[k].max(f64::from(lips.expected_error * unit));
@@ -354,7 +374,7 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
         .collect();
     found.sort_by_key(|p| p.node);
     let score = 0.5 * f64::from(plain.score + mirrored.score);
-    LocatedFace { points: found, shape, expected_errors: expected, eye_distance: f64::from(eye_distance), score }
+    LocatedFace { points: found, shape, expected_errors: expected, eye_distance: f64::from(eye_distance), score, covered }
 }
 
 impl Model {
@@ -377,34 +397,49 @@ impl Model {
 
     /// All stages from a start in pixels of the view.
     fn reading(&self, view: View<'_>, start: Shape) -> Reading {
+        self.reading_and_looks(view, start).0
+    }
+
+    /// [`Model::reading`], and what each local stage saw around each point.
+    fn reading_and_looks(&self, view: View<'_>, start: Shape) -> (Reading, Vec<Vec<f32>>) {
         let (placed, features) = self.before_last_joint(view, start);
         let score = self.score(&features);
         let mut shape = match self.joint.last() {
             Some(stage) => placed.moved(&stage.step(&features)),
             None => placed.moved(&vec![0.0; 2 * self.mean.len()]),
         };
-        let (mut last_step, mut dissent) = (Vec::new(), Vec::new());
+        let (mut last_step, mut dissent, mut looks) = (Vec::new(), Vec::new(), Vec::new());
         for stage in &self.local {
             let placed = Placed::new(&self.mean, &shape);
-            let said = stage.step(&stage.features(view, &placed));
+            let features = stage.features(view, &placed);
+            let said = stage.step(&features);
+            looks.push(features);
             shape = placed.moved(&said.step);
             last_step = said.step.chunks_exact(2).map(|s| s[0].hypot(s[1])).collect();
             dissent = said.dissent;
         }
-        Reading { shape, score, last_step, dissent }
+        let seen = self.covers.as_ref().map(|covers| covers.say(&looks)).unwrap_or_default();
+        (Reading { shape, score, last_step, dissent, seen }, looks)
     }
 
     /// As [`Model::reading`] of the picture in the mirror; start and answer are those of the picture as it is.
     fn mirrored_reading(&self, picture: &Picture, start: &Shape) -> Reading {
+        self.mirrored_reading_and_looks(picture, start).0
+    }
+
+    /// [`Model::mirrored_reading`], and what each local stage saw around each point, in the mirror's order.
+    fn mirrored_reading_and_looks(&self, picture: &Picture, start: &Shape) -> (Reading, Vec<Vec<f32>>) {
         let view = picture.view(true);
-        let turned = |values: &[f32]| points().iter().map(|p| values[p.mirror]).collect::<Vec<f32>>();
-        let reading = self.reading(view, view.turn_shape(start));
-        Reading {
+        let turned = |values: &[f32]| points().iter().filter_map(|p| values.get(p.mirror).copied()).collect::<Vec<f32>>();
+        let (reading, looks) = self.reading_and_looks(view, view.turn_shape(start));
+        let reading = Reading {
             shape: view.turn_shape(&reading.shape),
             last_step: turned(&reading.last_step),
             dissent: turned(&reading.dissent),
+            seen: turned(&reading.seen),
             ..reading
-        }
+        };
+        (reading, looks)
     }
 }
 
@@ -420,6 +455,7 @@ mod tests {
             expected_errors: vec![expected * eye_distance; 3],
             eye_distance,
             score: 1.0,
+            covered: Vec::new(),
         };
         // 20 px apart with 60 px between the eyes: the same; 150 px away: somebody else.
         let kept = each_once(vec![face(100.0, 60.0, 0.03), face(120.0, 50.0, 0.02), face(270.0, 60.0, 0.04)]);

@@ -10,7 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     cells::Patch,
+    covers::CoverStage,
     lips::{self, LipStage},
+    part::FacePart,
     points::points,
     shape::Shape,
     stages::{JointStage, LocalStage},
@@ -42,6 +44,8 @@ pub struct Model {
     pub errors: ErrorModel,
     /// Lips that are parted; none in a model that was learned without such.
     pub lips: Option<LipStage>,
+    /// Parts that are covered; none in a model that was learned before these were.
+    pub covers: Option<CoverStage>,
 }
 
 /// The error to expect of a point from how the reading went: `log e = intercept + sum of slope x sign`, then a calibration.
@@ -87,6 +91,9 @@ struct Header {
     /// Of parted lips: from which distance they are, and what errors to expect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lips: Option<(f32, f32)>,
+    /// Whether covered parts are among the matrices.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    covers: bool,
     origin: ModelOrigin,
     /// Names of the matrices in order, with their numbers and the numbers of a row.
     matrices: Vec<(String, usize, usize)>,
@@ -214,6 +221,15 @@ impl Model {
             parts.push(("lips.weights".to_owned(), &lips.weights, lips::LENGTH));
             parts.push(("lips.base".to_owned(), &lips.base, 1));
         }
+        if let Some(covers) = &self.covers {
+            let count = self.mean.len();
+            parts.push(("covers.weights".to_owned(), &covers.weights, covers.weights.len() / (self.local.len() * count).max(1)));
+            parts.push(("covers.base".to_owned(), &covers.base, 1));
+            parts.push(("covers.mix".to_owned(), &covers.mix, count));
+            parts.push(("covers.mix_base".to_owned(), &covers.mix_base, 1));
+            parts.push(("covers.errors".to_owned(), &covers.errors, 1));
+            parts.push(("covers.limits".to_owned(), &covers.limits, 1));
+        }
         let header = Header {
             schema: SCHEMA,
             points: self.mean.len(),
@@ -224,6 +240,7 @@ impl Model {
             verifier_bias: self.verifier.1,
             errors: self.errors.clone(),
             lips: self.lips.as_ref().map(|l| (l.parted_from, l.expected_error)),
+            covers: self.covers.is_some(),
             origin: origin.clone(),
             matrices: parts.iter().map(|(name, values, row)| (name.clone(), values.len(), *row)).collect(),
         };
@@ -299,6 +316,20 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
         }),
         None => None,
     };
+    let read_around: usize = header.local.iter().flatten().map(Patch::len).sum();
+    let covers = if header.covers {
+        let mut take = |part: &str, size| matrices.take(&format!("covers.{part}"), Some(size));
+        Some(CoverStage {
+            weights: take("weights", count * read_around)?,
+            base: take("base", count)?,
+            mix: take("mix", count * count)?,
+            mix_base: take("mix_base", count)?,
+            errors: take("errors", count)?,
+            limits: take("limits", FacePart::ALL.len())?,
+        })
+    } else {
+        None
+    };
     let model = Model {
         mean: mean.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
         features: header.features,
@@ -308,6 +339,7 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
         verifier: (verifier, header.verifier_bias),
         errors: header.errors,
         lips,
+        covers,
     };
     Ok((model, header.origin))
 }

@@ -379,7 +379,7 @@ mod tests {
         let mut shape = vec![Point2::origin(); points().len()];
         (shape[PUPILS[0]], shape[PUPILS[1]]) = (Point2::new(250.0, 180.0), Point2::new(150.0, 180.0));
         let expected_errors = vec![2.0; shape.len()];
-        LocatedFace { points: found, shape, expected_errors, eye_distance: 100.0, score: 1.0 }
+        LocatedFace { points: found, shape, expected_errors, eye_distance: 100.0, score: 1.0, covered: Vec::new() }
     }
 
     /// What is said of marks at these nodes, moved.

@@ -7,7 +7,7 @@ use nalgebra::{Point2, Vector2};
 use super::Workbench;
 use crate::{
     fit::{Correspondence, validate_correspondences},
-    locate::{LocateOptions, LocatedFace, Locator, ModelError, TRUSTED},
+    locate::{FacePart, LocateOptions, LocatedFace, Locator, ModelError, TRUSTED},
     sequence::{Frame, ImageSize, SequenceError},
     units::NodeId,
 };
@@ -65,12 +65,16 @@ pub struct FoundFace {
     pub trusted: bool,
     /// Further faces of the picture that could be the one that is meant: trusted ones.
     pub others: usize,
+    /// Parts that something covers: their marks are guesses from the rest of the face, with expected errors as large as those of guesses.
+    pub covered: Vec<FacePart>,
 }
 
 impl FoundFace {
-    /// What a person should know who meant another face of the picture.
+    /// What a person should know who meant another face of the picture, or one of which all is to be seen.
     pub fn remark(&self) -> Option<String> {
-        self.chosen_of_several("the largest was taken", "another one is taken where `grimace annotate` marks it")
+        let several = self.chosen_of_several("the largest was taken", "another one is taken where `grimace annotate` marks it");
+        let said: Vec<String> = several.into_iter().chain(covered_said(&self.covered)).collect();
+        (!said.is_empty()).then(|| said.join("; "))
     }
 
     /// That a person has to say which of several faces is meant; `None` where there is one.
@@ -109,6 +113,19 @@ impl FoundFace {
     }
 }
 
+/// That parts of a face are covered where marks were found; `None` where all is to be seen.
+pub(crate) fn covered_said(parts: &[FacePart]) -> Option<String> {
+    (!parts.is_empty()).then(|| {
+        let (are, their) = if let [_] = parts { ("looks", "its") } else { ("look", "their") };
+        format!(
+            "{} {are} covered in the neutral frame: {their} marks are a guess from the rest of the face; mark {} with `grimace annotate` if you \
+             can see more",
+            FacePart::listed(parts),
+            if let [_] = parts { "it" } else { "them" }
+        )
+    })
+}
+
 /// The middle of marks.
 pub(super) fn middle_of(marks: &[Correspondence]) -> Point2<f64> {
     let sum = marks.iter().map(|m| m.position.coords).sum::<Vector2<f64>>();
@@ -137,6 +154,7 @@ pub(super) fn found_faces(frame: &Frame) -> Result<Vec<FoundFace>, FoundMarksErr
         eye_distance: face.eye_distance,
         trusted: face.trusted(),
         others: all_trusted - usize::from(face.trusted()),
+        covered: face.covered.clone(),
     };
     Ok(faces.iter().map(found).collect())
 }

@@ -18,7 +18,7 @@ use super::{
 };
 use crate::{
     fit::{Correspondence, FitError, FittedWireframe, Fitter, HAND_MARK_ERROR},
-    locate::{LocateOptions, LocatedFace, Locator},
+    locate::{FacePart, LocateOptions, LocatedFace, Locator},
     sequence::ImageSize,
     units::NodeId,
     wireframe::{LIP_TWINS, Wireframe},
@@ -138,7 +138,9 @@ fn read_at_free_nodes(face: &LocatedFace, marks: &[Correspondence], size: ImageS
         let of = |&(a, b): &(u16, u16)| if node.0 == a { Some(NodeId(b)) } else { (node.0 == b).then_some(NodeId(a)) };
         LIP_TWINS.iter().find_map(of)
     };
-    let is_free = |node: NodeId| !is_marked(node) && !twin(node).is_some_and(is_marked);
+    // What covers a part shows nothing of it: what is there was guessed, and faces are known better by the marks.
+    let is_covered = |node: NodeId| FacePart::of_node(node).is_some_and(|part| face.covered.contains(&part));
+    let is_free = |node: NodeId| !is_covered(node) && !is_marked(node) && !twin(node).is_some_and(is_marked);
     let least = HAND_MARK_ERROR * face.eye_distance;
     let points = face.points.iter().filter(|p| is_free(p.node) && size.contains(&p.position));
     points.map(|p| Correspondence::found(p.node, p.position, p.expected_error.max(least))).collect()

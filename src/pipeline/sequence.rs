@@ -5,9 +5,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use image::GrayImage;
+
 use super::{
     MADE_BY, Stage, Workbench,
     corrected::{apply, saved_or_carried_over},
+    found::covered_said,
     inputs::{Inputs, Timed},
     neutral::NeutralFit,
 };
@@ -15,6 +18,7 @@ use crate::{
     companion::CompanionError,
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
+    locate::Locator,
     output,
     sequence::{Clock, Frame, SequenceError, SequenceReader, content_blake3},
     text::message,
@@ -274,7 +278,9 @@ fn track_frames(
     let first = first.map_err(SequenceFailure::at(Stage::Track))?;
     let size = first.size();
     validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
+    let mut covered = None;
     let fit = if source.marks_from == FOUND {
+        covered = covered_at(first.image(), &source.marks);
         bench.fit(&source.marks).map(|fitted| NeutralFit { fitted, beside: Vec::new() })
     } else {
         bench.fit_in(first.image(), &source.marks)
@@ -306,7 +312,7 @@ fn track_frames(
         read: fitted.read.iter().map(|m| m.node).collect(),
         fit: bench.options.fit.clone(),
         track: bench.options.track,
-        summary: summarize(&track.frames, &bench.wireframe, &bench.tables).with_marks_beside(beside),
+        summary: summarize(&track.frames, &bench.wireframe, &bench.tables).with_marks_beside(beside).with_reason(covered),
         inputs_blake3: String::new(),
         frames_blake3: None,
         csv_blake3: String::new(),
@@ -315,6 +321,14 @@ fn track_frames(
         apex_frame: None,
     };
     Ok((track, info))
+}
+
+/// That parts are covered of the face on which marks were found.
+fn covered_at(picture: &GrayImage, marks: &[Correspondence]) -> Option<String> {
+    let places: Vec<_> = marks.iter().map(|mark| (mark.node, mark.position)).collect();
+    // Without the locator no marks were found either.
+    let face = Locator::shipped().ok()?.read_near(picture, &places)?;
+    covered_said(&face.covered)
 }
 
 /// What a track is labelled with; none of it makes another track.

@@ -108,6 +108,16 @@ pub struct TrackSummary {
 }
 
 impl TrackSummary {
+    /// With a further reason to look at it again.
+    #[must_use]
+    pub(crate) fn with_reason(mut self, reason: Option<String>) -> Self {
+        if reason.is_some() {
+            self.verdict = Verdict::LookAgain;
+        }
+        self.reasons.extend(reason);
+        self
+    }
+
     /// With what is known of marks that lie beside the face, as reasons to look at it again.
     #[must_use]
     pub(crate) fn with_marks_beside(mut self, beside: Vec<String>) -> Self {

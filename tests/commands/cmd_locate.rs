@@ -81,6 +81,46 @@ fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_told() {
 }
 
 #[test]
+fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
+    let work = Work::new();
+    let mut picture = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_luma8();
+    picture.save(work.path("open.png")).unwrap();
+    let ran = work.grimace("locate open.png -o open.csv").exit(0);
+    assert!(!ran.stderr.contains("covered") && !ran.stdout.contains("covered"), "{}", ran.stderr);
+    let number = |file: &str, node: &str, column: &str| -> f64 {
+        work.rows(file).iter().find(|r| r["node"] == node).unwrap()[column].parse().unwrap()
+    };
+    // A sheet of paper, lit from the left, from above the lips to below the chin.
+    let (nose, chin) = (number("open.csv", "6", "y"), number("open.csv", "10", "y"));
+    let (right, left) = (number("open.csv", "64", "x"), number("open.csv", "31", "x"));
+    let (top, side) = (nose + 0.15 * (number("open.csv", "7", "y") - nose), 0.6 * (left - right));
+    for (x, y, pixel) in picture.enumerate_pixels_mut() {
+        let (x, y) = (f64::from(x), f64::from(y));
+        if (top..chin + 0.4 * (chin - nose)).contains(&y) && (right - side..left + side).contains(&x) {
+            *pixel = Luma([(190.0 - 60.0 * (x - right) / (left - right)) as u8]);
+        }
+    }
+    picture.save(work.path("covered.png")).unwrap();
+    let ran = work.grimace("locate covered.png -o covered.csv").exit(0).prints(&["1 covered in part"]);
+    ran.says(&["covered.png: face 1: the mouth and the chin look covered", "% of the eye distance off"]);
+    for node in ["7", "8", "31", "64", "10"] {
+        let [open, covered] = ["open.csv", "covered.csv"].map(|file| number(file, node, "expected_error"));
+        assert!(covered > 2.0 * open, "node {node}: {open} and {covered} px");
+    }
+    // The eyes are read as before.
+    for node in ["20", "53"] {
+        let [open, covered] = ["open.csv", "covered.csv"].map(|file| number(file, node, "expected_error"));
+        assert!(covered < 2.0 * open, "node {node}: {open} and {covered} px");
+    }
+    work.grimace("fit covered.png -o fit.csv").exit(0).says(&["note: covered.png: the mouth and the chin look covered"]);
+    for number in 1..=3 {
+        fs::create_dir_all(work.path("frames")).unwrap();
+        fs::copy(work.path("covered.png"), work.path(&format!("frames/{number}.png"))).unwrap();
+    }
+    work.grimace("track frames -o track.csv").exit(0).prints(&["verdict: look again", "the mouth and the chin look covered"]);
+}
+
+#[test]
 fn bad_input_is_named() {
     let work = work();
     work.grimace("locate gone.jpg -o points.csv").exit(1).says(&["gone.jpg: there is no such picture"]);

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::{
+    covers::cover,
     faces::{TrainingFace, within},
     scenery::{Canvas, background},
 };
@@ -25,6 +26,8 @@ pub struct Sample {
     pub image: GrayImage,
     /// The points, px.
     pub truth: Shape,
+    /// How much of each point is covered, 0 to 1; empty where nothing is.
+    pub covered: Vec<f32>,
 }
 
 /// Uniform between two numbers.
@@ -119,8 +122,13 @@ impl Pose {
 /// Step of the grid on which the change of pose is computed, px.
 const GRID: usize = 6;
 
-/// Makes a picture.
-pub fn render(source: &Source, face: usize, mirrored: bool, random: &mut ChaCha8Rng) -> Sample {
+/// Makes a picture; of a face that is covered in part where chance for that is given.
+pub fn render(
+    source: &Source,
+    (face, mirrored): (usize, bool),
+    random: &mut ChaCha8Rng,
+    cover_random: Option<&mut ChaCha8Rng>,
+) -> Sample {
     let shape = source.grey.view(mirrored).turn_shape(&source.shape);
     let (right, left) = (shape[PUPILS[1]], shape[PUPILS[0]]);
     let unit = (left[0] - right[0]).hypot(left[1] - right[1]);
@@ -169,8 +177,16 @@ pub fn render(source: &Source, face: usize, mirrored: bool, random: &mut ChaCha8
         }
     }
     dress(random, &mut canvas, &map, &inside, &relative);
+    let levels = [
+        named(&relative, "left brow: highest point"),
+        named(&relative, "left mouth corner"),
+        named(&relative, "lowest point of the chin"),
+    ];
+    let covered = cover_random
+        .map(|chance| cover(chance, &mut canvas, (&map, &inside), &relative, levels.map(|p| p[1])))
+        .unwrap_or_default();
     light(random, &mut canvas, |x, y| [(x - centre[0]) / eyes, (y - centre[1]) / eyes]);
-    Sample { face, image: camera(random, &canvas), truth }
+    Sample { face, image: camera(random, &canvas), truth, covered }
 }
 
 /// A point by its description; the middle of the face if there is none.

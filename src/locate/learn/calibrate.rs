@@ -99,6 +99,7 @@ mod tests {
                     score: 1.0,
                     last_step: vec![0.01; count],
                     dissent: vec![0.01; count],
+                    seen: Vec::new(),
                 };
                 let errors =
                     (0..count).map(|k| if (k + i as usize / 40).is_multiple_of(2) { 0.5 } else { 2.0 } * apart).collect();

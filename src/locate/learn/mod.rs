@@ -2,8 +2,10 @@
 
 mod augment;
 mod calibrate;
+mod covers;
 mod detector;
 mod faces;
+mod hidden;
 mod lips;
 mod ridge;
 mod scenery;
@@ -15,6 +17,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 pub use faces::{Smile, TrainingFace, TrainingFaces, read_faces};
+pub use hidden::CoverSummary;
 pub use lips::LipSummary;
 pub use summary::LearnSummary;
 
@@ -32,6 +35,7 @@ use super::{
 use augment::{Sample, Source, normal, render, stream};
 use calibrate::{JudgedReading, learn_errors};
 use detector::{learn_template, learn_verifier, scenes};
+use hidden::learn_covers;
 use lips::learn_lips;
 use ridge::{FOLDS, Folded, among_numbers, among_samples, centre_rows, each_point};
 
@@ -103,6 +107,7 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
         verifier: (Vec::new(), 0.0),
         errors: ErrorModel::default(),
         lips: None,
+        covers: None,
     };
     // The model of everybody, then those without each fold.
     let mut models = vec![empty; FOLDS + 1];
@@ -178,8 +183,13 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
     let mouths = mouth_pictures(&sources, &people.smiles, options);
     let (lips, lip_summary) = learn_lips(&models[1..], &mouths, options.seed).unzip();
     models[0].lips = lips;
+
+    progress("covered parts");
+    let (covers, cover_summary) = learn_covers(&models, &sources, &people.smiles, options.seed).unzip();
+    models[0].covers = covers;
     let summary = LearnSummary {
         lips: lip_summary,
+        covers: cover_summary,
         ..LearnSummary::new(faces.len(), &judged, &models[0].errors, template.found, (verifier.2, verifier.3))
     };
     let model = models.swap_remove(0);
@@ -201,6 +211,11 @@ fn mouth_pictures(sources: &[Source], smiles: &[Smile], options: &LearnOptions) 
 
 /// Pictures of all faces and their mirror images.
 fn pictures(sources: &[Source], count: usize, seed: u64, purpose: u64) -> Vec<Sample> {
+    pictures_covered(sources, count, seed, purpose, false)
+}
+
+/// [`pictures`], with something over a part of each face where `is_covered` says so.
+fn pictures_covered(sources: &[Source], count: usize, seed: u64, purpose: u64, is_covered: bool) -> Vec<Sample> {
     let units: Vec<(usize, bool, usize)> = (0..sources.len())
         .flat_map(|face| [false, true].into_iter().flat_map(move |mirrored| (0..count).map(move |k| (face, mirrored, k))))
         .collect();
@@ -208,7 +223,9 @@ fn pictures(sources: &[Source], count: usize, seed: u64, purpose: u64) -> Vec<Sa
         .par_iter()
         .map(|&(face, mirrored, k)| {
             let unit = (face as u64) << 24 | u64::from(mirrored) << 23 | k as u64;
-            render(&sources[face], face, mirrored, &mut stream(seed, purpose, unit))
+            // What covers a face has chances of its own, behind those of all pictures.
+            let mut covers = is_covered.then(|| stream(seed, purpose + 100, unit));
+            render(&sources[face], (face, mirrored), &mut stream(seed, purpose, unit), covers.as_mut())
         })
         .collect()
 }

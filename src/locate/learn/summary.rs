@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{LipSummary, calibrate::JudgedReading};
+use super::{CoverSummary, LipSummary, calibrate::JudgedReading};
 use crate::modules::locate::{expect::signs, model::ErrorModel, points};
 
 /// Errors of one part of the face, percent of the eye distance.
@@ -37,6 +37,8 @@ pub struct LearnSummary {
     pub false_alarms: f64,
     /// Parted lips; none where there were no photographs of such.
     pub lips: Option<LipSummary>,
+    /// Covered parts.
+    pub covers: Option<CoverSummary>,
 }
 
 impl LearnSummary {
@@ -79,6 +81,7 @@ impl LearnSummary {
             accepted: accepted(&faces),
             false_alarms: accepted(&others),
             lips: None,
+            covers: None,
         }
     }
 }

@@ -106,7 +106,7 @@ mod tests {
 
     fn face(x: f64, eye_distance: f64, others: usize) -> FoundFace {
         let marks = vec![Correspondence::found(NodeId(5), Point2::new(x, 100.0), 1.0)];
-        FoundFace { marks, expected_error: 0.01, eye_distance, trusted: true, others }
+        FoundFace { marks, expected_error: 0.01, eye_distance, trusted: true, others, covered: Vec::new() }
     }
 
     fn middles(looks: &[Look]) -> Vec<Option<f64>> {

@@ -311,7 +311,14 @@ mod tests {
 
     /// A recording of 80 frames with a look at every tenth.
     fn survey(seen: [Option<usize>; 8], cuts: Vec<usize>) -> Survey {
-        let face = || FoundFace { marks: Vec::new(), expected_error: 0.01, eye_distance: 60.0, trusted: true, others: 0 };
+        let face = || FoundFace {
+            marks: Vec::new(),
+            expected_error: 0.01,
+            eye_distance: 60.0,
+            trusted: true,
+            others: 0,
+            covered: Vec::new(),
+        };
         let look = |(k, person): (usize, &Option<usize>)| Look {
             place: 10 * k,
             face: person.map(|_| face()),
