@@ -357,7 +357,10 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
     if let Some(covers) = &model.covers {
         let seen = covers.seen([&plain.seen, &mirrored.seen]);
         covered = covers.covered(&seen);
-        expected.iter_mut().enumerate().for_each(|(k, error)| *error = covers.expect(k, &seen, *error));
+        // Of a face of which all is to be seen nothing else is expected than without the stage.
+        if !covered.is_empty() {
+            expected.iter_mut().enumerate().for_each(|(k, error)| *error = covers.expect(k, &seen, *error));
+        }
     }
     let mut expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
     // What lies over a mouth has no lips.

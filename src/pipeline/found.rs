@@ -30,11 +30,13 @@ pub enum FoundMarksError {
     /// A face that is read with large errors.
     #[error(
         "no marks are set, and those found are not trusted: half of them are expected to be more than {percent:.1} % of the eye distance \
-         off, {:.1} % is the limit; look at them with `grimace locate --overlay`, mark the face with `grimace annotate`", 100.0 * TRUSTED
+         off, {:.1} % is the limit{}; look at them with `grimace locate --overlay`, mark the face with `grimace annotate`", 100.0 * TRUSTED, covered_too(.covered)
     )]
     NotTrusted {
         /// Median expected error, percent of the eye distance.
         percent: f64,
+        /// Parts that something covers.
+        covered: Vec<FacePart>,
     },
     /// A face that stands on its head.
     #[error(
@@ -113,6 +115,12 @@ impl FoundFace {
     }
 }
 
+/// That parts of a face that is not trusted are covered, behind a limit.
+fn covered_too(parts: &[FacePart]) -> String {
+    let look = if let [_] = parts { "looks" } else { "look" };
+    if parts.is_empty() { String::new() } else { format!(", and {} {look} covered", FacePart::listed(parts)) }
+}
+
 /// That parts of a face are covered where marks were found; `None` where all is to be seen.
 pub(crate) fn covered_said(parts: &[FacePart]) -> Option<String> {
     (!parts.is_empty()).then(|| {
@@ -180,7 +188,7 @@ pub fn found_marks_and_remark(
         return Err(FoundMarksError::UpsideDown { degrees });
     }
     if !face.trusted {
-        return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error });
+        return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error, covered: face.covered });
     }
     Ok((fitting_marks(&face, frame.size(), bench), face.remark()))
 }

@@ -112,12 +112,8 @@ fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
         let [open, covered] = ["open.csv", "covered.csv"].map(|file| number(file, node, "expected_error"));
         assert!(covered < 2.0 * open, "node {node}: {open} and {covered} px");
     }
-    work.grimace("fit covered.png -o fit.csv").exit(0).says(&["note: covered.png: the mouth and the chin look covered"]);
-    for number in 1..=3 {
-        fs::create_dir_all(work.path("frames")).unwrap();
-        fs::copy(work.path("covered.png"), work.path(&format!("frames/{number}.png"))).unwrap();
-    }
-    work.grimace("track frames -o track.csv").exit(0).prints(&["verdict: look again", "the mouth and the chin look covered"]);
+    // Too much of it is a guess to go on without a look.
+    work.grimace("fit covered.png -o fit.csv").exit(1).says(&["not trusted", "and the mouth and the chin look covered"]);
 }
 
 #[test]
