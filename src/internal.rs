@@ -110,11 +110,11 @@ pub mod overlay {
 }
 pub mod pipeline {
     pub use crate::modules::pipeline::{
-        AnalyzedModel, Event, FapOptions, FoundMarksError, Method, NONE_LEVEL, PipelineOptions, Recording, RecordingError,
-        RunError, RunSummary, SegmentedRecording, SequenceFailure, SequenceSource, Workbench, WorkbenchError, analyze, by_hand,
-        face_of_marks, fit_beside, fit_landmarks, found_marks, found_marks_and_remark, held, id_of, left_out_said, load_tracks,
-        normalize_track, read_model, run, segment_recording, showcase_target, track_files, track_one, track_pictures,
-        write_analysis, write_model,
+        AnalyzedModel, Event, FapOptions, FoundMarks, FoundMarksError, Method, NONE_LEVEL, PipelineOptions, Recording,
+        RecordingError, RunError, RunSummary, SegmentedRecording, SequenceFailure, SequenceSource, Workbench, WorkbenchError,
+        analyze, by_hand, face_of_marks, fit_beside, fit_landmarks, found_marks, found_marks_and_remark, held, id_of,
+        left_out_said, load_tracks, normalize_track, read_model, run, segment_recording, showcase_target, track_files, track_one,
+        track_pictures, write_analysis, write_model,
     };
 }
 pub mod plausible {

@@ -6,7 +6,7 @@ use grimace::internal::{
     correspondence::{Correspondence, MarkKind},
     dataset::{LandmarkSelection, read_marks},
     model::{DynamicExpressionModel, FrameExpressionModel},
-    pipeline::{Workbench, found_marks},
+    pipeline::{FoundMarks, Workbench, found_marks_and_remark},
     sequence::{Frame, grey_of, read_colour, read_frame},
     track::{Track, track_model},
     units::Unit,
@@ -106,10 +106,10 @@ impl Marks {
 }
 
 /// The marks given, or those found in the frame; and where they come from.
-pub fn marks_or_found(marks: Option<&Marks>, frame: &Frame, bench: &Workbench) -> PyResult<(Vec<Correspondence>, &'static str)> {
+pub fn marks_or_found(marks: Option<&Marks>, frame: &Frame, bench: &Workbench) -> PyResult<(FoundMarks, &'static str)> {
     match marks {
-        Some(marks) => Ok((marks.read(bench)?, "command line")),
-        None => Ok((found_marks(frame, bench).map_err(to::<LocateError>)?, "found")),
+        Some(marks) => Ok((FoundMarks { marks: marks.read(bench)?, ..FoundMarks::default() }, "command line")),
+        None => Ok((found_marks_and_remark(frame, bench).map_err(to::<LocateError>)?, "found")),
     }
 }
 

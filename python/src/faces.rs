@@ -72,7 +72,7 @@ pub fn fit<'py>(py: Python<'py>, image: &Bound<'py, PyAny>, marks: Option<Marks>
     let used = std::sync::Arc::clone(&bench);
     let (fitted, size) = run_long(py, None, false, move |_| {
         let frame = picture.frame(0)?;
-        let (marks, _) = marks_or_found(marks.as_ref(), &frame, &used)?;
+        let marks = marks_or_found(marks.as_ref(), &frame, &used)?.0.marks;
         let size = frame.size();
         validate_correspondences(&marks, size.width, size.height).map_err(to::<FitError>)?;
         Ok((used.fit(&marks).map_err(to::<FitError>)?, size))

@@ -141,6 +141,7 @@ pub fn track(
             frames: FrameSource::Images(Vec::new()),
             marks: Vec::new(),
             marks_from: String::new(),
+            covered: Vec::new(),
             fps,
         };
         let tracked = match source {
@@ -162,12 +163,12 @@ fn track_files(
     caller: &Caller<Track>,
 ) -> PyResult<Tracked> {
     let first = read_first_frame(&frames).map_err(to::<InputError>)?;
-    let (marks, from) = marks_or_found(marks, &first, bench)?;
+    let (found, from) = marks_or_found(marks, &first, bench)?;
     let total = match &frames {
         FrameSource::Images(files) => Some(files.len()),
         FrameSource::Video { .. } => None,
     };
-    let source = SequenceSource { frames, marks, marks_from: from.to_owned(), ..labelled };
+    let source = SequenceSource { frames, marks: found.marks, covered: found.covered, marks_from: from.to_owned(), ..labelled };
     tracked(track_one(&source, bench, ticks(caller, total)), caller)
 }
 
@@ -180,9 +181,9 @@ fn track_arrays(
 ) -> PyResult<Tracked> {
     let frames: Vec<Frame> = (1..).zip(pictures).map(|(number, picture)| picture.frame(number)).collect::<PyResult<_>>()?;
     let first = frames.first().ok_or_else(|| to::<TrackError>("there are no frames to track"))?;
-    let (marks, from) = marks_or_found(marks, first, bench)?;
+    let (found, from) = marks_or_found(marks, first, bench)?;
     let total = Some(frames.len());
-    let source = SequenceSource { marks, marks_from: from.to_owned(), ..labelled };
+    let source = SequenceSource { marks: found.marks, covered: found.covered, marks_from: from.to_owned(), ..labelled };
     tracked(track_pictures(&source, frames, bench, ticks(caller, total)), caller)
 }
 

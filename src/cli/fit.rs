@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let bench = args.general.workbench(options)?;
     let frame = read_frame(&args.image)?;
-    let marks = marks_or_found(args.correspondences.as_deref(), &bench, &args.image, || Ok(read_frame(&args.image)?))?;
+    let marks = marks_or_found(args.correspondences.as_deref(), &bench, &args.image, || Ok(frame.clone()))?.marks;
     let in_file = || args.correspondences.as_ref().unwrap_or(&args.image).display().to_string();
     let size = frame.size();
     validate_correspondences(&marks, size.width, size.height).with_context(in_file)?;

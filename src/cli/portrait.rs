@@ -32,7 +32,7 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
                  to have marks found",
                 path.display()
             );
-            let points = marks_or_found(None, bench, path, || Ok(Frame::new(0, grey)))?;
+            let points = marks_or_found(None, bench, path, || Ok(Frame::new(0, grey)))?.marks;
             let with_found = || format!("{} with marks that were found", path.display());
             (bench.target(&name, picture, &points).with_context(with_found)?, Vec::new())
         }

@@ -273,7 +273,7 @@ fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Re
             (Some(marks), Some(frame)) => {
                 let read =
                     marks_or_found(Some(marks), bench, marks, || anyhow::bail!("no frame is needed for marks that are given"))?;
-                Some((frame, read))
+                Some((frame, read.marks))
             }
             _ => None,
         };

@@ -11,9 +11,8 @@ use anyhow::Context;
 use grimace::{
     clone::SourceMotion,
     dataset::{LandmarkSelection, read_marks},
-    fit::Correspondence,
     output::target_of,
-    pipeline::{PipelineOptions, ReportFace, Workbench, file_blake3, found_marks_and_remark, showcase_remarks},
+    pipeline::{FoundMarks, PipelineOptions, ReportFace, Workbench, file_blake3, found_marks_and_remark, showcase_remarks},
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
 };
 
@@ -108,15 +107,18 @@ pub fn marks_or_found(
     bench: &Workbench,
     picture: &Path,
     frame: impl FnOnce() -> anyhow::Result<Frame>,
-) -> anyhow::Result<Vec<Correspondence>> {
+) -> anyhow::Result<FoundMarks> {
     match path {
-        Some(path) => Ok(read_marks(path, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?),
+        Some(path) => {
+            let marks = read_marks(path, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?;
+            Ok(FoundMarks { marks, ..FoundMarks::default() })
+        }
         None => {
-            let (marks, remark) = found_marks_and_remark(&frame()?, bench).map_err(|error| about(picture)(&error))?;
-            if let Some(said) = remark {
+            let found = found_marks_and_remark(&frame()?, bench).map_err(|error| about(picture)(&error))?;
+            if let Some(said) = &found.remark {
                 eprintln!("note: {}: {said}", picture.display());
             }
-            Ok(marks)
+            Ok(found)
         }
     }
 }

@@ -87,13 +87,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(folder) = &args.overlay {
         OverlayFolder::check_apart(folder, [("this folder", args.sequence.as_path())])?;
     }
-    let marks = marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok(read_first_frame(&frames)?))?;
+    let found = marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok(read_first_frame(&frames)?))?;
     let source = SequenceSource {
         id: id_of(&args.output),
         emotion: args.emotion.trim().to_lowercase(),
         metadata: Default::default(),
         frames,
-        marks,
+        marks: found.marks,
+        covered: found.covered,
         marks_from: if args.correspondences.is_some() { "command line" } else { "found" }.to_owned(),
         fps: args.fps,
     };

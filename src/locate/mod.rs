@@ -145,7 +145,8 @@ impl LocatedFace {
         errors.get(errors.len() / 2).map_or(0.0, |e| e / self.eye_distance.max(f64::MIN_POSITIVE))
     }
 
-    /// Whether the points may be used without a look, but for those of the parts that are [`covered`](Self::covered): the median expected error is at most 0.035 of the eye distance.
+    /// Whether the points may be used without a look, but for those of the parts that are [`covered`](Self::covered): the median expected error
+    /// is at most 0.035 of the eye distance.
     pub fn trusted(&self) -> bool {
         self.expected_error() <= TRUSTED
     }

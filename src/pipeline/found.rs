@@ -172,17 +172,25 @@ pub(super) fn found_faces(frame: &Frame) -> Result<Vec<FoundFace>, FoundMarksErr
 /// # Errors
 /// `FoundMarksError` where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
 pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondence>, FoundMarksError> {
-    found_marks_and_remark(frame, bench).map(|found| found.0)
+    found_marks_and_remark(frame, bench).map(|found| found.marks)
 }
 
-/// [`found_marks`], and what is to be said where the frame shows more than one face.
+/// Marks that were found in a frame.
+#[derive(Clone, Debug, Default)]
+pub struct FoundMarks {
+    /// The marks.
+    pub marks: Vec<Correspondence>,
+    /// What a person should know of them.
+    pub remark: Option<String>,
+    /// Parts of the face that something covers: their marks are guesses.
+    pub covered: Vec<FacePart>,
+}
+
+/// [`found_marks`], and what is to be said where the frame shows more than one face, or one that is covered in part.
 ///
 /// # Errors
 /// As [`found_marks`].
-pub fn found_marks_and_remark(
-    frame: &Frame,
-    bench: &Workbench,
-) -> Result<(Vec<Correspondence>, Option<String>), FoundMarksError> {
+pub fn found_marks_and_remark(frame: &Frame, bench: &Workbench) -> Result<FoundMarks, FoundMarksError> {
     let face = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
     if let Some(degrees) = face.upside_down() {
         return Err(FoundMarksError::UpsideDown { degrees });
@@ -190,7 +198,7 @@ pub fn found_marks_and_remark(
     if !face.trusted {
         return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error, covered: face.covered });
     }
-    Ok((fitting_marks(&face, frame.size(), bench), face.remark()))
+    Ok(FoundMarks { marks: fitting_marks(&face, frame.size(), bench), remark: face.remark(), covered: face.covered })
 }
 
 /// So many of the marks of a face as make a fit; all of them where none do, so that the fit says why.
@@ -227,7 +235,7 @@ mod tests {
                 Correspondence::found(NodeId(node), Point2::new(100.0 + cos * x - sin * y, 100.0 + sin * x + cos * y), 1.0)
             };
             let marks = [(53, -40.0, 0.0), (20, 40.0, 0.0), (64, -20.0, 60.0), (31, 20.0, 60.0)].map(at).to_vec();
-            FoundFace { marks, expected_error: 0.01, eye_distance: 60.0, trusted: true, others: 0 }
+            FoundFace { marks, expected_error: 0.01, eye_distance: 60.0, trusted: true, others: 0, covered: Vec::new() }
         };
         assert_eq!([0.0, 25.0, -90.0, 110.0].map(|turn| face(turn).upside_down()), [None; 4]);
         for turn in [180.0, 150.0, -170.0] {

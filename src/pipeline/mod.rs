@@ -70,7 +70,7 @@ pub use corrected::correct_track;
 pub use divide::{run_emotion, run_part, run_plan};
 pub use figures::{figures_of, write_figures};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
-pub use found::{FoundFace, FoundMarksError, found_face, found_marks, found_marks_and_remark};
+pub use found::{FoundFace, FoundMarks, FoundMarksError, found_face, found_marks, found_marks_and_remark};
 pub use landmarks::fit_landmarks;
 pub use measured::normalize_track;
 pub use method::Method;

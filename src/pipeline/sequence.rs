@@ -5,8 +5,6 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use image::GrayImage;
-
 use super::{
     MADE_BY, Stage, Workbench,
     corrected::{apply, saved_or_carried_over},
@@ -18,7 +16,7 @@ use crate::{
     companion::CompanionError,
     dataset::FrameSource,
     fit::{Correspondence, MarkKind, validate_correspondences},
-    locate::Locator,
+    locate::FacePart,
     output,
     sequence::{Clock, Frame, SequenceError, SequenceReader, content_blake3},
     text::message,
@@ -112,6 +110,8 @@ pub struct SequenceSource {
     pub marks: Vec<Correspondence>,
     /// Where the marks came from: `file`, `landmarks`, `command line`, `found`.
     pub marks_from: String,
+    /// Parts of the face that are covered where marks were found.
+    pub covered: Vec<FacePart>,
     /// Frames per second where somebody says so; the frames of a video tell by themselves.
     pub fps: Option<f64>,
 }
@@ -278,9 +278,7 @@ fn track_frames(
     let first = first.map_err(SequenceFailure::at(Stage::Track))?;
     let size = first.size();
     validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
-    let mut covered = None;
     let fit = if source.marks_from == FOUND {
-        covered = covered_at(first.image(), &source.marks);
         bench.fit(&source.marks).map(|fitted| NeutralFit { fitted, beside: Vec::new() })
     } else {
         bench.fit_in(first.image(), &source.marks)
@@ -312,7 +310,9 @@ fn track_frames(
         read: fitted.read.iter().map(|m| m.node).collect(),
         fit: bench.options.fit.clone(),
         track: bench.options.track,
-        summary: summarize(&track.frames, &bench.wireframe, &bench.tables).with_marks_beside(beside).with_reason(covered),
+        summary: summarize(&track.frames, &bench.wireframe, &bench.tables)
+            .with_marks_beside(beside)
+            .with_reason(covered_said(&source.covered)),
         inputs_blake3: String::new(),
         frames_blake3: None,
         csv_blake3: String::new(),
@@ -321,14 +321,6 @@ fn track_frames(
         apex_frame: None,
     };
     Ok((track, info))
-}
-
-/// That parts are covered of the face on which marks were found.
-fn covered_at(picture: &GrayImage, marks: &[Correspondence]) -> Option<String> {
-    let places: Vec<_> = marks.iter().map(|mark| (mark.node, mark.position)).collect();
-    // Without the locator no marks were found either.
-    let face = Locator::shipped().ok()?.read_near(picture, &places)?;
-    covered_said(&face.covered)
 }
 
 /// What a track is labelled with; none of it makes another track.
@@ -448,6 +440,7 @@ mod tests {
             frames,
             marks: marks.unwrap(),
             marks_from: "file".to_owned(),
+            covered: Vec::new(),
             fps: None,
         };
         let track = |code: i32| {

@@ -12,7 +12,7 @@ use super::{
     AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, SequenceRecord, SequenceSource, Stage, Workbench,
     corrected::correct_frames,
     file_blake3,
-    found::found_marks_and_remark,
+    found::{FoundMarks, found_marks_and_remark},
     inputs::Inputs,
     landmarks::LandmarkSource,
     ledger::Ledger,
@@ -25,7 +25,6 @@ use super::{
 use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry},
     features::Course,
-    fit::Correspondence,
     overlay::png_bytes,
     sequence::read_first_frame,
     statistics::SequenceModel,
@@ -252,7 +251,7 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven
         return Ok(Driven { source: Source::Landmarks(source), inputs, remark });
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
-    let (marks, marks_from, remark) = marks_of(entry, &frames, bench)?;
+    let (FoundMarks { marks, remark, covered }, marks_from) = marks_of(entry, &frames, bench)?;
     let source = SequenceSource {
         id: entry.id.clone(),
         emotion: entry.emotion.clone(),
@@ -260,6 +259,7 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven
         frames,
         marks,
         marks_from: marks_from.to_owned(),
+        covered,
         fps: entry.fps,
     };
     // Frames that do not read fail where they are decoded, in the first run as in any other.
@@ -272,7 +272,7 @@ fn marks_of(
     entry: &SequenceEntry,
     frames: &FrameSource,
     bench: &Workbench,
-) -> Result<(Vec<Correspondence>, &'static str, Option<String>), SequenceFailure> {
+) -> Result<(FoundMarks, &'static str), SequenceFailure> {
     let marks_from = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
         CorrespondenceSource::None if bench.options.marks == LandmarkSelection::Auto => {
             let frame = read_first_frame(frames).map_err(SequenceFailure::at(Stage::Track))?;
@@ -281,8 +281,8 @@ fn marks_of(
                 None => failure,
             };
             let found = found_marks_and_remark(&frame, bench);
-            let (marks, remark) = found.map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
-            return Ok((marks, "found", remark));
+            let found = found.map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
+            return Ok((found, "found"));
         }
         CorrespondenceSource::Landmarks(_) => "landmarks",
         CorrespondenceSource::File(_) | CorrespondenceSource::None => "file",
@@ -291,7 +291,7 @@ fn marks_of(
     let marks = entry
         .correspondences(frames.neutral_number(), &bench.tables, count, &bench.options.marks)
         .map_err(SequenceFailure::at(Stage::Dataset))?;
-    Ok((marks, marks_from, None))
+    Ok((FoundMarks { marks, ..FoundMarks::default() }, marks_from))
 }
 
 /// Works on one sequence. `inputs` becomes the hash of what was read for it.

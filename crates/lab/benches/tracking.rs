@@ -91,6 +91,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         frames: list_frames(&sequence, None, None)?,
         marks: read_correspondences(&sequence.join("correspondences.csv"), &bench.tables, bench.wireframe.node_count())?,
         marks_from: "file".into(),
+        covered: Vec::new(),
         fps: None,
     };
     let FrameSource::Images(frames) = &source.frames else { return Err("not images".into()) };

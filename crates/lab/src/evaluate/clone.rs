@@ -130,6 +130,7 @@ fn self_clone(
         frames,
         marks: marks.clone(),
         marks_from: "landmarks".to_owned(),
+        covered: Vec::new(),
         fps: entry.fps,
     };
     let (track, _) = track_one(&source, bench, |_| true).map_err(|f| f.reason)?;
