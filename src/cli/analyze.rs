@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.output.display()
     );
     let mut options = PipelineOptions::default();
-    args.analysis.fill(&mut options, args.method.method);
+    args.analysis.fill(&mut options, args.method.method)?;
     if used && !args.output.join(RECORD_NAME).exists() {
         eprintln!(
             "note: {} has no {RECORD_NAME}, the record of an earlier analysis: whatever is there under a name that this one does not write \

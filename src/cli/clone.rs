@@ -31,7 +31,8 @@ use super::{
     portrait,
     progress::frame_bar,
     shared::{
-        FitArgs, GeneralArgs, MarksArgs, ProfileArgs, are, file_name, named_folder, note_if_still, positive, stop_flag, words,
+        FitArgs, GeneralArgs, MarksArgs, ProfileArgs, are, emphasis, file_name, frame_rate, named_folder, note_if_still,
+        positive, stop_flag, words,
     },
     source_frames::source_pictures,
 };
@@ -82,10 +83,10 @@ pub struct Args {
 #[command(next_help_heading = "Motion")]
 struct MotionArgs {
     /// Factor on the motion: 0.5 is half as strong, 1.5 a caricature
-    #[arg(long, default_value_t = 1.0, value_parser = positive, value_name = "C")]
+    #[arg(long, default_value_t = 1.0, value_parser = emphasis, value_name = "C")]
     emphasis: f64,
     /// Frames per second; by default the source's, or 25
-    #[arg(long, value_parser = positive)]
+    #[arg(long, value_parser = frame_rate)]
     fps: Option<f64>,
     /// Seconds from neutral to apex; by default the source's, or 1 for a representative
     #[arg(long, value_parser = positive, value_name = "SECONDS")]

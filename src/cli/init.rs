@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use grimace::{
-    dataset::{DatasetError, IMAGE_EXTENSIONS, Kept, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, manifest_path, propose_manifest},
+    dataset::{
+        DatasetError, IMAGE_EXTENSIONS, Kept, PUBLISH_COLUMN, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, manifest_path, propose_manifest,
+    },
     output::{count, listed},
 };
 
@@ -98,7 +100,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             println!("note: not taken from {}: {}", people.display(), listed(&manifest.not_joined, usize::MAX));
         }
         if !manifest.unknown_people.is_empty() {
-            println!("note: not in the table of people: {}", shortened(&manifest.unknown_people));
+            let consent = if manifest.person_columns.iter().any(|c| c.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)) {
+                "; their `publish` is `no`"
+            } else {
+                ""
+            };
+            println!("note: not in the table of people: {}{consent}", shortened(&manifest.unknown_people));
+        }
+        if !manifest.people_without_rows.is_empty() {
+            println!("note: in the table of people, without a sequence: {}", shortened(&manifest.people_without_rows));
         }
         println!("next: grimace run {} -o results", quoted(&args.folder.display().to_string()));
     }

@@ -9,6 +9,7 @@ use std::{
 };
 
 use clap::{Command, Parser};
+use grimace::dataset::FRAME_RATES;
 
 /// Parses the arguments of the process. Negative numbers are values of options: an option says itself which it takes.
 pub fn parse<C: Parser>() -> Result<C, clap::Error> {
@@ -50,6 +51,16 @@ pub fn within(text: &str, bounds: RangeInclusive<f64>, said: &str) -> Result<f64
 
 pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
+}
+
+/// Frames per second of a recording, or of what is made.
+pub fn frame_rate(text: &str) -> Result<f64, String> {
+    within(text, FRAME_RATES, "0.1 to 1000 frames per second")
+}
+
+/// A factor on a motion: a hundredfold is nothing that a face does.
+pub fn emphasis(text: &str) -> Result<f64, String> {
+    number(text, |v| v > 0.0 && v <= 100.0, "a number greater than 0, 100 at most")
 }
 
 /// Gains, over a stiffness of 1, whose equations can be solved in double precision.

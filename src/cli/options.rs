@@ -283,9 +283,9 @@ pub struct AnalysisArgs {
     /// Wireframes only: no picture of a person in the report or beside it
     #[arg(long, conflicts_with = "portrait")]
     no_faces: bool,
-    /// Frame rate of the FAP files
-    #[arg(long, default_value_t = FapOptions::default().fps, value_parser = whole::<u32>(1, 1000))]
-    fps: u32,
+    /// Frame rate of the FAP files; 25 unless given, and always for Greta
+    #[arg(long, value_parser = whole::<u32>(1, 1000))]
+    fps: Option<u32>,
     #[command(flatten)]
     profile: ProfileArgs,
 }
@@ -300,7 +300,14 @@ pub struct ProfileArgs {
 }
 
 impl AnalysisArgs {
-    pub fn fill(&self, options: &mut PipelineOptions, method: Method) {
+    pub fn fill(&self, options: &mut PipelineOptions, method: Method) -> anyhow::Result<()> {
+        let profile = self.profile.profile;
+        if let (Some(given), Some(only)) = (self.fps, profile.fixed_fps()) {
+            anyhow::ensure!(
+                given == only,
+                "--fps {given}: the {profile} profile takes {only} frames per second; leave --fps out"
+            );
+        }
         options.normalize = self.models.normalize_of(method);
         options.statistics = self.models.statistics_of(method);
         options.by.clone_from(&self.by);
@@ -318,7 +325,9 @@ impl AnalysisArgs {
             seed: self.seed,
             ..CompareOptions::default()
         };
-        options.fap = FapOptions { between: usize::from(self.between), fps: self.fps, profile: self.profile.profile };
+        let fps = self.fps.unwrap_or(FapOptions::default().fps);
+        options.fap = FapOptions { between: usize::from(self.between), fps, profile };
+        Ok(())
     }
 }
 

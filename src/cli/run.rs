@@ -110,7 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         unchecked_marks: args.check.unchecked(),
         ..PipelineOptions::default()
     };
-    args.analysis.fill(&mut options, args.method.method);
+    args.analysis.fill(&mut options, args.method.method)?;
     let bench = args.general.workbench(options)?;
     if let Some(outcome) = run_division(args, &bench)? {
         return Ok(outcome);

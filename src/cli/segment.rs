@@ -26,7 +26,9 @@ use super::{
     Outcome,
     apart::{all, check_apart, lies_in, maybe},
     progress::counted_bar,
-    shared::{FitArgs, GeneralArgs, MethodArgs, TrackArgs, marks_or_found, positive, set_threads, stop_flag, thread_count},
+    shared::{
+        FitArgs, GeneralArgs, MethodArgs, TrackArgs, frame_rate, marks_or_found, positive, set_threads, stop_flag, thread_count,
+    },
 };
 
 /// Find expressions in whole recordings, and propose sequences from neutral to apex.
@@ -63,7 +65,7 @@ pub struct Args {
     #[arg(long, value_name = "NUMBER", requires = "correspondences")]
     neutral_frame: Option<u32>,
     /// Frames per second, instead of what the recording says; 25 where neither does
-    #[arg(long, value_parser = positive)]
+    #[arg(long, value_parser = frame_rate)]
     fps: Option<f64>,
     /// A film (.mp4, .webm) of the (only) recording with wireframe, pose, phases and the strongest action units, or a folder for
     /// one of each
@@ -153,6 +155,13 @@ impl<'a> Steps<'a> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let options = args.thresholds.options();
+    anyhow::ensure!(
+        options.low <= options.high,
+        "an expression begins and ends at an activity of {} (--low) and reaches only {} (--high): --low is at most --high",
+        options.low,
+        options.high
+    );
     set_threads(args.threads)?;
     let folder = segments_folder(&args.output);
     anyhow::ensure!(

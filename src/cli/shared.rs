@@ -17,7 +17,7 @@ use grimace::{
 };
 
 pub use super::{
-    numbers::{alpha, count, gain, memory, not_negative, positive, thread_count},
+    numbers::{alpha, count, emphasis, frame_rate, gain, memory, not_negative, positive, thread_count},
     options::{AnalysisArgs, CheckArgs, FitArgs, MarksArgs, MethodArgs, ModelArgs, ProfileArgs, TrackArgs, words},
 };
 

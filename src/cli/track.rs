@@ -17,7 +17,7 @@ use super::{
     Outcome,
     apart::{check_apart, maybe},
     progress::frame_bar,
-    shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, marks_or_found, positive, stop_flag},
+    shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, frame_rate, marks_or_found, stop_flag},
 };
 
 /// Track one sequence.
@@ -47,7 +47,7 @@ pub struct Args {
     #[arg(long)]
     last_frame: Option<u32>,
     /// Frames per second, instead of what a video says
-    #[arg(long, value_parser = positive)]
+    #[arg(long, value_parser = frame_rate)]
     fps: Option<f64>,
     /// Folder for a picture of the wireframe on every frame
     #[arg(long, value_name = "DIR")]

@@ -16,7 +16,7 @@ use self::{
     search::Found,
 };
 pub use self::{kept::Kept, people::PicturesOfPeople};
-use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, error::name_key};
+use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key};
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
@@ -59,8 +59,10 @@ pub struct ProposedManifest {
     pub more_columns: Vec<String>,
     /// Columns of the table of people that were not taken.
     pub not_joined: Vec<String>,
-    /// Subjects that the table of people lacks.
+    /// Subjects that the table of people lacks; where it has a column `publish`, theirs is `no`.
     pub unknown_people: Vec<String>,
+    /// People of that table of whom there is no sequence.
+    pub people_without_rows: Vec<String>,
     /// Sequences of a labelled dataset that are not taken, with the reason.
     pub skipped: Vec<String>,
     /// Folders that hold no sequence, relative to the manifest: empty ones, and those with a single picture.
@@ -108,7 +110,7 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
 
 impl ProposedManifest {
     /// Joins a table of people: a CSV file with a column `subject` (or `person`), whose other columns go to every sequence of a subject, but for
-    /// those that a manifest has of every sequence ([`ProposedManifest::not_joined`]).
+    /// those that a manifest has of every sequence ([`ProposedManifest::not_joined`]). Subjects are the same whatever the case of their letters.
     ///
     /// # Errors
     /// [`DatasetError`] when the file does not read, has no such column, or names nobody of the dataset.
@@ -128,31 +130,40 @@ impl ProposedManifest {
         // Spreadsheets leave columns behind in which nothing stands.
         let mut filled: BTreeSet<usize> = BTreeSet::new();
         let mut people: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        let mut in_table: BTreeMap<String, String> = BTreeMap::new();
         for row in csv.rows() {
             let row = row?;
             let fields: Vec<String> = others.iter().map(|&k| row.get(k).to_owned()).collect();
             filled.extend(unnamed.iter().filter(|&&k| !row.get(k).is_empty()));
-            let earlier = people.insert(composed(row.get(by)), fields.clone());
+            let subject = row.get(by).to_owned();
+            let earlier = people.insert(name_key(&subject), fields.clone());
+            in_table.insert(name_key(&subject), subject);
             if earlier.is_some_and(|earlier| earlier != fields) {
                 let subject = row.get(by).to_owned();
                 return Err(DatasetError::Contradiction { path: path.to_owned(), line: row.line(), subject });
             }
         }
-        if !self.rows.iter().any(|row| people.contains_key(&composed(&row.subject))) {
+        if !self.rows.iter().any(|row| people.contains_key(&name_key(&row.subject))) {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
             return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject });
         }
         let of_sequences = ours.iter().map(|&k| format!("`{}`, which every sequence has of its own", csv.header()[k]));
         self.not_joined = of_sequences.chain(filled.iter().map(|k| format!("column {}, which has no name", k + 1))).collect();
         self.person_columns = others.iter().map(|&k| csv.header()[k].clone()).collect();
+        // Whoever is not in a table of consents has given none.
+        let nothing_known = |column: &String| if is_publish_column(column) { "no".to_owned() } else { String::new() };
+        let unknown_person: Vec<String> = self.person_columns.iter().map(nothing_known).collect();
         let mut unknown = BTreeSet::new();
         for row in &mut self.rows {
-            row.person = people.get(&composed(&row.subject)).cloned().unwrap_or_else(|| {
+            let key = name_key(&row.subject);
+            in_table.remove(&key);
+            row.person = people.get(&key).cloned().unwrap_or_else(|| {
                 unknown.insert(row.subject.clone());
-                vec![String::new(); others.len()]
+                unknown_person.clone()
             });
         }
         self.unknown_people = unknown.into_iter().collect();
+        self.people_without_rows = in_table.into_values().collect();
         Ok(())
     }
 
@@ -442,6 +453,28 @@ mod tests {
         let own = |name: &str| format!("`{name}`, which every sequence has of its own");
         assert_eq!(left, [own("Emotion"), own("frames"), "column 4, which has no name".to_owned()]);
         assert_eq!(joined("person,gender\nS1,f\n"), (vec!["gender".to_owned()], Vec::new()));
+    }
+
+    #[test]
+    fn who_is_in_no_table_of_consents_has_given_none() {
+        let folder = folder(&["anna/happy.mp4", "ben/happy.mp4", "carl/happy.mp4"]);
+        let people = folder.path().join("people.csv");
+        fs::write(&people, "subject,publish\nanna,yes\nBEN,no\ndora,yes\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.join_people(&people).unwrap();
+        let said: Vec<(&str, &str)> = manifest.rows.iter().map(|row| (row.subject.as_str(), row.person[0].as_str())).collect();
+        assert_eq!(said, [("anna", "yes"), ("ben", "no"), ("carl", "no")]);
+        assert_eq!((manifest.unknown_people, manifest.people_without_rows), (vec!["carl".to_owned()], vec!["dora".to_owned()]));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_back_lead_nowhere() {
+        let outside = folder(&["other/secret/1.png", "other/secret/2.png", "set/anna/happy/1.png", "set/anna/happy/2.png"]);
+        let root = outside.path().join("set");
+        std::os::unix::fs::symlink("../..", root.join("anna/loop")).unwrap();
+        let manifest = propose_manifest(&root).unwrap();
+        assert_eq!(manifest.rows.iter().map(|row| row.frames.as_str()).collect::<Vec<_>>(), ["anna/happy"]);
     }
 
     #[test]

@@ -93,7 +93,7 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
 const OPTIONAL: [&str; 6] = ["frames", "first_frame", "last_frame", "correspondences", "landmarks", "fps"];
 
 /// Frame rates that a recording may have: what is beyond is another unit, such as seconds for each frame.
-const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
+pub const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
 /// Further columns that say something: whether people may be shown, whether a row is a whole recording, which of several faces is meant.
 const FURTHER: [&str; 3] = [PUBLISH_COLUMN, SEGMENT_COLUMN, FACE_COLUMN];

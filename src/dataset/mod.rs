@@ -33,7 +33,7 @@ pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
     LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks,
 };
-pub use manifest::MANIFEST_COLUMNS;
+pub use manifest::{FRAME_RATES, MANIFEST_COLUMNS};
 pub use marks::{MarksFileError, read_marks};
 
 /// Name of the manifest in a dataset's folder.

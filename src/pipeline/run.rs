@@ -312,6 +312,14 @@ pub fn run(
     let mut said = ledger.claim(
         &names.chain(emotions.iter().flat_map(|e| class_files(e).into_iter().chain(model_names(e)))).collect::<Vec<_>>(),
     )?;
+    output::write_json_durably(&out.join(RUN_JSON), &record)?;
+
+    let pictures = overlay.map(|folder| OverlayFolder::open(folder, force)).transpose()?;
+    let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay: pictures.as_ref(), stop }, &event)?;
+    if let Some(pictures) = pictures {
+        said.extend(pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?);
+    }
+    // Those that this run had made before are gone by now.
     let hidden = planned.iter().filter(|p| !bench.options.shows(&p.metadata())).map(|p| p.id.to_string()).collect();
     for folder in [overlay.map(Path::to_owned), Some(out.join("overlays"))].into_iter().flatten().collect::<BTreeSet<_>>() {
         let left = overlays_of(&folder, &hidden);
@@ -320,13 +328,6 @@ pub fn run(
             let folder = folder.display();
             said.push(format!("{folder}: {pictures} of people who may not be shown, made before; remove what nobody is to see"));
         }
-    }
-    output::write_json_durably(&out.join(RUN_JSON), &record)?;
-
-    let pictures = overlay.map(|folder| OverlayFolder::open(folder, force)).transpose()?;
-    let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay: pictures.as_ref(), stop }, &event)?;
-    if let Some(pictures) = pictures {
-        said.extend(pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?);
     }
     event(Event::Analyzing);
 

@@ -220,6 +220,14 @@ pub enum TrackFileError {
         /// The table.
         path: PathBuf,
     },
+    /// A `.csv` that is not whole by the `.json` beside it.
+    #[error("{}: {reason}: the file was cut, or changed; track the sequence again", path.display())]
+    Cut {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
     /// The `.json` does not read.
     #[error("{}: {source}", path.display())]
     Json {
@@ -346,14 +354,36 @@ fn is_representative(bytes: &[u8]) -> bool {
     read.get("sequences").is_some_and(serde_json::Value::is_array) && read.get("image_size").is_none()
 }
 
-/// The number of the neutral frame that stands in the `.json` beside a track; what else stands there does not matter.
-fn neutral_beside(csv_path: &Path) -> Option<u32> {
-    #[derive(Deserialize)]
-    struct Neutral {
-        neutral_frame: Option<u32>,
+/// What the `.json` beside a track says of the frames of its `.csv`; what else stands there does not matter.
+#[derive(Default, Deserialize)]
+struct Beside {
+    neutral_frame: Option<u32>,
+    apex_frame: Option<u32>,
+    csv_blake3: Option<String>,
+}
+
+impl Beside {
+    fn read(csv_path: &Path) -> Self {
+        let bytes = crate::input::read(&csv_path.with_extension("json")).ok();
+        bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
     }
-    let bytes = crate::input::read(&csv_path.with_extension("json")).ok()?;
-    serde_json::from_slice::<Neutral>(&bytes).ok()?.neutral_frame
+
+    /// Refuses what is left of a file that was cut.
+    fn check(&self, path: &Path, frames: &[TrackedFrame], bytes: &[u8]) -> Result<(), TrackFileError> {
+        let cut = |reason: String| Err(TrackFileError::Cut { path: path.to_owned(), reason });
+        for (what, number) in [("neutral", self.neutral_frame), ("apex", self.apex_frame)] {
+            if let Some(number) = number.filter(|number| frames.iter().all(|frame| frame.number != *number)) {
+                return cut(format!("it has no frame {number}, the {what} frame by the .json beside it"));
+            }
+        }
+        let is_changed = || self.csv_blake3.as_ref().is_some_and(|hash| blake3::hash(bytes).to_hex().as_str() != hash);
+        if !bytes.ends_with(b"\n") && is_changed() {
+            return cut(
+                "its last line has no end, so that the last value may be short, and it is not as it was written".to_owned()
+            );
+        }
+        Ok(())
+    }
 }
 
 /// Ascending frames in the order in which they are tracked: the neutral frame, those after it, then those before it, back in time. Without
@@ -394,7 +424,9 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
             TrackFileError::Normalized { path }
         });
     }
-    Ok(neutral_first(frames, neutral_beside(path)))
+    let beside = Beside::read(path);
+    beside.check(path, &frames, &bytes)?;
+    Ok(neutral_first(frames, beside.neutral_frame))
 }
 
 /// Whether positions are those of a normalized model: nothing is known of the nodes but where they are, about an origin within the face, with y
@@ -460,6 +492,31 @@ mod tests {
         let path = folder.path().join("t.csv");
         fs::write(&path, text).unwrap();
         read_track(&path)
+    }
+
+    #[test]
+    fn what_is_left_of_a_track_that_was_cut_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.csv");
+        let mut all = frames();
+        all.push(TrackedFrame { number: 5, ..all[1].clone() });
+        let whole = track_csv(&all);
+        let hash = blake3::hash(&whole).to_hex().to_string();
+        let json = format!(r#"{{"neutral_frame": 3, "apex_frame": 5, "csv_blake3": "{hash}"}}"#);
+        fs::write(path.with_extension("json"), json).unwrap();
+        let said = |bytes: &[u8]| {
+            fs::write(&path, bytes).unwrap();
+            read_track(&path).map(|frames| frames.len()).map_err(|error| error.to_string())
+        };
+        assert_eq!(said(&whole), Ok(3));
+        // At the end of a frame.
+        let text = String::from_utf8(whole.clone()).unwrap();
+        let first = text.split_inclusive('\n').filter(|line| !line.starts_with("5,")).collect::<String>();
+        assert!(said(first.as_bytes()).unwrap_err().contains("it has no frame 5, the apex frame by the .json beside it"));
+        // Within its last line; a value that somebody changed is theirs.
+        let within = text.replace("0.75", "0.5");
+        assert_eq!(said(within.as_bytes()), Ok(3));
+        assert!(said(within.trim_end().as_bytes()).unwrap_err().contains("the last value may be short"));
     }
 
     #[test]

@@ -24,6 +24,9 @@ fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
     };
     refused("analyze a.csv -o x --fps 29.97", "invalid value '29.97' for '--fps <FPS>': expected a whole number from 1 to 1000");
     refused("fap convert a.fap -o b.fap --fps 29.97", "expected a whole number from 1 to 32767");
+    refused("clone -s a.fap -t a.jpg -o x --emphasis 1e300", "expected a number greater than 0, 100 at most");
+    refused("track faces -o a.csv --fps 1e300", "expected a number from 0.1 to 1000 frames per second");
+    work.grimace("analyze a.csv -o x --profile greta --fps 30").exit(1).says(&["the greta profile takes 25 frames per second"]);
     refused("analyze a.csv -o x --alpha -0.1", "'--alpha <ALPHA>': expected a share of at least 0 and less than 0.5");
     refused("clone -s a.fap -t a.jpg -o x --emphasis -1", "'--emphasis <C>': expected a number greater than 0");
     refused("analyze a.csv -o x --seed -1", "'--seed <SEED>': expected a whole number of at least 0");

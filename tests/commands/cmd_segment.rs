@@ -239,6 +239,7 @@ fn what_is_no_recording_is_said() {
     record(&work, "one", &expression("005")[..1]);
     work.grimace("segment one -o a.csv").exit(1).says(&["too short for a rest", "1 frame, 25 at least at 25 frames per second"]);
     work.grimace("segment one -o a.csv --fps 1").exit(1).says(&["1 frame, 2 at least at 1 frame per second"]);
+    work.grimace("segment one -o a.csv --high 0.5 --low 2").exit(1).says(&["--low is at most --high"]);
     work.grimace("segment nothing -o a.csv").exit(1).says(&["nothing: there is no such folder"]);
     work.grimace("segment short other/short -o a.csv").exit(1);
     work.grimace("segment short -o short.csv").exit(1).says(&["among the frames of the recording"]);

@@ -47,8 +47,8 @@ impl Found {
     fn look_into(&mut self, folder: &Path, above: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
         let failed = |reason| DatasetError::Io { path: folder.to_owned(), reason };
         let resolved = folder.canonicalize().map_err(failed)?;
-        if above.contains(&resolved) {
-            // A link back to where it came from.
+        if above.contains(&resolved) || above.first().is_some_and(|root| root.starts_with(&resolved)) {
+            // A link back to where it came from, or to what the dataset lies in.
             return Ok(());
         }
         let entries = visible(folder).map_err(failed)?;
