@@ -180,7 +180,7 @@ facade! {
 facade! {
     /// Ground: a wireframe with its tables ([`Face`](wireframe::Face)); Candide-3 comes along, another is read from a `.wfm` file.
     wireframe: Axis, Face, Fapu, FapuDefinition, Fapus, FapusError, FeaturePointRow, MotionUnit, Region, TableError, Tables,
-    UnitKind, WfmError, WfmErrorKind, WfmSection, Wireframe, WireframeError, read_wfm, write_wfm
+    UnitKind, WfmError, WfmErrorKind, Wireframe, WireframeError, read_wfm, write_wfm
 }
 facade! {
     /// Ground: frame and dynamic facial expression models \[KP, section 1 and eq. 2\].
