@@ -21,7 +21,7 @@ pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError, LidUnits};
 pub(crate) use marks::mark_deviation;
 pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
-pub use wfm::{WfmError, WfmErrorKind, WfmSection, read_wfm, write_wfm};
+pub use wfm::{WfmError, WfmErrorKind, read_wfm, write_wfm};
 
 /// Nodes of the lids from the outer to the inner corner, the upper lid's and the lower one's, of the subject's left eye and of the right one;
 /// both lids of an eye begin and end at its corners.
