@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use grimace::{
     dataset::{
-        DatasetError, IMAGE_EXTENSIONS, Kept, PUBLISH_COLUMN, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, manifest_path, propose_manifest,
+        DatasetError, IMAGE_EXTENSIONS, Kept, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, is_publish_column, manifest_path,
+        propose_manifest,
     },
     output::{count, listed},
 };
@@ -100,7 +101,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             println!("note: not taken from {}: {}", people.display(), listed(&manifest.not_joined, usize::MAX));
         }
         if !manifest.unknown_people.is_empty() {
-            let consent = if manifest.person_columns.iter().any(|c| c.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)) {
+            let consent = if manifest.person_columns.iter().any(|column| is_publish_column(column)) {
                 "; their `publish` is `no`"
             } else {
                 ""

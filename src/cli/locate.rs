@@ -178,14 +178,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                         100.0 * face.expected_error()
                     );
                 }
-                for (k, face) in faces.iter().enumerate().filter(|(_, f)| !f.covered.is_empty()) {
+                for (k, face) in faces.iter().enumerate() {
+                    let Some(said) = FacePart::said_covered(&face.covered) else { continue };
                     covered += 1;
                     eprintln!(
-                        "{}: face {}: {} {} covered: half of the points there are expected to be more than {:.1} % of the eye distance off",
+                        "{}: face {}: {said}: half of the points there are expected to be more than {:.1} % of the eye distance off",
                         picture.name,
                         k + 1,
-                        FacePart::listed(&face.covered),
-                        if let [_] = face.covered[..] { "looks" } else { "look" },
                         100.0 * face.expected_error_of(&face.covered)
                     );
                 }

@@ -54,7 +54,7 @@ pub const PUBLISH_COLUMN: &str = "publish";
 pub const SEGMENT_COLUMN: &str = "segment";
 
 /// Whether a column is [`PUBLISH_COLUMN`], in any case.
-pub(super) fn is_publish_column(name: &str) -> bool {
+pub fn is_publish_column(name: &str) -> bool {
     name.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)
 }
 

@@ -129,17 +129,15 @@ impl ProposedManifest {
         let unnamed: Vec<usize> = (0..csv.header().len()).filter(|&k| csv.header()[k].is_empty()).collect();
         // Spreadsheets leave columns behind in which nothing stands.
         let mut filled: BTreeSet<usize> = BTreeSet::new();
-        let mut people: BTreeMap<String, Vec<String>> = BTreeMap::new();
-        let mut in_table: BTreeMap<String, String> = BTreeMap::new();
+        // By the key of their names: what the table calls them, and what it says of them.
+        let mut people: BTreeMap<String, (String, Vec<String>)> = BTreeMap::new();
         for row in csv.rows() {
             let row = row?;
             let fields: Vec<String> = others.iter().map(|&k| row.get(k).to_owned()).collect();
             filled.extend(unnamed.iter().filter(|&&k| !row.get(k).is_empty()));
             let subject = row.get(by).to_owned();
-            let earlier = people.insert(name_key(&subject), fields.clone());
-            in_table.insert(name_key(&subject), subject);
-            if earlier.is_some_and(|earlier| earlier != fields) {
-                let subject = row.get(by).to_owned();
+            let earlier = people.insert(name_key(&subject), (subject.clone(), fields.clone()));
+            if earlier.is_some_and(|(_, earlier)| earlier != fields) {
                 return Err(DatasetError::Contradiction { path: path.to_owned(), line: row.line(), subject });
             }
         }
@@ -153,17 +151,20 @@ impl ProposedManifest {
         // Whoever is not in a table of consents has given none.
         let nothing_known = |column: &String| if is_publish_column(column) { "no".to_owned() } else { String::new() };
         let unknown_person: Vec<String> = self.person_columns.iter().map(nothing_known).collect();
-        let mut unknown = BTreeSet::new();
+        let (mut known, mut unknown) = (BTreeSet::new(), BTreeSet::new());
         for row in &mut self.rows {
             let key = name_key(&row.subject);
-            in_table.remove(&key);
-            row.person = people.get(&key).cloned().unwrap_or_else(|| {
+            if let Some((_, fields)) = people.get(&key) {
+                row.person.clone_from(fields);
+                known.insert(key);
+            } else {
+                row.person.clone_from(&unknown_person);
                 unknown.insert(row.subject.clone());
-                unknown_person.clone()
-            });
+            }
         }
         self.unknown_people = unknown.into_iter().collect();
-        self.people_without_rows = in_table.into_values().collect();
+        self.people_without_rows =
+            people.into_iter().filter(|(key, _)| !known.contains(key)).map(|(_, (name, _))| name).collect();
         Ok(())
     }
 

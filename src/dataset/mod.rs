@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use crate::units::SequenceId;
 
 pub use cohn_kanade::emotion_code;
-pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, may_publish};
+pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError, check_file_name};
 pub(crate) use frames::visible;

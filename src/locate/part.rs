@@ -67,6 +67,12 @@ impl FacePart {
         }
     }
 
+    /// That parts look covered, in a sentence: `the mouth and the chin look covered`; `None` for none.
+    pub(crate) fn said_covered(parts: &[Self]) -> Option<String> {
+        let look = if parts.len() == 1 { "looks" } else { "look" };
+        (!parts.is_empty()).then(|| format!("{} {look} covered", Self::listed(parts)))
+    }
+
     /// The same part on the other side; itself where there is one of it.
     pub(super) fn in_mirror(self) -> Self {
         match self {

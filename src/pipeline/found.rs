@@ -117,19 +117,16 @@ impl FoundFace {
 
 /// That parts of a face that is not trusted are covered, behind a limit.
 fn covered_too(parts: &[FacePart]) -> String {
-    let look = if let [_] = parts { "looks" } else { "look" };
-    if parts.is_empty() { String::new() } else { format!(", and {} {look} covered", FacePart::listed(parts)) }
+    FacePart::said_covered(parts).map(|said| format!(", and {said}")).unwrap_or_default()
 }
 
 /// That parts of a face are covered where marks were found; `None` where all is to be seen.
 pub(crate) fn covered_said(parts: &[FacePart]) -> Option<String> {
-    (!parts.is_empty()).then(|| {
-        let (are, their) = if let [_] = parts { ("looks", "its") } else { ("look", "their") };
+    let (their, them) = if parts.len() == 1 { ("its", "it") } else { ("their", "them") };
+    FacePart::said_covered(parts).map(|said| {
         format!(
-            "{} {are} covered in the neutral frame: {their} marks are a guess from the rest of the face; mark {} with `grimace annotate` if you \
-             can see more",
-            FacePart::listed(parts),
-            if let [_] = parts { "it" } else { "them" }
+            "{said} in the neutral frame: {their} marks are a guess from the rest of the face; mark {them} with `grimace annotate` if you can see \
+             more"
         )
     })
 }
