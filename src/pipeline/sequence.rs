@@ -312,7 +312,7 @@ fn track_frames(
         track: bench.options.track,
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables)
             .with_marks_beside(beside)
-            .with_reason(covered_said(&source.covered)),
+            .with_covered(covered_said(&source.covered)),
         inputs_blake3: String::new(),
         frames_blake3: None,
         csv_blake3: String::new(),

@@ -122,7 +122,7 @@ fn load(
     };
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let times = info.as_ref().and_then(|info| info.times.clone());
-    let beside = info.as_ref().map(|info| info.summary.beside.clone()).unwrap_or_default();
+    let earlier = info.as_ref().map(|info| info.summary.clone());
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
         (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
@@ -142,7 +142,11 @@ fn load(
         let reason = format!("{}: {}", path.display(), failure.reason);
         SequenceFailure { reason, ..failure }
     })?;
-    let mut summary = summarize(&frames, &bench.wireframe, &bench.tables).with_marks_beside(beside);
+    let summary = summarize(&frames, &bench.wireframe, &bench.tables);
+    let mut summary = match &earlier {
+        Some(earlier) => summary.told_by_the_picture_of(earlier),
+        None => summary,
+    };
     normalized.judge(&mut summary, &frames);
     let course = measure(&normalized, &frames, bench)?.as_deref().and_then(Course::of);
     let model = normalized.model;

@@ -105,17 +105,27 @@ pub struct TrackSummary {
     /// Those of the reasons that say where marks that were given lie beside the face of the neutral frame.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub beside: Vec<String>,
+    /// That one of the reasons which says what parts of the face are covered in the neutral frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covered: Option<String>,
 }
 
 impl TrackSummary {
-    /// With a further reason to look at it again.
+    /// With what is known of parts of the face that are covered, as a reason to look at it again.
     #[must_use]
-    pub(crate) fn with_reason(mut self, reason: Option<String>) -> Self {
-        if reason.is_some() {
+    pub(crate) fn with_covered(mut self, covered: Option<String>) -> Self {
+        if covered.is_some() {
             self.verdict = Verdict::LookAgain;
         }
-        self.reasons.extend(reason);
+        self.reasons.extend(covered.iter().cloned());
+        self.covered = covered;
         self
+    }
+
+    /// With what the neutral picture told `earlier`, a summary of the same track: its frames alone cannot tell it again.
+    #[must_use]
+    pub(crate) fn told_by_the_picture_of(self, earlier: &Self) -> Self {
+        self.with_marks_beside(earlier.beside.clone()).with_covered(earlier.covered.clone())
     }
 
     /// With what is known of marks that lie beside the face, as reasons to look at it again.
@@ -231,6 +241,7 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
         verdict: Verdict::Good,
         reasons: Vec::new(),
         beside: Vec::new(),
+        covered: None,
     };
     judge(&mut summary, frames, wireframe, tables);
     summary
@@ -383,6 +394,20 @@ mod tests {
         assert!((summary.eye_distance_px - 61.3).abs() < 1e-9);
         assert_eq!(summary.recovered, BTreeMap::from([("extreme".to_owned(), 2)]));
         assert_eq!(summary.worst_nodes, [(NodeId(31), 2)]);
+    }
+
+    #[test]
+    fn what_the_picture_told_is_carried_over() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let nodes: Vec<_> = w.frontal().iter().map(|&p| TrackedNode::new(p * 100.0, NodeState::Fitted, None)).collect();
+        let again = || summarize(&[TrackedFrame { number: 1, nodes: nodes.clone() }], &w, &t);
+        let covered = "the mouth is covered".to_owned();
+        let earlier = again().with_marks_beside(vec!["the chin".to_owned()]).with_covered(Some(covered.clone()));
+        let told = again().told_by_the_picture_of(&earlier);
+        assert_eq!(told, earlier);
+        assert_eq!((told.verdict, told.covered), (Verdict::LookAgain, Some(covered.clone())));
+        assert!(told.reasons.ends_with(&["the chin".to_owned(), covered]), "{:?}", told.reasons);
+        assert_eq!(again().told_by_the_picture_of(&again()), again());
     }
 
     #[test]
