@@ -9,6 +9,7 @@
 //! accumulates; the rescaling is ours: KP's own models have equal FAPUs before the transfer.
 
 mod arches;
+mod cloned_skin;
 mod detail;
 mod fap_motion;
 mod form;
@@ -37,13 +38,13 @@ use crate::{
     wireframe::FapusError,
 };
 
+pub use cloned_skin::{ClonedSkin, MOST_SKIN, fold_powers, fold_softening, places_on_skin};
 pub use detail::{Details, Teeth};
 pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, FRAMES_RECORD, Film, encode_png, write_clone};
 pub use picture::{Sheet, at_height};
 pub use render::{CloneFrame, CloneOptions, ClonedExpression, clone_expression};
 pub use skin::{
-    ClonedSkin, LEAST_SKIN_PEOPLE, MOST_SKIN, MOST_SKIN_PEOPLE, NO_CHANGE, NoSkin, SKIN_LOG_LIMIT, SKIN_SUFFIX, Skin, SkinLayout,
-    SkinSample, fold_powers, places_on_skin,
+    LEAST_SKIN_PEOPLE, MOST_SKIN_PEOPLE, NO_CHANGE, NoSkin, SKIN_LOG_LIMIT, SKIN_SUFFIX, Skin, SkinLayout, SkinSample,
 };
 pub use source::{LID_PAIRS, SourceKind, SourceMotion, canonical_lid_gaps};
 pub use target::{Rescale, Target};

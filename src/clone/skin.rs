@@ -16,13 +16,12 @@ use image::{GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
 use nalgebra::{Point2, Vector2};
 
 use super::{
-    CloneError, SourceKind, SourceMotion, Target,
+    CloneError, SourceKind, SourceMotion,
     detail::{self, smooth},
-    timing::Moment,
 };
 use crate::{
     geometry::polygon::inside_depth,
-    warp::{Texture, Warp, one_tone},
+    warp::{Texture, Warp},
     wireframe::Wireframe,
 };
 
@@ -61,6 +60,8 @@ const DEEPEST: f32 = 2.0;
 const DARKER: f32 = 1.7;
 /// Weight under which a person's pixel does not count.
 const LEAST_WEIGHT: f32 = 0.25;
+/// Share of a face's mask from which on all of a skin is applied.
+const BORDER: f32 = 0.5;
 /// Room around the brows that is not skin, over the eye distance.
 const BROW_ROOM: f64 = 0.05;
 /// The brows: upper edge from the outer to the inner end, then the lower edge back.
@@ -209,8 +210,14 @@ fn write_png(picture: &GrayImage, writer: &mut dyn io::Write) -> io::Result<()> 
         .map_err(io::Error::other)
 }
 
+/// A level as far as a share of the face's mask lets it through.
+pub(super) fn bordered(level: u8, share: f32) -> u8 {
+    let change = f32::from(level) - f32::from(NO_CHANGE);
+    (f32::from(NO_CHANGE) + change * (share / BORDER).min(1.0)).round() as u8
+}
+
 /// The logarithm of a ratio that a level of the file stands for.
-fn log_of(level: u8) -> f32 {
+pub(super) fn log_of(level: u8) -> f32 {
     (f32::from(level) - f32::from(NO_CHANGE)) / 127.0 * SKIN_LOG_LIMIT
 }
 
@@ -287,6 +294,11 @@ impl Skin {
         write_png(&picture, writer)
     }
 
+    /// The picture with folds softened by a Gaussian of `sigma` px of it.
+    pub(super) fn softened(&self, sigma: f64) -> GrayImage {
+        if sigma > 0.0 { Self { logs: smooth(&self.logs, SIZE.0, SIZE.1, sigma), ..*self }.picture() } else { self.picture() }
+    }
+
     /// Share of what grows lighter that is shown.
     pub fn lighter(&self) -> f32 {
         self.lighter
@@ -322,96 +334,6 @@ impl Skin {
             return Err(CloneError::SkinSize { path: path.to_owned(), width, height, expected: SIZE });
         }
         Ok(Self { logs: picture.as_raw().iter().map(|&level| log_of(level)).collect(), people: 0, lighter: LIGHTER })
-    }
-}
-
-/// The skin of a class on a target: how it looks, and how far a motion has gone towards it.
-#[derive(Debug)]
-pub struct ClonedSkin {
-    /// Where it changes the target's photograph, line by line: row, first column, and the level of the skin's picture at each pixel.
-    lines: Vec<(usize, usize, Vec<u8>)>,
-    /// Apex offsets of the class's representative over its eye separation.
-    apex: Vec<Vector2<f64>>,
-    lighter: f32,
-    /// Powers of the ratio of brightnesses, for red, green and blue.
-    powers: [f32; 3],
-}
-
-/// Most of a skin that is applied: a motion stronger than the class's own has no deeper folds than this.
-pub const MOST_SKIN: f64 = 1.3;
-/// Red, green and blue of a fold: what lies in shadow is lit through the skin around it. Powers of the ratio of brightnesses, as measured on the
-/// cheeks of 90 people who smile (of their mean 0.76, 1.09, 1.16; of their own fine shading 0.82, 1.06, 1.14).
-const CHANNELS: [f32; 3] = [0.80, 1.07, 1.15];
-/// Share of a face's mask from which on all of a skin is applied.
-const BORDER: f32 = 0.5;
-/// Share of a skin under which none is applied.
-const LEAST_SKIN: f64 = 0.01;
-
-/// Powers of the ratio of brightnesses that folds have on a target, for red, green and blue: all the same on a photograph in one tone.
-pub fn fold_powers(target: &Target) -> [f32; 3] {
-    let toned = one_tone(target.texture(), target.warp().texture_nodes());
-    CHANNELS.map(|power| power + (1.0 - power) * toned)
-}
-
-/// Where every vertex of a target's mesh lies on the layout, as shares of its width and height.
-///
-/// # Errors
-/// [`CloneError::Warp`] never for a target that could be made.
-pub fn places_on_skin(target: &Target) -> Result<Vec<Point2<f64>>, CloneError> {
-    let placement = target.warp().place(&layout_nodes())?;
-    let share = |p: &Point2<f64>| Point2::new((p.x + 0.5) / f64::from(SIZE.0), (p.y + 0.5) / f64::from(SIZE.1));
-    Ok(placement.vertices().iter().map(share).collect())
-}
-
-/// A level as far as a share of the face's mask lets it through.
-fn bordered(level: u8, share: f32) -> u8 {
-    let change = f32::from(level) - f32::from(NO_CHANGE);
-    (f32::from(NO_CHANGE) + change * (share / BORDER).min(1.0)).round() as u8
-}
-
-impl ClonedSkin {
-    /// Carries the skin of a class onto a target; `representative` is the class's own motion.
-    ///
-    /// # Errors
-    /// [`CloneError::Warp`] never for a target that could be made.
-    pub fn new(target: &Target, skin: &Skin, representative: &SourceMotion) -> Result<Self, CloneError> {
-        let (width, height) = target.picture.dimensions();
-        let mut carried = RgbImage::from_pixel(width, height, image::Rgb([NO_CHANGE; 3]));
-        let placement = target.warp().place(&layout_nodes())?;
-        target.warp().unwarp(&Texture::from_gray(&skin.picture()), &placement, &mut carried);
-        let mask = detail::mask(target);
-        // It ends softly where the face does: a fit knows little of where a forehead ends.
-        let levels: Vec<u8> = carried.pixels().zip(&mask).map(|(p, share)| bordered(p.0[0], *share)).collect();
-        let changes = |level: &u8| *level != NO_CHANGE;
-        let line = |(y, row): (usize, &[u8])| {
-            let (first, last) = (row.iter().position(changes)?, row.iter().rposition(changes)?);
-            Some((y, first, row[first..=last].to_vec()))
-        };
-        let lines = levels.chunks(width.max(1) as usize).enumerate().filter_map(line).collect();
-        let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
-        Ok(Self { lines, apex, lighter: skin.lighter, powers: fold_powers(target) })
-    }
-
-    /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
-    pub fn growth(&self, source: &SourceMotion, moment: &Moment, emphasis: f64) -> f64 {
-        let (mut along, mut whole) = (0.0, 0.0);
-        for (offset, apex) in moment.offsets.iter().zip(&self.apex) {
-            along += (offset / source.fapus.es).dot(apex);
-            whole += apex.norm_squared();
-        }
-        if whole > 0.0 { (emphasis * along / whole).clamp(0.0, MOST_SKIN) } else { 0.0 }
-    }
-
-    /// The target's texture with the skin grown to a share of the class's; `None` where there is none yet.
-    pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
-        (growth >= LEAST_SKIN).then(|| {
-            // What grows lighter is skin that bulges towards another light than this one: most of it is left out.
-            let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { self.lighter } else { 1.0 };
-            let factors = self
-                .powers
-                .map(|power| -> [f32; 256] { std::array::from_fn(|level| (power * log(level) * growth as f32).exp()) });
-            target.texture().times(self.lines.iter().map(|(y, x, levels)| (*y, *x, &levels[..])), &factors)
-        })
     }
 }
 

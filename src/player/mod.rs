@@ -31,11 +31,12 @@ pub const STYLE: &str = include_str!("assets/player.css");
 const PAGE_STYLE: &str = include_str!("assets/page.css");
 const PAGE_SCRIPT: &str = include_str!("assets/page.js");
 /// The player's script, in parts that build on each other.
-const SCRIPTS: [&str; 9] = [
+const SCRIPTS: [&str; 10] = [
     include_str!("assets/motion.js"),
     include_str!("assets/rig.js"),
     include_str!("assets/lids.js"),
     include_str!("assets/brows.js"),
+    include_str!("assets/folds.js"),
     include_str!("assets/head.js"),
     include_str!("assets/gl.js"),
     include_str!("assets/flat.js"),

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     clone::{
         CloneError, LID_PAIRS, MOST_SKIN, NO_CHANGE, SKIN_LOG_LIMIT, Skin, SourceKind, SourceMotion, Target, at_height,
-        fold_powers, places_on_skin,
+        fold_powers, fold_softening, places_on_skin,
     },
     fap::{FapCatalog, FapFrame, FapMotion, FapNumber, FapRow, FapSequence},
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -293,6 +293,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
         "inside": rig.inside,
         "onSkin": pack::single(places_on_skin(target)?.iter().flat_map(|p| [p.x, p.y])),
         "foldPowers": fold_powers(target),
+        "foldSoftening": fold_softening(target),
         "tone": { "lines": rig.tone.0, "share": rig.tone.1 },
     }))
 }

@@ -76,6 +76,7 @@ pub use render::MouthInside;
 pub use rig::{RigOpening, TEETH_PICTURES};
 pub use sample::Texture;
 pub(crate) use sample::byte;
+pub(crate) use softness::SHARP;
 pub(crate) use tone::one_tone;
 
 /// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
@@ -347,6 +348,11 @@ impl Warp {
     /// Distance between the middles of the eyes, px.
     pub fn eye_distance(&self) -> f64 {
         self.frame.eye_distance
+    }
+
+    /// Sigma of the Gaussian that softens the photograph, px; 0 before [`Warp::with_eyes`].
+    pub fn softness(&self) -> f64 {
+        self.softness
     }
 
     /// Direction from forehead to chin on the photograph, of length 1.

@@ -21,8 +21,10 @@ const SHARPEST: f64 = 0.25;
 const LEAST_SLOPE: f32 = 1.0;
 /// Room around an eye, over the eye distance.
 const AROUND: f64 = 0.06;
-/// The least and the most, px: no camera shows a pixel as a point, and what is softer has no edge to measure.
-const LIMITS: (f64, f64) = (0.65, 2.5);
+/// The softness of a photograph that is sharp, px, the least there is: no camera shows a pixel as a point.
+pub const SHARP: f64 = 0.65;
+/// The most, px: what is softer has no edge to measure.
+const MOST_SOFT: f64 = 2.5;
 /// Most pixels of a box across and down: the eyes of a larger face tell as much by a part of them.
 const MOST: f64 = 800.0;
 /// Pixels beyond the box that are blurred, too.
@@ -59,7 +61,7 @@ pub fn softness(warp: &Warp, texture: &Texture) -> f64 {
     };
     let mut sigmas: Vec<f64> = edges.iter().map(sigma).collect();
     sigmas.sort_by(f64::total_cmp);
-    sigmas.get((SHARPEST * sigmas.len() as f64) as usize).map_or(LIMITS.0, |sigma| sigma.clamp(LIMITS.0, LIMITS.1))
+    sigmas.get((SHARPEST * sigmas.len() as f64) as usize).map_or(SHARP, |sigma| sigma.clamp(SHARP, MOST_SOFT))
 }
 
 #[cfg(test)]
@@ -86,8 +88,8 @@ mod tests {
         };
         let found = [0.8, 1.2, 1.8].map(soft);
         assert!(found.iter().zip([0.8, 1.2, 1.8]).all(|(found, sigma)| (found / sigma - 1.0).abs() < 0.25), "{found:?}");
-        assert_eq!(softness(&warp(), &Texture::new(&sharp)), LIMITS.0);
+        assert_eq!(softness(&warp(), &Texture::new(&sharp)), SHARP);
         // Nothing to see: as sharp as a picture is.
-        assert_eq!(softness(&warp(), &Texture::new(&RgbImage::new(300, 380))), LIMITS.0);
+        assert_eq!(softness(&warp(), &Texture::new(&RgbImage::new(300, 380))), SHARP);
     }
 }

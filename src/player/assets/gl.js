@@ -319,8 +319,10 @@ class GlStage {
     this.uniform(folded, "powers", ...rig.foldPowers);
     for (const [name, value] of [["growth", growth], ["lighter", source.folds.lighter], ["none", shared.folds.none], ["limit", shared.folds.limit]]) this.uniform(folded, name, value);
     gl.activeTexture(gl.TEXTURE1);
-    if (!foldPictures.has(source)) foldPictures.set(source, this.texture(source.folds.image));
-    gl.bindTexture(gl.TEXTURE_2D, foldPictures.get(source));
+    if (!foldPictures.has(rig)) foldPictures.set(rig, new Map());
+    const known = foldPictures.get(rig);
+    if (!known.has(source)) known.set(source, this.texture(softened(source.folds.image, rig.foldSoftening)));
+    gl.bindTexture(gl.TEXTURE_2D, known.get(source));
     gl.uniform1i(folded.at("folds")[1], 1);
     gl.uniform1i(folded.at("picture")[1], 0);
     gl.activeTexture(gl.TEXTURE0);

@@ -1,0 +1,132 @@
+//! The folds of a class on one face.
+
+use image::RgbImage;
+use nalgebra::{Point2, Vector2};
+
+use super::{
+    CloneError, Skin, SourceMotion, Target, detail,
+    skin::{NO_CHANGE, SIZE, bordered, eye_distance, layout_nodes, log_of},
+    timing::Moment,
+};
+use crate::warp::{SHARP, Texture, one_tone};
+
+/// The skin of a class on a target: how it looks, and how far a motion has gone towards it.
+#[derive(Debug)]
+pub struct ClonedSkin {
+    /// Where it changes the target's photograph, line by line: row, first column, and the level of the skin's picture at each pixel.
+    lines: Vec<(usize, usize, Vec<u8>)>,
+    /// Apex offsets of the class's representative over its eye separation.
+    apex: Vec<Vector2<f64>>,
+    lighter: f32,
+    /// Powers of the ratio of brightnesses, for red, green and blue.
+    powers: [f32; 3],
+}
+
+/// Most of a skin that is applied: a motion stronger than the class's own has no deeper folds than this.
+pub const MOST_SKIN: f64 = 1.3;
+/// Red, green and blue of a fold: what lies in shadow is lit through the skin around it. Powers of the ratio of brightnesses, as measured on the
+/// cheeks of 90 people who smile (of their mean 0.76, 1.09, 1.16; of their own fine shading 0.82, 1.06, 1.14).
+const CHANNELS: [f32; 3] = [0.80, 1.07, 1.15];
+/// Softening that is not seen, px of the layout.
+const LEAST_SOFTENING: f64 = 0.25;
+/// Share of a skin under which none is applied.
+const LEAST_SKIN: f64 = 0.01;
+
+/// Powers of the ratio of brightnesses that folds have on a target, for red, green and blue: all the same on a photograph in one tone.
+pub fn fold_powers(target: &Target) -> [f32; 3] {
+    let toned = one_tone(target.texture(), target.warp().texture_nodes());
+    CHANNELS.map(|power| power + (1.0 - power) * toned)
+}
+
+/// Sigma of the Gaussian that makes folds as soft as a target's photograph, px of the layout; 0 for one as sharp as photographs are.
+pub fn fold_softening(target: &Target) -> f64 {
+    let softness = target.warp().softness();
+    let beyond = (softness * softness - SHARP * SHARP).max(0.0).sqrt();
+    let sigma = beyond * eye_distance(&layout_nodes()) / target.warp().eye_distance();
+    if sigma >= LEAST_SOFTENING { sigma } else { 0.0 }
+}
+
+/// Where every vertex of a target's mesh lies on the layout, as shares of its width and height.
+///
+/// # Errors
+/// [`CloneError::Warp`] never for a target that could be made.
+pub fn places_on_skin(target: &Target) -> Result<Vec<Point2<f64>>, CloneError> {
+    let placement = target.warp().place(&layout_nodes())?;
+    let share = |p: &Point2<f64>| Point2::new((p.x + 0.5) / f64::from(SIZE.0), (p.y + 0.5) / f64::from(SIZE.1));
+    Ok(placement.vertices().iter().map(share).collect())
+}
+
+impl ClonedSkin {
+    /// Carries the skin of a class onto a target; `representative` is the class's own motion.
+    ///
+    /// # Errors
+    /// [`CloneError::Warp`] never for a target that could be made.
+    pub fn new(target: &Target, skin: &Skin, representative: &SourceMotion) -> Result<Self, CloneError> {
+        let (width, height) = target.picture.dimensions();
+        let mut carried = RgbImage::from_pixel(width, height, image::Rgb([NO_CHANGE; 3]));
+        let placement = target.warp().place(&layout_nodes())?;
+        let picture = skin.softened(fold_softening(target));
+        target.warp().unwarp(&Texture::from_gray(&picture), &placement, &mut carried);
+        let mask = detail::mask(target);
+        // It ends softly where the face does: a fit knows little of where a forehead ends.
+        let levels: Vec<u8> = carried.pixels().zip(&mask).map(|(p, share)| bordered(p.0[0], *share)).collect();
+        let changes = |level: &u8| *level != NO_CHANGE;
+        let line = |(y, row): (usize, &[u8])| {
+            let (first, last) = (row.iter().position(changes)?, row.iter().rposition(changes)?);
+            Some((y, first, row[first..=last].to_vec()))
+        };
+        let lines = levels.chunks(width.max(1) as usize).enumerate().filter_map(line).collect();
+        let apex = representative.offsets[representative.apex()].iter().map(|o| o / representative.fapus.es).collect();
+        Ok(Self { lines, apex, lighter: skin.lighter, powers: fold_powers(target) })
+    }
+
+    /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
+    pub fn growth(&self, source: &SourceMotion, moment: &Moment, emphasis: f64) -> f64 {
+        let (mut along, mut whole) = (0.0, 0.0);
+        for (offset, apex) in moment.offsets.iter().zip(&self.apex) {
+            along += (offset / source.fapus.es).dot(apex);
+            whole += apex.norm_squared();
+        }
+        if whole > 0.0 { (emphasis * along / whole).clamp(0.0, MOST_SKIN) } else { 0.0 }
+    }
+
+    /// The target's texture with the skin grown to a share of the class's; `None` where there is none yet.
+    pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
+        (growth >= LEAST_SKIN).then(|| {
+            // What grows lighter is skin that bulges towards another light than this one: most of it is left out.
+            let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { self.lighter } else { 1.0 };
+            let factors = self
+                .powers
+                .map(|power| -> [f32; 256] { std::array::from_fn(|level| (power * log(level) * growth as f32).exp()) });
+            target.texture().times(self.lines.iter().map(|(y, x, levels)| (*y, *x, &levels[..])), &factors)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{correspondence::read_correspondences, fit::Fitter, wireframe::Face};
+
+    #[test]
+    fn folds_are_as_soft_as_the_photograph() {
+        let face = Face::candide3();
+        let marks = read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113).unwrap();
+        let fitter = Fitter::new(&face.wireframe, crate::fit::FitOptions::default());
+        let sharp = image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8();
+        let soft = image::imageops::blur(&sharp, 2.0);
+        let on = |picture: RgbImage| Target::new("P01", picture, &marks, &fitter, &face).unwrap();
+        let (sharp, soft) = (on(sharp), on(soft));
+        let [before, after] = [&sharp, &soft].map(fold_softening);
+        // The root of what the squares differ by, of 2 px and the photograph's own, on a layout with 60 px between the eyes.
+        let unit = 60.0 / soft.warp().eye_distance();
+        assert!((after.powi(2) - before.powi(2) - (2.0 * unit).powi(2)).abs() < 0.4 * (2.0 * unit).powi(2), "{before} {after}");
+        let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
+        let skin = Skin::of_form(&motion).unwrap();
+        let deepest = |target: &Target| {
+            let cloned = ClonedSkin::new(target, &skin, &motion).unwrap();
+            cloned.lines.iter().flat_map(|(_, _, levels)| levels).copied().min().unwrap()
+        };
+        assert!(deepest(&sharp) < deepest(&soft) && deepest(&soft) < NO_CHANGE, "{} {}", deepest(&sharp), deepest(&soft));
+    }
+}
