@@ -10,6 +10,7 @@ use nalgebra::{Point2, Vector2};
 use super::{
     Texture,
     layout::{self, Frame, OPENINGS, OpeningNodes},
+    lip_line::place_lip_line,
     mouth::whiteness,
     parted::place_lower_lip,
 };
@@ -36,7 +37,8 @@ const MOST_SHUT: f64 = 0.3;
 /// line in which they meet goes on beyond the opening, as a dark spur.
 const CORNERS: f64 = 0.6;
 
-/// The nodes with the upper lids and a parted lower lip where the picture shows them, and lips that end near their corners; a node of
+/// The nodes with the upper lids, the line in which closed lips meet and a parted lower lip where the picture shows them, and lips that end near
+/// their corners; a node of
 /// which `is_set` says that a person placed it stays.
 pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool) -> Vec<Point2<f64>> {
     let mut placed = nodes.to_vec();
@@ -47,6 +49,7 @@ pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn
         }
     }
     let Some(frame) = Frame::of(nodes) else { return placed };
+    place_lip_line(&mut placed, photograph, &is_set, &frame);
     place_lower_lip(&mut placed, photograph, &is_set, &frame);
     for eye in &OPENINGS[1..] {
         if eye.upper[1..4].iter().any(|&n| is_set(n)) {

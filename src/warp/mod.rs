@@ -47,6 +47,7 @@ mod layer;
 mod layout;
 pub(crate) mod lid_skin;
 mod lids;
+mod lip_line;
 mod mesh;
 mod motion;
 mod mouth;
