@@ -17,11 +17,12 @@ use serde::{Deserialize, Serialize};
 use super::{CloneError, SourceMotion, Target};
 use crate::{
     geometry::{
+        Similarity,
         blur::gaussian,
         polygon::{self, inside_depth_within},
     },
     interpolation::smooth_step,
-    warp::{MouthInside, Placement, Texture, byte},
+    warp::{MouthInside, Placement, Texture, Warp, byte},
 };
 
 /// What shows between open lips.
@@ -135,12 +136,13 @@ impl Details {
             return Err(CloneError::NoSourceFrames(reason));
         }
         let warp = target.warp();
-        let placements: Vec<Placement> = source.frames.iter().map(|(_, nodes)| warp.place(nodes)).collect::<Result<_, _>>()?;
+        let same_face = frames.first().is_some_and(|neutral| *neutral == target.picture);
+        let placements = placements(warp, source, frames.first().filter(|_| !same_face))?;
         let sigma_px = (SMOOTHING * warp.eye_distance()).max(0.4);
         let mut details = Self {
             neutral: Vec::new(),
             open: source.frames.iter().map(|(_, nodes)| is_open(nodes)).collect(),
-            same_face: frames.first().is_some_and(|neutral| *neutral == target.picture),
+            same_face,
             mask: mask(target),
             placements,
             frames,
@@ -221,6 +223,27 @@ impl Details {
             (Texture::new(&picture), &self.placements[frame])
         })
     }
+}
+
+/// Where the mesh lies on each frame of a source. The edges of lids and lips lie elsewhere on its neutral frame than its nodes say, as they do on the
+/// target, and go along; `neutral` is that frame where it is not the target's own photograph.
+fn placements(warp: &Warp, source: &SourceMotion, neutral: Option<&RgbImage>) -> Result<Vec<Placement>, CloneError> {
+    let Some((_, first)) = source.frames.first() else { return Ok(Vec::new()) };
+    let shifts = match neutral {
+        Some(neutral) => Warp::edge_shifts_on(first, &Texture::new(neutral))?,
+        None => warp.edge_shifts().to_vec(),
+    };
+    let placed = |(_, nodes): &(u32, Vec<Point2<f64>>)| {
+        let head = Similarity::fit(first, nodes, None).unwrap_or_else(|_| Similarity::identity());
+        let mut nodes = nodes.clone();
+        for (n, shift) in &shifts {
+            if let Some(node) = nodes.get_mut(*n) {
+                *node += head.apply_vector(shift);
+            }
+        }
+        Ok(warp.place(&nodes)?)
+    };
+    source.frames.iter().map(placed).collect()
 }
 
 /// Lowers a mask near strong edges of a smoothed picture in the geometry of the target, by half at the slope `edge`.

@@ -13,7 +13,7 @@ use std::{
 };
 
 use image::{GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
-use nalgebra::{Point2, Vector2};
+use nalgebra::Point2;
 
 use super::{
     CloneError, SourceKind, SourceMotion,
@@ -339,6 +339,8 @@ impl Skin {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
+
     use super::*;
     use crate::geometry::Similarity;
 

@@ -108,6 +108,11 @@ pub enum WarpError {
     Folded,
 }
 
+/// Nodes that lie elsewhere, and by how much.
+fn shifts(nodes: &[Point2<f64>], placed: &[Point2<f64>]) -> Vec<(usize, Vector2<f64>)> {
+    (0..NODE_COUNT).map(|n| (n, placed[n] - nodes[n])).filter(|(_, shift)| shift.norm() > 0.0).collect()
+}
+
 /// A place of the skin: a triangle, and how far along its first two edges.
 #[derive(Clone, Debug)]
 struct Place {
@@ -225,6 +230,20 @@ impl Warp {
         Self::cut(nodes, &placed).or_else(|_| Self::cut(nodes, nodes))
     }
 
+    /// How far the edges of lids and lips lie on the photograph from the nodes that [`Warp::on_photograph`] was given: nodes, and px.
+    pub fn edge_shifts(&self) -> &[(usize, Vector2<f64>)] {
+        &self.placed
+    }
+
+    /// The same of nodes on some photograph.
+    ///
+    /// # Errors
+    /// [`WarpError`] as of [`Warp::new`] for another number of nodes, or positions that are not finite.
+    pub fn edge_shifts_on(nodes: &[Point2<f64>], photograph: &Texture) -> Result<Vec<(usize, Vector2<f64>)>, WarpError> {
+        check(nodes)?;
+        Ok(shifts(nodes, &lids::placed_edges(nodes, photograph, |_| false)))
+    }
+
     /// The warp of a face with its nodes at `nodes`, of which the texture has those at `placed`.
     fn cut(nodes: &[Point2<f64>], placed: &[Point2<f64>]) -> Result<Self, WarpError> {
         let frame = Frame::of(nodes).ok_or(WarpError::NoEyes)?;
@@ -240,7 +259,7 @@ impl Warp {
             weights,
             frame,
             given: nodes.to_vec(),
-            placed: (0..NODE_COUNT).map(|n| (n, placed[n] - nodes[n])).filter(|(_, shift)| shift.norm() > 0.0).collect(),
+            placed: shifts(nodes, placed),
             nodes: source_nodes,
             places: Vec::new(),
             closed,

@@ -93,7 +93,7 @@ void main() {
     colour = mix(colour, meat + enamel * 0.055 * gapes * band, cover);
   }
   if (shown > 0.5) {
-    float turned = (0.25 + 0.75 * smoothstep(0.0, mix(0.14, 0.13, lit), fromCorner)) * (1.0 - mix(0.40, 0.10, lit) * smoothstep(0.10, 0.30, abs(x) / scale));
+    float turned = (0.25 + 0.75 * smoothstep(0.0, mix(0.14, 0.10, lit), fromCorner)) * (1.0 - mix(0.40, 0.10, lit) * smoothstep(0.10, 0.30, abs(x) / scale));
     float gaping = smoothstep(0.14, 0.34, gap);
     float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.007 - 0.061 * smoothstep(0.05, 0.12, floorY - jaw)) + 1.5 * gaping * x * x;
     float part = smoothstep(0.02, 0.08, jaw);

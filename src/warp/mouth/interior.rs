@@ -52,7 +52,7 @@ const DIMMER: f64 = 0.08;
 /// How much darker the side teeth are, which turn away, and how far from the corners their dark begins, likewise. The picture has what the same
 /// 32 smiles lose to the sides: a raised lip takes hardly more.
 const TURNED: (f64, f64) = (0.40, 0.10);
-const CORNERS_DARK: (f64, f64) = (0.14, 0.13);
+const CORNERS_DARK: (f64, f64) = (0.14, 0.10);
 /// The edge of the row on the picture, at the square of the distance from the midline.
 const ROW_EDGE: f64 = 0.60;
 /// How much of the crowns the picture shows, over the eye distance: of the incisors, how much less at the square of the distance from the midline,
