@@ -1,13 +1,13 @@
 //! Tracked nodes carried back to the head that looks into the camera.
 
-use nalgebra::{Point2, Rotation3, Vector2, Vector3};
+use nalgebra::{Point2, Point3, Rotation3, Vector2, Vector3};
 
 use super::{HeadFit, HeadModel, HeadPose};
 use crate::{
-    fit::{DrivenNode, Pull, SpringError, Springs},
+    fit::{DrivenNode, MEDIAN_OVER_DEVIATION, Pull, SpringError, Springs},
     geometry::Similarity,
     normalize::EyeCorners,
-    track::{LossReason, NodeState, TrackedFrame},
+    track::{LossReason, NodeState, TrackedFrame, TrackedNode},
     wireframe::{Tables, Wireframe},
 };
 
@@ -22,6 +22,10 @@ const ABSOLUTE: f64 = 4.0;
 const SMALL_TURN: f64 = 0.5;
 /// Visibility from which a node keeps its own place.
 const SEEN: f64 = 0.98;
+/// Error in the image, model units, from a depth that is not known, at which a node's own place counts half.
+const HALF_CARRIED: f64 = 0.001;
+/// Cosine between normal and line of sight below which the skin counts as no steeper.
+const STEEPEST: f64 = 0.2;
 
 /// How well every node is seen in a pose, 0 (behind the head) to 1.
 ///
@@ -68,13 +72,35 @@ fn turn_degrees(a: &HeadPose, b: &HeadPose) -> f64 {
     direction(a).angle(&direction(b)).to_degrees()
 }
 
+/// How far the depth of every node may be off, a standard deviation in model units, for the fit may have put it on another place of
+/// the skin: what it may be off there in the neutral frame times the slope of the skin, the tangent between normal and line of sight.
+fn open_depths(normals: &[Vector3<f64>], neutral: &TrackedFrame, pose: &HeadPose) -> Vec<f64> {
+    let open = |(normal, node): (&Vector3<f64>, &TrackedNode)| {
+        let length = normal.norm();
+        let cosine = if length < 1e-12 { 1.0 } else { (pose.turned(normal).z / length).clamp(STEEPEST, 1.0) };
+        let off = node.expected_error.map_or(0.0, |median| median / MEDIAN_OVER_DEVIATION / pose.scale);
+        off * (cosine.powi(-2) - 1.0).max(0.0).sqrt()
+    };
+    normals.iter().zip(&neutral.nodes).map(open).collect()
+}
+
+/// How much the own place of a node counts, 0 to 1, on a head turned by so many degrees: a turn `t` moves a node whose depth is off by
+/// `d` by `d sin t` in the image. Nodes that landmarks or a hand placed tell no error, and count whole.
+fn own_share(node: &TrackedNode, open_depth: f64, turn: f64) -> f64 {
+    if node.expected_error.is_none() || node.state == NodeState::Corrected {
+        return 1.0;
+    }
+    1.0 / (1.0 + (open_depth * turn.to_radians().sin() / HALF_CARRIED).powi(2))
+}
+
 /// The nodes of all frames as the same head would show them looking into the same camera: px of the size of the neutral frame, y
 /// down.
 ///
 /// Turns below `SMALL_TURN` cannot be told from none: a frame counts as turned by the share `t^2 / (t^2 + SMALL_TURN^2)` of its turn t
 /// against the neutral frame. A node that was tracked goes back along its line of sight to the depth of the fitted head. Nodes that
 /// were not seen (no landmark stands for them, or the head hides them) take their offset from neutral from those around them by the
-/// springs.
+/// springs; so do, the more the head turns, nodes on steep skin whose place in the neutral frame is not well known. In a picture the
+/// springs are at rest where the fitted expression has the nodes.
 ///
 /// # Errors
 /// [`SpringError`] when the springs have no equilibrium.
@@ -90,6 +116,8 @@ pub fn frontalized(
     let seen_in = |frame: &TrackedFrame| -> Vec<Point2<f64>> { frame.nodes.iter().map(|n| n.position).collect() };
     let seen_neutral = track.first().map(&seen_in).unwrap_or_default();
     let front = HeadPose { rotation: untrusted_turn(neutral_pose), ..*neutral_pose };
+    let open_depths =
+        track.first().map(|frame| open_depths(&normals(model, &fit.neutral), frame, neutral_pose)).unwrap_or_default();
     let mut neutral: Vec<Point2<f64>> = Vec::new();
     // Marks and not nodes are followed, and what they moved moves the nodes: see `mark_shifts`.
     let mut from_mark: Vec<Vector2<f64>> = Vec::new();
@@ -122,7 +150,7 @@ pub fn frontalized(
         let visible = visibility(model, shape, pose);
         let seen = |k: usize| match frame.nodes[k].state {
             NodeState::Recovered(LossReason::NoLandmark) => 0.0,
-            _ => visible[k],
+            _ => visible[k] * own_share(&frame.nodes[k], open_depths[k], turn),
         };
         if wireframe.live_nodes().iter().any(|n| seen(n.index()) < SEEN) {
             let drives = |n: &&crate::units::NodeId| seen(n.index()) > 0.0;
@@ -132,7 +160,12 @@ pub fn frontalized(
                 .filter(drives)
                 .map(|&node| DrivenNode { node, position: nodes[node.index()], pull: Pull::Force(FORCE * seen(node.index())) })
                 .collect();
-            let completed = springs.deform(wireframe, &neutral, &targets)?;
+            let at_front = |place: &Vector3<f64>| front.project(&Point3::from(*place));
+            let shown = |k: usize| at_front(&shape[k]) - at_front(&fit.neutral[k]);
+            let in_picture = frame.nodes.iter().any(|n| n.expected_error.is_some());
+            let rest: Vec<Point2<f64>> =
+                if in_picture { neutral.iter().enumerate().map(|(k, at)| at + shown(k)).collect() } else { neutral.clone() };
+            let completed = springs.deform(wireframe, &rest, &targets)?;
             for &node in wireframe.live_nodes() {
                 let (k, share) = (node.index(), seen(node.index()));
                 nodes[k] = completed[k] + (nodes[k] - completed[k]) * share;
@@ -147,4 +180,43 @@ pub fn frontalized(
         out.push(nodes);
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn on_steep_skin_a_place_that_is_not_known_leaves_the_depth_open() {
+        let pose = HeadPose {
+            rotation: HeadPose::rotation_of(0.0, 0.0, 10.0),
+            scale: 100.0,
+            position: Point2::new(320.0, 240.0),
+            distance: 8.0,
+        };
+        let node = |error: Option<f64>| {
+            let node = TrackedNode::new(Point2::origin(), NodeState::Fitted, None);
+            TrackedNode { expected_error: error.map(|deviation| deviation * MEDIAN_OVER_DEVIATION), ..node }
+        };
+        // Standard deviations of 2 px, 0.02 of a head's units.
+        let nodes = vec![node(Some(2.0)), node(Some(2.0)), node(Some(2.0)), node(None)];
+        let normals = [Vector3::z(), Vector3::new(-3.0, 0.0, 3.0), Vector3::x(), Vector3::x()];
+        let open = open_depths(&normals, &TrackedFrame { number: 1, nodes }, &pose);
+        // Flat, 45 degrees (a slope of 1), edge-on (a slope of sqrt(1 / 0.04 - 1) at most), and one of which no error is known.
+        let expected = [0.0, 0.02, 0.02 * 24.0_f64.sqrt(), 0.0];
+        assert!(open.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{open:?}");
+    }
+
+    #[test]
+    fn a_node_of_unknown_depth_counts_less_on_a_turned_head_only() {
+        let tracked = TrackedNode { expected_error: Some(1.0), ..TrackedNode::new(Point2::origin(), NodeState::Tracked, None) };
+        let share = |open: f64, turn: f64| own_share(&tracked, open, turn);
+        assert_eq!((share(0.02, 0.0), share(0.0, 20.0)), (1.0, 1.0));
+        // 0.002 sin 30 = 0.001 halves it, 0.006 sin 30 = 0.003 leaves a tenth.
+        assert!((share(0.002, 30.0) - 0.5).abs() < 1e-12 && (share(0.006, 30.0) - 0.1).abs() < 1e-12);
+        // What landmarks say, and what a hand corrected, is taken as it is.
+        let landmark = TrackedNode { expected_error: None, ..tracked };
+        let corrected = TrackedNode { state: NodeState::Corrected, ..tracked };
+        assert_eq!([landmark, corrected].map(|node| own_share(&node, 0.02, 20.0)), [1.0; 2]);
+    }
 }

@@ -17,13 +17,14 @@ const TRACKED: f64 = 0.006;
 /// The same of a node that the springs placed.
 const RECOVERED: f64 = 0.06;
 /// What a node's expected error counts on top, over its standard deviation. Neighbours are off to the same side, and so is a node in
-/// all frames: taken for independent, the skin of the forehead would tell how far the camera is.
-const ALIKE: f64 = 2.0;
+/// all frames: taken for independent, the skin of the forehead would tell how far the camera is. Of 2, 3, 4 and 6 times four times
+/// leaves least of a turn in simulated people.
+const ALIKE: f64 = 4.0;
 /// Standard deviation of each person's own offset of a node that was marked, beyond the modes: of heads whose depth the modes do not
 /// know, half as much turns the head instead.
 const OWN_MARKED: f64 = 0.015;
 /// The same of one that was not, along the skin and across it: such a node may lie on another place of the skin, but it lies on the skin.
-const OWN_ALONG: f64 = 0.04;
+const OWN_ALONG: f64 = 0.025;
 const OWN_ACROSS: f64 = 0.02;
 /// Fewest nodes seen that give a pose.
 pub(super) const FEWEST_SEEN: usize = 6;
