@@ -75,7 +75,9 @@ const THROAT: (f64, f64, f64) = (0.40, 0.34, 0.16);
 const CHEEKS: f64 = 0.13;
 /// The light in the depth of a mouth that gapes, and how much more of it there is around; how far from the middle of the depth, in halves of the
 /// width and shares of the gap, it begins to grow, and ends to; and how much less of red, green and blue there is than behind lips that part a little.
-const DEPTH: (f64, f64, (f64, f64)) = (0.22, 0.15, (0.25, 1.25));
+/// Over the skin, the darker quarter of what five people of videos show between wide open lips has 0.15 to 0.47 of its brightness on the median; with a
+/// light of 0.22 it had 0.14 to 0.20.
+const DEPTH: (f64, f64, (f64, f64)) = (0.38, 0.14, (0.25, 1.25));
 const DEPTH_AT: (f64, f64) = (0.40, 0.55);
 const DEPTH_TINT: [f32; 3] = [0.08, 0.06, 0.08];
 /// How unevenly the light falls there.
