@@ -169,19 +169,24 @@ pub(super) fn other_pixels(image: &DynamicImage) -> DecodeError {
 
 /// The grey of colours, as it is defined for every file but JPEG, whose luma channel is taken as it is.
 pub fn grey_of(image: &RgbImage) -> GrayImage {
-    let values = widest(
-        #[inline(always)]
-        || greys(image.as_raw()),
-    );
+    let mut values = Vec::with_capacity(image.as_raw().len() / 3);
+    add_greys(image.as_raw(), &mut values);
     GrayImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
+}
+
+/// Adds the grey of the colours of some pixels, as [`grey_of`] defines it, to a list.
+pub(super) fn add_greys(colours: &[u8], values: &mut Vec<u8>) {
+    widest(
+        #[inline(always)]
+        || greys(colours, values),
+    );
 }
 
 /// Colours that become grey at once.
 const LANES: usize = 16;
 
 #[inline(always)]
-fn greys(colours: &[u8]) -> Vec<u8> {
-    let mut values = Vec::with_capacity(colours.len() / 3);
+fn greys(colours: &[u8], values: &mut Vec<u8>) {
     let (blocks, rest) = colours.as_chunks::<{ 3 * LANES }>();
     for block in blocks {
         let mut greys = [0; LANES];
@@ -191,7 +196,6 @@ fn greys(colours: &[u8]) -> Vec<u8> {
         values.extend_from_slice(&greys);
     }
     values.extend(rest.as_chunks().0.iter().map(|colour| grey8(*colour)));
-    values
 }
 
 #[inline(always)]

@@ -3,14 +3,14 @@
 use std::io::Cursor;
 
 use image::{
-    DynamicImage, ExtendedColorType, ImageDecoder, ImageError, Limits,
+    DynamicImage, ExtendedColorType, GrayImage, ImageDecoder, ImageError, Limits,
     codecs::{bmp::BmpDecoder, png::PngDecoder, pnm::PnmDecoder, tiff::TiffDecoder, webp::WebPDecoder},
     error::{UnsupportedError, UnsupportedErrorKind},
     metadata::Orientation,
 };
 
 use super::{
-    decode::DecodeError,
+    decode::{DecodeError, add_greys},
     jpeg,
     limit::{check_size, max_pixels},
 };
@@ -28,6 +28,11 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError>
         [] => Err(DecodeError::Empty),
         [0xFF, 0xD8, 0xFF, ..] => jpeg::decode(bytes, wanted),
         [0x89, b'P', b'N', b'G', ..] => {
+            if wanted == Wanted::Grey
+                && let Some(grey) = grey_of_png(bytes)
+            {
+                return cut_png_tail(bytes).map_or(Ok(grey.into()), Err);
+            }
             let decoded = open(PngDecoder::new(Cursor::new(bytes)), "PNG").and_then(|decoder| read(decoder, "PNG"));
             let image = decoded.map_err(|error| match error {
                 DecodeError::Damaged { .. } | DecodeError::Truncated { .. } => cut_png(bytes).unwrap_or(error),
@@ -63,6 +68,24 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError>
         }
         _ => Err(DecodeError::NotAnImage { start: readable_start(bytes) }),
     }
+}
+
+/// The grey picture of a PNG file in plain colours, row by row, so that nothing holds these. `None` of any other file, and of one that does not
+/// decode: that it is none, and why, is said where all kinds of files are decoded.
+fn grey_of_png(bytes: &[u8]) -> Option<GrayImage> {
+    let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().ok()?;
+    let info = reader.info();
+    let is_colour = (info.color_type, info.bit_depth) == (png::ColorType::Rgb, png::BitDepth::Eight) && info.trns.is_none();
+    let is_plain = !info.interlaced && info.exif_metadata.is_none() && info.animation_control.is_none();
+    let (width, height) = info.size();
+    if !is_colour || !is_plain || check_size(width, height).is_err() {
+        return None;
+    }
+    let mut values = Vec::with_capacity(width as usize * height as usize);
+    while let Some(row) = reader.next_row().ok()? {
+        add_greys(row.data(), &mut values);
+    }
+    GrayImage::from_raw(width, height, values)
 }
 
 fn open<D>(decoder: Result<D, ImageError>, format: &'static str) -> Result<D, DecodeError> {
@@ -323,6 +346,18 @@ mod tests {
         writer.finish().unwrap();
         let image = decode(&bytes, Wanted::Grey).unwrap().into_luma8();
         assert_eq!((image.dimensions(), image.get_pixel(0, 0).0[0], image.get_pixel(1, 0).0[0]), ((2, 3), 40, 10));
+    }
+
+    #[test]
+    fn colours_become_grey_row_by_row_as_they_do_as_a_whole() {
+        let colours = image::RgbImage::from_fn(37, 11, |x, y| image::Rgb([(x * 7) as u8, (y * 23) as u8, (x * y) as u8]));
+        let png = encoded(&colours.clone().into(), ImageFormat::Png);
+        let expected = super::super::decode::grey_of(&colours);
+        assert_eq!(grey_of_png(&png).unwrap(), expected);
+        assert_eq!(decode(&png, Wanted::Grey).unwrap(), DynamicImage::ImageLuma8(expected));
+        assert_eq!(decode(&png, Wanted::Colour).unwrap(), DynamicImage::ImageRgb8(colours));
+        // Cut anywhere, it is none.
+        assert!((0..png.len() - 12).step_by(7).all(|end| decode(&png[..end], Wanted::Grey).is_err()));
     }
 
     #[test]
