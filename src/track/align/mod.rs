@@ -35,7 +35,7 @@ use serde::{Deserialize, Serialize};
 
 use self::{
     normal::{Compared, MIN_SAMPLES, Mean, NormalEquations, Sums, places},
-    patch::{LANES, Texture},
+    patch::{LANES, total},
     sampler::{Group, Sampler},
     surface::{Quadratic, Shares, border, doubled_area, openings, quadratics},
 };
@@ -85,9 +85,13 @@ impl Default for AlignOptions {
 /// Most iterations.
 const MAX_ITERATIONS: u32 = 4;
 
-/// First iterations that make the matrix of the normal equations anew; the last, a small step by then, only the right side. With
-/// two the robust weights swing.
-const REBUILT: u32 = 3;
+/// First iterations that look at every other sample only: the next ones correct what that leaves.
+const COARSE: u32 = 2;
+
+/// First iterations that make the matrix of the normal equations anew; the next one does only after a step of more than so many px, and the
+/// last only makes the right side.
+const REBUILT: u32 = 2;
+const FAR_PX: f64 = 0.5;
 
 /// The next step ends them when it is expected to be below this, px: steps shrink as the last two did.
 const STEP_PX: f64 = 0.01;
@@ -105,11 +109,8 @@ const RELEASED_ANCHOR: f64 = 1e3;
 const CAUCHY_SCALE: f64 = 2.5;
 const SCALE_FLOOR: f64 = 1.0;
 
-/// Of the grey differences every so many count for the scale: their median needs no more.
-const SCALE_STRIDE: usize = 3;
-
-/// Picks the grey value out of a reading.
-const FIRST: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
+/// Of a group's grey differences these count for the scale: their median needs no more.
+const SCALED: [usize; 2] = [0, 4];
 
 /// Keeps nodes that nothing holds where they are.
 const REST_GAIN: f64 = 1e-6;
@@ -153,6 +154,8 @@ struct Face {
     /// Its samples, and how many there are.
     groups: Vec<Group>,
     count: usize,
+    /// The same of those for a first look.
+    coarse: (usize, usize),
 }
 
 /// The skin of the neutral frame.
@@ -172,7 +175,6 @@ pub struct Template {
 /// What one alignment after the other is computed in.
 #[derive(Clone, Debug)]
 struct Room {
-    texture: Texture,
     /// The matrix without the grey values, and with them.
     ties: Skyline,
     system: Skyline,
@@ -211,10 +213,8 @@ impl Template {
         let edges = border(&triangles);
         let mut anchors = vec![options.anchor; live.len()];
         openings(&neutral, &edges).into_iter().for_each(|i| anchors[i] *= OPENING_ANCHOR);
-        let mut texture = Texture::default();
-        texture.fill_from(patch);
         let sampler = Sampler {
-            texture: &texture,
+            patch,
             reach: options.reach * eye_distance,
             border: edges.iter().map(|&(a, b)| [neutral[a], neutral[b]]).collect(),
         };
@@ -222,14 +222,16 @@ impl Template {
         let face = |(corners, motion): ([usize; 3], Quadratic)| {
             let points = corners.map(|i| neutral[i]);
             let places = places(&motion, ties.springs.layout());
-            let samples = sampler.samples(points);
-            let (groups, count) = (samples.chunks(LANES).map(Group::new).collect(), samples.len());
+            let (samples, first) = sampler.samples(points);
+            // In whole groups.
+            let (groups, count): (Vec<_>, _) = (samples.chunks(LANES).map(Group::new).collect(), samples.len());
+            let first = first.div_ceil(LANES);
+            let coarse = (first, count.min(first * LANES));
             let shares = motion.shares();
-            Face { corners, doubled_area: doubled_area(points), motion, shares, places, groups, count }
+            Face { corners, doubled_area: doubled_area(points), motion, shares, places, groups, count, coarse }
         };
         let faces: Vec<Face> = triangles.into_iter().zip(motions).map(face).filter(|f| f.count >= MIN_SAMPLES).collect();
         let room = Room {
-            texture,
             ties: ties.springs.clone(),
             system: ties.springs.clone(),
             pull: vec![Vector2::zeros(); live.len()],
@@ -272,7 +274,6 @@ impl Template {
         forces: &[Matrix2<f64>],
         options: &AlignOptions,
     ) -> Vec<Point2<f64>> {
-        self.room.texture.fill_from(patch);
         self.room.ties.scaled_from(&self.ties.springs, options.stiffness);
         for (i, (force, anchor)) in forces.iter().zip(&self.anchors).enumerate() {
             self.room.ties.add_diagonal(i, &(force * *anchor + Matrix2::identity() * REST_GAIN));
@@ -282,14 +283,15 @@ impl Template {
         let mut places = start.to_vec();
         let mut last = 0.0;
         for iteration in 0..MAX_ITERATIONS {
-            let with_matrix = iteration < REBUILT;
+            let with_matrix = iteration < REBUILT || (iteration == REBUILT && last > FAR_PX);
+            let coarse = iteration < COARSE;
             self.room.ties.times(&correction, &mut self.room.pull);
             self.room.pull.iter_mut().for_each(|pull| *pull = -*pull);
             held.iter().for_each(|(place, force)| self.room.pull[*place] += force);
             if with_matrix {
                 self.room.system.copy_from(&self.room.ties);
             }
-            self.add_skin(&places, options.gain, with_matrix);
+            self.add_skin(patch, &places, options.gain, (with_matrix, coarse));
             let Room { system, pull, .. } = &mut self.room;
             if with_matrix && !system.factor() {
                 break;
@@ -301,7 +303,7 @@ impl Template {
             correction.iter_mut().zip(&*pull).for_each(|(correction, step)| *correction += step);
             places.iter_mut().zip(start.iter().zip(&correction)).for_each(|(place, (start, c))| *place = start + c);
             let step = pull.iter().map(Vector2::amax).fold(0.0, f64::max);
-            if step < STEP_PX || step * step < STEP_PX * last {
+            if !coarse && (step < STEP_PX || step * step < STEP_PX * last) {
                 break;
             }
             last = step;
@@ -322,30 +324,35 @@ impl Template {
         forces
     }
 
-    /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked.
+    /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked, of all
+    /// samples or of those of a first look.
     #[inline(always)]
-    fn add_skin(&mut self, places: &[Point2<f64>], gain: f64, with_matrix: bool) {
-        let Room { texture, system, pull, compared, means, sizes, sums, levels, .. } = &mut self.room;
+    fn add_skin(&mut self, patch: &Patch, places: &[Point2<f64>], gain: f64, (with_matrix, coarse): (bool, bool)) {
+        let Room { system, pull, compared, means, sizes, sums, levels, .. } = &mut self.room;
         means.clear();
         sizes.clear();
         let mut rest = compared.as_mut_slice();
         for face in &self.faces {
-            let (list, behind) = rest.split_at_mut(face.groups.len());
+            let (groups, _) = face.looked_at(coarse);
+            let (list, behind) = rest.split_at_mut(groups.len());
             rest = behind;
-            let mean = face.compare(texture, places, &self.neutral, list);
+            let mean = face.compare(patch, groups, places, &self.neutral, list);
             if mean.count > 0 {
-                let counted = list.as_flattened().iter().step_by(SCALE_STRIDE).filter(|[.., inside]| *inside > 0.0);
-                sizes.extend(counted.map(|[difference, ..]| (f64::from(*difference) - mean.difference).abs()));
+                for [differences, .., inside] in &*list {
+                    let counted = SCALED.into_iter().filter(|k| inside[*k] > 0.0);
+                    sizes.extend(counted.map(|k| (f64::from(differences[k]) - mean.difference).abs()));
+                }
             }
             means.push(mean);
         }
         let scale = (median(sizes).unwrap_or(0.0) * MAD_TO_SIGMA).max(SCALE_FLOOR) * CAUCHY_SCALE;
         let mut rest = compared.as_slice();
         for (face, mean) in self.faces.iter().zip(&*means) {
-            let (list, behind) = rest.split_at(face.groups.len());
+            let (groups, count) = face.looked_at(coarse);
+            let (list, behind) = rest.split_at(groups.len());
             rest = behind;
-            let Some(normal) = NormalEquations::new(&face.groups, (list, mean), scale, with_matrix, sums) else { continue };
-            let density = face.doubled_area.abs() / 2.0 / face.count as f64;
+            let Some(normal) = NormalEquations::new(groups, (list, mean), scale, with_matrix, sums) else { continue };
+            let density = face.doubled_area.abs() / 2.0 / count as f64;
             let gain = gain * density / (self.unit_area * normal.variance);
             normal.add_right(&face.motion, gain, pull);
             normal.add_matrix(&face.motion, &face.shares, &face.places, gain, levels, system);
@@ -354,26 +361,37 @@ impl Template {
 }
 
 impl Face {
-    /// Reads the current frame at the samples, with the live nodes at `places`; nothing for a folded triangle.
+    /// The samples of a first look, or all, and how many there are.
     #[inline(always)]
-    fn compare(&self, texture: &Texture, places: &[Point2<f64>], neutral: &[Point2<f64>], out: &mut [Compared]) -> Mean {
+    fn looked_at(&self, coarse: bool) -> (&[Group], usize) {
+        if coarse { (&self.groups[..self.coarse.0], self.coarse.1) } else { (&self.groups, self.count) }
+    }
+
+    /// Reads the current frame at samples, with the live nodes at `places`; nothing for a folded triangle.
+    #[inline(always)]
+    fn compare(
+        &self,
+        patch: &Patch,
+        groups: &[Group],
+        places: &[Point2<f64>],
+        neutral: &[Point2<f64>],
+        out: &mut [Compared],
+    ) -> Mean {
         if doubled_area(self.corners.map(|i| places[i])) / self.doubled_area <= MIN_AREA_SHARE {
             return Mean::default();
         }
         let control = self.motion.values(|node| places[node] - neutral[node]).map(|d| [d.x as f32, d.y as f32]);
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (group, out) in self.groups.iter().zip(out) {
-            let readings = texture.read(&group.moved(&control));
+        let (mut sums, mut counts) = ([0.0; LANES], [0.0; LANES]);
+        for (group, out) in groups.iter().zip(out) {
+            *out = patch.read(&group.moved(&control));
             for k in 0..LANES {
-                let grey = group.grey[k] * readings[k][3];
-                for part in 0..4 {
-                    out[k][part] = readings[k][part] - FIRST[part] * grey;
-                }
-                sum += f64::from(out[k][0]);
-                count += readings[k][3];
+                out[0][k] -= group.grey[k] * out[3][k];
+                sums[k] += out[0][k];
+                counts[k] += out[3][k];
             }
         }
-        Mean { difference: sum / f64::from(count.max(1.0)), count: count as usize }
+        let count = total(&counts);
+        Mean { difference: f64::from(total(&sums) / count.max(1.0)), count: count as usize }
     }
 }
 

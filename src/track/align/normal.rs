@@ -3,8 +3,8 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::{
-    patch::{LANES, Lanes},
-    sampler::{Group, QUARTICS, quartic},
+    patch::{LANES, Lanes, Readings, add, times, total},
+    sampler::Group,
     surface::{Quadratic, Shares},
 };
 use crate::fit::{BlockPlaces, Layout, Skyline};
@@ -26,7 +26,7 @@ const EDGES: usize = 3;
 
 /// Of each sample of a group, its grey difference to the neutral frame, the current frame's gradient there along x and y, and 1; all 0 where the
 /// current frame says nothing.
-pub type Compared = [[f32; 4]; LANES];
+pub type Compared = Readings;
 
 /// The mean grey difference of a triangle's samples, and how many of them there are.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,33 +35,52 @@ pub struct Mean {
     pub count: usize,
 }
 
-/// The differences of a group's samples from a level, and what they weigh by their size times `inverse`.
-#[inline(always)]
-fn weighed(group: &Group, list: &Compared, level: f32, inverse: f32) -> [Lanes; 2] {
-    let (mut rests, mut weights) = ([0.0; LANES], [0.0; LANES]);
-    for k in 0..LANES {
-        let [difference, .., inside] = list[k];
-        let rest = difference - level;
-        rests[k] = rest;
-        weights[k] = group.nearness[k] * inside / (1.0 + (rest * inverse) * (rest * inverse));
+/// Pairs of control weights whose products are all that there are but for a factor: such a product is a quartic of the barycentric coordinates
+/// u, v, w, of which there are 15. Of the edges' weights 2uv, 2vw and 2wu the squares of one and the product of the corners' are the same.
+const PAIRS: [[usize; 2]; 15] =
+    [[0, 0], [1, 1], [2, 2], [0, 3], [0, 5], [1, 3], [1, 4], [2, 5], [2, 4], [0, 1], [1, 2], [0, 2], [0, 4], [1, 5], [2, 3]];
+
+/// Exponents of u, v, w in the control weights; the last three have a factor of 2 (see `Quadratic::weights`).
+const CONTROL: [[u8; 3]; 6] = [[2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [0, 1, 1], [1, 0, 1]];
+
+/// Which of the pairs the product of the control weights k and l is, and how many times.
+const PRODUCTS: [[(usize, f64); 6]; 6] = {
+    let mut table = [[(0, 0.0); 6]; 6];
+    let mut at = 0;
+    while at < 36 {
+        let (k, l) = (at / 6, at % 6);
+        let (mut place, mut axis) = (0, 0);
+        while axis < 3 {
+            let [a, b] = PAIRS[place];
+            if CONTROL[a][axis] + CONTROL[b][axis] == CONTROL[k][axis] + CONTROL[l][axis] {
+                axis += 1;
+            } else {
+                (place, axis) = (place + 1, 0);
+            }
+        }
+        table[k][l] = (place, factor(k, l) / factor(PAIRS[place][0], PAIRS[place][1]));
+        at += 1;
     }
-    [rests, weights]
+    table
+};
+
+const fn factor(k: usize, l: usize) -> f64 {
+    if k < 3 && l < 3 {
+        1.0
+    } else if k < 3 || l < 3 {
+        2.0
+    } else {
+        4.0
+    }
 }
 
-/// Room for the sums over the samples of a triangle.
+/// Room for the sums over the samples of a triangle: of each sample its weight times its gradient along x and y, the same times its difference,
+/// and its weight times the products of the gradient: x with x, x with y, y with y.
 ///
-/// A sample's row of the Jacobian is its control weights times its gradient, so their products are the (fixed) products of the weights
-/// times the three of the gradient, and the sums over the samples need no 12 x 12 product of each. The products of two weights are
-/// multiples of 15 quartics.
+/// A sample's row of the Jacobian is its control weights times its gradient, so their products are the products of the control weights, of which
+/// 15 differ, times the three of the gradient, and the sums over the samples need no 12 x 12 product of each.
 #[derive(Clone, Debug, Default)]
-pub struct Sums {
-    /// Of each sample, its weight times the products of its gradient, and nothing.
-    factors: Vec<[[f32; 4]; LANES]>,
-    /// Sums of Jacobians along x and y, and of these times the differences. They stand here as a whole: as variables of which some are not
-    /// used they would be computed one by one.
-    rows: [[f32; 8]; 4],
-    products: [[f32; QUARTICS]; 3],
-}
+pub struct Sums(Vec<[Lanes; 7]>);
 
 /// One triangle's normal equations in its control values, with the change of brightness eliminated: the matrix is that of the products
 /// less the outer product of `level`.
@@ -90,36 +109,30 @@ impl NormalEquations {
         let mean = mean.difference;
         let (level, inverse) = (mean as f32, 1.0 / scale as f32);
         // Sums of weights w, differences r from their mean, Jacobian J, and their products.
-        let (mut sum, mut sum_r, mut sum_rr) = (0.0f64, 0.0f64, 0.0f64);
-        let mut rows = [[0.0f32; 8]; 4];
-        room.factors.resize(list.len(), [[0.0; 4]; LANES]);
-        for ((group, list), factors) in groups.iter().zip(list).zip(&mut room.factors) {
-            let [rests, weights] = weighed(group, list, level, inverse);
-            for n in 0..LANES {
-                let ([_, gx, gy, _], r, w) = (list[n], rests[n], weights[n]);
-                let wr = w * r;
-                sum += f64::from(w);
-                sum_r += f64::from(wr);
-                sum_rr += f64::from(wr * r);
-                let [x, y, xr, yr] = [w * gx, w * gy, wr * gx, wr * gy];
-                let control = &group.controls[n].weights;
-                for k in 0..8 {
-                    rows[0][k] += x * control[k];
-                    rows[1][k] += y * control[k];
-                    rows[2][k] += xr * control[k];
-                    rows[3][k] += yr * control[k];
-                }
-                factors[n] = [x * gx, x * gy, y * gy, 0.0];
+        let mut sums = [[0.0; LANES]; 3];
+        room.0.resize(list.len(), Default::default());
+        for ((group, [differences, gx, gy, inside]), factors) in groups.iter().zip(list).zip(&mut room.0) {
+            let (mut rests, mut weights) = ([0.0; LANES], [0.0; LANES]);
+            for k in 0..LANES {
+                rests[k] = differences[k] - level;
+                // The larger a difference, the less it weighs.
+                weights[k] = group.nearness[k] * inside[k] / (1.0 + (rests[k] * inverse) * (rests[k] * inverse));
             }
+            let weighed = times(&weights, &rests);
+            let (x, y) = (times(&weights, gx), times(&weights, gy));
+            *factors = [x, y, times(&weighed, gx), times(&weighed, gy), times(&x, gx), times(&x, gy), times(&y, gy)];
+            add(&mut sums[0], &weights);
+            add(&mut sums[1], &weighed);
+            add(&mut sums[2], &times(&weighed, &rests));
         }
-        room.rows = rows;
+        let [sum, sum_r, sum_rr] = sums.map(|lanes| f64::from(total(&lanes)));
         if sum < MIN_WEIGHT {
             return None;
         }
         let variance = (sum_rr / sum - (sum_r / sum).powi(2)).max(0.0) + MISMATCH_FLOOR;
         // The brightness b is held near 0 by its expected size: b = (sum w r - ...) / divisor.
         let divisor = sum + variance / BRIGHTNESS_SIGMA.powi(2);
-        let [sum_jx, sum_jy, sum_jrx, sum_jry] = room.rows.map(|row| std::array::from_fn::<f64, 6, _>(|k| f64::from(row[k])));
+        let [sum_jx, sum_jy, sum_jrx, sum_jry] = room.rows(groups);
         let (sum_j, sum_jr) = ([sum_jx, sum_jy], [sum_jrx, sum_jry]);
         // Differences count from 0, not from their mean.
         let sum_r = sum_r + mean * sum;
@@ -208,29 +221,48 @@ impl NormalEquations {
 }
 
 impl Sums {
-    /// Sums of products of the control weights, by the samples' factors.
+    /// The sum of one of the factors times weights over all samples. One at a time: of several sums the compiler mixes the lanes.
     #[inline(always)]
-    fn products(&mut self, groups: &[Group]) -> [[[f64; 6]; 6]; 3] {
-        let mut sums = [[0.0f32; QUARTICS]; 3];
-        for (factors, group) in self.factors.iter().zip(groups) {
-            for n in 0..LANES {
-                let (factors, quartics) = (factors[n], &group.controls[n].quartics);
-                for k in 0..QUARTICS {
-                    sums[0][k] += factors[0] * quartics[k];
-                    sums[1][k] += factors[1] * quartics[k];
-                    sums[2][k] += factors[2] * quartics[k];
-                }
+    fn of(&self, factor: usize, groups: &[Group], weights: impl Fn(&Group) -> Lanes) -> f64 {
+        let mut sums = [0.0; LANES];
+        for (factors, group) in self.0.iter().zip(groups) {
+            add(&mut sums, &times(&factors[factor], &weights(group)));
+        }
+        f64::from(total(&sums))
+    }
+
+    /// Sums of the Jacobians along x and y, and of these times the differences.
+    #[inline(always)]
+    fn rows(&self, groups: &[Group]) -> [[f64; 6]; 4] {
+        let mut rows = [[0.0; 6]; 4];
+        for (factor, row) in rows.iter_mut().enumerate() {
+            for (control, sum) in row.iter_mut().enumerate() {
+                *sum = self.of(
+                    factor,
+                    groups,
+                    #[inline(always)]
+                    |group| group.weights[control],
+                );
             }
         }
-        self.products = sums;
-        self.products.map(|sums| {
-            std::array::from_fn(|k| {
-                std::array::from_fn(|l| {
-                    let (place, factor) = quartic(k, l);
-                    f64::from(sums[place]) * factor
-                })
-            })
-        })
+        rows
+    }
+
+    /// Sums of products of the control weights, by the products of the gradients.
+    #[inline(always)]
+    fn products(&self, groups: &[Group]) -> [[[f64; 6]; 6]; 3] {
+        let mut products = [[0.0; PAIRS.len()]; 3];
+        for (axes, row) in products.iter_mut().enumerate() {
+            for ([a, b], sum) in PAIRS.into_iter().zip(row) {
+                *sum = self.of(
+                    4 + axes,
+                    groups,
+                    #[inline(always)]
+                    |group| times(&group.weights[a], &group.weights[b]),
+                );
+            }
+        }
+        products.map(|sums| PRODUCTS.map(|row| row.map(|(place, factor)| sums[place] * factor)))
     }
 }
 
@@ -239,4 +271,21 @@ impl Sums {
 pub fn places(motion: &Quadratic, layout: &Layout) -> Vec<BlockPlaces> {
     let nodes: Vec<usize> = motion.nodes().map(|(node, _)| node).collect();
     (0..nodes.len()).flat_map(|j| (0..=j).map(move |i| (i, j))).map(|(i, j)| layout.places(nodes[i], nodes[j])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_products_of_control_weights_are_multiples_of_some() {
+        let weights = Quadratic::weights([0.2, 0.5, 0.3]);
+        for k in 0..6 {
+            for l in 0..6 {
+                let (place, factor) = PRODUCTS[k][l];
+                let [a, b] = PAIRS[place];
+                assert!((weights[k] * weights[l] - weights[a] * weights[b] * factor as f32).abs() < 1e-7, "{k} {l}");
+            }
+        }
+    }
 }
