@@ -80,7 +80,11 @@ impl Level {
             }
             let mut values = [0.0_f32; LANES];
             for k in 0..LANES {
-                values[k] = between(corners.map(|corner| corner[k]), shares.map(|share| share[k]));
+                // [`between`], which would be computed one by one.
+                let (right, down) = (shares[0][k], shares[1][k]);
+                let upper = corners[0][k] * (1.0 - right) + corners[1][k] * right;
+                let lower = corners[2][k] * (1.0 - right) + corners[3][k] * right;
+                values[k] = upper * (1.0 - down) + lower * down;
             }
             out.extend_from_slice(&values);
         }

@@ -1,6 +1,8 @@
 //! Image pyramids: every level half the size of the one below it, smoothed by 1 4 6 4 1 in both directions, with a
 //! border of mirrored pixels so that windows may reach beyond the image.
 
+use crate::simd::widest;
+
 /// Pixels of the border beyond the largest window.
 const SLACK: i32 = 12;
 
@@ -70,6 +72,7 @@ impl Level {
     }
 
     /// The level above another one.
+    #[inline(always)]
     fn halve(&mut self, below: &Self, column: &mut Vec<u16>) {
         let (width, height) = ((below.width + 1) / 2, (below.height + 1) / 2);
         self.reshape(width, height, below.border);
@@ -140,7 +143,11 @@ impl Pyramid {
                 break;
             }
             let (below, above) = self.levels.split_at_mut(k);
-            above[0].halve(&below[k - 1], &mut self.column);
+            let (below, column) = (&below[k - 1], &mut self.column);
+            widest(
+                #[inline(always)]
+                || above[0].halve(below, column),
+            );
         }
     }
 
