@@ -264,31 +264,27 @@ impl Corner {
         Some(Self { x: left as i32, y: top as i32, weights: [w00, w01, w10, (1 << WEIGHT_BITS) - w00 - w01 - w10] })
     }
 
-    /// Grey values between pixels, times 32 and rounded, halves up, of some of the [`squares`].
+    /// Grey values between pixels, times 32 and rounded, halves up, [`LANES`] at a time. `pixels`: values of rows of `row` pixels.
     ///
     /// All numbers on the way are whole and below 2^24, so single precision is exact.
     #[inline(always)]
-    fn between(&self, ((a, b), (c, d)): Squares<'_>) -> [f32; LANES] {
+    fn between<'a>(&self, pixels: &'a [f32], row: usize) -> impl Iterator<Item = [f32; LANES]> + use<'a> {
         let [w00, w01, w10, w11] = self.weights.map(|w| w as f32);
-        let mut out = [0.0; LANES];
-        for k in 0..LANES {
-            let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
-            // Above 2^23 there is no room for fractions.
-            out[k] = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
-        }
-        out
+        let above = lanes(pixels).iter().zip(lanes(&pixels[1..]));
+        let below = lanes(&pixels[row..]).iter().zip(lanes(&pixels[row + 1..]));
+        above.zip(below).map(
+            #[inline(always)]
+            move |((a, b), (c, d))| {
+                let mut out = [0.0; LANES];
+                for k in 0..LANES {
+                    let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
+                    // Above 2^23 there is no room for fractions.
+                    out[k] = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
+                }
+                out
+            },
+        )
     }
-}
-
-/// Pixels, those to the right of them, and the same below.
-type Squares<'a> = ((&'a [f32; LANES], &'a [f32; LANES]), (&'a [f32; LANES], &'a [f32; LANES]));
-
-/// All squares of pixels in rows of `row`, [`LANES`] at a time. No `map` here: it is not inlined where lists are gone through side by side, and
-/// then compiled for four.
-#[inline(always)]
-fn squares(pixels: &[f32], row: usize) -> impl Iterator<Item = Squares<'_>> {
-    let above = lanes(pixels).iter().zip(lanes(&pixels[1..]));
-    above.zip(lanes(&pixels[row..]).iter().zip(lanes(&pixels[row + 1..])))
 }
 
 /// A list in parts of [`LANES`], without what is left over.
@@ -459,9 +455,7 @@ impl Window {
         let row = *side + 1;
         *read_at = None;
         level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
-        for (out, square) in lanes_mut(grey).iter_mut().zip(squares(pixels, row)) {
-            *out = corner.between(square);
-        }
+        lanes_mut(grey).iter_mut().zip(corner.between(pixels, row)).for_each(|(out, grey)| *out = grey);
         // One more in a row and one row more, to be read between; two pixels more around these.
         scharr.fill(level, (corner.x, corner.y), row);
         let [w00, w01, w10, w11] = corner.weights.map(|w| w as f32 / (1 << WEIGHT_BITS) as f32);
@@ -494,8 +488,7 @@ impl Window {
         let row = *side + 1;
         let (mut along_x, mut along_y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
         let first = lanes(grey).iter().zip(lanes(dx).iter().zip(lanes(dy)));
-        for ((grey, (dx, dy)), square) in first.zip(squares(pixels, row)) {
-            let now = corner.between(square);
+        for ((grey, (dx, dy)), now) in first.zip(corner.between(pixels, row)) {
             for k in 0..LANES {
                 let difference = now[k] - grey[k];
                 along_x[k] += dx[k] * difference;
@@ -512,8 +505,7 @@ impl Window {
         let Self { side, grey, inside, pixels, .. } = self;
         let row = *side + 1;
         let mut sum = 0.0;
-        for ((grey, inside), square) in lanes(grey).iter().zip(lanes(inside)).zip(squares(pixels, row)) {
-            let now = corner.between(square);
+        for ((grey, inside), now) in lanes(grey).iter().zip(lanes(inside)).zip(corner.between(pixels, row)) {
             let mut sums = [0.0_f32; LANES];
             for k in 0..LANES {
                 sums[k] = (now[k] - grey[k]).abs() * inside[k];

@@ -50,26 +50,6 @@ pub fn add(sum: &mut Lanes, lanes: &Lanes) {
     }
 }
 
-/// A share of the way from one number to the other.
-#[inline(always)]
-fn between(from: &Lanes, to: &Lanes, share: &Lanes) -> Lanes {
-    let mut out = [0.0; LANES];
-    for k in 0..LANES {
-        out[k] = from[k] + share[k] * (to[k] - from[k]);
-    }
-    out
-}
-
-/// Half of the difference of two numbers.
-#[inline(always)]
-fn slope(from: &Lanes, to: &Lanes) -> Lanes {
-    let mut out = [0.0; LANES];
-    for k in 0..LANES {
-        out[k] = 0.5 * (to[k] - from[k]);
-    }
-    out
-}
-
 /// Adding and subtracting it rounds a number below 2^22 to the nearest whole one; the last bits of the sum are that number.
 const ROUND: f32 = 8_388_608.0;
 
@@ -91,33 +71,35 @@ impl Patch {
                 starts[k] = (whole(row) - 1) * width + whole(column) - 1;
             }
         }
-        // Pixels in four rows of four columns; of those at its corners nothing is read.
-        let (mut pixels, mut inside) = ([[[0.0; LANES]; 4]; 4], [0.0; LANES]);
+        // Between rows, in four columns: values, and differences of the two middle ones.
+        let (mut values, mut differences, mut out) = ([[0.0; LANES]; 4], [[0.0; LANES]; 2], Readings::default());
         for k in 0..LANES {
             let row = |number: usize| {
                 let start = starts[k].checked_add(number * width)?;
                 self.values.get(start..).and_then(|rest| rest.first_chunk::<4>())
             };
             let (Some(a), Some(b), Some(c), Some(d)) = (row(0), row(1), row(2), row(3)) else { continue };
+            let down = shares[1][k];
+            let (mut mixed, mut slopes) = ([0.0; 4], [0.0; 4]);
             for n in 0..4 {
-                (pixels[1][n][k], pixels[2][n][k]) = (b[n], c[n]);
+                let (upper, lower) = (c[n] - a[n], d[n] - b[n]);
+                mixed[n] = b[n] + down * (c[n] - b[n]);
+                slopes[n] = upper + down * (lower - upper);
             }
-            for n in 1..3 {
-                (pixels[0][n][k], pixels[3][n][k]) = (a[n], d[n]);
+            for n in 0..4 {
+                values[n][k] = mixed[n];
             }
-            inside[k] = 1.0;
+            (differences[0][k], differences[1][k]) = (slopes[1], slopes[2]);
+            out[3][k] = 1.0;
         }
-        let [across, down] = &shares;
-        let [above, upper, lower, below] = &pixels;
-        let value = |n: usize| between(&upper[n], &lower[n], down);
-        let values = [value(0), value(1), value(2), value(3)];
-        let fall = |n: usize| between(&slope(&above[n], &lower[n]), &slope(&upper[n], &below[n]), down);
-        [
-            between(&values[1], &values[2], across),
-            between(&slope(&values[0], &values[2]), &slope(&values[1], &values[3]), across),
-            between(&fall(1), &fall(2), across),
-            inside,
-        ]
+        for k in 0..LANES {
+            let along = shares[0][k];
+            let (first, second) = (values[2][k] - values[0][k], values[3][k] - values[1][k]);
+            out[0][k] = values[1][k] + along * (values[2][k] - values[1][k]);
+            out[1][k] = 0.5 * (first + along * (second - first));
+            out[2][k] = 0.5 * (differences[0][k] + along * (differences[1][k] - differences[0][k]));
+        }
+        out
     }
 
     /// The same at one position.
