@@ -102,9 +102,117 @@ impl FaceSize {
     }
 }
 
+/// Least correlation of a neutral face's coordinates with Candide-3's along x and along y. What is normalized has 0.99, whoever's face it is and
+/// however it was turned; below, nodes lie elsewhere.
+const LEAST_LIKENESS: f64 = 0.7;
+/// Largest factor between a neutral face's width or height and Candide-3's. What is normalized stays within 1.25.
+const MOST_STRETCH: f64 = 2.0;
+
+/// A neutral face that is not in face units: x to the right of the picture, y up, the eyes 1024 apart.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NotFaceUnits {
+    /// y points down.
+    #[error(
+        "its neutral face is upside-down: in face units y points up; negate y, and where these are pixels, keep the track's columns state and \
+         residual, by which it is known, or let `grimace analyze` normalize it"
+    )]
+    UpsideDown,
+    /// x points to the other side.
+    #[error("its neutral face is mirrored: in face units x points to the right of the picture, the subject's left; negate x")]
+    Mirrored,
+    /// Both.
+    #[error(
+        "its neutral face is turned by 180 degrees: in face units x points to the right of the picture and y up; negate both"
+    )]
+    Turned,
+    /// Another unit.
+    #[error(
+        "its neutral face is {width:.3} times as wide and {height:.3} times as high as one in face units, which has 1024 of them between the \
+         pupils: is it in pixels or metres? Let `grimace analyze` normalize the track, or scale x and y of all frames alike"
+    )]
+    Scale {
+        /// Width over that of Candide-3 in face units.
+        width: f64,
+        /// Height over that of Candide-3 in face units.
+        height: f64,
+    },
+    /// The nodes lie elsewhere.
+    #[error(
+        "its first frame is no neutral face: nodes do not lie where Candide-3 has them (correlation {x:.2} along x, {y:.2} along y; at least \
+         {LEAST_LIKENESS} was expected); is the order of the nodes that of Candide-3, and the head upright?"
+    )]
+    Unlike {
+        /// Correlation of the nodes' x with Candide-3's, -1 to 1.
+        x: f64,
+        /// The same of y.
+        y: f64,
+    },
+}
+
+/// Checks that a neutral face over Candide-3's nodes, which a file calls face units, is upright, unmirrored and of about its size. Limits are
+/// wide: they tell mistakes, not faces. Faces of another number of nodes are not looked at.
+///
+/// # Errors
+/// [`NotFaceUnits`].
+pub fn check_face_units(neutral: &[Point2<f64>]) -> Result<(), NotFaceUnits> {
+    let face = crate::wireframe::Face::candide3();
+    let Ok(canonical) = crate::normalize::Canonical::new(&face.wireframe, &face.tables) else { return Ok(()) };
+    let expected = canonical.neutral.nodes();
+    if neutral.len() != expected.len() {
+        return Ok(());
+    }
+    // Size over the expected one (the slope of the regression), and correlation.
+    let along = |axis: usize| {
+        let mean = |points: &[Point2<f64>]| points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64;
+        let (found_mean, expected_mean) = (mean(neutral), mean(expected));
+        let pairs = neutral.iter().zip(expected).map(|(p, q)| (p[axis] - found_mean, q[axis] - expected_mean));
+        let (product, found, wanted) = pairs.fold((0.0, 0.0, 0.0), |(ab, aa, bb), (a, b)| (ab + a * b, aa + a * a, bb + b * b));
+        let size: f64 = product / wanted;
+        (size, if found > 0.0 { product / (found * wanted).sqrt() } else { 0.0 })
+    };
+    let ((width, x), (height, y)) = (along(0), along(1));
+    if !(x.abs() >= LEAST_LIKENESS && y.abs() >= LEAST_LIKENESS) {
+        return Err(NotFaceUnits::Unlike { x, y });
+    }
+    match (x < 0.0, y < 0.0) {
+        (true, true) => return Err(NotFaceUnits::Turned),
+        (true, false) => return Err(NotFaceUnits::Mirrored),
+        (false, true) => return Err(NotFaceUnits::UpsideDown),
+        (false, false) => {}
+    }
+    let sizes = 1.0 / MOST_STRETCH..=MOST_STRETCH;
+    if sizes.contains(&width) && sizes.contains(&height) { Ok(()) } else { Err(NotFaceUnits::Scale { width, height }) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_not_in_face_units_is_told_by_name() {
+        let happiness = crate::positions::PositionTable::open("fixtures/golden/representatives/happiness.csv".as_ref()).unwrap();
+        let model = happiness.model::<crate::units::FaceUnit>().unwrap();
+        let neutral = model.neutral().nodes();
+        let changed = |change: &dyn Fn(f64, f64) -> (f64, f64)| {
+            let points: Vec<_> = neutral.iter().map(|p| Point2::from(<[f64; 2]>::from(change(p.x, p.y)))).collect();
+            check_face_units(&points)
+        };
+        // Odd faces: narrow, long, shifted, a little turned in the plane.
+        assert_eq!(changed(&|x, y| (x, y)), Ok(()));
+        assert_eq!(changed(&|x, y| (0.7 * x + 900.0, 1.4 * y - 3e3)), Ok(()));
+        assert_eq!(changed(&|x, y| (0.94 * x - 0.34 * y, 0.34 * x + 0.94 * y)), Ok(()));
+        assert_eq!(changed(&|x, y| (x, -y)), Err(NotFaceUnits::UpsideDown));
+        assert_eq!(changed(&|x, y| (-x, y)), Err(NotFaceUnits::Mirrored));
+        assert_eq!(changed(&|x, y| (-x, -y)), Err(NotFaceUnits::Turned));
+        // Pixels of a face with its eyes 100 apart, y down.
+        assert_eq!(changed(&|x, y| (x / 10.0 + 300.0, 200.0 - y / 10.0)), Err(NotFaceUnits::UpsideDown));
+        assert!(
+            matches!(changed(&|x, y| (x / 10.0, y / 10.0)), Err(NotFaceUnits::Scale { width, .. }) if (width - 0.1).abs() < 0.01)
+        );
+        assert!(matches!(changed(&|x, y| (y, x)), Err(NotFaceUnits::Unlike { .. })));
+        assert!(matches!(changed(&|_, _| (0.0, 0.0)), Err(NotFaceUnits::Unlike { .. })));
+        assert_eq!(check_face_units(&neutral[..5]), Ok(()));
+    }
 
     #[test]
     fn ten_eye_separations_are_the_bound() {

@@ -30,7 +30,7 @@ use crate::{
     model::ModelError,
     normalize::NormalizeError,
     output::OutputError,
-    plausible::Implausible,
+    plausible::{Implausible, NotFaceUnits},
     sequence::{FilmError, SequenceError},
     synthesis::BankError,
     track::TrackFileError,
@@ -60,6 +60,14 @@ pub use timing::{Course, Ease, Moment, Timing};
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum CloneError {
+    /// A model whose neutral face is not in face units.
+    #[error("{}: {source}", path.display())]
+    NotFaceUnits {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead.
+        source: NotFaceUnits,
+    },
     /// A motion that no face makes.
     #[error("{}, {source}", path.display())]
     Implausible {

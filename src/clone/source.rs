@@ -10,7 +10,7 @@ use crate::{
     geometry::Similarity,
     model::DynamicExpressionModel,
     normalize::{Canonical, EyeCorners, NormalizeOptions, Normalizer},
-    plausible::{FaceSize, Implausible},
+    plausible::{FaceSize, Implausible, check_face_units},
     pose::without_turns,
     positions::PositionTable,
     sequence::Clock,
@@ -138,6 +138,8 @@ impl SourceMotion {
                     let implausible = |source| CloneError::Implausible { path: path.to_owned(), source };
                     let first = table.rows().next().and_then(Result::ok).map_or(0, |row| row.frame);
                     FaceSize::CANONICAL.check_neutral(first, model.neutral().nodes()).map_err(implausible)?;
+                    let not_face_units = |source| CloneError::NotFaceUnits { path: path.to_owned(), source };
+                    check_face_units(model.neutral().nodes()).map_err(not_face_units)?;
                     Self::from_model(&name, &model, face)?
                 }
             }

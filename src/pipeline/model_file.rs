@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::{
     model::DynamicExpressionModel,
     output::{OutputError, nine_digits, write_hashed},
-    plausible::{FaceSize, Implausible},
+    plausible::{FaceSize, Implausible, NotFaceUnits, check_face_units},
     positions::{PositionTable, PositionsError},
     units::FaceUnit,
 };
@@ -53,6 +53,14 @@ pub enum ModelFileError {
     /// It does not read as a table of `frame,node,x,y` with whole frames.
     #[error(transparent)]
     Positions(#[from] PositionsError),
+    /// A model whose neutral face is not in face units.
+    #[error("{}: {source}", path.display())]
+    NotFaceUnits {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead.
+        source: NotFaceUnits,
+    },
     /// It moves as no face does.
     #[error("{}, {source}", path.display())]
     Implausible {
@@ -79,5 +87,7 @@ pub fn read_model(path: &Path) -> Result<DynamicExpressionModel<FaceUnit>, Model
     let model = PositionTable::open(path).map_err(PositionsError::from)?.model()?;
     let checked = FaceSize::CANONICAL.check_model(&model);
     checked.map_err(|source| ModelFileError::Implausible { path: path.to_owned(), source })?;
+    let upright = check_face_units(model.neutral().nodes());
+    upright.map_err(|source| ModelFileError::NotFaceUnits { path: path.to_owned(), source })?;
     Ok(model)
 }

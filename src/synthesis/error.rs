@@ -9,7 +9,7 @@ use crate::{
     model::ModelError,
     normalize::NormalizeError,
     output::OutputError,
-    plausible::Implausible,
+    plausible::{Implausible, NotFaceUnits},
     positions::PositionsError,
     track::TrackFileError,
     units::FeaturePoint,
@@ -63,6 +63,12 @@ pub enum BankError {
         path: PathBuf,
         /// What is wrong.
         reason: String,
+    },
+    /// A bank that would be written over what it is built from.
+    #[error("{}: the bank would be written over a file that it is built from; give it another name", path.display())]
+    OverSource {
+        /// The bank file to be.
+        path: PathBuf,
     },
     /// Not a single member.
     #[error("the bank has no member; at least one expression beside the neutral mesh is needed")]
@@ -124,6 +130,14 @@ pub enum BankError {
         /// Vertices there are.
         count: usize,
     },
+    /// A feature point that MPEG-4 does not have.
+    #[error("feature point {fp} (vertex {vertex}) is none of the 84 of MPEG-4, such as 8.3; correct its name, or leave it out")]
+    NoSuchFeaturePoint {
+        /// The feature point.
+        fp: FeaturePoint,
+        /// Its vertex.
+        vertex: u32,
+    },
     /// A feature point given twice.
     #[error("feature point {fp} is given twice")]
     DuplicateFeaturePoint {
@@ -139,6 +153,21 @@ pub enum BankError {
         /// The name asked for.
         name: String,
         /// The names there are.
+        found: Vec<String>,
+    },
+    /// A part of the surface that the source does not name.
+    #[error(
+        "the source has no part `{name}` of its surface: {}",
+        if found.is_empty() {
+            "it names none that begins at vertex 0, as `regions` of the manifest.json beside NumPy arrays does; leave --part out".to_owned()
+        } else {
+            format!("there are {}", found.join(", "))
+        }
+    )]
+    NoSuchPart {
+        /// The part asked for.
+        name: String,
+        /// Those there are.
         found: Vec<String>,
     },
     /// A number that does not fit.
@@ -224,6 +253,14 @@ pub enum SynthesisError {
         /// What was found and what was expected.
         reason: String,
     },
+    /// A model whose neutral face is not in face units.
+    #[error("{}: {source}", path.display())]
+    NotFaceUnits {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead.
+        source: NotFaceUnits,
+    },
     /// A motion that no face makes.
     #[error("{}, {source}", path.display())]
     Implausible {
@@ -233,7 +270,7 @@ pub enum SynthesisError {
         source: Implausible,
     },
     /// The bank's feature points do not say how large the face is.
-    #[error("the bank's facial animation units cannot be measured: {reason}; give --scale, the bank's units per face unit")]
+    #[error("the bank's facial animation units cannot be measured: {reason}")]
     Scale {
         /// What is missing.
         reason: String,

@@ -12,7 +12,7 @@ use crate::{
     fap::{FapCatalog, FapMask, FapNumber, offsets_from_frame, read_fap},
     input::CsvFile,
     normalize::{NormalizeOptions, Normalizer},
-    plausible::FaceSize,
+    plausible::{FaceSize, check_face_units},
     pose::without_turns,
     positions::PositionTable,
     synthesis::{Bank, FpMotion, SynthesisError},
@@ -141,6 +141,11 @@ fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Mot
 fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let table = PositionTable::new(file)?;
     let model = table.model()?;
+    // What is too far off to be a face at all is said below.
+    if FaceSize::CANONICAL.check_model(&model).is_ok() {
+        let not_face_units = |source| SynthesisError::NotFaceUnits { path: table.path().to_owned(), source };
+        check_face_units(model.neutral().nodes()).map_err(not_face_units)?;
+    }
     face.motion(MotionKind::Model, (&model, LidUnits::CANONICAL), None, table.path())
 }
 
