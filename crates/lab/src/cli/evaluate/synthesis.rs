@@ -150,6 +150,16 @@ fn banks(args: &Args) -> anyhow::Result<(Bank, Bank)> {
         let unseen = bank::open(path)?;
         let same = unseen.mesh() == bank.mesh() && unseen.feature_points() == bank.feature_points();
         anyhow::ensure!(same, "{}: its neutral mesh or feature points are not those of the bank", path.display());
+        let moves = |bank: &Bank, k: usize| bank.displacements(k).iter().any(|d| *d != [0.0; 3]);
+        let is_member = |k: usize| (0..bank.member_count()).any(|m| bank.displacements(m) == unseen.displacements(k));
+        if let Some(k) = (0..unseen.member_count()).find(|&k| moves(&unseen, k) && is_member(k)) {
+            anyhow::bail!(
+                "--unseen {}: its member `{}` is one of the bank, too, so it would be found and not synthesized; give expressions that are not in \
+                 the bank, as `grimace bank mix --unseen` writes them",
+                path.display(),
+                unseen.names()[k]
+            );
+        }
         return Ok((bank, unseen));
     }
     let wanted = usize::from(args.targets);
